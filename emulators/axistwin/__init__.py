@@ -1,0 +1,15 @@
+"""Firmware-faithful twins of industrial motion controllers.
+
+Importing this package registers the ``axistwin://`` URL scheme with pyserial::
+
+    import serial, axistwin
+    port = serial.serial_for_url("axistwin://mac23?address=0&time=virtual")
+"""
+
+import serial
+
+__version__ = "0.1.0"
+
+_URL_HANDLERS = "axistwin.urlhandler"
+if _URL_HANDLERS not in serial.protocol_handler_packages:
+    serial.protocol_handler_packages.append(_URL_HANDLERS)

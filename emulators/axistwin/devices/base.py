@@ -1,0 +1,51 @@
+"""What every device on a serial line offers to whoever drives it.
+
+The driver calls with the time; the device returns effects and says when it wants to be woken.
+Calls arrive in the order of time.  A device never looks at anything but its arguments.
+"""
+
+from collections.abc import Mapping
+from typing import Protocol
+
+from axistwin.kernel.effects import Effect
+from axistwin.kernel.time import Nanos
+from axistwin.wire.framing import Chunk, LineFormat
+
+
+class SerialDevice(Protocol):
+    """A device with a UART."""
+
+    @property
+    def line_format(self) -> LineFormat:
+        """Rate and framing that the UART uses now, in both directions."""
+
+    def quiet_prefix(self, data: bytes) -> int:
+        """How many leading bytes of ``data`` surely cause no effect, whatever follows.
+
+        Lets the line hand over long stretches at once: the device will not react before the byte
+        after that prefix.  0 is always a correct answer.
+        """
+
+    def receive(self, chunk: Chunk) -> list[Effect]:
+        """Take the bytes of ``chunk``; byte i counts as heard at ``chunk.arrival_ns(i)``.
+
+        At most the last byte of a chunk causes effects (the line keeps to ``quiet_prefix``).
+        """
+
+    def next_event(self) -> Nanos | None:
+        """When the device next wants ``wake``, or None."""
+
+    def wake(self, now: Nanos) -> list[Effect]:
+        """Do what is due at ``now``."""
+
+    def power_off(self, now: Nanos) -> list[Effect]:
+        """Cut the supply: everything volatile is gone, nothing more is sent or heard."""
+
+    def power_on(self, now: Nanos) -> list[Effect]:
+        """Apply the supply: start up from the nonvolatile cells."""
+
+    def cells(self, now: Nanos) -> Mapping[str, int]:
+        """All nonvolatile cells with their values at ``now`` (a moving axis' position included)."""
+
+    def is_moving(self, now: Nanos) -> bool:
+        """Whether cells change by themselves as time passes (the axis moves)."""

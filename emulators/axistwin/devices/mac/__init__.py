@@ -1,0 +1,1 @@
+"""MAC23 and MAC34: one axis core, several faces."""

@@ -1,0 +1,42 @@
+"""What a device wants done, as values.  The device decides; a shell performs.
+
+Effects are performed strictly in the order given.  That order carries a promise: a durable
+``Store`` in front of a ``Transmit`` is on disk before the first bit of the acknowledgement leaves.
+"""
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from axistwin.kernel.time import Nanos
+
+
+@dataclass(frozen=True, slots=True)
+class Transmit:
+    """Send ``data`` on the device's line, first start bit at ``start_ns`` at the earliest."""
+
+    start_ns: Nanos
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Store:
+    """Write nonvolatile ``cells`` (name, value); ``durable`` ones must reach the disk at once.
+
+    A cell that is not durable (the position counter, saved by the hardware when the supply fails)
+    is handed to the operating system, which keeps it when this process is killed.
+    """
+
+    cells: tuple[tuple[str, int], ...]
+    durable: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """Something worth telling happened at ``time_ns``; ``details`` are (name, value) pairs."""
+
+    time_ns: Nanos
+    kind: str
+    details: tuple[tuple[str, int | str], ...] = ()
+
+
+Effect: TypeAlias = Transmit | Store | Trace

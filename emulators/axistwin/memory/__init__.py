@@ -1,0 +1,1 @@
+"""Nonvolatile memory: cells, their record format, nothing about disks."""

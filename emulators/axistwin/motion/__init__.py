@@ -1,0 +1,1 @@
+"""Motion in closed form: position at a time, time of an increment.  Pure."""

@@ -1,0 +1,1 @@
+"""Ports: ptys, TCP, RFC 2217."""

@@ -1,0 +1,1 @@
+"""Shells: clocks, storage, and the one place that performs effects."""

@@ -1,0 +1,1 @@
+"""pyserial's URL scheme axistwin://."""
