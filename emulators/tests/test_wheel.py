@@ -1,0 +1,85 @@
+"""The built wheel in a clean environment, used by a project that knows nothing of this tree."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "fixtures" / "example-project"
+
+pytestmark = pytest.mark.slow
+
+
+def run(*command: str | Path, folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run ``command`` in ``folder`` with nothing inherited but PATH; the output as text."""
+    environment = {"PATH": "/usr/local/bin:/usr/bin:/bin", "HOME": str(folder), "LANG": "C.UTF-8"}
+    return subprocess.run(
+        [str(word) for word in command],
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+        timeout=600,
+    )
+
+
+@pytest.fixture(scope="module")
+def clean_python(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The interpreter of a new environment that holds the built wheel, its needs, and pytest."""
+    folder = tmp_path_factory.mktemp("wheel")
+    built = run(
+        *(sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", folder, ROOT),
+        folder=folder,
+    )
+    (wheel,) = folder.glob("axistwin-*.whl")
+    assert wheel, built.stdout
+    environment = folder / "environment"
+    subprocess.run([sys.executable, "-m", "venv", str(environment)], check=True)
+    python = environment / "bin" / "python"
+    # pip's own settings (an index nearby) may come from the environment: inherit it here only.
+    subprocess.run(
+        [str(python), "-m", "pip", "install", "-q", "--disable-pip-version-check"]
+        + ["-c", str(ROOT / "constraints.txt"), f"{wheel}[conformance]", "pytest"],
+        check=True,
+    )
+    return python
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Path:
+    """A copy of the example project, outside the tree."""
+    return Path(shutil.copytree(EXAMPLE, tmp_path / "project"))
+
+
+def test_a_correct_driver_passes_with_the_installed_wheel(
+    clean_python: Path, project: Path
+) -> None:
+    """The careful driver's tests pass in virtual time and on a pty."""
+    result = run(clean_python, "-m", "pytest", "-k", "correct", "-q", folder=project)
+    assert result.returncode == 0, result.stdout
+    assert "2 passed" in result.stdout
+
+
+def test_a_naive_driver_fails_with_the_transcript_in_the_failure(
+    clean_python: Path, project: Path
+) -> None:
+    """The driver that ignores Xonerror fails, and the failure shows the refused command decoded."""
+    result = run(clean_python, "-m", "pytest", "-k", "naive", "-q", folder=project)
+    assert result.returncode == 1, result.stdout
+    assert "2 failed" in result.stdout
+    assert "06 13 17" in result.stdout
+    assert "refused" in result.stdout
+
+
+def test_the_installed_suite_runs_from_an_empty_folder(clean_python: Path, tmp_path: Path) -> None:
+    """Ledger and golden frames are inside the wheel: the quick level conforms anywhere."""
+    result = run(
+        clean_python, "-m", "axistwin", "conform", "mac23", "--level", "quick", folder=tmp_path
+    )
+    assert result.returncode == 0, result.stdout
+    assert "MACS-FRAME-01" in result.stdout
