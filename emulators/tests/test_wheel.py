@@ -42,11 +42,8 @@ def clean_python(tmp_path_factory: pytest.TempPathFactory) -> Path:
     subprocess.run([sys.executable, "-m", "venv", str(environment)], check=True)
     python = environment / "bin" / "python"
     # pip's own settings (an index nearby) may come from the environment: inherit it here only.
-    subprocess.run(
-        [str(python), "-m", "pip", "install", "-q", "--disable-pip-version-check"]
-        + ["-c", str(ROOT / "constraints.txt"), f"{wheel}[conformance]", "pytest"],
-        check=True,
-    )
+    needs = [f"{wheel}[conformance]", "pytest", "--constraint", str(ROOT / "constraints.txt")]
+    subprocess.run([str(python), "-m", "pip", "install", "--quiet", *needs], check=True)
     return python
 
 
