@@ -1,0 +1,28 @@
+"""What can go wrong around a run, by whose doing it is.
+
+    SuiteError
+     ├─ UsageError    the person at the terminal: one line naming the value and the remedy, exit 2
+     ├─ TargetError   the port: closed, vanished, stuck; becomes verdicts, never a traceback
+     └─ WrongDevice   somebody answers, but it is not the model named, exit 3
+
+A mistake of the suite itself (an unknown requirement id, a check that never judges) is an ordinary
+`AssertionError`, `TypeError` or `ValueError`: it is reported as an error of the check.
+"""
+
+from __future__ import annotations
+
+
+class SuiteError(Exception):
+    """Base of everything the suite raises on purpose."""
+
+
+class UsageError(SuiteError):
+    """A wrong word on the command line; the text names it, the allowed ones and the remedy."""
+
+
+class TargetError(SuiteError):
+    """The port cannot be opened, is gone, or does not take bytes any more."""
+
+
+class WrongDevice(SuiteError):  # noqa: N818 - a finding about the device, not an error of ours
+    """Something answers, but not as the model named on the command line would."""

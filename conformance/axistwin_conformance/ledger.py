@@ -1,0 +1,149 @@
+"""The requirement ledger as data: what is asked of a device, and where the manual leaves it open.
+
+The TOML files under `ledger/` are the suite's own reading; this module loads and checks them.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cache
+from importlib import resources
+
+from axistwin_conformance.registry import SAFETY_CLASSES
+
+ANY_READING = "*"  # in a list of readings: any other value is admissible too (a measured time)
+
+
+class Kind(StrEnum):
+    """On what ground a requirement stands."""
+
+    MUST = "must"  # stated by a manual
+    DERIVED = "derived"  # follows from stated facts
+    INTERPRETATION = "interpretation"  # a manual leaves it open; a switch names the readings
+
+
+@dataclass(frozen=True, slots=True)
+class Requirement:
+    """One thing asked of the device.
+
+    `safety`: what judging it may do to the device.  `text`: the requirement in our words.
+    `observable`: by what the wire shows it.  `quirks`: ids of the ambiguities it rests on.
+    `not_on_wire`: why the wire cannot show it; empty if it can.
+    """
+
+    id: str
+    kind: Kind
+    safety: frozenset[str]
+    source: str
+    text: str
+    observable: str
+    quirks: tuple[str, ...] = ()
+    not_on_wire: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Ambiguity:
+    """A place where the manual can be read in several ways.
+
+    `switches`: switch name → its readings, the default first.  No switch: nothing a device could
+    do differently.  `departs`: requirements that some of the readings go against.
+    """
+
+    id: str
+    question: str
+    switches: Mapping[str, tuple[str, ...]]
+    detect: str
+    departs: tuple[str, ...] = ()
+
+    def default_of(self, switch: str) -> str:
+        """Return the reading that is taken unless a device shows another."""
+        return self.switches[switch][0]
+
+    def check_reading(self, switch: str, reading: str) -> None:
+        """Raise ValueError if the reading is not one of the admissible ones."""
+        readings = self.switches[switch]
+        if reading not in readings and ANY_READING not in readings:
+            raise ValueError(f"{switch}={reading!r} is no reading of {self.id}: {readings}")
+
+
+@dataclass(frozen=True, slots=True)
+class Ledger:
+    """All requirements and ambiguities of one device family."""
+
+    name: str
+    requirements: Mapping[str, Requirement]
+    ambiguities: Mapping[str, Ambiguity]
+
+    def ambiguity_of(self, switch: str) -> Ambiguity:
+        """Return the ambiguity a switch belongs to; raises ValueError for an unknown switch."""
+        for ambiguity in self.ambiguities.values():
+            if switch in ambiguity.switches:
+                return ambiguity
+        raise ValueError(f"no ambiguity of {self.name} has a switch {switch!r}")
+
+
+@cache
+def load_ledger(name: str) -> Ledger:
+    """Load a shipped ledger; raises ValueError naming the entry if it contradicts itself."""
+    path = resources.files("axistwin_conformance") / "ledger" / f"{name}.toml"
+    return parse_ledger(name, path.read_text(encoding="utf-8"))
+
+
+def parse_ledger(name: str, text: str) -> Ledger:
+    """Parse a ledger from TOML text; raises ValueError naming the entry that is wrong."""
+    data = tomllib.loads(text)
+    requirements = {key: _requirement(key, row) for key, row in data["requirement"].items()}
+    ambiguities = {key: _ambiguity(key, row) for key, row in data["ambiguity"].items()}
+    for requirement in requirements.values():
+        for quirk in requirement.quirks:
+            if quirk not in ambiguities:
+                raise ValueError(f"{requirement.id}: unknown ambiguity {quirk}")
+    for ambiguity in ambiguities.values():
+        for departed in ambiguity.departs:
+            if departed not in requirements:
+                raise ValueError(f"{ambiguity.id}: unknown requirement {departed}")
+    return Ledger(name, requirements, ambiguities)
+
+
+def _requirement(key: str, row: Mapping[str, object]) -> Requirement:
+    try:
+        safety = frozenset(str(row["safety"]).split())
+        if not safety <= set(SAFETY_CLASSES):
+            raise ValueError(f"safety {sorted(safety)} has a class that is none")
+        return Requirement(
+            id=key,
+            kind=Kind(str(row["kind"])),
+            safety=safety,
+            source=str(row["source"]),
+            text=str(row["text"]),
+            observable=str(row.get("observable", "")),
+            quirks=_words(row.get("quirks", [])),
+            not_on_wire=str(row.get("not_on_wire", "")),
+        )
+    except (KeyError, ValueError) as error:
+        raise ValueError(f"requirement {key}: {error}") from error
+
+
+def _ambiguity(key: str, row: Mapping[str, object]) -> Ambiguity:
+    switches = row.get("switches", {})
+    if not isinstance(switches, dict) or not all(switches.values()):
+        raise ValueError(f"ambiguity {key}: switches is a table of non-empty lists")
+    try:
+        return Ambiguity(
+            id=key,
+            question=str(row["question"]),
+            switches={switch: _words(readings) for switch, readings in switches.items()},
+            detect=str(row["detect"]),
+            departs=_words(row.get("departs", [])),
+        )
+    except KeyError as error:
+        raise ValueError(f"ambiguity {key}: {error} is missing") from error
+
+
+def _words(value: object) -> tuple[str, ...]:
+    if not isinstance(value, list):
+        raise ValueError(f"{value!r} is not a list")
+    return tuple(str(item) for item in value)

@@ -1,0 +1,193 @@
+"""Checks and device families: how a property is declared, and how the engine finds it.
+
+A check is a function that takes a `Session` and judges; the decorator says which requirements it
+judges and what it does to the device:
+
+    @check("MACS-CMD-13-01", "MACS-REPLY-14", safety=("motion", "stored"), needs=("neighbour",))
+    def a_move_ends_at_its_target(session: Session) -> None:
+        '''20h reads the target once the profile is over.'''
+
+The function's name is the property's name, its docstring the behaviour in a sentence.  A wrong
+declaration is refused at import, with the remedy in the message.
+
+A device family lists its models, the modules that hold its checks, and the few acts that the engine
+cannot know: how to ask who is there, how to stop, what to remember and put back.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from axistwin_conformance.errors import UsageError
+from axistwin_conformance.transcript import Record
+
+if TYPE_CHECKING:
+    from axistwin_conformance.session import Session
+
+SAFETY_CLASSES = ("passive", "motion", "stored", "rig", "destructive")  # in the order they run
+LEVELS = ("quick", "full")
+
+# What a check may need beside the device itself, and what to tell who does not have it.
+NEEDS: Mapping[str, str] = {
+    "neighbour": "needs a second module on the line (--neighbour ADDRESS)",
+    "alone": "needs the module alone on the line (no --neighbour)",
+    "virtual": "needs virtual time: only the built-in twin can show it",
+    "inputs": "needs a rig that works the inputs",
+    "power": "needs a rig that switches the supply off and on",
+    "supply": "needs a rig that sets the supply voltage",
+    "temperature": "needs a rig that sets the temperature",
+    "load": "needs a rig that holds or turns the shaft",
+}
+
+CheckFunction = Callable[["Session"], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """A declared property: what it judges, what it does to the device, what it needs."""
+
+    name: str
+    function: CheckFunction
+    requirements: tuple[str, ...]
+    safety: tuple[str, ...]
+    level: str
+    needs: tuple[str, ...]
+    behaviour: str
+    module: str
+
+    def __call__(self, session: Session) -> None:
+        """Run the check."""
+        self.function(session)
+
+    @property
+    def danger(self) -> int:
+        """The rank of its worst safety class; checks run in this order."""
+        return max(SAFETY_CLASSES.index(name) for name in self.safety)
+
+
+def check(
+    *requirements: str,
+    safety: str | Sequence[str] = "passive",
+    level: str = "quick",
+    needs: Sequence[str] = (),
+) -> Callable[[CheckFunction], Check]:
+    """Declare the function below as the check of these requirements.
+
+    `safety`: one class or several of `SAFETY_CLASSES`; all of them must be allowed for the check to
+    run.  `level`: "quick" runs always, "full" only in full runs.  `needs`: names of `NEEDS`.
+    Raises TypeError for a declaration that cannot be meant.
+    """
+    classes = (safety,) if isinstance(safety, str) else tuple(safety)
+
+    def declare(function: CheckFunction) -> Check:
+        name = function.__name__
+        behaviour = " ".join((function.__doc__ or "").split())
+        if not requirements or len(set(requirements)) != len(requirements):
+            raise TypeError(f"{name}: name the requirements it judges in @check(...), each once")
+        if not behaviour:
+            raise TypeError(f"{name}: give it a docstring, the behaviour in one sentence")
+        if not classes:
+            raise TypeError(f"{name}: safety= needs a class; choose from {SAFETY_CLASSES}")
+        _refuse_unknown(name, "safety", classes, SAFETY_CLASSES)
+        _refuse_unknown(name, "level", (level,), LEVELS)
+        _refuse_unknown(name, "needs", needs, tuple(NEEDS))
+        return Check(
+            name, function, requirements, classes, level, tuple(needs), behaviour,
+            function.__module__,
+        )  # fmt: skip
+
+    return declare
+
+
+def _refuse_unknown(name: str, what: str, given: Sequence[str], known: Sequence[str]) -> None:
+    for word in given:
+        if word not in known:
+            raise TypeError(f"{name}: {what}={word!r} is unknown; choose from {', '.join(known)}")
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Who is there, as the probe found it: a line for people, named values for reports."""
+
+    summary: str
+    values: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """One model of a family; `facts` are what its checks must know of it (scalings, ranges)."""
+
+    name: str
+    title: str
+    facts: Any = None
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """What the engine must know about a kind of device beside its checks.
+
+    `probe(session)`: who is there; raises `WrongDevice` if it is not the model named, `TargetError`
+        if nobody answers.
+    `sanity(session)`: one known-good exchange; True if the device gave a good answer.
+    `stop(session)`: bring any motion to rest; must not raise for an answer that does not come.
+    `remember(session)`: read what `restore` will put back; called before anything but passive.
+    `restore(session, memory)`: put back what differs; returns a sentence per thing it could not.
+    `explain(record)`: the bytes of a record in words.
+    `twin_url(model, address, neighbours)`: the URL of the built-in twin.
+    `guard(session, data)`: why these bytes must not be sent to this device (outside the envelope,
+        of a class the running check did not declare), or None.
+    """
+
+    name: str
+    ledger: str
+    models: Mapping[str, Model]
+    modules: tuple[str, ...]
+    addresses: range
+    default_address: int
+    default_baud: int
+    probe: Callable[[Session], Identity]
+    sanity: Callable[[Session], bool]
+    stop: Callable[[Session], None]
+    remember: Callable[[Session], Any]
+    restore: Callable[[Session, Any], tuple[str, ...]]
+    explain: Callable[[Record], str]
+    twin_url: Callable[[str, int, tuple[int, ...]], str]
+    guard: Callable[[Session, bytes], str | None] = lambda session, data: None
+
+    def checks(self) -> tuple[Check, ...]:
+        """Return the family's checks, in the order of its modules and of their text.
+
+        Raises TypeError if two checks share a name: a name selects and replays exactly one.
+        """
+        found: dict[str, Check] = {}
+        for module_name in self.modules:
+            module = importlib.import_module(module_name)
+            for candidate in vars(module).values():
+                if not isinstance(candidate, Check) or candidate.module != module_name:
+                    continue
+                if candidate.name in found:
+                    raise TypeError(f"two checks are named {candidate.name}; rename one")
+                found[candidate.name] = candidate
+        return tuple(found.values())
+
+
+FAMILY_PACKAGES = ("axistwin_conformance.mac_serial",)
+
+
+def families() -> tuple[Family, ...]:
+    """Return every family the suite knows, each the `FAMILY` of its package."""
+    return tuple(importlib.import_module(name).FAMILY for name in FAMILY_PACKAGES)
+
+
+def find_family(model: str) -> Family:
+    """Return the family of a model; raises UsageError with the nearest name for an unknown one."""
+    known: dict[str, Family] = {name: family for family in families() for name in family.models}
+    if model in known:
+        return known[model]
+    near = difflib.get_close_matches(model, known, n=1)
+    hint = f"did you mean {near[0]}? " if near else ""
+    raise UsageError(f"unknown model {model!r}: {hint}Known: {', '.join(sorted(known))}.")

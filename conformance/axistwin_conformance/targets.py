@@ -1,0 +1,227 @@
+"""Targets: the one way from the suite to a device, whatever carries the bytes.
+
+A `Target` wraps a pyserial port: the built-in twin by URL (virtual time), a pty, `socket://`,
+`rfc2217://` or a real port.  It keeps the transcript and the clock.
+
+Time.  On the built-in twin it is the port's own, exact, and passes only while we wait; elsewhere it
+is the machine's monotonic clock.  What a check measures on it is known to `uncertainty_ns`: an
+instant that the device fixes while it handles an exchange lies somewhere between our first byte and
+its last, so the slowest exchange seen on the idle line bounds it.
+
+Trouble.  A port that is closed, vanished or does not take bytes raises `TargetError`, nothing else.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import statistics
+import termios
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Protocol, cast
+
+import serial
+
+from axistwin_conformance.errors import TargetError
+from axistwin_conformance.transcript import Direction, Record, Transcript
+
+TWIN_SCHEME = "axistwin://"
+TWIN_HANDLER = "axistwin.urlhandler"  # found by pyserial by this name; the suite never imports it
+SLICE_S = (
+    0.02  # a real port is read in slices of one length: on RFC 2217 each new length costs 0.1 s
+)
+WRITE_TIMEOUT_S = 3.0
+SILENCE_NOTED_S = 0.05  # shorter waits without a byte are not worth a line in the transcript
+DRAIN_BYTES = 65_536
+
+
+class SerialPort(Protocol):
+    """What a target needs of a pyserial port."""
+
+    timeout: float | None
+    baudrate: int
+
+    def read(self, size: int = 1, /) -> bytes:
+        """Return up to `size` bytes, fewer when the time-out passes first."""
+
+    def write(self, data: bytes, /) -> int | None:
+        """Send the bytes."""
+
+    def close(self) -> None:
+        """Give the port back."""
+
+    @property
+    def in_waiting(self) -> int:
+        """How many bytes `read` would return at once."""
+
+
+@dataclass(frozen=True, slots=True)
+class RoundTrip:
+    """How long exchanges take on the idle line, in ns."""
+
+    samples: int = 0
+    median_ns: int = 0
+    max_ns: int = 0
+
+
+class Target:
+    """A device behind a port.  Not thread-safe: one run, one target."""
+
+    def __init__(self, port: SerialPort, description: str, *, is_builtin: bool = False) -> None:
+        self._port = port
+        self._pending = bytearray()
+        self.description = description
+        self.is_builtin = is_builtin
+        self.is_virtual = getattr(port, "virtual_time_ns", None) is not None
+        self.transcript = Transcript()
+        self.round_trip = RoundTrip()
+        self.gate: Callable[[bytes], None] | None = None  # sees every byte before it is sent
+        if not self.is_virtual:
+            port.timeout = SLICE_S
+
+    @property
+    def now_ns(self) -> int:
+        """The target's clock, ns from an arbitrary origin."""
+        if self.is_virtual:
+            with _port_trouble("asking the time"):
+                return cast(int, self._port.virtual_time_ns)  # type: ignore[attr-defined]
+        return time.monotonic_ns()
+
+    @property
+    def uncertainty_ns(self) -> int:
+        """How well the instant of something inside one exchange is known (see above)."""
+        return self.round_trip.max_ns
+
+    @property
+    def baud(self) -> int:
+        """The rate of our end of the line."""
+        return self._port.baudrate
+
+    @baud.setter
+    def baud(self, rate: int) -> None:
+        with _port_trouble(f"setting {rate} baud"):
+            self._port.baudrate = rate
+        self.mark(f"our end of the line now talks {rate} baud")
+
+    def send(self, data: bytes) -> int:
+        """Send the bytes and return the time at which that began."""
+        if self.gate is not None:
+            self.gate(data)
+        started_ns = self.now_ns
+        self.transcript.add(Record(started_ns, Direction.HOST, bytes(data)))
+        with _port_trouble("sending"):
+            self._port.write(bytes(data))
+        return started_ns
+
+    def receive(self, count: int, timeout_s: float) -> bytes:
+        """Return up to `count` bytes, fewer if the time-out (s, for all of them) passes first."""
+        started_ns = self.now_ns
+        deadline_ns = started_ns + round(timeout_s * 1e9)
+        while len(self._pending) < count:
+            left_ns = deadline_ns - self.now_ns
+            arrived = self._read(count - len(self._pending), max(left_ns, 0))
+            if not arrived and left_ns <= 0:
+                break
+        taken = bytes(self._pending[:count])
+        del self._pending[:count]
+        if not taken and timeout_s >= SILENCE_NOTED_S:
+            self._note_silence(started_ns)
+        return taken
+
+    def wait(self, seconds: float) -> float:
+        """Let time pass, keep what arrives for `receive`; return the seconds that really passed."""
+        started_ns = self.now_ns
+        deadline_ns = started_ns + round(seconds * 1e9)
+        while (left_ns := deadline_ns - self.now_ns) > 0:
+            if self.is_virtual or left_ns > SLICE_S * 1e9:
+                self._read(1, left_ns)
+            else:
+                time.sleep(left_ns / 1e9)
+        if not self.is_virtual:
+            self._read(max(self._waiting(), 1), 0) if self._waiting() else None
+        return (self.now_ns - started_ns) / 1e9
+
+    def drain(self) -> bytes:
+        """Throw away what has arrived and return it, for the record."""
+        if waiting := self._waiting():
+            self._read(min(waiting, DRAIN_BYTES), 0)
+        dropped = bytes(self._pending)
+        self._pending.clear()
+        if dropped:
+            self.mark(f"{len(dropped)} bytes nobody asked for were set aside")
+        return dropped
+
+    def mark(self, text: str) -> None:
+        """Write a line into the transcript."""
+        self.transcript.add(Record(self.now_ns, Direction.NOTE, text=text))
+
+    def measure_round_trip(self, exchange: Callable[[], bool], samples: int) -> RoundTrip:
+        """Time `exchange` on the idle line; only the ones that succeed count."""
+        taken: list[int] = []
+        for _ in range(samples):
+            started_ns = self.now_ns
+            if exchange():
+                taken.append(self.now_ns - started_ns)
+        if taken:
+            self.round_trip = RoundTrip(len(taken), round(statistics.median(taken)), max(taken))
+        return self.round_trip
+
+    def close(self) -> None:
+        """Close the port; a port that is gone already is fine."""
+        with contextlib.suppress(TargetError), _port_trouble("closing"):
+            self._port.close()
+
+    def _read(self, count: int, left_ns: int) -> bool:
+        with _port_trouble("receiving"):
+            if self.is_virtual:
+                self._port.timeout = left_ns / 1e9
+            data = bytes(self._port.read(count))
+        if data:
+            self._pending += data
+            self.transcript.add(Record(self.now_ns, Direction.DEVICE, data))
+        return bool(data)
+
+    def _waiting(self) -> int:
+        with _port_trouble("receiving"):
+            return self._port.in_waiting
+
+    def _note_silence(self, started_ns: int) -> None:
+        passed_ms = (self.now_ns - started_ns) / 1e6
+        text = f"nothing for {passed_ms:.0f} ms"
+        self.transcript.add(Record(started_ns, Direction.SILENCE, text=text))
+
+
+@contextlib.contextmanager
+def _port_trouble(doing: str) -> Iterator[None]:
+    """Turn whatever a port raises into a TargetError that says what was being done."""
+    try:
+        yield
+    except serial.SerialTimeoutException as error:
+        raise TargetError(f"the port does not take bytes any more ({doing})") from error
+    except (OSError, termios.error) as error:  # SerialException is an OSError
+        raise TargetError(f"the port failed while {doing}: {_one_line(error)}") from error
+    except (TypeError, AttributeError) as error:
+        # pyserial's own ports fall over a file descriptor that somebody else has closed.
+        raise TargetError(f"the port was closed while {doing}: {_one_line(error)}") from error
+
+
+def open_target(url: str, baud: int, *, is_builtin: bool = False) -> Target:
+    """Open a pyserial URL or device name, 8N1; raises TargetError with the reason in one line."""
+    if url.startswith(TWIN_SCHEME) and TWIN_HANDLER not in serial.protocol_handler_packages:
+        serial.protocol_handler_packages.append(TWIN_HANDLER)
+    scheme = url.partition("://")[0] if "://" in url else ""
+    options: dict[str, object] = {"timeout": SLICE_S}
+    if scheme != "rfc2217":  # pyserial has no write time-out there
+        options["write_timeout"] = WRITE_TIMEOUT_S
+    if not scheme:
+        options["exclusive"] = True  # a second program on the port would spoil every verdict
+    try:
+        port = serial.serial_for_url(url, baudrate=baud, **options)  # type: ignore[arg-type]
+    except (OSError, ValueError, termios.error) as error:
+        raise TargetError(f"cannot open {url}: {_one_line(error)}") from error
+    return Target(port, url, is_builtin=is_builtin)
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split()) or type(error).__name__

@@ -1,0 +1,66 @@
+"""The record of everything said on the wire, with times, and marks of what was being tried."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+
+RECORDS_KEPT = 20_000  # some minutes at full line rate: more than any failure needs, flat memory
+
+
+class Direction(StrEnum):
+    """Who is speaking in a record."""
+
+    HOST = "host"
+    DEVICE = "device"
+    SILENCE = "silence"
+    NOTE = "note"
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """One thing that happened: bytes one way or the other, an awaited reply that did not come
+    (`text` says how long was waited), or a mark set by a check or the engine.
+
+    `time_ns` is the target's clock: for the host the time of sending, for the device the time at
+    which the last of these bytes was in our hands.
+    """
+
+    time_ns: int
+    direction: Direction
+    data: bytes = b""
+    text: str = ""
+
+
+class Transcript:
+    """A bounded log of records; older ones fall out, positions stay valid."""
+
+    def __init__(self, kept: int = RECORDS_KEPT) -> None:
+        self._records: deque[Record] = deque(maxlen=kept)
+        self._count = 0
+
+    def __len__(self) -> int:
+        return len(self._records)
+
+    def __iter__(self) -> Iterator[Record]:
+        return iter(self._records)
+
+    @property
+    def position(self) -> int:
+        """The number of records ever made: a mark for `since`."""
+        return self._count
+
+    def add(self, record: Record) -> None:
+        """Append a record."""
+        self._records.append(record)
+        self._count += 1
+
+    def since(self, position: int, limit: int | None = None) -> tuple[Record, ...]:
+        """Return the records made after `position`, at most the last `limit` of them."""
+        wanted = self._count - position
+        if limit is not None:
+            wanted = min(wanted, limit)
+        wanted = min(wanted, len(self._records))
+        return tuple(self._records)[len(self._records) - wanted :] if wanted > 0 else ()

@@ -1,0 +1,71 @@
+"""Verdicts: what a run may say about a requirement, and how several sayings become one.
+
+Several checks speak about one requirement.  The worst saying wins, in this order:
+
+    fail > inconclusive > quirk > pass > info > not run
+
+*Fail* dominates *inconclusive*: one proven breach is a breach, however noisy the rest was.
+*Inconclusive* dominates every success: what could not be settled must not be hidden by a pass.
+*Not run* is the bottom: it never turns a judged requirement into something else, and it is never a
+success by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import StrEnum
+
+from axistwin_conformance.transcript import Record
+
+
+class Verdict(StrEnum):
+    """What is said about one requirement."""
+
+    PASS = "pass"
+    FAIL = "fail"
+    QUIRK = "quirk"
+    INFO = "info"
+    NOT_RUN = "not run"
+    INCONCLUSIVE = "inconclusive"
+
+    @property
+    def rank(self) -> int:
+        """How much this verdict weighs against others; the highest one wins."""
+        return _RANK[self]
+
+    @property
+    def is_judgement(self) -> bool:
+        """True if the device was judged: a value only recorded, or nothing run, is no judgement."""
+        return self in (Verdict.PASS, Verdict.FAIL, Verdict.QUIRK)
+
+
+_RANK = {
+    Verdict.NOT_RUN: 0,
+    Verdict.INFO: 1,
+    Verdict.PASS: 2,
+    Verdict.QUIRK: 3,
+    Verdict.INCONCLUSIVE: 4,
+    Verdict.FAIL: 5,
+}
+
+
+def merge(verdicts: Iterable[Verdict]) -> Verdict:
+    """Return the verdict that stands for all; nothing said at all is *not run*."""
+    return max(verdicts, key=lambda verdict: verdict.rank, default=Verdict.NOT_RUN)
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One saying of one check about one requirement.
+
+    `expected` lists every admissible outcome, `actual` is what came; `transcript` holds the
+    exchange that led here, for verdicts a reader will want to follow.
+    """
+
+    requirement: str
+    verdict: Verdict
+    text: str
+    expected: tuple[str, ...] = ()
+    actual: str | None = None
+    transcript: tuple[Record, ...] = ()
