@@ -1,0 +1,325 @@
+"""Host side of the MAC serial line: requests to send, legal or not, and replies to take apart.
+
+A request is always 21 bytes: Stx, the length ``014``, address, index and sub-index as two hex
+digits each, eight parameter digits, two checksum digits, Etx (MACS-FRAME-01).  A reply has 1, 3 or
+21 bytes, and its first bytes tell which:
+
+    15                                   Nack: wrong checksum             (MACS-REPLY-02)
+    06 13 1A                             accepted and executed            (MACS-REPLY-01)
+    06 13 17                             understood, but refused          (MACS-REPLY-03)
+    06 13 02 011 aa i dddddddd cc 03 1A  answer to a query                (MACS-REPLY-07)
+
+Building never refuses anything: a conformance suite must be able to send every illegal frame.
+Parsing never raises: what does not fit is GARBAGE with its flaws listed, so that a check can tell a
+wrong digit from a wrong checksum.  Where the manual leaves the byte open (Xon, Xonerror, the length
+of answer 28h) all readings are understood and the one seen is told.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from typing import Final
+
+STX: Final = 0x02
+ETX: Final = 0x03
+ACK: Final = 0x06
+XOFF: Final = 0x13
+NACK: Final = 0x15
+
+XON_SPELLINGS: Final = {0x1A: "1Ah", 0x11: "11h"}  # MACS-AMB-01
+XONERROR_SPELLINGS: Final = {0x17: "17h", 0x18: "18h"}  # MACS-AMB-02
+ANSWER_LENGTH_FIELDS: Final = (b"011", b"014")  # MACS-AMB-05: 014 is printed for 28h only
+
+REQUEST_LENGTH_FIELD: Final = b"014"
+REQUEST_BYTES: Final = 21
+SHORT_REPLY_BYTES: Final = 3
+ANSWER_BYTES: Final = 21
+GENERAL_ADDRESS: Final = 0xFF
+
+_DIGITS: Final = frozenset(b"0123456789ABCDEF")
+
+
+def checksum(characters: bytes) -> int:
+    """Sum of the character codes modulo 100h (MACS-FRAME-03)."""
+    return sum(characters) % 0x100
+
+
+def two_digits(value: int) -> bytes:
+    """Spell a byte as two upper-case hex digits."""
+    return b"%02X" % (value & 0xFF)
+
+
+def eight_digits(value: int) -> bytes:
+    """Spell a number, negative ones in two's complement, as eight digits (MACS-FRAME-05)."""
+    return b"%08X" % (value & 0xFFFF_FFFF)
+
+
+def signed(value: int, bits: int = 32) -> int:
+    """Read an unsigned field of ``bits`` bits as two's complement (MACS-FRAME-05)."""
+    return value - (1 << bits) if value >> (bits - 1) else value
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """One frame of the host, field by field as raw characters, so that any field can be spoilt.
+
+    ``check`` of None stands for the right checksum of the other fields.
+    """
+
+    address: bytes
+    index: bytes
+    sub_index: bytes = b"00"
+    parameters: bytes = b"00000000"
+    check: bytes | None = None
+    start: bytes = bytes([STX])
+    length: bytes = REQUEST_LENGTH_FIELD
+    end: bytes = bytes([ETX])
+
+    @property
+    def summed(self) -> bytes:
+        """The characters under the checksum."""
+        return self.address + self.index + self.sub_index + self.parameters
+
+    def encode(self) -> bytes:
+        """Give the bytes for the line."""
+        check = two_digits(checksum(self.summed)) if self.check is None else self.check
+        return self.start + self.length + self.summed + check + self.end
+
+    def with_wrong_checksum(self, offset: int = 1) -> Request:
+        """Spoil the checksum by ``offset`` (1..255), keeping it two hex digits."""
+        return replace(self, check=two_digits(checksum(self.summed) + offset))
+
+    def in_lower_case(self) -> Request:
+        """Spell the fields in lower case, with the checksum of what is then sent."""
+        return replace(
+            self,
+            address=self.address.lower(),
+            index=self.index.lower(),
+            sub_index=self.sub_index.lower(),
+            parameters=self.parameters.lower(),
+        )
+
+
+def request(address: int, index: int, parameter: int = 0, sub_index: int = 0) -> Request:
+    """Build a well-formed request; ``parameter`` is a signed or unsigned 32-bit number."""
+    return Request(
+        address=two_digits(address),
+        index=two_digits(index),
+        sub_index=two_digits(sub_index),
+        parameters=eight_digits(parameter),
+    )
+
+
+class Kind(Enum):
+    """What a module said, or that it said nothing."""
+
+    ACCEPTED = "accepted"
+    REFUSED = "refused"
+    NACK = "nack"
+    ANSWER = "answer"
+    GARBAGE = "garbage"
+    SILENCE = "silence"
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """A reply taken apart; the answer fields are None or empty unless ``kind`` is ANSWER.
+
+    ``data`` is the answer's 32-bit number, ``address`` and ``digit`` as sent, ``final`` the byte
+    behind the message (Xon or Xonerror), ``flaws`` what does not fit the manual.
+    """
+
+    kind: Kind
+    raw: bytes = b""
+    address: int | None = None
+    digit: int | None = None
+    data: int | None = None
+    length: bytes = b""
+    final: int | None = None
+    flaws: tuple[str, ...] = field(default=())
+
+    @property
+    def xon_spelling(self) -> str | None:
+        """The reading of AMB-01 this reply shows, if it shows one."""
+        return None if self.final is None else XON_SPELLINGS.get(self.final)
+
+    @property
+    def xonerror_spelling(self) -> str | None:
+        """The reading of AMB-02 this reply shows, if it shows one."""
+        return None if self.final is None else XONERROR_SPELLINGS.get(self.final)
+
+    def data_bytes(self) -> tuple[int, int, int, int]:
+        """Give the four data bytes of an answer, first byte first."""
+        assert self.data is not None, "only an answer carries data"
+        first, second, third, fourth = self.data.to_bytes(4, "big")
+        return first, second, third, fourth
+
+    def __str__(self) -> str:
+        return explain_reply(self)
+
+
+SILENCE: Final = Reply(Kind.SILENCE)
+
+
+def missing_bytes(received: bytes) -> int:
+    """Tell how many more bytes the reply beginning with ``received`` needs at least; 0 = complete.
+
+    A beginning that fits no reply is complete as it is: garbage.
+    """
+    if not received:
+        return 1
+    if received[0] == NACK:
+        return 0
+    if received[0] != ACK or (len(received) > 1 and received[1] != XOFF):
+        return 0
+    if len(received) < SHORT_REPLY_BYTES:
+        return SHORT_REPLY_BYTES - len(received)
+    if received[2] != STX:
+        return 0
+    return max(0, ANSWER_BYTES - len(received))
+
+
+def parse(received: bytes) -> Reply:
+    """Take a reply apart; everything received must belong to it, or it is garbage."""
+    if not received:
+        return SILENCE
+    if received == bytes([NACK]):
+        return Reply(Kind.NACK, received)
+    if len(received) == SHORT_REPLY_BYTES and received[:2] == bytes([ACK, XOFF]):
+        return _parse_short(received)
+    if len(received) == ANSWER_BYTES and received[:3] == bytes([ACK, XOFF, STX]):
+        return _parse_answer(received)
+    return Reply(Kind.GARBAGE, received, flaws=("fits no reply of the manual",))
+
+
+def _parse_short(received: bytes) -> Reply:
+    final = received[2]
+    if final in XON_SPELLINGS:
+        return Reply(Kind.ACCEPTED, received, final=final)
+    if final in XONERROR_SPELLINGS:
+        return Reply(Kind.REFUSED, received, final=final)
+    flaw = f"third byte {final:02X} is neither Xon nor Xonerror"
+    return Reply(Kind.GARBAGE, received, final=final, flaws=(flaw,))
+
+
+def _parse_answer(received: bytes) -> Reply:
+    length, summed = received[3:6], received[6:17]
+    flaws = []
+    if length not in ANSWER_LENGTH_FIELDS:
+        flaws.append(f"length field {_text(length)} is not 011")
+    if any(character not in _DIGITS for character in summed + received[17:19]):
+        flaws.append("a field holds something else than the digits 0-9 A-F")
+    elif received[17:19] != two_digits(checksum(summed)):
+        expected = two_digits(checksum(summed))
+        flaws.append(f"checksum {_text(received[17:19])} should be {_text(expected)}")
+    if received[19] != ETX:
+        flaws.append(f"byte 19 is {received[19]:02X}, not Etx")
+    if received[20] not in XON_SPELLINGS:
+        flaws.append(f"last byte {received[20]:02X} is not Xon")
+    if flaws:
+        return Reply(Kind.GARBAGE, received, length=length, final=received[20], flaws=tuple(flaws))
+    return Reply(
+        Kind.ANSWER,
+        received,
+        address=int(summed[:2], 16),
+        digit=int(summed[2:3], 16),
+        data=int(summed[3:], 16),
+        length=length,
+        final=received[20],
+    )
+
+
+# --- words for reports ---------------------------------------------------------------------------
+
+COMMAND_NAMES: Final = {
+    0x00: "module init",
+    0x01: "EEPROM init",
+    0x02: "torque at rest",
+    0x03: "stops mode",
+    0x07: "reference input",
+    0x08: "set address",
+    0x09: "superior software stop",
+    0x0A: "inferior software stop",
+    0x0B: "counter reset",
+    0x0C: "torque limit",
+    0x0D: "maximum-speed period",
+    0x0E: "catch-up speed",
+    0x0F: "ramp coefficient",
+    0x10: "wait for synchro",
+    0x11: "synchro",
+    0x13: "go to position",
+    0x14: "go to 0",
+    0x15: "velocity",
+    0x16: "segment",
+    0x17: "ramped stop",
+    0x18: "stop without ramp",
+    0x19: "power on",
+    0x1A: "power off",
+    0x1B: "baud rate",
+    0x1C: "tolerance",
+    0x1E: "virtual segment",
+}
+QUERY_NAMES: Final = {
+    0x20: "position",
+    0x21: "status",
+    0x22: "superior software stop",
+    0x23: "inferior software stop",
+    0x24: "release",
+    0x25: "speeds",
+    0x26: "ramp, torque, modes, tolerance",
+    0x27: "temperature, supply, inputs",
+    0x28: "RAM",
+    0x29: "EEPROM",
+}
+
+
+def explain(data: bytes) -> str:
+    """Put a frame of either direction into one line of words."""
+    if data[:1] in (bytes([ACK]), bytes([NACK])):
+        return explain_reply(parse(data))
+    return explain_request(data)
+
+
+def explain_request(data: bytes) -> str:
+    """Put a request, well-formed or not, into words: ``00: 13h go to position 000003E8``."""
+    if len(data) != REQUEST_BYTES or data[0] != STX or data[20] != ETX:
+        return f"malformed ({len(data)} bytes): {_text(data)}"
+    summed, check = data[4:18], data[18:20]
+    address, index, sub_index = _text(summed[:2]), _text(summed[2:4]), _text(summed[4:6])
+    words = f"{address}: {index}h {_name(summed[2:4])} {_text(summed[6:])}"
+    if summed[4:6] != b"00":
+        words += f" sub-index {sub_index}"
+    if data[1:4] != REQUEST_LENGTH_FIELD:
+        words += f", length field {_text(data[1:4])}"
+    if check != two_digits(checksum(summed)):
+        words += f", wrong checksum {_text(check)}"
+    return words
+
+
+def explain_reply(reply: Reply) -> str:
+    """Put a reply into words."""
+    if reply.kind is Kind.ANSWER:
+        assert reply.data is not None
+        assert reply.address is not None
+        return (
+            f"answer {reply.digit:X} of {reply.address:02X}: {reply.data:08X}"
+            f" ({signed(reply.data)})"
+        )
+    if reply.kind is Kind.GARBAGE:
+        return f"garbage {_text(reply.raw)}: {'; '.join(reply.flaws)}"
+    return reply.kind.value if not reply.raw else f"{reply.kind.value} ({_text(reply.raw)})"
+
+
+def _name(index: bytes) -> str:
+    if any(character not in _DIGITS for character in index.upper()):
+        return "unreadable index"
+    number = int(index, 16)
+    return COMMAND_NAMES.get(number) or QUERY_NAMES.get(number) or "unassigned"
+
+
+def _text(data: bytes) -> str:
+    """Printable digits as they are, everything else as hex bytes."""
+    if data and all(0x20 < byte < 0x7F for byte in data):
+        return data.decode("ascii")
+    return data.hex(" ").upper()

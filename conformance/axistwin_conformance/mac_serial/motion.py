@@ -1,0 +1,274 @@
+"""What the axis must do, in closed form: how many steps are done at a time, when step n is done.
+
+Written from chapter 5 of the ledger.  All times are whole ticks of 0.125 µs, all distances whole
+increments ("steps").  Increment i takes T(i) ticks; it counts when it ends.
+
+    period     16P  16P/2 16P/3 ...                       P  = full speed
+               |----|--|-|  climb, 15 levels  |.. cruise ..|  descent, mirrored  |
+    steps       AA  2AA 3AA   ... 15AA  = 120·AA = N
+
+A profile is a row of runs (count, period), so the longest motion costs as much as the shortest.
+
+What the manual leaves open is a field of `Law`, its default first.  Rounding (MACS-AMB-43) cannot
+be seen on a serial line, so every prediction exists twice: rounded up, the slow one, and rounded
+down, the fast one; a real axis lies between them.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import accumulate
+from typing import Final
+
+TICK_NS: Final = 125
+TICKS_PER_SECOND: Final = 8_000_000
+RAMP_INCREMENTS_PER_COEFFICIENT: Final = 120  # MACS-CMD-0F-01
+RAMP_LEVELS: Final = 16
+CATCH_UP_UNIT_TICKS: Final = 1600  # 200 µs, MACS-CMD-0E-01
+
+
+@dataclass(frozen=True, slots=True)
+class Law:
+    """The readings of §5.11 that shape a profile; `rounding` picks one edge of the prediction."""
+
+    ramp: str = "equal_time"  # or "equal_increments", MACS-AMB-42
+    triangle: str = "mirror"  # or "shared_peak", §5.11
+    change: str = "levels"  # or "constant_acceleration", "step", MACS-AMB-44
+    stop: str = "climbed"  # or "full_ramp", MACS-AMB-45
+    rounding: str = "half_up"  # or "down", "up", MACS-AMB-43
+
+
+def divide(numerator: int, denominator: int, rounding: str) -> int:
+    """Divide two positive numbers with the named rounding."""
+    if rounding == "down":
+        return numerator // denominator
+    if rounding == "up":
+        return -(-numerator // denominator)
+    return (2 * numerator + denominator) // (2 * denominator)
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """`count` increments of `period` ticks each; an endless run has count None.
+
+    `climbed`: ramp increments under the axis when the run begins, and whether the run adds to them.
+    """
+
+    count: int | None
+    period: int
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A row of runs; immutable.  Only the last run may be endless."""
+
+    runs: tuple[Run, ...]
+
+    @cached_property
+    def _starts(self) -> tuple[list[int], list[int]]:
+        """Steps and ticks at which each run begins."""
+        finite = [run for run in self.runs if run.count is not None]
+        steps = [0, *accumulate(run.count or 0 for run in finite)]
+        ticks = [0, *accumulate((run.count or 0) * run.period for run in finite)]
+        return steps, ticks
+
+    @property
+    def is_endless(self) -> bool:
+        """True if the motion goes on until something stops it."""
+        return bool(self.runs) and self.runs[-1].count is None
+
+    @property
+    def steps(self) -> int | None:
+        """All increments of the motion; None if endless."""
+        return None if self.is_endless else self._starts[0][-1]
+
+    @property
+    def ticks(self) -> int | None:
+        """The duration of the motion; None if endless."""
+        return None if self.is_endless else self._starts[1][-1]
+
+    def steps_by(self, ticks: int) -> int:
+        """Increments complete `ticks` after the start: max{n : C(n) ≤ ticks}."""
+        if ticks < 0 or not self.runs:
+            return 0
+        first_steps, first_ticks = self._starts
+        at = bisect_right(first_ticks, ticks) - 1
+        if at >= len(self.runs):
+            return first_steps[-1]
+        return first_steps[at] + (ticks - first_ticks[at]) // max(1, self.runs[at].period)
+
+    def ticks_of(self, steps: int) -> int:
+        """C(n): the ticks after which `steps` increments are complete (within the motion)."""
+        first_steps, first_ticks = self._starts
+        at = min(bisect_right(first_steps, steps) - 1, len(self.runs) - 1)
+        if at < 0:
+            return 0
+        return first_ticks[at] + (steps - first_steps[at]) * self.runs[at].period
+
+    def period_of(self, step: int) -> int:
+        """T(i): the period of increment number `step`, counted from 0."""
+        at = min(bisect_right(self._starts[0], step) - 1, len(self.runs) - 1)
+        return self.runs[at].period
+
+    def first(self, steps: int) -> Profile:
+        """The first `steps` increments only."""
+        left, kept = steps, []
+        for run in self.runs:
+            take = left if run.count is None else min(left, run.count)
+            kept.append(Run(take, run.period))
+            left -= take
+        return Profile(_tidy(kept))
+
+    def then(self, more: Iterable[Run]) -> Profile:
+        """This motion, which must have an end, and then `more`."""
+        assert not self.is_endless, "nothing follows an endless run"
+        return Profile(_tidy([*self.runs, *more]))
+
+
+def _tidy(runs: Iterable[Run]) -> tuple[Run, ...]:
+    return tuple(run for run in runs if run.count is None or run.count > 0)
+
+
+# --- the ramp ------------------------------------------------------------------------------------
+
+
+def ramp(period: int, coefficient: int, law: Law) -> tuple[Run, ...]:
+    """The climb from rest to `period`: levels of k/16 of the full speed (§5.2)."""
+    if law.ramp == "equal_time":
+        counts = [level * coefficient for level in range(1, RAMP_LEVELS)]
+    else:
+        edges = [15 * coefficient * level // 2 for level in range(RAMP_LEVELS + 1)]
+        counts = [after - before for before, after in zip(edges, edges[1:], strict=False)]
+    return _tidy(
+        Run(count, divide(RAMP_LEVELS * period, level, law.rounding))
+        for level, count in enumerate(counts, start=1)
+    )
+
+
+def ramp_increments(coefficient: int) -> int:
+    """N, the increments of a whole ramp (MACS-CMD-0F-01)."""
+    return RAMP_INCREMENTS_PER_COEFFICIENT * coefficient
+
+
+def _mirrored(runs: Sequence[Run]) -> list[Run]:
+    return list(reversed(runs))
+
+
+def move(distance: int, period: int, coefficient: int, law: Law) -> Profile:
+    """A point-to-point move over `distance` ≥ 0 increments: T(i) of §5.3."""
+    climb = Profile(ramp(period, coefficient, law))
+    length = ramp_increments(coefficient)
+    up, down = min(length, (distance + 1) // 2), min(length, distance // 2)
+    rising, falling = climb.first(up), climb.first(down)
+    if law.triangle == "shared_peak" and up == down and 0 < up and distance <= 2 * length:
+        peak = climb.period_of(up) if up < length else period
+        rising, falling = (part.first(up - 1).then([Run(1, peak)]) for part in (rising, falling))
+    cruise = Run(distance - up - down, period)
+    return Profile(_tidy([*rising.runs, cruise, *_mirrored(falling.runs)]))
+
+
+def climb_and_cruise(period: int, coefficient: int, law: Law) -> Profile:
+    """The endless motion of 15h from rest: climb, then `period` for ever (§5.7)."""
+    return Profile((*ramp(period, coefficient, law), Run(None, period)))
+
+
+def transition(before: int, after: int, coefficient: int, law: Law) -> list[Run]:
+    """The increments that lead from period `before` to `after` (§5.7), without the cruise."""
+    if law.change == "step" or coefficient == 0:
+        return []
+    runs, last = [], 0
+    for level in range(1, RAMP_LEVELS):
+        edge_units = after * (16 * level - level * (level + 1) // 2)
+        edge_units += before * level * (level + 1) // 2
+        edge = coefficient * edge_units // (before + after)
+        speed_units = (RAMP_LEVELS - level) * after + level * before
+        period = divide(RAMP_LEVELS * before * after, speed_units, law.rounding)
+        runs.append(Run(edge - last, period))
+        last = edge
+    return runs
+
+
+# --- motions that are changed or stopped under way -----------------------------------------------
+
+
+@dataclass(frozen=True)
+class Course:
+    """A motion of 13h, 14h or 15h with what a later command must know of its past.
+
+    `climb_start`: step at which the ramp counter j was 0; `base`: the period the ramp is built
+    from; `coefficient`: AA; `settled_at`: step from which j is N whatever came before (behind a
+    speed change); `descent_at`: step from which the axis only slows down (None: not yet ordered).
+    """
+
+    profile: Profile
+    base: int
+    coefficient: int
+    law: Law
+    distance: int | None = None
+    transition_at: int | None = None
+    transition_end: int = 0
+    descent_at: int | None = None
+
+    @classmethod
+    def to_position(cls, distance: int, period: int, coefficient: int, law: Law) -> Course:
+        """A 13h or 14h over `distance` ≥ 0 increments."""
+        profile = move(distance, period, coefficient, law)
+        return cls(profile, period, coefficient, law, distance=distance)
+
+    @classmethod
+    def endless(cls, period: int, coefficient: int, law: Law) -> Course:
+        """A 15h from rest."""
+        return cls(climb_and_cruise(period, coefficient, law), period, coefficient, law)
+
+    def _climbed(self, done: int) -> int:
+        """The ramp counter j after `done` increments, none of them of a descent."""
+        length = ramp_increments(self.coefficient)
+        if self.transition_at is not None:
+            return length
+        limit = length if self.distance is None else min(length, self.distance // 2)
+        return min(done, limit)
+
+    def _is_descending(self, done: int) -> bool:
+        if self.descent_at is not None:
+            return done > self.descent_at
+        if self.distance is None:
+            return False
+        return done > self.distance - min(ramp_increments(self.coefficient), self.distance // 2)
+
+    def stopped(self, ticks: int) -> Course:
+        """The course when 17h, or 15h with period 0, arrives `ticks` after the start.
+
+        The increment in progress is finished first; then the climbed increments are descended.
+        """
+        done = self.profile.steps_by(ticks) + 1
+        whole = self.profile.steps
+        if (whole is not None and done >= whole) or self._is_descending(done):
+            return self
+        climbed = self._climbed(done)
+        base = self.base
+        if self.transition_at is not None and done <= self.transition_end:
+            base = self.profile.period_of(done - 1)  # from the level in use
+        if self.law.stop == "full_ramp":
+            climbed = ramp_increments(self.coefficient)
+        descent = Profile(ramp(base, self.coefficient, self.law)).first(climbed)
+        profile = self.profile.first(done).then(_mirrored(descent.runs))
+        return replace(self, profile=profile, descent_at=done, distance=None)
+
+    def changed(self, ticks: int, period: int) -> Course:
+        """The course when 15h asks for `period` > 0, `ticks` after the start."""
+        done = self.profile.steps_by(ticks) + 1
+        before = self.profile.period_of(done - 1)
+        runs = transition(before, period, self.coefficient, self.law)
+        profile = self.profile.first(done).then([*runs, Run(None, period)])
+        length = sum(run.count or 0 for run in runs)
+        return Course(
+            profile,
+            period,
+            self.coefficient,
+            self.law,
+            transition_at=done,
+            transition_end=done + length,
+        )
