@@ -1,0 +1,79 @@
+"""Expert frames as the module sees them: requests taken apart, replies put together.
+
+    request  Stx 0 1 4 aa ii ss pppppppp cc Etx                21 bytes
+    accepted Ack Xoff Xon            refused Ack Xoff Xonerror      3 bytes
+    bad sum  Nack                                               1 byte
+    answer   Ack Xoff Stx 0 1 1 aa i dddddddd cc Etx Xon       21 bytes
+
+The sum runs over the characters aa..pppppppp (aa i dddddddd in an answer), modulo 100h, as two
+upper-case digits (MACS-FRAME-03).  Digits are looked up in a table, never given to ``int``, which
+would let ``+1``, `` 1`` and ``1_`` pass (ledger §8.10).
+"""
+
+from typing import Final, TypeAlias
+
+STX: Final = b"\x02"
+ETX: Final = 0x03
+ACK: Final = b"\x06"
+NACK: Final = b"\x15"
+XOFF: Final = b"\x13"
+
+REQUEST_BYTES: Final = 21
+GENERAL_ADDRESS: Final = 0xFF
+ADDRESS_MAX: Final = 0x7F
+REQUEST_LENGTH_FIELD: Final = b"014"
+ANSWER_LENGTH_FIELD: Final = b"011"
+
+HEX: Final[tuple[bytes, ...]] = tuple(b"%02X" % value for value in range(256))
+UPPER: Final[dict[bytes, int]] = {text: value for value, text in enumerate(HEX)}
+"""Two upper-case digits to their value."""
+
+_DIGITS = b"0123456789ABCDEFabcdef"
+ANY_CASE: Final[dict[bytes, int]] = {
+    bytes((high, low)): int(bytes((high, low)), 16) for high in _DIGITS for low in _DIGITS
+}
+"""Two digits of either case to their value (``lowercase_hex`` = accept)."""
+
+
+Request: TypeAlias = tuple[int | None, int | None, bytes | None]
+"""Index, sub-index and parameters of a frame whose sum is right; None where digits are no digits."""
+
+
+def checksum(characters: bytes) -> bytes:
+    """The two digits cc of ``characters`` (MACS-FRAME-03)."""
+    return HEX[sum(characters) & 0xFF]
+
+
+def request(address: int, index: int, parameters: int = 0, sub_index: int = 0) -> bytes:
+    """The request frame of a well-behaved host, all fields as numbers."""
+    body = b"%02X%02X%02X%08X" % (address, index, sub_index, parameters & 0xFFFFFFFF)
+    return b"\x02014" + body + checksum(body) + b"\x03"
+
+
+def is_framed(frame: bytes) -> bool:
+    """Whether 21 bytes that begin with Stx have the length field and Etx (MACS-FRAME-12)."""
+    return frame[20] == ETX and frame[1:4] == REQUEST_LENGTH_FIELD
+
+
+def parse(frame: bytes, digits: dict[bytes, int]) -> Request:
+    """The fields behind the address of a framed request (MACS-FRAME-05: first digit first)."""
+    try:
+        parameters = bytes(
+            (
+                digits[frame[10:12]],
+                digits[frame[12:14]],
+                digits[frame[14:16]],
+                digits[frame[16:18]],
+            )
+        )
+    except KeyError:
+        return digits.get(frame[6:8]), digits.get(frame[8:10]), None
+    return digits.get(frame[6:8]), digits.get(frame[8:10]), parameters
+
+
+def answer(
+    address: bytes, digit: bytes, data: int, length: bytes = ANSWER_LENGTH_FIELD, xon: int = 0x1A
+) -> bytes:
+    """The answer to a query: ``address`` and ``digit`` as characters, ``data`` unsigned 32 bit."""
+    body = b"%b%b%08X" % (address, digit, data)
+    return b"\x06\x13\x02%b%b%b\x03%c" % (length, body, HEX[sum(body) & 0xFF], xon)

@@ -1,0 +1,480 @@
+"""Where the MAC manuals leave a doubt, the doubt has a name: every switch of the twin, as data.
+
+Rules
+-----
+1. One field per switch.  Its values stand in the order of the ledger's readings, default first.
+2. A choice is a ``Literal``: its values are what a user writes.  A ``bool`` is written ``true`` or
+   ``false``.  A number may be written ``11h``, ``0x11`` or ``17``.
+3. ``MacQuirks`` is what the twin obeys; ``QUIRKS`` is what the program lists; both are the same
+   fields below.
+4. Readings that depart from a requirement marked M or D are offered as well, because real units may
+   differ.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal, TypeAlias, get_args, get_origin, get_type_hints
+
+from axistwin.errors import UsageError, nearest
+
+Value: TypeAlias = str | int | bool
+
+RANGE_MIN, RANGE_MAX = -(1 << 30), (1 << 30) - 1
+"""Ends of the position counter: 31 bits signed (MACS-AMB-54)."""
+
+_SIGNED_32 = (-(1 << 31), (1 << 31) - 1)
+_TRUE, _FALSE = {"true", "yes", "on", "1"}, {"false", "no", "off", "0"}
+
+
+def _quirk(default: Any, source: str, doc: str, **limits: Any) -> Any:
+    """A field of ``MacQuirks``: its default, ledger ID, one-line meaning, and range of a number."""
+    return field(default=default, metadata={"source": source, "doc": doc, **limits})
+
+
+def _number(default: int, low: int, high: int, source: str, doc: str, digits: int = 0) -> Any:
+    """A numeric field in ``low..high``; ``digits`` > 0 lists it in that many hex digits."""
+    return _quirk(default, source, doc, low=low, high=high, digits=digits)
+
+
+@dataclass(frozen=True, slots=True)
+class MacQuirks:
+    """One reading of the manuals: what a MAC twin does wherever they are silent or contradict."""
+
+    # Frames and replies
+    xon_byte: Literal[0x1A, 0x11] = _quirk(
+        0x1A, "MACS-AMB-01", "last byte of the reply to an accepted frame"
+    )
+    xonerror_byte: Literal[0x17, 0x18] = _quirk(
+        0x17, "MACS-AMB-02", "last byte of the reply to a refused command"
+    )
+    status_reply_digit: Literal["1", "2"] = _quirk(
+        "1", "MACS-AMB-03", "index digit in the answer to 21h (the data are the status always)"
+    )
+    reply23_digit: Literal["3", "2"] = _quirk(
+        "3", "MACS-AMB-04", "index digit in the answer to 23h"
+    )
+    reply28_length: Literal["011", "014"] = _quirk(
+        "011", "MACS-AMB-05", "length field in the answer to 28h"
+    )
+    virtual_segment_index: Literal[0x1E] = _quirk(
+        0x1E, "MACS-AMB-06", "index of the virtual segment (16h is a misprint: one reading only)"
+    )
+    bad_frame_reply: Literal["silence", "nack"] = _quirk(
+        "silence", "MACS-AMB-64", "wrong length field, or byte 20 not Etx"
+    )
+    lowercase_hex: Literal["refuse", "accept"] = _quirk(
+        "refuse", "MACS-AMB-64", "digits a-f in a frame"
+    )
+    rx_during_xoff: Literal["lost", "kept"] = _quirk(
+        "lost", "MACS-AMB-64", "bytes that arrive between Etx and the end of the reply"
+    )
+    subindex_policy: Literal["ignore", "refuse"] = _quirk(
+        "ignore", "MACS-AMB-61", "sub-index other than 00 (28h and 29h excepted)"
+    )
+    dont_care_digits: Literal["ignore", "refuse"] = _quirk(
+        "ignore", "MACS-AMB-62", "parameter digits printed x that are not 0"
+    )
+    unknown_index: Literal["refuse", "accept", "zero_answer", "silence"] = _quirk(
+        "refuse", "MACS-AMB-58", "unassigned index (zero_answer: queries; commands do nothing)"
+    )
+    param_range_policy: Literal["refuse", "mask", "clamp"] = _quirk(
+        "refuse", "MACS-AMB-60", "02h 03h 07h 1Bh with a value outside the printed set"
+    )
+    reply_latency_us: int = _number(
+        1000, 0, 1_000_000, "MACS-REPLY-16", "time from Etx to the first byte of the reply, µs"
+    )
+    version_word: int = _number(
+        0x704, 0, 0xFFFFFFFF, "MACS-AMB-66", "the eight digits that 24h answers", digits=8
+    )
+    reserved_bits: Literal[0, 1] = _quirk(
+        0, "MACS-AMB-59", "value of every reserved bit in the answers to 21h and 27h"
+    )
+    mem_wrap: Literal["wrap", "zero"] = _quirk(
+        "wrap", "MACS-AMB-65", "28h and 29h beyond address FFh"
+    )
+
+    # Addresses and several modules
+    general_reply_policy: Literal["addr00_only", "all", "none", "lone"] = _quirk(
+        "addr00_only", "MACS-AMB-16", "who replies to FF (lone: 00, and a module alone on its line)"
+    )
+    general_echo: Literal["as_sent", "own_address"] = _quirk(
+        "as_sent", "MACS-AMB-17", "address in the answer to a query to FF"
+    )
+    addr_prog_requires_ff: bool = _quirk(
+        False, "MACS-AMB-18", "08h sent to the module's own address is refused"
+    )
+    addr_effective: Literal["at_once", "at_restart"] = _quirk(
+        "at_once", "MACS-AMB-18", "from when on a programmed address is used"
+    )
+    addr_range: Literal["refuse", "mask"] = _quirk(
+        "refuse", "MACS-AMB-18", "08h with an address of 80h and above"
+    )
+    nack_scope: Literal["addressed", "module_00", "any"] = _quirk(
+        "addressed", "MACS-AMB-19", "which module answers Nack to a wrong checksum"
+    )
+
+    # Start-up and storage
+    reset_reply: Literal["ack", "silence"] = _quirk(
+        "ack", "MACS-AMB-20", "00h and 01h are acknowledged before they restart"
+    )
+    boot_time_ms: int = _number(
+        2000, 0, 60_000, "MACS-AMB-21", "deaf time after 00h, 01h, 1Bh and power-up, ms"
+    )
+    baud_reply_rate: Literal["old", "new"] = _quirk(
+        "old", "MACS-AMB-22", "rate at which 1Bh itself is acknowledged"
+    )
+    factory_reset_scope: Literal["restart", "no_restart"] = _quirk(
+        "restart", "MACS-AMB-23", "01h restarts like 00h, or only replaces the parameters"
+    )
+    persist_modes: Literal["stored", "volatile"] = _quirk(
+        "stored", "MACS-AMB-24", "02h, 03h and 1Ch over power-off"
+    )
+    power_on_at_boot: bool = _quirk(False, "MACS-AMB-26", "the motor is powered after start-up")
+    cmd_1b_supported: bool = _quirk(True, "MACS-AMB-09", "1Bh exists (older releases refuse it)")
+    cmd_1c_supported: bool = _quirk(True, "MACS-AMB-09", "1Ch exists (older releases refuse it)")
+    has_reset_input: bool = _quirk(True, "MACS-AMB-67", "the reset input is present")
+    factory_standby: Literal[1, 0] = _quirk(
+        1, "MACS-AMB-25", "factory value of 02h: 1 half torque at rest"
+    )
+    factory_stops: Literal[0, 1, 8, 9] = _quirk(
+        0, "MACS-AMB-25", "factory value of 03h: bit 0 hardware, bit 3 software stops"
+    )
+    factory_superior_stop: int = _number(
+        RANGE_MAX, *_SIGNED_32, "MACS-AMB-25", "factory value of 09h, increments", digits=8
+    )
+    factory_inferior_stop: int = _number(
+        RANGE_MIN, *_SIGNED_32, "MACS-AMB-25", "factory value of 0Ah, increments", digits=8
+    )
+    factory_torque: int = _number(
+        0x60, 0, 0xFF, "MACS-AMB-25", "factory value of 0Ch, in parts of Imax", digits=2
+    )
+    factory_period: int = _number(
+        0x320, 1, 0xFFFF, "MACS-AMB-25", "factory value of 0Dh, ticks per increment", digits=4
+    )
+    factory_catchup: int = _number(
+        0x05, 0, 0xFF, "MACS-AMB-25", "factory value of 0Eh, 200 µs per increment", digits=2
+    )
+    factory_ramp: int = _number(
+        0x0A, 0, 0xFF, "MACS-AMB-25", "factory value of 0Fh, 120 increments", digits=2
+    )
+    factory_tolerance: int = _number(
+        0, 0, 0xFF, "MACS-AMB-25", "factory value of 1Ch, increments", digits=2
+    )
+    imax_value: int = _number(
+        0x80, 1, 0xFF, "MACS-AMB-11", "Imax, the byte at RAM address AFh", digits=2
+    )
+    mac34_limits: str = _quirk(
+        "model",
+        "MACS-AMB-56",
+        "MAC34 thresholds UNDER/OVER/VMAX/TRIP in V, V, V, °C, such as 24/60/64/85",
+        form="model, or UNDER/OVER/VMAX/TRIP in whole V, V, V, °C",
+    )
+
+    # Acceptance
+    motion_lock_set: Literal["can_list", "serial_list"] = _quirk(
+        "can_list", "MACS-AMB-08", "locked in motion: 02 03 09 0A 0D 0F 13 14, or 02 03(d=1) 13"
+    )
+    lock_08_1b: bool = _quirk(False, "MACS-AMB-08", "08h and 1Bh are locked in motion too")
+    preload_locks: bool = _quirk(False, "MACS-AMB-27", "a preloaded motion counts as running")
+    running_until: Literal["tolerance", "exact", "profile"] = _quirk(
+        "tolerance", "MACS-AMB-27", "after the profile, what a position motion still waits for"
+    )
+    disj_refuse_set: Literal["motion_type", "starting"] = _quirk(
+        "motion_type", "MACS-AMB-33", "refused after a disjunction: 10 11 13-1A 1E, or 13-16 19 1E"
+    )
+    torque_range: Literal["inclusive", "exclusive"] = _quirk(
+        "inclusive", "MACS-AMB-10", "whether the ends 00 and Imax belong to the range of 0Ch"
+    )
+    torque_over: Literal["refuse", "clamp", "mask"] = _quirk(
+        "refuse", "MACS-AMB-10", "0Ch outside the range (mask: seven bits)"
+    )
+    zero_period_0d: Literal["refuse", "as_one"] = _quirk("refuse", "MACS-AMB-46", "0Dh 0000")
+    zero_catchup: Literal["as_one", "refuse"] = _quirk(
+        "as_one", "MACS-AMB-47", "0Eh with VV = 00 (as_one: stored as 00, acts as 01)"
+    )
+    catchup_low_byte: Literal["ignore", "refuse"] = _quirk(
+        "ignore", "MACS-AMB-47", "last byte of 0Eh other than 00"
+    )
+
+    # Position and velocity motion
+    motion_start_ref: Literal["etx", "reply_end"] = _quirk(
+        "etx", "MACS-AMB-41", "when a motion starts: Etx heard, or the end of the reply"
+    )
+    step_phase: Literal["end", "start"] = _quirk(
+        "end", "MACS-AMB-41", "the counter steps at the end or at the start of an increment"
+    )
+    ramp_law: Literal["equal_time", "equal_increments"] = _quirk(
+        "equal_time", "MACS-AMB-42", "what the 16 speed levels of a ramp share evenly"
+    )
+    period_rounding: Literal["half_up", "floor", "ceil"] = _quirk(
+        "half_up", "MACS-AMB-43", "rounding of the periods of a ramp to ticks"
+    )
+    triangle_law: Literal["mirror", "shared_peak"] = _quirk(
+        "mirror", "MACS-CMD-13-05", "short moves: symmetric, or the middle one level higher"
+    )
+    vel_f6_direction: Literal["negative", "positive"] = _quirk(
+        "negative", "MACS-AMB-07", "direction of 15h with SS = F6"
+    )
+    vel_reverse_cmd: Literal["ignore", "refuse"] = _quirk(
+        "ignore", "MACS-AMB-28", "15h with the other direction in motion (ignore: speed taken)"
+    )
+    vel_during_position: Literal["accept", "refuse"] = _quirk(
+        "accept", "MACS-AMB-29", "15h during 13h and 14h"
+    )
+    vel_during_interp: Literal["accept", "refuse"] = _quirk(
+        "accept", "MACS-AMB-30", "15h during segments"
+    )
+    vel_change_law: Literal["linear_levels", "constant_acceleration", "step"] = _quirk(
+        "linear_levels", "MACS-AMB-44", "speed change in motion"
+    )
+    stop_ramp_law: Literal["climbed", "full"] = _quirk(
+        "climbed", "MACS-AMB-45", "17h during a ramp: as many increments as climbed, or N"
+    )
+    overshoot_return: Literal["catch_up", "fresh_profile"] = _quirk(
+        "catch_up", "MACS-AMB-52", "return to a target that fell behind by a change of origin"
+    )
+    plant: Literal["ideal", "inertial"] = _quirk(
+        "ideal", "MACS-CMD-0F-03", "motor and load: follows exactly, or by torque and inertia"
+    )
+    busy_after_abort: bool = _quirk(
+        False, "MACS-AMB-51", "after 17h, 18h or a stop busy until the old target is reached"
+    )
+    abort_flush: bool = _quirk(
+        True, "MACS-AMB-51", "18h and stops empty the FIFO and drop a preload"
+    )
+
+    # Synchronous mode
+    sync_without_preload: Literal["accept", "refuse"] = _quirk(
+        "accept", "MACS-AMB-34", "11h with nothing preloaded"
+    )
+    sync_arm_lifetime: Literal["kept", "lost"] = _quirk(
+        "kept", "MACS-AMB-35", "the arm of 10h when a segment follows, or when given in motion"
+    )
+    preload_policy: Literal["replace", "refuse", "keep"] = _quirk(
+        "replace", "MACS-AMB-36", "a second motion while preloaded; keep: 17h 18h 1Ah keep it too"
+    )
+    armed_zero_velocity: Literal["keep", "spend", "refuse"] = _quirk(
+        "keep", "MACS-AMB-68", "15h 0000 at rest while armed"
+    )
+    sync_during_interp: Literal["after", "now", "drop"] = _quirk(
+        "after", "MACS-AMB-69", "11h with a 13h or 14h preloaded while segments are executed"
+    )
+
+    # Segments
+    fifo_counts_executing: bool = _quirk(
+        False, "MACS-AMB-37", "the executing segment occupies one of the three stages"
+    )
+    segment_signed: bool = _quirk(True, "MACS-AMB-38", "DDDD is signed")
+    segment_zero_period: Literal["refuse", "fastest", "65536"] = _quirk(
+        "refuse", "MACS-AMB-39", "segment with VVVV = 0000"
+    )
+    segment_zero_steps: Literal["zero_time", "65536"] = _quirk(
+        "zero_time", "MACS-AMB-39", "segment with DDDD = 0000"
+    )
+    fifo_underrun: Literal["halt", "decelerate", "error"] = _quirk(
+        "halt", "MACS-AMB-40", "FIFO empty at the end of a segment (error: 18h or 00h needed)"
+    )
+    interp_during_profile: Literal["queue", "refuse", "preempt"] = _quirk(
+        "queue", "MACS-AMB-31", "16h and 1Eh during 13h, 14h, 15h"
+    )
+    stop17_in_interp: Literal["ignore", "refuse", "after_segment", "now"] = _quirk(
+        "ignore", "MACS-AMB-32", "17h during segments (now departs from MACS-CMD-17-02)"
+    )
+
+    # Stops, reference, counter, faults
+    soft_stop_compare: Literal["strict", "equal"] = _quirk(
+        "strict", "MACS-AMB-48", "a software stop acts beyond its position, or at it"
+    )
+    soft_stop_blocks: Literal["same_direction", "both"] = _quirk(
+        "same_direction", "MACS-AMB-48", "directions that a software stop blocks"
+    )
+    hard_stop_command: Literal["accept", "refuse"] = _quirk(
+        "accept", "MACS-AMB-49", "a motion toward an active hardware stop"
+    )
+    brake_increments: str = _quirk(
+        "plant",
+        "MACS-STOP-01",
+        "increments that 18h and stops still take: 0 of the ideal plant, v²/2a, or a number",
+        form="plant, or a number 0..65535",
+    )
+    ff_lifetime: Literal["next_motion", "live", "until_reset"] = _quirk(
+        "next_motion", "MACS-AMB-50", "how long the stop bits of 21h stay"
+    )
+    status_ff_layout: Literal["can_map", "shifted"] = _quirk(
+        "can_map", "MACS-AMB-12", "stop bits at 3..0, or one higher"
+    )
+    status_hh_bit: Literal["7", "6-0"] = _quirk(
+        "7", "MACS-AMB-13", "bits of hh that tell a past over-voltage"
+    )
+    ref_edge: Literal["opening", "closing"] = _quirk(
+        "opening", "MACS-AMB-52", "edge of the reference contact that zeroes the counter"
+    )
+    ref_retarget: Literal["absolute", "remaining"] = _quirk(
+        "absolute", "MACS-AMB-52", "what a 13h under way keeps when the reference zeroes"
+    )
+    reset_in_motion: Literal["absolute", "remaining"] = _quirk(
+        "absolute", "MACS-AMB-53", "what a 13h under way keeps when 0Bh zeroes"
+    )
+    position_overflow: Literal["wrap", "saturate"] = _quirk(
+        "wrap", "MACS-AMB-54", "the counter at the end of its 31 bits"
+    )
+    target_range: Literal["refuse", "accept"] = _quirk(
+        "refuse", "MACS-AMB-54", "13h outside the counter's range"
+    )
+    position_source: Literal["encoder", "set_point"] = _quirk(
+        "encoder", "MACS-AMB-55", "what 20h reads"
+    )
+    encoder_fault_locks: bool = _quirk(
+        True, "MACS-AMB-57", "dd.1, encoder not found, is a disjunction"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Quirk:
+    """One switch as the program lists it.
+
+    allowed: the values in the order of the readings, or a single text describing a range.
+    default: as a user would write it.  source: ledger ID.  kind: choice, bool, number or text.
+    """
+
+    name: str
+    source: str
+    doc: str
+    allowed: tuple[str, ...]
+    default: str
+    kind: str
+    choices: tuple[Value, ...] = ()
+    low: int = 0
+    high: int = 0
+
+    def parse(self, value: Value) -> Value:
+        """The setting that ``value`` (text of a command line, or a TOML value) means.
+
+        Raises UsageError naming the value, what is allowed and the nearest of it.
+        """
+        parsed: Value | None = _PARSERS[self.kind](self, value)
+        if parsed is None:
+            remedy = f"; {nearest(str(value), self.allowed)}" if len(self.allowed) > 1 else ""
+            raise UsageError(
+                f"quirk {self.name}: {value!r} is not allowed; "
+                f"allowed: {', '.join(self.allowed)}{remedy}"
+            )
+        return parsed
+
+
+def _parse_number(text: Value) -> int | None:
+    """``17``, ``11h``, ``0x11`` or an integer; None for anything else."""
+    if isinstance(text, bool):
+        return None
+    if isinstance(text, int):
+        return text
+    body, base = text.strip().lower(), 10
+    if body.endswith("h"):
+        body, base = body[:-1], 16
+    elif body.startswith("0x"):
+        body, base = body[2:], 16
+    digits = body[1:] if base == 10 and body[:1] == "-" else body
+    allowed = "0123456789abcdef"[:base]
+    return int(body, base) if digits and all(digit in allowed for digit in digits) else None
+
+
+def _parse_choice(quirk: Quirk, value: Value) -> Value | None:
+    if value in quirk.choices and not isinstance(value, bool):
+        return value
+    if str(value) in quirk.allowed:
+        return quirk.choices[quirk.allowed.index(str(value))]
+    number = _parse_number(value)
+    if number is not None and number in quirk.choices:
+        return number
+    return str(number) if number is not None and str(number) in quirk.choices else None
+
+
+def _parse_bool(_: Quirk, value: Value) -> bool | None:
+    text = str(value).strip().lower()
+    return True if text in _TRUE else False if text in _FALSE else None
+
+
+def _parse_ranged(quirk: Quirk, value: Value) -> int | None:
+    number = _parse_number(value)
+    if number is not None and quirk.low == _SIGNED_32[0] and number >> 31 == 1:
+        number -= 1 << 32  # C0000000h: a signed field in hex digits (MACS-FRAME-05)
+    return number if number is not None and quirk.low <= number <= quirk.high else None
+
+
+def _parse_text(quirk: Quirk, value: Value) -> str | None:
+    text = str(value).strip()
+    if text == quirk.default:
+        return text
+    parts = text.split("/")
+    if any(not part.isascii() or not part.isdigit() for part in parts):
+        return None
+    if quirk.name == "brake_increments":
+        return text if len(parts) == 1 and int(text) <= 0xFFFF else None
+    if len(parts) != 4 or any(int(part) > 255 for part in parts):
+        return None
+    under, over, v_max, _ = map(int, parts)
+    return text if under < over <= v_max * 5 // 4 else None
+
+
+_PARSERS: dict[str, Any] = {
+    "choice": _parse_choice,
+    "bool": _parse_bool,
+    "number": _parse_ranged,
+    "text": _parse_text,
+}
+
+
+def _spell(value: Value, digits: int = 0) -> str:
+    """A value as a user would write it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int) and digits:
+        return f"{value & ((1 << 4 * digits) - 1):0{digits}X}h"
+    return str(value)
+
+
+def _describe(name: str, hint: Any, default: Any, metadata: Mapping[str, Any]) -> Quirk:
+    """The public face of one field of ``MacQuirks``."""
+    if get_origin(hint) is Literal:
+        choices = get_args(hint)
+        assert choices[0] == default, f"{name}: the default is the first reading"
+        hexadecimal = any(isinstance(choice, int) and choice > 9 for choice in choices)
+        allowed = tuple(_spell(choice, 2 if hexadecimal else 0) for choice in choices)
+        kind, shown = "choice", allowed[0]
+        return Quirk(name, metadata["source"], metadata["doc"], allowed, shown, kind, choices)
+    if hint is bool:
+        allowed = (_spell(default), _spell(not default))
+        return Quirk(name, metadata["source"], metadata["doc"], allowed, allowed[0], "bool")
+    if hint is str:
+        return Quirk(
+            name, metadata["source"], metadata["doc"], (metadata["form"],), str(default), "text"
+        )
+    low, high, digits = metadata["low"], metadata["high"], metadata["digits"]
+    allowed = (f"{_spell(low, digits)}..{_spell(high, digits)}",)
+    shown = _spell(default, digits)
+    source, doc = metadata["source"], metadata["doc"]
+    return Quirk(name, source, doc, allowed, shown, "number", (), low, high)
+
+
+def _table() -> dict[str, Quirk]:
+    hints = get_type_hints(MacQuirks)
+    return {
+        f.name: _describe(f.name, hints[f.name], f.default, f.metadata) for f in fields(MacQuirks)
+    }
+
+
+QUIRKS: dict[str, Quirk] = _table()
+"""All switches by name, in the order of the fields."""
+
+
+def parse_quirks(settings: Mapping[str, Value] | Iterable[tuple[str, Value]]) -> MacQuirks:
+    """The quirks with the given ``settings`` (name, value as text or TOML) over the defaults.
+
+    Raises UsageError for an unknown name (with the nearest one) or a value that is not allowed.
+    """
+    parsed: dict[str, Value] = {}
+    for name, value in dict(settings).items():
+        if name not in QUIRKS:
+            raise UsageError(f"unknown quirk {name!r}: {nearest(name, QUIRKS)}")
+        parsed[name] = QUIRKS[name].parse(value)
+    return MacQuirks(**parsed)  # type: ignore[arg-type]  # each value was parsed by its own field
