@@ -1,0 +1,237 @@
+"""One line with its devices and the host's end of it: everything that happens, in order.
+
+Rules
+-----
+1. Events run in the order of time.  At one nanosecond: first the bytes that are complete then (by
+   station), then the devices that want to be woken, by index.  So a byte that arrives just when a
+   motion ends is heard before the device is woken for that end.
+2. Bytes are handed over in stretches, never beyond the next wake-up of any device, and never
+   beyond the first byte to which any listener may react (``SerialDevice.quiet_prefix``): what a
+   device does is on the line before anybody hears a later byte.
+3. A ``Transmit`` goes out in the line format that the device has when its call returns, at its
+   ``start_ns`` or when its earlier ones are sent.  ``Store`` and ``Trace`` are queued for the
+   shell, which must perform the stores before it passes on any byte.
+4. The host's receive buffer holds ``HOST_BUFFER_BYTES``; what arrives when it is full is lost and
+   counted, as in a UART that is not read.
+5. Whoever calls a device's methods from outside does so at ``now_ns``, and hands the effects to
+   ``perform``.  The supply goes through ``power_off`` and ``power_on`` here: the line must know.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+from axistwin.devices.base import SerialDevice
+from axistwin.kernel.effects import Effect, Store, Trace, Transmit
+from axistwin.kernel.schedule import Schedule
+from axistwin.kernel.time import Nanos
+from axistwin.wire.framing import Chunk, LineFormat
+from axistwin.wire.instant_line import InstantLine
+from axistwin.wire.serial_line import HOST, SerialLine
+
+HOST_BUFFER_BYTES: Final = 65536
+
+
+class _Seat:
+    """A device's place in the schedule."""
+
+    __slots__ = ("_index", "_network", "next_event")
+
+    def __init__(self, network: "SerialNetwork", index: int) -> None:
+        self._network = network
+        self._index = index
+        self.next_event = network.devices[index].next_event
+
+    def run(self, now: Nanos) -> None:
+        device = self._network.devices[self._index]
+        self._network.apply(self._index, device.wake(now))
+
+
+class SerialNetwork:
+    """The pair, the devices on it, and the host's end.  Pure: the shell says how late it is.
+
+    paced: bytes take their time; otherwise none (see ``wire/instant_line.py``).
+    host_format: the host's format; by default that of the first device.
+    """
+
+    def __init__(
+        self,
+        devices: Sequence[SerialDevice],
+        *,
+        start_ns: Nanos = 0,
+        paced: bool = True,
+        host_format: LineFormat | None = None,
+    ) -> None:
+        assert devices, "a line has at least one device"
+        self.devices = tuple(devices)
+        self.host_overruns = 0
+        formats = [each.line_format for each in self.devices]
+        line = SerialLine if paced else InstantLine
+        self._line: SerialLine | InstantLine = line([host_format or formats[0], *formats], start_ns)
+        self._formats = formats
+        self._received = bytearray()
+        self._effects: list[tuple[int, Store | Trace]] = []
+        seats = [_Seat(self, index) for index in range(len(self.devices))]
+        self._schedule = Schedule(seats, start_ns)
+
+    @property
+    def now_ns(self) -> Nanos:
+        """The time up to which everything has happened."""
+        return self._schedule.now
+
+    # -- time --
+
+    def next_event(self) -> Nanos | None:
+        """When something is next due: a wake-up, a byte for the host, a possible reaction.
+
+        May be too early, never too late; None when nothing can happen any more by itself.
+        """
+        due_ns = self._schedule.next_event()
+        stretch = self._line.peek_stretch()
+        if stretch is None:
+            arrival_ns = self._line.next_arrival()
+        else:
+            chunk, stations = stretch
+            last = len(chunk.data) - 1
+            quiet = 0 if HOST in stations else self._quiet_bytes(chunk.data, stations)
+            arrival_ns = chunk.arrival_ns(min(quiet, last))
+        if arrival_ns is None or (due_ns is not None and due_ns < arrival_ns):
+            return due_ns
+        return arrival_ns
+
+    def run_until(self, now: Nanos) -> None:
+        """Let everything happen that is due by ``now``, then stand at ``now``."""
+        schedule = self._schedule
+        assert now >= schedule.now, f"time went back from {schedule.now} to {now} ns"
+        while True:
+            due_ns = schedule.next_event()
+            horizon_ns = now if due_ns is None or due_ns > now else due_ns
+            while (offer := self._line.offer(horizon_ns)) is not None:
+                self._hear(*offer)
+                due_ns = schedule.next_event()
+                if due_ns is not None and due_ns < horizon_ns:
+                    horizon_ns = due_ns
+            if not schedule.run_next(horizon_ns) and horizon_ns == now:
+                break
+        schedule.now = now
+
+    def _hear(self, chunk: Chunk, stations: tuple[int, ...]) -> None:
+        """Hand over as much of ``chunk`` as surely happens before anybody reacts."""
+        count = self._quiet_bytes(chunk.data, stations) + 1
+        if count < len(chunk.data):
+            chunk = Chunk(chunk.start_ns, chunk.data[:count], chunk.format, chunk.skipped)
+        self._line.accept(len(chunk.data))
+        self._schedule.now = self._line.now_ns
+        for station in stations:
+            if station == HOST:
+                self._host_hears(chunk.data)
+            else:
+                self.apply(station - 1, self.devices[station - 1].receive(chunk))
+                self._schedule.touch(station - 1)
+
+    def _quiet_bytes(self, data: bytes, stations: Iterable[int]) -> int:
+        """How many leading bytes of ``data`` surely make none of ``stations`` react."""
+        quiet = len(data)
+        for station in stations:
+            if station != HOST and quiet:
+                quiet = min(quiet, self.devices[station - 1].quiet_prefix(data))
+        return quiet
+
+    def _host_hears(self, data: bytes) -> None:
+        room = HOST_BUFFER_BYTES - len(self._received)
+        self._received += data[:room]
+        self.host_overruns += max(0, len(data) - room)
+
+    # -- the devices --
+
+    def touch(self, index: int) -> None:
+        """Look at device ``index`` again: its state was changed from outside."""
+        self._follow_format(index)
+        self._schedule.touch(index)
+
+    def perform(self, index: int, effects: Iterable[Effect]) -> None:
+        """Perform the effects of a method of device ``index`` called from outside at ``now_ns``."""
+        self.apply(index, effects)
+        self._schedule.touch(index)
+
+    def apply(self, index: int, effects: Iterable[Effect]) -> None:
+        """Put ``effects`` on the line or in the queue; the caller sees to the next event."""
+        self._follow_format(index)
+        for effect in effects:
+            if type(effect) is Transmit:
+                self._line.transmit(index + 1, effect.start_ns, effect.data)
+            else:
+                assert isinstance(effect, Store | Trace)
+                self._effects.append((index, effect))
+
+    def _follow_format(self, index: int) -> None:
+        line_format = self.devices[index].line_format
+        if line_format is not self._formats[index]:
+            self._formats[index] = line_format
+            self._line.set_format(index + 1, line_format)
+
+    def take_effects(self) -> list[tuple[int, Store | Trace]]:
+        """The stores and traces since last time with their device's index, in order."""
+        effects, self._effects = self._effects, []
+        return effects
+
+    def power_off(self, index: int) -> None:
+        """Cut the supply of device ``index`` now; a byte it is sending breaks off."""
+        self._line.switch_off(index + 1)
+        self.perform(index, self.devices[index].power_off(self.now_ns))
+
+    def power_on(self, index: int) -> None:
+        """Supply device ``index`` from now on."""
+        self._line.switch_on(index + 1)
+        self.perform(index, self.devices[index].power_on(self.now_ns))
+
+    # -- the host's end --
+
+    @property
+    def host_format(self) -> LineFormat:
+        """The host's rate and framing; setting it affects what is queued and heard from now on."""
+        return self._line.format_of(HOST)
+
+    @host_format.setter
+    def host_format(self, line_format: LineFormat) -> None:
+        self._line.set_format(HOST, line_format)
+
+    def host_send(self, data: bytes) -> None:
+        """Queue ``data`` behind what the host still sends."""
+        self._line.transmit(HOST, self.now_ns, data)
+
+    def send_break(self, duration_ns: Nanos) -> None:
+        """Hold the line at space for ``duration_ns`` (> 0), queued behind the host's bytes."""
+        self._line.send_break(HOST, self.now_ns, duration_ns)
+
+    def host_purge_output(self) -> None:
+        """Drop the host's bytes whose start bit has not begun."""
+        self._line.purge(HOST)
+
+    @property
+    def host_backlog(self) -> int:
+        """How many of the host's bytes are not on the line yet."""
+        return self._line.backlog(HOST)
+
+    @property
+    def host_sent_ns(self) -> Nanos:
+        """When the last of the host's bytes has left it; now, if nothing is queued."""
+        return self._line.sent_ns(HOST)
+
+    @property
+    def host_available(self) -> int:
+        """How many bytes have arrived at the host and were not taken."""
+        return len(self._received)
+
+    def host_take(self, limit: int | None = None) -> bytes:
+        """Take the bytes that have arrived by now, ``limit`` (>= 0) of them at most."""
+        if limit is None or limit >= len(self._received):
+            data = bytes(self._received)
+            self._received.clear()
+        else:
+            data = bytes(self._received[:limit])
+            del self._received[:limit]
+        return data
+
+    def next_host_byte_ns(self) -> Nanos | None:
+        """When the next byte under way to the host is complete, as far as is known; else None."""
+        return self._line.next_arrival_at(HOST)
