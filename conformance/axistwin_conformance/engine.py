@@ -1,7 +1,325 @@
-"""The engine: plans a run, runs it safely, and says what it means."""
+"""The engine: runs a plan safely against a target and says what it means.
+
+    open → probe (identity) → sanity → round trip → checks, each followed by
+    [stop, put back] and sanity → sanity → stop, put back → close
+
+Rules.
+
+1. Nothing but passive checks runs before the device's parameters have been read and remembered.
+2. Whatever happens (a crash of a check, a lost port, Ctrl-C), the device is stopped and its
+   parameters are put back before the port is closed; further interrupts wait for that.
+3. A check that crashes is an error of the suite: reported, counted as inconclusive, the others run.
+4. When the device does not answer a sanity exchange, not even after the longest deafness it is
+   entitled to, the rest is blocked.  What the last check said is withdrawn, since a lost device
+   and a wrong one look the same; in virtual time nothing gets lost by itself, so there it stands.
+"""
 
 from __future__ import annotations
 
-from axistwin_conformance.session import Envelope, Session
+import contextlib
+import signal
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from importlib import metadata
 
-__all__ = ["Envelope", "Session"]
+from axistwin_conformance import events
+from axistwin_conformance.errors import TargetError, WrongDevice
+from axistwin_conformance.events import Listener, Outcome
+from axistwin_conformance.judgement import CheckResult, RequirementResult, conclude
+from axistwin_conformance.ledger import load_ledger
+from axistwin_conformance.plan import Options, Plan, make_plan
+from axistwin_conformance.registry import Check
+from axistwin_conformance.session import Envelope, Run, Session, Stop
+from axistwin_conformance.targets import Target, open_target
+from axistwin_conformance.verdicts import Finding, Verdict
+
+__all__ = ["Engine", "Envelope", "Options", "Result", "Session"]
+
+SANITY_PAUSES_S = (0.0, 1.0, 1.5)  # together longer than the 2 s for which a module may be deaf
+ROUND_TRIPS = 20
+
+Opener = Callable[[tuple[int, ...]], Target]  # neighbours on the line → an open target
+
+
+@dataclass(slots=True)
+class Result:
+    """All that a run found out."""
+
+    options: Options
+    plan: Plan
+    checks: list[CheckResult] = field(default_factory=list)
+    requirements: tuple[RequirementResult, ...] = ()
+    problems: list[str] = field(default_factory=list)
+    refusal: str = ""  # why the device was not judged at all: unreachable, or not the model
+    is_interrupted: bool = False
+    exit_status: int = 0
+    sentence: str = ""
+
+
+class Engine:
+    """One run: construct, `plan()` to look, `run()` once."""
+
+    def __init__(self, options: Options, opener: Opener | None = None) -> None:
+        self.options = options
+        self.family = options.family
+        self.ledger = load_ledger(options.family.ledger)
+        self._opener = opener or self._open
+        self._emit: Listener = lambda event: None
+        self._blocked = ""
+        self._result = Result(options, self.plan())
+
+    def plan(self) -> Plan:
+        """Return what will run and what will not; raises UsageError for a word without a match."""
+        return make_plan(self.options, self.ledger, self.family.checks())
+
+    def run(self, on_event: Listener) -> Result:
+        """Run the plan.  Never raises for what the device, the port or a check does."""
+        self._emit = on_event
+        result = self._result
+        started = time.monotonic()
+        self._announce()
+        if result.plan.to_run:
+            self._run_on_target()
+        conclude(result, self.ledger)
+        for one in result.requirements:
+            self._emit(one.as_event())
+        counts = dict.fromkeys(Verdict, 0)
+        for one in result.requirements:
+            counts[one.verdict] += 1
+        problems = tuple(result.problems)
+        seconds = time.monotonic() - started
+        self._emit(
+            events.RunFinished(result.exit_status, result.sentence, counts, problems, seconds)
+        )
+        return result
+
+    def _announce(self) -> None:
+        options, plan = self.options, self._result.plan
+        self._emit(
+            events.RunStarted(
+                suite_version=metadata.version("axistwin"),
+                model=options.model,
+                target=options.url if options.port else f"built-in twin ({options.url})",
+                address=options.address,
+                neighbours=options.neighbours,
+                allowed=tuple(sorted(options.allowed)),
+                level=options.level,
+                seed=options.seed,
+                max_travel=options.envelope.max_travel,
+                max_speed=options.envelope.max_speed,
+                checks=tuple(check.name for check in plan.to_run),
+                left_out={check.name: reason for check, reason in plan.left_out},
+            )
+        )
+
+    # The target's life.
+
+    def _open(self, neighbours: tuple[int, ...]) -> Target:
+        url = replace(self.options, neighbours=neighbours).url
+        return open_target(url, self.options.baud, is_builtin=self.options.is_builtin)
+
+    def _run_on_target(self) -> None:
+        result = self._result
+        try:
+            with self._opened(self.options.neighbours) as run:
+                self._identify(run)
+                self._run_checks(run)
+                self._last_words(run)
+        except WrongDevice as error:
+            result.refusal = f"not a {self.options.model}: {error}"
+        except TargetError as error:
+            result.refusal = f"device unreachable: {error}"
+        except KeyboardInterrupt:
+            result.is_interrupted = True
+
+    @contextlib.contextmanager
+    def _opened(self, neighbours: tuple[int, ...]) -> Iterator[Run]:
+        """An open target; on the way out it is made safe and closed (rule 2)."""
+        run = self._start(neighbours)
+        try:
+            yield run
+        finally:
+            with _uninterrupted():
+                self._make_safe(run)
+                run.target.close()
+
+    def _start(self, neighbours: tuple[int, ...]) -> Run:
+        target = self._opener(neighbours)
+        options = self.options
+        return Run(
+            target=target,
+            family=self.family,
+            model=self.family.models[options.model],
+            ledger=self.ledger,
+            address=options.address,
+            neighbours=neighbours,
+            allowed=options.allowed,
+            envelope=options.envelope,
+            seed=options.seed,
+        )
+
+    def _identify(self, run: Run) -> None:
+        target, session = run.target, Session(run)
+        run.identity = self.family.probe(session)
+        if not self.family.sanity(session):
+            raise TargetError("it answered once and then no more")
+        # Virtual time has no jitter: three exchanges show what twenty would.
+        samples = 3 if target.is_virtual else ROUND_TRIPS
+        trip = target.measure_round_trip(lambda: self.family.sanity(session), samples)
+        self._note_retries(session)
+        identity = run.identity
+        self._emit(
+            events.Identified(identity.summary, identity.values, trip.median_ns, trip.max_ns)
+        )
+
+    def _last_words(self, run: Run) -> None:
+        if not self._blocked and not self._is_sane(run):
+            self._trouble("the device did not answer the closing sanity exchange")
+
+    def _make_safe(self, run: Run) -> None:
+        """Stop and put back on the way out, whichever it is, once anything but passive has run."""
+        if run.memory is None:
+            return
+        try:
+            self._settle(run)
+        except TargetError as error:
+            self._trouble(f"could not stop the axis or put its parameters back: {error}")
+
+    # Checks.
+
+    def _run_checks(self, run: Run) -> None:
+        checks = self._result.plan.to_run
+        for number, check in enumerate(checks, 1):
+            self._emit(
+                events.CheckStarted(
+                    number, len(checks), check.name, check.behaviour, check.requirements
+                )
+            )
+            if self._blocked:
+                result = self._blocked_result(check)
+            else:
+                result = self._run_one(run, check)
+            self._result.checks.append(result)
+            self._emit(result.as_event(number, len(checks), self.options.replay(check)))
+
+    def _run_one(self, run: Run, check: Check) -> CheckResult:
+        if "alone" in check.needs and run.neighbours:
+            return self._run_alone(run, check)
+        if check.danger > 0 and run.memory is None:
+            try:
+                run.memory = self.family.remember(Session(run))
+            except TargetError as error:
+                self._block(f"the parameters to put back could not be read: {error}")
+                return self._blocked_result(check)
+        result = self._attempt(run, check)
+        try:
+            if check.danger > 0:
+                self._settle(run)
+            is_sane = self._is_sane(run)
+        except TargetError as error:
+            is_sane = False
+            result = replace(result, trouble=result.trouble or str(error))
+        if not is_sane:
+            self._block(f"the device no longer answers after {check.name}")
+            result = result if run.target.is_virtual else result.withdrawn(self._blocked)
+        return result
+
+    def _run_alone(self, run: Run, check: Check) -> CheckResult:
+        """Run a check that needs the module alone on a line of its own (built-in twin only)."""
+        with self._opened(()) as other:
+            other.identity, other.readings = run.identity, run.readings
+            other.target.round_trip = run.target.round_trip
+            return self._run_one(other, check)
+
+    def _attempt(self, run: Run, check: Check) -> CheckResult:
+        """Run the check's function; whatever it does becomes a result."""
+        session = Session(run, check)
+        run.target.drain()
+        run.target.mark(f"check {check.name}")
+        run.target.gate = lambda data: self._guard(session, data)
+        started = time.monotonic()
+        outcome, trouble = Outcome.DONE, ""
+        try:
+            check(session)
+        except Stop:
+            pass
+        except TargetError as error:
+            outcome, trouble = Outcome.TROUBLE, str(error)
+        except Exception as error:  # rule 3: a mistake of the suite must not stop the run
+            outcome, trouble = Outcome.ERROR, _describe(error)
+        finally:
+            run.target.gate = None
+        findings = session.conclude(trouble)
+        seconds = time.monotonic() - started
+        return CheckResult(check, outcome, findings, tuple(session.retries), seconds, trouble)
+
+    def _guard(self, session: Session, data: bytes) -> None:
+        reason = self.family.guard(session, data)
+        assert reason is None, f"held back {data.hex(' ')}: {reason}"
+
+    # Between checks.
+
+    def _settle(self, run: Run) -> None:
+        """Stop, then put back, also if stopping went wrong; raises TargetError for a lost port."""
+        session = Session(run)
+        try:
+            self.family.stop(session)
+        finally:
+            for sentence in self.family.restore(session, run.memory):
+                self._trouble(f"not put back: {sentence}")
+        self._note_retries(session)
+
+    def _is_sane(self, run: Run) -> bool:
+        session = Session(run)
+        for pause_s in SANITY_PAUSES_S:
+            run.target.wait(pause_s)
+            run.target.drain()
+            if self.family.sanity(session):
+                self._note_retries(session)
+                return True
+        return False
+
+    def _block(self, reason: str) -> None:
+        self._blocked = reason
+        self._trouble(reason)
+
+    def _blocked_result(self, check: Check) -> CheckResult:
+        findings = tuple(
+            Finding(name, Verdict.INCONCLUSIVE, f"not started: {self._blocked}")
+            for name in check.requirements
+        )
+        return CheckResult(check, Outcome.BLOCKED, findings, (), 0.0, self._blocked)
+
+    def _trouble(self, text: str) -> None:
+        self._result.problems.append(text)
+        self._emit(events.Note(text))
+
+    def _note_retries(self, session: Session) -> None:
+        for text in session.retries:
+            self._emit(events.Note(f"between checks, asked again: {text}"))
+
+
+def _describe(error: Exception) -> str:
+    """The crash in one line: what, and the place in the suite where it happened."""
+    frames = traceback.extract_tb(error.__traceback__)
+    place = f" ({frames[-1].name}, line {frames[-1].lineno})" if frames else ""
+    return f"error in the suite: {type(error).__name__}: {error}{place}"
+
+
+@contextlib.contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Hold back Ctrl-C and termination while the device is made safe (bounded by time-outs)."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    for number in before:
+        signal.signal(number, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

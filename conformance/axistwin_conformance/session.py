@@ -11,7 +11,7 @@ import random
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from axistwin_conformance.ledger import Ledger
 from axistwin_conformance.registry import Check, Family, Identity, Model
@@ -55,6 +55,7 @@ class Run:
     envelope: Envelope
     seed: int
     identity: Identity | None = None
+    memory: Any = None  # what the family's `remember` read; None in a run that is passive only
     readings: dict[str, str] = field(default_factory=dict)  # switch → the reading seen in this run
 
 
@@ -70,7 +71,6 @@ class Session:
         self.findings: list[Finding] = []
         self.retries: list[str] = []
         self.passed: dict[str, int] = {}
-        self.memory: object = None  # for the family's hooks: what the probe wants to hand on
         self._started_at = run.target.transcript.position
 
     @property
@@ -112,6 +112,11 @@ class Session:
     def identity(self) -> Mapping[str, str]:
         """What the probe found out about the device."""
         return self.run.identity.values if self.run.identity else {}
+
+    @property
+    def memory(self) -> Any:
+        """What the device held before anything was changed, as the family's `remember` read it."""
+        return self.run.memory
 
     @property
     def readings(self) -> Mapping[str, str]:
@@ -252,16 +257,27 @@ class Session:
         """Write a line into the transcript, for the reader of a failure."""
         self.target.mark(text)
 
-    def conclude(self, reason: str) -> tuple[Finding, ...]:
-        """Return all findings; `reason` is why named requirements were not judged, if some."""
-        said = {finding.requirement for finding in self.findings}
+    def conclude(self, trouble: str) -> tuple[Finding, ...]:
+        """Return all findings, one at least for each requirement the check names.
+
+        `trouble`: what befell the check, empty if it ended as it meant to.  After trouble nothing
+        counts as passed: the judgements that were still to come might have failed.
+        """
+        said = [finding.requirement for finding in self.findings]
+        named = self.check.requirements if self.check else ()
+        if trouble:
+            rest = [
+                Finding(name, Verdict.INCONCLUSIVE, trouble)
+                for name in dict.fromkeys([*named, *self.passed])
+                if name not in said
+            ]
+            return tuple(self.findings + rest)
         passes = [
             Finding(name, Verdict.PASS, f"{count} judgements held" if count > 1 else "held")
             for name, count in self.passed.items()
         ]
-        named = self.check.requirements if self.check else ()
         silent = [
-            Finding(name, Verdict.NOT_RUN, reason)
+            Finding(name, Verdict.NOT_RUN, "the check ended without judging it")
             for name in named
             if name not in said and name not in self.passed
         ]

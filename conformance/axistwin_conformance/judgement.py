@@ -1,0 +1,174 @@
+"""From findings of checks to one verdict per requirement, one exit status and one sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from axistwin_conformance import events
+from axistwin_conformance.events import Outcome
+from axistwin_conformance.ledger import Ledger, Requirement
+from axistwin_conformance.registry import Check
+from axistwin_conformance.verdicts import Finding, Verdict, merge
+
+if TYPE_CHECKING:
+    from axistwin_conformance.engine import Result
+
+CONFORMS, FAILS, USAGE, UNREACHABLE, UNSETTLED, INTERRUPTED = 0, 1, 2, 3, 4, 130
+
+NO_RIG = "needs a rig that works inputs, supply or load"
+NOT_COVERED = "not covered: no check judges it yet"
+
+
+@dataclass(frozen=True, slots=True)
+class CheckResult:
+    """What came of one check."""
+
+    check: Check
+    outcome: Outcome
+    findings: tuple[Finding, ...]
+    retries: tuple[str, ...]
+    seconds: float
+    trouble: str
+
+    @property
+    def verdict(self) -> Verdict:
+        """The worst of its findings."""
+        return merge(finding.verdict for finding in self.findings)
+
+    def withdrawn(self, reason: str) -> CheckResult:
+        """Return the result with every judgement withdrawn: the device was lost under it."""
+        said = (
+            replace(
+                one,
+                verdict=Verdict.INCONCLUSIVE,
+                text=_join(f"{one.verdict}, but {reason}", one.text),
+            )
+            if one.verdict.is_judgement
+            else one
+            for one in self.findings
+        )
+        return replace(
+            self, findings=tuple(said), outcome=Outcome.TROUBLE, trouble=self.trouble or reason
+        )
+
+    def as_event(self, number: int, total: int, replay: str) -> events.CheckFinished:
+        """Return the event that tells this."""
+        return events.CheckFinished(
+            number, total, self.check.name, self.outcome, self.verdict, self.findings,
+            self.retries, self.seconds, self.trouble, replay,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class RequirementResult:
+    """The verdict on one requirement, the reason in a line, and who spoke about it."""
+
+    requirement: Requirement
+    verdict: Verdict
+    reason: str
+    checks: tuple[str, ...]
+    findings: tuple[tuple[str, Finding], ...]  # name of the check, what it said
+
+    def as_event(self) -> events.RequirementJudged:
+        """Return the event that tells this."""
+        one = self.requirement
+        return events.RequirementJudged(
+            one.id, one.kind, one.text, self.verdict, self.reason, self.checks
+        )
+
+
+def conclude(result: Result, ledger: Ledger) -> None:
+    """Fill in the verdicts per requirement, the exit status and the closing sentence."""
+    unstarted = _unstarted(result)
+    spoken: dict[str, list[tuple[str, Finding]]] = {}
+    for ran in result.checks:
+        for finding in ran.findings:
+            spoken.setdefault(finding.requirement, []).append((ran.check.name, finding))
+    judged = []
+    for key, requirement in ledger.requirements.items():
+        one = _judge(requirement, spoken.get(key, []), unstarted)
+        # A breach seen by the way is told, also if nobody asked about that requirement.
+        if key in result.plan.requirements or one.verdict is Verdict.FAIL:
+            judged.append(one)
+    result.requirements = tuple(judged)
+    result.exit_status = _exit_status(result)
+    result.sentence = _sentence(result)
+
+
+def _unstarted(result: Result) -> dict[Check, str]:
+    """Checks of the selection that did not start, with the reason."""
+    started = {one.check for one in result.checks}
+    reason = result.refusal or "the run was interrupted"
+    reasons = dict(result.plan.left_out)
+    reasons.update({check: reason for check in result.plan.to_run if check not in started})
+    return reasons
+
+
+def _judge(
+    requirement: Requirement,
+    spoken: list[tuple[str, Finding]],
+    unstarted: Mapping[Check, str],
+) -> RequirementResult:
+    missing = {c.name: why for c, why in unstarted.items() if requirement.id in c.requirements}
+    verdict = merge(finding.verdict for _, finding in spoken)
+    names = tuple(dict.fromkeys([name for name, _ in spoken] + list(missing)))
+    reason = _reason(requirement, verdict, [f for _, f in spoken], missing)
+    return RequirementResult(requirement, verdict, reason, names, tuple(spoken))
+
+
+def _reason(
+    requirement: Requirement, verdict: Verdict, findings: list[Finding], missing: Mapping[str, str]
+) -> str:
+    if not findings and not missing:
+        if requirement.not_on_wire:
+            return f"not on the wire: {requirement.not_on_wire}"
+        return NO_RIG if "rig" in requirement.safety else NOT_COVERED
+    texts = [] if verdict is Verdict.PASS else [f.text for f in findings if f.verdict is verdict]
+    if missing and verdict is not Verdict.FAIL:
+        part = f"{len(missing)} of its checks not run: " if findings else ""
+        texts += [part + why for why in dict.fromkeys(missing.values())]
+    return _join(*dict.fromkeys(texts))
+
+
+def _join(*texts: str) -> str:
+    return "; ".join(text for text in texts if text)
+
+
+def _exit_status(result: Result) -> int:
+    verdicts = [one.verdict for one in result.requirements]
+    if result.refusal:
+        return UNREACHABLE
+    if Verdict.FAIL in verdicts:
+        return FAILS
+    if result.is_interrupted:
+        return INTERRUPTED
+    has_error = any(one.outcome is Outcome.ERROR for one in result.checks)
+    if Verdict.INCONCLUSIVE in verdicts or result.problems or has_error:
+        return UNSETTLED
+    return CONFORMS if any(one.is_judgement for one in verdicts) else USAGE
+
+
+def _sentence(result: Result) -> str:
+    """The closing sentence, fit to be quoted alone."""
+    model, total = result.options.model, len(result.requirements)
+    count = dict.fromkeys(Verdict, 0)
+    for one in result.requirements:
+        count[one.verdict] += 1
+    judged = sum(number for verdict, number in count.items() if verdict.is_judgement)
+    scope = f"{judged} of {total} requirements judged"
+    if result.refusal:
+        return f"Not judged: {result.refusal}."
+    if result.exit_status == FAILS:
+        return f"The device does not conform to {model}: {count[Verdict.FAIL]} failed, {scope}."
+    if result.exit_status == INTERRUPTED:
+        return f"Interrupted; nothing failed so far, {scope}."
+    if result.exit_status == UNSETTLED:
+        open_ends = count[Verdict.INCONCLUSIVE]
+        why = f"{open_ends} stayed inconclusive" if open_ends else "; ".join(result.problems)
+        return f"No verdict on {model}: nothing failed, but {why or 'a check crashed'}; {scope}."
+    if result.exit_status == USAGE:
+        return "Nothing was judged: every check was left out (see the reasons above)."
+    quirks = f", {count[Verdict.QUIRK]} of them with a quirk" if count[Verdict.QUIRK] else ""
+    return f"The device conforms to {model} in all that was judged: {scope}{quirks}."

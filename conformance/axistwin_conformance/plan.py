@@ -1,0 +1,133 @@
+"""The plan: which checks will run, in which order, and why the others will not.
+
+Order: passive, motion, stored, rig, destructive; within a class as the family lists them.
+"""
+
+from __future__ import annotations
+
+import difflib
+import shlex
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from axistwin_conformance.errors import UsageError
+from axistwin_conformance.ledger import Ledger
+from axistwin_conformance.registry import LEVELS, NEEDS, Check, Family
+from axistwin_conformance.session import Envelope
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What the user asked for.
+
+    `port`: a pyserial URL or device, None for the built-in twin.  `words`: requirement ids,
+    prefixes of them, or names of checks; none means everything.
+    """
+
+    family: Family
+    model: str
+    port: str | None
+    address: int
+    neighbours: tuple[int, ...]
+    baud: int
+    allowed: frozenset[str]
+    envelope: Envelope
+    level: str
+    seed: int
+    words: tuple[str, ...] = ()
+
+    @property
+    def is_builtin(self) -> bool:
+        """True if the built-in twin is to be judged."""
+        return self.port is None
+
+    @property
+    def url(self) -> str:
+        """What to open."""
+        return self.port or self.family.twin_url(self.model, self.address, self.neighbours)
+
+    @property
+    def provided(self) -> frozenset[str]:
+        """The needs (of `registry.NEEDS`) that this run can meet."""
+        met = {"neighbour"} if self.neighbours else {"alone"}
+        if self.is_builtin:
+            met |= {"alone", "virtual"}  # a second line with one module costs nothing there
+        return frozenset(met)
+
+    def replay(self, check: Check) -> str:
+        """Return the command that runs one check as this run did."""
+        words = ["axistwin", "conform", self.model]
+        if self.port is not None:
+            words += ["--port", self.port, "--baud", str(self.baud)]
+            granted = sorted(self.allowed - {"passive"})
+            words += ["--allow", ",".join(granted)] if granted else []
+            words += ["--max-travel", str(self.envelope.max_travel)]
+            words += ["--max-speed", str(self.envelope.max_speed)]
+            words += [text for one in self.neighbours for text in ("--neighbour", str(one))]
+        if self.address != self.family.default_address:
+            words += ["--address", str(self.address)]
+        words += ["--level", self.level] if self.level != LEVELS[-1] else []
+        return shlex.join([*words, "--seed", str(self.seed), check.name])
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What will be run, in order, what will not and why; and the requirements asked about."""
+
+    requirements: tuple[str, ...]
+    to_run: tuple[Check, ...]
+    left_out: tuple[tuple[Check, str], ...]
+
+
+def make_plan(options: Options, ledger: Ledger, checks: Sequence[Check]) -> Plan:
+    """Plan a run; raises UsageError for a word that selects nothing."""
+    requirements, chosen = _select(options.words, ledger, checks)
+    ordered = sorted(chosen, key=lambda check: check.danger)  # stable: the family's order stays
+    reasons = [(check, _obstacle(check, options)) for check in ordered]
+    return Plan(
+        requirements,
+        tuple(check for check, reason in reasons if not reason),
+        tuple((check, reason) for check, reason in reasons if reason),
+    )
+
+
+def _obstacle(check: Check, options: Options) -> str:
+    """Say why a check will not run; empty if it will."""
+    forbidden = [name for name in check.safety if name not in options.allowed]
+    if forbidden:
+        return f"not allowed: {', '.join(forbidden)} (--allow {','.join(forbidden)})"
+    if LEVELS.index(check.level) > LEVELS.index(options.level):
+        return f"only at --level {check.level}"
+    missing = [NEEDS[name] for name in check.needs if name not in options.provided]
+    return "; ".join(missing)
+
+
+def _select(
+    words: Sequence[str], ledger: Ledger, checks: Sequence[Check]
+) -> tuple[tuple[str, ...], tuple[Check, ...]]:
+    if not words:
+        return tuple(ledger.requirements), tuple(checks)
+    requirements: set[str] = set()
+    named: set[str] = set()
+    for word in words:
+        matching = {key for key in ledger.requirements if key.startswith(word.upper())}
+        exact = {check.name for check in checks if check.name == word}
+        if not matching and not exact:
+            raise UsageError(_no_match(word, [*ledger.requirements, *(c.name for c in checks)]))
+        requirements |= matching
+        named |= exact
+    chosen = tuple(
+        check
+        for check in checks
+        if check.name in named or not requirements.isdisjoint(check.requirements)
+    )
+    asked = requirements.union(*(check.requirements for check in checks if check.name in named))
+    return tuple(key for key in ledger.requirements if key in asked), chosen
+
+
+def _no_match(word: str, known: Iterable[str]) -> str:
+    near = difflib.get_close_matches(word, known, n=1) or difflib.get_close_matches(
+        word.upper(), known, n=1
+    )
+    hint = f"; did you mean {near[0]}?" if near else ""
+    return f"{word!r} matches no requirement, prefix or check{hint} (--list shows them all)"
