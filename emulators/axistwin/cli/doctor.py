@@ -1,0 +1,197 @@
+"""``axistwin doctor``: what this machine can do, each line with the remedy if it cannot.
+
+A check is one function that returns what it found, or raises ``Lack`` with the remedy.
+"""
+
+import importlib.util
+import json
+import os
+import select
+import socket
+import tempfile
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import click
+
+EXIT_LACKING = 1
+
+_VCAN_REMEDY = "modprobe vcan && ip link add vcan0 type vcan && ip link set vcan0 up"
+
+
+class Lack(Exception):  # noqa: N818 - a finding, not a failure of ours
+    """What is missing, and the remedy."""
+
+    def __init__(self, found: str, remedy: str) -> None:
+        super().__init__(found)
+        self.found = found
+        self.remedy = remedy
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """The outcome of one check; ``needed``: without it ``axistwin run`` cannot do its work."""
+
+    name: str
+    ok: bool
+    needed: bool
+    found: str
+    remedy: str = ""
+
+
+def check_pty() -> str:
+    """A pseudo terminal can be made, and carries bytes."""
+    import pty
+    import tty
+
+    try:
+        master, slave = pty.openpty()
+    except OSError as error:
+        raise Lack(
+            f"no pseudo terminal to be had ({error.strerror})",
+            "mount devpts at /dev/pts, or raise kernel.pty.max; --tcp works without",
+        ) from None
+    try:
+        tty.setraw(slave)
+        os.write(master, b"\x13")
+        if not select.select([slave], [], [], 1.0)[0] or os.read(slave, 1) != b"\x13":
+            raise Lack("a pseudo terminal does not carry bytes", "use --tcp or --rfc2217")
+        return f"works ({os.ttyname(slave)})"
+    finally:
+        os.close(master)
+        os.close(slave)
+
+
+def check_inotify() -> str:
+    """A client that opens a pty can be noticed."""
+    import ctypes
+
+    libc = ctypes.CDLL(None, use_errno=True)
+    fd = libc.inotify_init1(os.O_CLOEXEC)
+    if fd < 0:
+        raise Lack(
+            f"inotify fails ({os.strerror(ctypes.get_errno())})",
+            "sysctl fs.inotify.max_user_instances=512",
+        )
+    os.close(fd)
+    return "works"
+
+
+def check_loopback() -> str:
+    """A TCP port on the loopback can be served and reached."""
+    try:
+        with (
+            socket.create_server(("127.0.0.1", 0)) as server,
+            socket.create_connection(server.getsockname(), timeout=1.0),
+        ):
+            return "works (127.0.0.1)"
+    except OSError as error:
+        raise Lack(f"127.0.0.1 fails ({error.strerror or error})", "ip link set lo up") from None
+
+
+def check_folder() -> str:
+    """A link and a state folder can be made here."""
+    here = Path.cwd()
+    try:
+        with tempfile.TemporaryDirectory(prefix=".axistwin-", dir=here):
+            return f"{here} is writable"
+    except OSError as error:
+        raise Lack(
+            f"{here} cannot be written ({error.strerror})",
+            "go to a folder of yours, or give --pty and --state paths that are",
+        ) from None
+
+
+def check_real_ports() -> str:
+    """Serial ports of this machine, for judging a real device."""
+    from serial.tools import list_ports
+
+    ports = [port.device for port in list_ports.comports()]
+    if not ports:
+        raise Lack("none found", "plug in an adapter; a twin needs none")
+    denied = [port for port in ports if not os.access(port, os.R_OK | os.W_OK)]
+    if denied:
+        raise Lack(
+            f"no permission for {', '.join(denied)}",
+            "sudo usermod -aG dialout $USER, then log in again",
+        )
+    return ", ".join(ports)
+
+
+def check_can() -> str:
+    """CAN in the kernel, for the CAN models."""
+    try:
+        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+    except (AttributeError, OSError):
+        raise Lack("the kernel has no CAN", f"{_VCAN_REMEDY} (on a kernel with CAN)") from None
+    names = [name for _, name in socket.if_nameindex() if "can" in name]
+    if not names:
+        raise Lack("CAN works, but there is no interface", _VCAN_REMEDY)
+    return ", ".join(names)
+
+
+def check_uhid() -> str:
+    """USB HID devices made by programs, for the HID models."""
+    path = Path("/dev/uhid")
+    if not path.exists():
+        raise Lack("there is no /dev/uhid", "modprobe uhid (on a kernel that has it)")
+    if not os.access(path, os.R_OK | os.W_OK):
+        raise Lack("no permission for /dev/uhid", "run as root, or add a udev rule for it")
+    return "works"
+
+
+def check_suite() -> str:
+    """The conformance suite and what it needs."""
+    missing = [
+        name
+        for name in ("axistwin_conformance", "hypothesis", "rich")
+        if importlib.util.find_spec(name) is None
+    ]
+    if missing:
+        raise Lack(f"missing: {', '.join(missing)}", "pip install 'axistwin[conformance]'")
+    return "installed"
+
+
+# Name, whether "run" needs it, the check.
+CHECKS: tuple[tuple[str, bool, Callable[[], str]], ...] = (
+    ("pseudo terminals", True, check_pty),
+    ("inotify", True, check_inotify),
+    ("loopback TCP", True, check_loopback),
+    ("current folder", True, check_folder),
+    ("serial ports", False, check_real_ports),
+    ("CAN interfaces", False, check_can),
+    ("HID (uhid)", False, check_uhid),
+    ("conformance suite", False, check_suite),
+)
+
+
+def examine() -> list[Finding]:
+    """The findings of all checks."""
+    findings = []
+    for name, needed, check in CHECKS:
+        try:
+            findings.append(Finding(name, True, needed, check()))
+        except Lack as lack:
+            findings.append(Finding(name, False, needed, lack.found, lack.remedy))
+    return findings
+
+
+@click.command()
+@click.option("--json", "as_json", is_flag=True, help="One JSON object per line.")
+@click.pass_context
+def doctor(ctx: click.Context, as_json: bool) -> None:
+    """Say what this machine can do, and how to make it do more.
+
+    Exit status 0 unless something is missing that 'axistwin run' needs, then 1.
+    """
+    findings = examine()
+    for finding in findings:
+        if as_json:
+            click.echo(json.dumps(asdict(finding)))
+            continue
+        mark = "ok" if finding.ok else "MISSING" if finding.needed else "missing"
+        click.echo(f"{mark:8} {finding.name:18} {finding.found}")
+        if finding.remedy:
+            click.echo(f"{'':8} {'':18} remedy: {finding.remedy}")
+    ctx.exit(EXIT_LACKING if any(f.needed and not f.ok for f in findings) else 0)

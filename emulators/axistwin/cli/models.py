@@ -1,0 +1,96 @@
+"""``axistwin models``: what can be run, and what can be switched in it."""
+
+import json
+
+import click
+
+from axistwin import catalog
+from axistwin.catalog import Model
+from axistwin.errors import UsageError, nearest
+
+
+@click.command()
+@click.argument("name", metavar="[MODEL]", required=False)
+@click.option("--json", "as_json", is_flag=True, help="As JSON.")
+def models(name: str | None, as_json: bool) -> None:
+    """List the models, or one model's quirks.
+
+    A quirk is a switch for a point that the manuals leave open or contradict one another in, or in
+    which real units may differ.  The first value is the default.  The ID names the point.
+
+    \b
+    axistwin models
+    axistwin models mac23
+    axistwin run mac23 --quirk xon_byte=11h
+    """
+    known = catalog.models()
+    if name is None:
+        click.echo(json.dumps(_summaries(known)) if as_json else _table(known))
+        return
+    if name not in known:
+        raise UsageError(f"unknown model {name!r}; {nearest(name, known)}")
+    model = known[name]
+    click.echo(json.dumps(_summary(model, with_quirks=True)) if as_json else _details(model))
+
+
+def _summaries(known: dict[str, Model]) -> list[dict[str, object]]:
+    return [_summary(model) for model in known.values()]
+
+
+def _summary(model: Model, *, with_quirks: bool = False) -> dict[str, object]:
+    summary: dict[str, object] = {
+        "name": model.name,
+        "description": model.description,
+        "addresses": [model.addresses[0], model.addresses[-1]],
+        "default_address": model.default_address,
+        "default_baud": model.default_baud,
+    }
+    if with_quirks:
+        summary["quirks"] = [
+            {
+                "name": quirk.name,
+                "source": quirk.source,
+                "allowed": list(quirk.allowed),
+                "default": quirk.default,
+                "meaning": quirk.doc,
+            }
+            for quirk in model.quirks.values()
+        ]
+    return summary
+
+
+def _addresses(model: Model) -> str:
+    return f"{model.addresses[0]}..{model.addresses[-1]}"
+
+
+def _table(known: dict[str, Model]) -> str:
+    """One line per model."""
+    rows = [("MODEL", "ADDRESSES", "BAUD", "DESCRIPTION")]
+    rows += [
+        (model.name, _addresses(model), str(model.default_baud), model.description)
+        for model in known.values()
+    ]
+    widths = [max(len(row[column]) for row in rows) for column in range(3)]
+    return "\n".join(
+        "  ".join([*(cell.ljust(width) for cell, width in zip(row, widths, strict=False)), row[-1]])
+        for row in rows
+    )
+
+
+def _details(model: Model) -> str:
+    """One model and all its quirks, three lines each."""
+    lines = [
+        f"{model.name}: {model.description}",
+        f"addresses: {_addresses(model)}, default {model.default_address}",
+        f"rate from the factory: {model.default_baud} baud",
+        "",
+        "quirks (--quirk NAME=VALUE):",
+    ]
+    for quirk in model.quirks.values():
+        lines += [
+            "",
+            f"  {quirk.name} = {quirk.default}    [{quirk.source}]",
+            f"      {quirk.doc}",
+            f"      values: {', '.join(quirk.allowed)}",
+        ]
+    return "\n".join(lines)

@@ -1,0 +1,269 @@
+"""``axistwin run``: twins on a serial line, served until a signal ends it."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from axistwin.cli import systemd
+from axistwin.errors import UsageError
+
+if TYPE_CHECKING:
+    from axistwin.runtime.line import Line
+    from axistwin.runtime.server import Port
+
+_HELP_PTY = "Pseudo terminal behind the symbolic link LINK (default: ./MODEL of the first device)."
+_HELP_TCP = "Raw TCP, several clients; port 0: any free one.  For socket://HOST:PORT."
+_HELP_RFC2217 = "TCP with rate, framing and break, one client.  For rfc2217://HOST:PORT."
+
+
+@click.command(
+    epilog="Ends on Ctrl-C or SIGTERM, with the link removed and the state saved.  "
+    "Quirks: 'axistwin models MODEL'.  This machine: 'axistwin doctor'."
+)
+@click.argument("devices", metavar="MODEL[:ADDRESS]...", nargs=-1)
+@click.option("--pty", "links", metavar="LINK", multiple=True, help=_HELP_PTY)
+@click.option("--tcp", "tcp", metavar="HOST:PORT", multiple=True, help=_HELP_TCP)
+@click.option("--rfc2217", "rfc2217", metavar="HOST:PORT", multiple=True, help=_HELP_RFC2217)
+@click.option(
+    "--state",
+    metavar="DIR",
+    help="Folder that holds what the modules store (default: nothing outlives this run).",
+)
+@click.option("--profile", metavar="FILE", help="Quirks from a TOML file.")
+@click.option(
+    "--quirk", "quirks", metavar="NAME=VALUE", multiple=True, help="One quirk; beats --profile."
+)
+@click.option(
+    "--baud",
+    type=int,
+    metavar="N",
+    help="Rate stored in the modules, bits per second (default: the stored one, else factory's).",
+)
+@click.option(
+    "--speed",
+    type=float,
+    default=1.0,
+    metavar="X",
+    show_default=True,
+    help="Run X times as fast as real time.",
+)
+@click.option(
+    "--no-pacing", is_flag=True, help="Bytes take no time on the line; the modules' own times stay."
+)
+@click.option(
+    "--cold", is_flag=True, help="Apply the supply now: the modules are deaf for their first 2 s."
+)
+@click.option(
+    "--seed", type=int, default=0, metavar="N", show_default=True, help="Of everything random."
+)
+@click.option(
+    "--capture",
+    metavar="FILE",
+    help="Append what is said on the line: time in ms, > or <, bytes in hex, meaning.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Events on stdout, one JSON object per line.")
+def run(
+    devices: tuple[str, ...],
+    links: tuple[str, ...],
+    tcp: tuple[str, ...],
+    rfc2217: tuple[str, ...],
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Run twins on one serial line that any program can open.
+
+    Several devices share the line, as modules on RS-485 do.  Several endpoints may be given; every
+    client hears the whole line.  When clients can connect, one line per device says so:
+
+    \b
+    $ axistwin run mac23
+    ready mac23:0 pty=./mac23 (/dev/pts/5)
+
+    \b
+    axistwin run mac23:0 mac34-1:5 --pty ./mac --state ./mac.state
+    axistwin run mac23 --tcp 127.0.0.1:5000 --rfc2217 127.0.0.1:5001
+    axistwin run mac23:7Fh --no-pacing --quirk reply_latency_us=0
+
+    ADDRESS: 0..127, also as 7Fh or 0x7F; default 0.
+    """
+    if not devices:
+        raise UsageError("run: which devices? such as 'axistwin run mac23'; see 'axistwin models'")
+    from axistwin.runtime.server import Server
+
+    line = make_line(devices, **options)
+    ports = make_ports(line, links or _default_links(devices, tcp, rfc2217), tcp, rfc2217)
+    if options["state"] is None:
+        click.echo(
+            "axistwin: memory is volatile, it ends with this run; --state keeps it", err=True
+        )
+    reporter = Reporter(as_json)
+    server = Server(line, ports, report=reporter.event)
+    with contextlib.closing(line), recording(line, options["capture"]):
+        server.open()
+        reporter.ready(line, ports)
+        systemd.notify("READY=1")
+        try:
+            server.run(stop_on=(signal.SIGINT, signal.SIGTERM))
+        finally:
+            systemd.notify("STOPPING=1")
+    reporter.event({"event": "stopped"})
+
+
+def _default_links(
+    devices: tuple[str, ...], tcp: tuple[str, ...], rfc2217: tuple[str, ...]
+) -> tuple[str, ...]:
+    """Without any endpoint: a pty named after the first model."""
+    return () if tcp or rfc2217 else (f"./{devices[0].partition(':')[0]}",)
+
+
+def make_line(
+    devices: tuple[str, ...],
+    *,
+    state: str | None,
+    profile: str | None,
+    quirks: tuple[str, ...],
+    baud: int | None,
+    speed: float,
+    no_pacing: bool,
+    cold: bool,
+    seed: int,
+    capture: str | None = None,
+) -> Line:
+    """The line with its modules, as the options say.  Raises UsageError and StateError."""
+    from axistwin import catalog
+    from axistwin.runtime.clock import PacedClock
+    from axistwin.runtime.storage import MemoryStorage, Storage
+
+    specs = [catalog.parse_device(text) for text in devices]
+    settings: dict[str, object] = {}
+    if profile is not None:
+        settings.update(read_profile(profile, {spec.model for spec in specs}))
+    settings.update(parse_settings(quirks))
+    return catalog.build_line(
+        specs,
+        quirks=settings,
+        seed=seed,
+        clock=PacedClock(speed),
+        paced=not no_pacing,
+        storage=MemoryStorage() if state is None else Storage(state),
+        baud=baud,
+        cold=cold,
+    )
+
+
+def parse_settings(quirks: tuple[str, ...]) -> dict[str, str]:
+    """``NAME=VALUE`` texts as a mapping.  Raises UsageError."""
+    settings = {}
+    for text in quirks:
+        name, equals, value = text.partition("=")
+        if not equals or not name.strip():
+            raise UsageError(f"quirk {text!r}: NAME=VALUE is needed, such as xon_byte=11h")
+        settings[name.strip()] = value.strip()
+    return settings
+
+
+def read_profile(file: str, models: set[str]) -> dict[str, object]:
+    """The quirks of a profile that is meant for one of ``models``.  Raises UsageError."""
+    import tomllib
+
+    try:
+        profile = tomllib.loads(Path(file).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UsageError(f"profile {file}: {error.strerror}; give an existing file") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UsageError(f"profile {file}: this is not TOML ({error})") from None
+    unknown = set(profile) - {"model", "quirks"}
+    if unknown:
+        raise UsageError(f"profile {file}: unknown entry {min(unknown)!r}; known: model, [quirks]")
+    model, quirks = profile.get("model"), profile.get("quirks", {})
+    if model is not None and model not in models:
+        raise UsageError(
+            f"profile {file}: it is for {model}, and the line has {', '.join(sorted(models))}"
+        )
+    if not isinstance(quirks, dict):
+        raise UsageError(f"profile {file}: 'quirks' must be a table, [quirks]")
+    return quirks
+
+
+def make_ports(
+    line: Line, links: tuple[str, ...], tcp: tuple[str, ...], rfc2217: tuple[str, ...]
+) -> list[Port]:
+    """The endpoints, not open yet; warns of those that others can reach.  Raises UsageError."""
+    ports: list[Port] = []
+    if links:
+        from axistwin.ports.pty import PtyPort
+
+        ports += [PtyPort(link, line.device_format) for link in links]
+    if tcp or rfc2217:
+        from axistwin.ports.rfc2217 import Rfc2217Port
+        from axistwin.ports.tcp import TcpPort, is_loopback
+
+        listening = [*map(TcpPort, tcp), *map(Rfc2217Port, rfc2217)]
+        for port in listening:
+            if not is_loopback(port.host):
+                click.echo(
+                    f"axistwin: {port.kind} {port.host}: anyone who reaches this address can "
+                    "drive the twin, there is no password",
+                    err=True,
+                )
+        ports += listening
+    return ports
+
+
+@contextlib.contextmanager
+def recording(line: Line, file: str | None) -> Iterator[None]:
+    """Append what is said on the line to ``file`` meanwhile.  Raises UsageError."""
+    if file is None:
+        yield
+        return
+    try:
+        stream = Path(file).open("a", encoding="utf-8", buffering=1)  # noqa: SIM115
+    except OSError as error:
+        raise UsageError(
+            f"capture {file}: cannot be written ({error.strerror}); choose another file"
+        ) from None
+    with stream:
+        yield
+
+
+class Reporter:
+    """Events on stdout: ready lines for people, or everything as JSON for programs."""
+
+    def __init__(self, as_json: bool) -> None:
+        self._as_json = as_json
+
+    def ready(self, line: Line, ports: list[Port]) -> None:
+        """One event per device: clients can connect."""
+        endpoints = [{"endpoint": port.kind, "url": port.url} for port in ports]
+        for twin in line.twins:
+            if self._as_json:
+                self.event(
+                    {"event": "ready", "device": twin.name, **endpoints[0], "endpoints": endpoints}
+                )
+            else:
+                where = " ".join(f"{port.kind}={port.describe()}" for port in ports)
+                self._say(f"ready {twin.name} {where}")
+
+    def event(self, event: Mapping[str, object]) -> None:
+        """Tell one event; people are only told when clients can connect."""
+        if self._as_json:
+            self._say(json.dumps(event))
+
+    def _say(self, text: str) -> None:
+        """Whoever started us may have stopped listening, which is no reason to end."""
+        with contextlib.suppress(BrokenPipeError):
+            try:
+                sys.stdout.write(text + "\n")
+                sys.stdout.flush()
+            except BrokenPipeError:
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+                raise

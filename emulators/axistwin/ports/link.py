@@ -1,0 +1,85 @@
+"""A stable name for a pty: a symbolic link that only one living process may serve.
+
+Rules
+-----
+1. A link is served by whoever holds its lock, a name in Linux's abstract socket space that is made
+   of the link's path.  The kernel drops it with the process, however that ends, and it leaves
+   nothing in the folder.
+2. Only a link that points to a pty is ever replaced, and that atomically, so that the name is never
+   missing and a file of the user's is never lost.
+3. It is removed by its owner alone, and only while it still points to the owner's pty.
+"""
+
+import contextlib
+import errno
+import os
+import socket
+from pathlib import Path
+
+from axistwin.errors import PortError
+
+_PTY_FOLDER = "/dev/pts/"
+
+
+class Link:
+    """The symbolic link at ``path``; ``claim`` it, ``point`` it somewhere, ``remove`` it."""
+
+    def __init__(self, path: str) -> None:
+        self.path = Path(path)
+        self._lock: socket.socket | None = None
+        self._target: str | None = None
+
+    def claim(self) -> None:
+        """Make sure that the path is ours to use.  Raises PortError."""
+        folder = self.path.parent
+        if not folder.is_dir():
+            raise PortError(f"pty link {self.path}: there is no folder {folder}; create it first")
+        place = folder.resolve() / self.path.name
+        lock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        try:
+            lock.bind(b"\0axistwin-link:" + os.fsencode(place)[-90:])
+        except OSError as error:
+            lock.close()
+            if error.errno != errno.EADDRINUSE:
+                raise
+            raise PortError(
+                f"pty link {self.path}: in use, another axistwin serves it; choose another --pty"
+            ) from None
+        self._lock = lock
+        if self.path.is_symlink():
+            target = str(self.path.readlink())
+            if target.startswith(_PTY_FOLDER):
+                return
+            what = f"a link to {target}"
+        elif self.path.exists():
+            what = "a folder" if self.path.is_dir() else "a file"
+        else:
+            return
+        raise PortError(
+            f"pty link {self.path}: {what} is there, which will not be replaced; "
+            "choose another --pty or remove it"
+        )
+
+    def point(self, target: str) -> None:
+        """Make the link point to ``target``.  Raises PortError."""
+        new = self.path.with_name(f".{self.path.name}.{os.getpid()}")
+        try:
+            new.unlink(missing_ok=True)
+            new.symlink_to(target)
+            new.replace(self.path)
+        except OSError as error:
+            raise PortError(
+                f"pty link {self.path}: cannot be created ({error.strerror}); choose another --pty"
+            ) from None
+        self._target = target
+
+    def remove(self) -> None:
+        """Remove the link if it is still ours, and let go of the name."""
+        if self._target is not None:
+            with contextlib.suppress(OSError):
+                if str(self.path.readlink()) == self._target:
+                    self.path.unlink()
+            self._target = None
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None

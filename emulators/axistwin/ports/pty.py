@@ -1,0 +1,228 @@
+"""A pseudo terminal: to the client a serial port, opened by its path.
+
+What a pty shows and hides
+--------------------------
+- The kernel keeps the settings of the client's side (the *slave*); we read them at the master.  The
+  rate (odd ones too) and the stop bits show.  Parity and data bits do not (the driver forces 8N),
+  nor do break and the modem lines; a client that needs those uses RFC 2217.
+- A pty has no rate of its own: the line behind it keeps the time.
+
+Clients come and go
+-------------------
+- The slave is not kept open here.  When the last client closes it, the master first gives the rest
+  of the data and then EIO, again and again; so reading stops, and what that client has left unread
+  is dropped, as a closed serial port drops it.
+- An inotify watch tells of the next open.  It may merge two opens into one notice, so nothing is
+  counted: whether somebody is there is always the answer of the master itself.
+- The settings outlive the clients, as those of a real port do; only "raw" is put back.
+
+Two flags that mean nothing
+---------------------------
+glibc's ``tcsetattr`` fails with EINVAL when all that a client changes is parity or data bits, since
+neither sticks to a pty: the second program that opens a port with 8E1 would get an error.  So two
+local flags that mean nothing on a raw terminal, ECHONL and ECHOK, are kept set: every client
+clears them, thus changes something, and succeeds.  They are set again as soon as bytes show that
+they are gone, since a client that closes and opens again is faster than any notice of it.
+"""
+
+import contextlib
+import ctypes
+import fcntl
+import os
+import pty
+import select
+import struct
+import termios
+import tty
+from collections.abc import Callable
+
+from axistwin.errors import PortError
+from axistwin.ports.link import Link
+from axistwin.ports.stream import Stream
+from axistwin.runtime.server import Server
+from axistwin.wire.framing import LineFormat
+
+# Linux's asm-generic/termbits.h; the termios module knows neither these nor odd rates.
+_TCGETS2, _TCSETS2, _TCSETSF2 = 0x802C542A, 0x402C542B, 0x402C542D
+_CBAUD, _BOTHER, _CIBAUD_SHIFT = 0o010017, 0o010000, 16
+# struct termios2: input, output, control and local flags, line and characters, two rates.
+_SETTINGS = struct.Struct("=IIII20sII")
+_COOKED = termios.ICANON | termios.ECHO | termios.ISIG
+_ARMED = termios.ECHONL | termios.ECHOK
+
+_IN_OPEN = 0x20
+_NOTICES_MAX = 4096
+
+
+class PtyPort:
+    """A pty behind the symbolic link ``link``, whose settings begin as ``line_format``."""
+
+    kind = "pty"
+
+    def __init__(self, link: str, line_format: LineFormat) -> None:
+        self.url = link
+        self.device = ""
+        self._link = Link(link)
+        self._first_format = line_format
+        self._master = self._inotify = -1
+        self._stream: _PtyStream | None = None
+        self._server: Server | None = None
+
+    def describe(self) -> str:
+        """The link and, in brackets, what it points to."""
+        return f"{self.url} ({self.device})"
+
+    def open(self) -> None:
+        """Make the pty, raw from the first moment, and its link.  Raises PortError."""
+        self._link.claim()
+        try:
+            self._master, slave = pty.openpty()
+        except OSError as error:
+            raise PortError(
+                f"pty {self.url}: no pseudo terminal to be had ({error.strerror}); "
+                "see 'axistwin doctor'"
+            ) from None
+        self.device = os.ttyname(slave)
+        tty.setraw(slave)
+        os.set_blocking(self._master, False)
+        set_rate(self._master, self._first_format.baud)
+        os.close(slave)
+        self._inotify = _watch_opens(self.device)
+        self._link.point(self.device)
+
+    def attach(self, server: Server) -> None:
+        """Wait for clients."""
+        self._server = server
+        self._stream = _PtyStream(server, self._master, self._first_format, self._left)
+        server.loop.add_reader(self._inotify, self._opened)
+        self._opened()  # somebody may have been faster than we
+
+    def close(self) -> None:
+        """Remove the link and the pty; a client that has it open sees a hang-up."""
+        if self._stream is not None:
+            self._stream.stop()
+            self._stream = None
+        if self._server is not None:
+            self._server.loop.remove_reader(self._inotify)
+            self._server = None
+        self._link.remove()
+        for fd in (self._inotify, self._master):
+            if fd >= 0:
+                os.close(fd)
+        self._inotify = self._master = -1
+
+    def _opened(self) -> None:
+        """Somebody opens the pty, or did and has gone again, leaving bytes or not."""
+        with contextlib.suppress(BlockingIOError):
+            os.read(self._inotify, _NOTICES_MAX)
+        assert self._server is not None
+        assert self._stream is not None
+        if not self._stream.running and _wants_reading(self._master):
+            self._stream.start()
+            self._server.report({"event": "connected", "endpoint": self.kind, "url": self.url})
+
+    def _left(self) -> None:
+        """The last client has closed the pty."""
+        assert self._server is not None
+        assert self._stream is not None
+        self._stream.stop()
+        self._stream.tidy()
+        _drop_unread(self.device)
+        self._server.report(
+            {
+                "event": "disconnected",
+                "endpoint": self.kind,
+                "url": self.url,
+                "dropped_bytes": self._stream.take_dropped(),
+            }
+        )
+
+
+class _PtyStream(Stream):
+    """Whoever has the pty open."""
+
+    def __init__(
+        self, server: Server, master: int, line_format: LineFormat, on_end: Callable[[], None]
+    ) -> None:
+        super().__init__(server, master, on_end)
+        self._settings = b""
+        self._format = line_format
+
+    def line_format(self) -> LineFormat:
+        """What the client has set by now; B0 (hang up) leaves the rate as it was."""
+        settings = fcntl.ioctl(self._fd, _TCGETS2, bytes(_SETTINGS.size))
+        if settings != self._settings:
+            self._settings = settings
+            _, _, control, local, _, _, baud = _SETTINGS.unpack(settings)
+            stop_half_bits = 4 if control & termios.CSTOPB else 2
+            self._format = LineFormat(baud or self._format.baud, stop_half_bits=stop_half_bits)
+            if local & _ARMED != _ARMED and not local & _COOKED:
+                _set_local_flags(self._fd, settings)
+        return self._format
+
+    def tidy(self) -> None:
+        """Put back what the next client relies on, and touch nothing that is right already.
+
+        The next client may be setting the line just now.
+        """
+        settings = fcntl.ioctl(self._fd, _TCGETS2, bytes(_SETTINGS.size))
+        local = _SETTINGS.unpack(settings)[3]
+        if local & _COOKED:
+            tty.setraw(self._fd, termios.TCSANOW)
+            settings = fcntl.ioctl(self._fd, _TCGETS2, bytes(_SETTINGS.size))
+        if local & _ARMED != _ARMED:
+            _set_local_flags(self._fd, settings)
+
+
+def set_rate(fd: int, baud: int) -> None:
+    """Set the rate of a terminal, any number of bits per second."""
+    fields = list(_SETTINGS.unpack(fcntl.ioctl(fd, _TCGETS2, bytes(_SETTINGS.size))))
+    # No input rate of its own in the control flags: it follows the output rate.
+    fields[2] = fields[2] & ~(_CBAUD | _CBAUD << _CIBAUD_SHIFT) | _BOTHER
+    fields[5] = fields[6] = baud
+    fcntl.ioctl(fd, _TCSETS2, _SETTINGS.pack(*fields))
+
+
+def _set_local_flags(fd: int, settings: bytes) -> None:
+    """Set the two flags that mean nothing; see above."""
+    fields = list(_SETTINGS.unpack(settings))
+    fields[3] |= _ARMED
+    fcntl.ioctl(fd, _TCSETS2, _SETTINGS.pack(*fields))
+
+
+def _wants_reading(master: int) -> bool:
+    """Whether a client has the pty open, or has left bytes in it."""
+    poll = select.poll()
+    poll.register(master, select.POLLIN)
+    ((_, events),) = poll.poll(0) or ((master, 0),)
+    return bool(events & select.POLLIN) or not events & select.POLLHUP
+
+
+def _drop_unread(device: str) -> None:
+    """Drop what no client has read, but not what the next one may have written already.
+
+    Only the client's side can do that.  Our own open makes a notice that nobody is there.
+    """
+    with contextlib.suppress(OSError):
+        slave = os.open(device, os.O_RDWR | os.O_NOCTTY)
+        try:
+            termios.tcflush(slave, termios.TCIFLUSH)
+            # A program that died holding the port exclusively must not shut out the next one.
+            fcntl.ioctl(slave, termios.TIOCNXCL)
+        finally:
+            os.close(slave)
+
+
+def _watch_opens(device: str) -> int:
+    """An inotify descriptor that becomes readable when ``device`` is opened.  Raises PortError."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    fd: int = libc.inotify_init1(os.O_NONBLOCK | os.O_CLOEXEC)
+    if fd < 0 or libc.inotify_add_watch(fd, device.encode(), _IN_OPEN) < 0:
+        reason = os.strerror(ctypes.get_errno())
+        if fd >= 0:
+            os.close(fd)
+        raise PortError(
+            f"pty {device}: clients cannot be noticed, inotify fails ({reason}); "
+            "end other programs or raise fs.inotify.max_user_instances"
+        )
+    return fd
