@@ -1,0 +1,381 @@
+"""What there is to be run: the models, their switches, profiles, and how a line is put together.
+
+A new family of devices registers with one entry in ``_FAMILIES``.  Its modules are imported when a
+model of it is used, not before: listing the models costs nothing.
+"""
+
+import tomllib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Protocol, TypeAlias
+
+from axistwin.devices.base import SerialDevice
+from axistwin.errors import StateError, UsageError, nearest
+from axistwin.kernel.seed import derive_seed
+from axistwin.kernel.time import NS_PER_US, Nanos
+from axistwin.runtime.clock import Clock, PacedClock
+from axistwin.runtime.line import Line, Station
+from axistwin.runtime.network import SerialNetwork
+from axistwin.runtime.storage import MemoryStorage, Stores
+
+Value: TypeAlias = str | int | bool
+"""A quirk's value: text as on a command line, or what TOML makes of it."""
+
+_SKEW_MIN_NS, _SKEW_MAX_NS = 30 * NS_PER_US, 200 * NS_PER_US
+_PROFILE_KEYS = ("model", "quirks")
+
+
+class Quirk(Protocol):
+    """One switch: a point that the manuals leave open, with its readings, default first."""
+
+    @property
+    def name(self) -> str:
+        """As in ``--quirk NAME=VALUE``."""
+
+    @property
+    def source(self) -> str:
+        """ID in the requirement ledger."""
+
+    @property
+    def doc(self) -> str:
+        """The meaning, in one line."""
+
+    @property
+    def allowed(self) -> tuple[str, ...]:
+        """The values, or one text that describes a range."""
+
+    @property
+    def default(self) -> str:
+        """As a user would write it."""
+
+    def parse(self, value: Value) -> Value:
+        """The setting that ``value`` means.  Raises UsageError."""
+
+
+class _Maker(Protocol):
+    """Builds a device of a family: model, address, quirks by name, cells, skew."""
+
+    def __call__(
+        self,
+        model: str,
+        address: int,
+        *,
+        quirks: Mapping[str, Value],
+        cells: Mapping[str, int],
+        skew_ns: Nanos,
+    ) -> SerialDevice: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """What the models of a family share, each loaded when it is asked for."""
+
+    quirks: Callable[[], Mapping[str, Quirk]]
+    make: _Maker
+    explain: Callable[[bytes], str]
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """One kind of device.  ``bauds``: the rates it can be set to, bits per second."""
+
+    name: str
+    description: str
+    addresses: range
+    default_address: int
+    default_baud: int
+    bauds: tuple[int, ...]
+    family: Family
+
+    @property
+    def quirks(self) -> Mapping[str, Quirk]:
+        """All switches by name."""
+        return self.family.quirks()
+
+    def make(
+        self,
+        address: int,
+        *,
+        quirks: Mapping[str, Value] | None = None,
+        cells: Mapping[str, int] | None = None,
+        skew_ns: Nanos = 0,
+    ) -> SerialDevice:
+        """A device at ``address``, with ``cells`` in place of what the factory stored.
+
+        skew_ns: how much later than its siblings it answers.  Raises UsageError for bad quirks.
+        """
+        return self.family.make(
+            self.name, address, quirks=quirks or {}, cells=cells or {}, skew_ns=skew_ns
+        )
+
+    def explain(self, data: bytes) -> str:
+        """The frames in ``data``, of either direction, in words."""
+        return self.family.explain(data)
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceSpec:
+    """Which device is wanted: ``mac23:0``."""
+
+    model: str
+    address: int
+
+    def __str__(self) -> str:
+        return f"{self.model}:{self.address}"
+
+
+def models() -> dict[str, Model]:
+    """All models by name."""
+    return dict(_MODELS)
+
+
+def find_model(name: str) -> Model:
+    """The model called ``name``.  Raises UsageError with the nearest name."""
+    try:
+        return _MODELS[name]
+    except KeyError:
+        raise UsageError(f"unknown model {name!r}: {nearest(name, _MODELS)}") from None
+
+
+def parse_device(text: str) -> DeviceSpec:
+    """``MODEL`` or ``MODEL:ADDRESS``, the address as 127, 7Fh or 0x7F.  Raises UsageError."""
+    name, colon, address = text.partition(":")
+    model = find_model(name)
+    if not colon:
+        return DeviceSpec(name, model.default_address)
+    number = _parse_number(address)
+    low, high = model.addresses[0], model.addresses[-1]
+    limits = f"{low:X}h..{high:X}h ({low}..{high})"
+    if number is None:
+        raise UsageError(
+            f"address {address!r} of {name} is no number: {limits}, such as {name}:5 or {name}:7Fh"
+        )
+    if number not in model.addresses:
+        written = address if address.isdigit() else f"{address} ({number})"
+        raise UsageError(f"address {written} is out of range for {name}: {limits}")
+    return DeviceSpec(name, number)
+
+
+def parse_settings(texts: Iterable[str]) -> dict[str, str]:
+    """``NAME=VALUE`` texts as a mapping; the last of equal names holds.  Raises UsageError."""
+    settings = {}
+    for text in texts:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not (name and equals and value):
+            raise UsageError(f"quirk {text!r}: write NAME=VALUE, such as xon_byte=11h")
+        settings[name] = value
+    return settings
+
+
+def read_profile(path: str | Path, known_models: Iterable[str]) -> dict[str, Value]:
+    """The quirks in the TOML file at ``path``, meant for one of ``known_models`` (of a line).
+
+    Raises UsageError naming the file and the key.
+    """
+    names = sorted(set(known_models))
+    profile = _read_toml(path)
+    for key in profile:
+        if key not in _PROFILE_KEYS:
+            raise UsageError(f"profile {path}: unknown key {key!r}: {nearest(key, _PROFILE_KEYS)}")
+    model = profile.get("model")
+    if model is None:
+        raise UsageError(f"profile {path}: key 'model' is missing; add model = \"{names[0]}\"")
+    if model not in names:
+        raise UsageError(
+            f"profile {path}: key 'model' is {model!r}, but the line has {', '.join(names)}; "
+            "give another --profile"
+        )
+    quirks = profile.get("quirks", {})
+    if not isinstance(quirks, dict):
+        raise UsageError(f"profile {path}: key 'quirks' is no table; write [quirks]")
+    known = _MODELS[model].quirks
+    for name, value in quirks.items():
+        if not isinstance(value, str | int):
+            raise UsageError(f"profile {path}: quirk {name} is {value!r}; write a text or a number")
+        try:
+            _check_quirk(known, name, value)
+        except UsageError as error:
+            raise UsageError(f"profile {path}: {error}") from None
+    return quirks
+
+
+def build_line(
+    specs: Sequence[DeviceSpec],
+    *,
+    quirks: Mapping[str, Value] | None = None,
+    seed: int = 0,
+    clock: Clock | None = None,
+    paced: bool = True,
+    storage: Stores | None = None,
+    baud: int | None = None,
+    cold: bool = False,
+) -> Line:
+    """A line with the devices of ``specs``; two may have the same address, and then collide.
+
+    quirks: by name, for every model that knows them.  seed: of everything random.
+    clock: real time unless given.  paced: bytes take their time.  storage: none unless given; it
+    belongs to the line from now on.  baud: the rate that devices without a stored one have.
+    cold: the supply is applied now, else they have started long ago.
+
+    Raises UsageError and StateError; the storage is closed then.
+    """
+    storage = MemoryStorage() if storage is None else storage
+    try:
+        if not specs:
+            raise UsageError("no device was named; name one, such as mac23 or mac23:5")
+        used = [find_model(spec.model) for spec in specs]
+        settings = dict(quirks or {})
+        _check_quirks(used, settings)
+        clock = PacedClock() if clock is None else clock
+        now = clock.now_ns()
+        stations = [
+            _station(spec, index, settings, seed, storage, baud) for index, spec in enumerate(specs)
+        ]
+        devices = [station.device for station in stations]
+        network = SerialNetwork(devices, start_ns=now, paced=paced)
+        network.host_format = devices[0].line_format
+        line = Line(network, clock, storage, stations, explain=used[0].explain)
+        if cold:
+            for twin in line.twins:
+                twin.power_cycle()
+    except BaseException:
+        storage.close()
+        raise
+    return line
+
+
+def _station(
+    spec: DeviceSpec,
+    index: int,
+    quirks: Mapping[str, Value],
+    seed: int,
+    storage: Stores,
+    baud: int | None,
+) -> Station:
+    """The device of ``spec``, with its memory: what is stored, else what the factory stored."""
+    model = _MODELS[spec.model]
+    slot = storage.slot(f"{spec.model}-{spec.address}", spec.model)
+    cells = dict(slot.cells)
+    if not cells and baud is not None:
+        if baud not in model.bauds:
+            rates = ", ".join(map(str, model.bauds))
+            raise UsageError(f"baud {baud} is no rate of {spec.model}: {rates}")
+        cells["baud"] = baud
+    own = {name: value for name, value in quirks.items() if name in model.quirks}
+    device = model.make(spec.address, quirks=own, cells=cells, skew_ns=_skew_ns(seed, spec, index))
+    present = device.cells(0)
+    strange = sorted(name for name in slot.cells if present.get(name) != slot.cells[name])
+    if strange:
+        raise StateError(
+            f"state of {spec}: cell {strange[0]} cannot be {slot.cells[strange[0]]}; "
+            "restore a good copy, or remove it to start with factory values"
+        )
+    slot.save(present, durable=True)
+    return Station(str(spec), spec.model, device, slot)
+
+
+def _skew_ns(seed: int, spec: DeviceSpec, index: int) -> Nanos:
+    """How much later than the first device on the line another one answers.
+
+    No two oscillators agree: without it, two devices that answer at once would send their bits in
+    step, and equal answers would not even disturb one another.
+    """
+    if index == 0:
+        return 0
+    span = _SKEW_MAX_NS - _SKEW_MIN_NS
+    return _SKEW_MIN_NS + derive_seed(seed, f"skew/{index}/{spec}") % span
+
+
+def _check_quirks(used: Sequence[Model], settings: Mapping[str, Value]) -> None:
+    """Every setting is known to a model of the line and has a value it allows."""
+    for name, value in settings.items():
+        knowing = [model.quirks for model in used if name in model.quirks]
+        for known in knowing or [used[0].quirks]:
+            _check_quirk(known, name, value)
+
+
+def _check_quirk(known: Mapping[str, Quirk], name: str, value: Value) -> None:
+    if name not in known:
+        raise UsageError(f"unknown quirk {name!r}: {nearest(name, known)}")
+    known[name].parse(value)
+
+
+def _read_toml(path: str | Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UsageError(
+            f"profile {path}: cannot be read ({error.strerror}); give an existing file"
+        ) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UsageError(f"profile {path}: this is no TOML ({error})") from None
+
+
+def _parse_number(text: str) -> int | None:
+    """``127``, ``7Fh`` or ``0x7F``; None for anything else."""
+    body, base = text.lower(), 10
+    if body.endswith("h"):
+        body, base = body[:-1], 16
+    elif body.startswith("0x"):
+        body, base = body[2:], 16
+    known = set("0123456789abcdef"[:base])
+    return int(body, base) if body and set(body) <= known and len(body) <= 9 else None
+
+
+# -- families -----------------------------------------------------------------------------------
+
+
+@cache
+def _mac_quirks() -> Mapping[str, Quirk]:
+    from axistwin.devices.mac.quirks import QUIRKS
+
+    return QUIRKS
+
+
+def _make_mac(
+    model: str,
+    address: int,
+    *,
+    quirks: Mapping[str, Value],
+    cells: Mapping[str, int],
+    skew_ns: Nanos,
+) -> SerialDevice:
+    from axistwin.devices.mac.quirks import parse_quirks
+    from axistwin.devices.mac.serial import MacSerial
+
+    return MacSerial(
+        model, address, quirks=parse_quirks(quirks), cells=cells or None, skew_ns=skew_ns
+    )
+
+
+def _explain_mac(data: bytes) -> str:
+    from axistwin.devices.mac.decode import explain
+
+    return explain(data)
+
+
+_MAC = Family(_mac_quirks, _make_mac, _explain_mac)
+
+
+def _mac(name: str, description: str) -> Model:
+    return Model(
+        name,
+        f"{description}, serial expert frames",
+        addresses=range(0x80),
+        default_address=0,
+        default_baud=38400,
+        bauds=(9600, 19200, 38400),
+        family=_MAC,
+    )
+
+
+_MODELS: dict[str, Model] = {
+    model.name: model
+    for model in (
+        _mac("mac23", "MAC23 motor with controller, 2000 increments per turn"),
+        _mac("mac34-1", "MAC34 motor with controller, 10000 increments per turn, to 102 V"),
+        _mac("mac34-2", "MAC34 motor with controller, 10000 increments per turn, to 204 V"),
+    )
+}

@@ -1,0 +1,111 @@
+"""Where a line's time comes from: moved by hand, or paced by a clock that runs by itself.
+
+Both are the policy, not the mechanism: a line asks ``now_ns`` and runs its parts up to that.  Time
+is never given twice: it stands or goes on, but never goes back.
+"""
+
+import math
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+from axistwin.errors import UsageError
+from axistwin.kernel.time import NS_PER_S, Nanos
+
+SPEED_MIN, SPEED_MAX = 1e-6, 1e6
+
+
+class Clock(Protocol):
+    """Tells the time of a line."""
+
+    @property
+    def is_virtual(self) -> bool:
+        """Whether time passes only when ``advance_to`` says so."""
+
+    def now_ns(self) -> Nanos:
+        """The present time; never less than what was told before."""
+
+    def advance_to(self, until_ns: Nanos) -> None:
+        """Move the time to ``until_ns`` (virtual clocks only); a time already past is no error."""
+
+    def delay_s(self, until_ns: Nanos) -> float:
+        """Seconds a program has to sleep until it is ``until_ns``; 0.0 if it is by now."""
+
+
+class VirtualClock:
+    """Stands still until it is moved."""
+
+    is_virtual = True
+
+    def __init__(self, start_ns: Nanos = 0) -> None:
+        self._now_ns = start_ns
+
+    def now_ns(self) -> Nanos:
+        """The time it was moved to last."""
+        return self._now_ns
+
+    def advance_to(self, until_ns: Nanos) -> None:
+        """Move to ``until_ns``, at once."""
+        self._now_ns = max(self._now_ns, until_ns)
+
+    def delay_s(self, until_ns: Nanos) -> float:
+        """Nobody needs to sleep for virtual time: 0.0."""
+        return 0.0
+
+
+class PacedClock:
+    """Runs ``speed`` times as fast as ``source``, from ``start_ns`` on.
+
+    speed: 1e-6..1e6, may be changed at any time; the time goes on from where it is.
+    source: a monotonic count of nanoseconds.
+    """
+
+    is_virtual = False
+
+    def __init__(
+        self,
+        speed: float = 1.0,
+        start_ns: Nanos = 0,
+        source: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._source = source
+        self._base_source_ns = source()
+        self._base_ns = self._last_ns = start_ns
+        self._speed = _checked_speed(speed)
+
+    @property
+    def speed(self) -> float:
+        """How many times as fast as ``source``.  Raises UsageError when set out of range."""
+        return self._speed
+
+    @speed.setter
+    def speed(self, speed: float) -> None:
+        checked = _checked_speed(speed)
+        self._base_ns = self.now_ns()
+        self._base_source_ns = self._source()
+        self._speed = checked
+
+    def now_ns(self) -> Nanos:
+        """The present time, rounded down."""
+        passed = self._source() - self._base_source_ns
+        if self._speed != 1.0:
+            passed = math.floor(passed * self._speed)
+        self._last_ns = max(self._last_ns, self._base_ns + passed)
+        return self._last_ns
+
+    def advance_to(self, until_ns: Nanos) -> None:
+        """This time cannot be moved, only waited for (see ``delay_s``)."""
+        raise AssertionError("a paced clock moves by itself")
+
+    def delay_s(self, until_ns: Nanos) -> float:
+        """Seconds of ``source`` until ``until_ns``."""
+        missing = until_ns - self.now_ns()
+        return missing / self._speed / NS_PER_S if missing > 0 else 0.0
+
+
+def _checked_speed(speed: float) -> float:
+    if not (math.isfinite(speed) and SPEED_MIN <= speed <= SPEED_MAX):
+        raise UsageError(
+            f"speed {speed:g} is out of range: {SPEED_MIN:g}..{SPEED_MAX:g} times real time"
+        )
+    return float(speed)

@@ -1,0 +1,337 @@
+"""One line in any kind of time: the owner of a network, its clock, its storage and its transcript.
+
+Rules
+-----
+1. Whoever looks, pushes time first: every method runs the network up to the clock's present time.
+2. What the devices want stored is written, in their order, before a byte that came after it can be
+   read.  When it cannot be written, nothing can be read any more: the error is raised, again and
+   again, since an acknowledgement would be a lie.
+3. Before bytes are given to the host while an axis moves, its position is saved too: whatever the
+   host was told outlives a kill.
+4. Any thread may call anything.  ``on_change`` tells the one that keeps an alarm when the next
+   event may have come nearer.
+"""
+
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+from axistwin.devices.base import SerialDevice
+from axistwin.errors import StateError, UsageError
+from axistwin.kernel.effects import Effect, Store, Trace
+from axistwin.kernel.time import NS_PER_MS, Nanos
+from axistwin.runtime.clock import Clock
+from axistwin.runtime.network import SerialNetwork
+from axistwin.runtime.storage import Slot, Stores
+from axistwin.runtime.transcript import Transcript
+from axistwin.runtime.twin import Twin
+from axistwin.wire.framing import LineFormat
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+Subscriber: TypeAlias = "Callable[[Twin, Trace], None]"
+
+
+@dataclass(frozen=True, slots=True)
+class Station:
+    """A device on the line: what it is called (``mac23:0``), its model, and its memory."""
+
+    name: str
+    model: str
+    device: SerialDevice
+    slot: Slot
+
+
+class Line:
+    """The devices of ``stations`` on one line, which belongs to this object from now on.
+
+    explain: turns bytes of the line into words for the transcript.
+    Every method raises StateError once the storage has failed.
+    """
+
+    GRANULARITY_NS: Nanos = 20 * NS_PER_MS
+    """How long bytes of an endless stretch may wait before a server is woken for them."""
+
+    def __init__(
+        self,
+        network: SerialNetwork,
+        clock: Clock,
+        storage: Stores,
+        stations: Sequence[Station],
+        *,
+        explain: Callable[[bytes], str] | None = None,
+    ) -> None:
+        self.clock = clock
+        self.transcript = Transcript()
+        self._network = network
+        self._storage = storage
+        self._stations = tuple(stations)
+        self._explain = explain
+        self._lock = threading.RLock()
+        self._changed = threading.Condition(self._lock)
+        self._on_change: Callable[[], None] | None = None
+        self._subscribers: list[Subscriber] = []
+        self._failure: StateError | None = None
+        self._seen_bytes = 0
+        self._wakes = 0
+        self._is_closed = False
+        self.twins = [Twin(self, index, station) for index, station in enumerate(self._stations)]
+
+    # -- time ---------------------------------------------------------------------------------
+
+    @property
+    def is_virtual(self) -> bool:
+        """Whether time passes only by ``advance`` and ``wait``."""
+        return self.clock.is_virtual
+
+    @property
+    def is_volatile(self) -> bool:
+        """Whether the cells are forgotten at the end of the process."""
+        return self._storage.is_volatile
+
+    def sync(self) -> Nanos:
+        """Do all that is due by the clock's present time; returns that time."""
+        with self._lock:
+            if self._failure is not None:
+                raise self._failure
+            network = self._network
+            now = max(self.clock.now_ns(), network.now_ns)
+            network.run_until(now)
+            effects = network.take_effects()
+            if effects:
+                self._perform(effects)
+            available = network.host_available
+            if available > self._seen_bytes:
+                self.save_moving()
+            self._seen_bytes = available
+            return now
+
+    def next_event_ns(self) -> Nanos | None:
+        """When ``sync`` should be called next; None: not before something changes."""
+        with self._lock:
+            return _earliest(self._network.next_event(), self._network.next_host_byte_ns())
+
+    def advance(self, duration_ns: Nanos) -> Nanos:
+        """Let ``duration_ns`` pass, which takes real time unless it is virtual."""
+        return self.advance_to(self.sync() + duration_ns)
+
+    def advance_to(self, until_ns: Nanos) -> Nanos:
+        """Let time pass until ``until_ns``; returns the present time, which may be later."""
+        while True:
+            now = self.wait(until_ns, count=None)
+            if now >= until_ns:
+                return now
+
+    def wait(self, until_ns: Nanos | None, count: int | None = 1) -> Nanos:
+        """Let time pass until ``count`` bytes can be received (None: whatever comes) or until then.
+
+        Returns the present time.  It may return earlier: after ``wake``, and in virtual time
+        without ``until_ns`` when nothing will ever happen by itself.
+        """
+        with self._changed:
+            wakes = self._wakes
+            while True:
+                now = self.sync()
+                arrived = count is not None and self._network.host_available >= count
+                if arrived or self._wakes != wakes or (until_ns is not None and now >= until_ns):
+                    return now
+                due = _earliest(self.next_event_ns(), until_ns)
+                if not self.clock.is_virtual:
+                    self._changed.wait(None if due is None else self.clock.delay_s(due))
+                elif due is None:
+                    return now
+                else:
+                    self.clock.advance_to(due)
+
+    def wake(self) -> None:
+        """Make every ``wait`` under way return; from any thread."""
+        with self._changed:
+            self._wakes += 1
+            self._changed.notify_all()
+
+    # -- the host's end -----------------------------------------------------------------------
+
+    @property
+    def host_format(self) -> LineFormat:
+        """Rate and framing of the host's end; to be set at any time."""
+        return self._network.host_format
+
+    @host_format.setter
+    def host_format(self, line_format: LineFormat) -> None:
+        if line_format != self._network.host_format:
+            with self.changing():
+                self._network.host_format = line_format
+
+    def device_format(self) -> LineFormat:
+        """Rate and framing of the first device, as it is now."""
+        return self._stations[0].device.line_format
+
+    def send(self, data: bytes) -> None:
+        """Send ``data`` from the host's end, behind what it still has to send."""
+        with self.changing() as now:
+            self.transcript.add(now, "host", data)
+            self._network.host_send(data)
+
+    def send_break(self, duration_ns: Nanos) -> None:
+        """Hold the line in the space state from the host's end."""
+        with self.changing():
+            self._network.send_break(duration_ns)
+
+    def receive(self, limit: int | None = None) -> bytes:
+        """Take what has arrived at the host's end, at most ``limit`` bytes."""
+        with self._lock:
+            now = self.sync()
+            if not self._network.host_available:
+                return b""
+            data = self._network.host_take(limit)
+            self._seen_bytes = self._network.host_available
+            self.transcript.add(now, "device", data)
+            return data
+
+    @property
+    def available(self) -> int:
+        """How many bytes ``receive`` would give."""
+        with self._lock:
+            self.sync()
+            return self._network.host_available
+
+    @property
+    def host_backlog(self) -> int:
+        """How many bytes the host's end has still to send."""
+        with self._lock:
+            self.sync()
+            return self._network.host_backlog
+
+    @property
+    def host_sent_ns(self) -> Nanos:
+        """When the host's end will have sent everything."""
+        with self._lock:
+            self.sync()
+            return self._network.host_sent_ns
+
+    def purge_output(self) -> None:
+        """Drop what the host's end has still to send."""
+        with self.changing():
+            self._network.host_purge_output()
+
+    # -- others who take part -----------------------------------------------------------------
+
+    def on_change(self, callback: Callable[[], None] | None) -> None:
+        """Call ``callback`` from now on whenever ``next_event_ns`` may have come nearer.
+
+        It is called in the thread that caused the change and must not wait.
+        """
+        self._on_change = callback
+
+    def subscribe(self, subscriber: "Callable[[Twin, Trace], None]") -> Callable[[], None]:
+        """Give every trace of a device to ``subscriber``; call what is returned to end that."""
+        with self._lock:
+            self._subscribers.append(subscriber)
+
+        def unsubscribe() -> None:
+            with self._lock:
+                self._subscribers.remove(subscriber)
+
+        return unsubscribe
+
+    def render_transcript(self) -> str:
+        """The transcript with every frame in words."""
+        with self._lock:
+            return self.transcript.render(self._explain)
+
+    def save_moving(self) -> None:
+        """Save, not durably, what has changed by itself: the positions of axes that move."""
+        with self._lock:
+            now = self._network.now_ns
+            for station in self._stations:
+                if station.device.is_moving(now):
+                    _save_changed(station, now, durable=False)
+
+    def close(self) -> None:
+        """Save everything and let go of the storage.  Raises StateError if that fails."""
+        with self._lock:
+            if self._is_closed:
+                return
+            self._is_closed = True
+            try:
+                if self._failure is None:
+                    now = self.sync()
+                    for station in self._stations:
+                        _save_changed(station, now, durable=True)
+            finally:
+                self._storage.close()
+                if self._failure is None:
+                    self._failure = StateError("the line is closed; build a new one")
+            self.wake()
+
+    def __enter__(self) -> "Line":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: "TracebackType | None",
+    ) -> None:
+        self.close()
+
+    # -- for the twins ------------------------------------------------------------------------
+
+    @contextmanager
+    def present(self) -> Iterator[Nanos]:
+        """The line at its present time, which stands still in the block."""
+        with self._lock:
+            yield self.sync()
+
+    @contextmanager
+    def changing(self) -> Iterator[Nanos]:
+        """The line at its present time, to be changed from outside by what is in the block."""
+        with self._changed:
+            yield self.sync()
+            self.sync()
+            self._changed.notify_all()
+            if self._on_change is not None:
+                self._on_change()
+
+    def act(self, index: int, action: Callable[[Nanos], Sequence[Effect]]) -> None:
+        """Have ``action`` do something to device ``index`` now, and perform its effects."""
+        with self.changing() as now:
+            self._network.perform(index, action(now))
+
+    def set_power(self, index: int, on: bool) -> None:
+        """Apply or cut the supply of device ``index`` now; what it kept by itself is on disk."""
+        with self.changing() as now:
+            if on:
+                self._network.power_on(index)
+            else:
+                self._network.power_off(index)
+                _save_changed(self._stations[index], now, durable=False)
+
+    def _perform(self, effects: Sequence[tuple[int, Store | Trace]]) -> None:
+        for index, effect in effects:
+            if isinstance(effect, Store):
+                try:
+                    self._stations[index].slot.save(dict(effect.cells), durable=effect.durable)
+                except StateError as error:
+                    self._failure = error
+                    raise
+            else:
+                for subscriber in tuple(self._subscribers):
+                    subscriber(self.twins[index], effect)
+
+
+def _save_changed(station: Station, now: Nanos, *, durable: bool) -> None:
+    saved = station.slot.cells
+    cells = station.device.cells(now)
+    changed = {name: value for name, value in cells.items() if saved.get(name) != value}
+    if changed:
+        station.slot.save(changed, durable=durable)
+
+
+def _earliest(first: Nanos | None, second: Nanos | None) -> Nanos | None:
+    if first is None or second is None:
+        return first if second is None else second
+    return min(first, second)

@@ -1,0 +1,241 @@
+"""A user's handle on one device of a line: what a hand, a supply and a load can do to it.
+
+Everything here acts at the line's present time and is over when it returns; from any thread.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING, Any
+
+from axistwin.errors import UsageError, nearest
+from axistwin.kernel.time import NS_PER_S
+
+if TYPE_CHECKING:
+    from axistwin.motion.plant import Load
+    from axistwin.runtime.line import Line, Station
+
+INPUTS = ("reference", "positive_stop", "negative_stop", "reset")
+
+SUPPLY_MAX_VOLTS = 1000.0
+TEMPERATURE_MIN_CELSIUS, TEMPERATURE_MAX_CELSIUS = -273.0, 1000.0
+
+
+class Inputs:
+    """The input pins of a device, ``True`` while a contact ties one to ground.
+
+    ``reference``, ``positive_stop``, ``negative_stop``, ``reset``.
+    """
+
+    __slots__ = ("_twin", "_values")
+
+    _twin: "Twin"
+    _values: dict[str, bool]
+
+    def __init__(self, twin: "Twin") -> None:
+        object.__setattr__(self, "_twin", twin)
+        object.__setattr__(self, "_values", dict.fromkeys(INPUTS, False))
+
+    def __getattr__(self, name: str) -> bool:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return self._values[_checked_name("input", name, self._values)]
+
+    def __setattr__(self, name: str, active: bool) -> None:
+        _checked_name("input", name, self._values)
+        if active not in (False, True):
+            raise UsageError(f"input {name}: {active!r} is not allowed; set True or False")
+        self._twin._set_input(name, bool(active))
+        self._values[name] = bool(active)
+
+    def __repr__(self) -> str:
+        return f"Inputs({', '.join(f'{name}={value}' for name, value in self._values.items())})"
+
+
+class LoadHandle:
+    """What is coupled to the shaft; each of its values can be set on its own.
+
+    See ``axistwin.motion.plant.Load`` for names, units and ranges.
+    """
+
+    __slots__ = ("_twin",)
+
+    _twin: "Twin"
+
+    def __init__(self, twin: "Twin") -> None:
+        object.__setattr__(self, "_twin", twin)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        load = self._twin._load
+        return getattr(load, _checked_name("load", name, _names_of(load)))
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        load = self._twin._load
+        _checked_name("load", name, _names_of(load))
+        self._twin.load = replace(load, **{name: value})
+
+    def __eq__(self, other: object) -> bool:
+        return bool(self._twin._load == (other._twin._load if type(other) is LoadHandle else other))
+
+    __hash__ = None  # type: ignore[assignment]  # it changes
+
+    def __repr__(self) -> str:
+        return repr(self._twin._load)
+
+
+class Twin:
+    """One device of a line.  Made by the line; see ``Line.twins``."""
+
+    def __init__(self, line: "Line", index: int, station: "Station") -> None:
+        self._line = line
+        self._index = index
+        self._device: Any = station.device
+        self._inputs = Inputs(self)
+        self._load_handle = LoadHandle(self)
+        self._is_powered = True
+        self.name = station.name
+        self.model = station.model
+
+    def __repr__(self) -> str:
+        return f"<Twin {self.name}: {self.state}>"
+
+    # -- what can be read ---------------------------------------------------------------------
+
+    @property
+    def address(self) -> int:
+        """The address it answers at now, which 08h may have changed."""
+        return int(self.describe()["address"])
+
+    @property
+    def position(self) -> int:
+        """Where the axis is now, in increments."""
+        with self._line.present() as now:
+            return int(self._device.position_at(now))
+
+    @property
+    def state(self) -> str:
+        """What it is doing now, such as ``at rest, powered``."""
+        return str(self.describe()["state"])
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the axis moves now."""
+        with self._line.present() as now:
+            return bool(self._device.is_moving(now))
+
+    @property
+    def cells(self) -> dict[str, int]:
+        """The nonvolatile cells by name, as they are now."""
+        with self._line.present() as now:
+            return dict(self._device.cells(now))
+
+    def describe(self) -> dict[str, Any]:
+        """Everything worth showing of it, by name, as it is now."""
+        with self._line.present() as now:
+            return dict(self._device.describe(now))
+
+    # -- pins, supply, load -------------------------------------------------------------------
+
+    @property
+    def inputs(self) -> Inputs:
+        """The input pins: ``twin.inputs.reference = True``."""
+        return self._inputs
+
+    @property
+    def supply_volts(self) -> float:
+        """Voltage of the supply, 0..1000 V.  Raises UsageError when set out of range."""
+        return self._device_value("supply_millivolts") / 1000
+
+    @supply_volts.setter
+    def supply_volts(self, volts: float) -> None:
+        value = _checked_number("supply_volts", volts, 0.0, SUPPLY_MAX_VOLTS, "V")
+        self._line.act(self._index, lambda now: self._device.set_supply(now, round(value * 1000)))
+
+    @property
+    def temperature_celsius(self) -> float:
+        """Temperature of the electronics, °C.  Raises UsageError when set out of range."""
+        return self._device_value("temperature_millidegrees") / 1000
+
+    @temperature_celsius.setter
+    def temperature_celsius(self, celsius: float) -> None:
+        low, high = TEMPERATURE_MIN_CELSIUS, TEMPERATURE_MAX_CELSIUS
+        value = _checked_number("temperature_celsius", celsius, low, high, "°C")
+        self._line.act(
+            self._index, lambda now: self._device.set_temperature(now, round(value * 1000))
+        )
+
+    @property
+    def load(self) -> "LoadHandle":
+        """What is coupled to the shaft: set as a whole, ``Load(...)``, or value by value."""
+        return self._load_handle
+
+    @load.setter
+    def load(self, load: "Load") -> None:
+        from axistwin.motion.plant import Load
+
+        if not isinstance(load, Load):
+            raise UsageError(f"load {load!r} is not allowed; set a Load of axistwin.motion.plant")
+        self._line.act(self._index, lambda now: self._device.set_load(now, load))
+
+    # -- power --------------------------------------------------------------------------------
+
+    @property
+    def is_powered(self) -> bool:
+        """Whether the supply is applied."""
+        return self._is_powered
+
+    def power_off(self) -> None:
+        """Cut the supply; nothing happens if it is off."""
+        with self._line.present():
+            if self._is_powered:
+                self._is_powered = False
+                self._line.set_power(self._index, on=False)
+
+    def power_on(self) -> None:
+        """Apply the supply; nothing happens if it is on."""
+        with self._line.present():
+            if not self._is_powered:
+                self._is_powered = True
+                self._line.set_power(self._index, on=True)
+
+    def power_cycle(self, off_s: float = 0.0) -> None:
+        """Cut the supply for ``off_s`` seconds of the twin's time, then apply it.
+
+        Returns when it is applied; the device then still needs the time it takes to start.
+        """
+        seconds = _checked_number("off_s", off_s, 0.0, 1e6, "s")
+        self.power_off()
+        self._line.advance(round(seconds * NS_PER_S))
+        self.power_on()
+
+    # -- for the handles ----------------------------------------------------------------------
+
+    @property
+    def _load(self) -> "Load":
+        load: Load = self._device.load
+        return load
+
+    def _device_value(self, name: str) -> int:
+        return int(getattr(self._device, name))
+
+    def _set_input(self, name: str, active: bool) -> None:
+        self._line.act(self._index, lambda now: self._device.set_input(now, name, active))
+
+
+def _names_of(load: "Load") -> tuple[str, ...]:
+    return tuple(each.name for each in fields(load))
+
+
+def _checked_name(kind: str, name: str, known: "Mapping[str, object] | tuple[str, ...]") -> str:
+    if name not in known:
+        raise UsageError(f"unknown {kind} {name!r}: {nearest(name, known)}")
+    return name
+
+
+def _checked_number(name: str, value: float, low: float, high: float, unit: str) -> float:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not is_number or not math.isfinite(value) or not low <= value <= high:
+        raise UsageError(f"{name} = {value!r} is out of range: {low:g}..{high:g} {unit}")
+    return float(value)
