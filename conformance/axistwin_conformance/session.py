@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
+from axistwin_conformance.errors import TargetError
 from axistwin_conformance.ledger import Ledger
 from axistwin_conformance.registry import Check, Family, Identity, Model
 from axistwin_conformance.targets import Target
@@ -169,9 +170,7 @@ class Session:
             if is_good(reply) or self.target.is_virtual or _is_settled(replies):
                 return reply
             self.record_retry(f"{request.hex(' ')} got {reply.hex(' ') or 'nothing'}")
-        if self.check is not None:
-            self.inconclusive(None, f"{ATTEMPTS} attempts, differing replies: noise on the line")
-        return replies[-1]
+        return self.inconclusive(None, f"{ATTEMPTS} attempts, differing replies: noise on the line")
 
     def record_retry(self, text: str) -> None:
         """Record trouble on the way that was overcome by asking again."""
@@ -201,6 +200,8 @@ class Session:
         admissible = tuple(
             str(item) for item in (expected if isinstance(expected, list | tuple) else (expected,))
         )
+        if self.check is None:  # a hook of the family, between checks: there is nobody to judge
+            raise TargetError(f"expected {' or '.join(admissible)}, got {actual}")
         for name in names:
             self._record(name, Verdict.FAIL, text, admissible, str(actual))
         raise Stop
@@ -239,6 +240,8 @@ class Session:
 
     def inconclusive(self, requirement: Requirements, text: str) -> NoReturn:
         """Give up: what was seen neither proves nor refutes; the check ends."""
+        if self.check is None:
+            raise TargetError(text)
         for name in self._names(requirement):
             self._record(name, Verdict.INCONCLUSIVE, text)
         raise Stop
@@ -285,8 +288,7 @@ class Session:
 
     def _names(self, requirement: Requirements) -> Iterable[str]:
         if requirement is None:
-            assert self.check is not None, "outside a check, name the requirement"
-            return self.check.requirements
+            return self.check.requirements if self.check else ()
         names = (requirement,) if isinstance(requirement, str) else tuple(requirement)
         for name in names:
             if self.check is not None and name not in self.check.requirements:

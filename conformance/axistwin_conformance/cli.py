@@ -1,0 +1,276 @@
+"""The command `axistwin conform`: judge a device, or the built-in twin of it.
+
+Exit status: 0 conforms; 1 does not; 2 wrong usage, or nothing was judged; 3 unreachable or not the
+model named; 4 nothing failed but something stayed inconclusive; 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from axistwin_conformance.errors import UsageError
+from axistwin_conformance.registry import LEVELS, SAFETY_CLASSES, Family, find_family
+
+if TYPE_CHECKING:
+    from axistwin_conformance.engine import Engine
+    from axistwin_conformance.plan import Options
+
+BENCH_TRAVEL = 2000  # increments: one turn of a MAC23, a fifth of a MAC34
+BENCH_SPEED = 10_000  # increments per second: 300 rpm on a MAC23
+TWIN_TRAVEL = 1_000_000
+TWIN_SPEED = 1_000_000
+TWIN_NEIGHBOUR_STEP = 1  # the built-in twin gets a neighbour at the next address
+
+
+class Address(click.ParamType[int]):
+    """An address: decimal, 0x7F or 7Fh."""
+
+    name = "address"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """Read the number; the family checks the range."""
+        text = str(value).strip().lower()
+        try:
+            return int(text[:-1], 16) if text.endswith("h") else int(text, 0)
+        except ValueError:
+            self.fail(f"{value!r} is no address: write 5, 0x05 or 05h", param, ctx)
+
+
+class Mistake(click.ClickException):
+    """A wrong word on the command line, told in one line."""
+
+    exit_code = 2
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@click.argument("model")
+@click.argument("ids", nargs=-1, metavar="[ID]...")
+@click.option(
+    "--port", metavar="URL", help="Device or pyserial URL; without it: the built-in twin."
+)
+@click.option("--address", type=Address(), help="The device's address on its line.")
+@click.option(
+    "--neighbour",
+    "neighbours",
+    type=Address(),
+    multiple=True,
+    help="Address of a further module of this kind on the line; repeatable.",
+)
+@click.option("--baud", type=click.IntRange(min=1), help="Rate of the line.")
+@click.option(
+    "--allow",
+    metavar="CLASS,...",
+    help="What may be done beside passive tests: motion, stored, rig, destructive. "
+    "Default: nothing on a port, everything on the built-in twin.",
+)
+@click.option(
+    "--max-travel",
+    type=click.IntRange(min=1),
+    metavar="STEPS",
+    help="Never move further than this from where the axis is found.",
+)
+@click.option(
+    "--max-speed",
+    type=click.IntRange(min=1),
+    metavar="STEPS/S",
+    help="Never move faster than this.",
+)
+@click.option("--level", type=click.Choice(LEVELS), default=LEVELS[-1], show_default=True)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Decides every random choice of the run.",
+)
+@click.option(
+    "--report",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="DIR",
+    help="Write report.json there.",
+)
+@click.option("--list", "is_list", is_flag=True, help="List requirements and checks; run nothing.")
+@click.option("--dry-run", is_flag=True, help="Show the plan; run nothing.")
+@click.option("--json", "is_json", is_flag=True, help="One JSON object per event instead of text.")
+@click.pass_context
+def conform(ctx: click.Context, /, **given: Any) -> None:  # fmt: skip
+    """Judge MODEL against its manual, requirement by requirement.
+
+    \b
+    axistwin conform mac23                               the built-in twin, everything
+    axistwin conform mac23 --port /dev/ttyUSB0           a real one, passive tests only
+    axistwin conform mac23 --port ./mac --allow motion   ... which may move
+    axistwin conform mac23 MACS-FRAME MACS-CMD-13-01     some requirements
+
+    ID is a requirement, the beginning of some, or the name of a check.
+    """
+    try:
+        ctx.exit(_conform(**given))
+    except UsageError as error:
+        raise Mistake(str(error)) from error
+
+
+def _conform(
+    *, is_list: bool, dry_run: bool, is_json: bool, report: Path | None, **given: Any
+) -> int:
+    from axistwin_conformance.engine import Engine
+
+    options = make_options(**given)
+    try:
+        engine = Engine(options)
+        return (
+            _show(engine, is_list, is_json) if is_list or dry_run else _run(engine, is_json, report)
+        )
+    except ModuleNotFoundError as error:
+        if error.name not in ("rich", "hypothesis"):
+            raise
+        raise UsageError(
+            f"the suite needs {error.name}: pip install 'axistwin[conformance]'"
+        ) from error
+
+
+def make_options(
+    *,
+    model: str,
+    ids: tuple[str, ...] = (),
+    port: str | None = None,
+    address: int | None = None,
+    neighbours: tuple[int, ...] = (),
+    baud: int | None = None,
+    allow: str | None = None,
+    max_travel: int | None = None,
+    max_speed: int | None = None,
+    level: str = LEVELS[-1],
+    seed: int = 0,
+) -> Options:
+    """Turn what was typed into options; raises UsageError in one line for what cannot be meant."""
+    from axistwin_conformance.plan import Options
+    from axistwin_conformance.session import Envelope
+
+    family = find_family(model)
+    is_builtin = port is None
+    address = family.default_address if address is None else address
+    if is_builtin and not neighbours:
+        neighbours = (_other_address(family, address),)
+    for one in (address, *neighbours):
+        _check_address(family, one)
+    if len({address, *neighbours}) <= len(neighbours):
+        raise UsageError("--address and every --neighbour must differ from one another")
+    return Options(
+        family=family,
+        model=model,
+        port=port,
+        address=address,
+        neighbours=neighbours,
+        baud=baud or family.default_baud,
+        allowed=parse_allowed(allow, is_builtin=is_builtin),
+        envelope=Envelope(
+            max_travel or (TWIN_TRAVEL if is_builtin else BENCH_TRAVEL),
+            max_speed or (TWIN_SPEED if is_builtin else BENCH_SPEED),
+        ),
+        level=level,
+        seed=seed,
+        words=ids,
+    )
+
+
+def parse_allowed(text: str | None, *, is_builtin: bool) -> frozenset[str]:
+    """Read the list of `--allow`; raises UsageError for a class that is none."""
+    if text is None:
+        return frozenset(SAFETY_CLASSES) if is_builtin else frozenset({"passive"})
+    words = [word.strip() for word in text.split(",") if word.strip()]
+    for word in words:
+        if word not in SAFETY_CLASSES:
+            near = difflib.get_close_matches(word, SAFETY_CLASSES, n=1)
+            hint = f"did you mean {near[0]}? " if near else ""
+            raise UsageError(
+                f"--allow {word}: {hint}Known: {', '.join(SAFETY_CLASSES)}, separated by commas."
+            )
+    return frozenset({"passive", *words})
+
+
+def _check_address(family: Family, address: int) -> None:
+    if address not in family.addresses:
+        low, high = family.addresses[0], family.addresses[-1]
+        raise UsageError(f"address {address} is out of range: choose {low} to {high}")
+
+
+def _other_address(family: Family, address: int) -> int:
+    """An address for the twin's neighbour; wraps at the end of the range."""
+    return family.addresses[(address + TWIN_NEIGHBOUR_STEP) % len(family.addresses)]
+
+
+def _show(engine: Engine, is_list: bool, is_json: bool) -> int:
+    """Show requirements or the plan; runs nothing."""
+    from axistwin_conformance import report_json, report_terminal
+
+    plan = engine.plan()
+    if is_json:
+        click.echo(report_json.overview(engine.ledger, plan))
+    elif is_list:
+        checks = engine.family.checks()
+        report_terminal.print_ledger(
+            report_terminal.make_console(), engine.ledger, plan.requirements, checks
+        )
+    else:
+        report_terminal.print_plan(report_terminal.make_console(), plan)
+    return 0
+
+
+def _run(engine: Engine, is_json: bool, report: Path | None) -> int:
+    from axistwin_conformance import report_json, report_terminal
+    from axistwin_conformance.events import Event
+
+    collected = report_json.JsonReport(engine.ledger)
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(_termination_interrupts())
+        if is_json:
+            face: Any = report_json.JsonStream(sys.stdout)
+        else:
+            console = report_terminal.make_console()
+            face = stack.enter_context(
+                report_terminal.TerminalReport(console, engine.family.explain)
+            )
+
+        def listen(event: Event) -> None:
+            collected(event)
+            face(event)
+
+        result = engine.run(listen)
+    if report is not None:
+        _write_report(collected, report, is_json)
+    return result.exit_status
+
+
+def _write_report(collected: Any, directory: Path, is_json: bool) -> None:
+    try:
+        path = collected.write(directory)
+    except OSError as error:
+        raise UsageError(f"cannot write the report: {error.strerror}: {error.filename}") from error
+    click.echo(f"report: {path}", err=is_json)
+
+
+@contextlib.contextmanager
+def _termination_interrupts() -> Iterator[None]:
+    """Make SIGTERM end the run as Ctrl-C does: stopped, put back, reported."""
+
+    def interrupt(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -1,0 +1,205 @@
+"""A toy device with a protocol of single letters, and a family that judges it.
+
+The frame is tested on it, without any real codec: `Q` asks (answer `q`), `M` starts a motion, `S`
+stops it, `P` and a digit stores that digit, `R` reads it back.
+"""
+
+from __future__ import annotations
+
+import sys
+import types
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import pytest
+import serial
+
+from axistwin_conformance import engine as engine_module
+from axistwin_conformance import registry
+from axistwin_conformance.engine import Engine, Envelope, Options, Result
+from axistwin_conformance.errors import TargetError, WrongDevice
+from axistwin_conformance.events import Event
+from axistwin_conformance.registry import Check, Family, Identity, Model
+from axistwin_conformance.session import Session
+from axistwin_conformance.targets import Target
+from axistwin_conformance.transcript import Record
+
+STEP_NS = 1_000_000  # each exchange of the toy takes a millisecond
+
+
+class ToyPort:
+    """A pyserial port with the toy device behind it; silent, garbled or gone on request."""
+
+    def __init__(self) -> None:
+        self.timeout: float | None = 0.0
+        self.baudrate = 9600
+        self.is_open = True
+        self.is_moving = False
+        self.is_mute = False
+        self.is_gone = False
+        self.garbage = b""
+        self.stored = "7"
+        self.sent: list[str] = []
+        self._answers = b""
+
+    @property
+    def in_waiting(self) -> int:
+        """Bytes not yet read."""
+        return len(self._answers)
+
+    def write(self, data: bytes) -> int:
+        """Take a request and prepare the answer."""
+        if self.is_gone:
+            raise serial.SerialException("device reports readiness but returned no data")
+        text = data.decode()
+        self.sent.append(text)
+        if self.is_mute:
+            return len(data)
+        self.is_moving = {"M": True, "S": False}.get(text, self.is_moving)
+        if text[0] == "P":
+            self.stored = text[1]
+        answer = self.stored if text == "R" else text[0].lower()
+        self._answers += self.garbage or answer.encode()
+        self.pass_time(STEP_NS)
+        return len(data)
+
+    def read(self, size: int = 1) -> bytes:
+        """Return what there is; without anything the time-out passes."""
+        if self.is_gone:
+            raise serial.SerialException("device reports readiness but returned no data")
+        taken, self._answers = self._answers[:size], self._answers[size:]
+        if not taken:
+            self.pass_time(round((self.timeout or 0) * 1e9))
+        return taken
+
+    def close(self) -> None:
+        """Close."""
+        self.is_open = False
+
+    def pass_time(self, duration_ns: int) -> None:
+        """Real time passes by itself."""
+
+
+class VirtualToyPort(ToyPort):
+    """The same in virtual time."""
+
+    virtual_time_ns = 0
+
+    def pass_time(self, duration_ns: int) -> None:
+        """Advance the clock."""
+        self.virtual_time_ns += duration_ns
+
+
+def ask(session: Session, text: str) -> str:
+    """One exchange with the toy."""
+    session.target.send(text.encode())
+    return session.target.receive(1, 0.01).decode()
+
+
+def _probe(session: Session) -> Identity:
+    answer = ask(session, "Q")
+    if not answer:
+        raise TargetError("nothing answers")
+    if answer != "q":
+        raise WrongDevice(f"it answers {answer!r} where a toy says 'q'")
+    return Identity("a toy", {"release": "1"})
+
+
+def _sanity(session: Session) -> bool:
+    return ask(session, "Q") == "q"
+
+
+def _stop(session: Session) -> None:
+    ask(session, "S")
+
+
+def _remember(session: Session) -> str:
+    return ask(session, "R")
+
+
+def _restore(session: Session, memory: str) -> tuple[str, ...]:
+    if ask(session, "R") != memory:
+        ask(session, f"P{memory}")
+    return () if ask(session, "R") == memory else (f"the stored digit {memory}",)
+
+
+def _explain(record: Record) -> str:
+    return f"the letter {record.data.decode(errors='replace')}"
+
+
+class Toy:
+    """A toy bench: declare checks, run the engine over them, look at everything."""
+
+    def __init__(self, module: types.ModuleType) -> None:
+        self.module = module
+        self.port: ToyPort = VirtualToyPort()
+        self.opened: list[tuple[int, ...]] = []
+        self.events: list[Event] = []
+        self.family = Family(
+            name="toy",
+            ledger="mac_serial",
+            models={"toy": Model("toy", "a toy")},
+            modules=(module.__name__,),
+            addresses=range(8),
+            default_address=0,
+            default_baud=9600,
+            probe=_probe,
+            sanity=_sanity,
+            stop=_stop,
+            remember=_remember,
+            restore=_restore,
+            explain=_explain,
+            twin_url=lambda model, address, others: f"toy://{model}:{address}",
+        )
+
+    def add(self, function: Callable[[Session], None], *ids: str, **declared: Any) -> Check:
+        """Declare a function as a check of the toy family."""
+        one = replace(registry.check(*ids, **declared)(function), module=self.module.__name__)
+        setattr(self.module, one.name, one)
+        return one
+
+    def options(self, **changes: Any) -> Options:
+        """The options of a run on the built-in toy, with everything allowed."""
+        given: Mapping[str, Any] = {
+            "family": self.family,
+            "model": "toy",
+            "port": None,
+            "address": 0,
+            "neighbours": (1,),
+            "baud": 9600,
+            "allowed": frozenset(registry.SAFETY_CLASSES),
+            "envelope": Envelope(1000, 1000),
+            "level": "full",
+            "seed": 5,
+        } | changes
+        return Options(**given)
+
+    def open(self, neighbours: tuple[int, ...]) -> Target:
+        """Open the toy port."""
+        self.opened.append(neighbours)
+        return Target(self.port, "toy", is_builtin=True)
+
+    def run(self, **changes: Any) -> Result:
+        """Run the engine over the declared checks."""
+        return Engine(self.options(**changes), self.open).run(self.events.append)
+
+    def seen(self, kind: type[Any]) -> list[Any]:
+        """The events of one kind, in order."""
+        return [event for event in self.events if isinstance(event, kind)]
+
+
+@pytest.fixture
+def toy(monkeypatch: pytest.MonkeyPatch) -> Toy:
+    """A toy bench without checks."""
+    module = types.ModuleType("toy_checks")
+    monkeypatch.setitem(sys.modules, "toy_checks", module)
+    monkeypatch.setattr(engine_module, "SANITY_PAUSES_S", (0.0,))
+    return Toy(module)
+
+
+@pytest.fixture
+def real_toy(toy: Toy) -> Toy:
+    """The toy behind a port that knows no virtual time."""
+    toy.port = ToyPort()
+    return toy

@@ -1,0 +1,112 @@
+"""Declaring checks and finding families; every requirement is accounted for."""
+
+from __future__ import annotations
+
+import sys
+import types
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from axistwin_conformance import registry
+from axistwin_conformance.errors import UsageError
+from axistwin_conformance.ledger import load_ledger
+from axistwin_conformance.registry import Family, families, find_family
+from axistwin_conformance.session import Session
+
+
+def documented(session: Session) -> None:
+    """It behaves."""
+
+
+def undocumented(session: Session) -> None:  # noqa: D103
+    pass
+
+
+@pytest.mark.parametrize(
+    ("ids", "declared", "function", "complaint"),
+    [
+        ((), {}, documented, "requirements"),
+        (("A", "A"), {}, documented, "each once"),
+        (("A",), {}, undocumented, "docstring"),
+        (("A",), {"safety": "daring"}, documented, "'daring'.*passive"),
+        (("A",), {"safety": ()}, documented, "needs a class"),
+        (("A",), {"level": "slow"}, documented, "'slow'.*quick"),
+        (("A",), {"needs": ("luck",)}, documented, "'luck'.*neighbour"),
+    ],
+)
+def test_a_declaration_that_cannot_be_meant_is_refused_with_the_remedy(
+    ids: tuple[str, ...],
+    declared: dict[str, Any],
+    function: Callable[[Session], None],
+    complaint: str,
+) -> None:
+    """Mistakes show at import, not in the middle of a run."""
+    with pytest.raises(TypeError, match=complaint):
+        registry.check(*ids, **declared)(function)
+
+
+def test_a_check_keeps_name_behaviour_and_the_worst_of_its_dangers() -> None:
+    """The declaration is all the engine needs."""
+    one = registry.check("A-1", safety=("stored", "motion"))(documented)
+    assert (one.name, one.behaviour) == ("documented", "It behaves.")
+    assert one.danger == registry.SAFETY_CLASSES.index("stored")
+
+
+def test_two_checks_of_one_name_are_refused(toy: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A name selects and replays exactly one check."""
+    twice = types.ModuleType("toy_checks_again")
+    monkeypatch.setitem(sys.modules, twice.__name__, twice)
+    toy.add(documented, "MACS-LINE-01")
+    vars(twice)["documented"] = replace(toy.module.documented, module=twice.__name__)
+    family = replace(toy.family, modules=(toy.module.__name__, twice.__name__))
+    with pytest.raises(TypeError, match="documented"):
+        family.checks()
+
+
+def test_a_check_imported_from_elsewhere_belongs_to_its_own_module_only(toy: Any) -> None:
+    """Importing a check does not run it twice."""
+    foreign = registry.check("MACS-LINE-01")(documented)
+    vars(toy.module)["documented"] = foreign
+    assert toy.family.checks() == ()
+
+
+def test_an_unknown_model_is_answered_with_the_nearest_name() -> None:
+    """The user reads what to type instead."""
+    with pytest.raises(UsageError, match=r"mac-23.*did you mean mac23\?"):
+        find_family("mac-23")
+
+
+FAMILIES = pytest.mark.parametrize("family", families(), ids=lambda family: family.name)
+
+
+@FAMILIES
+def test_every_check_names_requirements_that_exist(family: Family) -> None:
+    """From the checks to the ledger."""
+    known = set(load_ledger(family.ledger).requirements)
+    for one in family.checks():
+        assert set(one.requirements) <= known, one.name
+
+
+@FAMILIES
+def test_every_requirement_has_a_check_or_a_reason(family: Family) -> None:
+    """From the ledger to the checks: covered, not on the wire, or only a rig can show it."""
+    covered = {key for one in family.checks() for key in one.requirements}
+    missing = [
+        key
+        for key, one in load_ledger(family.ledger).requirements.items()
+        if key not in covered and not one.not_on_wire and "rig" not in one.safety
+    ]
+    assert missing == []
+
+
+@FAMILIES
+def test_a_check_is_declared_no_safer_than_what_it_judges_demands(family: Family) -> None:
+    """A destructive requirement cannot be judged by a check that claims to be passive."""
+    ledger = load_ledger(family.ledger)
+    for one in family.checks():
+        for key in one.requirements:
+            if ledger.requirements[key].safety == {"destructive"}:
+                assert "destructive" in one.safety, f"{one.name} judges {key}"

@@ -1,0 +1,35 @@
+"""The log of the wire."""
+
+from __future__ import annotations
+
+from axistwin_conformance.transcript import Direction, Record, Transcript
+
+
+def filled(kept: int, count: int) -> Transcript:
+    """A transcript of `count` numbered notes."""
+    transcript = Transcript(kept)
+    for number in range(count):
+        transcript.add(Record(number, Direction.NOTE, text=str(number)))
+    return transcript
+
+
+def test_an_excerpt_begins_at_its_mark() -> None:
+    """`since` gives what was recorded after a position."""
+    transcript = filled(100, 5)
+    mark = transcript.position
+    transcript.add(Record(9, Direction.HOST, b"x"))
+    assert [one.data for one in transcript.since(mark)] == [b"x"]
+    assert transcript.since(transcript.position) == ()
+
+
+def test_an_excerpt_keeps_the_last_records_when_it_is_limited() -> None:
+    """The end of a sequence matters more than its beginning."""
+    assert [one.time_ns for one in filled(100, 5).since(0, limit=2)] == [3, 4]
+
+
+def test_old_records_fall_out_and_marks_stay_valid() -> None:
+    """Memory is bounded; a mark older than the log gives all there is."""
+    transcript = filled(3, 10)
+    assert len(transcript) == 3
+    assert [one.time_ns for one in transcript.since(0)] == [7, 8, 9]
+    assert [one.time_ns for one in transcript.since(8)] == [8, 9]
