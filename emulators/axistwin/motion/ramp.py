@@ -456,9 +456,9 @@ class RampedMotion:
     def retarget(self, now_ns: Nanos, remaining: int) -> "RampedMotion":
         """Let the target lie ``remaining`` increments ahead of the present count.
 
-        Negative: it lies behind.  For a running move with a target, whose origin was moved (MACS-AMB-52, -53).  A motion that
-        is stopping or over stays as it is; what lies short of the braking distance is passed
-        (``overshoot``).
+        Negative: it lies behind.  For a running move whose origin was moved (MACS-AMB-52, -53).
+        A motion that is stopping, over or without a target stays as it is.  A target short of the
+        braking distance is passed (``overshoot``).
         """
         if self.stopping or self.target is None or self.is_over(now_ns):
             return self
