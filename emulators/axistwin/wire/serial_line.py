@@ -89,12 +89,12 @@ class SerialLine:
         start_ns = max(start_ns, self.now_ns)
         last = self._last_of(station)
         line_format = self._receivers[station].format
-        if last is not None and start_ns < last.end_ns:
+        if last is not None and start_ns < last.free_ns:
             if not last.is_broken and last.format == line_format:
                 last.extend(data)
                 self._line_changed()
                 return
-            start_ns = last.end_ns
+            start_ns = last.free_ns
         self._add(Transmission(station, start_ns, line_format, data))
 
     def send_break(self, station: int, start_ns: Nanos, duration_ns: Nanos) -> None:
@@ -103,7 +103,7 @@ class SerialLine:
         if not self._is_on[station]:
             return
         last = self._last_of(station)
-        start_ns = max(start_ns, self.now_ns, last.end_ns if last is not None else 0)
+        start_ns = max(start_ns, self.now_ns, last.free_ns if last is not None else 0)
         self._add(make_break(station, start_ns, duration_ns, self._receivers[station].format))
 
     def set_format(self, station: int, line_format: LineFormat) -> None:
@@ -151,7 +151,7 @@ class SerialLine:
     def sent_ns(self, station: int) -> Nanos:
         """When all that ``station`` has queued is on the line entirely; now, if it is."""
         last = self._last_of(station)
-        return self.now_ns if last is None else max(self.now_ns, last.end_ns)
+        return self.now_ns if last is None else max(self.now_ns, last.free_ns)
 
     # -- what stations hear --
 
@@ -230,7 +230,7 @@ class SerialLine:
             ):
                 return arrival_ns
             ahead = Receiver(station, receiver.format, is_host=receiver.is_host)
-            ahead.search_from(current.edge(current.heard, 0))
+            ahead.search_from(current.last_sample(current.heard))
         else:
             ahead = Receiver(station, receiver.format, is_host=receiver.is_host)
             ahead.search_from(receiver.searched)
@@ -285,9 +285,9 @@ class SerialLine:
     def _disturb(self) -> None:
         """From the character under way on, let every receiver look at the bits."""
         current = self._transmissions[0]
-        boundary = current.edge(current.heard, 0)
+        consumed = current.last_sample(current.heard)
         for receiver in self._receivers:
-            receiver.search_from(boundary)
+            receiver.search_from(consumed)
         self._is_clean = False
 
     def _sample_until(self, limit_ns: Nanos) -> tuple[Chunk, tuple[int, ...]] | None:
@@ -350,6 +350,10 @@ class SerialLine:
         if first.is_broken or (clash_ns is not None and clash_ns < done_ns):
             return False
         boundary = first.edge(index, 0)
+        if any(
+            each.end_ns <= self.now_ns and each.fine_end > boundary for each in self._transmissions
+        ):
+            return False  # somebody has meddled with this character
         for receiver in self._active():
             character = receiver.next_character(self._transmissions)
             if receiver.station == first.station:

@@ -33,6 +33,10 @@ from axistwin.wire.waveform import (
 )
 
 
+# An edge and a sample that coincide exactly may be rounded this far apart, in fine time.
+ROUNDING = 2
+
+
 @dataclass(frozen=True, slots=True)
 class Character:
     """One character as sampled, or None as ``value`` for one that is dropped.
@@ -50,7 +54,8 @@ class Character:
 def _sample_offsets(line_format: LineFormat) -> tuple[int, ...]:
     """The middle of start, data, parity and stop bit, in fine time from the edge."""
     bits = 1 + line_format.data_bits + (line_format.parity != "N") + 1
-    return tuple((2 * n + 1) * FINE_PER_S // (2 * line_format.baud) for n in range(bits))
+    # rounded up like the edges, so that a sample that falls on an edge sees the new level
+    return tuple(-(-(2 * n + 1) * FINE_PER_S // (2 * line_format.baud)) for n in range(bits))
 
 
 @lru_cache(maxsize=32)
@@ -102,7 +107,7 @@ class Receiver:
         station = self.station
         offsets = _sample_offsets(self.format)
         if not is_space(line, station, edge + offsets[0]):
-            return _dropped(edge, edge + offsets[0])
+            return _dropped(edge, edge + offsets[0] - ROUNDING)
         value = 0
         for place in range(self.format.data_bits):
             if not is_space(line, station, edge + offsets[1 + place]):
@@ -111,7 +116,7 @@ class Receiver:
         if self.format.parity != "N":
             mark = not is_space(line, station, edge + offsets[-2])
             good = good and mark == bool(parity_bit(self.format.parity, value))
-        resume = edge + offsets[-1]
+        resume = edge + offsets[-1] - ROUNDING
         if good or self.is_host:
             done_ns = edge + _character_span(self.format) >> FINE_BITS
             return Character(edge, resume, done_ns, value if good else 0)

@@ -136,6 +136,13 @@ class Transmission:
         self.end_ns = self.start_ns + self.format.span_ns(count)
         del self._kept[count - self._first_kept :]
 
+    @property
+    def free_ns(self) -> Nanos:
+        """When the station may send again: after a break the line first rests for one bit."""
+        if self.is_broken and not self.count:
+            return self.end_ns + NS_PER_S // self.format.baud
+        return self.end_ns
+
     # -- levels, in fine time --
 
     @property
@@ -164,6 +171,13 @@ class Transmission:
     def drives(self, fine: int) -> bool:
         """Whether the driver is on at ``fine``."""
         return self.start_ns << FINE_BITS <= fine < self.fine_end
+
+    def last_sample(self, index: int) -> int:
+        """The middle of the first stop bit of the byte before ``index``: search starts there."""
+        line_format = self.format
+        if index == 0:
+            return self.start_ns << FINE_BITS
+        return self.edge(index - 1, line_format.half_bits_per_byte - line_format.stop_half_bits + 1)
 
     def falls(self, fine: int) -> Iterator[int]:
         """The times from ``fine`` on at which this driver goes from mark to space, in order."""
