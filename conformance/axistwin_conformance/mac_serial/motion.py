@@ -20,7 +20,7 @@ from bisect import bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from typing import Final
 
 TICK_NS: Final = 125
@@ -36,8 +36,8 @@ class Law:
 
     ramp: str = "equal_time"  # or "equal_increments", MACS-AMB-42
     triangle: str = "mirror"  # or "shared_peak", §5.11
-    change: str = "levels"  # or "constant_acceleration", "step", MACS-AMB-44
-    stop: str = "climbed"  # or "full_ramp", MACS-AMB-45
+    change: str = "ramp_levels"  # or "first_ramp_acceleration", "step", MACS-AMB-44
+    stop: str = "climbed"  # or "full", MACS-AMB-45
     rounding: str = "half_up"  # or "down", "up", MACS-AMB-43
 
 
@@ -52,10 +52,7 @@ def divide(numerator: int, denominator: int, rounding: str) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """`count` increments of `period` ticks each; an endless run has count None.
-
-    `climbed`: ramp increments under the axis when the run begins, and whether the run adds to them.
-    """
+    """`count` increments of `period` ticks each; an endless run has count None."""
 
     count: int | None
     period: int
@@ -141,7 +138,7 @@ def ramp(period: int, coefficient: int, law: Law) -> tuple[Run, ...]:
         counts = [level * coefficient for level in range(1, RAMP_LEVELS)]
     else:
         edges = [15 * coefficient * level // 2 for level in range(RAMP_LEVELS + 1)]
-        counts = [after - before for before, after in zip(edges, edges[1:], strict=False)]
+        counts = [after - before for before, after in pairwise(edges)]
     return _tidy(
         Run(count, divide(RAMP_LEVELS * period, level, law.rounding))
         for level, count in enumerate(counts, start=1)
@@ -163,7 +160,7 @@ def move(distance: int, period: int, coefficient: int, law: Law) -> Profile:
     length = ramp_increments(coefficient)
     up, down = min(length, (distance + 1) // 2), min(length, distance // 2)
     rising, falling = climb.first(up), climb.first(down)
-    if law.triangle == "shared_peak" and up == down and 0 < up and distance <= 2 * length:
+    if law.triangle == "shared_peak" and up == down and up > 0 and distance <= 2 * length:
         peak = climb.period_of(up) if up < length else period
         rising, falling = (part.first(up - 1).then([Run(1, peak)]) for part in (rising, falling))
     cruise = Run(distance - up - down, period)
@@ -198,9 +195,9 @@ def transition(before: int, after: int, coefficient: int, law: Law) -> list[Run]
 class Course:
     """A motion of 13h, 14h or 15h with what a later command must know of its past.
 
-    `climb_start`: step at which the ramp counter j was 0; `base`: the period the ramp is built
-    from; `coefficient`: AA; `settled_at`: step from which j is N whatever came before (behind a
-    speed change); `descent_at`: step from which the axis only slows down (None: not yet ordered).
+    `base`: the period the ramp is built from; `coefficient`: AA; `distance`: of 13h and 14h only;
+    `transition_at`, `transition_end`: the steps between which a speed change happens, if one was
+    ordered; `descent_at`: the step from which an ordered stop slows the axis down.
     """
 
     profile: Profile
@@ -251,7 +248,7 @@ class Course:
         base = self.base
         if self.transition_at is not None and done <= self.transition_end:
             base = self.profile.period_of(done - 1)  # from the level in use
-        if self.law.stop == "full_ramp":
+        if self.law.stop == "full":
             climbed = ramp_increments(self.coefficient)
         descent = Profile(ramp(base, self.coefficient, self.law)).first(climbed)
         profile = self.profile.first(done).then(_mirrored(descent.runs))

@@ -1,0 +1,388 @@
+"""The host's hands on one module: exchanges with their time windows, settings, waiting for rest.
+
+Every exchange tells when the module can have taken the request over (`Exchange.taken`): not before
+its last byte has left us, not after its reply began.  That needs no assumption about latencies, so
+the same arithmetic holds in virtual time, over a pty and over a real adapter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from axistwin_conformance.mac_serial import codec
+from axistwin_conformance.mac_serial.codec import Kind, Reply, Request
+from axistwin_conformance.mac_serial.forecast import Forecast, Segment, Timeline, Window
+from axistwin_conformance.mac_serial.motion import TICKS_PER_SECOND, Course, Law
+from axistwin_conformance.session import Session
+
+BITS_PER_BYTE: Final = 10
+QUIET_S: Final = 0.05  # ten times any reply seen; silence is proven by the next exchange, not by it
+NACK_RETRIES: Final = 8
+DEAF_S: Final = 2.0  # MACS-CMD-00-02
+DEAF_SURELY_S: Final = 1.5
+AWAKE_SURELY_S: Final = 2.5
+CLOCK_ERROR: Final = 0.002  # a real module's quartz against ours; none in virtual time
+
+SLOWEST: Final = 0xFFFF
+SAFE_PERIOD: Final = 0x0640  # 1600 ticks: 5000 inc/s, 150 rpm on a MAC23
+
+Part = str | tuple[str, ...] | None
+
+
+@dataclass(frozen=True, slots=True)
+class Exchange:
+    """One request, its reply, and the window in which the module took the request over."""
+
+    request: bytes
+    reply: Reply
+    taken: Window
+
+    @property
+    def kind(self) -> Kind:
+        """What the module said."""
+        return self.reply.kind
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """A counter reading and the window in which the module took it."""
+
+    position: int
+    taken: Window
+
+
+class Bench:
+    """One module on the line, as a check handles it."""
+
+    def __init__(self, session: Session, address: int | None = None) -> None:
+        self.session = session
+        self.target = session.target
+        self.address = session.address if address is None else address
+        self.period = SAFE_PERIOD
+        self.coefficient = 0
+
+    # --- exchanges -------------------------------------------------------------------------------
+
+    @property
+    def byte_ns(self) -> int:
+        """The time a byte takes on the line."""
+        return BITS_PER_BYTE * 1_000_000_000 // self.target.baud
+
+    def send(self, frame: Request | bytes, timeout_s: float | None = None) -> Exchange:
+        """Send bytes, take the reply apart.  A Nack that noise provoked is answered by sending
+        again: a module does nothing with a frame it Nacks (MACS-REPLY-04)."""
+        data = frame if isinstance(frame, bytes) else frame.encode()
+        exchange = self._once(data, timeout_s)
+        is_intact = isinstance(frame, Request) and frame.check is None
+        for _ in range(NACK_RETRIES):
+            if self.target.is_virtual or not is_intact or exchange.kind is not Kind.NACK:
+                break
+            self.session.record_retry(f"{codec.explain(data)}: Nack for an intact frame")
+            exchange = self._once(data, timeout_s)
+        return exchange
+
+    def _once(self, data: bytes, timeout_s: float | None) -> Exchange:
+        self.target.drain()
+        sent_ns = self.target.send(data)
+        limit_s = self.session.reply_timeout_s if timeout_s is None else timeout_s
+        received = b""
+        while (count := codec.missing_bytes(received)) > 0:
+            arrived = self.target.receive(count, limit_s)
+            if not arrived:
+                break
+            received += arrived
+        done_ns = self.target.now_ns
+        earliest = sent_ns + len(data) * self.byte_ns
+        latest = done_ns - len(received) * self.byte_ns
+        if latest < earliest:  # a line on which bytes take no time
+            earliest, latest = sent_ns, done_ns
+        # A motion may count from the end of the reply (MACS-AMB-41): within the window.
+        if len(received) == codec.SHORT_REPLY_BYTES:
+            latest = done_ns
+        reply = codec.parse(received)
+        self._note_spelling(reply)
+        return Exchange(data, reply, Window(earliest, latest))
+
+    def _note_spelling(self, reply: Reply) -> None:
+        """Remember how this device spells Xon and Xonerror; a check of its own judges it."""
+        readings = self.session.run.readings
+        if reply.xon_spelling is not None:
+            readings.setdefault("xon_byte", reply.xon_spelling)
+        if reply.xonerror_spelling is not None:
+            readings.setdefault("xonerror_byte", reply.xonerror_spelling)
+
+    def frame(
+        self, index: int, parameter: int = 0, sub_index: int = 0, address: int | None = None
+    ) -> Request:
+        """A well-formed request to this module."""
+        whom = self.address if address is None else address
+        return codec.request(whom, index, parameter, sub_index)
+
+    def command(self, index: int, parameter: int = 0, sub_index: int = 0) -> Exchange:
+        """Send a command."""
+        return self.send(self.frame(index, parameter, sub_index))
+
+    def ask(self, index: int, sub_index: int = 0) -> Exchange:
+        """Send a query; repeated on a line that is not exact until an answer comes."""
+        exchange = self.command(index, 0, sub_index)
+        for _ in range(NACK_RETRIES):
+            if self.target.is_virtual or exchange.kind in (Kind.ANSWER, Kind.REFUSED):
+                break
+            self.session.record_retry(f"query {index:02X}h: {exchange.reply}")
+            exchange = self.command(index, 0, sub_index)
+        return exchange
+
+    def value(self, index: int, sub_index: int = 0) -> int:
+        """The 32-bit number a query answers; no answer fails the check."""
+        exchange = self.ask(index, sub_index)
+        if exchange.reply.data is None:
+            self.session.fail(None, f"an answer to query {index:02X}h", exchange.reply)
+        return exchange.reply.data
+
+    def data_bytes(self, index: int, sub_index: int = 0) -> tuple[int, int, int, int]:
+        """The four bytes a query answers, first byte first."""
+        first, second, third, fourth = self.value(index, sub_index).to_bytes(4, "big")
+        return first, second, third, fourth
+
+    def sample(self) -> Sample:
+        """Read the counter, with the window in which it was read."""
+        exchange = self.ask(0x20)
+        if exchange.reply.data is None:
+            self.session.fail(None, "an answer to query 20h", exchange.reply)
+        return Sample(codec.signed(exchange.reply.data), exchange.taken)
+
+    def position(self) -> int:
+        """Read the counter."""
+        return self.sample().position
+
+    def is_busy(self) -> bool:
+        """The inverted bit 3 of 27h byte 3 (MACS-Q-27-03)."""
+        return not self.data_bytes(0x27)[2] & 0x08
+
+    def stopped_on(self) -> int:
+        """The byte ff of 21h: which stops ended the motion."""
+        return self.data_bytes(0x21)[1] & 0x0F
+
+    # --- judging ---------------------------------------------------------------------------------
+
+    def must(self, kind: Kind, exchange: Exchange, requirement: Part = None) -> Exchange:
+        """Judge that the reply is of that kind."""
+        self.session.expect(
+            exchange.kind is kind,
+            requirement,
+            f"{kind.value} to {codec.explain(exchange.request)}",
+            exchange.reply,
+        )
+        return exchange
+
+    def accepted(
+        self, index: int, parameter: int = 0, sub_index: int = 0, requirement: Part = None
+    ) -> Exchange:
+        """Send a command that must be accepted."""
+        return self.must(Kind.ACCEPTED, self.command(index, parameter, sub_index), requirement)
+
+    def refused(
+        self, index: int, parameter: int = 0, sub_index: int = 0, requirement: Part = None
+    ) -> Exchange:
+        """Send a command that must be refused."""
+        return self.must(Kind.REFUSED, self.command(index, parameter, sub_index), requirement)
+
+    def silent(self, frame: Request | bytes, requirement: Part = None) -> None:
+        """Judge that a frame gets no reply: none now, and exactly one to the next query."""
+        exchange = self.send(frame, QUIET_S + self.target.uncertainty_ns / 1e9)
+        self.must(Kind.SILENCE, exchange, requirement)
+        self.alive(requirement)
+
+    def alive(self, requirement: Part = None) -> None:
+        """Judge that the module answers a good query, once."""
+        exchange = self.ask(0x20)
+        self.must(Kind.ANSWER, exchange, requirement)
+
+    def reading(self, switch: str, outcome: int | str, requirement: Part = None) -> None:
+        """Judge an ambiguity: `outcome` is the number of the reading seen, 0 the default, or a
+        sentence about what came if it is none of them."""
+        ambiguity = self.session.run.ledger.ambiguity_of(switch)
+        readings = ambiguity.switches[switch]
+        if isinstance(outcome, int):
+            self.session.quirk(requirement, switch, readings[outcome])
+            self.session.expect(True, requirement, readings, readings[outcome])
+        else:
+            self.session.fail(requirement, [f"{switch}={one}" for one in readings], outcome)
+
+    def known(self, switch: str, look: Callable[[Bench], int | str] | None = None) -> int:
+        """The number of the reading this device follows, as far as known, asking by `look` if it
+        has not shown itself yet; what fits no reading counts as the default here."""
+        readings = self.session.run.ledger.ambiguity_of(switch).switches[switch]
+        seen = self.session.readings.get(switch)
+        if seen in readings:
+            return readings.index(seen)
+        if look is None:
+            return 0
+        outcome = look(self)
+        if isinstance(outcome, str):
+            return 0
+        self.session.run.readings.setdefault(switch, readings[outcome])
+        return outcome
+
+    # --- settings and motion ---------------------------------------------------------------------
+
+    @property
+    def law(self) -> Law:
+        """The readings that shape profiles, as this device has shown them."""
+        seen = self.session.readings
+        return Law(
+            ramp=seen.get("ramp_law", "equal_time"),
+            change=seen.get("vel_change_law", "ramp_levels"),
+            stop=seen.get("stop_ramp_law", "climbed"),
+        )
+
+    @property
+    def fastest(self) -> int:
+        """The shortest period the envelope allows."""
+        return max(1, -(-TICKS_PER_SECOND // self.session.envelope.max_speed))
+
+    def ready(self, period: int = SAFE_PERIOD, coefficient: int = 0) -> int:
+        """Bring the module to rest with plain settings; give its position.
+
+        No sync, no stops, nominal torque (an axis in standby may swing by one increment, so exact
+        places could not be judged), tolerance 0, the given period and ramp.
+        """
+        self.at_rest()
+        self.period, self.coefficient = max(period, self.fastest), coefficient
+        speeds, modes = self.value(0x25), self.value(0x26)
+        for index, present, wanted in (
+            (0x02, modes >> 12 & 0xF, 0),
+            (0x03, modes >> 8 & 0xF, 0),
+            (0x0D, speeds & 0xFFFF, self.period),
+            (0x0F, modes >> 24, coefficient),
+            (0x1C, modes & 0xFF, 0),
+        ):
+            if present != wanted:  # an EEPROM bears only so many writes
+                self.command(index, wanted)
+        return self.position()
+
+    def at_rest(self) -> None:
+        """End motion and synchronous mode, whatever the device's reading of either."""
+        self.command(0x18)
+        if self.known("preload_policy") == 2 or self.known("abort_flush") == 1:
+            self.command(0x13, self.position())
+            self.command(0x11)
+            self.command(0x18)
+
+    def room(self) -> int:
+        """Increments a check may use up in one direction: half of the envelope."""
+        return self.session.envelope.max_travel // 2
+
+    def go(self, target: int) -> Forecast:
+        """Send 13h to a target in the envelope; it must be accepted.  Give what to expect."""
+        origin = self.position()
+        exchange = self.accepted(0x13, target)
+        return self.to_position(exchange, origin, target)
+
+    def to_position(self, exchange: Exchange, origin: int, target: int) -> Forecast:
+        """What to expect of a 13h, 14h or 11h taken over in that exchange."""
+        distance, direction = abs(target - origin), (target > origin) - (target < origin)
+        return Forecast.started(
+            exchange.taken,
+            origin,
+            direction,
+            lambda law: Course.to_position(distance, self.period, self.coefficient, law),
+            self.law,
+        )
+
+    def to_velocity(self, exchange: Exchange, origin: int, direction: int, period: int) -> Forecast:
+        """What to expect of a 15h from rest taken over in that exchange."""
+        return Forecast.started(
+            exchange.taken,
+            origin,
+            direction,
+            lambda law: Course.endless(period, self.coefficient, law),
+            self.law,
+            mode="VE",
+        )
+
+    def turn(self, direction: int, period: int) -> Forecast:
+        """Send 15h from rest; it must be accepted."""
+        origin = self.position()
+        exchange = self.accepted(0x15, velocity(direction, period))
+        return self.to_velocity(exchange, origin, direction, period)
+
+    def to_segments(self, exchange: Exchange, origin: int, *segments: Segment) -> Forecast:
+        """What to expect of segments of which the first was taken over at rest."""
+        return Forecast.of(
+            Timeline("IN", origin, edge, segments=segments) for edge in exchange.taken.edges
+        )
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass."""
+        if seconds > 0:
+            self.target.wait(seconds)
+
+    def wait_until(self, moment_ns: int) -> None:
+        """Let time pass up to a moment of the target's clock."""
+        self.wait((moment_ns - self.target.now_ns) / 1e9)
+
+    def allowance(self, period: int) -> int:
+        """Increments a real axis may trail or lead its set-point by; none in virtual time."""
+        if self.target.is_virtual:
+            return 0
+        return 2 + TICKS_PER_SECOND // max(1, period) // 200  # 5 ms of motion
+
+    def follow(self, forecast: Forecast, requirement: Part = None, allowance: int = 0) -> Sample:
+        """Judge one counter reading against what is expected."""
+        sample = self.sample()
+        lowest, highest = forecast.bounds(self._widened(sample.taken, forecast))
+        self.session.expect(
+            lowest - allowance <= sample.position <= highest + allowance,
+            requirement,
+            f"position {lowest}..{highest}",
+            f"position {sample.position}",
+        )
+        return sample
+
+    def _widened(self, window: Window, forecast: Forecast) -> Window:
+        """On a real module's own quartz, time runs a little differently than on ours."""
+        if self.target.is_virtual:
+            return window
+        start_ns = min(timeline.start_ns for timeline in forecast.timelines)
+        error_ns = round(max(0, window.latest_ns - start_ns) * CLOCK_ERROR)
+        return Window(window.earliest_ns - error_ns, window.latest_ns + error_ns)
+
+    def watch(self, forecast: Forecast, requirement: Part = None, samples: int = 6) -> int:
+        """Judge the whole motion: some places on its way, and its end.  Give the final place."""
+        end = forecast.end
+        assert end is not None, "an endless motion is not waited for"
+        begin_ns = self.target.now_ns
+        allowance = self.allowance(self.period)
+        for number in range(1, samples + 1):
+            self.wait_until(begin_ns + (end.earliest_ns - begin_ns) * number // (samples + 1))
+            self.follow(forecast, requirement, allowance)
+        return self.finish(forecast, requirement)
+
+    def finish(self, forecast: Forecast, requirement: Part = None) -> int:
+        """Wait for the end of a motion; judge where the axis then stands and that it stays."""
+        end = forecast.end
+        assert end is not None, "an endless motion is not waited for"
+        settle_ns = 0 if self.target.is_virtual else 100_000_000
+        self.wait_until(end.latest_ns + settle_ns)
+        lowest, highest = forecast.final
+        sample = self.sample()
+        self.session.expect(
+            lowest <= sample.position <= highest,
+            requirement,
+            f"at rest at {lowest}" if lowest == highest else f"at rest in {lowest}..{highest}",
+            f"position {sample.position}",
+        )
+        return sample.position
+
+
+def velocity(direction: int, period: int) -> int:
+    """The parameter of 15h: SS = F6h turns counter-clockwise, 00h clockwise (MACS-CMD-15-01)."""
+    return (0xF60000 if direction < 0 else 0) | period
+
+
+def segment(steps: int, period: int) -> int:
+    """The parameter of 16h and 1Eh: DDDD and VVVV."""
+    return (steps & 0xFFFF) << 16 | period

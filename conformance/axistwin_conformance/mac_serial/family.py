@@ -1,0 +1,290 @@
+"""What the engine must know of the MAC family beside its checks: who is there, how to stop, what to
+put back, and which frame may do what to the axis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from axistwin_conformance.errors import TargetError, WrongDevice
+from axistwin_conformance.mac_serial import codec
+from axistwin_conformance.mac_serial.bench import Bench
+from axistwin_conformance.mac_serial.codec import Kind
+from axistwin_conformance.registry import SAFETY_CLASSES, Family, Identity, Model
+from axistwin_conformance.session import Session
+from axistwin_conformance.transcript import Direction, Record
+
+PROBE_ATTEMPTS: Final = (
+    6  # with the reply time-out of 0.5 s: longer than the deaf time after power-up
+)
+PLAUSIBLE_CELSIUS: Final = (-20.0, 90.0)  # a MAC at rest; the models' scales differ by 70 degrees
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What differs between the models on the wire (§5.9): temperature = gain·tt + offset, supply =
+    vv·volts_per_count, the shaft's resolution, and Imax where the manual lets it be derived."""
+
+    increments_per_turn: int
+    celsius_gain: float
+    celsius_offset: float
+    volts_per_count: float
+    imax: int | None
+
+    def celsius(self, tt: int) -> float:
+        """Read byte tt of answer 27h."""
+        return self.celsius_gain * tt + self.celsius_offset
+
+    def volts(self, vv: int) -> float:
+        """Read byte vv of answer 27h."""
+        return vv * self.volts_per_count
+
+
+MODELS: Final = {
+    model.name: model
+    for model in (
+        Model("mac23", "MAC23 (serial)", Facts(2000, 2.5, -215.0, 1 / 4.8, 0x80)),
+        Model("mac34-1", "MAC34-1 (serial)", Facts(10000, 2.45, -140.0, 0.4, None)),
+        Model("mac34-2", "MAC34-2 (serial)", Facts(10000, 2.45, -140.0, 0.8, None)),
+    )
+}
+
+
+def facts_of(session: Session) -> Facts:
+    """The facts of the model under test."""
+    facts = session.model.facts
+    assert isinstance(facts, Facts)
+    return facts
+
+
+# --- who is there --------------------------------------------------------------------------------
+
+
+def probe(session: Session) -> Identity:
+    """Ask release and measures: the only things on the wire that tell one model from another."""
+    bench = Bench(session)
+    release = next(
+        (
+            exchange.reply.data
+            for _ in range(PROBE_ATTEMPTS)
+            if (exchange := bench.command(0x24)).kind is Kind.ANSWER
+        ),
+        None,
+    )
+    if release is None:
+        last = bench.command(0x24)
+        raise TargetError(f"no module answers at address {bench.address:02X}h: {last.reply}")
+    measures = bench.ask(0x27).reply
+    if measures.data is None:
+        raise WrongDevice(f"query 27h of a {session.model.name} gives an answer, not {measures}")
+    tt, vv, _, _ = measures.data_bytes()
+    facts = facts_of(session)
+    celsius, volts = facts.celsius(tt), facts.volts(vv)
+    if not PLAUSIBLE_CELSIUS[0] <= celsius <= PLAUSIBLE_CELSIUS[1]:
+        raise WrongDevice(
+            f"not a {session.model.name}: its temperature byte {tt:02X}h would mean"
+            f" {celsius:.0f} °C; try another model"
+        )
+    values = {
+        "release": f"{release:08X}",
+        "temperature": f"{celsius:.1f} °C",
+        "supply": f"{volts:.1f} V",
+        "imax": f"{bench.data_bytes(0x28, 0xAF)[0]:02X}h",
+    }
+    summary = (
+        f"{session.model.title} at {bench.address:02X}h, release {release:08X},"
+        f" {celsius:.0f} °C, {volts:.1f} V"
+    )
+    return Identity(summary, values)
+
+
+def sanity(session: Session) -> bool:
+    """One position query with a good answer."""
+    bench = Bench(session)
+    return bench.ask(0x20).reply.digit == 0
+
+
+def stop(session: Session) -> None:
+    """Stop without ramp, twice: a lost first one must not leave the axis running."""
+    bench = Bench(session)
+    for _ in range(PROBE_ATTEMPTS):
+        if bench.command(0x18).kind in (Kind.ACCEPTED, Kind.REFUSED):
+            return
+
+
+# --- what to put back ----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Memory:
+    """Everything readable that checks may change, as it was found."""
+
+    position: int
+    superior: int
+    inferior: int
+    catch_up: int
+    period: int
+    coefficient: int
+    torque: int
+    modes: int
+    tolerance: int
+
+
+def remember(session: Session) -> Memory:
+    """Read the position and all parameters."""
+    return _read(Bench(session))
+
+
+def _read(bench: Bench) -> Memory:
+    speeds = bench.ask(0x25).reply.data or 0
+    modes = bench.ask(0x26).reply.data or 0
+    return Memory(
+        position=codec.signed(bench.ask(0x20).reply.data or 0),
+        superior=bench.ask(0x22).reply.data or 0,
+        inferior=bench.ask(0x23).reply.data or 0,
+        catch_up=speeds >> 24,
+        period=speeds & 0xFFFF,
+        coefficient=modes >> 24,
+        torque=modes >> 16 & 0xFF,
+        modes=modes >> 8 & 0xFF,
+        tolerance=modes & 0xFF,
+    )
+
+
+def restore(session: Session, memory: Memory) -> tuple[str, ...]:
+    """Put back what differs, and drive back to where the axis was found."""
+    bench = Bench(session)
+    stop(session)
+    now = _read(bench)
+    if now.position != memory.position:
+        _drive_back(bench, memory.position)
+        now = _read(bench)
+    repairs = _repairs(now, memory)
+    for index, parameter in repairs:
+        bench.command(index, parameter)
+    left = _read(bench) if repairs else now
+    return tuple(
+        f"{name} is {getattr(left, name):X}h, was {getattr(memory, name):X}h"
+        for name in Memory.__slots__
+        if getattr(left, name) != getattr(memory, name)
+    )
+
+
+def _repairs(now: Memory, memory: Memory) -> list[tuple[int, int]]:
+    """The commands that make what is what was; unchanged things are not written again."""
+    wanted = {
+        0x09: (now.superior, memory.superior),
+        0x0A: (now.inferior, memory.inferior),
+        0x0C: (now.torque, memory.torque),
+        0x0D: (now.period, memory.period),
+        0x0E: (now.catch_up << 8, memory.catch_up << 8),
+        0x0F: (now.coefficient, memory.coefficient),
+        0x02: (now.modes >> 4, memory.modes >> 4),
+        0x03: (now.modes & 0xF, memory.modes & 0xF),
+        0x1C: (now.tolerance, memory.tolerance),
+    }
+    return [(index, was) for index, (present, was) in wanted.items() if present != was]
+
+
+def _drive_back(bench: Bench, position: int) -> None:
+    """Go back at the speed and with the ramp of the checks; give up after twice the time."""
+    distance = abs(bench.ready() - position)
+    if distance > 2 * bench.session.envelope.max_travel:
+        return
+    forecast = bench.go(position)
+    end = forecast.end
+    assert end is not None
+    bench.wait_until(end.latest_ns)
+    for _ in range(20):
+        if bench.position() == position:
+            break
+        bench.wait(0.1)
+    bench.command(0x18)
+
+
+# --- which frame may do what ---------------------------------------------------------------------
+
+_CLASS_OF: Final[Mapping[str, tuple[int, ...]]] = {
+    "stored": (0x02, 0x03, 0x09, 0x0A, 0x0C, 0x0D, 0x0E, 0x0F, 0x1C),
+    "motion": (0x00, 0x10, 0x13, 0x14, 0x15, 0x16, 0x17, 0x18, 0x19, 0x1A, 0x1E),
+    "destructive": (0x01, 0x08, 0x1B),
+}
+SAFETY_OF: Final = {index: name for name, indices in _CLASS_OF.items() for index in indices}
+
+
+def guard(session: Session, data: bytes) -> str | None:
+    """Why these bytes must not be sent: an index of a class that the check did not declare."""
+    if session.check is None:
+        return None
+    for index in _indices(data):
+        needed = SAFETY_OF.get(index, "passive")
+        if needed == "passive" or needed in session.check.safety:
+            continue
+        if needed != "destructive" and "destructive" in session.check.safety:
+            continue
+        assert needed in SAFETY_CLASSES
+        return f"{index:02X}h is {needed}, which this check does not declare"
+    return None
+
+
+def _indices(data: bytes) -> list[int]:
+    """Every index that a module could make out in these bytes."""
+    found = []
+    for at, byte in enumerate(data):
+        index = data[at + 6 : at + 8]
+        if byte == codec.STX and len(index) == 2:
+            try:
+                found.append(int(index.decode("ascii"), 16))
+            except ValueError:
+                continue
+    return found
+
+
+def explain(record: Record) -> str:
+    """Put what was said into words."""
+    if record.direction is Direction.HOST:
+        return codec.explain_request(record.data)
+    return codec.explain(record.data)
+
+
+def twin_url(model: str, address: int, neighbours: tuple[int, ...]) -> str:
+    """The built-in twin, in virtual time, with its neighbours on one line."""
+    devices = ",".join(f"{model}:{one}" for one in (address, *neighbours))
+    return f"axistwin://{devices}?time=virtual"
+
+
+FAMILY: Final = Family(
+    name="mac_serial",
+    ledger="mac_serial",
+    models=MODELS,
+    modules=tuple(
+        f"axistwin_conformance.mac_serial.{name}"
+        for name in (
+            "checks_frames",
+            "checks_replies",
+            "checks_queries",
+            "checks_parameters",
+            "checks_acceptance",
+            "checks_motion",
+            "checks_velocity",
+            "checks_interpolation",
+            "checks_sync",
+            "checks_stops",
+            "checks_line",
+            "checks_sequences",
+            "checks_destructive",
+        )
+    ),
+    addresses=range(0x80),
+    default_address=0,
+    default_baud=38400,
+    probe=probe,
+    sanity=sanity,
+    stop=stop,
+    remember=remember,
+    restore=restore,
+    explain=explain,
+    twin_url=twin_url,
+    guard=guard,
+)
