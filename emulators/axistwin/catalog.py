@@ -11,7 +11,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
-from axistwin.devices.base import SerialDevice
+from axistwin.devices.base import MotionDevice
 from axistwin.errors import StateError, UsageError, nearest
 from axistwin.kernel.seed import derive_seed
 from axistwin.kernel.time import NS_PER_US, Nanos
@@ -65,7 +65,8 @@ class _Maker(Protocol):
         quirks: Mapping[str, Value],
         cells: Mapping[str, int],
         skew_ns: Nanos,
-    ) -> SerialDevice: ...
+        alone: bool,
+    ) -> MotionDevice: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,13 +102,20 @@ class Model:
         quirks: Mapping[str, Value] | None = None,
         cells: Mapping[str, int] | None = None,
         skew_ns: Nanos = 0,
-    ) -> SerialDevice:
+        alone: bool = True,
+    ) -> MotionDevice:
         """A device at ``address``, with ``cells`` in place of what the factory stored.
 
-        skew_ns: how much later than its siblings it answers.  Raises UsageError for bad quirks.
+        skew_ns: how much later than its siblings it answers.  alone: no other is on its line.
+        Raises UsageError for bad quirks.
         """
         return self.family.make(
-            self.name, address, quirks=quirks or {}, cells=cells or {}, skew_ns=skew_ns
+            self.name,
+            address,
+            quirks=quirks or {},
+            cells=cells or {},
+            skew_ns=skew_ns,
+            alone=alone,
         )
 
     def explain(self, data: bytes) -> str:
@@ -172,6 +180,7 @@ def parse_settings(texts: Iterable[str]) -> dict[str, str]:
 def read_profile(path: str | Path, known_models: Iterable[str]) -> dict[str, Value]:
     """The quirks in the TOML file at ``path``, meant for one of ``known_models`` (of a line).
 
+    The file has a table ``[quirks]`` and may have ``model = "NAME"``.
     Raises UsageError naming the file and the key.
     """
     names = sorted(set(known_models))
@@ -179,9 +188,7 @@ def read_profile(path: str | Path, known_models: Iterable[str]) -> dict[str, Val
     for key in profile:
         if key not in _PROFILE_KEYS:
             raise UsageError(f"profile {path}: unknown key {key!r}: {nearest(key, _PROFILE_KEYS)}")
-    model = profile.get("model")
-    if model is None:
-        raise UsageError(f"profile {path}: key 'model' is missing; add model = \"{names[0]}\"")
+    model = profile.get("model", names[0])
     if model not in names:
         raise UsageError(
             f"profile {path}: key 'model' is {model!r}, but the line has {', '.join(names)}; "
@@ -341,13 +348,13 @@ def _make_mac(
     quirks: Mapping[str, Value],
     cells: Mapping[str, int],
     skew_ns: Nanos,
-) -> SerialDevice:
+    alone: bool,
+) -> MotionDevice:
     from axistwin.devices.mac.quirks import parse_quirks
     from axistwin.devices.mac.serial import MacSerial
 
-    return MacSerial(
-        model, address, quirks=parse_quirks(quirks), cells=cells or None, skew_ns=skew_ns
-    )
+    settings = parse_quirks(quirks)
+    return MacSerial(model, address, quirks=settings, cells=cells, skew_ns=skew_ns, alone=alone)
 
 
 def _explain_mac(data: bytes) -> str:

@@ -5,10 +5,11 @@ Calls arrive in the order of time.  A device never looks at anything but its arg
 """
 
 from collections.abc import Mapping
-from typing import Protocol
+from typing import Any, Protocol
 
 from axistwin.kernel.effects import Effect
 from axistwin.kernel.time import Nanos
+from axistwin.motion.plant import Load
 from axistwin.wire.framing import Chunk, LineFormat
 
 
@@ -49,3 +50,25 @@ class SerialDevice(Protocol):
 
     def is_moving(self, now: Nanos) -> bool:
         """Whether cells change by themselves as time passes (the axis moves)."""
+
+
+class MotionDevice(SerialDevice, Protocol):
+    """A device that turns a shaft, with the pins and the surroundings of one."""
+
+    def set_input(self, now: Nanos, name: str, active: bool) -> list[Effect]:
+        """Tie an input to ground (``active``) or open it.  Raises UsageError for unknown names."""
+
+    def set_supply(self, now: Nanos, millivolts: int) -> list[Effect]:
+        """Change the voltage of the supply, millivolts."""
+
+    def set_temperature(self, now: Nanos, millidegrees: int) -> list[Effect]:
+        """Change the temperature of the electronics, thousandths of a degree Celsius."""
+
+    def set_load(self, now: Nanos, load: Load) -> list[Effect]:
+        """Change what is coupled to the shaft."""
+
+    def position_at(self, now: Nanos) -> int:
+        """Where the axis is, in increments."""
+
+    def describe(self, now: Nanos) -> Mapping[str, Any]:
+        """Everything worth showing, by name."""

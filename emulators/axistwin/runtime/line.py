@@ -18,19 +18,21 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
-from axistwin.devices.base import SerialDevice
-from axistwin.errors import StateError, UsageError
+from axistwin.devices.base import MotionDevice
+from axistwin.errors import StateError
 from axistwin.kernel.effects import Effect, Store, Trace
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.runtime.clock import Clock
 from axistwin.runtime.network import SerialNetwork
 from axistwin.runtime.storage import Slot, Stores
-from axistwin.runtime.transcript import Transcript
+from axistwin.runtime.transcript import Transcript, render_burst
 from axistwin.runtime.twin import Twin
 from axistwin.wire.framing import LineFormat
 
 if TYPE_CHECKING:
     from types import TracebackType
+
+_FOREVER = 1 << 62
 
 Subscriber: TypeAlias = "Callable[[Twin, Trace], None]"
 
@@ -41,7 +43,7 @@ class Station:
 
     name: str
     model: str
-    device: SerialDevice
+    device: MotionDevice
     slot: Slot
 
 
@@ -109,10 +111,21 @@ class Line:
             self._seen_bytes = available
             return now
 
-    def next_event_ns(self) -> Nanos | None:
-        """When ``sync`` should be called next; None: not before something changes."""
+    @property
+    def is_moving(self) -> bool:
+        """Whether an axis moves: ``save_moving`` is then worth calling from time to time."""
         with self._lock:
-            return _earliest(self._network.next_event(), self._network.next_host_byte_ns())
+            now = self._network.now_ns
+            return any(station.device.is_moving(now) for station in self._stations)
+
+    def next_event_ns(self) -> Nanos | None:
+        """When ``sync`` should be called next; None: not before something changes.
+
+        Bytes for the host count when their stretch is complete, or after ``GRANULARITY_NS``.
+        """
+        with self._lock:
+            patience = self._network.host_format.characters_within(self.GRANULARITY_NS)
+            return self._network.next_event(max(1, patience))
 
     def advance(self, duration_ns: Nanos) -> Nanos:
         """Let ``duration_ns`` pass, which takes real time unless it is virtual."""
@@ -125,20 +138,33 @@ class Line:
             if now >= until_ns:
                 return now
 
-    def wait(self, until_ns: Nanos | None, count: int | None = 1) -> Nanos:
+    def wait(
+        self,
+        until_ns: Nanos | None,
+        count: int | None = 1,
+        *,
+        stop: Callable[[], bool] = lambda: False,
+    ) -> Nanos:
         """Let time pass until ``count`` bytes can be received (None: whatever comes) or until then.
 
-        Returns the present time.  It may return earlier: after ``wake``, and in virtual time
-        without ``until_ns`` when nothing will ever happen by itself.
+        Returns the present time.  It may return earlier: after ``wake``, when ``stop()``, asked
+        before every sleep, is true (set what it asks for and then call ``wake``), and in virtual
+        time without ``until_ns`` when nothing will ever happen by itself.
         """
         with self._changed:
             wakes = self._wakes
             while True:
                 now = self.sync()
-                arrived = count is not None and self._network.host_available >= count
-                if arrived or self._wakes != wakes or (until_ns is not None and now >= until_ns):
+                missing = _FOREVER if count is None else count - self._network.host_available
+                if (
+                    missing <= 0
+                    or self._wakes != wakes
+                    or (until_ns is not None and now >= until_ns)
+                ):
                     return now
-                due = _earliest(self.next_event_ns(), until_ns)
+                if stop():
+                    return now
+                due = _earliest(self._network.next_event(missing), until_ns)
                 if not self.clock.is_virtual:
                     self._changed.wait(None if due is None else self.clock.delay_s(due))
                 elif due is None:
@@ -165,6 +191,7 @@ class Line:
             with self.changing():
                 self._network.host_format = line_format
 
+    @property
     def device_format(self) -> LineFormat:
         """Rate and framing of the first device, as it is now."""
         return self._stations[0].device.line_format
@@ -241,6 +268,15 @@ class Line:
         """The transcript with every frame in words."""
         with self._lock:
             return self.transcript.render(self._explain)
+
+    def record(self, write: Callable[[str], None] | None) -> None:
+        """Give every burst of bytes from now on to ``write``, as a line of text; None ends that."""
+        with self._lock:
+            self.transcript.flush()
+            if write is None:
+                self.transcript.on_burst = None
+            else:
+                self.transcript.on_burst = lambda burst: write(render_burst(burst, self._explain))
 
     def save_moving(self) -> None:
         """Save, not durably, what has changed by itself: the positions of axes that move."""

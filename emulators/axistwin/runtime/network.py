@@ -80,10 +80,12 @@ class SerialNetwork:
 
     # -- time --
 
-    def next_event(self) -> Nanos | None:
-        """When something is next due: a wake-up, a byte for the host, a possible reaction.
+    def next_event(self, host_bytes: int = 1) -> Nanos | None:
+        """When something is next due: a wake-up, bytes for the host, a possible reaction.
 
-        May be too early, never too late; None when nothing can happen any more by itself.
+        host_bytes: of a stretch that goes to the host, the byte (from 1) worth waiting for; the
+        last of the stretch if it is shorter.  May be too early, never too late; None when nothing
+        can happen any more by itself.
         """
         due_ns = self._schedule.next_event()
         stretch = self._line.peek_stretch()
@@ -92,7 +94,9 @@ class SerialNetwork:
         else:
             chunk, stations = stretch
             last = len(chunk.data) - 1
-            quiet = 0 if HOST in stations else self._quiet_bytes(chunk.data, stations)
+            if HOST in stations:
+                last = min(last, host_bytes - 1)
+            quiet = self._quiet_bytes(chunk.data, stations) if last else 0
             arrival_ns = chunk.arrival_ns(min(quiet, last))
         if arrival_ns is None or (due_ns is not None and due_ns < arrival_ns):
             return due_ns

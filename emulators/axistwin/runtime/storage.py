@@ -3,8 +3,8 @@
 Files, in the folder given with ``--state``
 -------------------------------------------
 - ``lock``: locked while a process uses the folder, so that two twins never write one memory.
-- ``mac23-0.state``: all cells of one device, for people to read.  Replaced as a whole: written under
-  another name, synchronised, renamed, and the folder synchronised, before the write returns.
+- ``mac23-0.state``: all cells of one device, for people to read.  Replaced as a whole: written
+  under another name, synchronised, renamed, the folder synchronised, before the write returns.
 - ``mac23-0.live``: what changes by itself (the position of an axis that moves), in two places
   written in turn and not synchronised.  The operating system keeps it when this process is killed.
 

@@ -26,11 +26,16 @@ class Burst:
 
 
 class Transcript:
-    """The last ``limit`` bursts, of at most 256 bytes each."""
+    """The last ``limit`` bursts, of at most 256 bytes each.
+
+    on_burst: called with each burst when it is over, that is, when the next begins or at ``flush``.
+    """
 
     def __init__(self, limit: int = 200) -> None:
         assert limit > 0
         self._bursts: deque[Burst] = deque(maxlen=limit)
+        self._is_open = False
+        self.on_burst: Callable[[Burst], None] | None = None
 
     def add(self, time_ns: Nanos, direction: Direction, data: bytes) -> None:
         """Note ``data``; it joins the last burst unless that went the other way or is over."""
@@ -39,6 +44,7 @@ class Transcript:
         last = self._bursts[-1] if self._bursts else None
         if (
             last is not None
+            and self._is_open
             and last.direction == direction
             and time_ns - last.last_ns <= _PAUSE_NS
             and len(last.data) + len(data) <= _BURST_MAX
@@ -47,12 +53,22 @@ class Transcript:
             last.last_ns = time_ns
             return
         for start in range(0, len(data), _BURST_MAX):
+            self.flush()
             piece = bytearray(data[start : start + _BURST_MAX])
             self._bursts.append(Burst(time_ns, direction, piece, time_ns))
+            self._is_open = True
+
+    def flush(self) -> None:
+        """The last burst is over; what comes begins another."""
+        if self._is_open:
+            self._is_open = False
+            if self.on_burst is not None:
+                self.on_burst(self._bursts[-1])
 
     def clear(self) -> None:
         """Forget everything."""
         self._bursts.clear()
+        self._is_open = False
 
     def __len__(self) -> int:
         return len(self._bursts)
@@ -62,10 +78,11 @@ class Transcript:
 
     def render(self, explain: Callable[[bytes], str] | None = None) -> str:
         """One line per burst: time in ms, ``>`` from the host or ``<`` to it, hex, meaning."""
-        return "\n".join(_render(burst, explain) for burst in self)
+        return "\n".join(render_burst(burst, explain) for burst in self)
 
 
-def _render(burst: Burst, explain: Callable[[bytes], str] | None) -> str:
+def render_burst(burst: Burst, explain: Callable[[bytes], str] | None = None) -> str:
+    """One line: time in ms, ``>`` from the host or ``<`` to it, hex, meaning."""
     data = bytes(burst.data)
     shown = data[:_HEX_MAX].hex(" ")
     if len(data) > _HEX_MAX:

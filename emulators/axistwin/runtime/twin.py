@@ -3,7 +3,6 @@
 Everything here acts at the line's present time and is over when it returns; from any thread.
 """
 
-import math
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
@@ -234,8 +233,9 @@ def _checked_name(kind: str, name: str, known: "Mapping[str, object] | tuple[str
     return name
 
 
-def _checked_number(name: str, value: float, low: float, high: float, unit: str) -> float:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not is_number or not math.isfinite(value) or not low <= value <= high:
+def _checked_number(name: str, value: object, low: float, high: float, unit: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise UsageError(f"{name} = {value!r} is no number; set {low:g}..{high:g} {unit}")
+    if not low <= value <= high:
         raise UsageError(f"{name} = {value!r} is out of range: {low:g}..{high:g} {unit}")
     return float(value)
