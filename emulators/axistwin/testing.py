@@ -1,0 +1,340 @@
+"""Twins for tests: started on a pty or behind a URL, worked from Python, told about on failure.
+
+``start("mac23")`` gives a running twin whose ``port`` any pyserial program can open::
+
+    with testing.start("mac23", time="virtual") as twin:
+        driver = MyDriver(twin.port)
+        driver.go_to(1000)
+        assert twin.position == 1000
+
+pytest's ``axistwin`` fixture is this with the stopping done; use ``start`` itself in fixtures of a
+wider scope, in unittest, or in a notebook.
+
+- Real and scaled time: a pty, served by a thread of its own until ``stop``.
+- Virtual time: an ``axistwin://`` URL for this process, and no thread at all.
+"""
+
+import contextlib
+import itertools
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self, TypedDict, Unpack, overload
+
+from axistwin.errors import UsageError, nearest
+from axistwin.kernel.time import NS_PER_S
+from axistwin.runtime.transcript import Transcript
+from axistwin.urlhandler import lines
+from axistwin.urlhandler.url import SCHEME, LineOptions, addressed, parse_speed
+
+if TYPE_CHECKING:
+    from axistwin.motion.plant import Load
+    from axistwin.runtime.line import Line
+    from axistwin.runtime.twin import Inputs, LoadHandle, Twin
+
+TRANSCRIPT_BURSTS = 20_000
+"""Bursts of bytes remembered of each line, so that what went wrong early is still there."""
+
+_HEAD_LINES, _TAIL_LINES = 60, 90
+
+_numbers = itertools.count(1)
+_running: "dict[int, StartedLine]" = {}
+
+
+class Options(TypedDict, total=False):
+    """How twins live.
+
+    time: ``"real"`` (the default) and a number (that many times as fast) give a pty, ``"virtual"``
+    a URL.  address: of the one device, where it is not written behind the model's name.
+    quirks: by name.  profile: a file of quirks.  state: a directory for what a real unit keeps.
+    baud: the devices' factory rate.  pacing: whether bytes take time.  seed: of all that is random.
+    cold: switch the devices on now; they start up first.
+    """
+
+    time: str | float
+    address: int | str
+    quirks: Mapping[str, str | int | bool]
+    profile: str | Path | None
+    state: str | Path | None
+    baud: int | None
+    pacing: bool
+    seed: int
+    cold: bool
+
+
+@overload
+def start(device: str, /, **options: Unpack[Options]) -> "StartedTwin": ...
+@overload
+def start(
+    device: str, second: str, /, *others: str, **options: Unpack[Options]
+) -> "StartedLine": ...
+def start(*devices: str, **options: Unpack[Options]) -> "StartedLine":
+    """Start a line with ``devices`` (``MODEL`` or ``MODEL:ADDRESS``); it can be opened at once.
+
+    Raises UsageError, StateError and PortError.
+    """
+    settings = _line_options(devices, **options)
+    kind = StartedTwin if len(settings.devices) == 1 else StartedLine
+    return kind(settings)
+
+
+def running() -> Sequence["StartedLine"]:
+    """What was started and not stopped yet, in the order of starting."""
+    return list(_running.values())
+
+
+class StartedLine:
+    """A line of twins that runs until ``stop``, or the end of a ``with`` block.
+
+    ``port`` is what to pass to ``serial.serial_for_url``; a pty's also to ``serial.Serial``.
+    ``line[0]`` and ``line["mac34-1:5"]`` are its twins.
+    """
+
+    port: str
+
+    def __init__(self, options: LineOptions) -> None:
+        self._number = next(_numbers)
+        self._stop = contextlib.ExitStack()
+        with contextlib.ExitStack() as undo:
+            if options.speed is None:
+                self.port, self._line = _behind_url(options, self._number, undo)
+            else:
+                self.port, self._line = _on_pty(options, undo)
+            self._stop = undo.pop_all()
+        self._line.transcript = Transcript(TRANSCRIPT_BURSTS)
+        _running[self._number] = self
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.title}>"
+
+    @property
+    def line(self) -> "Line":
+        """The line itself."""
+        return self._line
+
+    @property
+    def twins(self) -> Sequence["Twin"]:
+        """The twins, in the order in which they were named."""
+        return tuple(self._line.twins)
+
+    @property
+    def title(self) -> str:
+        """The twins and where they are found."""
+        return f"{' '.join(twin.name for twin in self.twins)} on {self.port}"
+
+    def __getitem__(self, key: int | str) -> "Twin":
+        if isinstance(key, int):
+            return self.twins[key]
+        known = {twin.name: twin for twin in self.twins}
+        if key not in known:
+            raise UsageError(f"no twin {key} on this line: {nearest(key, known)}")
+        return known[key]
+
+    def __len__(self) -> int:
+        return len(self.twins)
+
+    def __iter__(self) -> Iterator["Twin"]:
+        return iter(self.twins)
+
+    @property
+    def virtual_time_ns(self) -> int:
+        """The twins' present time in nanoseconds, in any kind of time."""
+        return self._line.sync()
+
+    def advance(self, seconds: float) -> None:
+        """Let ``seconds`` (>= 0) of virtual time pass.  Raises UsageError in any other time."""
+        if not self._line.is_virtual:
+            raise UsageError(
+                'advance: only virtual time can be moved; start the twin with time="virtual", '
+                "or wait"
+            )
+        if not seconds >= 0:
+            raise UsageError(f"advance: {seconds} s is not 0 or more")
+        self._line.advance(round(seconds * NS_PER_S))
+
+    @property
+    def transcript(self) -> str:
+        """What was said on the line, decoded; repeated exchanges are shown once and counted."""
+        return _condensed(self._line.render_transcript().splitlines())
+
+    def stop(self) -> None:
+        """Stop serving, save what twins keep, and close everything; twice is once.
+
+        Raises what made the line fail, if it did.
+        """
+        _running.pop(self._number, None)
+        self._stop.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+
+class StartedTwin(StartedLine):
+    """A line with one twin: what can be done to the twin can be done to this."""
+
+    @property
+    def twin(self) -> "Twin":
+        """The twin itself."""
+        return self._line.twins[0]
+
+    @property
+    def name(self) -> str:
+        """``mac23:0``."""
+        return self.twin.name
+
+    @property
+    def address(self) -> int:
+        """The address it answers at now."""
+        return self.twin.address
+
+    @property
+    def position(self) -> int:
+        """Where the axis is now, in increments."""
+        return self.twin.position
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the axis moves now."""
+        return self.twin.is_moving
+
+    @property
+    def state(self) -> str:
+        """What the twin is doing now, in words."""
+        return self.twin.state
+
+    def describe(self) -> dict[str, Any]:
+        """Everything worth showing of the twin, by name."""
+        return self.twin.describe()
+
+    @property
+    def inputs(self) -> "Inputs":
+        """The input pins: ``twin.inputs.reference = True``."""
+        return self.twin.inputs
+
+    @property
+    def supply_volts(self) -> float:
+        """Voltage of the supply, V."""
+        return self.twin.supply_volts
+
+    @supply_volts.setter
+    def supply_volts(self, volts: float) -> None:
+        self.twin.supply_volts = volts
+
+    @property
+    def temperature_celsius(self) -> float:
+        """Temperature of the electronics, °C."""
+        return self.twin.temperature_celsius
+
+    @temperature_celsius.setter
+    def temperature_celsius(self, celsius: float) -> None:
+        self.twin.temperature_celsius = celsius
+
+    @property
+    def load(self) -> "LoadHandle":
+        """What is coupled to the shaft."""
+        return self.twin.load
+
+    @load.setter
+    def load(self, load: "Load") -> None:
+        self.twin.load = load
+
+    @property
+    def is_powered(self) -> bool:
+        """Whether the supply is applied."""
+        return self.twin.is_powered
+
+    def power_off(self) -> None:
+        """Cut the supply."""
+        self.twin.power_off()
+
+    def power_on(self) -> None:
+        """Apply the supply."""
+        self.twin.power_on()
+
+    def power_cycle(self, off_s: float = 0.0) -> None:
+        """Cut the supply for ``off_s`` seconds, then apply it; the device still has to start."""
+        self.twin.power_cycle(off_s)
+
+
+def _line_options(devices: Sequence[str], **options: Unpack[Options]) -> LineOptions:
+    """``options`` as the value that lines are made from.  Raises UsageError."""
+    if not devices:
+        raise UsageError('axistwin: which devices? name one or more, such as "mac23:0"')
+    names = list(devices)
+    if "address" in options:
+        names = addressed(names, str(options["address"]))
+    for name in options:
+        if name not in Options.__annotations__:
+            remedy = nearest(name, Options.__annotations__)
+            raise UsageError(f"axistwin: unknown option {name}: {remedy}")
+    given: dict[str, Any] = {
+        name: value for name, value in options.items() if name not in ("time", "address")
+    }
+    for name in ("profile", "state"):
+        if given.get(name) is not None:
+            given[name] = str(given[name])
+    speed = parse_speed(options.get("time", "real"))
+    return replace(LineOptions(devices=tuple(names), speed=speed), **given)
+
+
+def _behind_url(
+    options: LineOptions, number: int, undo: contextlib.ExitStack
+) -> tuple[str, "Line"]:
+    """The URL and the line behind it; ``undo`` closes it."""
+    name = f"started-{number}"
+    shared = lines.share(name, options)
+    undo.callback(lines.release, name)
+    return f"{SCHEME}{','.join(options.devices)}?time=virtual&line={name}", shared.line
+
+
+def _on_pty(options: LineOptions, undo: contextlib.ExitStack) -> tuple[str, "Line"]:
+    """The pty's path and the line behind it; ``undo`` closes both."""
+    from axistwin.ports.pty import PtyPort
+    from axistwin.runtime.server import Server
+
+    line = lines.build_line(options)
+    undo.callback(line.close)
+    folder = tempfile.mkdtemp(prefix="axistwin-")
+    undo.callback(shutil.rmtree, folder, ignore_errors=True)
+    link = str(Path(folder, line.twins[0].name.partition(":")[0]))
+    server = Server(line, [PtyPort(link, line.device_format)])
+    undo.callback(server.stop)
+    server.start()
+    return link, line
+
+
+def _condensed(rows: Sequence[str]) -> str:
+    """The rows of a transcript, runs of exchanges with the same request shortened, and bounded."""
+    exchanges: list[list[str]] = []
+    for row in rows:
+        if _said(row).startswith(">") or not exchanges:
+            exchanges.append([])
+        exchanges[-1].append(row)
+    kept: list[str] = []
+    for _, group in itertools.groupby(exchanges, key=lambda exchange: _said(exchange[0])):
+        run = list(group)
+        kept += run[0]
+        if len(run) > 2:
+            kept.append(f"{'…':>15} {len(run) - 2} more like this one")
+        if len(run) > 1:
+            kept += run[-1]
+    dropped = len(kept) - _HEAD_LINES - _TAIL_LINES
+    if dropped > 1:
+        kept[_HEAD_LINES:-_TAIL_LINES] = [f"{'…':>15} {dropped} lines left out"]
+    return "\n".join(kept)
+
+
+def _said(row: str) -> str:
+    """A row of a transcript without its time."""
+    return row.partition(" ms ")[2]

@@ -1,0 +1,114 @@
+"""Lines made from options, and which ports of this process share one.
+
+- A line with a name (``line=NAME``) is the same for all who open that name, and lives until it is
+  released or the process ends: closing and opening again finds the same twins, still powered.
+- A line with a memory (``state=DIR``) is the same for all who open that folder, as long as one port
+  object refers to it.
+- Any other line belongs to one port object, which may be closed and opened as often as it likes.
+"""
+
+import math
+import threading
+import weakref
+from pathlib import Path
+
+from axistwin import catalog
+from axistwin.errors import UsageError
+from axistwin.kernel.time import NS_PER_S, Nanos
+from axistwin.runtime.clock import PacedClock, VirtualClock
+from axistwin.runtime.line import Line
+from axistwin.runtime.storage import MemoryStorage, Storage
+from axistwin.urlhandler.url import LineOptions, TwinUrl
+
+
+class OpenLine:
+    """A line and the options it was made with.  Raises UsageError and StateError.
+
+    The line is closed, its memory saved, when nobody refers to this object any more, or at the end
+    of the process.
+    """
+
+    def __init__(self, options: LineOptions) -> None:
+        self.options = options
+        self.line = build_line(options)
+        self.exclusive_owner: weakref.ref[object] | None = None
+        self._finalizer = weakref.finalize(self, self.line.close)
+
+    def span_ns(self, seconds: float) -> Nanos:
+        """``seconds`` of the host's own time in the line's time."""
+        return math.ceil(seconds * (self.options.speed or 1.0) * NS_PER_S)
+
+    def close(self) -> None:
+        """Switch the twins off and keep what they keep; twice is once.  Raises StateError."""
+        if self._finalizer.detach() is not None:
+            self.line.close()
+
+
+def build_line(options: LineOptions) -> Line:
+    """A new line, as ``options`` say.  Raises UsageError and StateError."""
+    specs = [catalog.parse_device(device) for device in options.devices]
+    quirks: dict[str, catalog.Value] = {}
+    if options.profile is not None:
+        quirks.update(catalog.read_profile(options.profile, {spec.model for spec in specs}))
+    quirks.update(options.quirks)
+    clock = VirtualClock() if options.speed is None else PacedClock(options.speed)
+    return catalog.build_line(
+        specs,
+        quirks=quirks,
+        seed=options.seed,
+        clock=clock,
+        paced=options.pacing,
+        storage=MemoryStorage() if options.state is None else Storage(options.state),
+        baud=options.baud,
+        cold=options.cold,
+    )
+
+
+_registry_lock = threading.Lock()
+_named: dict[str, OpenLine] = {}
+_with_state: "weakref.WeakValueDictionary[Path, OpenLine]" = weakref.WeakValueDictionary()
+
+
+def open_line(url: TwinUrl) -> OpenLine:
+    """The line that ``url`` asks for, new or shared.  Raises UsageError and StateError."""
+    with _registry_lock:
+        if url.line is not None:
+            found = _named.get(url.line)
+            if found is None:
+                _named[url.line] = found = OpenLine(_complete(url))
+            name = f"line {url.line}"
+        elif url.options.state is not None:
+            folder = Path(url.options.state).resolve()
+            found = _with_state.get(folder)
+            if found is None:
+                _with_state[folder] = found = OpenLine(_complete(url))
+            name = f"state {url.options.state}"
+        else:
+            return OpenLine(_complete(url))
+        difference = url.disagreement(found.options)
+        if difference is not None:
+            raise UsageError(f"{name} is open already: {difference}; choose another one")
+        return found
+
+
+def share(name: str, options: LineOptions) -> OpenLine:
+    """A new line that ``line=NAME`` finds from now on.  Raises UsageError and StateError."""
+    with _registry_lock:
+        if name in _named:
+            raise UsageError(f"line {name} is open already; choose another name")
+        _named[name] = opened = OpenLine(options)
+        return opened
+
+
+def release(name: str) -> None:
+    """Close the line of this name, if there is one; ports that have it open cannot use it more."""
+    with _registry_lock:
+        found = _named.pop(name, None)
+    if found is not None:
+        found.close()
+
+
+def _complete(url: TwinUrl) -> LineOptions:
+    if not url.options.devices:
+        raise UsageError(f"there is no line {url.line} yet; name its devices: axistwin://mac23?...")
+    return url.options

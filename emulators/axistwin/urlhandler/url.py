@@ -1,0 +1,198 @@
+"""What an ``axistwin://`` URL says, as a value.
+
+``axistwin://MODEL[:ADDRESS][,MODEL[:ADDRESS]...][?PARAMETER=VALUE[&PARAMETER=VALUE...]]``
+
+========================= ====================================================================
+``address=5``             the address, where it is not written behind the model's name
+``time=virtual``          time passes only while the host waits
+``time=real``             the default
+``time=20``               twenty times as fast as real time
+``quirk.NAME=VALUE``      one of the readings that the manual leaves open; any number of them
+``profile=FILE``          a file with a set of quirks
+``state=DIR``             keep what a real unit keeps, in this directory
+``seed=N``                the seed of everything random
+``pacing=no``             bytes take no time on the line
+``baud=9600``             the rate that the devices left the factory with
+``cold=yes``              switch the devices on now: they start up first
+``line=NAME``             a line of this name, the same for all who open it
+========================= ====================================================================
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+from urllib.parse import unquote
+
+from axistwin.errors import UsageError, nearest
+
+SCHEME = "axistwin://"
+QUIRK_PREFIX = "quirk."
+
+VIRTUAL = "virtual"
+REAL = "real"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LineOptions:
+    """The devices on a line and how they live.
+
+    devices: ``MODEL`` or ``MODEL:ADDRESS`` each.  speed: seconds of the devices' time per real
+    second, > 0, or None for virtual time.  baud: the devices' factory rate, None for the model's
+    own.  cold: start the devices up now instead of finding them ready.
+    """
+
+    devices: tuple[str, ...]
+    speed: float | None = 1.0
+    quirks: Mapping[str, str] = field(default_factory=dict)
+    profile: str | None = None
+    state: str | None = None
+    seed: int = 0
+    pacing: bool = True
+    baud: int | None = None
+    cold: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class TwinUrl:
+    """A URL taken apart: the options, which of them it gives, and the line's name or None."""
+
+    url: str
+    options: LineOptions
+    given: frozenset[str]
+    line: str | None
+
+    def disagreement(self, options: LineOptions) -> str | None:
+        """The first thing that this URL asks for and that ``options`` have not; None if all agree.
+
+        What the URL leaves out agrees with anything.
+        """
+        for name in sorted(self.given):
+            wanted, found = getattr(self.options, name), getattr(options, name)
+            if wanted != found:
+                return f"{name} is {_shown(found)}, not {_shown(wanted)}"
+        return None
+
+
+def parse_speed(text: str | float) -> float | None:
+    """``virtual`` (None), ``real`` (1.0) or how many times as fast as real time.
+
+    Raises UsageError.
+    """
+    if text == VIRTUAL:
+        return None
+    if text == REAL:
+        return 1.0
+    try:
+        speed = float(text)
+    except ValueError:
+        speed = math.nan
+    if not 0 < speed < math.inf:
+        raise UsageError(f"time={text}: use virtual, real, or a speed above 0 such as 20")
+    return speed
+
+
+def parse_url(url: str) -> TwinUrl:
+    """Take ``url`` apart.  Raises UsageError."""
+    if url[: len(SCHEME)].lower() != SCHEME:
+        raise UsageError(f"{url}: expected {SCHEME}MODEL[:ADDRESS][?PARAMETER=VALUE...]")
+    place, _, query = url[len(SCHEME) :].partition("?")
+    devices = [unquote(device) for device in place.removesuffix("/").split(",") if device]
+    values: dict[str, Any] = {}
+    quirks: dict[str, str] = {}
+    line = None
+    for name, value in _parameters(query):
+        if name.startswith(QUIRK_PREFIX):
+            quirks[name.removeprefix(QUIRK_PREFIX)] = value
+        elif name == "line":
+            line = _name(value)
+        elif name == "address":
+            devices = addressed(devices, value)
+        else:
+            field_name, parse = _PARAMETERS[name]
+            values[field_name] = parse(value)
+    if quirks:
+        values["quirks"] = quirks
+    if devices:
+        values["devices"] = tuple(devices)
+    elif line is None:
+        raise UsageError(f"{url}: names no device; write {SCHEME}mac23, for instance")
+    given = frozenset(values)
+    values.setdefault("devices", ())
+    return TwinUrl(url, LineOptions(**values), given, line)
+
+
+def _parameters(query: str) -> list[tuple[str, str]]:
+    """The parameters with their values, every name known and given once."""
+    known = (*_PARAMETERS, "address", "line")
+    found: dict[str, str] = {}
+    for part in query.split("&"):
+        if not part:
+            continue
+        name, equals, value = (unquote(piece) for piece in part.partition("="))
+        if name not in known and not name.startswith(QUIRK_PREFIX):
+            remedy = nearest(name, (*known, QUIRK_PREFIX + "NAME"))
+            raise UsageError(f"unknown parameter {name}: {remedy}")
+        if not equals or not value:
+            raise UsageError(f"{name}: no value given; write {name}=VALUE")
+        if name in found:
+            raise UsageError(f"{name}: given twice ({found[name]} and {value}); give it once")
+        found[name] = value
+    return list(found.items())
+
+
+def addressed(devices: list[str], address: str) -> list[str]:
+    """The one device of ``devices`` with the address behind its name.  Raises UsageError."""
+    if len(devices) != 1 or ":" in devices[0]:
+        raise UsageError(
+            f"address={address}: is for one device without an address; write MODEL:ADDRESS instead"
+        )
+    return [f"{devices[0]}:{address}"]
+
+
+def _name(text: str) -> str:
+    return text
+
+
+def _whole_number(name: str, minimum: int) -> Callable[[str], int]:
+    """A parser for whole numbers from ``minimum`` upward."""
+
+    def parse(text: str) -> int:
+        if not (text.isascii() and text.isdigit() and int(text) >= minimum):
+            raise UsageError(f"{name}={text}: use a whole number, {minimum} or above")
+        return int(text)
+
+    return parse
+
+
+def _choice(name: str) -> Callable[[str], bool]:
+    """A parser for yes and no."""
+
+    def parse(text: str) -> bool:
+        if text not in ("yes", "no"):
+            raise UsageError(f"{name}={text}: use yes or no")
+        return text == "yes"
+
+    return parse
+
+
+def _shown(value: object) -> str:
+    """A value of ``LineOptions`` for a message."""
+    if isinstance(value, tuple):
+        return ",".join(value)
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name}={setting}" for name, setting in value.items()) or "none"
+    return str(value)
+
+
+# Name in the URL -> (field of LineOptions, parser).
+_PARAMETERS: Mapping[str, tuple[str, Callable[[str], Any]]] = {
+    "time": ("speed", parse_speed),
+    "profile": ("profile", _name),
+    "state": ("state", _name),
+    "seed": ("seed", _whole_number("seed", 0)),
+    "pacing": ("pacing", _choice("pacing")),
+    "baud": ("baud", _whole_number("baud", 1)),
+    "cold": ("cold", _choice("cold")),
+}
+assert {entry for entry, _ in _PARAMETERS.values()} <= {entry.name for entry in fields(LineOptions)}
