@@ -7,8 +7,7 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Iterator, Mapping
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -17,6 +16,7 @@ from axistwin.cli import systemd
 from axistwin.errors import UsageError
 
 if TYPE_CHECKING:
+    from axistwin.catalog import DeviceSpec
     from axistwin.runtime.line import Line
     from axistwin.runtime.server import Port
 
@@ -46,7 +46,7 @@ _HELP_RFC2217 = "TCP with rate, framing and break, one client.  For rfc2217://HO
     "--baud",
     type=int,
     metavar="N",
-    help="Rate stored in the modules, bits per second (default: the stored one, else factory's).",
+    help="Rate of modules that have none stored yet, bits per second (default: the factory's).",
 )
 @click.option(
     "--speed",
@@ -76,6 +76,7 @@ def run(
     links: tuple[str, ...],
     tcp: tuple[str, ...],
     rfc2217: tuple[str, ...],
+    capture: str | None,
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -97,36 +98,32 @@ def run(
     """
     if not devices:
         raise UsageError("run: which devices? such as 'axistwin run mac23'; see 'axistwin models'")
+    from axistwin import catalog
+    from axistwin.cli.capture import recording
     from axistwin.runtime.server import Server
 
-    line = make_line(devices, **options)
-    ports = make_ports(line, links or _default_links(devices, tcp, rfc2217), tcp, rfc2217)
-    if options["state"] is None:
-        click.echo(
-            "axistwin: memory is volatile, it ends with this run; --state keeps it", err=True
-        )
+    specs = [catalog.parse_device(text) for text in devices]
+    if not (links or tcp or rfc2217):
+        links = (f"./{specs[0].model}",)
     reporter = Reporter(as_json)
-    server = Server(line, ports, report=reporter.event)
-    with contextlib.closing(line), recording(line, options["capture"]):
-        server.open()
-        reporter.ready(line, ports)
-        systemd.notify("READY=1")
-        try:
-            server.run(stop_on=(signal.SIGINT, signal.SIGTERM))
-        finally:
-            systemd.notify("STOPPING=1")
+    with make_line(specs, **options) as line:
+        server = Server(line, make_ports(line, links, tcp, rfc2217), report=reporter.event)
+        explain = catalog.find_model(specs[0].model).explain
+        with recording(line, capture, explain, server.loop):
+            server.open()
+            if line.is_volatile:
+                _warn("memory is volatile and ends with this run; --state DIR keeps it")
+            reporter.ready(line, server.ports)
+            systemd.notify("READY=1")
+            try:
+                server.run(stop_on=(signal.SIGINT, signal.SIGTERM))
+            finally:
+                systemd.notify("STOPPING=1")
     reporter.event({"event": "stopped"})
 
 
-def _default_links(
-    devices: tuple[str, ...], tcp: tuple[str, ...], rfc2217: tuple[str, ...]
-) -> tuple[str, ...]:
-    """Without any endpoint: a pty named after the first model."""
-    return () if tcp or rfc2217 else (f"./{devices[0].partition(':')[0]}",)
-
-
 def make_line(
-    devices: tuple[str, ...],
+    specs: Sequence[DeviceSpec],
     *,
     state: str | None,
     profile: str | None,
@@ -136,62 +133,27 @@ def make_line(
     no_pacing: bool,
     cold: bool,
     seed: int,
-    capture: str | None = None,
 ) -> Line:
     """The line with its modules, as the options say.  Raises UsageError and StateError."""
     from axistwin import catalog
     from axistwin.runtime.clock import PacedClock
     from axistwin.runtime.storage import MemoryStorage, Storage
 
-    specs = [catalog.parse_device(text) for text in devices]
-    settings: dict[str, object] = {}
+    settings: dict[str, catalog.Value] = {}
     if profile is not None:
-        settings.update(read_profile(profile, {spec.model for spec in specs}))
-    settings.update(parse_settings(quirks))
+        settings.update(catalog.read_profile(profile, {spec.model for spec in specs}))
+    settings.update(catalog.parse_settings(quirks))
+    clock = PacedClock(speed)
     return catalog.build_line(
         specs,
         quirks=settings,
         seed=seed,
-        clock=PacedClock(speed),
+        clock=clock,
         paced=not no_pacing,
         storage=MemoryStorage() if state is None else Storage(state),
         baud=baud,
         cold=cold,
     )
-
-
-def parse_settings(quirks: tuple[str, ...]) -> dict[str, str]:
-    """``NAME=VALUE`` texts as a mapping.  Raises UsageError."""
-    settings = {}
-    for text in quirks:
-        name, equals, value = text.partition("=")
-        if not equals or not name.strip():
-            raise UsageError(f"quirk {text!r}: NAME=VALUE is needed, such as xon_byte=11h")
-        settings[name.strip()] = value.strip()
-    return settings
-
-
-def read_profile(file: str, models: set[str]) -> dict[str, object]:
-    """The quirks of a profile that is meant for one of ``models``.  Raises UsageError."""
-    import tomllib
-
-    try:
-        profile = tomllib.loads(Path(file).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UsageError(f"profile {file}: {error.strerror}; give an existing file") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UsageError(f"profile {file}: this is not TOML ({error})") from None
-    unknown = set(profile) - {"model", "quirks"}
-    if unknown:
-        raise UsageError(f"profile {file}: unknown entry {min(unknown)!r}; known: model, [quirks]")
-    model, quirks = profile.get("model"), profile.get("quirks", {})
-    if model is not None and model not in models:
-        raise UsageError(
-            f"profile {file}: it is for {model}, and the line has {', '.join(sorted(models))}"
-        )
-    if not isinstance(quirks, dict):
-        raise UsageError(f"profile {file}: 'quirks' must be a table, [quirks]")
-    return quirks
 
 
 def make_ports(
@@ -202,7 +164,7 @@ def make_ports(
     if links:
         from axistwin.ports.pty import PtyPort
 
-        ports += [PtyPort(link, line.device_format) for link in links]
+        ports += [PtyPort(link, line.device_format()) for link in links]
     if tcp or rfc2217:
         from axistwin.ports.rfc2217 import Rfc2217Port
         from axistwin.ports.tcp import TcpPort, is_loopback
@@ -210,29 +172,16 @@ def make_ports(
         listening = [*map(TcpPort, tcp), *map(Rfc2217Port, rfc2217)]
         for port in listening:
             if not is_loopback(port.host):
-                click.echo(
-                    f"axistwin: {port.kind} {port.host}: anyone who reaches this address can "
-                    "drive the twin, there is no password",
-                    err=True,
+                _warn(
+                    f"{port.kind} {port.host}: whoever reaches this address can drive the twin, "
+                    "there is no password"
                 )
         ports += listening
     return ports
 
 
-@contextlib.contextmanager
-def recording(line: Line, file: str | None) -> Iterator[None]:
-    """Append what is said on the line to ``file`` meanwhile.  Raises UsageError."""
-    if file is None:
-        yield
-        return
-    try:
-        stream = Path(file).open("a", encoding="utf-8", buffering=1)  # noqa: SIM115
-    except OSError as error:
-        raise UsageError(
-            f"capture {file}: cannot be written ({error.strerror}); choose another file"
-        ) from None
-    with stream:
-        yield
+def _warn(message: str) -> None:
+    click.echo(f"axistwin: {message}", err=True)
 
 
 class Reporter:
@@ -241,7 +190,7 @@ class Reporter:
     def __init__(self, as_json: bool) -> None:
         self._as_json = as_json
 
-    def ready(self, line: Line, ports: list[Port]) -> None:
+    def ready(self, line: Line, ports: Sequence[Port]) -> None:
         """One event per device: clients can connect."""
         endpoints = [{"endpoint": port.kind, "url": port.url} for port in ports]
         for twin in line.twins:

@@ -117,9 +117,13 @@ class PtyPort:
             os.read(self._inotify, _NOTICES_MAX)
         assert self._server is not None
         assert self._stream is not None
-        if not self._stream.running and _wants_reading(self._master):
+        if self._stream.running:
+            return
+        if _wants_reading(self._master):
             self._stream.start()
             self._server.report({"event": "connected", "endpoint": self.kind, "url": self.url})
+        else:
+            self._stream.tidy()
 
     def _left(self) -> None:
         """The last client has closed the pty."""

@@ -19,7 +19,7 @@ CLIENTS_MAX = 32
 
 # Bounds what the kernel keeps for a client that does not read.
 _SEND_BUFFER_BYTES = 64 * 1024
-_BACKLOG = 16
+_BACKLOG = 2 * CLIENTS_MAX
 
 _EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 _RETRY_S = 1.0

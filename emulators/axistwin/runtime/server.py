@@ -106,7 +106,7 @@ class Server:
         self._alarm = Alarm()
         self._alarm_ns: Nanos | None = None
         self._saves = not line.is_volatile
-        self._save_ns: Nanos = 0
+        self._save_ns: Nanos | None = None
         self._unweighed = 0
         self._change_pending = False
         self._stopped = asyncio.Event()
@@ -235,6 +235,7 @@ class Server:
             if self.line.host_backlog > BACKLOG_MAX:
                 client.pause()
                 self._paused.append(client)
+        self._expect_motion()
         self._set_alarm()
 
     def pump(self) -> None:
@@ -247,14 +248,13 @@ class Server:
             clients, self._paused = self._paused, []
             for client in clients:
                 client.resume()
-        if self._saves:
-            self._save()
+        self._save()
         self._set_alarm()
 
     def _use_format(self, line_format: LineFormat | None) -> None:
         """The host end uses ``line_format``, or the first device's."""
         line = self.line
-        wanted = line_format or line.device_format
+        wanted = line_format or line.device_format()
         if wanted != line.host_format:
             line.host_format = wanted
 
@@ -275,6 +275,7 @@ class Server:
 
     def _look_again(self) -> None:
         self._change_pending = False
+        self._expect_motion()
         self.pump()
 
     def _set_alarm(self) -> None:
@@ -284,7 +285,7 @@ class Server:
         if self._paused:
             turn = line.host_sent_ns - line.host_format.span_ns(BACKLOG_MAX)
             due = turn if due is None else min(due, turn)
-        if self._saves and line.is_moving:
+        if self._save_ns is not None:
             due = self._save_ns if due is None else min(due, self._save_ns)
         if due == self._alarm_ns:
             return
@@ -294,9 +295,20 @@ class Server:
         else:
             self._alarm.set(round(line.clock.delay_s(due) * NS_PER_S))
 
+    def _expect_motion(self) -> None:
+        """Something was done that may set an axis moving: look whether there is one to be saved."""
+        if self._saves and self._save_ns is None:
+            self._save_ns = self.line.clock.now_ns() + SAVE_PERIOD_NS
+
     def _save(self) -> None:
-        """Save the position of axes that move, every ``SAVE_PERIOD_NS``."""
+        """Save the positions of axes that move, and look again after ``SAVE_PERIOD_NS``.
+
+        What the host is told is saved by the line itself; this is for the time in between.
+        """
         now = self.line.clock.now_ns()
-        if now >= self._save_ns:
-            self._save_ns = now + SAVE_PERIOD_NS
+        if self._save_ns is None or now < self._save_ns:
+            return
+        self._save_ns = None
+        if self.line.is_moving:
             self.line.save_moving()
+            self._save_ns = now + SAVE_PERIOD_NS

@@ -16,7 +16,7 @@ class EchoLine:
     """
 
     def __init__(self, line_format: LineFormat = OWN_FORMAT) -> None:
-        self.device_format = line_format
+        self.own_format = line_format
         self.host_format = line_format
         self.formats: list[LineFormat] = []
         self.breaks: list[Nanos] = []
@@ -28,6 +28,10 @@ class EchoLine:
         self._queued = bytearray()
         self._answers = bytearray()
         self._callback: Callable[[], None] | None = None
+
+    def device_format(self) -> LineFormat:
+        """Its own."""
+        return self.own_format
 
     @property
     def host_backlog(self) -> int:
@@ -50,7 +54,7 @@ class EchoLine:
     def send(self, data: bytes) -> None:
         """Hear ``data``."""
         self.formats.append(self.host_format)
-        right = self.host_format == self.device_format
+        right = self.host_format == self.own_format
         self._queued += data if right else b"?" * len(data)
 
     def receive(self) -> bytes:

@@ -1,0 +1,99 @@
+"""``--capture``: what is said on the line, as text.
+
+One line per burst (bytes in one direction without a pause)::
+
+       1520.312 > 02 30 31 34 30 30 32 30 30 30 30 30 30 30 30 30 30 30 41 32 03  0: 20h position?
+       1531.250 < 06 13 02 30 31 31 30 30 30 30 30 30 30 30 30 30 30 31 30 03 1A  0: position 0
+
+Milliseconds of the twin's time, ``>`` from the host or ``<`` to it, all bytes in hex, two spaces,
+and what they mean.  A line that begins with ``#`` is a remark: the date at which a run began.
+"""
+
+import asyncio
+import contextlib
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TextIO
+
+from axistwin.errors import UsageError
+from axistwin.kernel.time import NS_PER_MS, Nanos
+from axistwin.runtime.line import Line
+from axistwin.runtime.transcript import Direction, Transcript
+
+PAUSE_NS: Nanos = 5 * NS_PER_MS
+BURST_MAX = 256
+_FLUSH_S = 0.05
+
+
+class Recorder(Transcript):
+    """A transcript that is also written to ``file``, burst by burst, in ``loop``'s thread."""
+
+    def __init__(
+        self, file: TextIO, explain: Callable[[bytes], str], loop: asyncio.AbstractEventLoop
+    ) -> None:
+        super().__init__()
+        self._file = file
+        self._explain_bytes = explain
+        self._loop = loop
+        self._flushing: asyncio.TimerHandle | None = None
+        self._direction: Direction = "host"
+        self._begin_ns = self._end_ns = 0
+        self._data = bytearray()
+
+    def add(self, time_ns: Nanos, direction: Direction, data: bytes) -> None:
+        """Note ``data``; it joins the last burst unless that went the other way or is over."""
+        super().add(time_ns, direction, data)
+        if (
+            direction != self._direction
+            or time_ns - self._end_ns > PAUSE_NS
+            or len(self._data) > BURST_MAX
+        ):
+            self.flush()
+        if not self._data:
+            self._direction, self._begin_ns = direction, time_ns
+        self._data += data
+        self._end_ns = time_ns
+        if self._flushing is None:
+            self._flushing = self._loop.call_later(_FLUSH_S, self._flush_later)
+
+    def flush(self) -> None:
+        """Write the burst under way."""
+        if self._data:
+            data = bytes(self._data)
+            self._data.clear()
+            arrow = ">" if self._direction == "host" else "<"
+            text = f"{self._begin_ns / NS_PER_MS:12.3f} {arrow} {data.hex(' ').upper()}"
+            self._file.write(f"{text}  {self._explain_bytes(data)}".rstrip() + "\n")
+
+    def _flush_later(self) -> None:
+        self._flushing = None
+        self.flush()
+        self._file.flush()
+
+
+@contextlib.contextmanager
+def recording(
+    line: Line,
+    path: str | None,
+    explain: Callable[[bytes], str],
+    loop: asyncio.AbstractEventLoop,
+) -> Iterator[None]:
+    """Append what is said on ``line`` to the file at ``path``, if any.  Raises UsageError."""
+    if path is None:
+        yield
+        return
+    try:
+        file = Path(path).open("a", encoding="utf-8")  # noqa: SIM115
+    except OSError as error:
+        raise UsageError(
+            f"capture {path}: cannot be written ({error.strerror}); choose another file"
+        ) from None
+    with file:
+        file.write(f"# {time.strftime('%Y-%m-%d %H:%M:%S %z')}\n")
+        recorder = Recorder(file, explain, loop)
+        line.transcript = recorder
+        try:
+            yield
+        finally:
+            recorder.flush()

@@ -1,0 +1,48 @@
+"""A server around an echo line, for tests of ports."""
+
+import time
+from collections.abc import Callable
+from typing import Any, Self, cast
+
+from echo_line import EchoLine
+
+from axistwin.runtime.line import Line
+from axistwin.runtime.server import Port, Server
+
+TIMEOUT_S = 5.0
+"""How long anything may take before a test fails."""
+
+EVERY_BYTE = bytes(range(256))
+
+
+class Served:
+    """``port`` serving ``line`` in a thread, within ``with``; ``events``: what was reported."""
+
+    def __init__(self, port: Port, line: EchoLine | None = None) -> None:
+        self.line = line or EchoLine()
+        self.port = port
+        self.events: list[dict[str, Any]] = []
+        self.server = Server(
+            cast(Line, self.line), [port], report=lambda event: self.events.append(dict(event))
+        )
+
+    def __enter__(self) -> Self:
+        self.server.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.server.stop()
+
+    def names(self) -> list[str]:
+        """The names of the events so far."""
+        return [event["event"] for event in tuple(self.events)]
+
+
+def eventually(condition: Callable[[], bool]) -> bool:
+    """Whether ``condition`` becomes true in time."""
+    end = time.monotonic() + TIMEOUT_S
+    while not condition():
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.002)
+    return True
