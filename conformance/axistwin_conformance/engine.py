@@ -134,6 +134,8 @@ class Engine:
             result.refusal = f"device unreachable: {error}"
         except KeyboardInterrupt:
             result.is_interrupted = True
+        except Exception as error:  # in a hook of the family; checks are caught one by one
+            self._trouble(_describe(error))
 
     @contextlib.contextmanager
     def _opened(self, neighbours: tuple[int, ...]) -> Iterator[Run]:
@@ -187,6 +189,8 @@ class Engine:
             self._settle(run)
         except TargetError as error:
             self._trouble(f"could not stop the axis or put its parameters back: {error}")
+        except Exception as error:  # nothing may keep the port from being closed
+            self._trouble(f"could not stop the axis or put its parameters back: {_describe(error)}")
 
     # Checks.
 
@@ -222,6 +226,9 @@ class Engine:
         except TargetError as error:
             is_sane = False
             result = replace(result, trouble=result.trouble or str(error))
+        except Exception as error:  # what cannot be put back must not be followed by more
+            self._block(_describe(error))
+            return result
         if not is_sane:
             self._block(f"the device no longer answers after {check.name}")
             result = result if run.target.is_virtual else result.withdrawn(self._blocked)

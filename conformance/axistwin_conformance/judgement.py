@@ -100,7 +100,9 @@ def conclude(result: Result, ledger: Ledger) -> None:
 def _unstarted(result: Result) -> dict[Check, str]:
     """Checks of the selection that did not start, with the reason."""
     started = {one.check for one in result.checks}
-    reason = result.refusal or "the run was interrupted"
+    reason = result.refusal or "; ".join(result.problems)
+    if result.is_interrupted:
+        reason = "the run was interrupted"
     reasons = dict(result.plan.left_out)
     reasons.update({check: reason for check in result.plan.to_run if check not in started})
     return reasons

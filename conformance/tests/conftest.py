@@ -155,6 +155,7 @@ class Toy:
 
     def add(self, function: Callable[[Session], None], *ids: str, **declared: Any) -> Check:
         """Declare a function as a check of the toy family."""
+        function.__doc__ = function.__doc__ or "It behaves."
         one = replace(registry.check(*ids, **declared)(function), module=self.module.__name__)
         setattr(self.module, one.name, one)
         return one

@@ -1,0 +1,198 @@
+"""The one way from the suite to a device."""
+
+from __future__ import annotations
+
+import os
+import pty
+import socket
+import tty
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+import serial
+
+from axistwin_conformance.errors import TargetError
+from axistwin_conformance.targets import Target, open_target
+from axistwin_conformance.transcript import Direction
+
+
+@pytest.fixture
+def master_and_name() -> Iterator[tuple[int, str]]:
+    """A pty: the file descriptor of its far end, and the name to open."""
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    yield master, os.ttyname(slave)
+    os.close(slave)
+    os.close(master)
+
+
+def test_bytes_go_and_come_and_are_all_in_the_transcript(toy: Any) -> None:
+    """With direction and time."""
+    target = toy.open(())
+    target.send(b"Q")
+    assert target.receive(1, 0.1) == b"q"
+    assert [(one.direction, one.data) for one in target.transcript] == [
+        (Direction.HOST, b"Q"), (Direction.DEVICE, b"q"),
+    ]  # fmt: skip
+
+
+def test_in_virtual_time_a_wait_takes_exactly_its_time(toy: Any) -> None:
+    """The clock is the port's."""
+    target = toy.open(())
+    assert target.is_virtual
+    before_ns = target.now_ns
+    assert target.wait(1.5) == 1.5
+    assert target.now_ns - before_ns == 1_500_000_000
+
+
+def test_bytes_that_arrive_during_a_wait_are_kept(toy: Any) -> None:
+    """And the wait still lasts its time."""
+    target = toy.open(())
+    target.send(b"Q")
+    assert target.wait(1.0) == 1.0
+    assert target.receive(1, 0.0) == b"q"
+
+
+def test_silence_takes_its_time_and_is_noted(toy: Any) -> None:
+    """A reader of the transcript sees that something was awaited."""
+    target = toy.open(())
+    before_ns = target.now_ns
+    assert target.receive(1, 0.5) == b""
+    assert target.now_ns - before_ns == 500_000_000
+    assert list(target.transcript)[-1].text == "nothing for 500 ms"
+
+
+def test_what_nobody_asked_for_can_be_set_aside(toy: Any) -> None:
+    """And is returned, for a check that judges it."""
+    target = toy.open(())
+    target.send(b"Q")
+    assert target.drain() == b"q"
+    assert target.drain() == b""
+
+
+def test_the_round_trip_counts_only_exchanges_that_succeed(toy: Any) -> None:
+    """A lost reply says nothing about the line's speed."""
+    target = toy.open(())
+    outcomes = [True, False, True, True]
+
+    def exchange() -> bool:
+        target.wait(0.001 * len(outcomes))
+        return outcomes.pop()
+
+    trip = target.measure_round_trip(exchange, 4)
+    assert (trip.samples, trip.median_ns, trip.max_ns) == (3, 3_000_000, 4_000_000)
+    assert target.uncertainty_ns == 4_000_000
+
+
+def test_nothing_passes_a_closed_gate(toy: Any) -> None:
+    """The gate sees every byte before the port does."""
+    target = toy.open(())
+
+    def gate(data: bytes) -> None:
+        raise AssertionError("closed")
+
+    target.gate = gate
+    with pytest.raises(AssertionError, match="closed"):
+        target.send(b"M")
+    assert toy.port.sent == []
+    assert len(target.transcript) == 0
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        serial.SerialException("gone"),
+        serial.SerialTimeoutException("Write timeout"),
+        OSError(5, "Input/output error"),
+        TypeError("'NoneType' object cannot be interpreted as an integer"),
+    ],
+)
+def test_whatever_a_port_raises_becomes_one_line(toy: Any, error: Exception) -> None:
+    """Closed, vanished or stuck: TargetError, nothing else."""
+    target = toy.open(())
+
+    def fail(data: bytes) -> int:
+        raise error
+
+    toy.port.write = fail
+    with pytest.raises(TargetError, match="sending") as caught:
+        target.send(b"Q")
+    assert "\n" not in str(caught.value)
+
+
+def test_closing_a_port_that_is_gone_is_fine(toy: Any) -> None:
+    """The way out never fails."""
+
+    def fail() -> None:
+        raise OSError(9, "Bad file descriptor")
+
+    toy.port.close = fail
+    toy.open(()).close()
+
+
+def test_a_pty_is_a_target(master_and_name: tuple[int, str]) -> None:
+    """In real time, with a wait that lasts at least its time."""
+    master, name = master_and_name
+    target = open_target(name, 38400)
+    target.send(b"hello")
+    assert os.read(master, 10) == b"hello"
+    os.write(master, b"answer")
+    assert target.receive(6, 1.0) == b"answer"
+    assert not target.is_virtual
+    assert target.wait(0.03) >= 0.03
+    os.write(master, b"late")
+    target.wait(0.01)
+    assert target.drain() == b"late"
+    target.baud = 9600
+    assert target.baud == 9600
+    target.close()
+    with pytest.raises(TargetError):
+        target.send(b"x")
+
+
+def test_a_pty_whose_far_end_closes_is_trouble_not_a_traceback() -> None:
+    """As an adapter pulled out of its socket."""
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    target = open_target(os.ttyname(slave), 38400)
+    os.close(slave)
+    os.close(master)
+    with pytest.raises(TargetError, match="port failed"):
+        target.receive(1, 0.2)
+    target.close()
+
+
+def test_a_socket_is_a_target_and_its_end_is_trouble() -> None:
+    """`socket://` works, and a peer that hangs up is TargetError."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        target = open_target(f"socket://127.0.0.1:{server.getsockname()[1]}", 38400)
+        peer, _ = server.accept()
+        with peer:
+            target.send(b"hello")
+            assert peer.recv(10) == b"hello"
+            peer.sendall(b"answer")
+            assert target.receive(6, 1.0) == b"answer"
+        with pytest.raises(TargetError, match="disconnected"):
+            target.receive(1, 0.2)
+        target.close()
+
+
+@pytest.mark.parametrize(
+    "url", ["/dev/no-such-port", "socket://127.0.0.1:1", "nonsense://x", "socket://nowhere"]
+)
+def test_a_port_that_cannot_be_opened_says_so_in_one_line(url: str) -> None:
+    """With its name."""
+    with pytest.raises(TargetError, match="cannot open") as caught:
+        open_target(url, 38400)
+    assert "\n" not in str(caught.value)
+    assert isinstance(caught.value.__cause__, Exception)
+
+
+def test_a_port_is_not_shared(master_and_name: tuple[int, str]) -> None:
+    """A second program on the port would spoil every verdict."""
+    first = open_target(master_and_name[1], 38400)
+    with pytest.raises(TargetError, match="cannot open"):
+        open_target(master_and_name[1], 38400)
+    first.close()
+    assert isinstance(first, Target)
