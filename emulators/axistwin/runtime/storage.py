@@ -173,8 +173,8 @@ class FileSlot:
         self._stored = dict(state.cells) if state is not None else {}
         self.cells: dict[str, int] = dict(self._stored)
         self._sequence = state.sequence if state is not None else 0
-        self._state_sequence = self._sequence
-        if live is not None and live.sequence > self._sequence:
+        self._is_live_newer = live is not None and live.sequence > self._sequence
+        if live is not None and self._is_live_newer:
             self._sequence = live.sequence
             self.cells.update(live.cells)
 
@@ -182,7 +182,7 @@ class FileSlot:
         """Write ``cells``: durable ones, or the first ever, with all others as a new record."""
         self.cells.update(cells)
         if durable or not self._stored:
-            if self._stored != self.cells:
+            if self._is_live_newer or self._stored != self.cells:
                 self._write_state()
             return
         # What was written live since the record has to stay in the entry, which is replaced.
@@ -197,6 +197,7 @@ class FileSlot:
         else:
             with _clear(self._live, "cannot be written", "make room, or check the disk"):
                 self._write_live(entry)
+            self._is_live_newer = True
 
     def close(self) -> None:
         """Close the files."""
@@ -210,6 +211,7 @@ class FileSlot:
         with _clear(self._state, "cannot be written", "make room, or check the disk"):
             self._replace(self._state, data)
         self._stored = dict(self.cells)
+        self._is_live_newer = False
 
     def _write_live(self, entry: bytes) -> None:
         if self._live_fd < 0:
