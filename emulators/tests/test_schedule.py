@@ -16,9 +16,11 @@ class Alarm:
         self.log = log
 
     def next_event(self) -> int | None:
+        """The earliest of the times asked for."""
         return self.times[0] if self.times else None
 
     def run(self, now: int) -> None:
+        """Note it."""
         self.log.append((now, self.name))
         self.times = [time for time in self.times if time > now]
 

@@ -32,7 +32,6 @@ from axistwin.wire.waveform import (
     parity_bit,
 )
 
-
 # An edge and a sample that coincide exactly may be rounded this far apart, in fine time.
 ROUNDING = 2
 
