@@ -231,6 +231,9 @@ def _run(engine: Engine, is_json: bool, report: Path | None) -> int:
     from axistwin_conformance.events import Event
 
     collected = report_json.JsonReport(engine.ledger)
+    if report is not None:
+        with _report_trouble():  # before a long run, not after it
+            report.mkdir(parents=True, exist_ok=True)
     with contextlib.ExitStack() as stack:
         stack.enter_context(_termination_interrupts())
         if is_json:
@@ -247,16 +250,17 @@ def _run(engine: Engine, is_json: bool, report: Path | None) -> int:
 
         result = engine.run(listen)
     if report is not None:
-        _write_report(collected, report, is_json)
+        with _report_trouble():
+            click.echo(f"report: {collected.write(report)}", err=is_json)
     return result.exit_status
 
 
-def _write_report(collected: Any, directory: Path, is_json: bool) -> None:
+@contextlib.contextmanager
+def _report_trouble() -> Iterator[None]:
     try:
-        path = collected.write(directory)
+        yield
     except OSError as error:
         raise UsageError(f"cannot write the report: {error.strerror}: {error.filename}") from error
-    click.echo(f"report: {path}", err=is_json)
 
 
 @contextlib.contextmanager

@@ -127,11 +127,18 @@ def _reason(
         if requirement.not_on_wire:
             return f"not on the wire: {requirement.not_on_wire}"
         return NO_RIG if "rig" in requirement.safety else NOT_COVERED
-    texts = [] if verdict is Verdict.PASS else [f.text for f in findings if f.verdict is verdict]
+    texts = [] if verdict is Verdict.PASS else [_told(f) for f in findings if f.verdict is verdict]
     if missing and verdict is not Verdict.FAIL:
         part = f"{len(missing)} of its checks not run: " if findings else ""
         texts += [part + why for why in dict.fromkeys(missing.values())]
     return _join(*dict.fromkeys(texts))
+
+
+def _told(finding: Finding) -> str:
+    if finding.actual is None:
+        return finding.text
+    admissible = " | ".join(finding.expected)
+    return _join(finding.text, f"admissible: {admissible}, came: {finding.actual}")
 
 
 def _join(*texts: str) -> str:

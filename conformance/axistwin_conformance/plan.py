@@ -14,6 +14,7 @@ from axistwin_conformance.errors import UsageError
 from axistwin_conformance.ledger import Ledger
 from axistwin_conformance.registry import LEVELS, NEEDS, Check, Family
 from axistwin_conformance.session import Envelope
+from axistwin_conformance.targets import TWIN_SCHEME
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +52,9 @@ class Options:
         """The needs (of `registry.NEEDS`) that this run can meet."""
         met = {"neighbour"} if self.neighbours else {"alone"}
         if self.is_builtin:
-            met |= {"alone", "virtual"}  # a second line with one module costs nothing there
+            met.add("alone")  # a second line, with one module, costs nothing there
+        if self.url.startswith(TWIN_SCHEME) and "time=virtual" in self.url:
+            met.add("virtual")
         return frozenset(met)
 
     def replay(self, check: Check) -> str:

@@ -77,8 +77,7 @@ class JsonReport:
                 self._seen["finished"] = plain(event)
 
     def write(self, directory: Path) -> Path:
-        """Write the report into the directory, made if need be; return the file."""
-        directory.mkdir(parents=True, exist_ok=True)
+        """Write the report into the directory and return the file; raises OSError."""
         path = directory / "report.json"
         text = json.dumps({"format": FORMAT, **self._seen}, ensure_ascii=False, indent=1)
         path.write_text(text + "\n", encoding="utf-8")

@@ -118,3 +118,12 @@ def test_the_replay_command_repeats_port_bounds_and_seed(bench: Any) -> None:
     assert replay.startswith("axistwin conform toy --port '/dev/tty S' --baud 9600 --allow ")
     for part in ("--max-travel 1000", "--max-speed 1000", "--neighbour 1", "--address 3"):
         assert part in replay
+
+
+@pytest.mark.parametrize(
+    ("port", "is_met"),
+    [("axistwin://mac23?time=virtual", True), ("axistwin://mac23?time=real", False), ("x", False)],
+)
+def test_virtual_time_is_a_matter_of_the_url(bench: Any, port: str, is_met: bool) -> None:
+    """A twin named by URL counts as one too."""
+    assert ("virtual" in bench.options(port=port).provided) is is_met
