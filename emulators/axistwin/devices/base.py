@@ -67,6 +67,12 @@ class MotionDevice(SerialDevice, Protocol):
     def set_load(self, now: Nanos, load: Load) -> list[Effect]:
         """Change what is coupled to the shaft."""
 
+    def set_fault(self, now: Nanos, name: str, present: bool) -> list[Effect]:
+        """Let a fault that is not measured be there or gone.  Raises UsageError for other names."""
+
+    def push(self, now: Nanos, increments: int) -> list[Effect]:
+        """Turn the shaft by hand, by signed ``increments``."""
+
     def position_at(self, now: Nanos) -> int:
         """Where the axis is, in increments."""
 

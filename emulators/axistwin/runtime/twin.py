@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from axistwin.errors import UsageError, nearest
 from axistwin.kernel.time import NS_PER_S
+from axistwin.motion.plant import Load
 
 if TYPE_CHECKING:
-    from axistwin.motion.plant import Load
     from axistwin.runtime.line import Line, Station
 
 INPUTS = ("reference", "positive_stop", "negative_stop", "reset")
@@ -90,7 +90,8 @@ class Twin:
     def __init__(self, line: "Line", index: int, station: "Station") -> None:
         self._line = line
         self._index = index
-        self._device: Any = station.device
+        self._device = station.device
+        self._load = Load()
         self._inputs = Inputs(self)
         self._load_handle = LoadHandle(self)
         self._is_powered = True
@@ -145,7 +146,7 @@ class Twin:
     @property
     def supply_volts(self) -> float:
         """Voltage of the supply, 0..1000 V.  Raises UsageError when set out of range."""
-        return self._device_value("supply_millivolts") / 1000
+        return float(self.describe()["supply_millivolts"] / 1000)
 
     @supply_volts.setter
     def supply_volts(self, volts: float) -> None:
@@ -155,7 +156,7 @@ class Twin:
     @property
     def temperature_celsius(self) -> float:
         """Temperature of the electronics, °C.  Raises UsageError when set out of range."""
-        return self._device_value("temperature_millidegrees") / 1000
+        return float(self.describe()["temperature_millidegrees"] / 1000)
 
     @temperature_celsius.setter
     def temperature_celsius(self, celsius: float) -> None:
@@ -166,17 +167,27 @@ class Twin:
         )
 
     @property
-    def load(self) -> "LoadHandle":
+    def load(self) -> LoadHandle:
         """What is coupled to the shaft: set as a whole, ``Load(...)``, or value by value."""
         return self._load_handle
 
     @load.setter
-    def load(self, load: "Load") -> None:
-        from axistwin.motion.plant import Load
-
+    def load(self, load: Load) -> None:
         if not isinstance(load, Load):
             raise UsageError(f"load {load!r} is not allowed; set a Load of axistwin.motion.plant")
-        self._line.act(self._index, lambda now: self._device.set_load(now, load))
+        with self._line.present():
+            self._line.act(self._index, lambda now: self._device.set_load(now, load))
+            self._load = load
+
+    def push(self, increments: int) -> None:
+        """Turn the shaft by hand, by signed ``increments``."""
+        if isinstance(increments, bool) or not isinstance(increments, int):
+            raise UsageError(f"push {increments!r} is no number of increments; give a whole number")
+        self._line.act(self._index, lambda now: self._device.push(now, increments))
+
+    def set_fault(self, name: str, present: bool = True) -> None:
+        """Let a fault be there or gone that no measure shows.  Raises UsageError with the names."""
+        self._line.act(self._index, lambda now: self._device.set_fault(now, name, present))
 
     # -- power --------------------------------------------------------------------------------
 
@@ -211,19 +222,11 @@ class Twin:
 
     # -- for the handles ----------------------------------------------------------------------
 
-    @property
-    def _load(self) -> "Load":
-        load: Load = self._device.load
-        return load
-
-    def _device_value(self, name: str) -> int:
-        return int(getattr(self._device, name))
-
     def _set_input(self, name: str, active: bool) -> None:
         self._line.act(self._index, lambda now: self._device.set_input(now, name, active))
 
 
-def _names_of(load: "Load") -> tuple[str, ...]:
+def _names_of(load: Load) -> tuple[str, ...]:
     return tuple(each.name for each in fields(load))
 
 

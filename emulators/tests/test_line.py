@@ -1,0 +1,357 @@
+import threading
+import time
+from collections.abc import Mapping
+
+import pytest
+from toy_device import LATENCY_NS, ToyDevice
+
+from axistwin.errors import StateError
+from axistwin.kernel.effects import Trace
+from axistwin.kernel.time import NS_PER_MS, NS_PER_S, Nanos
+from axistwin.runtime.clock import PacedClock, VirtualClock
+from axistwin.runtime.line import Line, Station
+from axistwin.runtime.network import SerialNetwork
+from axistwin.runtime.storage import MemorySlot, MemoryStorage
+from axistwin.runtime.twin import Twin
+from axistwin.wire.framing import LineFormat
+
+BYTE_NS = LineFormat(38400).span_ns(1)
+
+
+class SpySlot(MemorySlot):
+    """Remembers every write; ``fail`` makes the next ones fail."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.writes: list[tuple[dict[str, int], bool]] = []
+        self.fail = False
+
+    def save(self, cells: Mapping[str, int], *, durable: bool) -> None:
+        """Note, or fail."""
+        if self.fail:
+            raise StateError("state x: cannot be written (disk full); make room")
+        self.writes.append((dict(cells), durable))
+        super().save(cells, durable=durable)
+
+
+class SpyStorage(MemoryStorage):
+    """Counts how often it was closed."""
+
+    closed = 0
+
+    def close(self) -> None:
+        """Count."""
+        self.closed += 1
+
+
+class Rig:
+    """A line in virtual time with toy devices."""
+
+    def __init__(self, count: int = 1, *, paced: bool = True) -> None:
+        self.toys = [ToyDevice() for _ in range(count)]
+        self.slots = [SpySlot() for _ in self.toys]
+        self.storage = SpyStorage()
+        self.clock = VirtualClock()
+        self.network = SerialNetwork(self.toys, paced=paced)
+        stations = [
+            Station(f"toy:{index}", "toy", toy, slot)
+            for index, (toy, slot) in enumerate(zip(self.toys, self.slots, strict=True))
+        ]
+        for toy, slot in zip(self.toys, self.slots, strict=True):
+            slot.cells.update(toy.cells(0))
+        self.line = Line(
+            self.network, self.clock, self.storage, stations, explain=lambda data: f"{len(data)} B"
+        )
+
+    def ask(self, data: bytes, count: int, timeout_ns: Nanos = NS_PER_S) -> bytes:
+        """Send, and wait for ``count`` bytes."""
+        self.line.send(data)
+        self.line.wait(self.clock.now_ns() + timeout_ns, count)
+        return self.line.receive(count)
+
+
+def test_time_stands_still_while_nobody_waits() -> None:
+    """Sending and receiving move no virtual time; without time nothing is answered."""
+    rig = Rig()
+    rig.line.send(b"W")
+    assert rig.line.receive() == b""
+    assert rig.line.available == 0
+    assert rig.clock.now_ns() == 0
+    assert rig.line.host_backlog <= 1
+
+
+def test_waiting_for_bytes_ends_when_they_are_complete() -> None:
+    """The answer is there after byte, latency, byte; not a nanosecond later."""
+    rig = Rig()
+    rig.line.send(b"W")
+    now = rig.line.wait(NS_PER_S)
+    assert now == rig.clock.now_ns() == 2 * BYTE_NS + LATENCY_NS
+    assert rig.line.available == 1
+    assert rig.line.receive() == b"K"
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_waiting_for_several_bytes_ends_with_the_last_of_them(count: int) -> None:
+    """Of an answer of four bytes exactly the wanted ones have arrived."""
+    rig = Rig()
+    rig.line.send(b"P")
+    now = rig.line.wait(NS_PER_S, count)
+    answer_ns = BYTE_NS + LATENCY_NS
+    assert now == answer_ns + LineFormat(38400).span_ns(count)
+    assert rig.line.available == count
+
+
+def test_waiting_in_vain_ends_at_its_time() -> None:
+    """A short answer does not end the wait for more; the limit does."""
+    rig = Rig()
+    rig.line.send(b"W")
+    assert rig.line.wait(NS_PER_S, 2) == NS_PER_S
+    assert rig.line.receive() == b"K"
+
+
+def test_waiting_for_ever_in_virtual_time_ends_when_nothing_will_happen() -> None:
+    """A blocking read of a silent line returns instead of hanging the test."""
+    rig = Rig()
+    assert rig.line.wait(None) == 0
+    rig.line.send(b"W")
+    assert rig.line.wait(None, 5) == 2 * BYTE_NS + LATENCY_NS
+
+
+def test_advance_moves_time_by_the_given_span() -> None:
+    """Whatever happens in between, advance ends where it was told to."""
+    rig = Rig()
+    rig.line.send(b"GP")
+    assert rig.line.advance(3600 * NS_PER_S) == 3600 * NS_PER_S
+    assert rig.line.twins[0].position == (3600 * NS_PER_S - BYTE_NS) // NS_PER_MS
+    assert rig.line.advance_to(5) == 3600 * NS_PER_S
+
+
+def test_what_a_device_stores_is_written_before_its_acknowledgement_can_be_read() -> None:
+    """The write happens at or before the sync that shows the first byte."""
+    rig = Rig()
+    rig.line.send(b"W")
+    rig.line.advance(BYTE_NS)
+    assert rig.slots[0].writes == [({"writes": 1}, True)]
+    assert rig.line.available == 0
+    rig.line.advance(LATENCY_NS + BYTE_NS)
+    assert rig.line.receive() == b"K"
+
+
+def test_a_failed_write_is_raised_and_nothing_can_be_read_any_more() -> None:
+    """The acknowledgement of what was not stored never reaches the host."""
+    rig = Rig()
+    rig.slots[0].fail = True
+    rig.line.send(b"W")
+    with pytest.raises(StateError, match="disk full"):
+        rig.line.wait(NS_PER_S)
+    rig.slots[0].fail = False
+    rig.clock.advance_to(NS_PER_S)
+    for call in (rig.line.receive, rig.line.sync, lambda: rig.line.available):
+        with pytest.raises(StateError, match="disk full"):
+            call()
+    with pytest.raises(StateError, match="disk full"):
+        rig.line.send(b"P")
+    rig.line.close()
+    assert rig.storage.closed == 1
+
+
+def test_the_host_is_never_told_a_position_that_a_kill_would_take_back() -> None:
+    """When bytes become readable while an axis moves, its position is saved first."""
+    rig = Rig()
+    rig.line.send(b"G")
+    rig.line.advance(100 * NS_PER_MS)
+    rig.slots[0].writes.clear()
+    told = int.from_bytes(rig.ask(b"P", 4), "big")
+    assert told >= 99
+    assert rig.slots[0].writes
+    assert all(not durable for _, durable in rig.slots[0].writes)
+    assert rig.slots[0].cells["position"] >= told
+
+
+def test_an_axis_at_rest_is_not_saved_again_and_again() -> None:
+    """Queries alone write nothing."""
+    rig = Rig()
+    rig.ask(b"P", 4)
+    rig.line.save_moving()
+    assert rig.slots[0].writes == []
+    assert not rig.line.is_moving
+
+
+def test_save_moving_writes_what_has_changed_by_itself() -> None:
+    """A server calls it from time to time; it is not durable."""
+    rig = Rig(2)
+    rig.line.send(b"G")
+    rig.line.advance(BYTE_NS + 50 * NS_PER_MS)
+    assert rig.line.is_moving
+    rig.line.save_moving()
+    assert rig.slots[0].writes == [({"position": 50}, False)]
+
+
+def test_the_servers_alarm_is_set_for_the_end_of_an_answer() -> None:
+    """Not for every byte of it, and not for nothing."""
+    rig = Rig()
+    assert rig.line.next_event_ns() is None
+    rig.line.send(b"P")
+    assert rig.line.next_event_ns() == BYTE_NS
+    rig.line.advance_to(BYTE_NS)
+    assert rig.line.next_event_ns() == BYTE_NS + LATENCY_NS + LineFormat(38400).span_ns(4)
+
+
+def test_everybody_is_told_of_changes_from_outside() -> None:
+    """Sending, inputs and rates may bring the next event nearer; looking does not."""
+    rig = Rig()
+    calls: list[int] = []
+    rig.line.on_change(lambda: calls.append(1))
+    rig.line.sync()
+    rig.line.receive()
+    assert rig.line.twins[0].position == 0
+    assert calls == []
+    rig.line.send(b"P")
+    rig.line.host_format = LineFormat(9600)
+    rig.line.twins[0].inputs.reference = True
+    assert len(calls) == 3
+    rig.line.host_format = LineFormat(9600)
+    assert len(calls) == 3
+    rig.line.on_change(None)
+    rig.line.send(b"P")
+    assert len(calls) == 3
+
+
+def test_traces_reach_their_subscribers_with_the_twin_they_are_of() -> None:
+    """Until they unsubscribe."""
+    rig = Rig()
+    seen: list[tuple[Twin, Trace]] = []
+    unsubscribe = rig.line.subscribe(lambda twin, trace: seen.append((twin, trace)))
+    rig.ask(b"T", 1)
+    assert seen == [(rig.line.twins[0], Trace(BYTE_NS, "toy", (("value", 1),)))]
+    unsubscribe()
+    rig.ask(b"T", 1)
+    assert len(seen) == 1
+
+
+def test_the_transcript_shows_both_directions_with_times_and_words() -> None:
+    """One line per burst."""
+    rig = Rig()
+    rig.ask(b"W", 1)
+    rig.ask(b"P", 4)
+    assert rig.line.render_transcript().splitlines() == [
+        "       0.000 ms > 57  1 B",
+        "       1.521 ms < 4b  1 B",
+        "       1.521 ms > 50  1 B",
+        "       3.823 ms < 00 00 00 00  4 B",
+    ]
+
+
+def test_a_recording_gets_every_burst_once_it_is_over() -> None:
+    """The last one when the recording ends."""
+    rig = Rig()
+    lines: list[str] = []
+    rig.line.record(lines.append)
+    rig.ask(b"W", 1)
+    assert len(lines) == 1
+    rig.line.record(None)
+    assert [line.split()[2:4] for line in lines] == [[">", "57"], ["<", "4b"]]
+    rig.ask(b"W", 1)
+    assert len(lines) == 2
+
+
+def test_a_transcript_is_bounded() -> None:
+    """A flood of bytes is shown cut, and only its end is kept."""
+    rig = Rig()
+    for _ in range(220):
+        rig.line.send(b"." * 300)
+        rig.line.advance(NS_PER_S)
+    assert len(rig.line.transcript) == 200
+    assert all(len(burst.data) <= 256 for burst in rig.line.transcript)
+    longer, rest = rig.line.render_transcript().splitlines()[-2:]
+    assert longer.endswith("… 256 bytes  256 B")
+    assert rest.endswith("… 44 bytes  44 B")
+
+
+def test_purging_drops_what_has_not_left_the_host() -> None:
+    """The byte on the line is finished."""
+    rig = Rig()
+    rig.line.send(b"W" * 10)
+    rig.line.advance(BYTE_NS // 2)
+    assert rig.line.host_backlog == 9
+    rig.line.purge_output()
+    assert rig.line.host_backlog == 0
+    assert rig.line.host_sent_ns == BYTE_NS
+    rig.line.advance(NS_PER_S)
+    assert rig.line.receive() == b"K"
+
+
+def test_closing_saves_everything_durably_and_lets_go_once() -> None:
+    """The position under way is in the record; the line cannot be used any more."""
+    rig = Rig()
+    rig.line.send(b"G")
+    rig.line.advance(BYTE_NS + 7 * NS_PER_MS)
+    rig.line.close()
+    rig.line.close()
+    assert rig.slots[0].writes[-1] == ({"position": 7}, True)
+    assert rig.storage.closed == 1
+    with pytest.raises(StateError, match="the line is closed"):
+        rig.line.send(b"P")
+
+
+def test_a_line_is_closed_at_the_end_of_its_with_block() -> None:
+    """As files are."""
+    rig = Rig()
+    with rig.line as line:
+        assert line.is_virtual
+        assert line.is_volatile
+    assert rig.storage.closed == 1
+
+
+def test_without_pacing_bytes_take_no_time_but_the_device_does() -> None:
+    """The answer comes after the latency alone."""
+    rig = Rig(paced=False)
+    rig.line.send(b"P")
+    assert rig.line.wait(NS_PER_S, 4) == LATENCY_NS
+    assert rig.line.receive() == bytes(4)
+
+
+def paced_line(speed: float = 1.0) -> tuple[Line, ToyDevice]:
+    """A line of one toy in the time of this machine."""
+    toy = ToyDevice()
+    slot = MemorySlot()
+    slot.cells.update(toy.cells(0))
+    network = SerialNetwork([toy])
+    station = Station("toy:0", "toy", toy, slot)
+    return Line(network, PacedClock(speed), MemoryStorage(), [station]), toy
+
+
+def test_in_real_time_waiting_ends_when_bytes_arrive() -> None:
+    """Neither before the answer is complete nor at the limit."""
+    line, _ = paced_line()
+    begin = time.monotonic()
+    line.send(b"P")
+    line.wait(line.sync() + 5 * NS_PER_S, 4)
+    took = time.monotonic() - begin
+    assert line.receive() == bytes(4)
+    assert 0.0023 <= took < 2.0
+
+
+def test_in_scaled_time_an_hour_takes_milliseconds() -> None:
+    """Advance waits in the twin's time."""
+    line, _ = paced_line(speed=100_000.0)
+    begin = time.monotonic()
+    line.advance(3600 * NS_PER_S)
+    assert 0.036 <= time.monotonic() - begin < 5.0
+
+
+def test_another_thread_can_wake_a_waiting_one_and_feed_it() -> None:
+    """A wait without limit ends by ``wake``; one for bytes ends when another thread sends."""
+    line, _ = paced_line()
+    results: list[Nanos] = []
+    for action in (line.wake, lambda: line.send(b"W")):
+        waiter = threading.Thread(target=lambda: results.append(line.wait(None)))
+        waiter.start()
+        while not line._changed._waiters:  # type: ignore[attr-defined]
+            time.sleep(0.001)
+        with line._lock:
+            action()
+        waiter.join(5)
+        assert not waiter.is_alive()
+    assert len(results) == 2
+    assert line.receive() == b"K"
