@@ -7,7 +7,8 @@ Rules
    motion ends is heard before the device is woken for that end.
 2. Bytes are handed over in stretches, never beyond the next wake-up of any device, and never
    beyond the first byte to which any listener may react (``SerialDevice.quiet_prefix``): what a
-   device does is on the line before anybody hears a later byte.
+   device does is on the line before anybody hears a later byte.  Quiet bytes are also expected not
+   to bring a wake-up forward into the stretch that they are part of.
 3. A ``Transmit`` goes out in the line format that the device has when its call returns, at its
    ``start_ns`` or when its earlier ones are sent.  ``Store`` and ``Trace`` are queued for the
    shell, which must perform the stores before it passes on any byte.
@@ -51,6 +52,7 @@ class SerialNetwork:
 
     paced: bytes take their time; otherwise none (see ``wire/instant_line.py``).
     host_format: the host's format; by default that of the first device.
+    ``host_overruns`` counts the bytes lost because the host's buffer was full.
     """
 
     def __init__(
