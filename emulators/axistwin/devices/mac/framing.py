@@ -6,11 +6,11 @@
     answer   Ack Xoff Stx 0 1 1 aa i dddddddd cc Etx Xon       21 bytes
 
 The sum runs over the characters aa..pppppppp (aa i dddddddd in an answer), modulo 100h, as two
-upper-case digits (MACS-FRAME-03).  Digits are looked up in a table, never given to ``int``, which
-would let ``+1``, `` 1`` and ``1_`` pass (ledger §8.10).
+upper-case digits (MACS-FRAME-03).  Digits are checked one by one before ``int`` sees them: alone it
+would let ``+1``, `` 1`` and ``1_0`` pass (ledger §8.10).
 """
 
-from typing import Final, TypeAlias
+from typing import Final
 
 STX: Final = b"\x02"
 ETX: Final = 0x03
@@ -28,15 +28,12 @@ HEX: Final[tuple[bytes, ...]] = tuple(b"%02X" % value for value in range(256))
 UPPER: Final[dict[bytes, int]] = {text: value for value, text in enumerate(HEX)}
 """Two upper-case digits to their value."""
 
+_UPPER_DIGITS = b"0123456789ABCDEF"
 _DIGITS = b"0123456789ABCDEFabcdef"
 ANY_CASE: Final[dict[bytes, int]] = {
     bytes((high, low)): int(bytes((high, low)), 16) for high in _DIGITS for low in _DIGITS
 }
 """Two digits of either case to their value (``lowercase_hex`` = accept)."""
-
-
-Request: TypeAlias = tuple[int | None, int | None, bytes | None]
-"""Index, sub-index and parameters of a frame whose sum is right; None where digits are no digits."""
 
 
 def checksum(characters: bytes) -> bytes:
@@ -55,20 +52,11 @@ def is_framed(frame: bytes) -> bool:
     return frame[20] == ETX and frame[1:4] == REQUEST_LENGTH_FIELD
 
 
-def parse(frame: bytes, digits: dict[bytes, int]) -> Request:
-    """The fields behind the address of a framed request (MACS-FRAME-05: first digit first)."""
-    try:
-        parameters = bytes(
-            (
-                digits[frame[10:12]],
-                digits[frame[12:14]],
-                digits[frame[14:16]],
-                digits[frame[16:18]],
-            )
-        )
-    except KeyError:
-        return digits.get(frame[6:8]), digits.get(frame[8:10]), None
-    return digits.get(frame[6:8]), digits.get(frame[8:10]), parameters
+def number(digits: bytes, *, any_case: bool) -> int | None:
+    """The value of hex ``digits``, first digit first; None where one is no digit."""
+    if digits.translate(None, _DIGITS if any_case else _UPPER_DIGITS):
+        return None
+    return int(digits, 16)
 
 
 def answer(

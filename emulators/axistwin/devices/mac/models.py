@@ -2,10 +2,13 @@
 
 All thresholds are compared in raw units, as 27h shows them, so that a fault and the measure that
 explains it never contradict (ledger §5.9).  The manual gives no MAC34 thresholds (MACS-AMB-56):
-the twin's own stand in the table and ``mac34_limits`` replaces them.
+the twin's own stand in the table and ``mac34_limits`` replaces them.  Torque and rotor inertia,
+which only the inertial plant uses, are the manual's for the MAC23 (ledger §5.4) and chosen for the
+MAC34.
 """
 
 from dataclasses import dataclass, replace
+from fractions import Fraction
 
 from axistwin.devices.mac.quirks import MacQuirks
 
@@ -40,6 +43,8 @@ class MacModel:
     raw_thermal_trip: int
     thermal_bit: int
     fault_bits: int
+    torque_max_nm: Fraction
+    rotor_inertia_kgcm2: Fraction
 
     def raw_temperature(self, millidegrees: int) -> int:
         """The measure tt of 27h nearest to a temperature, held at 0 and 255."""
@@ -96,6 +101,8 @@ MAC23 = MacModel(
     raw_thermal_trip=0x79,  # above 85 °C = 78h
     thermal_bit=MAC23_THERMAL,
     fault_bits=MAC23_THERMAL | MICRO_CUT,
+    torque_max_nm=Fraction(14, 10),
+    rotor_inertia_kgcm2=Fraction(44, 100),
 )
 
 MAC34_1 = MacModel(
@@ -112,6 +119,8 @@ MAC34_1 = MacModel(
     raw_thermal_trip=92,  # above 85 °C
     thermal_bit=MAC34_THERMAL,
     fault_bits=MAC34_AMPLIFIER | MAC34_THERMAL | MAC34_ENCODER | MICRO_CUT,
+    torque_max_nm=Fraction(34, 10),
+    rotor_inertia_kgcm2=Fraction(14, 10),
 )
 
 MAC34_2 = replace(

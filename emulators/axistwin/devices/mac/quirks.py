@@ -224,10 +224,10 @@ class MacQuirks:
     vel_during_interp: Literal["accept", "refuse"] = _quirk(
         "accept", "MACS-AMB-30", "15h during segments"
     )
-    vel_change_law: Literal["linear_levels", "constant_acceleration", "step"] = _quirk(
-        "linear_levels", "MACS-AMB-44", "speed change in motion"
+    vel_change_law: Literal["ramp_length", "constant_acceleration", "step"] = _quirk(
+        "ramp_length", "MACS-AMB-44", "speed change in motion"
     )
-    stop_ramp_law: Literal["climbed", "full"] = _quirk(
+    stop_ramp_law: Literal["climbed", "ramp_length"] = _quirk(
         "climbed", "MACS-AMB-45", "17h during a ramp: as many increments as climbed, or N"
     )
     overshoot_return: Literal["catch_up", "fresh_profile"] = _quirk(

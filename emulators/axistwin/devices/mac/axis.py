@@ -1,0 +1,677 @@
+"""The core of a MAC module: what every command means, on a serial line as on a CAN bus.
+
+The axis knows commands by index and four parameter bytes (one unsigned number, first byte highest)
+and queries by index.  It says whether a command was accepted; how that looks on the wire, who is
+addressed, and when the module is deaf is the business of a *face*.
+
+Rules
+-----
+1. Acceptance first (``acceptance``), then the value, then the effect: what is refused changes
+   nothing (MACS-REPLY-05).
+2. Parameters are *in use* (``values``) and *stored* (``cells_stored``); a stored one leaves a
+   durable ``Store`` in the effects before the command returns (MACS-PERS-01, -02).
+3. Synchronous mode is two flags over any state: armed by 10h, then preloaded by 13h, 14h or 15h,
+   started by 11h (MACS-CMD-10-01..11-02).  Segments are never held (MACS-CMD-10-03).
+4. A disjunction cuts power in any state, and stays until a restart (MACS-STATE-02, -03).
+5. Calls come in the order of time; whoever calls has run the axis up to that time.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from axistwin.devices.mac.acceptance import MOVING, State, acceptance_table
+from axistwin.devices.mac.drive import Drive
+from axistwin.devices.mac.faults import CAUSES, Faults
+from axistwin.devices.mac.memory_map import (
+    MODES,
+    PARAMETERS,
+    admissible,
+    eeprom_image,
+    factory_values,
+    ram_image,
+)
+from axistwin.devices.mac.models import MacModel
+from axistwin.devices.mac.quirks import RANGE_MAX, RANGE_MIN, MacQuirks
+from axistwin.errors import UsageError, nearest
+from axistwin.kernel.effects import Effect, Store
+from axistwin.kernel.time import Nanos
+from axistwin.motion.interpolator import Segment
+from axistwin.motion.plant import Load
+
+INPUTS: Final = ("positive_stop", "negative_stop", "reference")
+FAULTS: Final = (*CAUSES, "micro_cut")
+
+COUNTER_CLOCKWISE: Final = 0xF6  # SS of 15h (MACS-CMD-15-01)
+MOTIONS_HELD: Final = (0x13, 0x14, 0x15)  # by synchronous mode (MACS-CMD-11-01)
+
+NOT_BUSY, POSITIVE_STOP = 0x08, 0x20  # bits of cc in 27h (ledger §5.9)
+NEGATIVE_STOP, REFERENCE = 0x40, 0x20  # bits of dd in 27h
+OVER_VOLTAGE_SEEN: Final = {"7": 0x80, "6-0": 0x7F}  # hh of 21h (MACS-AMB-13)
+
+
+class Axis:
+    """State, parameters and motion of one module, at rest and unpowered until ``start``.
+
+    ``cells`` are what is stored already; unknown or impossible ones are ignored.
+    """
+
+    def __init__(self, model: MacModel, quirks: MacQuirks, cells: Mapping[str, int]) -> None:
+        self.quirks = quirks
+        self.cells_stored = {**factory_values(quirks), **admissible(cells)}
+        self.values = {name: self.cells_stored[name] for name in PARAMETERS}
+        self.faults = Faults(model, encoder_locks=quirks.encoder_fault_locks)
+        self.drive = Drive(model, quirks, self.values)
+        self.inputs = dict.fromkeys(INPUTS, False)
+        self._cells = acceptance_table(quirks)
+        self._effects: list[Effect] = []
+        self._reference_enabled = False
+        self._armed = False
+        self._preload: tuple[int, int] | None = None
+        self._after_segments: tuple[int, int] | None = None
+        reserved = 0xFF if quirks.reserved_bits else 0
+        hh_bit = OVER_VOLTAGE_SEEN[quirks.status_hh_bit]
+        shift = 1 if quirks.status_ff_layout == "shifted" else 0
+        ff_reserved = 0xFF & ~(0x0F << shift)
+        self._status_reserved = (
+            reserved & 0x80,
+            reserved & ff_reserved,
+            reserved,
+            reserved & ~hh_bit,
+        )
+        self._measure_reserved = reserved & ~0x28 & 0xFF, reserved & ~0x60 & 0xFF
+        self._ff_shift, self._hh_bit = shift, hh_bit
+        self.drive.set_counter(0, self.cells_stored["position"])
+        self.drive.counter_settled = False
+
+    # ---- acceptance ----------------------------------------------------------------------------
+
+    @property
+    def state(self) -> State:
+        """The column of the acceptance table (ledger §4.2)."""
+        if self.faults.disjuncted:
+            return State.DJ
+        if self.drive.kind is not None:
+            return self.drive.kind
+        if self._preload is not None:
+            return State.PL
+        if self._armed:
+            return State.AR
+        return State.HD if self.drive.powered else State.OF
+
+    def state_code(self) -> str:
+        """The state in the ledger's letters, such as ``HD+AR`` or ``VE+PL``."""
+        state, flag = self.state, ""
+        if self._preload is not None or self._armed:
+            flag = "+PL" if self._preload is not None else "+AR"
+        if state in (State.AR, State.PL):
+            state = State.HD if self.drive.powered else State.OF
+        return state.name + flag
+
+    def cell(self, index: int) -> str:
+        """A accepted, R refused, 1 refused for the parameter 01, u unassigned; in this state."""
+        return self._cells[self.state][index]
+
+    def execute(self, now: Nanos, index: int, parameters: int, start_ns: Nanos) -> bool:
+        """Execute command ``index``; a motion it starts begins at ``start_ns``.  False: refused."""
+        cell = self.cell(index)
+        if cell == "R" or (cell == "1" and parameters & 0xFF == 1):
+            return False
+        handler = _COMMANDS.get(index)
+        assert handler is not None, f"command {index:02X}h is for the face or unassigned"
+        accepted = handler(self, now, parameters, start_ns)
+        self._save_counter(now)
+        return accepted
+
+    def take_effects(self) -> list[Effect]:
+        """What is to be stored since the last call."""
+        effects = self._effects
+        if effects:
+            self._effects = []
+        return effects
+
+    # ---- parameters ----------------------------------------------------------------------------
+
+    def store(self, name: str, value: int) -> None:
+        """Keep ``value`` over power-off; what is stored already is not written again."""
+        if self.cells_stored[name] != value:
+            self.cells_stored[name] = value
+            self._effects.append(Store(((name, value),)))
+
+    def _set(self, name: str, value: int) -> bool:
+        """Use ``value`` from now on and store it, unless its storage is in doubt and off."""
+        self.values[name] = value
+        if name not in MODES or self.quirks.persist_modes == "stored":
+            self.store(name, value)
+        return True
+
+    def restore_factory_values(self, now: Nanos) -> None:
+        """01h: all parameters, address and rate as from the factory; the position stays."""
+        fresh = factory_values(self.quirks)
+        del fresh["position"]
+        changed = tuple(item for item in fresh.items() if self.cells_stored[item[0]] != item[1])
+        self.cells_stored.update(fresh)
+        if changed:
+            self._effects.append(Store(changed))
+        self._take_over_stored(now)
+        if self.quirks.factory_reset_scope == "no_restart":
+            self.drive.replan(now)
+
+    def _take_over_stored(self, now: Nanos) -> None:
+        self.values.update({name: self.cells_stored[name] for name in PARAMETERS})
+        self.drive.apply_catch_up(now)
+        self.drive.apply_torque(now)
+
+    def in_printed_set(self, value: int, allowed: tuple[int, ...], mask: int) -> int | None:
+        """``value``, or what it counts as, of a printed set; None: refused (MACS-AMB-60)."""
+        policy = self.quirks.param_range_policy
+        if value in allowed:
+            return value
+        if policy == "mask":
+            return value & mask if value & mask in allowed else None
+        if policy == "clamp":
+            return max((item for item in allowed if item <= value), default=min(allowed))
+        return None
+
+    def _torque_at_rest(self, now: Nanos, parameters: int, _: Nanos) -> bool:
+        """02h (MACS-CMD-02-01)."""
+        standby = self.in_printed_set(parameters & 0xFF, (0, 1), 0x01)
+        if standby is None:
+            return False
+        self._set("standby", standby)
+        self.drive.apply_torque(now)
+        return True
+
+    def _stops_mode(self, now: Nanos, parameters: int, _: Nanos) -> bool:
+        """03h (MACS-CMD-03-01)."""
+        stops = self.in_printed_set(parameters & 0xFF, (0, 1, 8, 9), 0x09)
+        if stops is None:
+            return False
+        self._set("stops", stops)
+        self.drive.stops_changed(now)
+        return True
+
+    def _reference(self, now: Nanos, parameters: int, _: Nanos) -> bool:
+        """07h (MACS-CMD-07-01, -02)."""
+        enabled = self.in_printed_set(parameters & 0xFF, (0, 1), 0x01)
+        if enabled is None:
+            return False
+        self._reference_enabled = bool(enabled)
+        return True
+
+    def _superior_stop(self, now: Nanos, parameters: int, _: Nanos) -> bool:
+        """09h (MACS-CMD-09-01)."""
+        self._set("superior_stop", signed_32(parameters))
+        self.drive.stops_changed(now)
+        return True
+
+    def _inferior_stop(self, now: Nanos, parameters: int, _: Nanos) -> bool:
+        """0Ah (MACS-CMD-0A-01)."""
+        self._set("inferior_stop", signed_32(parameters))
+        self.drive.stops_changed(now)
+        return True
+
+    def _zero_counter(self, now: Nanos, _: int, __: Nanos) -> bool:
+        """0Bh (MACS-CMD-0B-01, MACS-AMB-53)."""
+        self.drive.zero(now, keeps_remaining=self.quirks.reset_in_motion == "remaining")
+        return True
+
+    def _torque(self, now: Nanos, parameters: int, _: Nanos) -> bool:
+        """0Ch (MACS-CMD-0C-01..03)."""
+        value, imax = parameters & 0xFF, self.quirks.imax_value
+        margin = 0 if self.quirks.torque_range == "inclusive" else 1
+        low, high = margin, imax - margin
+        if not low <= value <= high:
+            if self.quirks.torque_over == "clamp":
+                value = max(low, min(high, value))
+            elif self.quirks.torque_over == "mask":
+                value &= 0x7F
+            if not low <= value <= high:
+                return False
+        self._set("torque", value)
+        self.drive.apply_torque(now)
+        return True
+
+    def _period(self, _: Nanos, parameters: int, __: Nanos) -> bool:
+        """0Dh (MACS-CMD-0D-01, -03)."""
+        period_ticks = parameters & 0xFFFF
+        if period_ticks == 0:
+            if self.quirks.zero_period_0d == "refuse":
+                return False
+            period_ticks = 1
+        return self._set("period", period_ticks)
+
+    def _catch_up(self, now: Nanos, parameters: int, _: Nanos) -> bool:
+        """0Eh: the third byte (MACS-CMD-0E-01, MACS-AMB-47)."""
+        value, low_byte = parameters >> 8 & 0xFF, parameters & 0xFF
+        if low_byte and self.quirks.catchup_low_byte == "refuse":
+            return False
+        if value == 0 and self.quirks.zero_catchup == "refuse":
+            return False
+        self._set("catchup", value)
+        self.drive.apply_catch_up(now)
+        return True
+
+    def _ramp(self, _: Nanos, parameters: int, __: Nanos) -> bool:
+        """0Fh (MACS-CMD-0F-01)."""
+        return self._set("ramp", parameters & 0xFF)
+
+    def _tolerance(self, now: Nanos, parameters: int, _: Nanos) -> bool:
+        """1Ch (MACS-CMD-1C-01)."""
+        self._set("tolerance", parameters & 0xFF)
+        self.drive.replan(now)
+        return True
+
+    # ---- synchronous mode ----------------------------------------------------------------------
+
+    def _arm(self, _: Nanos, __: int, ___: Nanos) -> bool:
+        """10h (MACS-CMD-10-01); twice is once (MACS-AMB-35)."""
+        if self._preload is None:
+            in_motion = self.drive.kind is not None
+            self._armed = not in_motion or self.quirks.sync_arm_lifetime == "kept"
+        return True
+
+    def _synchronise(self, now: Nanos, _: int, start_ns: Nanos) -> bool:
+        """11h (MACS-CMD-11-01, -02)."""
+        preload = self._preload
+        if preload is None:
+            return self.quirks.sync_without_preload == "accept"
+        index = preload[0]
+        if self.drive.kind is State.IN and index != 0x15:
+            policy = self.quirks.sync_during_interp
+            if policy == "now":
+                self.drive.drop_segments(now)
+            elif policy == "after":
+                self._after_segments = preload
+            self._preload = None
+            return policy != "now" or self._start_held(now, preload, start_ns)
+        if self.state in MOVING and self._cells[self.state][index] == "R":
+            return False
+        self._preload = None
+        return self._start_held(now, preload, start_ns)
+
+    def _start_held(self, now: Nanos, held: tuple[int, int], start_ns: Nanos) -> bool:
+        """Execute a motion that was held back."""
+        index, parameters = held
+        return _STARTS[index](self, now, parameters, start_ns)
+
+    def _held_back(self, index: int, parameters: int) -> bool:
+        """Preload a motion if synchronous mode wants it; False: it is to start now."""
+        if self._preload is not None:
+            if self.quirks.preload_policy != "keep":
+                self._preload = (index, parameters)
+            return True
+        if not self._armed:
+            return False
+        self._armed, self._preload = False, (index, parameters)
+        return True
+
+    def _disarm(self) -> None:
+        """17h, 18h, 1Ah: arm, preload and what waits for the segments are dropped (MACS-AMB-36)."""
+        if self.quirks.preload_policy != "keep":
+            self._armed, self._preload = False, None
+        self._after_segments = None
+
+    # ---- motion --------------------------------------------------------------------------------
+
+    def _go_to(self, now: Nanos, parameters: int, start_ns: Nanos) -> bool:
+        """13h (MACS-CMD-13-01..06)."""
+        number = signed_32(parameters)
+        if not RANGE_MIN <= number <= RANGE_MAX and self.quirks.target_range == "refuse":
+            return False
+        if self._refuses_way(number - self.drive.counter_at(now)):
+            return False
+        return self._held_back(0x13, parameters) or self._start_go_to(now, parameters, start_ns)
+
+    def _go_to_zero(self, now: Nanos, _: int, start_ns: Nanos) -> bool:
+        """14h: 13h with 0 (MACS-CMD-14-01)."""
+        return self._go_to(now, 0, start_ns)
+
+    def _start_go_to(self, now: Nanos, parameters: int, start_ns: Nanos) -> bool:
+        self.drive.go_to(now, signed_32(parameters), start_ns)
+        return True
+
+    def _velocity(self, now: Nanos, parameters: int, start_ns: Nanos) -> bool:
+        """15h (MACS-CMD-15-01..06)."""
+        if parameters & 0xFFFF == 0:
+            return self._zero_velocity(now, start_ns)
+        running = self.drive.direction_at(now) if self.drive.kind is not None else 0
+        direction = self._direction_of(parameters)
+        if running and direction != running and self.quirks.vel_reverse_cmd == "refuse":
+            return False
+        if not running and self._refuses_way(direction):
+            return False
+        return self._held_back(0x15, parameters) or self._start_velocity(now, parameters, start_ns)
+
+    def _zero_velocity(self, now: Nanos, start_ns: Nanos) -> bool:
+        """15h 0000: stop; nothing that synchronous mode could hold back (MACS-AMB-68)."""
+        if self.drive.kind is not None:
+            self._ramp_down(now)
+        elif self._armed or self._preload is not None:
+            policy = self.quirks.armed_zero_velocity
+            if policy == "refuse":
+                return False
+            if policy == "spend":
+                self._armed, self._preload = False, None
+        return True
+
+    def _direction_of(self, parameters: int) -> int:
+        """The sign that SS of 15h means (MACS-CMD-15-01, MACS-AMB-07)."""
+        backward = parameters >> 16 & 0xFF == COUNTER_CLOCKWISE
+        return -1 if backward and self.quirks.vel_f6_direction == "negative" else 1
+
+    def _start_velocity(self, now: Nanos, parameters: int, start_ns: Nanos) -> bool:
+        direction = self._direction_of(parameters)
+        self.drive.run_at(now, parameters & 0xFFFF, direction, start_ns)
+        return True
+
+    def _segment(self, now: Nanos, parameters: int, start_ns: Nanos) -> bool:
+        """16h (MACS-CMD-16-01, -02)."""
+        return self._offer(now, parameters, start_ns, virtual=False)
+
+    def _virtual_segment(self, now: Nanos, parameters: int, start_ns: Nanos) -> bool:
+        """1Eh (MACS-CMD-1E-01)."""
+        return self._offer(now, parameters, start_ns, virtual=True)
+
+    def _offer(self, now: Nanos, parameters: int, start_ns: Nanos, *, virtual: bool) -> bool:
+        """Store a segment: DDDD VVVV (MACS-AMB-38, -39)."""
+        steps, period_ticks = parameters >> 16, parameters & 0xFFFF
+        if period_ticks == 0:
+            policy = self.quirks.segment_zero_period
+            if policy == "refuse":
+                return False
+            period_ticks = 1 if policy == "fastest" else 65536
+        if steps == 0 and self.quirks.segment_zero_steps == "65536":
+            steps = 65536
+        elif steps & 0x8000 and self.quirks.segment_signed:
+            steps -= 0x10000
+        if not virtual and self._refuses_way(steps):
+            return False
+        if not self.drive.offer(now, Segment(steps, period_ticks, virtual), start_ns):
+            return False
+        if self.quirks.sync_arm_lifetime == "lost":
+            self._armed, self._preload = False, None
+        return True
+
+    def _refuses_way(self, distance: int) -> bool:
+        """Whether the sign of ``distance`` leads into an active hardware stop (MACS-AMB-49)."""
+        if distance == 0 or self.quirks.hard_stop_command == "accept":
+            return False
+        return self.drive.is_blocked_hard(1 if distance > 0 else -1)
+
+    def _ramped_stop(self, now: Nanos, _: int, __: Nanos) -> bool:
+        """17h (MACS-CMD-17-01, -02)."""
+        if self.drive.kind is State.IN and self.quirks.stop17_in_interp == "ignore":
+            return True
+        self._disarm()
+        self._ramp_down(now)
+        if self.quirks.abort_flush:
+            self.drive.flush_waiting(now)
+        return True
+
+    def _ramp_down(self, now: Nanos) -> None:
+        """Stop with the ramp what has one; segments as ``stop17_in_interp`` says."""
+        if self.drive.kind is not State.IN:
+            self.drive.ramped_stop(now)
+        elif self.quirks.stop17_in_interp in ("after_segment", "now"):
+            self.drive.stop_segments(now)
+
+    def _hard_stop(self, now: Nanos, _: int, __: Nanos) -> bool:
+        """18h (MACS-CMD-18-01..03)."""
+        flushes = self.quirks.abort_flush
+        if flushes:
+            self._disarm()
+        if self.drive.powered:
+            self.drive.hard_stop(now, keeps_segments=not flushes)
+        return True
+
+    def _motor_on(self, now: Nanos, _: int, __: Nanos) -> bool:
+        """19h (MACS-CMD-19-01)."""
+        self.drive.power_on(now)
+        return True
+
+    def _motor_off(self, now: Nanos, _: int, __: Nanos) -> bool:
+        """1Ah (MACS-CMD-1A-01)."""
+        self._disarm()
+        self.drive.power_off(now)
+        return True
+
+    # ---- queries -------------------------------------------------------------------------------
+
+    def query(self, now: Nanos, index: int) -> int:
+        """The four bytes of query 20h..27h, as one unsigned number."""
+        return _QUERIES[index - 0x20](self, now)
+
+    def _read_position(self, now: Nanos) -> int:
+        """20h (MACS-Q-20-01)."""
+        return self.drive.counter_at(now) & 0xFFFFFFFF
+
+    def _read_status(self, now: Nanos) -> int:
+        """21h: dd ff gg hh (ledger §5.9)."""
+        dd, ff, gg, hh = self._status_reserved
+        stops = self.drive.stop_bits
+        if self.quirks.ff_lifetime == "live":
+            stops = self.drive.live_stop_bits(now)
+        seen = self._hh_bit if self.faults.over_voltage_seen else 0
+        return (
+            (dd | self.faults.word) << 24
+            | (ff | stops << self._ff_shift) << 16
+            | gg << 8
+            | hh
+            | seen
+        )
+
+    def _read_superior_stop(self, _: Nanos) -> int:
+        """22h (MACS-Q-22-01)."""
+        return self.values["superior_stop"] & 0xFFFFFFFF
+
+    def _read_inferior_stop(self, _: Nanos) -> int:
+        """23h (MACS-Q-23-01)."""
+        return self.values["inferior_stop"] & 0xFFFFFFFF
+
+    def _read_release(self, _: Nanos) -> int:
+        """24h (MACS-Q-24-01)."""
+        return self.quirks.version_word
+
+    def _read_speeds(self, _: Nanos) -> int:
+        """25h: rr 00 vvvv (MACS-Q-25-01)."""
+        return self.values["catchup"] << 24 | self.values["period"]
+
+    def _read_modes(self, _: Nanos) -> int:
+        """26h: nn cc Km dd (MACS-Q-26-01)."""
+        values = self.values
+        modes = values["standby"] << 4 | values["stops"]
+        return values["ramp"] << 24 | values["torque"] << 16 | modes << 8 | values["tolerance"]
+
+    def _read_measures(self, now: Nanos) -> int:
+        """27h: tt vv cc dd, inputs as they are wired (MACS-Q-27-01..03)."""
+        cc, dd = self._measure_reserved
+        inputs = self.inputs
+        cc |= POSITIVE_STOP * inputs["positive_stop"]
+        cc |= 0 if self.drive.is_busy(now) else NOT_BUSY
+        dd |= NEGATIVE_STOP * inputs["negative_stop"] | REFERENCE * inputs["reference"]
+        return self.faults.raw_temperature << 24 | self.faults.raw_supply << 16 | cc << 8 | dd
+
+    def memory(self, now: Nanos, *, ram: bool) -> bytes:
+        """The 256 bytes of RAM or EEPROM (MACS-Q-28-01, -29-01)."""
+        if ram:
+            in_use = {**self.values, "position": self.drive.counter_at(now)}
+            return ram_image(in_use, self.quirks.imax_value)
+        return eeprom_image(self.cells_stored)
+
+    # ---- time and surroundings -------------------------------------------------------------------
+
+    def next_event(self) -> Nanos | None:
+        """When something happens by itself."""
+        return self.drive.next_event()
+
+    def run(self, now: Nanos) -> None:
+        """Do what is due at ``now``."""
+        was_segments = self.drive.kind is State.IN
+        self.drive.run(now)
+        if was_segments and self.drive.kind is None and self._after_segments is not None:
+            held, self._after_segments = self._after_segments, None
+            self._start_held(now, held, now)
+        self._save_counter(now)
+
+    def _save_counter(self, now: Nanos) -> None:
+        """Hand on the position whenever it has come to a new rest or was set."""
+        if self.drive.counter_settled:
+            self.drive.counter_settled = False
+            position = self.drive.counter_at(now)
+            self.cells_stored["position"] = position
+            self._effects.append(Store((("position", position),), durable=False))
+
+    def power_on(self, now: Nanos) -> None:
+        """The supply is there: the counter is what was saved (MACS-Q-20-02)."""
+        self.drive.set_counter(now, self.cells_stored["position"])
+        self.drive.counter_settled = False
+
+    def power_off(self, now: Nanos) -> None:
+        """The supply goes: the position is saved, all else volatile is lost (MACS-PERS-01, -03)."""
+        self.drive.counter_settled = True
+        self._save_counter(now)
+        self.shut_down(now)
+
+    def shut_down(self, now: Nanos) -> None:
+        """Back to the state before start-up (MACS-CMD-00-01)."""
+        self.drive.power_off(now)
+        self.drive.stop_bits = 0
+        self._armed = self._reference_enabled = False
+        self._preload = self._after_segments = None
+        self.faults.acknowledge()
+        self._take_over_stored(now)
+        self._save_counter(now)
+
+    def start(self, now: Nanos) -> None:
+        """The end of start-up: faults afresh, then power if it is to be there (MACS-AMB-26)."""
+        self.faults.acknowledge()
+        if self.quirks.power_on_at_boot and not self.faults.disjuncted:
+            self.drive.power_on(now)
+
+    def set_input(self, now: Nanos, name: str, active: bool) -> None:
+        """Ground an input (active) or open it; UsageError for an unknown one."""
+        if name not in self.inputs:
+            raise UsageError(f"unknown input {name!r}: {nearest(name, (*INPUTS, 'reset'))}")
+        was, self.inputs[name] = self.inputs[name], active
+        if name == "reference":
+            closing = self.quirks.ref_edge == "closing"
+            if was != active and active == closing:
+                self._reference_edge(now)
+            return
+        self.drive.hard_stops[1 if name == "positive_stop" else -1] = active
+        self.drive.stops_changed(now)
+
+    def _reference_edge(self, now: Nanos) -> None:
+        """Zero the counter in a positive motion (MACS-REF-01)."""
+        if self._reference_enabled and self.drive.direction_at(now) > 0:
+            self.drive.zero(now, keeps_remaining=self.quirks.ref_retarget == "remaining")
+            self._save_counter(now)
+
+    def set_supply(self, now: Nanos, millivolts: int) -> None:
+        """The supply voltage."""
+        self.faults.set_supply(millivolts)
+        self._obey_faults(now)
+
+    def set_temperature(self, now: Nanos, millidegrees: int) -> None:
+        """The temperature of the electronics."""
+        self.faults.set_temperature(millidegrees)
+        self._obey_faults(now)
+
+    def set_fault(self, now: Nanos, name: str, present: bool) -> None:
+        """Let a fault be there or gone; UsageError for an unknown one."""
+        if name not in FAULTS:
+            raise UsageError(f"unknown fault {name!r}: {nearest(name, FAULTS)}")
+        if name == "micro_cut":
+            if present:
+                self.faults.micro_cut()
+        else:
+            self.faults.set_cause(name, present)
+        self._obey_faults(now)
+
+    def _obey_faults(self, now: Nanos) -> None:
+        """A disjunction cuts the motor's power and drops all motion (MACS-STATE-02)."""
+        if self.faults.disjuncted and (self.drive.powered or self.drive.kind is not None):
+            self._armed, self._preload, self._after_segments = False, None, None
+            self.drive.power_off(now)
+            self._save_counter(now)
+
+    def set_load(self, now: Nanos, load: Load) -> None:
+        """What hangs on the shaft."""
+        self.drive.set_load(now, load)
+
+    def push(self, now: Nanos, increments: int) -> None:
+        """Turn the shaft by hand."""
+        self.drive.push(now, increments)
+
+    def counter_at(self, now: Nanos) -> int:
+        """The position counter."""
+        return self.drive.counter_at(now)
+
+    def is_moving(self, now: Nanos) -> bool:
+        """Whether the counter changes by itself."""
+        return self.drive.is_moving(now)
+
+    def describe(self, now: Nanos) -> dict[str, int | str | bool]:
+        """Named state for panels."""
+        drive, faults = self.drive, self.faults
+        return {
+            "position": drive.counter_at(now),
+            "powered": drive.powered,
+            "busy": drive.is_busy(now),
+            "armed": self._armed,
+            "preloaded": self._preload is not None,
+            "segments_stored": drive.interpolator.stored_at(now),
+            "reference_enabled": self._reference_enabled,
+            "fault_bits": faults.word,
+            "stop_bits": drive.stop_bits,
+            "supply_millivolts": faults.supply_millivolts,
+            "temperature_millidegrees": faults.temperature_millidegrees,
+            **self.inputs,
+            **self.values,
+        }
+
+
+def signed_32(number: int) -> int:
+    """A 32-bit field as two's complement (MACS-FRAME-05)."""
+    return number - (1 << 32) if number >> 31 else number
+
+
+_Handler = Callable[[Axis, Nanos, int, Nanos], bool]
+
+_COMMANDS: Final[dict[int, _Handler]] = {
+    0x02: Axis._torque_at_rest,
+    0x03: Axis._stops_mode,
+    0x07: Axis._reference,
+    0x09: Axis._superior_stop,
+    0x0A: Axis._inferior_stop,
+    0x0B: Axis._zero_counter,
+    0x0C: Axis._torque,
+    0x0D: Axis._period,
+    0x0E: Axis._catch_up,
+    0x0F: Axis._ramp,
+    0x10: Axis._arm,
+    0x11: Axis._synchronise,
+    0x13: Axis._go_to,
+    0x14: Axis._go_to_zero,
+    0x15: Axis._velocity,
+    0x16: Axis._segment,
+    0x17: Axis._ramped_stop,
+    0x18: Axis._hard_stop,
+    0x19: Axis._motor_on,
+    0x1A: Axis._motor_off,
+    0x1C: Axis._tolerance,
+    0x1E: Axis._virtual_segment,
+}
+
+_STARTS: Final[dict[int, _Handler]] = {0x13: Axis._start_go_to, 0x15: Axis._start_velocity}
+
+_QUERIES: Final[tuple[Callable[[Axis, Nanos], int], ...]] = (
+    Axis._read_position,
+    Axis._read_status,
+    Axis._read_superior_stop,
+    Axis._read_inferior_stop,
+    Axis._read_release,
+    Axis._read_speeds,
+    Axis._read_modes,
+    Axis._read_measures,
+)

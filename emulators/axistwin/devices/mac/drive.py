@@ -1,0 +1,548 @@
+"""The motor at work: set-point, shaft and counter of a MAC axis, and what ends a motion.
+
+Theory
+------
+Exactly one of these has the shaft:
+
+    rest      nothing moves by itself; after 13h, 14h and 17h the place is held (ledger §5.5)
+    profile   a ``RampedMotion``: PO to a target, VE without end
+    segments  the ``Interpolator``: IN
+    brake     set-point and regulation are gone, the shaft runs out (18h, a stop)
+
+Everything is closed form in time.  What happens by itself is one of two events, both computed the
+moment something changes: the *end* of what runs, and a *stop* in its way.
+
+Counter = shaft + origin, 31 bits signed (MACS-AMB-54); zeroing moves the origin, never the shaft.
+
+Rules
+-----
+1. A motion starts from where the shaft really is.
+2. A direction is blocked by its hardware stop (level) or beyond its software stop, if enabled; the
+   other one is free (MACS-STOP-01, MACS-AMB-48).  A motion that begins blocked makes no step.
+3. Stops are found on the way by asking when the shaft reaches the first forbidden increment.
+4. The end of a position motion is the end of "running" (MACS-AMB-27).
+5. Segments that arrive during a profile wait for its end (MACS-AMB-31).
+"""
+
+from collections import deque
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import Final
+
+from axistwin.devices.mac.acceptance import State
+from axistwin.devices.mac.models import MacModel
+from axistwin.devices.mac.quirks import RANGE_MAX, RANGE_MIN, MacQuirks
+from axistwin.kernel.time import Nanos
+from axistwin.motion.inertia import Mechanics
+from axistwin.motion.interpolator import Interpolator, Segment, Underrun
+from axistwin.motion.plant import Load, Plant
+from axistwin.motion.ramp import (
+    ChangeLaw,
+    Ramp,
+    RampedMotion,
+    RampLaw,
+    RampRules,
+    Rounding,
+    StopLaw,
+    TriangleLaw,
+    ramp_length,
+    stop_pieces,
+)
+from axistwin.motion.trajectory import Piece, SetPoint, StepPhase
+
+CATCH_UP_TICKS: Final = 1600
+"""Ticks of one catch-up increment per unit of 0Eh: 200 µs (MACS-CMD-0E-01)."""
+
+HARDWARE_STOPS, SOFTWARE_STOPS = 0x01, 0x08  # bits of 03h (MACS-CMD-03-01)
+
+# Bits of ff by cause and direction, in the CAN manual's map (ledger §5.9).
+HARD_BITS: Final = {1: 0x08, -1: 0x04}
+SOFT_BITS: Final = {1: 0x02, -1: 0x01}
+
+_SPAN = RANGE_MAX - RANGE_MIN + 1
+
+
+class Drive:
+    """Motor, shaft and counter.  ``values`` are the parameters in use, owned by the axis."""
+
+    def __init__(self, model: MacModel, quirks: MacQuirks, values: Mapping[str, int]) -> None:
+        self._quirks = quirks
+        self._values = values
+        self._torque_max_nm = model.torque_max_nm
+        self._inertial = quirks.plant == "inertial"
+        mechanics = Mechanics(model.increments_per_turn, model.rotor_inertia_kgcm2)
+        self.plant = Plant(
+            mechanics=mechanics if self._inertial else None,
+            torque_nm=model.torque_max_nm,
+        )
+        self._rules = RampRules(
+            RampLaw(quirks.ramp_law),
+            Rounding(quirks.period_rounding),
+            TriangleLaw(quirks.triangle_law),
+            ChangeLaw(quirks.vel_change_law),
+            StopLaw(quirks.stop_ramp_law),
+            StepPhase(quirks.step_phase),
+        )
+        self.interpolator = Interpolator(
+            counts_executing=quirks.fifo_counts_executing,
+            underrun=Underrun(quirks.fifo_underrun),
+            step_phase=StepPhase(quirks.step_phase),
+        )
+        brake = quirks.brake_increments
+        self._brake_increments = None if brake == "plant" else int(brake)
+        self.powered = False
+        self.kind: State | None = None
+        """PO, VE or IN while running; None at rest."""
+        self.stop_bits = 0
+        """ff: which stop ended the last motion (MACS-AMB-50)."""
+        self.hard_stops: dict[int, bool] = {1: False, -1: False}
+        self._motion: RampedMotion | None = None
+        self._target_number = 0
+        self._position_mode = False
+        self._old_target: int | None = None
+        self._origin = 0
+        self._next: Nanos | None = None
+        self._braking = False
+        self._coasting = False
+        self._segments_wait = False
+        self._accepted: deque[tuple[Segment, tuple[Piece, ...]]] = deque(maxlen=4)
+        self.counter_settled = False
+        """Set when the counter has come to a place worth saving; the axis clears it."""
+
+    # ---- counter -------------------------------------------------------------------------------
+
+    def counter_at(self, now: Nanos) -> int:
+        """The position counter (MACS-Q-20-01), from the encoder or the set-point (MACS-AMB-55)."""
+        plant = self.plant
+        if self._quirks.position_source == "encoder":
+            return self._fold(plant.position_at(now) + self._origin)
+        return self._fold(plant.set_point_at(now) + self._origin)
+
+    def set_counter(self, now: Nanos, number: int) -> None:
+        """Let the counter read ``number`` without moving the shaft (MACS-CMD-0B-01)."""
+        self._origin += number - self._unfolded(now)
+        self.counter_settled = True
+
+    def _unfolded(self, now: Nanos) -> int:
+        encoder = self._quirks.position_source == "encoder"
+        shaft = self.plant.position_at(now) if encoder else self.plant.set_point_at(now)
+        return shaft + self._origin
+
+    def _fold(self, number: int) -> int:
+        """``number`` in the counter's 31 bits (MACS-AMB-54)."""
+        if RANGE_MIN <= number <= RANGE_MAX:
+            return number
+        if self._quirks.position_overflow == "saturate":
+            return max(RANGE_MIN, min(RANGE_MAX, number))
+        return (number - RANGE_MIN) % _SPAN + RANGE_MIN
+
+    def zero(self, now: Nanos, *, keeps_remaining: bool) -> None:
+        """Counter := 0; a 13h under way keeps its number or its way (MACS-AMB-52, -53)."""
+        self.set_counter(now, 0)
+        motion = self._motion
+        if motion is None or self.kind is not State.PO:
+            self._plan(now)
+            return
+        direction = motion.trajectory.direction
+        set_number = self.plant.set_point_at(now) + self._origin
+        if keeps_remaining:
+            assert motion.target is not None, "a position motion has a target"
+            remaining = motion.target - motion.trajectory.increments_at(now)
+            self._target_number = set_number + direction * remaining
+        else:
+            remaining = direction * (self._target_number - set_number)
+            self._replan(now, motion.retarget(now, remaining))
+        self._plan(now)
+
+    @property
+    def direction(self) -> int:
+        """Sign of the motion in progress; 0 at rest (segments: ask ``direction_at``)."""
+        return self._motion.trajectory.direction if self._motion else 0
+
+    def direction_at(self, now: Nanos) -> int:
+        """Sign of the set-point's speed at ``now``; 0 at rest and in a virtual segment."""
+        if self.kind is State.IN:
+            step = self.interpolator.step_in_progress(now)
+            return step.direction if step else 0
+        return self.direction if self.kind is not None else 0
+
+    # ---- motions -------------------------------------------------------------------------------
+
+    def go_to(self, now: Nanos, number: int, start_ns: Nanos) -> None:
+        """13h, 14h: to counter ``number`` on the trapezoidal profile (MACS-CMD-13-01)."""
+        distance = number - self.counter_at(now)
+        direction = -1 if distance < 0 else 1
+        ramp = self._ramp(self._values["period"])
+        motion = RampedMotion.to_target(start_ns, direction, abs(distance), ramp)
+        self._target_number = number
+        self._begin(now, State.PO, motion)
+
+    def run_at(self, now: Nanos, period_ticks: int, direction: int, start_ns: Nanos) -> None:
+        """15h with a speed: from rest, or out of whatever moves (MACS-CMD-15-01, -02)."""
+        ramp = self._ramp(period_ticks)
+        motion, step = self._motion, None
+        if self.kind is State.IN:
+            step = self.interpolator.step_in_progress(now)
+            self.interpolator.flush(now)
+        if step is not None:
+            taken = RampedMotion.taking_over(step.start_ns, step.direction, step.period_ticks, ramp)
+            self._begin(now, State.VE, taken)
+        elif self.kind in (State.PO, State.VE) and motion and not motion.is_over(now):
+            self.kind, self._position_mode = State.VE, False
+            self._replan(now, motion.change_speed(now, period_ticks))
+            self._plan(now)
+        else:
+            self._begin(now, State.VE, RampedMotion.endless(start_ns, direction, ramp))
+
+    def offer(self, now: Nanos, segment: Segment, start_ns: Nanos) -> bool:
+        """16h, 1Eh: store a segment, or refuse it (MACS-CMD-16-02); False: refused."""
+        interpolator = self.interpolator
+        self.plant.advance(now)
+        interpolator.run(now)
+        waits = self.kind in (State.PO, State.VE)
+        if waits and self._quirks.interp_during_profile == "preempt":
+            self._motion, self.kind, waits = None, None, False
+        if waits:
+            self._segments_wait = True
+            interpolator.hold()
+        elif self._segments_wait:
+            self._let_segments_go(now)
+        descent = self._descent(segment)
+        if not interpolator.offer(start_ns, segment, descent):
+            return False
+        self._accepted.append((segment, descent))
+        if self.kind is None:
+            self._begin_segments(now)
+        self._plan(now)
+        return True
+
+    def _descent(self, segment: Segment) -> tuple[Piece, ...]:
+        """How the axis would slow down after ``segment`` (MACS-AMB-40, decelerate)."""
+        if self._quirks.fifo_underrun != "decelerate":
+            return ()
+        aa = self._values["ramp"]
+        return stop_pieces(ramp_length(aa), segment.period_ticks, aa, self._rules)
+
+    def _let_segments_go(self, now: Nanos) -> None:
+        """Segments that waited are executed from ``now`` on."""
+        self._segments_wait = False
+        self.interpolator.release(now)
+
+    def ramped_stop(self, now: Nanos) -> None:
+        """17h, 15h 0000: ramp down; the place of rest is held (MACS-CMD-17-01)."""
+        motion = self._motion
+        if motion is None or motion.is_over(now):
+            return
+        self._abandon_target()
+        self._replan(now, motion.stop(now))
+        self._plan(now)
+
+    def drop_segments(self, now: Nanos) -> None:
+        """Give up all segments at once; the next motion takes the shaft where it is."""
+        self.plant.advance(now)
+        self.interpolator.flush(now)
+        self.kind = None
+
+    def stop_segments(self, now: Nanos) -> None:
+        """17h during segments where it stops them: now, or after this one (MACS-AMB-32)."""
+        if self._quirks.stop17_in_interp == "after_segment":
+            self.interpolator.drop_stored(now)
+            self._plan(now)
+            return
+        step = self.interpolator.step_in_progress(now)
+        self.interpolator.flush(now)
+        if step is None:
+            self._finish(now)
+            return
+        ramp = self._ramp(step.period_ticks)
+        taken = RampedMotion.taking_over(step.start_ns, step.direction, step.period_ticks, ramp)
+        self._begin(now, State.VE, taken.stop(now))
+
+    def hard_stop(self, now: Nanos, *, keeps_segments: bool = False) -> None:
+        """18h, a stop: set-point frozen, regulation off, maximum braking (MACS-CMD-18-01)."""
+        self._abandon_target()
+        self._take_shaft(now, keeps_segments=keeps_segments)
+        self.plant.brake(now, self._brake_increments if self.kind is not None else 0)
+        self._braking, self._motion = self.kind is not None, None
+        self._plan(now)
+
+    def power_on(self, now: Nanos) -> None:
+        """19h, or a motion: holding torque (MACS-CMD-19-01)."""
+        self.powered = True
+        self.apply_torque(now)
+
+    def power_off(self, now: Nanos) -> None:
+        """1Ah, a disjunction: no torque; the shaft coasts and is still counted (MACS-CMD-1A-01)."""
+        self._take_shaft(now, keeps_segments=False)
+        self.plant.cut_power(now)
+        self.powered = self._braking = False
+        self._coasting = True
+        self._motion, self.kind = None, None
+        self._plan(now)
+
+    def flush_waiting(self, now: Nanos) -> None:
+        """Drop segments that wait for the end of a profile (MACS-AMB-51)."""
+        if self._segments_wait:
+            self._segments_wait = False
+            self.interpolator.flush(now)
+
+    def _take_shaft(self, now: Nanos, *, keeps_segments: bool) -> None:
+        """Take the shaft from profile or segments; what is stored is dropped or waits."""
+        self.plant.advance(now)
+        interpolator = self.interpolator
+        counted = self._quirks.fifo_counts_executing and interpolator.is_executing(now)
+        stored = interpolator.stored_at(now) - counted
+        interpolator.flush(now)
+        self._segments_wait = keeps_segments and stored > 0
+        if self._segments_wait:
+            interpolator.hold()
+            for segment, descent in list(self._accepted)[-stored:]:
+                interpolator.offer(now, segment, descent)
+
+    def _abandon_target(self) -> None:
+        """Remember what was aimed at (MACS-AMB-51: ``busy_after_abort``)."""
+        if self._position_mode and self.kind is State.PO and self._old_target is None:
+            self._old_target = self.plant.target
+
+    def _ramp(self, period_ticks: int) -> Ramp:
+        return Ramp(period_ticks, self._values["ramp"], self._rules)
+
+    def _begin(self, now: Nanos, kind: State, motion: RampedMotion) -> None:
+        """Give the shaft to a profile; one that begins blocked makes no step (rule 2)."""
+        self._start(now, kind)
+        self._motion = motion
+        trajectory = motion.trajectory
+        bit = self.blocking_bit(now, trajectory.direction) if trajectory.pieces else 0
+        if bit:
+            self.stop_bits |= bit
+            self.hard_stop(now, keeps_segments=not self._quirks.abort_flush)
+            return
+        self.plant.follow(now, trajectory, self._signed_target())
+        self._plan(now)
+
+    def _begin_segments(self, now: Nanos) -> None:
+        """Give the shaft to the interpolator."""
+        self._start(now, State.IN)
+        self._motion = None
+        self.plant.follow(now, self.interpolator)
+        self._plan(now)
+
+    def _start(self, now: Nanos, kind: State) -> None:
+        self.kind = kind
+        self._position_mode = kind is State.PO
+        self._old_target = None
+        self._braking = self._coasting = False
+        self.powered = True
+        if self._quirks.ff_lifetime != "until_reset":
+            self.stop_bits = 0
+        self.apply_torque(now)
+
+    def _replan(self, now: Nanos, motion: RampedMotion) -> None:
+        """Go on with the running profile planned anew."""
+        self._motion = motion
+        self.plant.replace(now, motion.trajectory, self._signed_target())
+
+    def _signed_target(self) -> int | None:
+        """Where the profile is to end, as a displacement; None if it has no end."""
+        motion = self._motion
+        if motion is None or motion.target is None:
+            return None
+        return motion.trajectory.direction * motion.target
+
+    # ---- events --------------------------------------------------------------------------------
+
+    def next_event(self) -> Nanos | None:
+        """When a motion ends or meets a stop, as things stand."""
+        return self._next
+
+    def run(self, now: Nanos) -> None:
+        """Do what is due at ``now``."""
+        if self.kind is None:
+            if self._coasting and self.plant.rest_ns(now) == now:
+                self._coasting = False
+                self.counter_settled = True
+            self._plan(now)
+            return
+        direction = self._blocked_motion(now)
+        if direction:
+            self._stop_at(now, direction)
+        elif self._is_over(now):
+            self._finish(now)
+        else:
+            self._plan(now)
+
+    def _plan(self, now: Nanos) -> None:
+        """Find the next event, now that something has changed."""
+        if self.kind is None:
+            self._next = self.plant.rest_ns(now) if self._coasting else None
+            return
+        times = [time for time in (self._end_ns(now), self._stop_ns(now)) if time is not None]
+        self._next = min(times) if times else None
+
+    def _end_ns(self, now: Nanos) -> Nanos | None:
+        """When what runs is over, as things stand; None: never."""
+        motion = self._motion
+        if self._braking:
+            return self.plant.rest_ns(now)
+        if motion is None:
+            return max(now, self.interpolator.end_ns)
+        end_ns = motion.end_ns
+        if end_ns is None or self.kind is not State.PO:
+            return None if end_ns is None else max(now, end_ns)
+        end_ns = max(now, end_ns)
+        if self._quirks.running_until == "profile" or self._returns_afresh(motion):
+            return end_ns
+        exact = self._quirks.running_until == "exact"
+        return self.plant.settle_ns(end_ns, 0 if exact else self._values["tolerance"])
+
+    def _returns_afresh(self, motion: RampedMotion) -> bool:
+        return motion.overshoot > 0 and self._quirks.overshoot_return == "fresh_profile"
+
+    def _is_over(self, now: Nanos) -> bool:
+        end_ns = self._end_ns(now)
+        return end_ns is not None and end_ns <= now
+
+    def _finish(self, now: Nanos) -> None:
+        """What ran is over: rest, the way back, or the segments that waited."""
+        motion = self._motion
+        if motion is not None and self.kind is State.PO and self._returns_afresh(motion):
+            back = motion.returning()
+            assert back is not None, "an overshoot has a way back"
+            self._motion = back
+            self.plant.follow(now, back.trajectory, self._signed_target())
+            self._plan(now)
+            return
+        aborted = self._braking
+        self._rest(now)
+        if self._segments_wait and not aborted:
+            self._let_segments_go(now)
+            self._begin_segments(now)
+
+    def _rest(self, now: Nanos) -> None:
+        self.plant.advance(now)
+        self.interpolator.run(now)
+        self.kind, self._motion, self._braking = None, None, False
+        if self._quirks.position_overflow == "saturate":
+            self._origin += self.counter_at(now) - self._unfolded(now)
+        self.counter_settled = True
+        self.apply_torque(now)
+        self._plan(now)
+
+    # ---- stops ---------------------------------------------------------------------------------
+
+    def is_blocked_hard(self, direction: int) -> bool:
+        """Whether the hardware stop of ``direction`` is active and enabled (MACS-STOP-01, -02)."""
+        return bool(self._values["stops"] & HARDWARE_STOPS) and self.hard_stops[direction]
+
+    def is_beyond(self, now: Nanos, direction: int) -> bool:
+        """Whether the counter is beyond the enabled software stop of ``direction``."""
+        if not self._values["stops"] & SOFTWARE_STOPS:
+            return False
+        return direction * (self.counter_at(now) - self._first_forbidden(direction)) >= 0
+
+    def _first_forbidden(self, direction: int) -> int:
+        """The first counter value on which the software stop acts (MACS-AMB-48)."""
+        beyond = 1 if self._quirks.soft_stop_compare == "strict" else 0
+        name = "superior_stop" if direction > 0 else "inferior_stop"
+        return self._values[name] + direction * beyond
+
+    def live_stop_bits(self, now: Nanos) -> int:
+        """ff of a module that shows which stops act now (MACS-AMB-50, live)."""
+        hard = sum(bit for way, bit in HARD_BITS.items() if self.is_blocked_hard(way))
+        return hard | sum(bit for way, bit in SOFT_BITS.items() if self.is_beyond(now, way))
+
+    def blocking_bit(self, now: Nanos, direction: int) -> int:
+        """The bit of ff for what blocks ``direction`` at ``now``; 0: free."""
+        if self.is_blocked_hard(direction):
+            return HARD_BITS[direction]
+        ways = (direction,) if self._quirks.soft_stop_blocks == "same_direction" else (1, -1)
+        return next((SOFT_BITS[way] for way in ways if self.is_beyond(now, way)), 0)
+
+    def stops_changed(self, now: Nanos) -> None:
+        """An input or the position of a stop has changed."""
+        self._plan(now)
+
+    def _set_point(self) -> SetPoint | None:
+        """What has the shaft; None at rest and while it runs out."""
+        if self.kind is None or self._braking:
+            return None
+        return self._motion.trajectory if self._motion else self.interpolator
+
+    def _blocked_motion(self, now: Nanos) -> int:
+        """The direction in which the set-point moves although it is blocked; 0: none."""
+        set_point = self._set_point()
+        if set_point is None:
+            return 0
+        direction = next(set_point.legs(now)).direction
+        return direction if direction and self.blocking_bit(now, direction) else 0
+
+    def _stop_ns(self, now: Nanos) -> Nanos | None:
+        """When a stop is met next, at the latest; None: never, as things stand."""
+        set_point = self._set_point()
+        if set_point is None or not self._values["stops"]:
+            return None
+        times = (self._stop_of_ns(now, set_point, direction) for direction in (1, -1))
+        return min((time for time in times if time is not None), default=None)
+
+    def _stop_of_ns(self, now: Nanos, set_point: SetPoint, direction: int) -> Nanos | None:
+        """When the stop of ``direction`` may be met next."""
+        if self.blocking_bit(now, direction):
+            starts = (leg.start_ns for leg in set_point.legs(now) if leg.direction == direction)
+            start_ns = next(starts, None)
+            return None if start_ns is None else max(now, start_ns)
+        if not self._values["stops"] & SOFTWARE_STOPS:
+            return None
+        ahead = self._first_forbidden(direction) - self.counter_at(now)
+        return self.plant.reach_ns(self.plant.position_at(now) + ahead, now)
+
+    def _stop_at(self, now: Nanos, direction: int) -> None:
+        """End the motion at a stop (ledger §4.3)."""
+        self.stop_bits |= self.blocking_bit(now, direction)
+        self.hard_stop(now, keeps_segments=not self._quirks.abort_flush)
+
+    # ---- torque, load, busy --------------------------------------------------------------------
+
+    def apply_torque(self, now: Nanos) -> None:
+        """Let the motor give what 0Ch and standby allow (MACS-CMD-0C-01, -19-01)."""
+        self.plant.set_torque(now, self.torque_nm)
+
+    @property
+    def torque_nm(self) -> Fraction:
+        """The torque limit in force, in Nm."""
+        if not self.powered:
+            return Fraction(0)
+        part = Fraction(self._values["torque"], self._quirks.imax_value)
+        halved = self.kind is None and self._values["standby"]
+        return self._torque_max_nm * part / (2 if halved else 1)
+
+    def apply_catch_up(self, now: Nanos) -> None:
+        """0Eh: from the next catch-up increment on (MACS-CMD-0E-02); 0 acts as 1."""
+        self.plant.set_catch_up(now, max(1, self._values["catchup"]) * CATCH_UP_TICKS)
+        self._plan(now)
+
+    def set_load(self, now: Nanos, load: Load) -> None:
+        """What hangs on the shaft."""
+        self.plant.set_load(now, load)
+        self._plan(now)
+
+    def push(self, now: Nanos, increments: int) -> None:
+        """Turn the shaft by hand."""
+        self.plant.push(now, increments)
+        self._plan(now)
+
+    def replan(self, now: Nanos) -> None:
+        """A parameter that decides when a motion is over has changed."""
+        self._plan(now)
+
+    def is_busy(self, now: Nanos) -> bool:
+        """Whether the axis does not follow (MACS-BUSY-01, -02)."""
+        tolerance = self._values["tolerance"]
+        if self._quirks.busy_after_abort and self._old_target is not None:
+            return abs(self.plant.position_at(now) - self._old_target) > tolerance
+        if self._position_mode:
+            return self.plant.is_regulating and self.plant.is_busy(now, tolerance)
+        return self.kind is not None and self.plant.is_held_back(now)
+
+    def is_moving(self, now: Nanos) -> bool:
+        """Whether the counter changes by itself from ``now`` on."""
+        return self.kind is not None or self.plant.rest_ns(now) != now

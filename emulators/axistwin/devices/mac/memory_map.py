@@ -1,0 +1,115 @@
+"""What a MAC module keeps: nonvolatile cells, their factory values, and both memories as bytes.
+
+Rules
+-----
+1. A *cell* is one nonvolatile value, named after what it is.  Commands store theirs at once
+   (MACS-PERS-01, -02); the position is saved by the hardware when the supply fails.
+2. ``CELLS`` says under which index a cell is set, where it lies in the EEPROM, how wide, and from
+   which quirk its factory value comes (ledger §5.10).
+3. The manual fixes one address only: Imax is the RAM byte AFh (MACS-Q-28-01).  All others are this
+   twin's own (MACS-AMB-65); what lies between reads 00 in RAM and FF (erased) in EEPROM.
+
+    EEPROM  00 address      01 rate code   02 torque at rest  03 stops      04 torque
+            05 catch-up     06 ramp        07 tolerance       08-09 period  0C-0F superior stop
+            10-13 inferior stop            14-17 position
+    RAM     80-83 position (00 first)      84 torque          85 ramp       86 catch-up
+            88-89 period    AF Imax
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from axistwin.devices.mac.quirks import MacQuirks
+
+RATES: Final[dict[int, int]] = {1: 9600, 2: 19200, 3: 38400}
+"""Code of 1Bh to baud (MACS-CMD-1B-01)."""
+
+RATE_CODES: Final = {baud: code for code, baud in RATES.items()}
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One nonvolatile value: where it lies in the EEPROM and what the factory put there.
+
+    factory: a number, or the name of the quirk that holds it.
+    """
+
+    name: str
+    eeprom_address: int
+    width: int
+    factory: int | str
+    low: int
+    high: int
+
+
+_LONG = (-(1 << 31), (1 << 31) - 1)
+
+CELLS: Final[tuple[Cell, ...]] = (
+    Cell("address", 0x00, 1, 0, 0, 0x7F),
+    Cell("baud", 0x01, 1, 38400, 9600, 38400),
+    Cell("standby", 0x02, 1, "factory_standby", 0, 1),
+    Cell("stops", 0x03, 1, "factory_stops", 0, 9),
+    Cell("torque", 0x04, 1, "factory_torque", 0, 0xFF),
+    Cell("catchup", 0x05, 1, "factory_catchup", 0, 0xFF),
+    Cell("ramp", 0x06, 1, "factory_ramp", 0, 0xFF),
+    Cell("tolerance", 0x07, 1, "factory_tolerance", 0, 0xFF),
+    Cell("period", 0x08, 2, "factory_period", 1, 0xFFFF),
+    Cell("superior_stop", 0x0C, 4, "factory_superior_stop", *_LONG),
+    Cell("inferior_stop", 0x10, 4, "factory_inferior_stop", *_LONG),
+    Cell("position", 0x14, 4, 0, -(1 << 30), (1 << 30) - 1),
+)
+
+MODES: Final = frozenset({"standby", "stops", "tolerance"})
+"""Cells of 02h, 03h, 1Ch, whose storage is not said (MACS-AMB-24)."""
+
+PARAMETERS: Final = tuple(
+    cell.name for cell in CELLS if cell.name not in {"address", "baud", "position"}
+)
+
+
+def factory_values(quirks: MacQuirks) -> dict[str, int]:
+    """Every cell as it leaves the factory (ledger §5.10)."""
+    return {
+        cell.name: cell.factory if isinstance(cell.factory, int) else getattr(quirks, cell.factory)
+        for cell in CELLS
+    }
+
+
+def admissible(cells: Mapping[str, int]) -> dict[str, int]:
+    """Those of ``cells`` that this device knows, with values it could have stored itself."""
+    known = {cell.name: cell for cell in CELLS}
+    return {
+        name: value
+        for name, value in cells.items()
+        if name in known and known[name].low <= value <= known[name].high
+    }
+
+
+def eeprom_image(cells: Mapping[str, int]) -> bytes:
+    """The 256 bytes that 29h reads (MACS-Q-29-01)."""
+    image = bytearray(b"\xff" * 256)
+    for cell in CELLS:
+        value = cells[cell.name]
+        if cell.name == "baud":
+            value = RATE_CODES[value]
+        bits = (1 << 8 * cell.width) - 1
+        end = cell.eeprom_address + cell.width
+        image[cell.eeprom_address : end] = (value & bits).to_bytes(cell.width, "big")
+    return bytes(image)
+
+
+def ram_image(cells: Mapping[str, int], imax: int) -> bytes:
+    """The 256 bytes that 28h reads; ``cells`` are the values in use (MACS-Q-28-01)."""
+    image = bytearray(256)
+    image[0x80:0x84] = (cells["position"] & 0xFFFFFFFF).to_bytes(4, "big")
+    image[0x84:0x87] = bytes((cells["torque"], cells["ramp"], cells["catchup"]))
+    image[0x88:0x8A] = cells["period"].to_bytes(2, "big")
+    image[0xAF] = imax
+    return bytes(image)
+
+
+def four_bytes(image: bytes, address: int, *, wraps: bool) -> int:
+    """Four bytes from ``address`` upward, first byte first (MACS-AMB-65 beyond FFh)."""
+    tail = image if wraps else bytes(4)
+    return int.from_bytes((image + tail)[address : address + 4], "big")
