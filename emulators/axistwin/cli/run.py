@@ -164,7 +164,7 @@ def make_ports(
     if links:
         from axistwin.ports.pty import PtyPort
 
-        ports += [PtyPort(link, line.device_format()) for link in links]
+        ports += [PtyPort(link, line.device_format) for link in links]
     if tcp or rfc2217:
         from axistwin.ports.rfc2217 import Rfc2217Port
         from axistwin.ports.tcp import TcpPort, is_loopback

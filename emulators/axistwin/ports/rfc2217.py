@@ -110,7 +110,7 @@ class _Terminal:
         self._break_since_ns: int | None = None
         self._held: bytearray | None = None
         self._xonxoff = False
-        self.line_format: LineFormat = server.line.device_format()
+        self.line_format: LineFormat = server.line.device_format
         self.rtscts = False
         self.dtr = self.rts = True
 

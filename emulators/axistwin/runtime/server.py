@@ -39,6 +39,9 @@ _WEIGHED_BYTES = 256
 SAVE_PERIOD_NS: Nanos = 50 * NS_PER_MS
 """How often the position of a moving axis is saved, in the twin's time."""
 
+# The alarm may have gone off, and then stays so until it is set or cleared.
+_UNKNOWN: Nanos = -1
+
 START_TIMEOUT_S = 10.0
 STOP_TIMEOUT_S = 10.0
 
@@ -240,7 +243,7 @@ class Server:
 
     def pump(self) -> None:
         """Do what is due on the line now, and set the alarm for what comes next."""
-        self._alarm_ns = None  # it may have gone off
+        self._alarm_ns = _UNKNOWN
         if self._talker is not None:
             self._use_format(self._talker.line_format())
         self._hand_out()
@@ -254,7 +257,7 @@ class Server:
     def _use_format(self, line_format: LineFormat | None) -> None:
         """The host end uses ``line_format``, or the first device's."""
         line = self.line
-        wanted = line_format or line.device_format()
+        wanted = line_format or line.device_format
         if wanted != line.host_format:
             line.host_format = wanted
 

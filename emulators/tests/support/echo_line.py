@@ -29,6 +29,7 @@ class EchoLine:
         self._answers = bytearray()
         self._callback: Callable[[], None] | None = None
 
+    @property
     def device_format(self) -> LineFormat:
         """Its own."""
         return self.own_format
