@@ -155,7 +155,7 @@ def parse_device(text: str) -> DeviceSpec:
         return DeviceSpec(name, model.default_address)
     number = _parse_number(address)
     low, high = model.addresses[0], model.addresses[-1]
-    limits = f"{low:X}h..{high:X}h ({low}..{high})"
+    limits = f"{low:X}..{high:X}h ({low}..{high})"
     if number is None:
         raise UsageError(
             f"address {address!r} of {name} is no number: {limits}, such as {name}:5 or {name}:7Fh"
