@@ -8,8 +8,7 @@ Rules
 -----
 1. Acceptance first (``acceptance``), then the value, then the effect: what is refused changes
    nothing (MACS-REPLY-05).
-2. Parameters are *in use* (``values``) and *stored* (``cells_stored``); a stored one leaves a
-   durable ``Store`` in the effects before the command returns (MACS-PERS-01, -02).
+2. What a command stores is in the effects before it returns (``parameters``).
 3. Synchronous mode is two flags over any state: armed by 10h, then preloaded by 13h, 14h or 15h,
    started by 11h (MACS-CMD-10-01..11-02).  Segments are never held (MACS-CMD-10-03).
 4. A disjunction cuts power in any state, and stays until a restart (MACS-STATE-02, -03).
@@ -22,18 +21,12 @@ from typing import Final
 from axistwin.devices.mac.acceptance import MOVING, State, acceptance_table
 from axistwin.devices.mac.drive import Drive
 from axistwin.devices.mac.faults import CAUSES, Faults
-from axistwin.devices.mac.memory_map import (
-    MODES,
-    PARAMETERS,
-    admissible,
-    eeprom_image,
-    factory_values,
-    ram_image,
-)
+from axistwin.devices.mac.memory_map import eeprom_image, ram_image
 from axistwin.devices.mac.models import MacModel
+from axistwin.devices.mac.parameters import Parameters, Setter, signed_32
 from axistwin.devices.mac.quirks import RANGE_MAX, RANGE_MIN, MacQuirks
 from axistwin.errors import UsageError, nearest
-from axistwin.kernel.effects import Effect, Store
+from axistwin.kernel.effects import Effect
 from axistwin.kernel.time import Nanos
 from axistwin.motion.interpolator import Segment
 from axistwin.motion.plant import Load
@@ -57,13 +50,12 @@ class Axis:
 
     def __init__(self, model: MacModel, quirks: MacQuirks, cells: Mapping[str, int]) -> None:
         self.quirks = quirks
-        self.cells_stored = {**factory_values(quirks), **admissible(cells)}
-        self.values = {name: self.cells_stored[name] for name in PARAMETERS}
+        self.parameters = Parameters(quirks, cells)
+        self.values, self.stored = self.parameters.values, self.parameters.stored
         self.faults = Faults(model, encoder_locks=quirks.encoder_fault_locks)
         self.drive = Drive(model, quirks, self.values)
         self.inputs = dict.fromkeys(INPUTS, False)
         self._cells = acceptance_table(quirks)
-        self._effects: list[Effect] = []
         self._reference_enabled = False
         self._armed = False
         self._preload: tuple[int, int] | None = None
@@ -80,7 +72,7 @@ class Axis:
         )
         self._measure_reserved = reserved & ~0x28 & 0xFF, reserved & ~0x60 & 0xFF
         self._ff_shift, self._hh_bit = shift, hh_bit
-        self.drive.set_counter(0, self.cells_stored["position"])
+        self.drive.set_counter(0, self.stored["position"])
         self.drive.counter_settled = False
 
     # ---- acceptance ----------------------------------------------------------------------------
@@ -116,6 +108,12 @@ class Axis:
         cell = self.cell(index)
         if cell == "R" or (cell == "1" and parameters & 0xFF == 1):
             return False
+        if index in _PARAMETERS:
+            setter, apply = _PARAMETERS[index]
+            accepted = setter(self.parameters, parameters)
+            if accepted:
+                apply(self.drive, now)
+            return accepted
         handler = _COMMANDS.get(index)
         assert handler is not None, f"command {index:02X}h is for the face or unassigned"
         accepted = handler(self, now, parameters, start_ns)
@@ -123,142 +121,32 @@ class Axis:
         return accepted
 
     def take_effects(self) -> list[Effect]:
-        """What is to be stored since the last call."""
-        effects = self._effects
-        if effects:
-            self._effects = []
-        return effects
+        """What is to be stored since the last call, in order."""
+        return self.parameters.take_effects()
 
     # ---- parameters ----------------------------------------------------------------------------
 
-    def store(self, name: str, value: int) -> None:
-        """Keep ``value`` over power-off; what is stored already is not written again."""
-        if self.cells_stored[name] != value:
-            self.cells_stored[name] = value
-            self._effects.append(Store(((name, value),)))
-
-    def _set(self, name: str, value: int) -> bool:
-        """Use ``value`` from now on and store it, unless its storage is in doubt and off."""
-        self.values[name] = value
-        if name not in MODES or self.quirks.persist_modes == "stored":
-            self.store(name, value)
-        return True
-
     def restore_factory_values(self, now: Nanos) -> None:
         """01h: all parameters, address and rate as from the factory; the position stays."""
-        fresh = factory_values(self.quirks)
-        del fresh["position"]
-        changed = tuple(item for item in fresh.items() if self.cells_stored[item[0]] != item[1])
-        self.cells_stored.update(fresh)
-        if changed:
-            self._effects.append(Store(changed))
-        self._take_over_stored(now)
-        if self.quirks.factory_reset_scope == "no_restart":
-            self.drive.replan(now)
+        self.parameters.restore_factory_values()
+        self._apply_parameters(now)
 
-    def _take_over_stored(self, now: Nanos) -> None:
-        self.values.update({name: self.cells_stored[name] for name in PARAMETERS})
+    def _apply_parameters(self, now: Nanos) -> None:
         self.drive.apply_catch_up(now)
         self.drive.apply_torque(now)
+        self.drive.replan(now)
 
-    def in_printed_set(self, value: int, allowed: tuple[int, ...], mask: int) -> int | None:
-        """``value``, or what it counts as, of a printed set; None: refused (MACS-AMB-60)."""
-        policy = self.quirks.param_range_policy
-        if value in allowed:
-            return value
-        if policy == "mask":
-            return value & mask if value & mask in allowed else None
-        if policy == "clamp":
-            return max((item for item in allowed if item <= value), default=min(allowed))
-        return None
-
-    def _torque_at_rest(self, now: Nanos, parameters: int, _: Nanos) -> bool:
-        """02h (MACS-CMD-02-01)."""
-        standby = self.in_printed_set(parameters & 0xFF, (0, 1), 0x01)
-        if standby is None:
-            return False
-        self._set("standby", standby)
-        self.drive.apply_torque(now)
-        return True
-
-    def _stops_mode(self, now: Nanos, parameters: int, _: Nanos) -> bool:
-        """03h (MACS-CMD-03-01)."""
-        stops = self.in_printed_set(parameters & 0xFF, (0, 1, 8, 9), 0x09)
-        if stops is None:
-            return False
-        self._set("stops", stops)
-        self.drive.stops_changed(now)
-        return True
-
-    def _reference(self, now: Nanos, parameters: int, _: Nanos) -> bool:
+    def _reference(self, _: Nanos, number: int, __: Nanos) -> bool:
         """07h (MACS-CMD-07-01, -02)."""
-        enabled = self.in_printed_set(parameters & 0xFF, (0, 1), 0x01)
+        enabled = self.parameters.in_printed_set(number & 0xFF, (0, 1), 0x01)
         if enabled is None:
             return False
         self._reference_enabled = bool(enabled)
         return True
 
-    def _superior_stop(self, now: Nanos, parameters: int, _: Nanos) -> bool:
-        """09h (MACS-CMD-09-01)."""
-        self._set("superior_stop", signed_32(parameters))
-        self.drive.stops_changed(now)
-        return True
-
-    def _inferior_stop(self, now: Nanos, parameters: int, _: Nanos) -> bool:
-        """0Ah (MACS-CMD-0A-01)."""
-        self._set("inferior_stop", signed_32(parameters))
-        self.drive.stops_changed(now)
-        return True
-
     def _zero_counter(self, now: Nanos, _: int, __: Nanos) -> bool:
         """0Bh (MACS-CMD-0B-01, MACS-AMB-53)."""
         self.drive.zero(now, keeps_remaining=self.quirks.reset_in_motion == "remaining")
-        return True
-
-    def _torque(self, now: Nanos, parameters: int, _: Nanos) -> bool:
-        """0Ch (MACS-CMD-0C-01..03)."""
-        value, imax = parameters & 0xFF, self.quirks.imax_value
-        margin = 0 if self.quirks.torque_range == "inclusive" else 1
-        low, high = margin, imax - margin
-        if not low <= value <= high:
-            if self.quirks.torque_over == "clamp":
-                value = max(low, min(high, value))
-            elif self.quirks.torque_over == "mask":
-                value &= 0x7F
-            if not low <= value <= high:
-                return False
-        self._set("torque", value)
-        self.drive.apply_torque(now)
-        return True
-
-    def _period(self, _: Nanos, parameters: int, __: Nanos) -> bool:
-        """0Dh (MACS-CMD-0D-01, -03)."""
-        period_ticks = parameters & 0xFFFF
-        if period_ticks == 0:
-            if self.quirks.zero_period_0d == "refuse":
-                return False
-            period_ticks = 1
-        return self._set("period", period_ticks)
-
-    def _catch_up(self, now: Nanos, parameters: int, _: Nanos) -> bool:
-        """0Eh: the third byte (MACS-CMD-0E-01, MACS-AMB-47)."""
-        value, low_byte = parameters >> 8 & 0xFF, parameters & 0xFF
-        if low_byte and self.quirks.catchup_low_byte == "refuse":
-            return False
-        if value == 0 and self.quirks.zero_catchup == "refuse":
-            return False
-        self._set("catchup", value)
-        self.drive.apply_catch_up(now)
-        return True
-
-    def _ramp(self, _: Nanos, parameters: int, __: Nanos) -> bool:
-        """0Fh (MACS-CMD-0F-01)."""
-        return self._set("ramp", parameters & 0xFF)
-
-    def _tolerance(self, now: Nanos, parameters: int, _: Nanos) -> bool:
-        """1Ch (MACS-CMD-1C-01)."""
-        self._set("tolerance", parameters & 0xFF)
-        self.drive.replan(now)
         return True
 
     # ---- synchronous mode ----------------------------------------------------------------------
@@ -496,7 +384,7 @@ class Axis:
         if ram:
             in_use = {**self.values, "position": self.drive.counter_at(now)}
             return ram_image(in_use, self.quirks.imax_value)
-        return eeprom_image(self.cells_stored)
+        return eeprom_image(self.stored)
 
     # ---- time and surroundings -------------------------------------------------------------------
 
@@ -517,13 +405,11 @@ class Axis:
         """Hand on the position whenever it has come to a new rest or was set."""
         if self.drive.counter_settled:
             self.drive.counter_settled = False
-            position = self.drive.counter_at(now)
-            self.cells_stored["position"] = position
-            self._effects.append(Store((("position", position),), durable=False))
+            self.parameters.save_position(self.drive.counter_at(now))
 
     def power_on(self, now: Nanos) -> None:
         """The supply is there: the counter is what was saved (MACS-Q-20-02)."""
-        self.drive.set_counter(now, self.cells_stored["position"])
+        self.drive.set_counter(now, self.stored["position"])
         self.drive.counter_settled = False
 
     def power_off(self, now: Nanos) -> None:
@@ -539,7 +425,8 @@ class Axis:
         self._armed = self._reference_enabled = False
         self._preload = self._after_segments = None
         self.faults.acknowledge()
-        self._take_over_stored(now)
+        self.parameters.read_stored()
+        self._apply_parameters(now)
         self._save_counter(now)
 
     def start(self, now: Nanos) -> None:
@@ -559,7 +446,7 @@ class Axis:
                 self._reference_edge(now)
             return
         self.drive.hard_stops[1 if name == "positive_stop" else -1] = active
-        self.drive.stops_changed(now)
+        self.drive.replan(now)
 
     def _reference_edge(self, now: Nanos) -> None:
         """Zero the counter in a positive motion (MACS-REF-01)."""
@@ -631,24 +518,24 @@ class Axis:
         }
 
 
-def signed_32(number: int) -> int:
-    """A 32-bit field as two's complement (MACS-FRAME-05)."""
-    return number - (1 << 32) if number >> 31 else number
-
-
 _Handler = Callable[[Axis, Nanos, int, Nanos], bool]
 
+_PARAMETERS: Final[dict[int, tuple[Setter, Callable[[Drive, Nanos], None]]]] = {
+    0x02: (Parameters.set_standby, Drive.apply_torque),
+    0x03: (Parameters.set_stops, Drive.replan),
+    0x09: (Parameters.set_superior_stop, Drive.replan),
+    0x0A: (Parameters.set_inferior_stop, Drive.replan),
+    0x0C: (Parameters.set_torque, Drive.apply_torque),
+    0x0D: (Parameters.set_period, Drive.replan),
+    0x0E: (Parameters.set_catch_up, Drive.apply_catch_up),
+    0x0F: (Parameters.set_ramp, Drive.replan),
+    0x1C: (Parameters.set_tolerance, Drive.replan),
+}
+"""Commands that set a parameter: what takes the value, and what the drive does about it."""
+
 _COMMANDS: Final[dict[int, _Handler]] = {
-    0x02: Axis._torque_at_rest,
-    0x03: Axis._stops_mode,
     0x07: Axis._reference,
-    0x09: Axis._superior_stop,
-    0x0A: Axis._inferior_stop,
     0x0B: Axis._zero_counter,
-    0x0C: Axis._torque,
-    0x0D: Axis._period,
-    0x0E: Axis._catch_up,
-    0x0F: Axis._ramp,
     0x10: Axis._arm,
     0x11: Axis._synchronise,
     0x13: Axis._go_to,
@@ -659,7 +546,6 @@ _COMMANDS: Final[dict[int, _Handler]] = {
     0x18: Axis._hard_stop,
     0x19: Axis._motor_on,
     0x1A: Axis._motor_off,
-    0x1C: Axis._tolerance,
     0x1E: Axis._virtual_segment,
 }
 

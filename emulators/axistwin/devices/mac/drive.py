@@ -458,10 +458,6 @@ class Drive:
         ways = (direction,) if self._quirks.soft_stop_blocks == "same_direction" else (1, -1)
         return next((SOFT_BITS[way] for way in ways if self.is_beyond(now, way)), 0)
 
-    def stops_changed(self, now: Nanos) -> None:
-        """An input or the position of a stop has changed."""
-        self._plan(now)
-
     def _set_point(self) -> SetPoint | None:
         """What has the shaft; None at rest and while it runs out."""
         if self.kind is None or self._braking:
@@ -531,7 +527,7 @@ class Drive:
         self._plan(now)
 
     def replan(self, now: Nanos) -> None:
-        """A parameter that decides when a motion is over has changed."""
+        """An input, or a parameter that decides when a motion is over, has changed."""
         self._plan(now)
 
     def is_busy(self, now: Nanos) -> bool:

@@ -323,7 +323,7 @@ class MacSerial:
             return self._refused
         if address > ADDRESS_MAX and self.quirks.addr_range == "refuse":
             return self._refused
-        self.axis.store("address", address & ADDRESS_MAX)
+        self.axis.parameters.store("address", address & ADDRESS_MAX)
         self._effects += self.axis.take_effects()
         if self.quirks.addr_effective == "at_once":
             self.address = address & ADDRESS_MAX
@@ -331,10 +331,10 @@ class MacSerial:
 
     def _set_rate(self, parameters: int, _: bool) -> bytes | None:
         """1Bh: new rate, restart (MACS-CMD-1B-01)."""
-        code = self.axis.in_printed_set(parameters & 0xFF, tuple(RATES), 0x03)
+        code = self.axis.parameters.in_printed_set(parameters & 0xFF, tuple(RATES), 0x03)
         if code is None:
             return self._refused
-        self.axis.store("baud", RATES[code])
+        self.axis.parameters.store("baud", RATES[code])
         self._effects += self.axis.take_effects()
         if self.quirks.baud_reply_rate == "new":
             self._line_format = LineFormat(RATES[code])
@@ -354,8 +354,8 @@ class MacSerial:
 
     def _take_over_address_and_rate(self) -> None:
         """Work with the stored address and rate from now on."""
-        self.address = self.axis.cells_stored["address"]
-        self._line_format = LineFormat(self.axis.cells_stored["baud"])
+        self.address = self.axis.stored["address"]
+        self._line_format = LineFormat(self.axis.stored["baud"])
 
     # ---- time ----------------------------------------------------------------------------------
 
@@ -500,7 +500,7 @@ class MacSerial:
     def cells(self, now: Nanos) -> Mapping[str, int]:
         """All nonvolatile cells; the position is the one a power failure would save at ``now``."""
         self._run_until(now)
-        return {**self.axis.cells_stored, "position": self.axis.counter_at(now)}
+        return {**self.axis.stored, "position": self.axis.counter_at(now)}
 
     def is_moving(self, now: Nanos) -> bool:
         """Whether the position changes by itself."""
