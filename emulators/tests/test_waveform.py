@@ -88,10 +88,16 @@ def test_a_receiver_that_comes_back_on_in_space_sees_an_edge() -> None:
     assert next_fall(line, 1, 0) == 10 * MS << FINE_BITS
     assert next_fall(line, 0, 0) == 0
     assert next_fall(line, 0, 1) == 5 * MS << FINE_BITS
+    line = [make_break(1, 0, 90 * MS, F1000), Transmission(2, 20 * MS, F1000, b"\xff")]
+    assert next_fall(line, 2, 1) == 30 * MS << FINE_BITS
+    assert next_fall(line, 2, 31 * MS << FINE_BITS) is None
 
 
 @given(
-    st.lists(st.tuples(st.integers(0, 3), st.integers(0, 30), st.binary(max_size=2)), max_size=4),
+    st.lists(
+        st.tuples(st.integers(0, 3), st.integers(0, 30), st.binary(min_size=1, max_size=2)),
+        max_size=4,
+    ),
     st.integers(0, 3),
 )
 def test_falls_are_where_levels_fall(sent: list[tuple[int, int, bytes]], station: int) -> None:
