@@ -153,17 +153,17 @@ class TerminalReport:
         # One sequence usually breaks several requirements: it is printed once, with the last.
         worst = [one for one in event.findings if one.verdict in (Verdict.FAIL, event.verdict)]
         for one in worst:
-            self._finding(one)
+            self._finding(one, event.trouble)
         if worst and worst[-1].transcript:
             self._transcript(worst[-1].transcript)
         self._print(f"   replay      {event.replay}")
 
-    def _finding(self, one: Finding) -> None:
+    def _finding(self, one: Finding, told: str) -> None:
         asked = next((judged.text for judged in self._judged if judged.id == one.requirement), "")
         self._print(f"   {one.requirement}  {one.verdict.value}", style=STYLE[one.verdict])
         if asked:
             self._print(f"   asked       {asked}")
-        if one.text:
+        if one.text and one.text != told:
             self._print(f"   remark      {one.text}")
         if one.expected:
             self._print(f"   admissible  {' | '.join(one.expected)}")
