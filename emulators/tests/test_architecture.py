@@ -1,0 +1,173 @@
+import ast
+import re
+import statistics
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+TWINS = ROOT / "emulators" / "axistwin"
+SUITE = ROOT / "conformance" / "axistwin_conformance"
+TESTS = [ROOT / "emulators" / "tests", ROOT / "conformance" / "tests"]
+
+FUNCTION_LINES_MAX = 70
+FUNCTION_LINES_MEDIAN_MAX = 8
+FILE_LINES_MAX = 600
+
+PURE = sorted(
+    [
+        path
+        for layer in ("kernel", "wire", "memory", "motion", "devices")
+        for path in (TWINS / layer).rglob("*.py")
+    ]
+    + [TWINS / "errors.py", TWINS / "runtime" / "network.py"]
+)
+"""What is told the time and handed bytes, and does nothing by itself."""
+
+PURE_LIBRARIES = """
+abc bisect collections contextlib dataclasses difflib enum fractions functools hashlib heapq
+itertools json math operator re string struct types typing zlib
+"""
+"""Standard modules without clock, chance, threads or the outside world."""
+
+IMPURE_NAMES = "open print input exec eval compile __import__ breakpoint globals id hash"
+"""Built-ins that reach outside, or whose result differs from run to run."""
+
+# Put together here, so that this file does not contain them itself.
+MACHINE_PATHS = re.compile("|".join(f"/{name}/" for name in ("wo" + "rk", "ro" + "ot")))
+LEFTOVERS = re.compile(
+    r"\b(" + "|".join(["TO" + "DO", "FIX" + "ME", "XX" + "X", "HA" + "CK"]) + r")\b"
+)
+
+
+def sources() -> list[Path]:
+    """Every Python file of both packages and their tests."""
+    return sorted(path for folder in (TWINS, SUITE, *TESTS) for path in folder.rglob("*.py"))
+
+
+def functions(path: Path) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
+    """All functions in a file, methods and inner ones included."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            yield node
+
+
+def lines_of(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """Its length from ``def`` to its end, without the docstring."""
+    length = (function.end_lineno or 0) - function.lineno + 1
+    first = function.body[0]
+    if ast.get_docstring(function) is not None:
+        length -= (first.end_lineno or 0) - first.lineno + 1
+    return length
+
+
+def place(path: Path, line: int) -> str:
+    """Where something is, for a message."""
+    return f"{path.relative_to(ROOT)}:{line}"
+
+
+def impurities(tree: ast.AST) -> Iterator[tuple[int, str]]:
+    """Line and name of everything that pure code must not use."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            names = [node.module or "."]
+        else:
+            if isinstance(node, ast.Name) and node.id in IMPURE_NAMES.split():
+                yield node.lineno, node.id
+            continue
+        for name in names:
+            package = name.partition(".")[0]
+            if package != "axistwin" and package not in PURE_LIBRARIES.split():
+                yield node.lineno, name
+
+
+def test_the_layers_import_one_another_in_one_direction_only() -> None:
+    """The contracts of pyproject.toml hold; twins and suite never import one another."""
+    program = Path(sys.executable).with_name("lint-imports")
+    done = subprocess.run(
+        [program, "--no-cache", "--no-logo"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "0 broken" in done.stdout
+
+
+@pytest.mark.parametrize("path", PURE, ids=lambda path: str(path.relative_to(TWINS)))
+def test_pure_code_has_no_clock_no_chance_no_threads_and_no_files(path: Path) -> None:
+    """It imports only its own layers and harmless libraries, and calls nothing that reaches out."""
+    found = list(impurities(ast.parse(path.read_text(encoding="utf-8"))))
+    assert not found, [f"{place(path, line)} uses {name}" for line, name in found]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "import time",
+        "import os.path",
+        "from random import Random",
+        "import math, asyncio",
+        "from threading import Lock",
+        "print('x')",
+        "data = open('x')",
+        "import logging",
+    ],
+)
+def test_the_search_for_impurities_finds_them(text: str) -> None:
+    """Clocks, chance, loops, threads, files and output are seen."""
+    assert list(impurities(ast.parse(text)))
+
+
+def test_functions_fit_a_screen() -> None:
+    """At most 70 lines each, and half of them not more than 8."""
+    lengths = {
+        f"{place(path, function.lineno)} {function.name}": lines_of(function)
+        for path in sources()
+        for function in functions(path)
+    }
+    long = {name: length for name, length in lengths.items() if length > FUNCTION_LINES_MAX}
+    assert not long
+    assert statistics.median(lengths.values()) <= FUNCTION_LINES_MEDIAN_MAX
+
+
+def test_files_stay_readable() -> None:
+    """At most 600 lines each."""
+    lengths = {str(path): path.read_text(encoding="utf-8").count("\n") for path in sources()}
+    assert lengths
+    assert not {path: length for path, length in lengths.items() if length > FILE_LINES_MAX}
+
+
+def test_every_test_says_in_one_line_what_it_shows() -> None:
+    """The docstring is the behaviour."""
+    tests = [
+        (path, function)
+        for folder in TESTS
+        for path in sorted(folder.rglob("test_*.py"))
+        for function in functions(path)
+        if function.name.startswith("test_")
+    ]
+    assert len(tests) > 100
+    silent = [
+        f"{place(path, function.lineno)} {function.name}"
+        for path, function in tests
+        if len((ast.get_docstring(function) or "").splitlines()) != 1
+    ]
+    assert not silent
+
+
+def test_no_file_speaks_of_a_machine_or_of_work_left_undone() -> None:
+    """Neither absolute paths of where it was written, nor markers for later."""
+    listed = subprocess.check_output(["git", "ls-files", "-z"], cwd=ROOT, text=True)
+    paths = [ROOT / name for name in listed.split("\0") if name]
+    assert ROOT / "pyproject.toml" in paths
+    found = []
+    for path in paths:
+        if not path.is_file():  # removed, and not committed yet
+            continue
+        for number, line in enumerate(path.read_text("utf-8", "replace").splitlines(), 1):
+            if MACHINE_PATHS.search(line) or LEFTOVERS.search(line):
+                found.append(f"{place(path, number)}: {line.strip()}")
+    assert not found
