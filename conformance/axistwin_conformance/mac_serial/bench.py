@@ -7,7 +7,7 @@ the same arithmetic holds in virtual time, over a pty and over a real adapter.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -23,7 +23,10 @@ NACK_RETRIES: Final = 8
 DEAF_S: Final = 2.0  # MACS-CMD-00-02
 DEAF_SURELY_S: Final = 1.5
 AWAKE_SURELY_S: Final = 2.5
+PRELOAD_SHOWS_S: Final = 0.2
 CLOCK_ERROR: Final = 0.002  # a real module's quartz against ours; none in virtual time
+
+GENTLE_BRAKING: Final = 1_000_000  # inc/s²: a tenth of what an unloaded MAC23 does (§5.4)
 
 SLOWEST: Final = 0xFFFF
 SAFE_PERIOD: Final = 0x0640  # 1600 ticks: 5000 inc/s, 150 rpm on a MAC23
@@ -228,6 +231,28 @@ class Bench:
 
     # --- settings and motion ---------------------------------------------------------------------
 
+    def fit(self, samples: Sequence[Sample], forecasts: Sequence[Forecast]) -> list[int]:
+        """Which of several predictions, by number, all the samples agree with."""
+        slack = self.allowance(self.period)
+        fitting = []
+        for number, forecast in enumerate(forecasts):
+            bounds = [forecast.bounds(self._widened(one.taken, forecast)) for one in samples]
+            if all(
+                lowest - slack <= one.position <= highest + slack
+                for one, (lowest, highest) in zip(samples, bounds, strict=True)
+            ):
+                fitting.append(number)
+        return fitting
+
+    def sampled(self, seconds: float, count: int) -> list[Sample]:
+        """Read the counter `count` times over the next `seconds`."""
+        begin_ns = self.target.now_ns
+        samples = []
+        for number in range(count):
+            self.wait_until(begin_ns + round(seconds * 1e9) * number // count)
+            samples.append(self.sample())
+        return samples
+
     @property
     def law(self) -> Law:
         """The readings that shape profiles, as this device has shown them."""
@@ -249,6 +274,7 @@ class Bench:
         No sync, no stops, nominal torque (an axis in standby may swing by one increment, so exact
         places could not be judged), tolerance 0, the given period and ramp.
         """
+        self.known("preload_policy", preload_policy)
         self.at_rest()
         self.period, self.coefficient = max(period, self.fastest), coefficient
         speeds, modes = self.value(0x25), self.value(0x26)
@@ -265,9 +291,9 @@ class Bench:
 
     def at_rest(self) -> None:
         """End motion and synchronous mode, whatever the device's reading of either."""
-        self.command(0x18)
-        if self.known("preload_policy") == 2 or self.known("abort_flush") == 1:
-            self.command(0x13, self.position())
+        reply = self.command(0x18)
+        if reply.kind is Kind.REFUSED or self.known("preload_policy"):
+            # A preloaded motion survives 18h on this device: let it start, and stop it.
             self.command(0x11)
             self.command(0x18)
 
@@ -281,7 +307,14 @@ class Bench:
         exchange = self.accepted(0x13, target)
         return self.to_position(exchange, origin, target)
 
-    def to_position(self, exchange: Exchange, origin: int, target: int) -> Forecast:
+    def go_plainly(self, target: int) -> Forecast:
+        """Go back to a place with the settings of `ready`."""
+        self.ready(self.period)
+        return self.go(target)
+
+    def to_position(
+        self, exchange: Exchange, origin: int, target: int, law: Law | None = None
+    ) -> Forecast:
         """What to expect of a 13h, 14h or 11h taken over in that exchange."""
         distance, direction = abs(target - origin), (target > origin) - (target < origin)
         return Forecast.started(
@@ -289,17 +322,24 @@ class Bench:
             origin,
             direction,
             lambda law: Course.to_position(distance, self.period, self.coefficient, law),
-            self.law,
+            law or self.law,
         )
 
-    def to_velocity(self, exchange: Exchange, origin: int, direction: int, period: int) -> Forecast:
+    def to_velocity(
+        self,
+        exchange: Exchange,
+        origin: int,
+        direction: int,
+        period: int,
+        law: Law | None = None,
+    ) -> Forecast:
         """What to expect of a 15h from rest taken over in that exchange."""
         return Forecast.started(
             exchange.taken,
             origin,
             direction,
             lambda law: Course.endless(period, self.coefficient, law),
-            self.law,
+            law or self.law,
             mode="VE",
         )
 
@@ -330,6 +370,14 @@ class Bench:
             return 0
         return 2 + TICKS_PER_SECOND // max(1, period) // 200  # 5 ms of motion
 
+    def braking(self, period: int) -> int:
+        """Increments a real axis may need to stop without ramp; none in virtual time, where the
+        built-in twin's plant is ideal (§5.7)."""
+        if self.target.is_virtual:
+            return 0
+        speed = TICKS_PER_SECOND // max(1, period)
+        return 2 + speed * speed // (2 * GENTLE_BRAKING)
+
     def follow(self, forecast: Forecast, requirement: Part = None, allowance: int = 0) -> Sample:
         """Judge one counter reading against what is expected."""
         sample = self.sample()
@@ -359,6 +407,11 @@ class Bench:
         for number in range(1, samples + 1):
             self.wait_until(begin_ns + (end.earliest_ns - begin_ns) * number // (samples + 1))
             self.follow(forecast, requirement, allowance)
+        # The last increments are the slowest: just before the end, one too many or too few shows.
+        last_ns = end.earliest_ns - (codec.REQUEST_BYTES + 12) * self.byte_ns
+        if last_ns > self.target.now_ns:
+            self.wait_until(last_ns)
+            self.follow(forecast, requirement, allowance)
         return self.finish(forecast, requirement)
 
     def finish(self, forecast: Forecast, requirement: Part = None) -> int:
@@ -386,3 +439,19 @@ def velocity(direction: int, period: int) -> int:
 def segment(steps: int, period: int) -> int:
     """The parameter of 16h and 1Eh: DDDD and VVVV."""
     return (steps & 0xFFFF) << 16 | period
+
+
+def preload_policy(bench: Bench) -> int | str:
+    """MACS-AMB-36: what 18h does to a preloaded motion.  A second motion has a check of its own."""
+    bench.command(0x18)
+    start = bench.position()
+    bench.command(0x10)
+    bench.command(0x13, start + 1000)
+    stop = bench.command(0x18)
+    bench.command(0x11)
+    bench.wait(PRELOAD_SHOWS_S)
+    bench.command(0x18)
+    moved = bench.position() != start
+    if stop.kind is Kind.REFUSED:
+        return 1
+    return 2 if moved else 0

@@ -79,7 +79,7 @@ def walk(session: Session, *indices: int) -> None:
     start = bench.ready(SLOWEST)
     for index in indices:
         row = ACCEPTANCE[index]
-        parameter = HARMLESS.get(index, lambda start: 0)(start)
+        parameter = HARMLESS[index](start) if index in HARMLESS else 0
         for state, enter in ENTER.items():
             enter(bench, start)
             exchange = bench.command(index, parameter)
@@ -94,6 +94,10 @@ def _judge(bench: Bench, row: Row, state: str, index: int, kind: Kind) -> None:
     if index >= 0x20 and wanted is Kind.ACCEPTED:
         wanted = Kind.ANSWER
     session = bench.session
+    if "unknown_index" in row.otherwise:
+        replies = {Kind.REFUSED: 0, Kind.ACCEPTED: 1, Kind.ANSWER: 2, Kind.SILENCE: 3}
+        bench.reading("unknown_index", replies.get(kind, f"{kind.value} to {index:02X}h"))
+        return
     if kind is not wanted:
         for content, (switch, number) in row.readings(state).items():
             if outcome_of(content) is kind:

@@ -1,0 +1,271 @@
+"""Segments and their FIFO: counts, refusals, exact chaining, virtual ones (CMD-16, CMD-1E)."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from axistwin_conformance.mac_serial.bench import SLOWEST, Bench, Exchange, segment
+from axistwin_conformance.mac_serial.checks_motion import MOVES
+from axistwin_conformance.mac_serial.codec import Kind
+from axistwin_conformance.mac_serial.forecast import Forecast, Segment, Timeline
+from axistwin_conformance.registry import check
+from axistwin_conformance.session import Session
+
+SETTLE_NS: Final = 2_000_000  # of a time that two exchanges straddle
+WAIT_STEPS: Final = 0x20  # of a virtual segment at the slowest period: 262 ms
+
+
+def put(bench: Bench, one: Segment) -> Exchange:
+    """Send a segment, real or virtual."""
+    return bench.command(0x16 if one.moves else 0x1E, segment(one.steps, one.period))
+
+
+def fifo_depth(bench: Bench) -> int | str:
+    """MACS-AMB-37: whether the executing segment takes one of the three stages."""
+    bench.at_rest()
+    kinds = [put(bench, Segment(WAIT_STEPS, SLOWEST, moves=False)).kind for _ in range(5)]
+    bench.at_rest()
+    depths: dict[tuple[Kind, ...], int] = {
+        (Kind.ACCEPTED,) * 4 + (Kind.REFUSED,): 0,
+        (Kind.ACCEPTED,) * 3 + (Kind.REFUSED,) * 2: 1,
+    }
+    return depths.get(tuple(kinds), ", ".join(kind.value for kind in kinds))
+
+
+def segment_sign(bench: Bench) -> int | str:
+    """MACS-AMB-38: FFFFh steps are one step back, or a long way forward."""
+    start = bench.ready(SLOWEST)
+    put(bench, Segment(0xFFFF, 0x1000))
+    bench.wait(0.05)
+    bench.command(0x18)
+    moved = bench.position() - start
+    return 0 if moved == -1 else 1 if moved > 10 else f"{moved:+d} increments"
+
+
+@check("MACS-CMD-16-02", "MACS-CMD-1E-01", safety=MOVES)
+def the_fifo_has_three_stages(session: Session) -> None:
+    """Of five long segments in a burst the first three are accepted and the fifth is refused."""
+    bench = Bench(session)
+    bench.ready()
+    bench.reading("fifo_counts_executing", fifo_depth(bench))
+
+
+@check("MACS-CMD-16-02", "MACS-CMD-1E-01", "MACS-REPLY-05", safety=MOVES)
+def a_refused_segment_is_accepted_when_a_stage_frees(session: Session) -> None:
+    """A full FIFO refuses until the interpolator takes the next segment, then accepts one."""
+    bench = Bench(session)
+    bench.known("fifo_counts_executing", fifo_depth)
+    start = bench.ready()
+    one = Segment(WAIT_STEPS, SLOWEST)
+    first = bench.must(Kind.ACCEPTED, put(bench, one))
+    accepted = 1
+    while put(bench, one).kind is Kind.ACCEPTED:
+        accepted += 1
+        session.expect(accepted <= 4, "MACS-CMD-16-02", "3 or 4 accepted", accepted)
+    frees_ns = first.taken.earliest_ns + one.duration_ns
+    bench.wait_until(frees_ns - 40_000_000)
+    early = put(bench, one)
+    if early.taken.latest_ns < frees_ns:
+        bench.must(Kind.REFUSED, early, ("MACS-CMD-16-02", "MACS-CMD-1E-01"))
+    bench.wait_until(first.taken.latest_ns + one.duration_ns + SETTLE_NS)
+    bench.must(Kind.ACCEPTED, put(bench, one), ("MACS-CMD-16-02", "MACS-CMD-1E-01"))
+    bench.must(Kind.REFUSED, put(bench, one), "MACS-CMD-16-02")
+    forecast = bench.to_segments(first, start, *([one] * (accepted + 1)))
+    place = bench.finish(forecast, "MACS-REPLY-05")
+    bench.wait(0.4)
+    again = bench.position()
+    session.expect(
+        place == again == start + (accepted + 1) * WAIT_STEPS, "MACS-REPLY-05",
+        "only the accepted segments run", f"{again - start} increments",
+    )  # fmt: skip
+
+
+@check("MACS-CMD-16-01", "MACS-CMD-16-03", "MACS-CMD-1E-01", safety=MOVES)
+def segments_run_at_their_own_constant_speed(session: Session) -> None:
+    """A segment takes exactly |DDDD|·VVVV ticks, relative, whatever 0Dh and 0Fh say."""
+    bench = Bench(session)
+    bench.known("segment_signed", segment_sign)
+    for steps, period, coefficient in ((200, 0x1000, 5), (-150, 0x1800, 0), (40, 0x8000, 50)):
+        start = bench.ready(0x4000, coefficient)
+        exchange = bench.must(Kind.ACCEPTED, put(bench, Segment(steps, period)))
+        bench.watch(bench.to_segments(exchange, start, Segment(steps, period)), None, samples=5)
+
+
+@check("MACS-CMD-16-01", "MACS-FRAME-05", safety=MOVES)
+def segment_steps_are_signed(session: Session) -> None:
+    """DDDD is a signed number of steps: FFFFh is one back and 8000h goes backward; or unsigned."""
+    bench = Bench(session)
+    outcome = segment_sign(bench)
+    bench.reading("segment_signed", outcome)
+    if outcome == 0:
+        start = bench.ready()
+        exchange = bench.must(Kind.ACCEPTED, put(bench, Segment(-0x8000, 0x1000)))
+        forecast = bench.to_segments(exchange, start, Segment(-0x8000, 0x1000))
+        bench.wait(0.1)
+        bench.follow(forecast, None, bench.allowance(0x1000))
+        bench.at_rest()
+
+
+@check("MACS-CMD-1E-01", "MACS-CMD-16-01", safety=MOVES)
+def virtual_segments_wait_as_long_as_real_ones_move(session: Session) -> None:
+    """Between two segments, 1Eh keeps the axis still for DDDD·VVVV ticks, and not one more."""
+    bench = Bench(session)
+    bench.known("segment_signed", segment_sign)
+    start = bench.ready()
+    row = [
+        Segment(40, 0x3000), Segment(60, 0x3000, moves=False), Segment(-25, 0x4000),
+    ]  # fmt: skip
+    exchanges = [bench.must(Kind.ACCEPTED, put(bench, one)) for one in row]
+    bench.watch(bench.to_segments(exchanges[0], start, *row), None, samples=10)
+    place = bench.position()
+    bench.must(Kind.ACCEPTED, put(bench, Segment(-30, 0x4000, moves=False)), "MACS-CMD-1E-01")
+    bench.wait(0.1)
+    session.expect(bench.position() == place, "MACS-CMD-1E-01", place, bench.position())
+
+
+@check("MACS-CMD-16-01", "MACS-CMD-1E-01", "MACS-CMD-16-02", safety=MOVES)
+def segments_follow_one_another_without_a_gap(session: Session) -> None:
+    """A long row, fed whenever the FIFO takes one, ends at the sum of its ticks: no drift."""
+    bench = Bench(session)
+    bench.known("segment_signed", segment_sign)
+    start = bench.ready()
+    count = 120 if session.target.is_virtual else 24
+    draw = session.random
+    row = [
+        Segment(draw.choice((-1, 1)) * draw.randint(10, 30), draw.randint(0x0C00, 0x1400),
+                draw.random() < 0.8)
+        for _ in range(count)
+    ]  # fmt: skip
+    first = bench.must(Kind.ACCEPTED, put(bench, row[0]))
+    forecast = bench.to_segments(first, start, *row)
+    for one in row[1:]:
+        while (exchange := put(bench, one)).kind is Kind.REFUSED:
+            bench.follow(forecast, None, bench.allowance(0x0C00))
+        bench.must(Kind.ACCEPTED, exchange, "MACS-CMD-16-02")
+    bench.watch(forecast, None, samples=3)
+
+
+@check("MACS-CMD-16-01", "MACS-STATE-01", safety=MOVES)
+def when_the_fifo_runs_empty_the_axis_rests(session: Session) -> None:
+    """At the end of the last segment the axis stands on its last step, unlocked, and goes on."""
+    bench = Bench(session)
+    start = bench.ready()
+    one = Segment(30, 0x2000)
+    for _ in range(3):
+        exchange = bench.must(Kind.ACCEPTED, put(bench, one))
+        forecast = bench.to_segments(exchange, start, one)
+        place = bench.watch(forecast, None, samples=2)
+        outcome: int | str = 0 if place == start + 30 else 1
+        bench.reading("fifo_underrun", outcome, "MACS-CMD-16-01")
+        bench.accepted(0x0F, 0, requirement="MACS-STATE-01")
+        start = place
+
+
+@check("MACS-CMD-16-01", "MACS-CMD-1E-01", safety=MOVES)
+def segments_of_zero_period_or_zero_steps(session: Session) -> None:
+    """VVVV = 0 is refused, or taken as a very fast or slow one; DDDD = 0 takes no time."""
+    bench = Bench(session)
+    start = bench.ready(SLOWEST)
+    kind = bench.command(0x1E, segment(WAIT_STEPS, 0)).kind
+    bench.wait(0.02)
+    is_running = bench.command(0x0F, 0).kind is Kind.REFUSED
+    bench.at_rest()
+    outcome: int | str = str(kind.value)
+    if kind is Kind.REFUSED:
+        outcome = 0
+    elif kind is Kind.ACCEPTED:
+        outcome = 2 if is_running else 1
+    bench.reading("segment_zero_period", outcome)
+    for index in (0x16, 0x1E):
+        kind = bench.command(index, segment(0, 0x1000)).kind
+        outcome = {Kind.ACCEPTED: 0, Kind.REFUSED: 1}.get(kind, kind.value)
+        bench.reading("segment_zero_steps", outcome)
+        if outcome == 0:
+            bench.accepted(0x0F, 0)
+    session.expect(bench.position() == start, None, start, bench.position())
+
+
+@check("MACS-CMD-17-02", "MACS-CMD-16-01", safety=MOVES)
+def a_ramped_stop_does_not_interrupt_segments(session: Session) -> None:
+    """17h during segments: they run to their end.  Other readings are named quirks."""
+    bench = Bench(session)
+    start = bench.ready(0x1000, 1)
+    row = [Segment(30, 0x2000), Segment(30, 0x2000)]
+    exchanges = [bench.must(Kind.ACCEPTED, put(bench, one)) for one in row]
+    forecast = bench.to_segments(exchanges[0], start, *row)
+    stop = bench.command(0x17)
+    end = forecast.end
+    assert end is not None
+    bench.wait_until(end.latest_ns + 50_000_000)
+    moved = bench.position() - start
+    outcome: int | str = f"{stop.kind.value}, {moved} of 60 increments"
+    if moved == 60 and stop.kind in (Kind.ACCEPTED, Kind.REFUSED):
+        outcome = 0 if stop.kind is Kind.ACCEPTED else 1
+    elif stop.kind is Kind.ACCEPTED and moved < 60:
+        outcome = 2 if moved == 30 else 3
+    bench.reading("stop17_in_interp", outcome)
+
+
+@check("MACS-CMD-18-03", "MACS-CMD-18-01", safety=MOVES)
+def a_hard_stop_empties_the_fifo(session: Session) -> None:
+    """18h ends the segment and drops the stored ones: nothing resumes, and the FIFO is free."""
+    bench = Bench(session)
+    start = bench.ready()
+    one = Segment(40, 0x4000)
+    exchanges = [bench.must(Kind.ACCEPTED, put(bench, one)) for _ in range(3)]
+    bench.wait(0.1)
+    forecast = bench.to_segments(exchanges[0], start, one, one, one)
+    halted = forecast.halted(bench.accepted(0x18).taken)
+    place = bench.finish(halted, "MACS-CMD-18-01")
+    bench.wait(0.5)
+    again = bench.position()
+    outcome = int(again != place)
+    bench.reading("abort_flush", outcome, "MACS-CMD-18-03")
+    bench.accepted(0x0F, 0, requirement="MACS-CMD-18-01")
+    start = bench.position()
+    exchange = bench.must(Kind.ACCEPTED, put(bench, Segment(10, 0x2000)), "MACS-CMD-18-03")
+    bench.watch(bench.to_segments(exchange, start, Segment(10, 0x2000)), None, samples=2)
+
+
+@check("MACS-CMD-16-02", "MACS-STOP-03", safety=MOVES)
+def segments_sent_during_a_move(session: Session) -> None:
+    """16h during 13h is stored and runs when the axis rests, or is refused, or takes over."""
+    bench = Bench(session)
+    start = bench.ready(0x2000)
+    exchange = bench.accepted(0x13, start + 100)
+    one = Segment(-40, 0x1000)
+    second = put(bench, one)
+    forecast = bench.to_position(exchange, start, start + 100)
+    end = forecast.end
+    assert end is not None
+    outcome: int | str = 1
+    if second.kind is Kind.ACCEPTED:
+        bench.wait_until(end.latest_ns + one.duration_ns + 50_000_000)
+        moved = bench.position() - start
+        outcome = 0 if moved == 60 else 2 if moved < 60 else f"{moved:+d} increments"
+    elif second.kind is not Kind.REFUSED:
+        outcome = str(second.reply)
+    bench.reading("interp_during_profile", outcome, "MACS-CMD-16-02")
+    bench.at_rest()
+    _segments_watch_the_stops(bench)
+
+
+def _segments_watch_the_stops(bench: Bench) -> None:
+    """A segment beyond a software stop ends there, and what was stored behind it is dropped."""
+    start = bench.ready(0x2000)
+    bench.accepted(0x09, start + 20)
+    bench.accepted(0x0A, start - 1000)
+    bench.accepted(0x03, 8)
+    row = (Segment(50, 0x2000), Segment(-30, 0x2000))
+    exchanges = [bench.must(Kind.ACCEPTED, put(bench, one)) for one in row]
+    stops = (start - 1000, start + 20)
+    forecast = Forecast.of(
+        Timeline("IN", start, edge, segments=row, stops=stops) for edge in exchanges[0].taken.edges
+    )
+    bench.wait(0.2)
+    place = bench.position()
+    lowest, highest = forecast.final
+    highest += bench.braking(0x2000)
+    bench.session.expect(
+        lowest <= place <= highest, "MACS-STOP-03", f"at rest in {lowest}..{highest}", place
+    )

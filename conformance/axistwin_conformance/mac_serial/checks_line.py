@@ -1,0 +1,342 @@
+"""Re-initialisation, and several modules on one line (CMD-00, CMD-0B in a move, MULTI)."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from axistwin_conformance.mac_serial import codec
+from axistwin_conformance.mac_serial.bench import (
+    AWAKE_SURELY_S,
+    DEAF_S,
+    DEAF_SURELY_S,
+    QUIET_S,
+    SLOWEST,
+    Bench,
+    Exchange,
+    segment,
+    velocity,
+)
+from axistwin_conformance.mac_serial.checks_motion import MOVES
+from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS, Kind
+from axistwin_conformance.mac_serial.forecast import Segment
+from axistwin_conformance.registry import check
+from axistwin_conformance.session import Session
+
+PARAMETER_QUERIES: Final = (0x22, 0x23, 0x25, 0x26)
+POLL_S: Final = 0.05
+
+
+def restart(bench: Bench) -> Exchange:
+    """Send 00h and wait until the module surely listens again."""
+    exchange = bench.command(0x00)
+    bench.wait(AWAKE_SURELY_S)
+    return exchange
+
+
+@check("MACS-CMD-00-03", "MACS-CMD-00-02", "MACS-CMD-00-01", safety=MOVES)
+def after_00h_it_is_deaf_for_two_seconds(session: Session) -> None:
+    """00h is acknowledged, or not; then every frame is lost for 2 s, without reply or effect."""
+    bench = Bench(session)
+    start = bench.ready()
+    exchange = bench.command(0x00)
+    outcome: int | str = {Kind.ACCEPTED: 0, Kind.SILENCE: 1}.get(exchange.kind, exchange.kind.value)
+    bench.reading("reset_reply", outcome, "MACS-CMD-00-03")
+    from_ns = exchange.taken.earliest_ns
+    deaf_until_ns = from_ns + round(DEAF_SURELY_S * 1e9)
+    while session.target.now_ns < deaf_until_ns - 100_000_000:
+        for frame in (
+            bench.frame(0x20),
+            bench.frame(0x20).with_wrong_checksum(),  # not even a Nack
+            bench.frame(0x13, start + 500),
+            bench.frame(0x0F, 0x77),
+        ):
+            lost = bench.send(frame, POLL_S)
+            if lost.taken.latest_ns < deaf_until_ns:
+                bench.must(Kind.SILENCE, lost, "MACS-CMD-00-02")
+    awake_ns = _first_answer_ns(bench, from_ns)
+    deaf_ms = round((awake_ns - from_ns) / 1e6)
+    session.expect(
+        deaf_ms <= AWAKE_SURELY_S * 1000, "MACS-CMD-00-02", "an answer within 2.5 s", deaf_ms
+    )
+    session.info("MACS-CMD-00-02", f"deaf for {deaf_ms} ms, to {POLL_S * 1000:.0f} ms")
+    if abs(deaf_ms - DEAF_S * 1000) > 3 * POLL_S * 1000:
+        session.quirk("MACS-CMD-00-02", "boot_time_ms", str(deaf_ms))
+    place, coefficient = bench.position(), bench.value(0x26) >> 24
+    session.expect(
+        place == start and coefficient != 0x77, ("MACS-CMD-00-02", "MACS-CMD-00-01"),
+        "what was sent meanwhile had no effect", f"position {place}, AA {coefficient:02X}",
+    )  # fmt: skip
+
+
+def _first_answer_ns(bench: Bench, from_ns: int) -> int:
+    """When the module was first heard again; far too late if never."""
+    while bench.target.now_ns < from_ns + 4_000_000_000:
+        exchange = bench.send(bench.frame(0x20), POLL_S)
+        if exchange.kind is Kind.ANSWER:
+            return exchange.taken.earliest_ns
+    return bench.target.now_ns
+
+
+@check("MACS-CMD-00-01", "MACS-CMD-00-02", safety=MOVES)
+def just_after_two_seconds_it_listens(session: Session) -> None:
+    """A frame that ends 2.02 s after 00h's reply is answered, one at 1.98 s is lost."""
+    bench = Bench(session)
+    if not session.target.is_virtual:
+        session.skip("needs exact timing: only virtual time tells 1.99 s from 2.01 s")
+    bench.ready()
+    for after_s, kind in ((DEAF_S - 0.02, Kind.SILENCE), (DEAF_S + 0.02, Kind.ANSWER)):
+        done_ns = bench.command(0x00).taken.latest_ns
+        lead_ns = codec.REQUEST_BYTES * bench.byte_ns
+        bench.wait_until(done_ns + round(after_s * 1e9) - lead_ns)
+        exchange = bench.send(bench.frame(0x20), POLL_S)
+        if exchange.kind is not kind:
+            session.quirk("MACS-CMD-00-02", "boot_time_ms", "not 2000")
+        session.expect(True, "MACS-CMD-00-02", "", "")
+        bench.wait(AWAKE_SURELY_S)
+    bench.alive("MACS-CMD-00-01")
+
+
+@check("MACS-CMD-00-01", "MACS-CMD-18-03", safety=MOVES)
+def after_00h_parameters_and_position_are_kept(session: Session) -> None:
+    """00h keeps position and stored parameters at rest; sync, preload and stop bits are gone."""
+    bench = Bench(session)
+    start = bench.ready(0x1000, 3)
+    bench.finish(bench.go(start + 30))
+    for index, parameter in (
+        (0x09, start + 40), (0x0A, start - 5000), (0x0C, 0x33), (0x0E, 0x0700), (0x1C, 0x02),
+        (0x03, 8),
+    ):  # fmt: skip
+        bench.command(index, parameter)
+    bench.accepted(0x13, start + 100)
+    bench.wait(0.4)
+    before = [bench.value(index) for index in PARAMETER_QUERIES]
+    place = bench.position()
+    stopped_on = bench.stopped_on()
+    bench.command(0x10)
+    bench.command(0x13, start)
+    restart(bench)
+    after = [bench.value(index) for index in PARAMETER_QUERIES]
+    session.expect(after == before, "MACS-CMD-00-01", _hex(before), _hex(after))
+    session.expect(
+        bench.position() == place, "MACS-CMD-00-01", f"position {place}", bench.position()
+    )
+    session.expect(
+        bench.stopped_on() == 0, "MACS-CMD-00-01", f"ff 00 (was {stopped_on:02X})",
+        f"{bench.stopped_on():02X}",
+    )  # fmt: skip
+    bench.command(0x11)
+    bench.wait(0.1)
+    session.expect(
+        bench.position() == place, ("MACS-CMD-00-01", "MACS-CMD-18-03"),
+        "nothing preloaded any more", bench.position(),
+    )  # fmt: skip
+
+
+@check("MACS-CMD-00-01", "MACS-CMD-18-03", safety=MOVES)
+def in_motion_00h_drops_the_motion(session: Session) -> None:
+    """00h during a move or segments: the axis stands, nothing resumes or is locked."""
+    bench = Bench(session)
+    for begin in ((0x13, 100), (0x16, segment(60, SLOWEST))):
+        start = bench.ready(SLOWEST)
+        index, parameter = begin
+        for _ in range(2):
+            bench.command(index, start + parameter if index == 0x13 else parameter)
+        bench.wait(0.2)
+        restart(bench)
+        place = bench.position()
+        session.expect(
+            abs(place - start) < 60, "MACS-CMD-00-01", "motion dropped", f"{place - start}"
+        )
+        bench.wait(0.5)
+        session.expect(
+            bench.position() == place, ("MACS-CMD-00-01", "MACS-CMD-18-03"),
+            f"at rest at {place}", bench.position(),
+        )  # fmt: skip
+        bench.accepted(0x0F, 0, requirement="MACS-CMD-00-01")
+        bench.finish(bench.go(start), "MACS-CMD-00-01")
+
+
+@check("MACS-CMD-0B-02", "MACS-CMD-0B-01", safety=MOVES)
+def clearing_the_counter_during_a_move(session: Session) -> None:
+    """0Bh half-way through 13h: the target stays a number, or the remaining distance stays."""
+    bench = Bench(session)
+    start = bench.ready(0x4000, 0)
+    if abs(start) > bench.room() // 2:
+        session.skip("the counter's origin could not be put back: it is too far away")
+    distance = 150
+    target = start + distance
+    forecast = bench.go(target)
+    bench.wait(0.15)
+    cleared = bench.accepted(0x0B)
+    lowest, highest = forecast.bounds(cleared.taken)
+    bench.wait(0.8 + abs(target) * 2 * bench.period * 125e-9)
+    final = bench.position()
+    # 0Bh made some place in lowest..highest the new 0.
+    remaining = range(target - highest - 1, target - lowest + 2)
+    outcome: int | str = f"rest at {final}"
+    if final == target and final not in remaining:
+        outcome = 0
+    elif final in remaining:
+        outcome = 1
+    bench.reading("reset_in_motion", outcome, "MACS-CMD-0B-02")
+    session.expect(True, "MACS-CMD-0B-01", "", "")
+    bench.at_rest()
+    here = lowest
+    if abs(here) <= bench.room():
+        bench.finish(bench.go(-here))
+        bench.command(0x0B)
+
+
+def _hex(values: list[int]) -> str:
+    return " ".join(f"{value:08X}" for value in values)
+
+
+# --- several modules -----------------------------------------------------------------------------
+
+
+def general(bench: Bench, index: int, parameter: int = 0) -> Exchange:
+    """Send a frame to the general address."""
+    return bench.send(bench.frame(index, parameter, address=GENERAL_ADDRESS), QUIET_S * 2)
+
+
+def _everybody(session: Session) -> list[Bench]:
+    return [Bench(session, address) for address in (session.address, *session.neighbours)]
+
+
+@check("MACS-MULTI-03", "MACS-REPLY-08", needs=("alone",))
+def the_general_address_is_answered_by_module_00(session: Session) -> None:
+    """A query to FF is answered by module 00 with address FF; others keep silent."""
+    bench = Bench(session)
+    reply = general(bench, 0x20).reply
+    is_00 = session.address == 0
+    if reply.kind is Kind.ANSWER:
+        bench.reading("general_reply_policy", 0 if is_00 else 1, "MACS-MULTI-03")
+        echo = {GENERAL_ADDRESS: 0, session.address: 1}.get(reply.address or 0, f"{reply}")
+        bench.reading("general_echo", echo, "MACS-REPLY-08")
+    elif reply.kind is Kind.SILENCE:
+        bench.reading("general_reply_policy", 2 if is_00 else 0, "MACS-MULTI-03")
+        session.not_run("MACS-REPLY-08", "this module does not answer general frames")
+    else:
+        session.fail("MACS-MULTI-03", "one answer, or silence", reply)
+    bench.alive("MACS-MULTI-03")
+
+
+@check("MACS-MULTI-01", "MACS-REPLY-13", "MACS-FRAME-07", needs=("neighbour",))
+def modules_with_distinct_addresses_answer_for_themselves(session: Session) -> None:
+    """Each module on the line answers its own address, and only that."""
+    for bench in _everybody(session):
+        reply = bench.must(Kind.ANSWER, bench.ask(0x24)).reply
+        session.expect(
+            reply.address == bench.address, None, f"{bench.address:02X}", f"{reply.address:02X}"
+        )
+
+
+@check("MACS-MULTI-03", "MACS-REPLY-08", "MACS-REPLY-12", needs=("neighbour",))
+def one_module_answers_for_all(session: Session) -> None:
+    """A query to FF on a shared line gets exactly one answer, module 00's, as address FF."""
+    bench = Bench(session)
+    reply = general(bench, 0x20).reply
+    extra = session.target.receive(1, QUIET_S)
+    has_00 = 0 in (session.address, *session.neighbours)
+    outcome: int | str = str(reply)
+    if reply.kind is Kind.ANSWER and not extra:
+        outcome = 0
+        echo = 0 if reply.address == GENERAL_ADDRESS else 1
+        bench.reading("general_echo", echo, "MACS-REPLY-08")
+    elif reply.kind is Kind.SILENCE:
+        outcome = 2 if has_00 else 0
+        session.not_run("MACS-REPLY-08", "nobody answers general frames here")
+    elif reply.kind is Kind.GARBAGE or extra:
+        outcome = 1  # several speak on top of one another
+        session.not_run("MACS-REPLY-08", "several answers collide")
+    bench.reading("general_reply_policy", outcome, "MACS-MULTI-03")
+    bench.alive("MACS-REPLY-12")
+
+
+@check("MACS-MULTI-02", "MACS-MULTI-03", safety=MOVES, needs=("neighbour",))
+def general_commands_are_executed_by_all(session: Session) -> None:
+    """0Dh, 0Fh and 13h to FF change and move every module on the line; one reply comes."""
+    everybody = _everybody(session)
+    first = everybody[0]
+    before = [(bench.ready(0x1000), bench.value(0x25), bench.value(0x26)) for bench in everybody]
+    try:
+        period = max(0x0ABC, first.fastest)
+        for index, parameter in ((0x0D, period), (0x0F, 2)):
+            _general_reply(first, general(first, index, parameter))
+        for bench in everybody:
+            seen = (bench.value(0x25) & 0xFFFF, bench.value(0x26) >> 24)
+            session.expect(
+                seen == (period, 2), "MACS-MULTI-02", f"{(period, 2)} at {bench.address:02X}", seen
+            )
+        general(first, 0x15, velocity(1, 0x2000))
+        first.wait(0.3)
+        general(first, 0x18)
+        for bench, (start, _, _) in zip(everybody, before, strict=True):
+            moved = bench.position() - start
+            session.expect(
+                moved > 50, "MACS-MULTI-02", f"{bench.address:02X} moved with all", moved
+            )
+    finally:
+        for bench, (start, speeds, modes) in zip(everybody, before, strict=True):
+            bench.command(0x18)
+            bench.command(0x0D, speeds & 0xFFFF)
+            bench.command(0x0F, modes >> 24)
+            bench.finish(bench.go_plainly(start))
+
+
+def _general_reply(bench: Bench, exchange: Exchange) -> None:
+    kinds = {Kind.ACCEPTED: 0, Kind.SILENCE: 2, Kind.GARBAGE: 1}
+    outcome: int | str = kinds.get(exchange.kind, str(exchange.reply))
+    has_00 = 0 in (bench.session.address, *bench.session.neighbours)
+    if outcome == 2 and not has_00:
+        outcome = 0
+    bench.reading("general_reply_policy", outcome, "MACS-MULTI-03")
+
+
+@check("MACS-MULTI-02", "MACS-CMD-11-01", safety=MOVES, needs=("neighbour",))
+def one_11h_starts_all_preloaded_axes_together(session: Session) -> None:
+    """10h and 13h to each module, 11h to FF: all start on the same frame."""
+    everybody = _everybody(session)
+    starts = [bench.ready(0x2000) for bench in everybody]
+    try:
+        for bench, start in zip(everybody, starts, strict=True):
+            bench.accepted(0x10)
+            bench.accepted(0x13, start + 200)
+        sync = general(everybody[0], 0x11)
+        for bench, start in zip(everybody, starts, strict=True):
+            forecast = bench.to_position(sync, start, start + 200)
+            bench.follow(forecast, None, bench.allowance(0x2000))
+        for bench, start in zip(everybody, starts, strict=True):
+            bench.finish(bench.to_position(sync, start, start + 200))
+    finally:
+        _all_back(everybody, starts)
+
+
+@check("MACS-MULTI-02", "MACS-CMD-1E-01", "MACS-CMD-16-01", safety=MOVES, needs=("neighbour",))
+def axes_keep_step_through_virtual_segments(session: Session) -> None:
+    """While one axis moves, the other waits the same ticks: afterwards both are in step."""
+    everybody = _everybody(session)[:2]
+    starts = [bench.ready() for bench in everybody]
+    one = (Segment(40, 0x2000), Segment(30, 0x3000, moves=False), Segment(20, 0x2000))
+    other = (Segment(40, 0x2000, moves=False), Segment(30, 0x3000), Segment(20, 0x2000))
+    try:
+        forecasts = []
+        for bench, start, row in zip(everybody, starts, (one, other), strict=True):
+            exchanges = [
+                bench.accepted(0x16 if part.moves else 0x1E, segment(part.steps, part.period))
+                for part in row
+            ]
+            forecasts.append(bench.to_segments(exchanges[0], start, *row))
+        for _ in range(6):
+            for bench, forecast in zip(everybody, forecasts, strict=True):
+                bench.follow(forecast, None, bench.allowance(0x2000))
+        for bench, forecast in zip(everybody, forecasts, strict=True):
+            bench.finish(forecast)
+    finally:
+        _all_back(everybody, starts)
+
+
+def _all_back(everybody: list[Bench], starts: list[int]) -> None:
+    for bench, start in zip(everybody, starts, strict=True):
+        bench.at_rest()
+        bench.finish(bench.go_plainly(start))

@@ -1,0 +1,230 @@
+"""Endless motion against the closed form: 15h from rest, changed, stopped (CMD-15)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+from axistwin_conformance.mac_serial.bench import SLOWEST, Bench, velocity
+from axistwin_conformance.mac_serial.checks_motion import MOVES, learnt
+from axistwin_conformance.mac_serial.codec import Kind
+from axistwin_conformance.mac_serial.motion import TICK_NS, TICKS_PER_SECOND
+from axistwin_conformance.registry import check
+from axistwin_conformance.session import Session
+
+F6: Final = 0xF6
+
+
+@check("MACS-CMD-15-01", safety=MOVES)
+def f6_turns_counter_clockwise(session: Session) -> None:
+    """15h with SS = F6h counts down, with any other SS up."""
+    bench = Bench(session)
+    bench.ready(0x2000)
+    bench.reading("vel_f6_direction", _f6_direction(bench))
+    edges = (0x00, 0x01, 0x06, 0x7F, 0x80, 0xF5, 0xF7, 0xFF)
+    for selector in range(0x100) if session.target.is_virtual else edges:
+        if selector == F6:
+            continue
+        moved = _moved(bench, selector << 16 | 0x2000)
+        session.expect(moved > 0, None, f"SS {selector:02X}h counts up", f"{moved:+d}")
+        if bench.position() > bench.room():
+            _moved(bench, velocity(-1, 0x0800), 1.0)
+
+
+def _f6_direction(bench: Bench) -> int | str:
+    moved = _moved(bench, F6 << 16 | 0x2000)
+    return 0 if moved < 0 else 1 if moved > 0 else "no motion at all"
+
+
+def _moved(bench: Bench, parameter: int, seconds: float = 0.02) -> int:
+    """How far 15h with that parameter moves the axis in a short time."""
+    start = bench.position()
+    bench.accepted(0x15, parameter)
+    bench.wait(seconds)
+    bench.command(0x18)
+    return bench.position() - start
+
+
+@check("MACS-CMD-15-01", "MACS-CMD-15-05", safety=MOVES)
+def velocity_climbs_and_cruises_on_time(session: Session) -> None:
+    """From rest 15h climbs the ramp built from its own period, then holds it; 0Dh stays."""
+    bench = learnt(session)
+    for direction, period, coefficient in ((1, 0x1000, 1), (-1, 0x0640, 2), (1, 0x4000, 0)):
+        bench.ready(0x0777, coefficient)
+        period = max(period, bench.fastest)
+        forecast = bench.turn(direction, period)
+        for _ in range(6):
+            bench.wait(0.06)
+            bench.follow(forecast, "MACS-CMD-15-01", bench.allowance(period))
+        kept = bench.value(0x25) & 0xFFFF
+        wanted = max(0x0777, bench.fastest)
+        session.expect(kept == wanted, "MACS-CMD-15-05", f"{wanted:04X} in 25h", f"{kept:04X}")
+        bench.at_rest()
+
+
+@check("MACS-CMD-15-02", "MACS-CMD-15-03", safety=MOVES)
+def the_direction_stays_whatever_the_next_15h_says(session: Session) -> None:
+    """In motion, 15h with the other direction is accepted with SS ignored, or refused."""
+    bench = learnt(session)
+    for direction in (1, -1):
+        bench.ready(SLOWEST)
+        forecast = bench.turn(direction, SLOWEST)
+        bench.wait(0.1)
+        exchange = bench.command(0x15, velocity(-direction, 0x4000))
+        outcome: int | str = str(exchange.reply)
+        if exchange.kind is Kind.ACCEPTED:
+            forecast = forecast.changed(exchange.taken, 0x4000)
+            outcome = 0
+        elif exchange.kind is Kind.REFUSED:
+            outcome = 1
+        bench.reading("vel_reverse_cmd", outcome, "MACS-CMD-15-03")
+        for _ in range(3):
+            bench.wait(0.1)
+            bench.follow(forecast, None, bench.allowance(0x4000))
+        bench.at_rest()
+
+
+def learn_change_law(bench: Bench) -> int | str:
+    """MACS-AMB-44: how 15h in motion goes from one speed to the next.
+
+    Readings 0 and 2 are predicted; a change that is neither, but between them, is reading 1.
+    """
+    bench.ready(0x0800, 3)
+    before, after = 0x2000, max(0x0600, bench.fastest)
+    origin = bench.position()
+    start = bench.accepted(0x15, velocity(1, before))
+    bench.wait(240 * 3 * before * TICK_NS / 1e9 + 0.03)
+    change = bench.accepted(0x15, velocity(1, after))
+    forecasts = [
+        bench.to_velocity(start, origin, 1, before, replace(bench.law, change=name))
+        .changed(change.taken, after)
+        for name in ("ramp_levels", "step")
+    ]  # fmt: skip
+    samples = bench.sampled(0.35, 10)
+    bench.command(0x18)
+    fitting = bench.fit(samples, forecasts)
+    if fitting:
+        return 0 if fitting[0] == 0 else 2
+    last = samples[-1]
+    _, slowest_now = forecasts[0].bounds(last.taken)
+    _, at_once = forecasts[1].bounds(last.taken)
+    if min(slowest_now, at_once) <= last.position <= max(slowest_now, at_once):
+        return 1
+    return f"{last.position - origin} increments, where a ramp gives {slowest_now - origin}"
+
+
+@check("MACS-CMD-15-02", safety=MOVES)
+def a_speed_change_takes_one_ramp(session: Session) -> None:
+    """15h in motion leads to the new period on a ramp of 120·AA increments."""
+    bench = learnt(session)
+    bench.reading("vel_change_law", learn_change_law(bench))
+
+
+@check("MACS-CMD-15-02", "MACS-CMD-15-04", safety=MOVES)
+def speed_changes_follow_the_closed_form(session: Session) -> None:
+    """Faster, slower and faster again, then 0000: every leg is where the formula puts it."""
+    bench = learnt(session)
+    if bench.known("vel_change_law", learn_change_law) == 1:
+        session.skip("the ledger gives no formula for first_ramp_acceleration")
+    for coefficient in (0, 1, 2):
+        bench.ready(0x0800, coefficient)
+        forecast = bench.turn(1, 0x1800)
+        for period in (max(0x0600, bench.fastest), 0x2000):
+            bench.wait(0.15)
+            taken = bench.accepted(0x15, velocity(1, period), requirement="MACS-CMD-15-02").taken
+            forecast = forecast.changed(taken, period)
+            for _ in range(3):
+                bench.wait(0.04)
+                bench.follow(forecast, "MACS-CMD-15-02", bench.allowance(0x0600))
+        forecast = forecast.stopped(bench.accepted(0x15, 0, requirement="MACS-CMD-15-04").taken)
+        bench.watch(forecast, "MACS-CMD-15-04", samples=3)
+
+
+@check("MACS-CMD-15-04", "MACS-CMD-17-01", safety=MOVES)
+def velocity_0_and_17h_stop_on_the_ramp(session: Session) -> None:
+    """15h with 0000, and 17h, bring endless motion to rest one ramp further on."""
+    bench = learnt(session)
+    for index, name in ((0x15, "MACS-CMD-15-04"), (0x17, "MACS-CMD-17-01")):
+        for direction, coefficient in ((1, 1), (-1, 2)):
+            bench.ready(0x0800, coefficient)
+            period = 0x0800
+            forecast = bench.turn(direction, period)
+            bench.wait(240 * coefficient * period * TICK_NS / 1e9 + 0.1)
+            parameter = velocity(-direction, 0) if index == 0x15 else 0
+            stop = bench.accepted(index, parameter, requirement=name)
+            stopped = forecast.stopped(stop.taken)
+            place = bench.watch(stopped, name, samples=3)
+            bench.wait(0.2)
+            session.expect(bench.position() == place, name, f"rest at {place}", bench.position())
+            bench.accepted(0x0F, coefficient, requirement=name)
+
+
+@check("MACS-CMD-15-04", safety=MOVES)
+def velocity_0_at_rest_moves_nothing(session: Session) -> None:
+    """15h with 0000 at rest is accepted and leaves the axis at rest, unlocked."""
+    bench = Bench(session)
+    start = bench.ready()
+    bench.accepted(0x15, 0)
+    bench.wait(0.1)
+    session.expect(bench.position() == start, None, start, bench.position())
+    bench.accepted(0x0F, 0)
+
+
+@check("MACS-CMD-15-06", safety=MOVES)
+def the_first_parameter_byte_of_15h_is_ignored(session: Session) -> None:
+    """Whatever stands before SS, speed and direction are the same."""
+    bench = Bench(session)
+    for first in (0x01, 0x7F, 0xF6, 0xFF):
+        for direction in (1, -1):
+            bench.ready(0x0800)
+            origin = bench.position()
+            exchange = bench.command(0x15, first << 24 | velocity(direction, 0x2000))
+            if exchange.kind is Kind.REFUSED:
+                bench.reading("dont_care_digits", 1)
+                continue
+            bench.must(Kind.ACCEPTED, exchange)
+            forecast = bench.to_velocity(exchange, origin, direction, 0x2000)
+            bench.wait(0.05)
+            bench.follow(forecast, None, bench.allowance(0x2000))
+            bench.at_rest()
+
+
+@check("MACS-CMD-15-02", "MACS-STATE-01", safety=MOVES)
+def velocity_takes_over_from_a_move(session: Session) -> None:
+    """15h during 13h is accepted: endless motion on past the target; or refused."""
+    bench = learnt(session)
+    bench.known("vel_change_law", learn_change_law)
+    start = bench.ready(0x1000, 1)
+    forecast = bench.go(start + 400)
+    bench.wait(0.15)
+    exchange = bench.command(0x15, velocity(-1, 0x1000))
+    outcome: int | str = {Kind.ACCEPTED: 0, Kind.REFUSED: 1}.get(exchange.kind, str(exchange.reply))
+    bench.reading("vel_during_position", outcome, "MACS-CMD-15-02")
+    if outcome == 1:
+        bench.finish(forecast, "MACS-STATE-01")
+        return
+    # At the very speed of the move, a change changes nothing but the end.
+    speed = TICKS_PER_SECOND // 0x1000
+    bench.wait(500 / speed)
+    place = bench.position()
+    session.expect(place > start + 400, "MACS-CMD-15-02", f"beyond {start + 400}", place)
+    bench.refused(0x0F, 1, requirement="MACS-STATE-01")
+    bench.at_rest()
+
+
+@check("MACS-CMD-15-02", safety=MOVES)
+def velocity_takes_over_from_a_segment(session: Session) -> None:
+    """15h during a segment is accepted and empties the FIFO, or is refused."""
+    bench = learnt(session)
+    start = bench.ready(0x1000)
+    bench.accepted(0x16, 100 << 16 | SLOWEST)
+    bench.accepted(0x1E, 0x0010FFFF)
+    exchange = bench.command(0x15, velocity(1, 0x2000))
+    outcome: int | str = {Kind.ACCEPTED: 0, Kind.REFUSED: 1}.get(exchange.kind, str(exchange.reply))
+    bench.reading("vel_during_interp", outcome)
+    if outcome == 0:
+        bench.wait(0.4)
+        place = bench.position()
+        least = TICKS_PER_SECOND // 0x2000 * 4 // 10 - 10
+        session.expect(place - start >= least, None, f"{least} or more", place - start)
+    bench.at_rest()
