@@ -33,3 +33,21 @@ def test_old_records_fall_out_and_marks_stay_valid() -> None:
     assert len(transcript) == 3
     assert [one.time_ns for one in transcript.since(0)] == [7, 8, 9]
     assert [one.time_ns for one in transcript.since(8)] == [8, 9]
+
+
+def test_a_reply_read_in_pieces_is_shown_whole() -> None:
+    """With the time of its last byte; what comes much later, or after a request, is another."""
+    transcript = Transcript()
+    for time_ns, direction, data in (
+        (0, Direction.HOST, b"?"),
+        (1, Direction.DEVICE, b"a"),
+        (2, Direction.DEVICE, b"b"),
+        (200_000_000, Direction.DEVICE, b"c"),
+        (200_000_001, Direction.HOST, b"!"),
+        (200_000_002, Direction.DEVICE, b"d"),
+    ):
+        transcript.add(Record(time_ns, direction, data))
+    shown = transcript.since(0)
+    assert [one.data for one in shown] == [b"?", b"ab", b"c", b"!", b"d"]
+    assert shown[1].time_ns == 2
+    assert [one.data for one in transcript.since(0, limit=2)] == [b"!", b"d"]
