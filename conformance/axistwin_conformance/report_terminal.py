@@ -86,7 +86,8 @@ class TerminalReport:
                 self._close(event)
 
     def _print(self, text: str | Text = "", style: str = "") -> None:
-        self._console.print(text, style=style, markup=False)
+        # Bytes and commands are copied from here: a line is never broken.
+        self._console.print(text, style=style, markup=False, soft_wrap=True)
 
     def _open(self, event: events.RunStarted) -> None:
         self._print(
@@ -201,7 +202,8 @@ def print_plan(console: Console, plan: Plan) -> None:
         table.add_row(check.name, "+".join(check.safety), check.behaviour)
     console.print(table)
     for check, reason in plan.left_out:
-        console.print(f"left out: {check.name}: {reason}", style="dim", markup=False)
+        text = f"left out: {check.name}: {reason}"
+        console.print(text, style="dim", markup=False, soft_wrap=True)
     console.print(f"{len(plan.to_run)} checks would run, {len(plan.left_out)} would not.")
 
 

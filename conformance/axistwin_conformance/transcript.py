@@ -60,9 +60,9 @@ class Transcript:
         self._count += 1
 
     def since(self, position: int, limit: int | None = None) -> tuple[Record, ...]:
-        """Return what was recorded after `position`, replies in one piece, at most the last `limit`.
+        """Return what was recorded after `position`, at most the last `limit` records.
 
-        A reply is read in pieces, as its length becomes known; a reader wants it whole.
+        A reply is read in pieces, as its length becomes known; here it is whole again.
         """
         wanted = min(self._count - position, len(self._records))
         pieces = islice(self._records, len(self._records) - wanted, None)
