@@ -71,6 +71,16 @@ def test_answers_that_would_overlap_collide() -> None:
         assert line.transmissions_held == 0
 
 
+def test_collisions_chain() -> None:
+    """A third that only overlaps the second is part of the same garbage."""
+    line = InstantLine([F38400] * 4)
+    for station in (1, 2, 3):
+        line.transmit(station, (station - 1) * F38400.span_ns(5), ANSWER)
+    heard = listen(line, 10**9)
+    assert {time for time, _, _ in heard} == {0}
+    assert ANSWER not in bytes_at(heard, HOST)
+
+
 def test_answers_that_would_not_overlap_are_whole() -> None:
     """One that begins when the other would have ended is alone."""
     line = InstantLine([F38400] * 3)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from axistwin.wire.framing import LineFormat
@@ -150,6 +150,15 @@ def test_8n1_and_8n2_understand_each_other() -> None:
     assert bytes_at(listen(line, 10**9), 1) == b"hello"
 
 
+def test_a_format_may_change_right_before_the_first_start_bit() -> None:
+    """Having looked ahead does not fix what is heard."""
+    line = SerialLine([F38400, F38400])
+    line.transmit(HOST, 0, b"hello")
+    assert line.next_arrival() == BYTE_NS
+    line.set_format(1, F9600)
+    assert bytes_at(listen(line, 10**9), 1) != b"hello"
+
+
 @pytest.mark.parametrize(("sender", "receiver"), [(F9600, F38400), (F38400, F9600)])
 def test_wrong_rates_garble_the_same_way_each_time(
     sender: LineFormat, receiver: LineFormat
@@ -217,6 +226,31 @@ def test_answers_that_coincide_to_the_nanosecond_combine_bit_by_bit() -> None:
     line.transmit(1, 0, b"\xf3\x55")
     line.transmit(2, 0, b"\x3f\x0f")
     assert bytes_at(listen(line, 10**9), HOST) == b"\x33\x05"
+
+
+def test_listeners_hear_a_collision_in_the_order_of_stations() -> None:
+    """At one nanosecond the lower station comes first, also when bits are sampled."""
+    line = SerialLine([F38400] * 5)
+    line.transmit(1, 0, b"\xf3")
+    line.transmit(3, 0, b"\x3f")
+    assert [station for _, station, _ in listen(line, 10**9)] == [0, 2, 4]
+
+
+@pytest.mark.parametrize("kind", [SerialLine, SampledLine])
+def test_a_glitch_behind_the_last_sample_is_a_start_bit(kind: type[SerialLine]) -> None:
+    """A nanosecond of space in the last half of a stop bit shifts all that follows."""
+    line = kind([F38400] * 3)
+    line.transmit(HOST, 0, b"\0\0\0\0")
+    sample_ns = 19 * 10**9 // (2 * 38400)
+    heard = listen(line, sample_ns + 1)
+    line.transmit(1, 0, b"x")
+    heard += listen(line, sample_ns + 2)
+    line.switch_off(1)
+    heard += listen(line, 10**9)
+    assert [time for time, station, _ in heard if station == 2][:2] == [
+        BYTE_NS,
+        sample_ns + 1 + BYTE_NS,
+    ]
 
 
 def test_a_station_is_deaf_while_it_drives() -> None:
@@ -458,6 +492,7 @@ def without_queueing(formats: Sequence[LineFormat], sent: list[Sent]) -> list[Se
 
 @settings(max_examples=300, deadline=None)
 @given(some_formats, some_sent)
+@example([F38400, F9600], [Sent(0, 0, b"z\0\0\0\x10")])  # samples fall exactly on edges
 def test_everybody_hears_what_exact_arithmetic_says(
     formats: list[LineFormat], sent: list[Sent]
 ) -> None:
