@@ -268,6 +268,34 @@ def test_the_transcript_of_a_line_speaks_the_devices_language() -> None:
     assert "position" in line.render_transcript()
 
 
+def test_a_twin_says_in_words_what_it_does() -> None:
+    """From start-up over rest and motion to power-off."""
+    line = line_of("mac23", cold=True)
+    twin = line.twins[0]
+    states = [twin.state]
+    line.advance(2 * NS_PER_S)
+    states.append(twin.state)
+    ask(line, request(0x10), 3)
+    states.append(twin.state)
+    ask(line, request(0x13, 10_000), 3)
+    states.append(twin.state)
+    ask(line, request(0x11), 3)
+    states.append(twin.state)
+    line.advance(10 * NS_PER_S)
+    states.append(twin.state)
+    twin.power_off()
+    states.append(twin.state)
+    assert states == [
+        "starting up, deaf",
+        "at rest, unpowered",
+        "at rest, unpowered, synchronous mode armed",
+        "at rest, unpowered, motion preloaded",
+        "moving to a position",
+        "at rest, powered",
+        "switched off",
+    ]
+
+
 def test_an_hour_of_motion_takes_no_time() -> None:
     """A slow endless move is asked where it is after an hour, to the increment."""
     line = line_of("mac23")

@@ -155,6 +155,19 @@ def test_a_failed_write_is_raised_and_nothing_can_be_read_any_more() -> None:
     assert rig.storage.closed == 1
 
 
+def test_a_moving_position_that_cannot_be_saved_is_not_told_either() -> None:
+    """Any failed write ends the line, not only that of a parameter."""
+    rig = Rig()
+    rig.line.send(b"G")
+    rig.line.advance(NS_PER_S)
+    rig.slots[0].fail = True
+    with pytest.raises(StateError, match="disk full"):
+        rig.ask(b"P", 4)
+    rig.slots[0].fail = False
+    with pytest.raises(StateError, match="disk full"):
+        rig.line.receive()
+
+
 def test_the_host_is_never_told_a_position_that_a_kill_would_take_back() -> None:
     """When bytes become readable while an axis moves, its position is saved first."""
     rig = Rig()

@@ -53,7 +53,7 @@ def test_what_is_read_is_read_at_the_present_time(rig: Rig) -> None:
     rig.line.clock.advance_to(NS_PER_S)
     assert rig.twin.position == 999
     assert rig.twin.is_moving
-    assert rig.twin.describe()["state"] == "moving"
+    assert rig.twin.describe()["state_text"] == "moving"
 
 
 @pytest.mark.parametrize("name", ["reference", "positive_stop", "negative_stop", "reset"])

@@ -77,4 +77,7 @@ class MotionDevice(SerialDevice, Protocol):
         """Where the axis is, in increments."""
 
     def describe(self, now: Nanos) -> Mapping[str, Any]:
-        """Everything worth showing, by name."""
+        """Everything worth showing, by name.
+
+        At least ``address``, ``state_text``, ``supply_millivolts``, ``temperature_millidegrees``.
+        """

@@ -13,7 +13,7 @@ Rules
 """
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
@@ -198,9 +198,10 @@ class Line:
 
     def send(self, data: bytes) -> None:
         """Send ``data`` from the host's end, behind what it still has to send."""
-        with self.changing() as now:
-            self.transcript.add(now, "host", data)
+        with self._changed:
+            self.transcript.add(self.sync(), "host", data)
             self._network.host_send(data)
+            self._tell()
 
     def send_break(self, duration_ns: Nanos) -> None:
         """Hold the line in the space state from the host's end."""
@@ -284,7 +285,7 @@ class Line:
             now = self._network.now_ns
             for station in self._stations:
                 if station.device.is_moving(now):
-                    _save_changed(station, now, durable=False)
+                    self._save_changed(station, now, durable=False)
 
     def close(self) -> None:
         """Save everything and let go of the storage.  Raises StateError if that fails."""
@@ -296,7 +297,7 @@ class Line:
                 if self._failure is None:
                     now = self.sync()
                     for station in self._stations:
-                        _save_changed(station, now, durable=True)
+                        self._save_changed(station, now, durable=True)
             finally:
                 self._storage.close()
                 if self._failure is None:
@@ -328,9 +329,7 @@ class Line:
         with self._changed:
             yield self.sync()
             self.sync()
-            self._changed.notify_all()
-            if self._on_change is not None:
-                self._on_change()
+            self._tell()
 
     def act(self, index: int, action: Callable[[Nanos], Sequence[Effect]]) -> None:
         """Have ``action`` do something to device ``index`` now, and perform its effects."""
@@ -344,27 +343,35 @@ class Line:
                 self._network.power_on(index)
             else:
                 self._network.power_off(index)
-                _save_changed(self._stations[index], now, durable=False)
+                self._save_changed(self._stations[index], now, durable=False)
+
+    def _tell(self) -> None:
+        """Something new may be due: tell those who wait for time or keep an alarm."""
+        self._changed.notify_all()
+        if self._on_change is not None:
+            self._on_change()
 
     def _perform(self, effects: Sequence[tuple[int, Store | Trace]]) -> None:
         for index, effect in effects:
             if isinstance(effect, Store):
-                try:
-                    self._stations[index].slot.save(dict(effect.cells), durable=effect.durable)
-                except StateError as error:
-                    self._failure = error
-                    raise
+                self._save(self._stations[index], dict(effect.cells), durable=effect.durable)
             else:
                 for subscriber in tuple(self._subscribers):
                     subscriber(self.twins[index], effect)
 
+    def _save_changed(self, station: Station, now: Nanos, *, durable: bool) -> None:
+        saved = station.slot.cells
+        cells = station.device.cells(now)
+        changed = {name: value for name, value in cells.items() if saved.get(name) != value}
+        if changed or durable:
+            self._save(station, changed, durable=durable)
 
-def _save_changed(station: Station, now: Nanos, *, durable: bool) -> None:
-    saved = station.slot.cells
-    cells = station.device.cells(now)
-    changed = {name: value for name, value in cells.items() if saved.get(name) != value}
-    if changed:
-        station.slot.save(changed, durable=durable)
+    def _save(self, station: Station, cells: Mapping[str, int], *, durable: bool) -> None:
+        try:
+            station.slot.save(cells, durable=durable)
+        except StateError as error:
+            self._failure = error
+            raise
 
 
 def _earliest(first: Nanos | None, second: Nanos | None) -> Nanos | None:

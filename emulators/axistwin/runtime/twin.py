@@ -117,7 +117,7 @@ class Twin:
     @property
     def state(self) -> str:
         """What it is doing now, such as ``at rest, powered``."""
-        return str(self.describe()["state"])
+        return str(self.describe()["state_text"])
 
     @property
     def is_moving(self) -> bool:

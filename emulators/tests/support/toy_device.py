@@ -130,7 +130,7 @@ class ToyDevice:
         """State, address and position."""
         state = "moving" if self.is_moving(now) else "at rest"
         return {
-            "state": state,
+            "state_text": state,
             "address": self.stored["address"],
             "supply_millivolts": self.supply_millivolts,
             "temperature_millidegrees": self.temperature_millidegrees,

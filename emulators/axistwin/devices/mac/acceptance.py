@@ -37,6 +37,27 @@ class State(IntEnum):
     DJ = 7
 
 
+STATE_TEXTS: Final = {
+    "off": "switched off",
+    "BT": "starting up, deaf",
+    "RI": "held in reset",
+    "OF": "at rest, unpowered",
+    "HD": "at rest, powered",
+    "PO": "moving to a position",
+    "VE": "moving at a velocity",
+    "IN": "executing segments",
+    "DJ": "fault, unpowered",
+    "AR": "synchronous mode armed",
+    "PL": "motion preloaded",
+}
+"""The states of ledger §4.1 in words; the last two stand beside another one."""
+
+
+def state_text(code: str) -> str:
+    """A state code such as ``HD+AR`` in words."""
+    return ", ".join(STATE_TEXTS[part] for part in code.split("+"))
+
+
 ALL: Final = tuple(State)
 MOVING: Final = (State.PO, State.VE, State.IN)
 AT_REST: Final = (State.OF, State.HD, State.AR, State.PL)

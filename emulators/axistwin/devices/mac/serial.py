@@ -25,7 +25,7 @@ Rules
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from axistwin.devices.mac.acceptance import INDEX_COUNT, SIGNIFICANT
+from axistwin.devices.mac.acceptance import INDEX_COUNT, SIGNIFICANT, state_text
 from axistwin.devices.mac.axis import Axis
 from axistwin.devices.mac.framing import (
     ADDRESS_MAX,
@@ -529,6 +529,7 @@ class MacSerial:
             "address": self.address,
             "baud": self._line_format.baud,
             "state": state,
+            "state_text": state_text(state),
             **self.axis.describe(now),
         }
 
