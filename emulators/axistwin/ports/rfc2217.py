@@ -17,7 +17,7 @@ from dataclasses import replace
 from serial import rfc2217
 
 from axistwin.ports.stream import Stream
-from axistwin.ports.tcp import TcpPort
+from axistwin.ports.tcp import TcpPort, TcpStream
 from axistwin.runtime.server import BACKLOG_MAX, Server
 from axistwin.wire.framing import PARITIES, LineFormat
 
@@ -42,14 +42,16 @@ class Rfc2217Port(TcpPort):
         self, server: Server, connection: socket.socket, on_end: Callable[[], None]
     ) -> Stream:
         """The stream of a new client, which starts with the devices' own rate and framing."""
-        return _Rfc2217Stream(server, connection.fileno(), on_end)
+        return _Rfc2217Stream(server, connection, on_end)
 
 
-class _Rfc2217Stream(Stream):
+class _Rfc2217Stream(TcpStream):
     """Data between the escapes of Telnet, and the settings within them."""
 
-    def __init__(self, server: Server, fd: int, on_end: Callable[[], None]) -> None:
-        super().__init__(server, fd, on_end)
+    def __init__(
+        self, server: Server, connection: socket.socket, on_end: Callable[[], None]
+    ) -> None:
+        super().__init__(server, connection, on_end)
         self.terminal = _Terminal(server, self._drop_unsent, self._admit)
         self._manager: rfc2217.PortManager | None = None
 

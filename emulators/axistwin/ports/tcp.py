@@ -17,8 +17,12 @@ from axistwin.runtime.server import Server
 CLIENTS_MAX = 32
 """Connections served at once; further ones are closed at once."""
 
-# Bounds what the kernel keeps for a client that does not read.
+# Bounds what the kernel keeps of a client that floods, and for one that does not read.
+_RECEIVE_BUFFER_BYTES = 16 * 1024
 _SEND_BUFFER_BYTES = 64 * 1024
+
+# First byte of struct tcp_info: the connection was reset.
+_TCP_CLOSE = 7
 _BACKLOG = 2 * CLIENTS_MAX
 
 _EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
@@ -48,6 +52,27 @@ def is_loopback(host: str) -> bool:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
         return host == "localhost"
+
+
+class TcpStream(Stream):
+    """The client at the other end of ``connection``."""
+
+    def __init__(
+        self, server: Server, connection: socket.socket, on_end: Callable[[], None]
+    ) -> None:
+        super().__init__(server, connection.fileno(), on_end)
+        self._connection = connection
+
+    def resume(self) -> None:
+        """Read again, unless the client has died meanwhile.
+
+        What the kernel still holds of a flood would keep the line busy for minutes then.
+        """
+        information = self._connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 1)
+        if information[0] == _TCP_CLOSE:
+            self._on_end()
+        else:
+            super().resume()
 
 
 class TcpPort:
@@ -82,6 +107,7 @@ class TcpPort:
             )[0]
             listener = socket.socket(family, kind, protocol)
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
             listener.bind(place)
             listener.listen(_BACKLOG)
         except OSError as error:
@@ -116,7 +142,7 @@ class TcpPort:
         self, server: Server, connection: socket.socket, on_end: Callable[[], None]
     ) -> Stream:
         """The stream of a new client."""
-        return Stream(server, connection.fileno(), on_end)
+        return TcpStream(server, connection, on_end)
 
     def _accept(self) -> None:
         assert self._listener is not None
