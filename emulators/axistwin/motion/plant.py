@@ -223,6 +223,13 @@ class Plant:
         """The real position, in whole increments."""
         return self._span_at(now_ns).position_at(now_ns)
 
+    def span_at(self, now_ns: Nanos) -> Span:
+        """The stretch of one closed formula in which ``now_ns`` lies.
+
+        Holds until its end, or until something happens to the shaft: for who asks often.
+        """
+        return self._span_at(now_ns)
+
     def set_point_at(self, now_ns: Nanos) -> int:
         """Where the shaft should be: its set-point; without one, where it is."""
         if self._set_point is None:

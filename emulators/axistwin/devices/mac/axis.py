@@ -521,11 +521,11 @@ class Axis:
 _Handler = Callable[[Axis, Nanos, int, Nanos], bool]
 
 _PARAMETERS: Final[dict[int, tuple[Setter, Callable[[Drive, Nanos], None]]]] = {
-    0x02: (Parameters.set_standby, Drive.apply_torque),
+    0x02: (Parameters.set_standby, Drive.torque_changed),
     0x03: (Parameters.set_stops, Drive.replan),
     0x09: (Parameters.set_superior_stop, Drive.replan),
     0x0A: (Parameters.set_inferior_stop, Drive.replan),
-    0x0C: (Parameters.set_torque, Drive.apply_torque),
+    0x0C: (Parameters.set_torque, Drive.torque_changed),
     0x0D: (Parameters.set_period, Drive.replan),
     0x0E: (Parameters.set_catch_up, Drive.apply_catch_up),
     0x0F: (Parameters.set_ramp, Drive.replan),

@@ -48,6 +48,7 @@ from axistwin.motion.ramp import (
     ramp_length,
     stop_pieces,
 )
+from axistwin.motion.spans import Span
 from axistwin.motion.trajectory import Piece, SetPoint, StepPhase
 
 CATCH_UP_TICKS: Final = 1600
@@ -69,12 +70,15 @@ class Drive:
         self._quirks = quirks
         self._values = values
         self._torque_max_nm = model.torque_max_nm
+        self._reads_encoder = quirks.position_source == "encoder"
         self._inertial = quirks.plant == "inertial"
         mechanics = Mechanics(model.increments_per_turn, model.rotor_inertia_kgcm2)
         self.plant = Plant(
             mechanics=mechanics if self._inertial else None,
             torque_nm=model.torque_max_nm,
         )
+        self._loaded = self._inertial
+        self._span: Span | None = None
         self._rules = RampRules(
             RampLaw(quirks.ramp_law),
             Rounding(quirks.period_rounding),
@@ -113,10 +117,12 @@ class Drive:
 
     def counter_at(self, now: Nanos) -> int:
         """The position counter (MACS-Q-20-01), from the encoder or the set-point (MACS-AMB-55)."""
-        plant = self.plant
-        if self._quirks.position_source == "encoder":
-            return self._fold(plant.position_at(now) + self._origin)
-        return self._fold(plant.set_point_at(now) + self._origin)
+        if not self._reads_encoder:
+            return self._fold(self.plant.set_point_at(now) + self._origin)
+        span = self._span
+        if span is None or (span.end_ns is not None and now >= span.end_ns):
+            span = self._span = self.plant.span_at(now)
+        return self._fold(span.position_at(now) + self._origin)
 
     def set_counter(self, now: Nanos, number: int) -> None:
         """Let the counter read ``number`` without moving the shaft (MACS-CMD-0B-01)."""
@@ -124,8 +130,8 @@ class Drive:
         self.counter_settled = True
 
     def _unfolded(self, now: Nanos) -> int:
-        encoder = self._quirks.position_source == "encoder"
-        shaft = self.plant.position_at(now) if encoder else self.plant.set_point_at(now)
+        plant = self.plant
+        shaft = plant.position_at(now) if self._reads_encoder else plant.set_point_at(now)
         return shaft + self._origin
 
     def _fold(self, number: int) -> int:
@@ -373,6 +379,7 @@ class Drive:
 
     def _plan(self, now: Nanos) -> None:
         """Find the next event, now that something has changed."""
+        self._span = None
         if self.kind is None:
             self._next = self.plant.rest_ns(now) if self._coasting else None
             return
@@ -500,7 +507,14 @@ class Drive:
 
     def apply_torque(self, now: Nanos) -> None:
         """Let the motor give what 0Ch and standby allow (MACS-CMD-0C-01, -19-01)."""
-        self.plant.set_torque(now, self.torque_nm)
+        if self._loaded:
+            self.plant.set_torque(now, self.torque_nm)
+            self._span = None
+
+    def torque_changed(self, now: Nanos) -> None:
+        """0Ch, 02h: effective at once (MACS-CMD-0C-03)."""
+        self.apply_torque(now)
+        self._plan(now)
 
     @property
     def torque_nm(self) -> Fraction:
@@ -518,6 +532,8 @@ class Drive:
 
     def set_load(self, now: Nanos, load: Load) -> None:
         """What hangs on the shaft."""
+        self._loaded = self._inertial or load != Load()
+        self.plant.set_torque(now, self.torque_nm)
         self.plant.set_load(now, load)
         self._plan(now)
 
@@ -541,4 +557,7 @@ class Drive:
 
     def is_moving(self, now: Nanos) -> bool:
         """Whether the counter changes by itself from ``now`` on."""
-        return self.kind is not None or self.plant.rest_ns(now) != now
+        if self.kind is not None:
+            return True
+        rest_ns = self.plant.rest_ns(now)
+        return rest_ns is not None and rest_ns > now
