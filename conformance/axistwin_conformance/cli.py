@@ -241,7 +241,7 @@ def _run(engine: Engine, is_json: bool, report: Path | None) -> int:
         else:
             console = report_terminal.make_console()
             face = stack.enter_context(
-                report_terminal.TerminalReport(console, engine.family.explain)
+                report_terminal.TerminalReport(console, engine.ledger, engine.family.explain)
             )
 
         def listen(event: Event) -> None:

@@ -129,7 +129,7 @@ class Engine:
                 self._run_checks(run)
                 self._last_words(run)
         except WrongDevice as error:
-            result.refusal = f"not a {self.options.model}: {error}"
+            result.refusal = str(error)
         except TargetError as error:
             result.refusal = f"device unreachable: {error}"
         except KeyboardInterrupt:

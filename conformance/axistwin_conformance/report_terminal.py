@@ -10,12 +10,14 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 
 from rich.console import Console
+from rich.padding import Padding
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
 from axistwin_conformance import events
 from axistwin_conformance.events import Outcome
+from axistwin_conformance.judgement import UNREACHABLE
 from axistwin_conformance.ledger import Ledger
 from axistwin_conformance.plan import Plan
 from axistwin_conformance.registry import Check
@@ -44,8 +46,9 @@ def make_console() -> Console:
 class TerminalReport:
     """Listens to a run and prints it; `explain` puts a wire record into words."""
 
-    def __init__(self, console: Console, explain: Callable[[Record], str]) -> None:
+    def __init__(self, console: Console, ledger: Ledger, explain: Callable[[Record], str]) -> None:
         self._console = console
+        self._ledger = ledger
         self._explain = explain
         self._progress = Progress(
             TextColumn("{task.description}"),
@@ -118,8 +121,9 @@ class TerminalReport:
 
     def _close(self, event: events.RunFinished) -> None:
         self._progress.stop()
-        if self._judged:
+        if event.exit_status != UNREACHABLE:
             self._verdict_table()
+            self._not_run()
         for failed in self._failed:
             self._failure(failed)
         self._print()
@@ -136,15 +140,30 @@ class TerminalReport:
         table.add_column("verdict", no_wrap=True)
         table.add_column("what is asked, and what came of it")
         table.add_column("checks", justify="right")
-        for one in self._judged:
+        shown = [one for one in self._judged if one.verdict is not Verdict.NOT_RUN]
+        for one in shown:
             words = Text(one.text)
             if one.reason:
                 words.append(f"\n→ {one.reason}", style=STYLE[one.verdict])
             table.add_row(
                 one.id, Text(one.verdict.value, STYLE[one.verdict]), words, str(len(one.checks))
             )
-        self._print()
-        self._console.print(table)
+        if shown:
+            self._print()
+            self._console.print(table)
+
+    def _not_run(self) -> None:
+        """What was not run, by reason: the reasons are few, the requirements many."""
+        reasons: dict[str, list[str]] = {}
+        for one in self._judged:
+            if one.verdict is Verdict.NOT_RUN:
+                reasons.setdefault(one.reason, []).append(one.id)
+        if reasons:
+            self._print()
+            self._print("Not run", style="bold")
+        for reason, names in reasons.items():
+            self._print(f"  {reason}")
+            self._console.print(Padding(" ".join(names), (0, 0, 0, 6)), style="dim")
 
     def _failure(self, event: events.CheckFinished) -> None:
         self._print()
@@ -160,10 +179,9 @@ class TerminalReport:
         self._print(f"   replay      {event.replay}")
 
     def _finding(self, one: Finding, told: str) -> None:
-        asked = next((judged.text for judged in self._judged if judged.id == one.requirement), "")
+        asked = self._ledger.requirements[one.requirement].text
         self._print(f"   {one.requirement}  {one.verdict.value}", style=STYLE[one.verdict])
-        if asked:
-            self._print(f"   asked       {asked}")
+        self._print(f"   asked       {asked}")
         if one.text and one.text != told:
             self._print(f"   remark      {one.text}")
         if one.expected:

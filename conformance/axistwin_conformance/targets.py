@@ -14,6 +14,8 @@ Trouble.  A port that is closed, vanished or does not take bytes raises `TargetE
 from __future__ import annotations
 
 import contextlib
+import errno
+import os
 import statistics
 import termios
 import time
@@ -224,4 +226,10 @@ def open_target(url: str, baud: int, *, is_builtin: bool = False) -> Target:
 
 
 def _one_line(error: BaseException) -> str:
+    """The reason without pyserial's wrapping, which names port and number twice."""
+    number = getattr(error, "errno", None)
+    if number in (errno.EAGAIN, errno.EBUSY):
+        return "it is in use by another program"
+    if number is not None:
+        return os.strerror(number)
     return " ".join(str(error).split()) or type(error).__name__

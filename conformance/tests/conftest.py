@@ -102,7 +102,7 @@ def _probe(session: Session) -> Identity:
     if not answer:
         raise TargetError("nothing answers")
     if answer != "q":
-        raise WrongDevice(f"it answers {answer!r} where a toy says 'q'")
+        raise WrongDevice(f"not a toy: it answers {answer!r} where a toy says 'q'")
     return Identity("a toy", {"release": "1"})
 
 

@@ -19,6 +19,7 @@ from axistwin_conformance import engine as engine_module
 from axistwin_conformance import registry
 from axistwin_conformance.cli import conform, make_options, parse_allowed
 from axistwin_conformance.engine import Engine
+from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.report_terminal import TerminalReport
 from axistwin_conformance.session import Session
 from axistwin_conformance.targets import Target
@@ -87,7 +88,7 @@ def test_a_port_gets_passive_tests_only_unless_more_is_allowed(bench: Any) -> No
     assert result.exit_code == 0
     assert bench.opened == [("/dev/ttyX", 4800, False)]
     assert bench.port.sent.count("M") == 0
-    assert "not allowed: motion (--allow motion)" in result.output
+    assert "  not allowed: motion (--allow motion)\n      MACS-CMD-13-01" in result.output
     run("toy", "--port", "/dev/ttyX", "--allow", "motion")
     assert bench.port.sent.count("M") == 1
 
@@ -155,6 +156,7 @@ def test_a_silent_device_exits_3(bench: Any) -> None:
     result = run("toy")
     assert result.exit_code == 3
     assert "Not judged: device unreachable: nothing answers." in result.output
+    assert "MACS-" not in result.output, "a table of what was not run would bury the reason"
 
 
 def test_an_unsettled_run_exits_4(bench: Any) -> None:
@@ -257,7 +259,7 @@ def test_on_a_terminal_a_bar_runs_and_passes_are_not_told_one_by_one(bench: Any)
     bench.add(fails, FRAME)
     out = io.StringIO()
     console = Console(file=out, force_terminal=True, width=100, color_system=None)
-    with TerminalReport(console, bench.family.explain) as report:
+    with TerminalReport(console, load_ledger("mac_serial"), bench.family.explain) as report:
         Engine(make_options(model="toy")).run(report)
     shown = out.getvalue()
     assert "2/3" in shown

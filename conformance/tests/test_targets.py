@@ -192,7 +192,7 @@ def test_a_port_that_cannot_be_opened_says_so_in_one_line(url: str) -> None:
 def test_a_port_is_not_shared(master_and_name: tuple[int, str]) -> None:
     """A second program on the port would spoil every verdict."""
     first = open_target(master_and_name[1], 38400)
-    with pytest.raises(TargetError, match="cannot open"):
+    with pytest.raises(TargetError, match="in use by another program"):
         open_target(master_and_name[1], 38400)
     first.close()
     assert isinstance(first, Target)
