@@ -1,6 +1,6 @@
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import pytest
 from toy_device import LATENCY_NS, ToyDevice
@@ -368,3 +368,36 @@ def test_another_thread_can_wake_a_waiting_one_and_feed_it() -> None:
         assert not waiter.is_alive()
     assert len(results) == 2
     assert line.receive() == b"K"
+
+
+def test_many_threads_may_use_one_line_at_once() -> None:
+    """Looking, setting inputs and supply, and exchanging do not disturb one another."""
+    line, toy = paced_line(speed=100.0)
+    twin = line.twins[0]
+    failures: list[BaseException] = []
+    stop = threading.Event()
+
+    def repeat(action: Callable[[], object]) -> None:
+        try:
+            while not stop.is_set():
+                action()
+        except BaseException as error:
+            failures.append(error)
+
+    def set_input() -> None:
+        twin.inputs.reference = not twin.inputs.reference
+
+    actions = [set_input, lambda: twin.position, lambda: twin.push(1), line.save_moving]
+    threads = [threading.Thread(target=repeat, args=(action,)) for action in actions]
+    for thread in threads:
+        thread.start()
+    for number in range(1, 101):
+        line.send(b"W")
+        line.wait(line.sync() + 100 * NS_PER_S)
+        assert line.receive() == b"K"
+        assert twin.cells["writes"] == number
+    stop.set()
+    for thread in threads:
+        thread.join(5)
+    assert not failures
+    assert toy.stored["position"] > 0

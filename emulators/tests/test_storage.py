@@ -3,8 +3,11 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from axistwin.errors import StateError
 from axistwin.memory.record import ENTRY_SIZE, Record, encode
@@ -84,6 +87,37 @@ def test_live_cells_too_big_for_an_entry_become_a_record(folder: Path) -> None:
     storage.slot("mac23-0", "mac23").save(many, durable=False)
     storage.close()
     assert reopened(folder) == {**CELLS, "position": 20, **many}
+
+
+steps = st.one_of(
+    st.just("restart"),
+    st.tuples(
+        st.dictionaries(st.sampled_from("abc"), st.integers(0, 3), min_size=1), st.booleans()
+    ),
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(steps, max_size=12))
+def test_whatever_is_written_in_whatever_way_is_found_again(
+    tmp_path_factory: pytest.TempPathFactory, history: list[Any]
+) -> None:
+    """After any mix of durable and live writes and restarts every cell has its last value."""
+    folder = tmp_path_factory.mktemp("state")
+    storage = Storage(folder)
+    slot = storage.slot("x", "mac23")
+    expected: dict[str, int] = {}
+    for step in [*history, "restart"]:
+        if step == "restart":
+            storage.close()
+            storage = Storage(folder)
+            slot = storage.slot("x", "mac23")
+        else:
+            cells, durable = step
+            slot.save(cells, durable=durable)
+            expected.update(cells)
+        assert slot.cells == expected
+    storage.close()
 
 
 def test_a_durable_write_is_synchronised_renamed_and_synchronised_in_this_order(

@@ -170,7 +170,7 @@ class Line:
                 elif due is None:
                     return now
                 else:
-                    self.clock.advance_to(due)
+                    self.clock.advance_to(max(due, now + 1))  # an event may be expected too early
 
     def wake(self) -> None:
         """Make every ``wait`` under way return; from any thread."""
