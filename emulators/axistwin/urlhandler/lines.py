@@ -7,7 +7,6 @@
 - Any other line belongs to one port object, which may be closed and opened as often as it likes.
 """
 
-import math
 import threading
 import weakref
 from pathlib import Path
@@ -36,7 +35,7 @@ class OpenLine:
 
     def span_ns(self, seconds: float) -> Nanos:
         """``seconds`` of the host's own time in the line's time."""
-        return math.ceil(seconds * (self.options.speed or 1.0) * NS_PER_S)
+        return round(seconds * (self.options.speed or 1.0) * NS_PER_S)
 
     def close(self) -> None:
         """Switch the twins off and keep what they keep; twice is once.  Raises StateError."""

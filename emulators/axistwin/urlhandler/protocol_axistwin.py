@@ -6,8 +6,8 @@ Time
 ----
 - Virtual: time passes only while the client waits.  ``read`` moves it to the arrival of the bytes
   asked for or to the time-out, ``flush`` and ``send_break`` to their end, ``write`` only when the
-  output buffer is full.  A poll that finds nothing (``in_waiting``, ``read`` with ``timeout=0``)
-  takes one byte time, and so does ``out_waiting`` while there is something to send: loops end.
+  output buffer is full.  A look at ``in_waiting`` takes one byte time, and so do a ``read`` with
+  ``timeout=0`` that finds nothing and ``out_waiting`` while there is something to send: loops end.
 - Real and scaled: the same calls sleep.  Time-outs are the client's own seconds, as on a pty.
 - Nothing runs in the background; the line catches up whenever somebody looks at it.
 
@@ -174,8 +174,7 @@ class Serial(SerialBase):
     def in_waiting(self) -> int:
         """How many bytes can be read at once."""
         self._opened()
-        if not self._available():
-            self._pass_poll()
+        self._pass_poll()  # also when there are some: a loop may wait for more
         return self._available()
 
     @_clear_errors
@@ -443,7 +442,7 @@ class Serial(SerialBase):
         return None if timeout_s is None else self.line.sync() + self._span_ns(timeout_s)
 
     def _pass_poll(self) -> None:
-        """A poll in vain takes one byte time, if nothing else makes time pass."""
+        """A poll takes one byte time, where nothing else makes time pass."""
         if self.line.is_virtual:
             self.line.advance(self.line.host_format.span_ns(1))
 
