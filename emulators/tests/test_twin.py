@@ -137,7 +137,7 @@ def test_a_bad_load_is_refused_in_one_line(rig: Rig) -> None:
 def test_a_shaft_can_be_turned_by_hand(rig: Rig) -> None:
     """By whole increments."""
     rig.twin.push(-7)
-    assert rig.twin.position == -7
+    assert rig.twin.position == rig.slot.cells["position"] == -7
     with pytest.raises(UsageError, match=r"push 0\.5 is no number of increments"):
         rig.twin.push(0.5)  # type: ignore[arg-type]
 

@@ -335,6 +335,7 @@ class Line:
         """Have ``action`` do something to device ``index`` now, and perform its effects."""
         with self.changing() as now:
             self._network.perform(index, action(now))
+            self._save_changed(self._stations[index], now, durable=False)  # a hand moves shafts
 
     def set_power(self, index: int, on: bool) -> None:
         """Apply or cut the supply of device ``index`` now; what it kept by itself is on disk."""
