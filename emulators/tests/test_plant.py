@@ -126,6 +126,27 @@ def test_a_new_catch_up_speed_applies_from_the_next_increment() -> None:
     assert shaft.position_at(105 * MS) == 4
 
 
+def test_a_new_target_in_catch_up_begins_its_step_anew() -> None:
+    """The target behind instead of ahead: the first step back a whole period later."""
+    motion = move(100)
+    shaft = plant()
+    run_move(shaft, motion)
+    shaft.push(20 * MS, -5)
+    shaft.replace(20 * MS + 250_000, motion.trajectory, 90)
+    assert shaft.position_at(20 * MS + 450_000 - 1) == 96
+    assert shaft.position_at(20 * MS + 450_000) == 95
+    assert shaft.rest_ns(20 * MS + 250_000) == 20 * MS + 250_000 + 6 * 200_000
+
+
+def test_a_shaft_pushed_while_it_brakes_rests_as_much_further() -> None:
+    """The push adds to the way of the brake."""
+    shaft = plant()
+    shaft.follow(0, endless().trajectory)
+    shaft.brake(10 * MS, 20)
+    shaft.push(11 * MS, 7)
+    assert shaft.position_at(10**12) == 127
+
+
 def test_velocity_mode_does_not_make_up_its_lag() -> None:
     """§5.5: without a target the lag stays for ever, busy only while held."""
     shaft = plant()
@@ -415,17 +436,90 @@ def test_a_drive_without_torque_does_not_turn_an_inertial_shaft() -> None:
     assert shaft.position_at(2 * 10**12) == 10
 
 
-def test_a_held_inertial_shaft_stands_and_starts_from_rest() -> None:
+@pytest.mark.parametrize("load", [HELD, Load(torque_nm=2)])
+def test_a_held_inertial_shaft_stands_and_starts_from_rest(load: Load) -> None:
     """Held in full speed it stands at once; free again it needs √(2n/a) like any start."""
     shaft = plant(MAC23)
     shaft.follow(0, endless(200).trajectory)
-    shaft.set_load(100 * MS, HELD)
+    shaft.set_load(100 * MS, load)
     position = shaft.position_at(100 * MS)
     assert shaft.position_at(200 * MS) == position
     shaft.set_load(200 * MS, FREE)
     first_ns = shaft.reach_ns(position + 1, 200 * MS)
     assert first_ns is not None
     assert abs(first_ns - 200 * MS - isqrt(2 * 10**18 // int(RATE))) <= 2
+
+
+def test_a_new_motion_takes_a_braking_shaft_over_between_two_increments() -> None:
+    """A nanosecond before a step the shaft brakes; the new motion lets it make that step."""
+    shaft = plant(MAC23)
+    shaft.follow(0, endless(200).trajectory)
+    shaft.brake(100 * MS)
+    position = shaft.position_at(101 * MS)
+    due_ns = shaft.reach_ns(position + 1, 101 * MS)
+    assert due_ns is not None
+    motion = RampedMotion.endless(due_ns - 1, 1, Ramp(200, 0))
+    shaft.follow(due_ns - 1, motion.trajectory)
+    assert shaft.reach_ns(position + 1, due_ns - 1) == due_ns
+
+
+def segments(*parts: tuple[int, int], load: tuple[int, int] | None = None) -> tuple[Plant, int]:
+    """An inertial shaft on segments (steps, period) from time 0, and the end of the last.
+
+    ``load``: held from, held until.
+    """
+    interpolator, shaft = Interpolator(), plant(MAC23)
+    shaft.follow(0, interpolator)
+    for steps, period_ticks in parts:
+        assert interpolator.offer(0, Segment(steps, period_ticks))
+    if load is not None:
+        shaft.set_load(load[0], HELD)
+        shaft.set_load(load[1], FREE)
+    return shaft, interpolator.end_ns
+
+
+def test_a_shaft_turns_where_it_meets_its_set_point_coming_back() -> None:
+    """79 behind at 40 000 inc/s when the set-point turns: they meet, and both go back to 0."""
+    shaft, end_ns = segments((200, 200), (-200, 200))
+    turn_ns = 5 * MS
+    lag, speed = Fraction(40_000**2) / (2 * RATE), 40_000
+    # lag = 2·v·t - a·t²/2
+    meeting_s = (2 * speed - (4 * speed**2 - 2 * float(RATE * lag)) ** 0.5) / float(RATE)
+    highest = round(200 - speed * meeting_s)
+    meeting_ns = turn_ns + round(meeting_s * 1e9)
+    assert shaft.position_at(meeting_ns) == highest
+    assert shaft.reach_ns(highest + 1, 0) is None
+    back_ns = shaft.reach_ns(highest - 1, meeting_ns)
+    assert back_ns is not None
+    assert back_ns - meeting_ns < isqrt(4 * 10**18 // int(RATE))
+    assert shaft.position_at(end_ns + 100 * MS) == 0
+
+
+def test_a_shaft_ahead_of_its_set_point_slows_down_with_it() -> None:
+    """Held on the way out and freed on the way back it is ahead: no way is left to make good."""
+    shaft, end_ns = segments((200, 200), (-200, 200), load=(1 * MS, 7 * MS))
+    assert shaft.rest_ns(7 * MS) == end_ns
+    made = shaft.position_at(7 * MS) - shaft.position_at(end_ns)
+    # It gained speed for the 3 ms that were left, and stopped with its set-point.
+    assert made == round(RATE * 3**2 / (2 * 1000**2))
+
+
+def test_a_shaft_that_has_come_up_to_its_set_point_makes_its_very_steps() -> None:
+    """Slowing down from 40 000 to 1000 inc/s makes the whole lag good; then step is step."""
+    shaft, _ = segments((100, 800), (300, 200), (20, 8000))
+    slow_ns = 10 * MS + 7_500_000
+    for n in range(410, 421):
+        assert shaft.reach_ns(n, 0) == slow_ns + (n - 400) * MS
+
+
+def test_a_shaft_on_its_set_point_turns_from_rest() -> None:
+    """Turning costs the way of speeding up: v/2a later at the first step back."""
+    shaft, _ = segments((100, 800), (300, 200), (20, 8000), (-20, 8000))
+    turn_ns = 10 * MS + 7_500_000 + 20 * MS
+    first_ns = shaft.reach_ns(419, turn_ns)
+    assert first_ns is not None
+    late_ns = first_ns - turn_ns - MS
+    assert abs(late_ns - 1000 * 10**9 / (2 * int(RATE))) < 10
 
 
 def test_a_long_inertial_run_keeps_its_numbers_small() -> None:
