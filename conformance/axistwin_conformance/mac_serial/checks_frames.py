@@ -136,15 +136,17 @@ def every_other_checksum_is_nacked(session: Session) -> None:
 
 @check("MACS-FRAME-03", "MACS-FRAME-04")
 def digits_are_read_in_upper_case(session: Session) -> None:
-    """Letters of a frame in lower case are read like upper case, or refused as malformed."""
+    """Letters of a frame in lower case are refused as no digits, or read like upper case."""
     bench = Bench(session)
     upper = bench.frame(0x28, 0x0000000A, 0xAF)
     expected = bench.must(Kind.ANSWER, bench.send(upper), "MACS-FRAME-03").reply.data
     reply = bench.send(upper.in_lower_case(), QUIET_S).reply
     if reply.kind is Kind.ANSWER:
-        outcome: int | str = 0 if reply.data == expected else f"another answer: {reply}"
+        outcome: int | str = 1 if reply.data == expected else f"another answer: {reply}"
+    elif reply.kind in (Kind.REFUSED, Kind.SILENCE, Kind.NACK):
+        outcome = 0
     else:
-        outcome = 1
+        outcome = str(reply)
     bench.reading("lowercase_hex", outcome, "MACS-FRAME-04")
     bench.alive("MACS-FRAME-03")
 

@@ -1,1 +1,119 @@
-"""placeholder"""
+"""Long mixed sequences against the exact model: what single properties do not meet."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from hypothesis import HealthCheck, Phase, given, seed, settings
+from hypothesis import strategies as st
+from hypothesis.errors import FlakyFailure
+
+from axistwin_conformance.mac_serial.bench import Bench
+from axistwin_conformance.mac_serial.checks_interpolation import fifo_depth
+from axistwin_conformance.mac_serial.checks_motion import MOVES, learn_ramp_law, learnt
+from axistwin_conformance.mac_serial.checks_velocity import learn_change_law
+from axistwin_conformance.mac_serial.forecast import Forecast
+from axistwin_conformance.mac_serial.model import AxisModel
+from axistwin_conformance.mac_serial.sequences import (
+    BLAME,
+    BLAME_MODE,
+    BLAME_OTHERWISE,
+    BYTES_PER_OPERATION,
+    Mismatch,
+    begin,
+    read_parameters,
+)
+from axistwin_conformance.registry import check
+from axistwin_conformance.session import Session
+
+OPERATIONS_MOST: Final = 40
+EXAMPLES: Final = {"quick": 40, "full": 300}
+REAL_EXAMPLES: Final = {"quick": 2, "full": 10}
+REAL_OPERATIONS: Final = 40
+
+JUDGED: Final = tuple(
+    dict.fromkeys(
+        [*BLAME.values(), *BLAME_MODE.values(), BLAME_OTHERWISE, "MACS-Q-XX-01", "MACS-REPLY-02",
+         "MACS-FRAME-07"]
+    )
+)  # fmt: skip
+
+
+@check(*JUDGED, safety=MOVES)
+def some_mixed_sequences_agree_with_the_model(session: Session) -> None:
+    """Every reply of a few random sequences is one that the model admits."""
+    _play(session, "quick")
+
+
+@check(*JUDGED, safety=MOVES, level="full")
+def many_mixed_sequences_agree_with_the_model(session: Session) -> None:
+    """Every reply of many random sequences is one that the model admits."""
+    _play(session, "full")
+
+
+def _play(session: Session, level: str) -> None:
+    bench = learnt(session)
+    bench.known("ramp_law", learn_ramp_law)
+    bench.known("vel_change_law", learn_change_law)
+    bench.known("fifo_counts_executing", fifo_depth)
+    home = bench.ready()
+    try:
+        if session.target.is_virtual:
+            _search(bench, home, EXAMPLES[level])
+        else:
+            for _ in range(REAL_EXAMPLES[level]):
+                _one(bench, home, session.random.randbytes(REAL_OPERATIONS * BYTES_PER_OPERATION))
+    except Mismatch as mismatch:
+        for line in mismatch.story:
+            session.note(line)
+        session.fail(
+            mismatch.requirement,
+            mismatch.expected,
+            mismatch.actual,
+            "after: " + "; ".join(mismatch.story),
+        )
+    session.expect(True, None, "", "")
+
+
+def _search(bench: Bench, home: int, examples: int) -> None:
+    """Let Hypothesis draw and shrink; virtual time costs next to nothing."""
+    first: list[Mismatch] = []
+
+    @seed(bench.session.random.getrandbits(32))
+    @settings(
+        max_examples=examples,
+        database=None,
+        deadline=None,
+        phases=(Phase.generate, Phase.shrink),
+        suppress_health_check=list(HealthCheck),
+        print_blob=False,
+        report_multiple_bugs=False,
+    )
+    @given(st.binary(max_size=OPERATIONS_MOST * BYTES_PER_OPERATION))
+    def example(data: bytes) -> None:
+        try:
+            _one(bench, home, data)
+        except Mismatch as mismatch:
+            first.append(mismatch)
+            raise
+
+    try:
+        example()
+    except FlakyFailure:
+        raise first[0] from None
+
+
+def _one(bench: Bench, home: int, data: bytes) -> None:
+    for index, parameter in ((0x09, 0x3FFFFFFF), (0x0A, 0xC0000000), (0x0E, 0x0500), (0x0C, 0x40)):
+        bench.command(index, parameter)
+    begin(bench, home, _model).play(data)
+
+
+def _model(bench: Bench) -> AxisModel:
+    ledger, seen = bench.session.run.ledger, bench.session.readings
+    readings = {
+        switch: ledger.ambiguity_of(switch).switches[switch].index(reading)
+        for switch, reading in seen.items()
+        if reading in ledger.ambiguity_of(switch).switches[switch]
+    }
+    return AxisModel(read_parameters(bench), Forecast.rest(0), readings, bench.law)

@@ -229,15 +229,14 @@ def guard(session: Session, data: bytes) -> str | None:
 
 
 def _indices(data: bytes) -> list[int]:
-    """Every index that a module could make out in these bytes."""
+    """The index of every whole frame in these bytes, whatever its checksum."""
     found = []
-    for at, byte in enumerate(data):
-        index = data[at + 6 : at + 8]
-        if byte == codec.STX and len(index) == 2:
-            try:
-                found.append(int(index.decode("ascii"), 16))
-            except ValueError:
-                continue
+    for at in range(len(data) - codec.REQUEST_BYTES + 1):
+        frame = data[at : at + codec.REQUEST_BYTES]
+        digits = frame[6:8].decode("latin-1")
+        is_whole = frame[0] == codec.STX and frame[1:4] == b"014" and frame[20] == codec.ETX
+        if is_whole and set(digits) <= set("0123456789ABCDEFabcdef"):
+            found.append(int(digits, 16))
     return found
 
 

@@ -83,7 +83,8 @@ class Timeline:
 
     `mode`: "HD" at rest, "PO", "VE" or "IN".  `course` belongs to PO and VE.  `segments`: of IN the
     row being executed, of PO and VE what waits for the axis to come to rest (MACS-AMB-31).
-    `stops`: the software stops (inferior, superior) if enabled.
+    `stops`: the software stops (inferior, superior) if enabled.  `ff`: what 21h told of stops
+    before this motion.
     """
 
     mode: str
@@ -93,6 +94,7 @@ class Timeline:
     course: Course | None = None
     segments: tuple[Segment, ...] = ()
     stops: tuple[int, int] | None = None
+    ff: int = 0
 
     @cached_property
     def legs(self) -> tuple[Leg, ...]:
@@ -182,7 +184,13 @@ class Timeline:
 
     def at_rest(self, now_ns: int) -> Timeline:
         """This history, abandoned now: at rest where the axis is, everything dropped."""
-        return Timeline("HD", self.position_at(now_ns), now_ns, stops=self.stops)
+        return Timeline("HD", self.position_at(now_ns), ff=self.stopped_on(now_ns))
+
+    def stopped_on(self, now_ns: int) -> int:
+        """The byte ff of 21h: bit 1 superior, bit 0 inferior software stop (§5.9)."""
+        if self.mode == "HD" or self.is_running(now_ns):
+            return self.ff
+        return self.ff | {1: 0x02, -1: 0x01, 0: 0}[self.hit]
 
 
 @dataclass(frozen=True)

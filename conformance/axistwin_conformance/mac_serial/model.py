@@ -1,0 +1,295 @@
+"""An exact model of the module: for every state and command the set of admissible outcomes.
+
+The model keeps what the module keeps (parameters, the synchronous mode) and a `Forecast` of the
+motion.  When a command may have been taken over before or after the end of a motion, both replies
+are admissible; the one that comes tells the model which history is true, and the others are
+dropped.  So every reply is judged against everything heard before it.
+
+The readings of ambiguities that the device has shown are an argument: the model holds the device to
+them for the whole sequence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+from axistwin_conformance.mac_serial import codec
+from axistwin_conformance.mac_serial.acceptance import ACCEPTANCE, outcome_of
+from axistwin_conformance.mac_serial.codec import Kind
+from axistwin_conformance.mac_serial.forecast import (
+    ROUNDINGS,
+    Forecast,
+    Segment,
+    Timeline,
+    Window,
+)
+from axistwin_conformance.mac_serial.motion import Course, Law
+
+FIFO_STAGES: Final = 3
+TARGET_EDGE: Final = 0x40000000
+MOTIONS: Final = (0x13, 0x14, 0x15)
+SEGMENTS: Final = (0x16, 0x1E)
+DROPPING: Final = (0x17, 0x18, 0x1A)
+REINITIALISE: Final = 0x00
+
+
+@dataclass(slots=True)
+class Parameters:
+    """The stored parameters as the queries show them."""
+
+    superior: int
+    inferior: int
+    catch_up: int
+    period: int
+    coefficient: int
+    torque: int
+    standby: int
+    stops: int
+    tolerance: int
+    imax: int
+
+    def answer(self, index: int) -> int:
+        """The data of queries 22h, 23h, 25h, 26h (§5.9)."""
+        return {
+            0x22: self.superior & 0xFFFFFFFF,
+            0x23: self.inferior & 0xFFFFFFFF,
+            0x25: self.catch_up << 24 | self.period,
+            0x26: self.coefficient << 24
+            | self.torque << 16
+            | self.standby << 12
+            | self.stops << 8
+            | self.tolerance,
+        }[index]
+
+    @property
+    def limits(self) -> tuple[int, int] | None:
+        """The software stops, if enabled (MACS-CMD-03-01)."""
+        return (self.inferior, self.superior) if self.stops & 8 else None
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """A parameter command: what it takes, and where it goes."""
+
+    name: str
+    value: Callable[[int], int]
+    is_valid: Callable[[int, Parameters], bool] = lambda value, parameters: True
+
+
+# The readings "refuse" of AMB-10, -46, -60 are the defaults; a device that shows another one is
+# not asked for such values (see `Readings.is_plain`).
+SETTINGS: Final[Mapping[int, Setting]] = {
+    0x02: Setting("standby", lambda p: p & 0xFF, lambda value, _: value in (0, 1)),
+    0x03: Setting("stops", lambda p: p & 0xFF, lambda value, _: value in (0, 1, 8, 9)),
+    0x09: Setting("superior", lambda p: codec.signed(p & 0xFFFFFFFF)),
+    0x0A: Setting("inferior", lambda p: codec.signed(p & 0xFFFFFFFF)),
+    0x0C: Setting("torque", lambda p: p & 0xFF, lambda value, one: value <= one.imax),
+    0x0D: Setting("period", lambda p: p & 0xFFFF, lambda value, _: value > 0),
+    0x0E: Setting("catch_up", lambda p: p >> 8 & 0xFF),
+    0x0F: Setting("coefficient", lambda p: p & 0xFF),
+    0x1C: Setting("tolerance", lambda p: p & 0xFF),
+}
+
+Readings = Mapping[str, int]  # switch → the number of its reading, 0 the default
+
+
+@dataclass
+class AxisModel:
+    """What is known of one module; `forecast` bounds where its axis is."""
+
+    parameters: Parameters
+    forecast: Forecast
+    readings: Readings = field(default_factory=dict)
+    law: Law = field(default_factory=Law)
+    is_armed: bool = False
+    preloaded: int | None = None  # index of the motion held back
+    preload_parameter: int = 0
+
+    # --- what may be said -------------------------------------------------------------------------
+
+    def states(self, window: Window) -> frozenset[str]:
+        """The states of the acceptance table the module may be in."""
+        return frozenset(self._state(mode) for mode in self.forecast.modes(window))
+
+    def _state(self, mode: str) -> str:
+        if mode != "HD":
+            return mode
+        return "PL" if self.preloaded is not None else "AR" if self.is_armed else "HD"
+
+    def outcomes(self, index: int, parameter: int, window: Window) -> dict[Kind, Forecast]:
+        """Every admissible reply to a command taken over in the window, with what follows."""
+        branches: dict[Kind, list[Timeline]] = {}
+        for timeline in self.forecast.timelines:
+            for edge in window.edges:
+                kind, successors = self._branch(timeline, edge, index, parameter)
+                branches.setdefault(kind, []).extend(successors)
+        return {kind: Forecast.of(timelines) for kind, timelines in branches.items()}
+
+    def _branch(
+        self, timeline: Timeline, edge: int, index: int, parameter: int
+    ) -> tuple[Kind, list[Timeline]]:
+        mode = timeline.mode_at(edge)
+        now = timeline if mode != "HD" else timeline.at_rest(edge)
+        kind = self._reply(now, edge, index, parameter, self._state(mode))
+        if kind is not Kind.ACCEPTED:
+            return kind, [now]
+        return kind, self._effect(now, edge, index, parameter)
+
+    def _reply(self, now: Timeline, edge: int, index: int, parameter: int, state: str) -> Kind:
+        content = ACCEPTANCE[index].cell(state)
+        for other, (switch, number) in ACCEPTANCE[index].readings(state).items():
+            if self.readings.get(switch) == number:
+                content = other
+        if content == "R":
+            return Kind.REFUSED
+        if index in SETTINGS:
+            setting = SETTINGS[index]
+            if not setting.is_valid(setting.value(parameter), self.parameters):
+                return Kind.REFUSED
+        if index in SEGMENTS and not parameter & 0xFFFF:
+            return Kind.REFUSED
+        if index in SEGMENTS and self._is_full(now, edge):
+            return Kind.REFUSED
+        if index == 0x13 and not -TARGET_EDGE <= codec.signed(parameter) < TARGET_EDGE:
+            return Kind.REFUSED
+        if index == 0x07 and parameter & 0xFF > 1:
+            return Kind.REFUSED
+        return outcome_of(content)
+
+    def _is_full(self, now: Timeline, edge: int) -> bool:
+        mode = now.mode_at(edge)
+        if mode == "HD":
+            return False
+        executing = int(mode == "IN" and self.readings.get("fifo_counts_executing") == 1)
+        return now.waiting(edge) + executing >= FIFO_STAGES
+
+    # --- what then happens to the axis ------------------------------------------------------------
+
+    def _effect(self, now: Timeline, edge: int, index: int, parameter: int) -> list[Timeline]:
+        is_resting = now.mode_at(edge) == "HD"
+        if index in MOTIONS and is_resting and self.is_armed:
+            return [now, replace(now, ff=0)]  # accepted now, or when 11h comes: ff may stay so long
+        if index in MOTIONS:
+            return self._motion(now, edge, index, parameter, is_resting)
+        if index in SEGMENTS:
+            return [self._segment(now, index, parameter, edge, is_resting)]
+        if index == 0x11 and is_resting and self.preloaded is not None:
+            return self._start(now, edge, self.preloaded, self.preload_parameter)
+        if index == 0x17:
+            return list(Forecast((now,)).stopped(Window(edge, edge)).timelines)
+        if index in (0x18, 0x1A, REINITIALISE):
+            rest = now.at_rest(edge)
+            return [replace(rest, ff=0) if index == REINITIALISE else rest]
+        if index == 0x0B:
+            return [replace(now, origin=now.origin - now.position_at(edge))]
+        return [now]
+
+    def _motion(
+        self, now: Timeline, edge: int, index: int, parameter: int, is_resting: bool
+    ) -> list[Timeline]:
+        if is_resting:
+            return self._start(now, edge, index, parameter)
+        # Only 15h gets here: 13h and 14h are refused while running.
+        instant = Window(edge, edge)
+        period = parameter & 0xFFFF
+        course = Forecast((now,))
+        return list(
+            (course.changed(instant, period) if period else course.stopped(instant)).timelines
+        )
+
+    def _start(self, now: Timeline, edge: int, index: int, parameter: int) -> list[Timeline]:
+        one = self.parameters
+        origin = now.position_at(edge)
+        if index == 0x15:
+            period = parameter & 0xFFFF
+            if not period:
+                return [now, replace(now, ff=0)]
+            direction = -1 if parameter >> 16 & 0xFF == 0xF6 else 1
+            courses = [
+                Course.endless(period, one.coefficient, replace(self.law, rounding=rounding))
+                for rounding in ROUNDINGS
+            ]
+        else:
+            target = 0 if index == 0x14 else codec.signed(parameter)
+            direction = (target > origin) - (target < origin)
+            courses = [
+                Course.to_position(
+                    abs(target - origin),
+                    one.period,
+                    one.coefficient,
+                    replace(self.law, rounding=rounding),
+                )
+                for rounding in ROUNDINGS
+            ]
+        mode = "VE" if index == 0x15 else "PO"
+        return [
+            Timeline(mode, origin, edge, direction, course, stops=one.limits) for course in courses
+        ]
+
+    def _segment(
+        self, now: Timeline, index: int, parameter: int, edge: int, is_resting: bool
+    ) -> Timeline:
+        steps = codec.signed(parameter >> 16, 16)
+        one = Segment(steps, parameter & 0xFFFF, moves=index == 0x16)
+        if is_resting:
+            origin = now.position_at(edge)
+            return Timeline("IN", origin, edge, segments=(one,), stops=self.parameters.limits)
+        return replace(now, segments=(*now.segments, one))
+
+    # --- learning ---------------------------------------------------------------------------------
+
+    def learn(self, index: int, parameter: int, kind: Kind, after: Forecast) -> None:
+        """Take over that the command got this (admissible) reply."""
+        was_resting = all(one.mode == "HD" for one in after.timelines)
+        self.forecast = after
+        if kind is not Kind.ACCEPTED:
+            return
+        if index in SETTINGS:
+            setting = SETTINGS[index]
+            setattr(self.parameters, setting.name, setting.value(parameter))
+        elif index == 0x10:
+            self.is_armed = True
+        elif index in MOTIONS and self.is_armed and was_resting:
+            self.preloaded, self.preload_parameter = index, parameter
+        elif (
+            index in DROPPING
+            or index == REINITIALISE
+            or (index == 0x11 and self.preloaded is not None)
+        ):
+            self.is_armed, self.preloaded = False, None
+
+    def bounds(self, window: Window) -> tuple[int, int]:
+        """The admissible counter readings."""
+        return self.forecast.bounds(window)
+
+    def learn_position(self, position: int, window: Window) -> None:
+        """An axis surely at rest is where it says, if that was admissible."""
+        if self.forecast.modes(window) == {"HD"}:
+            ff = {timeline.stopped_on(window.latest_ns) for timeline in self.forecast.timelines}
+            self.forecast = Forecast.of(Timeline("HD", position, ff=bits) for bits in ff)
+
+    def stopped_on(self, window: Window) -> frozenset[int]:
+        """The admissible values of ff."""
+        return frozenset(
+            timeline.stopped_on(edge)
+            for timeline in self.forecast.timelines
+            for edge in window.edges
+        )
+
+    def busy(self, window: Window) -> frozenset[bool]:
+        """The admissible values of busy (MACS-BUSY-01)."""
+        return frozenset(
+            self._is_busy(timeline, edge, shift)
+            for timeline in self.forecast.timelines
+            for edge in window.edges
+            for shift in (0, 1)
+        )
+
+    def _is_busy(self, timeline: Timeline, edge: int, shift: int) -> bool:
+        if timeline.mode_at(edge) != "PO" or timeline.course is None:
+            return False
+        steps = timeline.course.profile.steps or 0
+        done = abs(timeline.position_at(edge) - timeline.origin)
+        return steps - done - shift > self.parameters.tolerance
