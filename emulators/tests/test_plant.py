@@ -480,12 +480,12 @@ def segments(*parts: tuple[int, int], load: tuple[int, int] | None = None) -> tu
 
 def test_a_shaft_turns_where_it_meets_its_set_point_coming_back() -> None:
     """79 behind at 40 000 inc/s when the set-point turns: they meet, and both go back to 0."""
-    shaft, end_ns = segments((200, 200), (-200, 200))
-    turn_ns = 5 * MS
+    shaft, end_ns = segments((300, 200), (-300, 200))
+    turn_ns = 7 * MS + 500_000
     lag, speed = Fraction(40_000**2) / (2 * RATE), 40_000
     # lag = 2·v·t - a·t²/2
     meeting_s = (2 * speed - (4 * speed**2 - 2 * float(RATE * lag)) ** 0.5) / float(RATE)
-    highest = round(200 - speed * meeting_s)
+    highest = round(300 - speed * meeting_s)
     meeting_ns = turn_ns + round(meeting_s * 1e9)
     assert shaft.position_at(meeting_ns) == highest
     assert shaft.reach_ns(highest + 1, 0) is None
