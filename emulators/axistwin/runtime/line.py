@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 _FOREVER = 1 << 62
 
-Subscriber: TypeAlias = "Callable[[Twin, Trace], None]"
+Subscriber: TypeAlias = Callable[[Twin, Trace], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,7 +254,7 @@ class Line:
         """
         self._on_change = callback
 
-    def subscribe(self, subscriber: "Callable[[Twin, Trace], None]") -> Callable[[], None]:
+    def subscribe(self, subscriber: Subscriber) -> Callable[[], None]:
         """Give every trace of a device to ``subscriber``; call what is returned to end that."""
         with self._lock:
             self._subscribers.append(subscriber)
