@@ -522,6 +522,23 @@ def test_a_shaft_on_its_set_point_turns_from_rest() -> None:
     assert abs(late_ns - 1000 * 10**9 / (2 * int(RATE))) < 10
 
 
+def test_a_pause_between_segments_is_taken_alike_polled_or_not() -> None:
+    """The shaft comes to rest on a whole increment, whether or not it is looked at there."""
+    shafts = []
+    for polls in ((), (8 * MS,)):
+        interpolator, shaft = Interpolator(), plant(MAC23)
+        shaft.follow(0, interpolator)
+        for steps, period_ticks, virtual in ((50, 200, False), (10, 8000, True), (50, 200, False)):
+            assert interpolator.offer(0, Segment(steps, period_ticks, virtual))
+        for now in polls:
+            shaft.advance(now)
+        shafts.append(shaft)
+    left_alone, polled = shafts
+    assert left_alone.position_at(8 * MS) < left_alone.position_at(10**9)
+    for n in range(left_alone.position_at(8 * MS), left_alone.position_at(10**9) + 1):
+        assert polled.reach_ns(n, 8 * MS) == left_alone.reach_ns(n, 8 * MS)
+
+
 def test_a_long_inertial_run_keeps_its_numbers_small() -> None:
     """Two thousand segments later the exact position is still a fraction of modest size."""
     interpolator, shaft = Interpolator(), plant(MAC23)

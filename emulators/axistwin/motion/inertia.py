@@ -16,8 +16,8 @@ Rules
 2. The shaft never passes its set-point: on it, it slows down with it (the drive brakes as hard as
    it must).  Behind it, it slows down at the rate above.
 3. The shaft comes to rest on the nearest increment.
-4. Speed and position between increments are rational; at the end of each arc they are cut to
-   2^-48 inc and 2^-96 inc/ns, so that numbers do not grow with the length of a motion.
+4. Speed and position between increments are rational; whenever the speed has changed they are cut
+   to 2^-48 inc and 2^-96 inc/ns, so that numbers do not grow with the length of a motion.
 """
 
 from bisect import bisect_left
@@ -145,7 +145,6 @@ class Chase:
         start_ns, exact = self.now_ns, self.exact
         if leg.end_ns is not None:
             self.exact = exact + goal * (leg.end_ns - start_ns)
-            self.exact = cut(self.exact, EXACT_GRID, leg.direction)
         return Arc(start_ns, leg.end_ns, leg.direction, exact, goal, Fraction(0))
 
     def _arc(

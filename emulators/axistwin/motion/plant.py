@@ -396,15 +396,11 @@ class Plant:
         self._shaft = shaft._replace(offset=None)
 
     def _with_forces(self, now_ns: Nanos, load: Load, torque_nm: Fraction) -> None:
-        """Change load and torque; a shaft that is held fast in motion stands at once."""
+        """Change load and torque; what holds the shaft fast also ends its running out."""
         self.advance(now_ns)
         self._load, self._torque_nm = load, torque_nm
-        shaft = self._shaft
-        if load.held or (self._run_out is None and self._is_blocked()):
+        if load.held:
             self._run_out = None
-            self._shaft = _Shaft(now_ns, Fraction(_whole(shaft)), Fraction(0), shaft.offset)
-            if not self._is_ideal:
-                self._shaft = self._shaft._replace(offset=None)
 
     def _is_blocked(self) -> bool:
         """Whether the load keeps the drive from turning the shaft."""
