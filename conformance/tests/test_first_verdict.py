@@ -1,0 +1,114 @@
+"""The suite and the twins meet on the wire: only tests may see both."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from axistwin_conformance.cli import conform
+from axistwin_conformance.targets import Target
+
+TWIN = "axistwin://mac23:0,mac23:1?time=virtual"
+Wire = list[tuple[int, bytes]]
+# 00h to 03h, 08h to 0Ah, 0Ch to 10h, 13h to 1Ch, 1Eh: all that move, store or re-initialise.
+ACTING = {*range(0x04), 0x08, 0x09, 0x0A, *range(0x0C, 0x11), *range(0x13, 0x1D), 0x1E}
+
+
+def run(*words: str) -> tuple[int, list[dict[str, Any]]]:
+    """Type a command; return its exit status and its events."""
+    result = CliRunner().invoke(conform, [*words, "--json"])
+    return result.exit_code, [json.loads(line) for line in result.stdout.splitlines()]
+
+
+@pytest.fixture
+def wire(monkeypatch: pytest.MonkeyPatch) -> Wire:
+    """Everything the suite sends from now on, with its time."""
+    sent: Wire = []
+    send = Target.send
+
+    def spy(target: Target, data: bytes) -> int:
+        sent.append((target.now_ns, data))
+        return send(target, data)
+
+    monkeypatch.setattr(Target, "send", spy)
+    return sent
+
+
+def of_kind(events: list[dict[str, Any]], kind: str) -> list[dict[str, Any]]:
+    """The events of one kind."""
+    return [one for one in events if one["event"] == kind]
+
+
+@pytest.mark.parametrize(
+    ("model", "level"), [("mac23", "full"), ("mac34-1", "quick"), ("mac34-2", "quick")]
+)
+def test_a_twin_conforms_without_quirk_and_every_check_judges_what_it_names(
+    model: str, level: str
+) -> None:
+    """Default readings on both sides: two readings of one manual agree in all that was judged."""
+    status, events = run(model, "--level", level)
+    told = [
+        (one["name"], finding["requirement"], finding["verdict"], finding["text"])
+        for one in of_kind(events, "check_finished")
+        for finding in one["findings"]
+        if finding["verdict"] in ("fail", "inconclusive", "quirk")
+        or finding["text"] == "the check ended without judging it"
+    ]
+    assert told == []
+    assert status == 0
+    assert sum(one["verdict"] == "pass" for one in of_kind(events, "requirement_judged")) > 100
+
+
+def test_a_twin_with_another_reading_conforms_with_that_quirk_named() -> None:
+    """Doubt has a name: the device is not failed for a reading the manual admits."""
+    url = TWIN.replace("?", "?quirk.xon_byte=11h&")
+    status, events = run("mac23", "--port", url, "--neighbour", "1", "MACS-REPLY-01", "MACS-LINE")
+    quirks = [one for one in of_kind(events, "requirement_judged") if one["verdict"] == "quirk"]
+    assert status == 0
+    assert "xon_byte=11h (MACS-AMB-01" in quirks[0]["reason"]
+
+
+def test_the_same_seed_gives_the_same_bytes_at_the_same_times(wire: Wire) -> None:
+    """Everything is replayable: a check draws its sequences from the run's seed and its name."""
+
+    def sent(seed: int) -> Wire:
+        wire.clear()
+        assert (
+            run("mac23", "--seed", str(seed), "segments_follow_one_another_without_a_gap")[0] == 0
+        )
+        return list(wire)
+
+    assert sent(7) == sent(7)
+    assert sent(7) != sent(8)
+
+
+def test_a_passive_run_sends_no_command_that_acts(wire: Wire) -> None:
+    """What goes over the wire of a port without --allow: nothing that moves or is stored."""
+    status, _ = run("mac23", "--port", TWIN, "--neighbour", "1")
+    assert status == 0
+    assert len(wire) > 100
+    assert {index for _, data in wire for index in executed(data)} & ACTING == set()
+
+
+def executed(data: bytes) -> list[int]:
+    """The index of a frame, if a module would execute it."""
+    text = data[4:18].decode("latin-1")
+    is_whole = len(data) == 21 and data[:4] == b"\x02014" and data[20] == 3
+    if not is_whole or data[18:20] != b"%02X" % (sum(data[4:18]) % 256) or " " in text:
+        return []
+    return [int(text[2:4], 16)] if set(text) <= set("0123456789ABCDEFabcdef") else []
+
+
+def test_another_model_s_twin_is_refused() -> None:
+    """Identity comes first: a MAC34 is not judged as a MAC23."""
+    status, events = run("mac23", "--port", "axistwin://mac34-1:0?time=virtual")
+    assert status == 3
+    assert of_kind(events, "check_finished") == []
+
+
+def test_nobody_at_the_address_is_unreachable() -> None:
+    """Exit 3, in virtual seconds."""
+    assert run("mac23", "--port", TWIN, "--address", "5")[0] == 3
