@@ -148,6 +148,7 @@ def _complain(message: str) -> None:
 
 
 @click.command(
+    "axistwin",
     cls=_Program,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     no_args_is_help=False,

@@ -106,20 +106,35 @@ def run(
     if not (links or tcp or rfc2217):
         links = (f"./{specs[0].model}",)
     reporter = Reporter(as_json)
-    with make_line(specs, **options) as line:
-        server = Server(line, make_ports(line, links, tcp, rfc2217), report=reporter.event)
+    with (
+        make_line(specs, **options) as line,
+        contextlib.closing(
+            Server(line, make_ports(line, links, tcp, rfc2217), report=reporter.event)
+        ) as server,
+    ):
         explain = catalog.find_model(specs[0].model).explain
         with recording(line, capture, explain, server.loop):
             server.open()
             if line.is_volatile:
                 _warn("memory is volatile and ends with this run; --state DIR keeps it")
-            reporter.ready(line, server.ports)
-            systemd.notify("READY=1")
+
+            def on_ready() -> None:
+                reporter.ready(line, server.ports)
+                systemd.notify("READY=1")
+
             try:
-                server.run(stop_on=(signal.SIGINT, signal.SIGTERM))
+                server.run(stop_on=_stop_signals(), on_ready=on_ready)
             finally:
                 systemd.notify("STOPPING=1")
     reporter.event({"event": "stopped"})
+
+
+def _stop_signals() -> list[signal.Signals]:
+    """Ctrl-C, the polite kill, and the end of the terminal, unless nohup says to outlive that."""
+    signals = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        signals.append(signal.SIGHUP)
+    return signals
 
 
 def make_line(

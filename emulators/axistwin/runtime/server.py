@@ -129,13 +129,19 @@ class Server:
             self.close()
             raise
 
-    def run(self, *, stop_on: Sequence[signal.Signals] = ()) -> None:
+    def run(
+        self,
+        *,
+        stop_on: Sequence[signal.Signals] = (),
+        on_ready: Callable[[], None] = lambda: None,
+    ) -> None:
         """Serve until ``request_stop`` or one of the signals; close everything.
 
+        on_ready: called once clients are served and the signals are heeded.
         Raises what made it stop, if that was an error.
         """
         try:
-            self.loop.run_until_complete(self._serve(stop_on))
+            self.loop.run_until_complete(self._serve(stop_on, on_ready))
         finally:
             self.close()
         if self._failure is not None:
@@ -144,11 +150,12 @@ class Server:
     def start(self) -> None:
         """Open, then serve in a thread of its own.  Raises PortError."""
         self.open()
-        started = threading.Event()
-        self.loop.call_soon(started.set)
-        self._thread = threading.Thread(target=self._run_quietly, name="axistwin", daemon=True)
+        ready = threading.Event()
+        self._thread = threading.Thread(
+            target=self._run_quietly, args=(ready,), name="axistwin", daemon=True
+        )
         self._thread.start()
-        assert started.wait(START_TIMEOUT_S), "the server's thread did not start"
+        assert ready.wait(START_TIMEOUT_S), "the server's thread did not start"
 
     def stop(self) -> None:
         """Stop the thread and close everything.  Raises what made the server fail, if it did."""
@@ -178,14 +185,15 @@ class Server:
         self._alarm.close()
         self.loop.close()
 
-    def _run_quietly(self) -> None:
+    def _run_quietly(self, ready: threading.Event) -> None:
         """``run`` for the thread; the failure is kept for ``stop``."""
         try:
-            self.run()
+            self.run(on_ready=ready.set)
         except BaseException as error:  # told to whoever stops the server
             self._failure = error
+            ready.set()
 
-    async def _serve(self, stop_on: Sequence[signal.Signals]) -> None:
+    async def _serve(self, stop_on: Sequence[signal.Signals], on_ready: Callable[[], None]) -> None:
         loop = self.loop
         loop.set_exception_handler(self._failed)
         for number in stop_on:
@@ -197,6 +205,7 @@ class Server:
             for port in self.ports:
                 port.attach(self)
             self.pump()
+            on_ready()
             await self._stopped.wait()
         finally:
             self.line.on_change(None)

@@ -1,0 +1,437 @@
+"""The program ``axistwin``: ready lines, events, clean ends, one clear line for each mistake."""
+
+import contextlib
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+import serial
+from click.testing import CliRunner, Result
+from mac_frames import ACCEPTED, answer_value, request
+
+from axistwin import __version__, catalog
+from axistwin.cli import main as program
+from axistwin.cli.main import main
+
+TIMEOUT_S = 10.0
+
+
+def invoke(*arguments: str) -> Result:
+    """The program run in this process."""
+    return CliRunner().invoke(main, arguments)
+
+
+def assert_one_clear_line(result: Result, *parts: str) -> None:
+    """Exit status 2, and one line on stderr that has all ``parts``."""
+    assert result.exit_code == 2, result.output
+    assert result.stdout == ""
+    lines = result.stderr.splitlines()
+    assert len(lines) == 1, result.stderr
+    assert lines[0].startswith("axistwin: ")
+    for part in parts:
+        assert part in lines[0]
+
+
+class Daemon:
+    """``axistwin run`` as a process of its own in ``folder``."""
+
+    def __init__(self, folder: Path, *arguments: str, environment: dict[str, str] | None = None):
+        self.folder = folder
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "axistwin", "run", *arguments],
+            cwd=folder,
+            env={**os.environ, **(environment or {})},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def line(self) -> str:
+        """The next line on stdout."""
+        assert self.process.stdout is not None
+        return self.process.stdout.readline().rstrip("\n")
+
+    def event(self) -> dict[str, Any]:
+        """The next line as JSON."""
+        event = json.loads(self.line())
+        assert isinstance(event, dict)
+        return event
+
+    def end(self, number: signal.Signals = signal.SIGTERM) -> tuple[int, str, str]:
+        """Status, rest of stdout, and stderr after a signal."""
+        self.process.send_signal(number)
+        out, err = self.process.communicate(timeout=TIMEOUT_S)
+        return self.process.returncode, out, err
+
+
+@contextlib.contextmanager
+def daemon(
+    folder: Path, *arguments: str, environment: dict[str, str] | None = None
+) -> Iterator[Daemon]:
+    """A daemon that is gone afterwards, whatever happens."""
+    daemon = Daemon(folder, *arguments, environment=environment)
+    try:
+        yield daemon
+    finally:
+        if daemon.process.poll() is None:
+            daemon.process.kill()
+        daemon.process.communicate()
+
+
+def ask(port: serial.SerialBase, frame: bytes, count: int) -> bytes:
+    """The reply to ``frame``."""
+    port.write(frame)
+    return bytes(port.read(count))
+
+
+# -- run ----------------------------------------------------------------------------------------
+
+
+def test_run_says_when_clients_can_connect_and_ends_cleanly(tmp_path: Path) -> None:
+    """A ready line per device; SIGTERM ends it with status 0 and the link removed."""
+    with daemon(tmp_path, "mac23", "mac34-1:5", "--pty", "./mac") as process:
+        lines = [process.line(), process.line()]
+        link = tmp_path / "mac"
+        target = link.readlink()
+        assert lines == [
+            f"ready mac23:0 pty=./mac ({target})",
+            f"ready mac34-1:5 pty=./mac ({target})",
+        ]
+        with serial.Serial(str(link), 38400, timeout=TIMEOUT_S) as port:
+            for address in (0, 5):
+                assert answer_value(ask(port, request(0x20, address=address), 21)) == 0
+        status, out, err = process.end()
+        assert (status, out) == (0, "")
+        assert "memory is volatile" in err
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_run_tells_everything_as_json(tmp_path: Path) -> None:
+    """Ready, clients that come and go, stopped; SIGINT ends it as well."""
+    with daemon(tmp_path, "mac23", "--json") as process:
+        ready = process.event()
+        endpoint = {"endpoint": "pty", "url": "./mac23"}
+        assert ready == {
+            "event": "ready",
+            "device": "mac23:0",
+            **endpoint,
+            "endpoints": [endpoint],
+        }
+        with serial.Serial(str(tmp_path / "mac23"), 38400, timeout=TIMEOUT_S) as port:
+            assert process.event() == {"event": "connected", **endpoint}
+            assert len(ask(port, request(0x20), 21)) == 21
+        assert process.event() == {"event": "disconnected", **endpoint, "dropped_bytes": 0}
+        status, out, _ = process.end(signal.SIGINT)
+        assert status == 0
+        assert json.loads(out) == {"event": "stopped"}
+
+
+def test_run_serves_several_endpoints_at_once(tmp_path: Path) -> None:
+    """A pty, TCP and RFC 2217 on free ports: one line, told in one ready line."""
+    with daemon(
+        tmp_path, "mac23", "--pty", "p", "--tcp", "127.0.0.1:0", "--rfc2217", "127.0.0.1:0"
+    ) as process:
+        words = process.line().split()
+        assert words[:3] == ["ready", "mac23:0", "pty=p"]
+        urls = dict(word.split("=", 1) for word in words if "=" in word)
+        assert urls["tcp"].startswith("socket://127.0.0.1:")
+        assert urls["rfc2217"].startswith("rfc2217://127.0.0.1:")
+        for url in (str(tmp_path / "p"), urls["tcp"]):
+            with serial.serial_for_url(url, 38400, timeout=TIMEOUT_S) as port:
+                assert len(ask(port, request(0x20), 21)) == 21
+
+
+def test_what_was_stored_is_there_at_the_next_start(tmp_path: Path) -> None:
+    """``--state`` keeps an address that was programmed, over a violent end too."""
+    arguments = ("mac23", "--state", "memory")
+    with daemon(tmp_path, *arguments) as process:
+        process.line()
+        with serial.Serial(str(tmp_path / "mac23"), 38400, timeout=TIMEOUT_S) as port:
+            assert ask(port, request(0x08, 0x25), 3) == ACCEPTED
+        process.process.kill()
+        process.process.wait(TIMEOUT_S)
+    with daemon(tmp_path, *arguments) as process:
+        process.line()
+        with serial.Serial(str(tmp_path / "mac23"), 38400, timeout=TIMEOUT_S) as port:
+            assert len(ask(port, request(0x20, address=0x25), 21)) == 21
+        status, _, err = process.end()
+        assert (status, err) == (0, "")
+
+
+def test_quirks_come_from_a_profile_and_the_command_line(tmp_path: Path) -> None:
+    """``--quirk`` beats ``--profile``."""
+    (tmp_path / "old.toml").write_text(
+        'model = "mac23"\n[quirks]\nxon_byte = "11h"\nversion_word = 1\n', encoding="utf-8"
+    )
+    arguments = ("--profile", "old.toml", "--quirk", "version_word=2")
+    with daemon(tmp_path, "mac23", *arguments) as process:
+        process.line()
+        with serial.Serial(str(tmp_path / "mac23"), 38400, timeout=TIMEOUT_S) as port:
+            answer = ask(port, request(0x24), 21)
+        assert answer[-1] == 0x11
+        assert answer[9:17] == b"00000002"
+
+
+def test_a_cold_start_is_deaf_at_first_and_speed_shortens_it(tmp_path: Path) -> None:
+    """2 s of deafness take 0.1 s at twenty times the speed."""
+    with daemon(tmp_path, "mac23", "--cold", "--speed", "20", "--no-pacing") as process:
+        process.line()
+        with serial.Serial(str(tmp_path / "mac23"), 38400, timeout=0.02) as port:
+            assert ask(port, request(0x20), 21) == b""
+            time.sleep(0.2)
+            port.timeout = TIMEOUT_S
+            assert len(ask(port, request(0x20), 21)) == 21
+
+
+def test_another_rate_than_the_factory_s_may_be_given(tmp_path: Path) -> None:
+    """``--baud 9600``: heard at 9600 only, which is what the pty starts with."""
+    with daemon(tmp_path, "mac23", "--baud", "9600") as process:
+        process.line()
+        with serial.Serial(str(tmp_path / "mac23"), 9600, timeout=TIMEOUT_S) as port:
+            assert len(ask(port, request(0x20), 21)) == 21
+            port.baudrate, port.timeout = 38400, 0.1
+            assert len(ask(port, request(0x20), 21)) < 21
+
+
+def test_capture_writes_what_was_said_with_its_meaning(tmp_path: Path) -> None:
+    """One line per frame, each way; a second run appends."""
+    for _ in range(2):
+        with daemon(tmp_path, "mac23", "--capture", "line.txt") as process:
+            process.line()
+            with serial.Serial(str(tmp_path / "mac23"), 38400, timeout=TIMEOUT_S) as port:
+                ask(port, request(0x20), 21)
+            process.end()
+    remark, question, answer = (tmp_path / "line.txt").read_text("utf-8").splitlines()[3:]
+    assert remark.startswith("# 2")
+    assert f"> {request(0x20).hex(' ').upper()}  " in question
+    assert "< 06 13 02" in answer
+    assert "position" in question
+    assert "position" in answer
+
+
+@pytest.mark.parametrize("abstract", [False, True], ids=["path", "abstract"])
+def test_systemd_is_told(tmp_path: Path, abstract: bool) -> None:
+    """READY=1 when clients can connect, STOPPING=1 at the end."""
+    name = f"@axistwin-test-{os.getpid()}" if abstract else str(tmp_path / "notify")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind("\0" + name[1:] if abstract else name)
+        manager.settimeout(TIMEOUT_S)
+        with daemon(tmp_path, "mac23", environment={"NOTIFY_SOCKET": name}) as process:
+            assert manager.recv(100) == b"READY=1"
+            assert (tmp_path / "mac23").is_char_device()
+            process.end()
+            assert manager.recv(100) == b"STOPPING=1"
+
+
+def test_a_reader_of_stdout_that_goes_away_does_not_end_the_daemon(tmp_path: Path) -> None:
+    """``axistwin run … --json | head -1`` leaves a daemon that still serves."""
+    with daemon(tmp_path, "mac23", "--json") as process:
+        process.line()
+        assert process.process.stdout is not None
+        process.process.stdout.close()
+        for _ in range(3):
+            with serial.Serial(str(tmp_path / "mac23"), 38400, timeout=TIMEOUT_S) as port:
+                assert len(ask(port, request(0x20), 21)) == 21
+        process.process.stdout = None
+        assert process.end()[0] == 0
+
+
+def test_the_end_of_the_terminal_ends_it_cleanly(tmp_path: Path) -> None:
+    """SIGHUP removes the link as the other signals do."""
+    with daemon(tmp_path, "mac23") as process:
+        process.line()
+        assert process.end(signal.SIGHUP)[0] == 0
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_a_second_daemon_on_the_same_link_or_memory_is_refused(tmp_path: Path) -> None:
+    """Each says what is in use; the first goes on."""
+    with daemon(tmp_path, "mac23", "--state", "memory") as process:
+        process.line()
+        link, memory = str(tmp_path / "mac23"), str(tmp_path / "memory")
+        assert_one_clear_line(invoke("run", "mac23", "--pty", link), link, "in use")
+        other = str(tmp_path / "other")
+        result = invoke("run", "mac23", "--pty", other, "--state", memory)
+        assert_one_clear_line(result, memory, "in use")
+        assert not os.path.lexists(other)
+        with serial.Serial(link, 38400, timeout=TIMEOUT_S) as port:
+            assert len(ask(port, request(0x20), 21)) == 21
+
+
+def test_the_daemon_is_ready_soon(tmp_path: Path) -> None:
+    """The first answer well within a second (a quarter of one on an idle machine)."""
+    took = []
+    for _ in range(3):
+        begin = time.monotonic()
+        with daemon(tmp_path, "mac23", "--no-pacing") as process:
+            process.line()
+            with serial.Serial(str(tmp_path / "mac23"), 38400, timeout=TIMEOUT_S) as port:
+                assert len(ask(port, request(0x20), 21)) == 21
+            took.append(time.monotonic() - begin)
+    assert min(took) < 1.0
+
+
+# -- mistakes -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (("run",), ["which devices", "axistwin models"]),
+        (("run", "mac233"), ["mac233", "mac23"]),
+        (("run", "mac23:80h"), ["80h", "mac23", "7Fh"]),
+        (("run", "mac23:128"), ["128", "127"]),
+        (("run", "mac23:x"), ["'x'"]),
+        (("run", "mac23", "--quirk", "xon_bite=11h"), ["xon_bite", "xon_byte"]),
+        (("run", "mac23", "--quirk", "xon_byte=12h"), ["xon_byte", "12h", "1Ah, 11h"]),
+        (("run", "mac23", "--quirk", "xon_byte"), ["xon_byte", "NAME=VALUE"]),
+        (("run", "mac23", "--baud", "1234"), ["1234", "38400"]),
+        (("run", "mac23", "--baud", "fast"), ["--baud", "fast"]),
+        (("run", "mac23", "--speed", "0"), ["speed", "0"]),
+        (("run", "mac23", "--tcp", "5000"), ["5000", "HOST:PORT"]),
+        (("run", "mac23", "--profile", "missing.toml"), ["missing.toml"]),
+        (("run", "mac23", "--pty", "nowhere/mac"), ["nowhere", "create it first"]),
+        (("run", "mac23", "--capture", "nowhere/log"), ["nowhere/log"]),
+        (("run", "mac23", "--frobnicate"), ["--frobnicate", "axistwin run --help"]),
+        (("rnu", "mac23"), ["rnu", "run"]),
+        (("models", "mac233"), ["mac233", "mac23"]),
+        ((), ["axistwin --help"]),
+    ],
+)
+def test_a_mistake_is_one_clear_line_and_status_2(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], parts: list[str]
+) -> None:
+    """It names the value, what is allowed or known, and nothing is left behind."""
+    monkeypatch.chdir(tmp_path)
+    assert_one_clear_line(invoke(*arguments), *parts)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_port_in_use_is_one_clear_line(tmp_path: Path) -> None:
+    """The address and the remedy are named."""
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        address = f"127.0.0.1:{other.getsockname()[1]}"
+        assert_one_clear_line(invoke("run", "mac23", "--tcp", address), address, "in use")
+
+
+def test_a_state_file_that_cannot_be_read_is_one_clear_line(tmp_path: Path) -> None:
+    """And it stays as it is."""
+    (tmp_path / "mac23-0.state").write_bytes(b"not ours")
+    result = invoke("run", "mac23", "--pty", str(tmp_path / "p"), "--state", str(tmp_path))
+    assert_one_clear_line(result, "mac23-0.state")
+    assert (tmp_path / "mac23-0.state").read_bytes() == b"not ours"
+
+
+def test_listening_for_other_machines_is_allowed_with_a_warning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever can reach the port can drive the twin."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("axistwin.runtime.server.Server.run", lambda self, **_: self.close())
+    result = invoke("run", "mac23", "--tcp", "0.0.0.0:0")
+    assert result.exit_code == 0
+    assert "0.0.0.0: whoever reaches this address can drive the twin" in result.stderr
+
+
+def test_a_bug_of_ours_is_a_traceback_and_status_70(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is dressed up as the user's mistake."""
+
+    def fail() -> None:
+        raise AssertionError("impossible")
+
+    monkeypatch.setattr(catalog, "models", fail)
+    result = invoke("models")
+    assert result.exit_code == 70
+    assert "Traceback" in result.stderr
+    assert "impossible" in result.stderr
+
+
+# -- models, help, commands of others -----------------------------------------------------------
+
+
+def test_models_lists_every_model() -> None:
+    """One line each."""
+    lines = invoke("models").stdout.splitlines()
+    assert [line.split()[0] for line in lines] == ["MODEL", *catalog.models()]
+
+
+def test_models_of_one_lists_every_quirk_with_its_id() -> None:
+    """Name, default, ID, meaning, values."""
+    text = invoke("models", "mac23").stdout
+    for quirk in catalog.models()["mac23"].quirks.values():
+        assert f"  {quirk.name} = {quirk.default}    [{quirk.source}]" in text
+        assert quirk.doc in text
+
+
+def test_models_speaks_json() -> None:
+    """The same facts for programs."""
+    summaries = json.loads(invoke("models", "--json").stdout)
+    assert [each["name"] for each in summaries] == list(catalog.models())
+    details = json.loads(invoke("models", "mac34-1", "--json").stdout)
+    assert details["addresses"] == [0, 127]
+    assert [quirk["name"] for quirk in details["quirks"]] == list(
+        catalog.models()["mac34-1"].quirks
+    )
+
+
+def test_version_and_help() -> None:
+    """Both go to stdout with status 0."""
+    assert invoke("--version").stdout == f"axistwin {__version__}\n"
+    for command in ((), ("run",), ("models",), ("doctor",)):
+        result = invoke(*command, "--help")
+        assert result.exit_code == 0
+        assert result.stdout.startswith("Usage: axistwin")
+
+
+def test_python_m_axistwin_is_the_same_program() -> None:
+    """``python -m axistwin``."""
+    command = [sys.executable, "-m", "axistwin", "--version"]
+    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout == (
+        f"axistwin {__version__}\n"
+    )
+
+
+@click.command()
+@click.pass_context
+def added(ctx: click.Context) -> None:
+    """Do what another distribution does."""
+    ctx.exit(3)
+
+
+def entry_point(name: str, value: str) -> EntryPoint:
+    """A command as a distribution announces it."""
+    return EntryPoint(name=name, value=value, group=program.COMMAND_GROUP)
+
+
+def test_commands_of_other_distributions_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are listed, run, and keep their own exit status."""
+    point = entry_point("added", "ignored:added")
+    monkeypatch.setattr(EntryPoint, "load", lambda self: added)
+    monkeypatch.setattr(program, "_added", lambda: [point])
+    assert "Do what another distribution does." in invoke("--help").stdout
+    assert invoke("added").exit_code == 3
+
+
+def test_a_command_whose_extra_is_missing_names_the_remedy(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """One clear line with what to type; the other commands and the help still work."""
+
+    def load(self: EntryPoint) -> None:
+        raise ModuleNotFoundError("No module named 'hypothesis'", name="hypothesis")
+
+    monkeypatch.setattr(EntryPoint, "load", load)
+    monkeypatch.setattr(program, "_added", lambda: [entry_point("conform", "nowhere:conform")])
+    assert_one_clear_line(invoke("conform"), "hypothesis", "pip install 'axistwin[conformance]'")
+    assert "not available" in invoke("--help").stdout
+    assert invoke("models").exit_code == 0

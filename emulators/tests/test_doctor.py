@@ -1,0 +1,92 @@
+"""``axistwin doctor``: what the machine can do, and the remedy for what it cannot."""
+
+import json
+import os
+from pathlib import Path
+from typing import NoReturn
+
+import pytest
+from click.testing import CliRunner
+
+from axistwin.cli import doctor
+from axistwin.cli.doctor import Lack
+from axistwin.cli.main import main
+
+NEEDED = ["pseudo terminals", "inotify", "loopback TCP", "current folder"]
+
+
+def refuse() -> NoReturn:
+    """A check that fails."""
+    raise Lack("broken", "mend it")
+
+
+def test_every_check_says_ok_or_the_remedy() -> None:
+    """No line without a finding, nothing missing without a remedy."""
+    findings = doctor.examine()
+    assert [finding.name for finding in findings if finding.needed] == NEEDED
+    for finding in findings:
+        assert finding.found
+        assert finding.ok == (finding.remedy == "")
+
+
+def test_a_machine_that_runs_these_tests_can_run_twins() -> None:
+    """Status 0, whatever else is missing."""
+    result = CliRunner().invoke(main, ["doctor"])
+    assert result.exit_code == 0
+    for name in NEEDED:
+        assert f"ok       {name}" in result.stdout
+
+
+@pytest.mark.parametrize("needed", [True, False])
+def test_only_what_run_needs_makes_the_status_1(
+    monkeypatch: pytest.MonkeyPatch, needed: bool
+) -> None:
+    """The remedy is shown in either case."""
+    monkeypatch.setattr(doctor, "CHECKS", (("something", needed, refuse),))
+    result = CliRunner().invoke(main, ["doctor"])
+    assert result.exit_code == (1 if needed else 0)
+    assert ("MISSING" in result.stdout) == needed
+    assert "remedy: mend it" in result.stdout
+
+
+def test_doctor_speaks_json(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One object per check."""
+    monkeypatch.setattr(doctor, "CHECKS", (("something", False, refuse),))
+    result = CliRunner().invoke(main, ["doctor", "--json"])
+    assert json.loads(result.stdout) == {
+        "name": "something",
+        "ok": False,
+        "needed": False,
+        "found": "broken",
+        "remedy": "mend it",
+    }
+
+
+def test_a_folder_that_cannot_be_written_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Even root cannot write to /proc."""
+    monkeypatch.chdir("/proc")
+    with pytest.raises(Lack, match="/proc cannot be written"):
+        doctor.check_folder()
+
+
+def test_a_serial_port_without_permission_is_named(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The remedy is the group that owns serial ports."""
+
+    class Port:
+        device = str(tmp_path / "ttyX")
+
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [Port()])
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    with pytest.raises(Lack, match=r"no permission for .*ttyX") as caught:
+        doctor.check_real_ports()
+    assert "dialout" in caught.value.remedy
+
+
+def test_a_suite_that_is_not_installed_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the extra to install."""
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(Lack, match="hypothesis") as caught:
+        doctor.check_suite()
+    assert caught.value.remedy == "pip install 'axistwin[conformance]'"
