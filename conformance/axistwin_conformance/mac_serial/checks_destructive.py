@@ -1,1 +1,211 @@
-"""placeholder"""
+"""Address, baud rate and factory reset: what can make a module unreachable comes last, with the
+module alone on the line, and is put back at once (CMD-01, CMD-08, CMD-1B)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
+
+from axistwin_conformance.mac_serial.bench import AWAKE_SURELY_S, DEAF_SURELY_S, QUIET_S, Bench
+from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS, Kind
+from axistwin_conformance.registry import check
+from axistwin_conformance.session import Session
+
+DESTRUCTIVE: Final = ("motion", "stored", "destructive")
+FACTORY_BAUD: Final = 38400
+RATES: Final = {0x01: 9600, 0x02: 19200, 0x03: 38400}
+NEW_ADDRESSES: Final = (0x2A, 0x7F, 0x01)
+
+# §5.10; only the address, the rate and the tolerance are the manual's, the rest is the ledger's.
+FACTORY_ANSWERS: Final = {0x22: 0x3FFFFFFF, 0x23: 0xC0000000, 0x25: 0x05000320, 0x26: 0x0A601000}
+
+
+def _program_address(bench: Bench, new: int, to: int = GENERAL_ADDRESS) -> Kind:
+    """Send 08h; a module that is not 00 may obey without a word (§6)."""
+    return bench.send(bench.frame(0x08, new, address=to), QUIET_S * 2).kind
+
+
+def _answers(bench: Bench, address: int) -> bool:
+    exchange = bench.send(bench.frame(0x20, address=address), QUIET_S * 2)
+    return exchange.kind is Kind.ANSWER and exchange.reply.address == address
+
+
+@contextmanager
+def _address_put_back(bench: Bench) -> Iterator[None]:
+    own = bench.address
+    try:
+        yield
+    finally:
+        bench.wait(QUIET_S)
+        if not _answers(bench, own):
+            _program_address(bench, own)
+            bench.send(bench.frame(0x00, address=own), QUIET_S)  # if it takes a restart
+            bench.send(bench.frame(0x00, address=bench.address), QUIET_S)
+            bench.wait(AWAKE_SURELY_S)
+        bench.address = own
+
+
+@check("MACS-CMD-08-01", "MACS-CMD-08-02", safety=DESTRUCTIVE, needs=("alone",))
+def the_address_can_be_programmed(session: Session) -> None:
+    """08h to FF gives the only module a new address, from the next frame on, and for good."""
+    bench = Bench(session)
+    with _address_put_back(bench):
+        for new in NEW_ADDRESSES:
+            old = bench.address
+            if new == old:
+                continue
+            kind = _program_address(bench, new)
+            session.expect(
+                kind in (Kind.ACCEPTED, Kind.SILENCE), "MACS-CMD-08-01",
+                ["accepted", "silence"], kind.value,
+            )  # fmt: skip
+            if not _answers(bench, new):
+                bench.send(bench.frame(0x00), QUIET_S)
+                bench.wait(AWAKE_SURELY_S)
+                bench.reading(
+                    "addr_effective", 1 if _answers(bench, new) else "never", "MACS-CMD-08-02"
+                )
+            else:
+                bench.reading("addr_effective", 0, "MACS-CMD-08-02")
+            bench.address = new
+            session.expect(
+                not _answers(bench, old), "MACS-CMD-08-01", f"silence at {old:02X}", "an answer"
+            )
+        bench.command(0x00)
+        bench.wait(AWAKE_SURELY_S)
+        session.expect(
+            _answers(bench, bench.address), "MACS-CMD-08-02",
+            f"still at {bench.address:02X} after 00h", "silence",
+        )  # fmt: skip
+
+
+@check("MACS-CMD-08-03", "MACS-CMD-08-01", safety=DESTRUCTIVE, needs=("alone",))
+def addresses_from_80_up_are_refused(session: Session) -> None:
+    """08h with 80h..FFh is refused and the address kept, or only its low bits count."""
+    bench = Bench(session)
+    for new in (0x80, 0xAA, 0xFE, 0xFF):
+        with _address_put_back(bench):
+            kind = _program_address(bench, new)
+            outcome: int | str = f"{kind.value} to address {new:02X}"
+            if _answers(bench, bench.address):
+                silent = kind is Kind.SILENCE and bench.address != 0
+                outcome = 0 if kind is Kind.REFUSED or silent else outcome
+            elif _answers(bench, new & 0x7F):
+                outcome = 1
+            bench.reading("addr_range", outcome, "MACS-CMD-08-03")
+    with _address_put_back(bench):
+        kind = _program_address(bench, 0x11, to=bench.address)
+        is_obeyed = _answers(bench, 0x11)
+        outcome = {(Kind.ACCEPTED, True): 0, (Kind.REFUSED, False): 1}.get(
+            (kind, is_obeyed), f"{kind.value} to 08h at its own address"
+        )
+        if kind is Kind.ACCEPTED and not is_obeyed and session.readings.get("addr_effective"):
+            outcome = 0
+        bench.reading("addr_prog_requires_ff", outcome, "MACS-CMD-08-01")
+
+
+@check("MACS-CMD-1B-01", "MACS-CMD-XX-02", "MACS-LINE-01", safety=DESTRUCTIVE, needs=("alone",))
+def the_rate_can_be_programmed(session: Session) -> None:
+    """1Bh sets 9600, 19200, 38400 baud; the module restarts, then talks the new rate only."""
+    if session.target.description.startswith("socket:"):
+        session.skip("a plain socket carries bytes, not a rate")
+    bench = Bench(session)
+    for value in (0x00, 0x04, 0xFF):
+        kind = bench.command(0x1B, value).kind
+        outcome = 0 if kind is Kind.REFUSED else 1
+        if outcome:
+            _set_rate(bench, bench.target.baud, FACTORY_BAUD)
+        bench.reading("param_range_policy", outcome, "MACS-CMD-XX-02")
+    own = session.target.baud
+    try:
+        for value in (0x01, 0x02, 0x03):
+            _judge_rate(bench, value)
+    finally:
+        if session.target.baud != own:
+            _set_rate(bench, session.target.baud, own)
+    bench.alive("MACS-LINE-01")
+
+
+def _judge_rate(bench: Bench, value: int) -> None:
+    """Change the rate, judge the reply, the deafness and the new rate."""
+    session, rate, old = bench.session, RATES[value], bench.target.baud
+    exchange = bench.send(bench.frame(0x1B, value), QUIET_S * 2)
+    if exchange.kind is Kind.REFUSED:
+        bench.reading("cmd_1b_supported", 1, "MACS-CMD-1B-01")
+        return
+    bench.reading("cmd_1b_supported", 0, "MACS-CMD-1B-01")
+    if rate != old:
+        outcome = 0 if exchange.kind is Kind.ACCEPTED else 1  # at the new rate we hear garbage
+        bench.reading("baud_reply_rate", outcome, "MACS-CMD-1B-01")
+    bench.target.baud = rate
+    bench.wait(DEAF_SURELY_S - QUIET_S * 4)
+    early = bench.send(bench.frame(0x20), QUIET_S)
+    bench.must(Kind.SILENCE, early, "MACS-CMD-1B-01")
+    bench.wait(AWAKE_SURELY_S - DEAF_SURELY_S + QUIET_S)
+    bench.alive("MACS-CMD-1B-01")
+    if rate != old:
+        bench.target.baud = old
+        at_old = bench.send(bench.frame(0x20), QUIET_S * 2).kind
+        bench.target.baud = rate
+        session.expect(
+            at_old is not Kind.ANSWER, "MACS-CMD-1B-01", f"no answer at {old}", at_old.value
+        )
+        bench.wait(QUIET_S)
+
+
+def _set_rate(bench: Bench, now: int, wanted: int) -> None:
+    """Bring module and host to a rate, whatever rate the module talks."""
+    value = next(one for one, rate in RATES.items() if rate == wanted)
+    for rate in (now, *RATES.values()):
+        bench.target.baud = rate
+        bench.send(bench.frame(0x1B, value), QUIET_S * 2)
+        bench.wait(AWAKE_SURELY_S)
+    bench.target.baud = wanted
+
+
+@check("MACS-CMD-01-01", "MACS-CMD-01-02", "MACS-CMD-01-03", "MACS-CMD-1C-01",
+       safety=DESTRUCTIVE, needs=("alone",))  # fmt: skip
+def a_factory_reset_brings_the_factory_values(session: Session) -> None:
+    """01h writes the factory values over all parameters, deaf for 2 s; address 00, 38400 baud."""
+    bench = Bench(session)
+    place = bench.finish(bench.go(bench.ready() + 25))
+    for index, parameter in (
+        (0x02, 0), (0x03, 9), (0x09, 1000), (0x0A, -1000), (0x0C, 0x22), (0x0D, 0x0777),
+        (0x0E, 0x2200), (0x0F, 0x22), (0x1C, 0x22),
+    ):  # fmt: skip
+        bench.command(index, parameter)
+    changed = {index: bench.value(index) for index in FACTORY_ANSWERS}
+    with _address_put_back(bench):
+        exchange = bench.send(bench.frame(0x01), QUIET_S * 2)
+        session.expect(
+            exchange.kind in (Kind.ACCEPTED, Kind.SILENCE), "MACS-CMD-01-01",
+            ["accepted", "silence"], exchange.kind.value,
+        )  # fmt: skip
+        bench.address = 0
+        is_deaf = bench.send(bench.frame(0x20), QUIET_S).kind is Kind.SILENCE
+        bench.wait(AWAKE_SURELY_S)
+        session.target.baud = FACTORY_BAUD
+        bench.alive("MACS-CMD-01-02")
+        bench.reading("factory_reset_scope", int(not is_deaf), "MACS-CMD-01-03")
+        _judge_factory_values(bench, changed)
+        kept = bench.position()
+        session.expect(kept == place, "MACS-CMD-01-01", f"position {place} kept", kept)
+
+
+def _judge_factory_values(bench: Bench, changed: dict[int, int]) -> None:
+    session = bench.session
+    found = {index: bench.value(index) for index in FACTORY_ANSWERS}
+    words = ", ".join(f"{index:02X}h {value:08X}" for index, value in found.items())
+    for index, value in found.items():
+        session.expect(
+            value != changed[index], "MACS-CMD-01-01", f"{index:02X}h overwritten", f"{value:08X}"
+        )
+    tolerance = found[0x26] & 0xFF
+    session.expect(tolerance == 0, "MACS-CMD-1C-01", "tolerance 0", tolerance)
+    imax = bench.data_bytes(0x28, 0xAF)[0]
+    limit = found[0x26] >> 16 & 0xFF
+    session.expect(limit <= imax, "MACS-CMD-01-01", f"torque 00..{imax:02X}", f"{limit:02X}")
+    session.info("MACS-CMD-01-01", f"factory values: {words}")
+    is_ledger = found == FACTORY_ANSWERS
+    session.quirk("MACS-CMD-01-01", "factory_values", "ledger" if is_ledger else words)

@@ -303,7 +303,8 @@ def _ticks(timeline: Timeline, now_ns: int) -> int:
 def _ramped_stop(timeline: Timeline, now_ns: int) -> Timeline:
     if timeline.course is None or timeline.mode_at(now_ns) not in ("PO", "VE"):
         return timeline
-    return replace(timeline, course=timeline.course.stopped(_ticks(timeline, now_ns)))
+    course = timeline.course.stopped(_ticks(timeline, now_ns))
+    return replace(timeline, course=course, segments=())  # what waits is dropped (MACS-AMB-51)
 
 
 def _speed_change(timeline: Timeline, now_ns: int, period: int) -> Timeline:

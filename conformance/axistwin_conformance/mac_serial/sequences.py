@@ -212,6 +212,13 @@ class Sequence:
         """True in synchronous mode."""
         return self.model.is_armed
 
+    @property
+    def has_segments(self) -> bool:
+        """True if segments run, or will before the next command is taken over."""
+        return not self.is_resting and any(
+            timeline.segments for timeline in self.model.forecast.timelines
+        )
+
     def may_change(self) -> bool:
         """Count a change of a running motion; False when there were enough."""
         self.changes += 1
@@ -238,8 +245,7 @@ def _home(run: Sequence, first: int, second: int) -> None:
 
 
 def _turn(run: Sequence, first: int, second: int) -> None:
-    modes = run.model.forecast.modes(run._now())
-    if "IN" in modes or not run.may_change():
+    if run.has_segments or not run.may_change():
         run.command(0x18)
         return
     period = max(PERIODS[second % len(PERIODS)], run.bench.fastest)
@@ -247,8 +253,7 @@ def _turn(run: Sequence, first: int, second: int) -> None:
 
 
 def _turn_off(run: Sequence, first: int, second: int) -> None:
-    modes = run.model.forecast.modes(run._now())
-    if "IN" in modes or run.is_held or not run.may_change():
+    if run.has_segments or run.is_held or not run.may_change():
         run.command(0x18)
         return
     run.command(0x15, velocity(-1 if first & 1 else 1, 0))
