@@ -12,7 +12,7 @@ not use it pays nothing.
 
 import contextlib
 import sys
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator
 from typing import TYPE_CHECKING, Protocol, Unpack, overload
 
 import pytest
@@ -59,8 +59,10 @@ def axistwin(request: pytest.FixtureRequest) -> Iterator[Start]:
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Twins that outlive a test tell of each test alone."""
-    for line in _running():
-        line.line.transcript.clear()
+    if _lines_exist():
+        from axistwin import testing
+
+        testing.forget_exchanges()
 
 
 @pytest.hookimpl(wrapper=True)
@@ -69,18 +71,18 @@ def pytest_runtest_makereport(
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """A failing test, or fixture, tells what was said on the lines of all twins in use."""
     report = yield
-    if report.failed:
-        used = item.stash.get(_STARTED, [])
-        lines = [*used, *(line for line in _running() if line not in used)]
+    started = item.stash.get(_STARTED, [])
+    if report.failed and _lines_exist():
+        from axistwin import testing
+
         report.sections += [
-            (f"axistwin {line.title}", text) for line in lines if (text := line.transcript)
+            (f"axistwin {title}", text) for title, text in testing.exchanges(started)
         ]
     if call.when == "teardown":
-        item.stash.get(_STARTED, []).clear()
+        started.clear()
     return report
 
 
-def _running() -> "Sequence[StartedLine]":
-    """Twins that were started with ``axistwin.testing``, by whomever."""
-    testing = sys.modules.get("axistwin.testing")
-    return () if testing is None else testing.running()
+def _lines_exist() -> bool:
+    """Whether anybody may have made twins in this process, by whatever way."""
+    return "axistwin.urlhandler.lines" in sys.modules

@@ -81,9 +81,28 @@ def start(*devices: str, **options: Unpack[Options]) -> "StartedLine":
     return kind(settings)
 
 
-def running() -> Sequence["StartedLine"]:
-    """What was started and not stopped yet, in the order of starting."""
-    return list(_running.values())
+def forget_exchanges() -> None:
+    """Begin the transcripts of all lines in use anew."""
+    for line in _lines_in_use():
+        line.transcript.clear()
+
+
+def exchanges(stopped: Sequence["StartedLine"] = ()) -> list[tuple[str, str]]:
+    """Title and decoded transcript of every line that said something.
+
+    Of those in ``stopped`` first, then of those in use: started here, or opened by their URL.
+    """
+    told = {line.line: line.title for line in (*stopped, *_running.values())}
+    for line in _lines_in_use():
+        told.setdefault(line, f"{' '.join(twin.name for twin in line.twins)} on {SCHEME}")
+    texts = ((title, condensed(line)) for line, title in told.items())
+    return [(title, text) for title, text in texts if text]
+
+
+def _lines_in_use() -> "list[Line]":
+    """The lines that were started here, and those behind URLs."""
+    in_use = [line.line for line in _running.values()]
+    return [*in_use, *(line.line for line in lines.living() if line.line not in in_use)]
 
 
 class StartedLine:
@@ -158,7 +177,7 @@ class StartedLine:
     @property
     def transcript(self) -> str:
         """What was said on the line, decoded; repeated exchanges are shown once and counted."""
-        return _condensed(self._line.render_transcript().splitlines())
+        return condensed(self._line)
 
     def stop(self) -> None:
         """Stop serving, save what twins keep, and close everything; twice is once.
@@ -295,7 +314,8 @@ def _behind_url(
     name = f"started-{number}"
     shared = lines.share(name, options)
     undo.callback(lines.release, name)
-    return f"{SCHEME}{','.join(options.devices)}?time=virtual&line={name}", shared.line
+    # Without the devices, so that nobody can make the line anew once it is stopped.
+    return f"{SCHEME}?time=virtual&line={name}", shared.line
 
 
 def _on_pty(options: LineOptions, undo: contextlib.ExitStack) -> tuple[str, "Line"]:
@@ -314,15 +334,15 @@ def _on_pty(options: LineOptions, undo: contextlib.ExitStack) -> tuple[str, "Lin
     return link, line
 
 
-def _condensed(rows: Sequence[str]) -> str:
-    """The rows of a transcript, runs of exchanges with the same request shortened, and bounded."""
-    exchanges: list[list[str]] = []
-    for row in rows:
-        if _said(row).startswith(">") or not exchanges:
-            exchanges.append([])
-        exchanges[-1].append(row)
+def condensed(line: "Line") -> str:
+    """The transcript of ``line``: runs of exchanges with one request shortened, and bounded."""
+    spoken: list[list[str]] = []
+    for row in line.render_transcript().splitlines():
+        if _said(row).startswith(">") or not spoken:
+            spoken.append([])
+        spoken[-1].append(row)
     kept: list[str] = []
-    for _, group in itertools.groupby(exchanges, key=lambda exchange: _said(exchange[0])):
+    for _, group in itertools.groupby(spoken, key=lambda exchange: _said(exchange[0])):
         run = list(group)
         kept += run[0]
         if len(run) > 2:

@@ -19,6 +19,8 @@ from axistwin.runtime.line import Line
 from axistwin.runtime.storage import MemoryStorage, Storage
 from axistwin.urlhandler.url import LineOptions, TwinUrl
 
+_living: "weakref.WeakSet[OpenLine]" = weakref.WeakSet()
+
 
 class OpenLine:
     """A line and the options it was made with.  Raises UsageError and StateError.
@@ -32,10 +34,16 @@ class OpenLine:
         self.line = build_line(options)
         self.exclusive_owner: weakref.ref[object] | None = None
         self._finalizer = weakref.finalize(self, self.line.close)
+        _living.add(self)
 
     def span_ns(self, seconds: float) -> Nanos:
         """``seconds`` of the host's own time in the line's time."""
         return round(seconds * (self.options.speed or 1.0) * NS_PER_S)
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether the twins are switched off for good."""
+        return not self._finalizer.alive
 
     def close(self) -> None:
         """Switch the twins off and keep what they keep; twice is once.  Raises StateError."""
@@ -66,6 +74,11 @@ def build_line(options: LineOptions) -> Line:
 _registry_lock = threading.Lock()
 _named: dict[str, OpenLine] = {}
 _with_state: "weakref.WeakValueDictionary[Path, OpenLine]" = weakref.WeakValueDictionary()
+
+
+def living() -> list[OpenLine]:
+    """All lines of this process that ports refer to, or that have a name."""
+    return [line for line in _living if not line.is_closed]
 
 
 def open_line(url: TwinUrl) -> OpenLine:
@@ -109,5 +122,8 @@ def release(name: str) -> None:
 
 def _complete(url: TwinUrl) -> LineOptions:
     if not url.options.devices:
-        raise UsageError(f"there is no line {url.line} yet; name its devices: axistwin://mac23?...")
+        raise UsageError(
+            f"there is no line {url.line}, not yet or not any more; name devices to make one, "
+            f"such as axistwin://mac23?line={url.line}"
+        )
     return url.options

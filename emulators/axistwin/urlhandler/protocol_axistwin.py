@@ -188,21 +188,22 @@ class Serial(SerialBase):
         line = self._opened()
         if size <= 0:
             return b""
-        deadline_ns = limit_ns = self._deadline(self.timeout)
         if self.timeout == 0 and not self._available():
             self._pass_poll()
+        now = line.sync()
+        deadline_ns = None if self.timeout is None else now + self._span_ns(self.timeout)
+        limit_ns = deadline_ns
         data = bytearray()
         while True:
             fresh = self._take(size - len(data))
             data += fresh
-            now = line.sync()
             if len(data) >= size or self._read_ended():
                 break
             if fresh and self.inter_byte_timeout is not None:
                 limit_ns = _earlier(deadline_ns, now + self._span_ns(self.inter_byte_timeout))
             if limit_ns is not None and now >= limit_ns:
                 break
-            self._wait_for_input(limit_ns, size - len(data))
+            now = self._wait_for_input(limit_ns, size - len(data))
         return bytes(data)
 
     def read_until(self, expected: bytes = LF, size: int | None = None) -> bytes:
@@ -254,13 +255,15 @@ class Serial(SerialBase):
         self._cancelled_read = False
         return True
 
-    def _wait_for_input(self, limit_ns: Nanos | None, count: int) -> None:
-        """Wait until ``count`` bytes may have come, or less long."""
+    def _wait_for_input(self, limit_ns: Nanos | None, count: int) -> Nanos:
+        """Wait until ``count`` bytes may have come, or less long; returns the present time."""
         one_by_one = self.xonxoff or self.inter_byte_timeout is not None
         count = 1 if one_by_one else min(count, INPUT_STEP)
         if limit_ns is None:
             limit_ns = self._next_chance()
-        self.line.wait(limit_ns, count, stop=lambda: self._cancelled_read or not self.is_open)
+        return self.line.wait(
+            limit_ns, count, stop=lambda: self._cancelled_read or not self.is_open
+        )
 
     def _next_chance(self) -> Nanos | None:
         """How far a wait without a time-out may go: in virtual time, it must not be for ever."""

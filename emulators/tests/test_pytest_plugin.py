@@ -1,0 +1,233 @@
+"""The pytest plugin, seen from a project that uses it."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest_plugins = ["pytester"]
+
+EXAMPLE = Path(__file__).parents[2] / "fixtures" / "example-project"
+
+
+@pytest.fixture
+def project(pytester: pytest.Pytester) -> pytest.Pytester:
+    """The example project in an empty folder."""
+    for file in EXAMPLE.glob("*.py"):
+        shutil.copy(file, pytester.path)
+    return pytester
+
+
+def run(pytester: pytest.Pytester, *words: str) -> pytest.RunResult:
+    """pytest in a process of its own, where every warning is an error."""
+    return pytester.runpytest_subprocess("-W", "error", *words, timeout=60)
+
+
+def test_a_correct_driver_passes(project: pytest.Pytester) -> None:
+    """In virtual time and on a pty, without a warning."""
+    result = run(project, "-k", "correct")
+    result.assert_outcomes(passed=2, deselected=2)
+
+
+def test_a_naive_driver_fails_with_the_exchange_in_the_failure(project: pytest.Pytester) -> None:
+    """The refused command is there, decoded, for the URL and for the pty."""
+    result = run(project, "-k", "naive")
+    result.assert_outcomes(failed=2, deselected=2)
+    result.stdout.fnmatch_lines(
+        [
+            "*axistwin mac23:0 on axistwin://?time=virtual*",
+            "* ms > 02 30 31 34 30 30 31 33 * go to position -500 *",
+            "* ms < 06 13 17 *refused*",
+            "*axistwin mac23:0 on */mac23 *",
+            "* ms < 06 13 17 *refused*",
+        ]
+    )
+
+
+def test_the_exchange_comes_through_xdist(project: pytest.Pytester) -> None:
+    """Reports travel from a worker to the terminal."""
+    result = run(project, "-k", "naive and virtual", "-n", "1")
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(["*axistwin mac23:0 on *", "* ms < 06 13 17 *refused*"])
+
+
+QUERY = "b'\\x0201400200000000000A2\\x03'"
+
+
+def test_a_passing_test_tells_nothing(pytester: pytest.Pytester) -> None:
+    """Exchanges of a test that passed are not shown with another one's failure."""
+    pytester.makepyfile(
+        f"""
+        import serial
+
+        def talk(twin):
+            with serial.serial_for_url(twin.port, baudrate=38400, timeout=1) as port:
+                port.write({QUERY})
+                assert len(port.read(21)) == 21
+
+        def test_passes(axistwin):
+            talk(axistwin("mac23", time="virtual"))
+
+        def test_fails(axistwin):
+            axistwin("mac23", time="virtual")
+            assert False
+        """
+    )
+    result = run(pytester, "-p", "no:randomly")
+    result.assert_outcomes(passed=1, failed=1)
+    result.stdout.no_fnmatch_line("*axistwin mac23*")
+
+
+def test_a_failing_fixture_tells_too(pytester: pytest.Pytester) -> None:
+    """A driver's own fixture that fails at set-up or tear-down comes with the exchange."""
+    pytester.makepyfile(
+        f"""
+        import pytest, serial
+
+        @pytest.fixture
+        def driver(axistwin):
+            twin = axistwin("mac23", time="virtual")
+            with serial.serial_for_url(twin.port, baudrate=38400, timeout=1) as port:
+                port.write({QUERY})
+                assert port.read(21) == b"", "set-up"
+
+        @pytest.fixture
+        def late(axistwin):
+            twin = axistwin("mac23", time="virtual")
+            yield
+            with serial.serial_for_url(twin.port, baudrate=38400, timeout=1) as port:
+                port.write({QUERY})
+                assert port.read(21) == b"", "tear-down"
+
+        def test_set_up(driver):
+            pass
+
+        def test_tear_down(late):
+            pass
+        """
+    )
+    result = run(pytester)
+    result.assert_outcomes(passed=1, errors=2)
+    result.stdout.fnmatch_lines(
+        ["*ERROR at setup*", "*axistwin mac23:0 on *", "* ms < 06 13 02 *position = 0*"]
+    )
+    result.stdout.fnmatch_lines(
+        ["*ERROR at teardown*", "*axistwin mac23:0 on *", "* ms < 06 13 02 *position = 0*"]
+    )
+
+
+def test_twins_of_a_wider_scope_and_plain_urls_tell_too(pytester: pytest.Pytester) -> None:
+    """A module's twin tells what was said during the failing test, and not what was before."""
+    pytester.makepyfile(
+        f"""
+        import pytest, serial
+        from axistwin import testing
+
+        @pytest.fixture(scope="module")
+        def twin():
+            with testing.start("mac23:0", "mac34-1:5", time="virtual") as twin:
+                yield twin
+
+        def test_before(twin):
+            with serial.serial_for_url(twin.port, baudrate=38400, timeout=1) as port:
+                port.write({QUERY})
+                assert len(port.read(21)) == 21
+
+        def test_module(twin):
+            with serial.serial_for_url(twin.port, baudrate=38400, timeout=1) as port:
+                port.write(b"hello")
+                assert port.read(1) == b"x"
+
+        def test_url():
+            port = serial.serial_for_url("axistwin://mac34-2?time=virtual", timeout=1)
+            port.write(b"hello")
+            assert port.read(1) == b"x"
+        """
+    )
+    result = run(pytester)
+    result.assert_outcomes(passed=1, failed=2)
+    result.stdout.fnmatch_lines(["*axistwin mac23:0 mac34-1:5 on *", "* ms > 68 65 6c 6c 6f*"])
+    result.stdout.fnmatch_lines(["*axistwin mac34-2:0 on axistwin://*", "* ms > 68 65 6c 6c 6f*"])
+    result.stdout.no_fnmatch_line("*position = 0*")
+
+
+def test_twins_are_stopped_after_the_test(pytester: pytest.Pytester) -> None:
+    """Several in one test, one of them stopped by the test itself; nothing stays."""
+    pytester.makepyfile(
+        """
+        import os, threading
+
+        before = []
+
+        def state():
+            return threading.active_count(), len(os.listdir("/proc/self/fd"))
+
+        def test_first(axistwin):
+            axistwin("mac23").stop()  # what is made once and stays is made now
+            before.append(state())
+
+        def test_many(axistwin):
+            for _ in range(3):
+                axistwin("mac23")
+            axistwin("mac23", time="virtual")
+            axistwin("mac23", "mac34-1:5").stop()
+            assert state() != before[0]
+
+        def test_last():
+            assert state() == before[0]
+        """
+    )
+    run(pytester).assert_outcomes(passed=3)
+
+
+def test_a_twin_that_fails_is_an_error_of_the_test(pytester: pytest.Pytester) -> None:
+    """What broke a server's thread comes out when the test ends, and the others are stopped too."""
+    pytester.makepyfile(
+        """
+        import serial, threading
+        from axistwin.errors import StateError
+        from axistwin.runtime.line import Line
+
+        def test_broken(axistwin, monkeypatch):
+            other = axistwin("mac23")
+            twin = axistwin("mac23")
+
+            def fail(line, data):
+                raise StateError("state: cannot be written (no room); make room")
+
+            monkeypatch.setattr(Line, "send", fail)
+            with serial.Serial(twin.port, 38400, timeout=0.2) as port:
+                port.write(b"x")
+                try:
+                    port.read(1)
+                except serial.SerialException:
+                    pass
+
+        def test_after():
+            assert threading.active_count() == 1
+        """
+    )
+    result = run(pytester)
+    result.assert_outcomes(passed=2, errors=1)
+    result.stdout.fnmatch_lines(["*StateError: state: cannot be written (no room)*"])
+
+
+def test_the_fixture_is_documented(pytester: pytest.Pytester) -> None:
+    """``pytest --fixtures`` shows how to use it."""
+    result = run(pytester, "--fixtures")
+    result.stdout.fnmatch_lines(["axistwin*", '*Start twins*axistwin("mac23")*'])
+
+
+def test_an_installed_plugin_that_nobody_uses_costs_nothing() -> None:
+    """Loading it imports neither twins nor servers."""
+    program = (
+        "import sys, axistwin.pytest_plugin\n"
+        "loaded = [name for name in sys.modules if name.startswith('axistwin')]\n"
+        "print(sorted(loaded), 'asyncio' in sys.modules)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=30
+    )
+    assert done.stdout.strip() == "['axistwin', 'axistwin.pytest_plugin'] False"

@@ -1,0 +1,238 @@
+"""Twins for tests, without pytest: what a started line offers and that it leaves no trace."""
+
+import os
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+import serial
+from mac_frames import ACCEPTED, ANSWER_LENGTH, REFUSED, answer_value, request
+
+from axistwin import testing
+from axistwin.errors import AxistwinError, PortError, UsageError
+from axistwin.runtime.server import Server
+
+TIMES = ["virtual", "real", 20]
+
+
+def ask(port: Any, index: int, parameter: int = 0, address: int = 0) -> int:
+    """The value that a query is answered with."""
+    port.write(request(index, parameter, address))
+    return answer_value(port.read(ANSWER_LENGTH))
+
+
+def opened(twin: testing.StartedLine, **settings: Any) -> Any:
+    """A client of ``twin``."""
+    return serial.serial_for_url(twin.port, **{"baudrate": 38400, "timeout": 0.5, **settings})
+
+
+def open_files() -> set[str]:
+    """What the file descriptors of this process point to."""
+    names = set()
+    for entry in Path("/proc/self/fd").iterdir():
+        try:
+            names.add(f"{entry.name} {entry.readlink()}")
+        except FileNotFoundError:  # the one that lists the folder
+            continue
+    return names
+
+
+@pytest.mark.parametrize("time", TIMES)
+def test_a_client_can_connect_when_start_returns(time: str | float) -> None:
+    """In every kind of time, and a ``with`` block stops the twin."""
+    with testing.start("mac23", time=time) as twin, opened(twin) as port:
+        assert ask(port, 0x20) == 0
+    with pytest.raises(serial.SerialException):
+        opened(twin)
+
+
+@pytest.mark.parametrize("time", TIMES)
+def test_nothing_is_left_behind(time: str | float) -> None:
+    """No thread, no descriptor, no file, however often twins come and go."""
+    with testing.start("mac23", time=time):
+        pass
+    files, threads = open_files(), threading.active_count()
+    for _ in range(5):
+        with testing.start("mac23", time=time) as twin, opened(twin) as port:
+            assert ask(port, 0x20) == 0
+        assert not Path(twin.port).parent.exists()
+    assert threading.active_count() == threads
+    assert open_files() == files
+    assert twin not in testing._running.values()
+
+
+def test_a_start_that_fails_leaves_nothing_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The memory and the folder are let go of when the server cannot serve."""
+    files, threads = open_files(), threading.active_count()
+
+    def refuse(server: Server) -> None:
+        raise PortError("no pseudo terminal to be had")
+
+    monkeypatch.setattr(Server, "open", refuse)
+    with pytest.raises(PortError):
+        testing.start("mac23")
+    assert threading.active_count() == threads
+    assert open_files() == files
+
+
+def test_a_twin_on_a_pty_stops_while_a_client_waits() -> None:
+    """The client sees a hang-up; nothing hangs."""
+    with testing.start("mac23") as twin:
+        port = opened(twin, timeout=5)
+    start = time.monotonic()
+    with pytest.raises(serial.SerialException):
+        port.read(1)
+    assert time.monotonic() - start < 2
+    port.close()
+
+
+def test_stopping_twice_is_stopping_once() -> None:
+    """So a test may stop a twin which the fixture stops too."""
+    twin = testing.start("mac23")
+    twin.stop()
+    twin.stop()
+
+
+@pytest.mark.parametrize("time", ["virtual", "real"])
+def test_a_single_twin_forwards_everything(time: str) -> None:
+    """Inputs, supply, temperature, load, power and what can be read."""
+    with testing.start("mac23:3", time=time) as twin:
+        twin.inputs.reference = True
+        twin.supply_volts = 30.5
+        twin.temperature_celsius = 41.0
+        twin.load = twin.twin._load
+        assert twin.inputs.reference is True
+        assert (twin.supply_volts, twin.temperature_celsius) == (30.5, 41.0)
+        assert twin.load == twin.twin.load
+        assert (twin.name, twin.address, twin.position) == ("mac23:3", 3, 0)
+        assert not twin.is_moving
+        assert twin.state == twin.twin.state
+        assert twin.describe()["address"] == 3
+        twin.power_off()
+        was_powered = twin.is_powered
+        twin.power_on()
+        assert (was_powered, twin.is_powered) == (False, True)
+        assert "mac23:3 on" in repr(twin)
+
+
+def test_power_cycle_needs_a_start_up() -> None:
+    """Position is kept, and the module hears nothing for 2 s (MACS-PERS-01, MACS-AMB-21)."""
+    with testing.start("mac23", time="virtual") as twin, opened(twin) as port:
+        port.write(request(0x13, 40))
+        assert port.read(3) == ACCEPTED
+        twin.advance(1)
+        twin.power_cycle()
+        port.write(request(0x20))
+        assert port.read(1) == b""
+        twin.advance(2)
+        assert ask(port, 0x20) == twin.position == 40
+
+
+def test_several_twins_share_one_line() -> None:
+    """They are found by number and by name."""
+    with (
+        testing.start("mac23:0", "mac34-1:5", time="virtual") as line,
+        opened(line) as port,
+    ):
+        assert len(line) == 2
+        assert [twin.name for twin in line] == ["mac23:0", "mac34-1:5"]
+        assert line[1] is line["mac34-1:5"] is line.twins[1]
+        port.write(request(0x13, 40, address=5))
+        assert port.read(3) == ACCEPTED
+        line.advance(1)
+        assert [twin.position for twin in line] == [0, 40]
+        with pytest.raises(UsageError, match=r"no twin mac34-1:6 .*did you mean mac34-1:5"):
+            _ = line["mac34-1:6"]
+
+
+def test_time_can_be_moved_only_when_it_is_virtual() -> None:
+    """``advance`` says what to do instead."""
+    with testing.start("mac23", time="virtual") as twin:
+        twin.advance(1.5)
+        assert twin.virtual_time_ns == 1_500_000_000
+        with pytest.raises(UsageError, match="-1 s is not 0 or more"):
+            twin.advance(-1)
+    with (
+        testing.start("mac23") as twin,
+        pytest.raises(UsageError, match='start the twin with time="virtual"'),
+    ):
+        twin.advance(1)
+
+
+def test_scaled_time_runs_faster() -> None:
+    """At 100 times, 0.05 s of sleep are 5 s of the twin's."""
+    with testing.start("mac23", time=100) as twin:
+        start = twin.virtual_time_ns
+        time.sleep(0.05)
+        assert twin.virtual_time_ns - start > 4_900_000_000
+
+
+def test_options_reach_the_twin(tmp_path: Path) -> None:
+    """Address, quirks, rate, memory and start-up."""
+    with testing.start("mac23", address=7, quirks={"xon_byte": "11h"}, time="virtual") as twin:
+        port = opened(twin)
+        port.write(request(0x0B, address=7))
+        assert port.read(3) == b"\x06\x13\x11"
+    with testing.start("mac23", baud=9600, pacing=False, seed=7, state=tmp_path) as twin:
+        port = opened(twin, baudrate=9600)
+        port.write(request(0x0D, 1234))
+        assert port.read(3) == ACCEPTED
+        port.close()
+    with testing.start("mac23", time="virtual", cold=True, state=tmp_path) as twin:
+        twin.advance(2.1)
+        with opened(twin, baudrate=9600) as port:
+            assert ask(port, 0x25) & 0xFFFF == 1234
+
+
+@pytest.mark.parametrize(
+    ("devices", "options", "message"),
+    [
+        ([], {}, "which devices"),
+        (["mac24"], {}, "did you mean mac23"),
+        (["mac23"], {"tim": "virtual"}, "unknown option tim: did you mean time"),
+        (["mac23"], {"time": "later"}, "use virtual, real, or a speed"),
+        (["mac23:1"], {"address": 2}, "for one device without an address"),
+        (["mac23"], {"quirks": {"xon_bite": 1}}, "unknown quirk 'xon_bite'"),
+        (["mac23"], {"profile": "/nowhere"}, "profile /nowhere"),
+        (["mac23"], {"state": "/dev/null"}, "state /dev/null"),
+    ],
+)
+@pytest.mark.parametrize("kind", ["virtual", "real"])
+def test_mistakes_are_one_clear_line(
+    kind: str, devices: list[str], options: dict[str, Any], message: str
+) -> None:
+    """On a pty and behind a URL alike, and nothing stays running."""
+    threads = threading.active_count()
+    with pytest.raises(AxistwinError, match=message) as caught:
+        testing.start(*devices, **{"time": kind, **options})
+    assert "\n" not in str(caught.value)
+    assert threading.active_count() == threads
+
+
+def test_the_transcript_tells_what_was_said() -> None:
+    """Decoded, with both directions; a refused command stays in sight behind a thousand polls."""
+    with testing.start("mac23", time="virtual") as twin, opened(twin) as port:
+        for expected in (ACCEPTED, REFUSED):
+            port.write(request(0x13, 100_000))
+            assert port.read(3) == expected
+        for _ in range(1000):
+            ask(port, 0x20)
+        text = twin.transcript
+    assert "06 13 17  refused" in text
+    assert "998 more like this one" in text
+    assert len(text.splitlines()) < 12
+    assert twin.transcript == text, "it can be read after the end"
+
+
+def test_the_transcript_is_bounded() -> None:
+    """Whatever was said, beginning and end are shown and the middle is counted."""
+    with testing.start("mac23", time="virtual", pacing=False) as twin, opened(twin) as port:
+        for number in range(500):
+            port.write(request(0x0C, number % 2))
+            port.read(3)
+    rows = twin.transcript.splitlines()
+    assert len(rows) == 151
+    assert "850 lines left out" in twin.transcript
+    assert os.linesep not in rows[0]
