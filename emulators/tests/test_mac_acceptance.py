@@ -1,5 +1,7 @@
 """The acceptance table of ledger §4.2, cell by cell over the wire, and both readings in doubt."""
 
+from typing import Any
+
 import pytest
 from mac_bench import ACCEPTED, REFUSED, SILENCE, MacBench
 
@@ -94,7 +96,7 @@ OTHER_READINGS = [
 ]
 
 
-def bench_in(state: str, **quirks: str) -> MacBench:
+def bench_in(state: str, **quirks: Any) -> MacBench:
     """A module brought into ``state`` over the wire (or by its inputs)."""
     bench = MacBench(**quirks)
     steps: dict[str, list[tuple[int, int]]] = {

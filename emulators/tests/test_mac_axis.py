@@ -1,0 +1,886 @@
+"""What a MAC axis does in time: profiles, segments, synchronous mode, stops, faults, loads."""
+
+import pytest
+from mac_bench import MS, REFUSED, SILENCE, TICK_NS, MacBench, S
+
+from axistwin.devices.mac.framing import request
+from axistwin.motion.plant import Load
+from axistwin.wire.framing import Chunk
+
+PERIOD = 0x320  # 800 ticks, the ledger's examples
+HELD = Load(held=True)
+FREE = Load()
+
+
+def moving(distance: int, aa: int = 1, **quirks: str | int) -> MacBench:
+    """A module that has just accepted 13h, period 800."""
+    bench = MacBench(factory_ramp=aa, factory_period=PERIOD, **quirks)  # type: ignore[arg-type]
+    bench.do(0x13, distance & 0xFFFFFFFF)
+    return bench
+
+
+def ticks_since_etx(bench: MacBench) -> int:
+    """Time since the last Etx, which must be a whole number of ticks."""
+    ticks, rest = divmod(bench.now - bench.etx_ns, TICK_NS)
+    assert rest == 0
+    return ticks
+
+
+# ---- position mode (§5.3) ----
+
+EXAMPLES = [
+    (1, 1, 12800),
+    (2, 1, 25600),
+    (10, 1, 68268),
+    (100, 1, 243200),
+    (239, 1, 383155),
+    (240, 1, 384008),
+    (241, 1, 384808),
+    (1000, 1, 992008),
+    (1000, 10, 2432000),
+    (10000, 10, 9920080),
+]
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(("distance", "aa", "ticks"), EXAMPLES)
+def test_the_ledgers_moves_take_their_ticks(distance: int, aa: int, ticks: int, sign: int) -> None:
+    """Tick for tick through frames, both directions (MACS-CMD-13-01, -05)."""
+    bench = MacBench(factory_ramp=aa, factory_period=PERIOD)
+    chunk = Chunk(bench.now, request(0, 0x13, sign * distance), bench.device.line_format)
+    bench.take(bench.device.receive(chunk))
+    bench.etx_ns = chunk.arrival_ns(20)
+    bench.run_until(bench.etx_ns)
+    bench.settle()
+    assert ticks_since_etx(bench) == ticks
+    assert bench.device.position_at(bench.now) == sign * distance
+
+
+def test_every_increment_of_a_short_move_comes_on_its_tick() -> None:
+    """D = 10, AA = 1: levels 1 2 2 3 3 and back (§5.2)."""
+    bench = moving(10)
+    periods = [12800, 6400, 6400, 4267, 4267, 4267, 4267, 6400, 6400, 12800]
+    at = bench.etx_ns
+    for count, period in enumerate(periods):
+        at += period * TICK_NS
+        assert bench.position_at(at - 1) == count
+        assert bench.position_at(at) == count + 1
+
+
+def test_a_target_that_is_the_position_moves_nothing() -> None:
+    """Accepted, no motion, not busy (MACS-CMD-13-04)."""
+    bench = MacBench(cells={"position": 55})
+    bench.do(0x13, 55)
+    assert bench.state() == "HD"
+    assert bench.read(0x27) & 0x0800
+    assert bench.position() == 55
+
+
+def test_14h_goes_back_to_zero() -> None:
+    """MACS-CMD-14-01."""
+    bench = MacBench(cells={"position": -300})
+    bench.do(0x14, 0x12345678)
+    bench.settle()
+    assert bench.position() == 0
+
+
+def test_targets_are_absolute_and_signed() -> None:
+    """13h FFFFFFFF goes to -1 (MACS-FRAME-05)."""
+    bench = MacBench(cells={"position": 5})
+    bench.do(0x13, 0xFFFFFFFF)
+    bench.settle()
+    assert bench.position() == -1
+
+
+@pytest.mark.parametrize("number", [0x40000000, 0xBFFFFFFF, 0x80000000, 0x7FFFFFFF])
+def test_targets_outside_the_counter_are_refused(number: int) -> None:
+    """MACS-CMD-13-06."""
+    MacBench().refuse(0x13, number)
+
+
+def test_without_a_ramp_every_increment_takes_the_period() -> None:
+    """AA = 0 (§5.4)."""
+    bench = moving(1000, aa=0)
+    bench.settle()
+    assert bench.now == bench.etx_ns + 1000 * PERIOD * TICK_NS
+
+
+def test_an_hour_of_motion_is_asked_in_one_step() -> None:
+    """Closed form: an hour at 10000 inc/s."""
+    bench = MacBench(factory_ramp=0)
+    bench.do(0x15, PERIOD)
+    assert bench.position_at(bench.etx_ns + 3600 * S) == 36_000_000
+
+
+# ---- velocity mode (§5.7) ----
+
+
+def test_a_velocity_motion_climbs_and_stays() -> None:
+    """The ramp of 120·AA increments, level k lasting k·AA of them, then P each (MACS-CMD-15-01)."""
+    bench = MacBench(factory_ramp=2)
+    bench.do(0x15, PERIOD)
+    climb = sum(2 * k * ((32 * PERIOD + k) // (2 * k)) for k in range(1, 16))
+    assert bench.position_at(bench.etx_ns + climb * TICK_NS - 1) == 239
+    assert bench.position_at(bench.etx_ns + climb * TICK_NS) == 240
+    assert bench.position_at(bench.etx_ns + (climb + 100 * PERIOD) * TICK_NS) == 340
+
+
+@pytest.mark.parametrize(("ss", "sign"), [(0xF6, -1), (0, 1), (0x6F, 1), (0xF7, 1), (0x01, 1)])
+def test_only_f6_turns_counter_clockwise(ss: int, sign: int) -> None:
+    """Every other SS is clockwise; the first byte is without effect (MACS-CMD-15-01, -06)."""
+    bench = MacBench()
+    bench.do(0x15, 0xAB000000 | ss << 16 | PERIOD)
+    bench.advance(S)
+    assert bench.position() * sign > 0
+
+
+def test_a_second_velocity_changes_the_speed_never_the_direction() -> None:
+    """SS of the wrong direction is accepted and ignored (MACS-CMD-15-02, -03)."""
+    bench = MacBench(factory_ramp=0)
+    bench.do(0x15, PERIOD)
+    bench.do(0x15, 0x00F60000 | 400)
+    bench.advance(S)
+    start = bench.device.position_at(bench.now)
+    bench.advance(S)
+    assert bench.device.position_at(bench.now) - start == 20_000
+    assert bench.read(0x25) & 0xFFFF == PERIOD
+
+
+def test_the_ledgers_speed_change_takes_its_ticks() -> None:
+    """1600 to 800 at AA 1: 120 increments in 127674 ticks (§5.7)."""
+    bench = MacBench(factory_ramp=1)
+    bench.do(0x15, 1600)
+    bench.advance(S)
+    bench.do(0x15, 800)
+    # The increment in progress at Etx is finished on the old period first.
+    probe = MacBench(factory_ramp=1)
+    probe.do(0x15, 1600)
+    running = probe.position_at(bench.etx_ns)
+    first = bench.etx_ns
+    while probe.position_at(first) == running:
+        first += TICK_NS
+    assert bench.position_at(first + 127_674 * TICK_NS - 1) == running + 1 + 119
+    assert bench.position_at(first + 127_674 * TICK_NS) == running + 1 + 120
+    assert bench.position_at(first + (127_674 + 800 * 50) * TICK_NS) == running + 1 + 170
+
+
+@pytest.mark.parametrize("stop", [(0x17, 0), (0x15, 0), (0x15, 0x00F60000)])
+def test_a_ramped_stop_from_cruise_takes_n_increments(stop: tuple[int, int]) -> None:
+    """And leaves the motor powered (MACS-CMD-17-01, -15-04)."""
+    bench = MacBench(factory_ramp=1)
+    bench.do(0x15, PERIOD)
+    bench.advance(S)
+    bench.do(*stop)
+    etx = bench.etx_ns
+    end = bench.settle()
+    probe = MacBench(factory_ramp=1)
+    probe.do(0x15, PERIOD)
+    running = probe.position_at(etx)
+    assert bench.position() == running + 1 + 120
+    assert 192_004 * TICK_NS < end - etx <= (192_004 + PERIOD) * TICK_NS
+    assert bench.state() == "HD"
+
+
+def test_a_ramped_stop_in_mid_ramp_descends_what_was_climbed() -> None:
+    """§5.7: j further increments after the one in progress."""
+    bench = MacBench(factory_ramp=10)
+    bench.do(0x15, 0x1000)
+    start = bench.etx_ns
+    bench.run_until(start + 400 * MS)
+    bench.do(0x17)
+    probe = MacBench(factory_ramp=10)
+    probe.do(0x15, 0x1000)
+    running = probe.position_at(bench.etx_ns)
+    bench.settle()
+    assert bench.position() == 2 * (running + 1)
+
+
+def test_a_ramped_stop_gives_up_the_target_of_a_position_motion() -> None:
+    """No creeping on to the old target (MACS-CMD-17-01)."""
+    bench = moving(100_000)
+    bench.advance(S)
+    bench.do(0x17)
+    bench.settle()
+    rest = bench.position()
+    assert 10_000 < rest < 11_000
+    bench.advance(10 * S)
+    assert bench.position() == rest
+
+
+def test_a_velocity_command_takes_over_a_position_motion() -> None:
+    """It passes the target (MACS-AMB-29)."""
+    bench = moving(1000)
+    bench.do(0x15, PERIOD)
+    assert bench.state() == "VE"
+    bench.advance(S)
+    assert bench.position() > 2000
+
+
+def test_a_velocity_command_takes_over_from_the_segments() -> None:
+    """FIFO emptied, from the segment's speed on, its direction kept (MACS-AMB-30)."""
+    bench = MacBench(factory_ramp=0)
+    bench.do(0x16, 0x83E80400)
+    bench.do(0x16, 0x03E80400)
+    bench.advance(S)
+    bench.do(0x15, 400)
+    assert bench.state() == "VE"
+    before = bench.device.position_at(bench.now)
+    bench.advance(S)
+    assert bench.device.position_at(bench.now) - before == -20_000
+
+
+# ---- hard stop, power ----
+
+
+def test_a_hard_stop_stops_dead_and_ends_regulation() -> None:
+    """MACS-CMD-18-01: powered, position valid, a pushed shaft stays where it is."""
+    bench = moving(100_000)
+    bench.advance(S)
+    bench.do(0x18)
+    etx = bench.etx_ns
+    rest = bench.position()
+    assert rest == moving(100_000).position_at(etx)
+    assert bench.state() == "HD"
+    bench.take(bench.device.push(bench.now, 7))
+    bench.advance(10 * S)
+    assert bench.position() == rest + 7
+
+
+def test_the_place_of_a_finished_move_is_held() -> None:
+    """A pushed shaft comes back, one increment every VV·200 µs (§5.5)."""
+    bench = MacBench(factory_catchup=5)
+    bench.do(0x13, 100)
+    bench.settle()
+    bench.take(bench.device.push(bench.now, -4))
+    start = bench.now
+    for step in range(4):
+        assert bench.position_at(start + (step + 1) * MS - 1) == 96 + step
+        assert bench.position_at(start + (step + 1) * MS) == 97 + step
+    bench.advance(S)
+    assert bench.position() == 100
+
+
+def test_without_power_the_shaft_turns_freely_and_is_counted() -> None:
+    """MACS-CMD-1A-01, -02."""
+    bench = MacBench()
+    bench.do(0x13, 100)
+    bench.settle()
+    bench.do(0x1A)
+    assert bench.state() == "OF"
+    bench.take(bench.device.push(bench.now, -40))
+    bench.advance(S)
+    assert bench.position() == 60
+
+
+def test_motor_off_in_motion_is_accepted_and_a_motion_powers_it_again() -> None:
+    """MACS-CMD-1A-01, MACS-CMD-13-03."""
+    bench = moving(100_000)
+    bench.advance(S)
+    bench.do(0x1A)
+    assert bench.state() == "OF"
+    rest = bench.position()
+    bench.advance(S)
+    assert bench.position() == rest
+    bench.do(0x13, rest)
+    assert bench.state() == "HD"
+
+
+# ---- segments (§5.6) ----
+
+
+def test_segments_run_back_to_back_to_the_tick() -> None:
+    """No gap, no rounding; virtual ones take their time (MACS-CMD-16-01, -1E-01)."""
+    bench = MacBench()
+    bench.do(0x16, 0x00C80400)
+    start = bench.etx_ns
+    bench.do(0x1E, 0x00C80400)
+    bench.do(0x16, 0xFFCE0800)
+    one, two = 200 * 0x400, 400 * 0x400
+    three = two + 50 * 0x800
+    assert bench.position_at(start + one * TICK_NS - 1) == 199
+    for ticks, position in ((one, 200), (two, 200), (two + 0x800, 199), (three, 150)):
+        assert bench.position_at(start + ticks * TICK_NS) == position
+    assert bench.now == start + three * TICK_NS
+    assert bench.state() == "HD"
+
+
+def test_the_fifth_segment_of_a_burst_is_refused_until_a_stage_frees() -> None:
+    """Three stages in front of the one in execution (MACS-CMD-16-02)."""
+    bench = MacBench()
+    for _ in range(4):
+        bench.do(0x1E, 0x03E81000)
+    start = bench.late[0].start_ns - MS
+    bench.refuse(0x16, 0x03E81000)
+    frame_ns = bench.device.line_format.span_ns(21)
+    end = start + 512 * MS
+    bench.run_until(end - 1 - frame_ns)
+    assert bench.ask(0x1E, 0x03E81000) == REFUSED
+    bench.run_until(end + 8 * MS)
+    bench.do(0x1E, 0x03E81000)
+
+
+def test_an_underrun_rests_at_the_last_step_and_a_later_segment_starts_afresh() -> None:
+    """MACS-AMB-40."""
+    bench = MacBench()
+    bench.do(0x16, 0x000A1000)
+    bench.settle()
+    assert bench.state() == "HD"
+    bench.advance(S)
+    bench.do(0x16, 0x000A1000)
+    start = bench.etx_ns
+    assert bench.position_at(start + 9 * 0x1000 * TICK_NS) == 19
+    assert bench.position_at(start + 10 * 0x1000 * TICK_NS) == 20
+    assert bench.state() == "HD"
+
+
+def test_segments_know_neither_ramp_nor_maximum_speed() -> None:
+    """MACS-CMD-16-03."""
+    bench = MacBench(factory_ramp=50, factory_period=0xFFFF)
+    bench.do(0x16, 0x03E80010)
+    assert bench.settle() < bench.etx_ns + 1000 * 0x10 * TICK_NS + 2 * MS
+    assert bench.position() == 1000
+
+
+def test_the_most_negative_segment_has_32768_steps() -> None:
+    """DDDD = 8000h (§5.6)."""
+    bench = MacBench()
+    bench.do(0x16, 0x80000100)
+    bench.settle()
+    assert bench.position() == -32768
+
+
+def test_a_ramped_stop_does_not_interrupt_segments() -> None:
+    """MACS-CMD-17-02."""
+    bench = MacBench()
+    bench.do(0x16, 0x03E80400)
+    bench.do(0x17)
+    bench.settle()
+    assert bench.position() == 1000
+
+
+def test_a_hard_stop_empties_the_fifo() -> None:
+    """Nothing resumes (MACS-CMD-18-03)."""
+    bench = MacBench()
+    bench.do(0x16, 0x03E80400)
+    bench.do(0x16, 0x03E80400)
+    bench.do(0x18)
+    rest = bench.position()
+    bench.advance(S)
+    assert bench.position() == rest < 1000
+    bench.do(0x16, 0x00010400)
+    bench.settle()
+    assert bench.position() == rest + 1
+
+
+def test_segments_sent_during_a_move_run_after_it() -> None:
+    """MACS-AMB-31."""
+    bench = moving(500)
+    for _ in range(3):
+        bench.do(0x16, 0x00640400)
+    bench.refuse(0x16, 0x00640400)
+    end = bench.etx_ns
+    bench.settle()
+    assert bench.position() == 800
+    assert bench.now > end
+
+
+# ---- synchronous mode ----
+
+
+def test_an_armed_motion_starts_on_11h() -> None:
+    """Acknowledged, held, started (MACS-CMD-10-01, -11-01)."""
+    bench = MacBench()
+    bench.do(0x10)
+    assert bench.state() == "OF+AR"
+    bench.do(0x13, 100)
+    assert bench.state() == "OF+PL"
+    bench.advance(S)
+    assert bench.position() == 0
+    bench.do(0x11)
+    start = bench.etx_ns
+    bench.settle()
+    assert bench.position() == 100
+    assert bench.now > start
+    bench.do(0x13, 0)
+    bench.settle()
+    assert bench.position() == 0
+
+
+def test_the_second_preload_replaces_the_first() -> None:
+    """MACS-AMB-36."""
+    bench = MacBench()
+    for index, parameters in ((0x10, 0), (0x13, 100), (0x13, 200), (0x11, 0)):
+        bench.do(index, parameters)
+    bench.settle()
+    assert bench.position() == 200
+
+
+@pytest.mark.parametrize("stop", [0x17, 0x18, 0x1A])
+def test_stops_drop_arm_and_preload(stop: int) -> None:
+    """MACS-AMB-36, MACS-AMB-51."""
+    bench = MacBench()
+    for index, parameters in ((0x10, 0), (0x13, 100), (stop, 0), (0x11, 0)):
+        bench.do(index, parameters)
+    assert bench.state() == "OF"
+    bench.do(0x10)
+    bench.do(stop)
+    bench.do(0x13, 50)
+    bench.settle()
+    assert bench.position() == 50
+
+
+def test_segments_are_not_held_and_leave_the_arm() -> None:
+    """MACS-CMD-10-03, MACS-AMB-35."""
+    bench = MacBench()
+    bench.do(0x10)
+    bench.do(0x16, 0x00640400)
+    bench.settle()
+    assert bench.position() == 100
+    bench.do(0x13, 0)
+    assert bench.state() == "HD+PL"
+
+
+def test_arming_in_motion_holds_the_next_motion() -> None:
+    """10h under way, 15h preloaded, 11h takes it (§4.2 note on AR/PL)."""
+    bench = MacBench(factory_ramp=0)
+    bench.do(0x15, PERIOD)
+    bench.do(0x10)
+    bench.do(0x15, 400)
+    assert bench.state() == "VE+PL"
+    bench.do(0x11)
+    before = bench.device.position_at(bench.now)
+    bench.advance(S)
+    assert bench.device.position_at(bench.now) - before == 20_000
+
+
+def test_two_axes_started_by_one_general_frame_step_on_the_same_nanosecond() -> None:
+    """All start on the same frame's Etx (§6)."""
+    benches = [MacBench(address=address) for address in (0, 5)]
+    for bench in benches:
+        bench.do(0x10)
+        bench.do(0x13, 1000)
+        bench.run_until(2 * S)
+        bench.ask(0x11, address=0xFF)
+    ends = {bench.settle() for bench in benches}
+    assert len(ends) == 1
+
+
+# ---- stops ----
+
+
+def test_a_software_stop_ends_the_motion_one_increment_beyond() -> None:
+    """Strict: rests at sup + 1, bit 1 of ff (MACS-CMD-09-02)."""
+    bench = MacBench(factory_stops=8, factory_superior_stop=500, factory_inferior_stop=-500)
+    bench.do(0x13, 10_000)
+    bench.settle()
+    assert bench.position() == 501
+    assert bench.read(0x21) == 0x00020000
+    bench.do(0x15, 0x00F60000 | PERIOD)
+    assert bench.read(0x21) == 0
+    bench.settle()
+    assert bench.position() == -501
+    assert bench.read(0x21) == 0x00010000
+
+
+def test_a_position_equal_to_the_stop_is_legal() -> None:
+    """It sets no bit (ledger §8.21)."""
+    bench = MacBench(factory_stops=8, factory_superior_stop=500)
+    bench.do(0x13, 500)
+    bench.settle()
+    assert bench.position() == 500
+    assert bench.read(0x21) == 0
+
+
+@pytest.mark.parametrize("index", [0x13, 0x15, 0x16])
+def test_a_command_further_out_is_accepted_and_ends_at_once(index: int) -> None:
+    """MACS-AMB-48; the way back is free."""
+    bench = MacBench(factory_stops=8, factory_superior_stop=500, cells={"position": 600})
+    bench.do(index, {0x13: 1000, 0x15: PERIOD, 0x16: 0x00640400}[index])
+    assert bench.position() == 600
+    assert bench.state() == "HD"
+    assert bench.read(0x21) == 0x00020000
+    bench.do(0x13, 550)
+    bench.settle()
+    assert bench.position() == 550
+
+
+def test_segments_meet_the_software_stop_too_and_the_fifo_is_emptied() -> None:
+    """MACS-STOP-03: out, back, and out again."""
+    bench = MacBench(factory_stops=8, factory_superior_stop=50, cells={"position": 60})
+    bench.do(0x16, 0xFFCE0400)
+    bench.do(0x16, 0x00640400)
+    bench.do(0x16, 0x00640400)
+    bench.settle()
+    assert bench.position() == 51
+    assert bench.read(0x21) == 0x00020000
+
+
+def test_disabled_stops_stop_nothing() -> None:
+    """03h 00, both kinds (MACS-STOP-02)."""
+    bench = MacBench(factory_superior_stop=50)
+    bench.input("positive_stop", True)
+    bench.do(0x13, 100)
+    bench.settle()
+    assert bench.position() == 100
+
+
+@pytest.mark.parametrize(
+    ("name", "sign", "ff"), [("positive_stop", 1, 0x08), ("negative_stop", -1, 0x04)]
+)
+def test_a_hardware_stop_ends_motion_of_its_sign_and_frees_the_other(
+    name: str, sign: int, ff: int
+) -> None:
+    """MACS-STOP-01; level, not edge."""
+    bench = MacBench(factory_stops=1)
+    bench.do(0x13, sign * 100_000 & 0xFFFFFFFF)
+    bench.advance(S)
+    bench.input(name, True)
+    assert bench.state() == "HD"
+    rest = bench.position()
+    assert rest * sign > 0
+    assert bench.read(0x21) == ff << 16
+    bench.do(0x13, sign * 100_000 & 0xFFFFFFFF)
+    assert bench.position() == rest
+    assert bench.read(0x21) == ff << 16
+    bench.do(0x14)
+    bench.settle()
+    assert bench.position() == 0
+    assert bench.read(0x21) == 0
+
+
+def test_inputs_are_shown_raw_whatever_is_enabled() -> None:
+    """27h: cc.5, dd.6, dd.5; idle cc & 28 = 08 (MACS-Q-27-02)."""
+    bench = MacBench()
+    assert bench.read(0x27) & 0xFFFF == 0x0800
+    for name, bits in (("positive_stop", 0x2800), ("negative_stop", 0x0840), ("reference", 0x0820)):
+        bench.input(name, True)
+        assert bench.read(0x27) & 0xFFFF == bits
+        bench.input(name, False)
+    assert bench.read(0x21) == 0
+
+
+# ---- reference and counter ----
+
+
+def reference_pulse(bench: MacBench) -> None:
+    """Close and open the contact."""
+    bench.input("reference", True)
+    bench.advance(10 * MS)
+    bench.input("reference", False)
+
+
+def test_the_counter_is_zeroed_when_the_contact_opens_in_a_positive_move() -> None:
+    """The motion goes on (MACS-REF-01); a 13h target stays absolute (MACS-AMB-52)."""
+    bench = moving(20_000)
+    bench.do(0x07, 1)
+    bench.advance(S)
+    bench.input("reference", True)
+    bench.advance(10 * MS)
+    assert bench.device.position_at(bench.now) > 1000
+    bench.input("reference", False)
+    assert bench.device.position_at(bench.now) == 0
+    bench.settle()
+    assert bench.position() == 20_000
+
+
+def test_the_reference_is_ignored_in_a_negative_move_at_rest_and_when_disabled() -> None:
+    """MACS-REF-01, MACS-CMD-07-02."""
+    bench = moving(20_000)
+    bench.advance(S)
+    reference_pulse(bench)
+    assert bench.device.position_at(bench.now) > 1000
+    bench.do(0x18)
+    bench.do(0x07, 1)
+    reference_pulse(bench)
+    assert bench.position() > 1000
+    bench.do(0x13, 0xFFFF0000)
+    bench.advance(3 * S)
+    reference_pulse(bench)
+    assert bench.device.position_at(bench.now) < -1000
+    bench.reset()
+    bench.do(0x15, PERIOD)
+    bench.advance(10 * S)
+    reference_pulse(bench)
+    assert bench.device.position_at(bench.now) > 1000
+
+
+def test_the_counter_can_be_zeroed_at_rest_and_under_way() -> None:
+    """0Bh: later targets count from there (MACS-CMD-0B-01, -02)."""
+    bench = moving(500)
+    bench.settle()
+    bench.do(0x0B)
+    assert bench.position() == 0
+    assert bench.stores["position"] == 0
+    bench.do(0x13, 2000)
+    bench.advance(100 * MS)
+    before = bench.device.position_at(bench.now)
+    assert before > 100
+    bench.do(0x0B)
+    bench.settle()
+    assert bench.position() == 2000
+
+
+def test_a_target_that_falls_behind_is_reached_in_catch_up() -> None:
+    """0Bh near the end of a negative-going account: down the ramp, past, and back (§5.3)."""
+    bench = MacBench(factory_ramp=1, factory_catchup=1, cells={"position": -5000})
+    bench.do(0x13, 100)
+    bench.advance(300 * MS)
+    bench.do(0x0B)
+    bench.settle()
+    assert bench.position() == 100
+
+
+def test_zeroing_shifts_the_software_stops_in_space() -> None:
+    """Soft stops use the counter (§5.8)."""
+    bench = MacBench(factory_stops=8, factory_superior_stop=500)
+    bench.do(0x13, 400)
+    bench.settle()
+    bench.do(0x0B)
+    bench.do(0x15, PERIOD)
+    bench.settle()
+    assert bench.position() == 501
+
+
+def test_the_counter_wraps_at_31_bits() -> None:
+    """MACS-AMB-54."""
+    bench = MacBench(cells={"position": 0x3FFFFFF0})
+    bench.do(0x16, 0x00200400)
+    bench.settle()
+    assert bench.position() == -0x40000000 + 0x0F + 1
+
+
+# ---- faults (§5.9) ----
+
+
+def test_the_mac23_trips_above_78h_and_the_fault_latches() -> None:
+    """Cause gone, fault stays; 1Ah and 19h do not clear it; 00h does (MACS-Q-21-02, -STATE-02)."""
+    bench = moving(100_000)
+    bench.take(bench.device.set_temperature(bench.now, 85_000))
+    assert bench.read(0x27) >> 24 == 0x78
+    assert bench.read(0x21) == 0
+    bench.take(bench.device.set_temperature(bench.now, 87_500))
+    assert bench.read(0x27) >> 24 == 0x79
+    assert bench.read(0x21) == 0x10000000
+    assert bench.state() == "DJ"
+    rest = bench.position()
+    bench.take(bench.device.set_temperature(bench.now, 25_000))
+    bench.refuse(0x13, 0)
+    bench.refuse(0x19)
+    bench.refuse(0x1A)
+    assert bench.read(0x21) == 0x10000000
+    assert bench.position() == rest
+    bench.reset()
+    assert bench.read(0x21) == 0
+    bench.do(0x14)
+
+
+def test_a_fault_whose_cause_persists_is_back_after_the_reset() -> None:
+    """MACS-STATE-03."""
+    bench = MacBench()
+    bench.take(bench.device.set_temperature(bench.now, 100_000))
+    bench.reset()
+    assert bench.read(0x21) == 0x10000000
+    bench.refuse(0x13, 5)
+
+
+@pytest.mark.parametrize(
+    ("raw", "dd", "hh"),
+    [(0xDC, 0, 0), (0xDD, 0x40, 0x80), (0x3A, 0, 0), (0x39, 0x20, 0)],
+)
+def test_supply_warnings_are_live_and_refuse_nothing(raw: int, dd: int, hh: int) -> None:
+    """Over-voltage is remembered in hh.7 until a restart (MACS-Q-21-02, -03, MACS-STATE-04)."""
+    bench = MacBench()
+    bench.take(bench.device.set_supply(bench.now, raw * 10_000 // 48))
+    assert bench.read(0x27) >> 16 & 0xFF == raw
+    assert bench.read(0x21) == dd << 24 | hh
+    bench.do(0x13, 10)
+    bench.take(bench.device.set_supply(bench.now, 24_000))
+    assert bench.read(0x21) == hh
+    bench.reset()
+    assert bench.read(0x21) == 0
+
+
+def test_a_micro_cut_disjuncts() -> None:
+    """dd.0."""
+    bench = moving(1000)
+    bench.take(bench.device.set_fault(bench.now, "micro_cut", True))
+    assert bench.read(0x21) == 0x01000000
+    assert bench.state() == "DJ"
+    bench.power_cycle()
+    assert bench.read(0x21) == 0
+
+
+@pytest.mark.parametrize("model", ["mac34-1", "mac34-2"])
+def test_the_mac34_has_faults_of_its_own(model: str) -> None:
+    """Amplifier dd.3, thermal dd.2, encoder dd.1; supply beyond 125 % Vmax is dd.3."""
+    for name, dd in (("amplifier", 8), ("encoder", 2)):
+        bench = MacBench(model)
+        bench.take(bench.device.set_fault(bench.now, name, True))
+        assert bench.read(0x21) >> 24 == dd
+        assert bench.state() == "DJ"
+        bench.take(bench.device.set_fault(bench.now, name, False))
+        bench.reset()
+        assert bench.state() == "OF"
+    bench = MacBench(model)
+    bench.take(bench.device.set_temperature(bench.now, 90_000))
+    assert bench.read(0x21) >> 24 == 4
+    bench = MacBench(model)
+    volts = 81 if model == "mac34-1" else 161
+    bench.take(bench.device.set_supply(bench.now, volts * 1000))
+    assert bench.read(0x21) == 0x48000080
+
+
+def test_a_mac23_has_no_encoder_fault() -> None:
+    """The bit is a MAC34's."""
+    bench = MacBench()
+    bench.take(bench.device.set_fault(bench.now, "encoder", True))
+    assert bench.read(0x21) == 0
+
+
+# ---- load, busy, catch-up (§5.5) ----
+
+
+def test_a_held_axis_is_busy_and_catches_up_at_the_unstall_speed() -> None:
+    """Busy is cc.3 = 0; the move is running until it is within the tolerance (MACS-BUSY-01)."""
+    bench = moving(100, factory_catchup=10)
+    bench.take(bench.device.set_load(bench.now, HELD))
+    bench.advance(5 * S)
+    held = bench.device.position_at(bench.now)
+    assert held < 100
+    assert bench.state() == "PO"
+    assert bench.read(0x27) & 0x0800 == 0
+    bench.take(bench.device.set_load(bench.now, FREE))
+    free = bench.now
+    end = bench.settle()
+    assert bench.position() == 100
+    assert end == free + (100 - held) * 10 * 200_000
+    assert bench.read(0x27) & 0x0800
+
+
+def test_the_tolerance_ends_running_early_but_not_the_regulation() -> None:
+    """Regulation goes on to the exact set-point (MACS-BUSY-01, MACS-AMB-27)."""
+    bench = moving(100, factory_catchup=10, factory_tolerance=20)
+    bench.take(bench.device.set_load(bench.now, HELD))
+    bench.advance(5 * S)
+    held = bench.device.position_at(bench.now)
+    bench.take(bench.device.set_load(bench.now, FREE))
+    free = bench.now
+    bench.run_until(free + (100 - held - 20) * 2 * MS - 1)
+    assert bench.state() == "PO"
+    bench.run_until(bench.now + 1)
+    assert bench.state() == "HD"
+    assert bench.device.position_at(bench.now) == 80
+    bench.advance(10 * S)
+    assert bench.position() == 100
+
+
+def test_a_tolerance_that_grows_under_way_ends_the_wait() -> None:
+    """1Ch is free in motion (§4.2)."""
+    bench = moving(100)
+    bench.take(bench.device.set_load(bench.now, HELD))
+    bench.advance(5 * S)
+    assert bench.state() == "PO"
+    bench.do(0x1C, 0xFF)
+    assert bench.state() == "HD"
+
+
+@pytest.mark.parametrize(("index", "parameters"), [(0x15, PERIOD), (0x16, 0x7FFF0320)])
+def test_in_velocity_and_interpolation_busy_is_a_speed_not_held(
+    index: int, parameters: int
+) -> None:
+    """MACS-BUSY-02: free again it keeps its lag and is not busy."""
+    bench = MacBench(factory_ramp=0)
+    bench.do(index, parameters)
+    assert bench.read(0x27) & 0x0800
+    bench.take(bench.device.set_load(bench.now, HELD))
+    held = bench.device.position_at(bench.now)
+    bench.advance(S)
+    assert bench.position() == held
+    assert bench.read(0x27) & 0x0800 == 0
+    bench.take(bench.device.set_load(bench.now, FREE))
+    free = bench.now
+    assert bench.read(0x27) & 0x0800
+    assert abs(bench.position_at(free + S // 2) - held - 5000) <= 1
+
+
+def test_a_load_beyond_the_torque_limit_stalls_the_axis() -> None:
+    """0Ch limits the torque at once: 40h of 80h is 0.7 Nm (MACS-CMD-0C-01, -03)."""
+    bench = MacBench(factory_ramp=0)
+    bench.do(0x0C, 0x80)
+    bench.do(0x15, PERIOD)
+    bench.take(bench.device.set_load(bench.now, Load(torque_nm=1)))
+    bench.advance(S)
+    turning = bench.position()
+    assert turning > 9000
+    bench.do(0x0C, 0x40)
+    stalled = bench.position()
+    bench.advance(S)
+    assert bench.position() == stalled
+    bench.do(0x0C, 0x80)
+    bench.advance(S)
+    assert bench.position() > stalled + 9000
+
+
+def test_the_real_position_is_where_a_new_motion_starts() -> None:
+    """After 18h the shaft was pushed: 13h measures from the encoder."""
+    bench = MacBench()
+    bench.do(0x19)
+    bench.take(bench.device.push(bench.now, 30))
+    bench.do(0x13, 0)
+    bench.settle()
+    assert bench.position() == 0
+
+
+# ---- memories ----
+
+
+def test_imax_is_the_ram_byte_at_afh() -> None:
+    """28h AF: first of four bytes (MACS-Q-28-01)."""
+    assert MacBench().read(0x28, 0xAF) == 0x80000000
+    assert MacBench().read(0x28, 0xAE) == 0x00800000
+
+
+def test_the_eeprom_shows_what_is_stored_first_byte_first() -> None:
+    """The map of ``memory_map``; erased elsewhere."""
+    bench = MacBench(address=5, cells={"position": -2})
+    bench.do(0x0D, 0x1234)
+    bench.do(0x0C, 0x33)
+    assert bench.read(0x29, 0x00) == 0x05030100
+    assert bench.read(0x29, 0x04) == 0x33050A00
+    assert bench.read(0x29, 0x08) == 0x1234FFFF
+    assert bench.read(0x29, 0x0C) == 0x3FFFFFFF
+    assert bench.read(0x29, 0x10) == 0xC0000000
+    assert bench.read(0x29, 0x14) == 0xFFFFFFFE
+    assert bench.read(0x29, 0x40) == 0xFFFFFFFF
+
+
+def test_ram_shows_the_position_in_use() -> None:
+    """The private part of the map (MACS-AMB-65)."""
+    bench = moving(1000)
+    bench.settle()
+    assert bench.read(0x28, 0x80) == 1000
+    assert bench.read(0x28, 0x84) == 0x60010500
+    assert bench.read(0x28, 0x88) == 0x03200000
+
+
+def test_describe_names_the_state() -> None:
+    """For panels and failing tests."""
+    bench = moving(1000)
+    told = bench.device.describe(bench.now)
+    assert told["model"] == "mac23"
+    assert told["state"] == "PO"
+    assert told["period"] == PERIOD
+    assert told["powered"] is True
+    assert bench.device.is_moving(bench.now)
+    assert bench.ask(0x20, address=3) == SILENCE
+
+
+def test_other_models_turn_with_their_own_resolution_under_inertia() -> None:
+    """MAC34: 10000 increments per turn (ledger §1)."""
+    assert MacBench("mac34-1").device.model.increments_per_turn == 10_000
+    bench = MacBench("mac34-2", plant="inertial", factory_ramp=0)
+    bench.do(0x13, 5000)
+    start = bench.etx_ns
+    end = bench.settle()
+    assert bench.position() == 5000
+    assert end - start > 5000 * PERIOD * TICK_NS
