@@ -1,5 +1,6 @@
 """The pytest plugin, seen from a project that uses it."""
 
+import re
 import shutil
 import subprocess
 import sys
@@ -9,7 +10,9 @@ import pytest
 
 pytest_plugins = ["pytester"]
 
-EXAMPLE = Path(__file__).parents[2] / "fixtures" / "example-project"
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "fixtures" / "example-project"
+DOCS = ROOT / "docs"
 
 
 @pytest.fixture
@@ -231,3 +234,11 @@ def test_an_installed_plugin_that_nobody_uses_costs_nothing() -> None:
         [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=30
     )
     assert done.stdout.strip() == "['axistwin', 'axistwin.pytest_plugin'] False"
+
+
+def test_the_how_to_runs_as_printed(pytester: pytest.Pytester) -> None:
+    """Every block of Python in the page is a test file that passes."""
+    page = (DOCS / "pytest.md").read_text(encoding="utf-8")
+    for number, block in enumerate(re.findall(r"```python\n(.*?)```", page, re.DOTALL)):
+        pytester.makepyfile(**{f"test_{number}": block})
+    run(pytester).assert_outcomes(passed=5)

@@ -1,6 +1,7 @@
 """What an ``axistwin://`` URL can say, who shares a line, and how virtual time passes."""
 
 import gc
+import re
 import subprocess
 import sys
 import time
@@ -17,7 +18,7 @@ from axistwin.errors import UsageError
 from axistwin.runtime.storage import Storage
 from axistwin.urlhandler import lines
 from axistwin.urlhandler.protocol_axistwin import PATIENCE_NS
-from axistwin.urlhandler.url import parse_speed, parse_url
+from axistwin.urlhandler.url import _PARAMETERS, parse_speed, parse_url
 
 QUERY = request(0x20)
 BYTE_NS = 260_416
@@ -450,3 +451,24 @@ def test_a_line_is_freed_with_its_port() -> None:
     del port
     with pytest.raises(axistwin.errors.StateError, match="line is closed"):
         line.sync()
+
+
+# -- the how-to -----------------------------------------------------------------------------------
+
+
+def test_the_how_to_runs_as_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    """The blocks of Python in the page, one after another."""
+    page = Path(__file__).parents[2] / "docs" / "pyserial-url.md"
+    blocks = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    names: dict[str, Any] = {}
+    for block in blocks:
+        exec(block, names)
+    assert len(blocks) == 2
+    assert "go to position 36000000" in capsys.readouterr().out
+
+
+def test_the_how_to_names_every_parameter() -> None:
+    """None is missing from the table."""
+    page = (Path(__file__).parents[2] / "docs" / "pyserial-url.md").read_text(encoding="utf-8")
+    told = set(re.findall(r"^\| `([a-z.A-Z]+)=", page, re.MULTILINE))
+    assert told == {*_PARAMETERS, "address", "line", "quirk.NAME"}
