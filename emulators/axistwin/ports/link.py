@@ -12,6 +12,7 @@ Rules
 
 import contextlib
 import errno
+import hashlib
 import os
 import socket
 from pathlib import Path
@@ -37,7 +38,9 @@ class Link:
         place = folder.resolve() / self.path.name
         lock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         try:
-            lock.bind(b"\0axistwin-link:" + os.fsencode(place)[-90:])
+            # A digest, because such a name has room for 107 bytes only.
+            digest = hashlib.sha256(os.fsencode(place)).hexdigest()
+            lock.bind(f"\0axistwin-link:{digest}")
         except OSError as error:
             lock.close()
             if error.errno != errno.EADDRINUSE:

@@ -99,12 +99,12 @@ class PtyPort:
 
     def close(self) -> None:
         """Remove the link and the pty; a client that has it open sees a hang-up."""
-        if self._stream is not None:
-            self._stream.stop()
-            self._stream = None
-        if self._server is not None:
+        if self._server is not None and self._stream is not None:
+            if self._stream.running:
+                self._stream.stop()
+                self._tell("disconnected", dropped_bytes=self._stream.take_dropped())
             self._server.loop.remove_reader(self._inotify)
-            self._server = None
+        self._server = self._stream = None
         self._link.remove()
         for fd in (self._inotify, self._master):
             if fd >= 0:
@@ -115,31 +115,26 @@ class PtyPort:
         """Somebody opens the pty, or did and has gone again, leaving bytes or not."""
         with contextlib.suppress(BlockingIOError):
             os.read(self._inotify, _NOTICES_MAX)
-        assert self._server is not None
         assert self._stream is not None
         if self._stream.running:
             return
         if _wants_reading(self._master):
             self._stream.start()
-            self._server.report({"event": "connected", "endpoint": self.kind, "url": self.url})
+            self._tell("connected")
         else:
             self._stream.tidy()
 
     def _left(self) -> None:
         """The last client has closed the pty."""
-        assert self._server is not None
         assert self._stream is not None
         self._stream.stop()
         self._stream.tidy()
         _drop_unread(self.device)
-        self._server.report(
-            {
-                "event": "disconnected",
-                "endpoint": self.kind,
-                "url": self.url,
-                "dropped_bytes": self._stream.take_dropped(),
-            }
-        )
+        self._tell("disconnected", dropped_bytes=self._stream.take_dropped())
+
+    def _tell(self, event: str, **details: object) -> None:
+        assert self._server is not None
+        self._server.report({"event": event, "endpoint": self.kind, "url": self.url, **details})
 
 
 class _PtyStream(Stream):

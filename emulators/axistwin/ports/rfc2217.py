@@ -10,7 +10,6 @@ RTS and DTR go nowhere.  They never change, so there is nothing to poll.
 
 import socket
 import struct
-import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -173,10 +172,11 @@ class _Terminal:
     @break_condition.setter
     def break_condition(self, on: bool) -> None:
         if on and self._break_since_ns is None:
-            self._break_since_ns = time.monotonic_ns()
+            self._break_since_ns = self._server.line.clock.now_ns()
         elif not on and self._break_since_ns is not None:
             # It goes out when its length is known, as one piece.
-            self._server.line.send_break(time.monotonic_ns() - self._break_since_ns)
+            duration_ns = self._server.line.clock.now_ns() - self._break_since_ns
+            self._server.line.send_break(max(1, duration_ns))
             self._break_since_ns = None
 
     @property

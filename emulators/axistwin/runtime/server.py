@@ -240,7 +240,7 @@ class Server:
         self._talker = client
         self._use_format(client.line_format())
         self.line.send(data)
-        self._hand_out()
+        answer = self.line.receive()
         self._unweighed += len(data)
         if self._unweighed >= _WEIGHED_BYTES:
             self._unweighed = 0
@@ -249,33 +249,37 @@ class Server:
                 self._paused.append(client)
         self._expect_motion()
         self._set_alarm()
+        # Last: what follows a write competes with the client for the processor.
+        if answer:
+            self._hand_out(answer)
 
     def pump(self) -> None:
         """Do what is due on the line now, and set the alarm for what comes next."""
         self._alarm_ns = _UNKNOWN
         if self._talker is not None:
             self._use_format(self._talker.line_format())
-        self._hand_out()
+        answer = self.line.receive()
         if self._paused and self.line.host_backlog <= BACKLOG_MAX:
             clients, self._paused = self._paused, []
             for client in clients:
                 client.resume()
         self._save()
         self._set_alarm()
+        if answer:
+            self._hand_out(answer)
 
     def _use_format(self, line_format: LineFormat | None) -> None:
         """The host end uses ``line_format``, or the first device's."""
         line = self.line
         wanted = line_format or line.device_format
-        if wanted != line.host_format:
+        present = line.host_format
+        if wanted is not present and wanted != present:
             line.host_format = wanted
 
-    def _hand_out(self) -> None:
-        """Bring the line to the present; hand out what has arrived."""
-        data = self.line.receive()
-        if data:
-            for client in self._clients:
-                client.deliver(data)
+    def _hand_out(self, data: bytes) -> None:
+        """Every client hears ``data`` from the line."""
+        for client in self._clients:
+            client.deliver(data)
 
     def _changed(self) -> None:
         """Something was done to the line, perhaps in another thread: look at it soon."""
