@@ -317,7 +317,7 @@ class Serial(SerialBase):
             sent_ns = line.host_sent_ns
             if not self._held and line.sync() >= sent_ns:
                 return
-            self._wait_for_output(None if self._held else sent_ns, 0)
+            self._wait_for_output(None if self._held else sent_ns, OUTPUT_MAX)
 
     @_clear_errors
     def reset_output_buffer(self) -> None:
