@@ -515,6 +515,23 @@ def test_segments_meet_the_software_stop_too_and_the_fifo_is_emptied() -> None:
     assert bench.read(0x21) == 0x00020000
 
 
+def test_a_stop_drops_the_preload_and_what_waits_for_the_segments() -> None:
+    """MACS-AMB-51: nothing moves by itself after a stop."""
+    bench = MacBench(factory_stops=8, factory_superior_stop=50)
+    for index, parameters in ((0x10, 0), (0x13, 0xFFFFFF00), (0x16, 0x00C80400), (0x11, 0)):
+        bench.do(index, parameters)
+    bench.settle()
+    bench.advance(S)
+    assert bench.position() == 51
+    bench.do(0x13, 0)
+    bench.settle()
+    bench.do(0x15, 0x320)
+    bench.do(0x10)
+    bench.do(0x15, 400)
+    bench.settle()
+    assert bench.state() == "HD"
+
+
 def test_disabled_stops_stop_nothing() -> None:
     """03h 00, both kinds (MACS-STOP-02)."""
     bench = MacBench(factory_superior_stop=50)

@@ -117,6 +117,7 @@ class Axis:
         handler = _COMMANDS.get(index)
         assert handler is not None, f"command {index:02X}h is for the face or unassigned"
         accepted = handler(self, now, parameters, start_ns)
+        self._obey_stops()
         self._save_counter(now)
         return accepted
 
@@ -396,10 +397,18 @@ class Axis:
         """Do what is due at ``now``."""
         was_segments = self.drive.kind is State.IN
         self.drive.run(now)
+        self._obey_stops()
         if was_segments and self.drive.kind is None and self._after_segments is not None:
             held, self._after_segments = self._after_segments, None
             self._start_held(now, held, now)
         self._save_counter(now)
+
+    def _obey_stops(self) -> None:
+        """A stop drops what was to come, as 18h does (MACS-AMB-51)."""
+        if self.drive.met_stop:
+            self.drive.met_stop = False
+            if self.quirks.abort_flush:
+                self._disarm()
 
     def _save_counter(self, now: Nanos) -> None:
         """Hand on the position whenever it has come to a new rest or was set."""

@@ -112,6 +112,8 @@ class Drive:
         self._accepted: deque[tuple[Segment, tuple[Piece, ...]]] = deque(maxlen=4)
         self.counter_settled = False
         """Set when the counter has come to a place worth saving; the axis clears it."""
+        self.met_stop = False
+        """Set when a stop has ended a motion; the axis clears it."""
 
     # ---- counter -------------------------------------------------------------------------------
 
@@ -320,8 +322,7 @@ class Drive:
         trajectory = motion.trajectory
         bit = self.blocking_bit(now, trajectory.direction) if trajectory.pieces else 0
         if bit:
-            self.stop_bits |= bit
-            self.hard_stop(now, keeps_segments=not self._quirks.abort_flush)
+            self._stop_on(now, bit)
             return
         self.plant.follow(now, trajectory, self._signed_target())
         self._plan(now)
@@ -371,7 +372,7 @@ class Drive:
             return
         direction = self._blocked_motion(now)
         if direction:
-            self._stop_at(now, direction)
+            self._stop_on(now, self.blocking_bit(now, direction))
         elif self._is_over(now):
             self._finish(now)
         else:
@@ -498,9 +499,10 @@ class Drive:
         ahead = self._first_forbidden(direction) - self.counter_at(now)
         return self.plant.reach_ns(self.plant.position_at(now) + ahead, now)
 
-    def _stop_at(self, now: Nanos, direction: int) -> None:
-        """End the motion at a stop (ledger §4.3)."""
-        self.stop_bits |= self.blocking_bit(now, direction)
+    def _stop_on(self, now: Nanos, bit: int) -> None:
+        """End the motion at the stop of that ``bit`` of ff (ledger §4.3)."""
+        self.stop_bits |= bit
+        self.met_stop = True
         self.hard_stop(now, keeps_segments=not self._quirks.abort_flush)
 
     # ---- torque, load, busy --------------------------------------------------------------------
@@ -553,7 +555,8 @@ class Drive:
             return abs(self.plant.position_at(now) - self._old_target) > tolerance
         if self._position_mode:
             return self.plant.is_regulating and self.plant.is_busy(now, tolerance)
-        return self.kind is not None and self.plant.is_held_back(now)
+        # An ideal shaft without a load always has its set-point's speed.
+        return self.kind is not None and self._loaded and self.plant.is_held_back(now)
 
     def is_moving(self, now: Nanos) -> bool:
         """Whether the counter changes by itself from ``now`` on."""
