@@ -46,8 +46,10 @@ def test_a_request_is_told_in_words(frame: bytes, words: str) -> None:
         ),
         (
             answer(b"00", b"7", 0x60732860),
-            "27h measures = temperature 60h, supply 73h, not busy, positive stop, negative stop,"
-            + " reference (module 0)",
+            (
+                "27h measures = temperature 60h, supply 73h, not busy, "
+                "positive stop, negative stop, reference (module 0)"
+            ),
         ),
     ],
 )
