@@ -200,7 +200,13 @@ class StartedLine:
 
 
 class StartedTwin(StartedLine):
-    """A line with one twin: what can be done to the twin can be done to this."""
+    """A line with one twin: whatever can be done to the twin can be done to this."""
+
+    def __getattr__(self, name: str) -> Any:
+        """What only some models have."""
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self.twin, name)
 
     @property
     def twin(self) -> "Twin":
@@ -211,6 +217,11 @@ class StartedTwin(StartedLine):
     def name(self) -> str:
         """``mac23:0``."""
         return self.twin.name
+
+    @property
+    def model(self) -> str:
+        """``mac23``."""
+        return self.twin.model
 
     @property
     def address(self) -> int:
@@ -231,6 +242,11 @@ class StartedTwin(StartedLine):
     def state(self) -> str:
         """What the twin is doing now, in words."""
         return self.twin.state
+
+    @property
+    def cells(self) -> dict[str, int]:
+        """The nonvolatile cells by name, as they are now."""
+        return self.twin.cells
 
     def describe(self) -> dict[str, Any]:
         """Everything worth showing of the twin, by name."""

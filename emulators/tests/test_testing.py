@@ -117,6 +117,14 @@ def test_a_single_twin_forwards_everything(time: str) -> None:
         assert "mac23:3 on" in repr(twin)
 
 
+def test_a_single_twin_lacks_nothing_of_a_twin() -> None:
+    """Whatever a twin of a line has, a twin alone has too."""
+    with testing.start("mac23", time="virtual") as twin:
+        public = [name for name in dir(twin.twin) if not name.startswith("_")]
+        assert [name for name in public if not hasattr(twin, name)] == []
+        assert (twin.model, twin.cells) == (twin.twin.model, twin.twin.cells)
+
+
 def test_power_cycle_needs_a_start_up() -> None:
     """Position is kept, and the module hears nothing for 2 s (MACS-PERS-01, MACS-AMB-21)."""
     with testing.start("mac23", time="virtual") as twin, opened(twin) as port:

@@ -104,6 +104,9 @@ def test_a_read_of_more_than_the_answer_says_so_too(port: Any) -> None:
     with pytest.raises(serial.SerialException, match="nothing will ever arrive"):
         port.read(ANSWER_LENGTH + 1)
     assert port.virtual_time_ns < PATIENCE_NS
+    assert port.in_waiting == ANSWER_LENGTH
+    port.write(QUERY)
+    assert len(port.read(2 * ANSWER_LENGTH)) == 2 * ANSWER_LENGTH
 
 
 def test_an_endless_motion_does_not_keep_a_read_waiting_for_ever(port: Any) -> None:
@@ -114,6 +117,18 @@ def test_an_endless_motion_does_not_keep_a_read_waiting_for_ever(port: Any) -> N
     with pytest.raises(serial.SerialException, match="nothing will ever arrive"):
         port.read(1)
     assert time.monotonic() - start < 5
+
+
+def test_events_that_never_end_do_not_keep_a_read_waiting_for_ever(
+    port: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A line on which something is always due, and nothing is ever said, is given up on."""
+    hour_ns = 3600 * 10**9
+    monkeypatch.setattr(type(port.line), "next_event_ns", lambda line: line.sync() + hour_ns)
+    port.timeout = None
+    with pytest.raises(serial.SerialException, match="nothing will ever arrive"):
+        port.read(1)
+    assert port.virtual_time_ns == PATIENCE_NS
 
 
 def test_a_look_at_in_waiting_takes_one_byte_time(port: Any) -> None:

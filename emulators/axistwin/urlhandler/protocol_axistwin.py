@@ -99,6 +99,7 @@ class Serial(SerialBase):
         return self.line.twins
 
     @property
+    @_clear_errors
     def virtual_time_ns(self) -> int:
         """The line's present time in nanoseconds, in any kind of time."""
         return self.line.sync()
@@ -193,6 +194,7 @@ class Serial(SerialBase):
         now = line.sync()
         deadline_ns = None if self.timeout is None else now + self._span_ns(self.timeout)
         limit_ns = deadline_ns
+        give_up_ns = now + PATIENCE_NS
         data = bytearray()
         while True:
             fresh = self._take(size - len(data))
@@ -203,7 +205,11 @@ class Serial(SerialBase):
                 limit_ns = _earlier(deadline_ns, now + self._span_ns(self.inter_byte_timeout))
             if limit_ns is not None and now >= limit_ns:
                 break
-            now = self._wait_for_input(limit_ns, size - len(data))
+            try:
+                now = self._wait_for_input(limit_ns, give_up_ns, size - len(data))
+            except SerialException:
+                self._input[:0] = data  # for the next read
+                raise
         return bytes(data)
 
     def read_until(self, expected: bytes = LF, size: int | None = None) -> bytes:
@@ -255,23 +261,23 @@ class Serial(SerialBase):
         self._cancelled_read = False
         return True
 
-    def _wait_for_input(self, limit_ns: Nanos | None, count: int) -> Nanos:
+    def _wait_for_input(self, limit_ns: Nanos | None, give_up_ns: Nanos, count: int) -> Nanos:
         """Wait until ``count`` bytes may have come, or less long; returns the present time."""
         one_by_one = self.xonxoff or self.inter_byte_timeout is not None
         count = 1 if one_by_one else min(count, INPUT_STEP)
         if limit_ns is None:
-            limit_ns = self._next_chance()
+            limit_ns = self._next_chance(give_up_ns)
         return self.line.wait(
             limit_ns, count, stop=lambda: self._cancelled_read or not self.is_open
         )
 
-    def _next_chance(self) -> Nanos | None:
+    def _next_chance(self, give_up_ns: Nanos) -> Nanos | None:
         """How far a wait without a time-out may go: in virtual time, it must not be for ever."""
         line = self.line
         if not line.is_virtual:
             return None
         due_ns = line.next_event_ns()
-        if due_ns is None or due_ns > line.sync() + PATIENCE_NS:
+        if due_ns is None or due_ns > give_up_ns:
             raise SerialException(
                 "virtual time: nothing will ever arrive, and without a time-out this would wait "
                 "for ever; give the port a timeout, or look why the twins are silent"
@@ -361,7 +367,7 @@ class Serial(SerialBase):
             span_ns = line.host_format.span_ns(min(max(count, 1), OUTPUT_MAX // 4))
             limit_ns = _earlier(deadline_ns, line.sync() + span_ns)
         elif deadline_ns is None:
-            limit_ns = self._next_chance()
+            limit_ns = self._next_chance(line.sync() + PATIENCE_NS)
         line.wait(
             limit_ns,
             1 if self._held is not None else None,
