@@ -1,0 +1,37 @@
+"""The documentation tells what the code does."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+def test_the_generated_reference_is_fresh() -> None:
+    """docs/reference holds what scripts/reference writes now."""
+    result = subprocess.run(
+        [sys.executable, str(ROOT / "scripts" / "reference.py"), "--check"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_link_inside_the_documentation_leads_somewhere(page: Path) -> None:
+    """Relative links of the pages point to files that exist."""
+    targets = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
+    missing = [target for target in targets if not (page.parent / target).exists()]
+    assert not missing, f"{page.name}: {missing}"
+
+
+def test_the_readme_names_every_command_and_both_scripts() -> None:
+    """A newcomer meets scripts/run, scripts/test and each command of the program."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    for words in ("scripts/run", "scripts/test", "axistwin run", "models", "doctor", "conform"):
+        assert words in text, words

@@ -1,0 +1,110 @@
+"""Writes docs/reference from the code; ``--check`` only compares."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+import click
+
+from axistwin import catalog
+from axistwin.cli.main import main as program
+from axistwin_conformance import ledger
+
+REFERENCE = Path(__file__).parents[1] / "docs" / "reference"
+NOTE = "<!-- Written by scripts/reference from the code; do not edit. -->\n\n"
+
+
+def cell(text: object) -> str:
+    """``text`` as it may stand in a table."""
+    return str(text).replace("|", "\\|").replace("\n", " ")
+
+
+def table(head: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
+    """A Markdown table."""
+    head = list(head)
+    lines = [head, ["---"] * len(head), *([cell(each) for each in row] for row in rows)]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def commands() -> str:
+    """The help text of every command."""
+    context = click.Context(program, info_name="axistwin", max_content_width=100)
+    page = ["# Commands\n\n", f"```text\n{program.get_help(context)}\n```\n"]
+    for name in program.list_commands(context):
+        command = program.get_command(context, name)
+        assert command is not None
+        inner = click.Context(command, info_name=name, parent=context, max_content_width=100)
+        page.append(f"\n## axistwin {name}\n\n```text\n{command.get_help(inner)}\n```\n")
+    return "".join(page)
+
+
+def quirks() -> str:
+    """Every switch of the MAC serial twins."""
+    model = catalog.find_model("mac23")
+    rows = (
+        (f"`{name}`", quirk.source, f"`{quirk.default}`", ", ".join(quirk.allowed), quirk.doc)
+        for name, quirk in model.quirks.items()
+    )
+    return (
+        "# Quirks of the MAC twins\n\n"
+        "Where the manual can be read in several ways, a switch chooses: `--quirk NAME=VALUE`, a\n"
+        "profile's `[quirks]`, `quirk.NAME=VALUE` in a URL, or `quirks={...}` of the fixture.\n\n"
+        + table(["switch", "entry", "default", "values", "meaning"], rows)
+    )
+
+
+def requirements() -> str:
+    """The ledger that the suite judges MAC serial devices by."""
+    book = ledger.load_ledger("mac_serial")
+    rows = (
+        (each.id, each.kind, ", ".join(sorted(each.safety)), each.source, each.text)
+        for each in book.requirements.values()
+    )
+    doubts = (
+        (
+            each.id,
+            each.question,
+            "; ".join(f"`{name}`: {', '.join(r)}" for name, r in each.switches.items()) or "-",
+        )
+        for each in book.ambiguities.values()
+    )
+    return (
+        "# Requirements of the MAC serial interface\n\n"
+        + table(["requirement", "kind", "safety", "source", "text"], rows)
+        + "\n## Where the manual leaves it open\n\n"
+        + table(["entry", "question", "readings, the default first"], doubts)
+    )
+
+
+PAGES = {
+    "commands.md": commands,
+    "mac-serial-quirks.md": quirks,
+    "mac-serial-requirements.md": requirements,
+}
+
+
+def main() -> int:
+    """Write the pages, or say which are stale."""
+    parser = argparse.ArgumentParser(description=__doc__, prog="scripts/reference")
+    parser.add_argument("--check", action="store_true", help="write nothing; exit 1 if stale")
+    check = parser.parse_args().check
+    stale = []
+    for name, make in PAGES.items():
+        path, text = REFERENCE / name, NOTE + make()
+        if path.exists() and path.read_text(encoding="utf-8") == text:
+            continue
+        stale.append(name)
+        if not check:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+    if check and stale:
+        print(f"stale: {', '.join(stale)}; run scripts/reference", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
