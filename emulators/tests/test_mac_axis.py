@@ -838,6 +838,56 @@ def test_a_load_beyond_the_torque_limit_stalls_the_axis() -> None:
     assert bench.position() > stalled + 9000
 
 
+# ---- an inertial shaft (§5.4) ----
+
+
+def test_an_inertial_axis_takes_a_way_to_stop_and_stays_locked_until_it_rests() -> None:
+    """18h from speed: ⌈v²/2a⌉ increments (§5.7)."""
+    bench = MacBench(plant="inertial", factory_ramp=0, factory_period=16)
+    bench.do(0x15, 16)
+    bench.advance(S)
+    chunk = Chunk(bench.now, request(0, 0x18), None)
+    before = bench.device.position_at(bench.now)
+    bench.take(bench.device.receive(chunk))
+    assert bench.state() == "VE"
+    bench.settle()
+    assert 10_000 < bench.position() - before < 100_000
+    assert bench.state() == "HD"
+
+
+def test_an_unpowered_inertial_shaft_coasts_until_it_is_powered_again() -> None:
+    """1Ah does not brake (MACS-CMD-1A-01); 19h does."""
+    ways = []
+    for powered_again in (False, True):
+        bench = MacBench(plant="inertial", factory_ramp=0)
+        bench.do(0x15, 100)
+        bench.advance(S)
+        before = bench.device.position_at(bench.now)
+        bench.do(0x1A)
+        assert bench.state() == "OF"
+        assert bench.device.is_moving(bench.now)
+        if powered_again:
+            bench.do(0x19)
+        bench.settle()
+        assert bench.stores["position"] == bench.position()
+        ways.append(bench.position() - before)
+    coasted, braked = ways
+    assert coasted > 2 * braked > 0
+
+
+def test_segments_ended_under_way_leave_an_inertial_shaft_where_it_is() -> None:
+    """The shaft never jumps, whatever the set-point forgets."""
+    bench = MacBench(plant="inertial", stop17_in_interp="now", factory_ramp=1)
+    bench.do(0x16, 0x00C80320)
+    bench.advance(5 * MS)
+    before = bench.device.position_at(bench.now)
+    assert before > 50
+    bench.take(bench.device.receive(Chunk(bench.now, request(0, 0x17), None)))
+    assert bench.device.position_at(bench.now) == before
+    bench.settle()
+    assert before < bench.position() < 200 + 120
+
+
 def test_the_real_position_is_where_a_new_motion_starts() -> None:
     """After 18h the shaft was pushed: 13h measures from the encoder."""
     bench = MacBench()

@@ -60,7 +60,6 @@ def state_text(code: str) -> str:
 
 ALL: Final = tuple(State)
 MOVING: Final = (State.PO, State.VE, State.IN)
-AT_REST: Final = (State.OF, State.HD, State.AR, State.PL)
 
 _TABLE: Final = """
         OF HD PO VE IN AR PL DJ

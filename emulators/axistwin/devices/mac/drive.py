@@ -10,7 +10,8 @@ Exactly one of these has the shaft:
     brake     set-point and regulation are gone, the shaft runs out (18h, a stop)
 
 Everything is closed form in time.  What happens by itself is one of two events, both computed the
-moment something changes: the *end* of what runs, and a *stop* in its way.
+moment something changes: the *end* of what runs, and a *stop* in its way.  (At rest there may be a
+third: the shaft, coasting or pushed, stands still at last.)
 
 Counter = shaft + origin, 31 bits signed (MACS-AMB-54); zeroing moves the origin, never the shaft.
 
@@ -34,7 +35,7 @@ from axistwin.devices.mac.models import MacModel
 from axistwin.devices.mac.quirks import RANGE_MAX, RANGE_MIN, MacQuirks
 from axistwin.kernel.time import Nanos
 from axistwin.motion.inertia import Mechanics
-from axistwin.motion.interpolator import Interpolator, Segment, Underrun
+from axistwin.motion.interpolator import Interpolator, Segment, Step, Underrun
 from axistwin.motion.plant import Load, Plant
 from axistwin.motion.ramp import (
     ChangeLaw,
@@ -190,8 +191,7 @@ class Drive:
         ramp = self._ramp(period_ticks)
         motion, step = self._motion, None
         if self.kind is State.IN:
-            step = self.interpolator.step_in_progress(now)
-            self.interpolator.flush(now)
+            step = self._end_segments(now)
         if step is not None:
             taken = RampedMotion.taking_over(step.start_ns, step.direction, step.period_ticks, ramp)
             self._begin(now, State.VE, taken)
@@ -247,8 +247,7 @@ class Drive:
 
     def drop_segments(self, now: Nanos) -> None:
         """Give up all segments at once; the next motion takes the shaft where it is."""
-        self.plant.advance(now)
-        self.interpolator.flush(now)
+        self._end_segments(now)
         self.kind = None
 
     def stop_segments(self, now: Nanos) -> None:
@@ -257,8 +256,7 @@ class Drive:
             self.interpolator.drop_stored(now)
             self._plan(now)
             return
-        step = self.interpolator.step_in_progress(now)
-        self.interpolator.flush(now)
+        step = self._end_segments(now)
         if step is None:
             self._finish(now)
             return
@@ -275,16 +273,19 @@ class Drive:
         self._plan(now)
 
     def power_on(self, now: Nanos) -> None:
-        """19h, or a motion: holding torque (MACS-CMD-19-01)."""
+        """19h: holding torque (MACS-CMD-19-01); a coasting shaft is braked by it."""
         self.powered = True
         self.apply_torque(now)
+        if self._coasting:
+            self.plant.brake(now)
+        self._plan(now)
 
     def power_off(self, now: Nanos) -> None:
         """1Ah, a disjunction: no torque; the shaft coasts and is still counted (MACS-CMD-1A-01)."""
         self._take_shaft(now, keeps_segments=False)
         self.plant.cut_power(now)
         self.powered = self._braking = False
-        self._coasting = True
+        self._coasting = self.counter_settled = True
         self._motion, self.kind = None, None
         self._plan(now)
 
@@ -292,7 +293,14 @@ class Drive:
         """Drop segments that wait for the end of a profile (MACS-AMB-51)."""
         if self._segments_wait:
             self._segments_wait = False
-            self.interpolator.flush(now)
+            self._end_segments(now)
+
+    def _end_segments(self, now: Nanos) -> Step | None:
+        """Drop all segments; the step that was in progress, if one was."""
+        self.plant.advance(now)  # while the set-point still knows its past
+        step = self.interpolator.step_in_progress(now)
+        self.interpolator.flush(now)
+        return step
 
     def _take_shaft(self, now: Nanos, *, keeps_segments: bool) -> None:
         """Take the shaft from profile or segments; what is stored is dropped or waits."""
@@ -359,15 +367,14 @@ class Drive:
     # ---- events --------------------------------------------------------------------------------
 
     def next_event(self) -> Nanos | None:
-        """When a motion ends or meets a stop, as things stand."""
+        """When a motion ends or meets a stop, or a shaft comes to rest, as things stand."""
         return self._next
 
     def run(self, now: Nanos) -> None:
         """Do what is due at ``now``."""
         if self.kind is None:
-            if self._coasting and self.plant.rest_ns(now) == now:
-                self._coasting = False
-                self.counter_settled = True
+            self._coasting = False
+            self.counter_settled = True
             self._plan(now)
             return
         direction = self._blocked_motion(now)
@@ -382,7 +389,9 @@ class Drive:
         """Find the next event, now that something has changed."""
         self._span = None
         if self.kind is None:
-            self._next = self.plant.rest_ns(now) if self._coasting else None
+            # Coasting, lagging behind, or coming back after a push: the counter ends somewhere.
+            rest_ns = self.plant.rest_ns(now)
+            self._next = rest_ns if rest_ns is not None and rest_ns > now else None
             return
         times = [time for time in (self._end_ns(now), self._stop_ns(now)) if time is not None]
         self._next = min(times) if times else None
