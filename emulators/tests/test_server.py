@@ -200,7 +200,7 @@ def test_a_client_that_floods_waits_and_does_not_spoil_the_line_for_good(bench: 
                 with contextlib.suppress(BlockingIOError):
                     sent += flooder.send(b"x" * 65536)
                 time.sleep(0.01)
-            assert sent > 100_000
+            assert 4096 < sent < 200_000, "the kernels keep what the line cannot take"
             assert 0 < bench.line.host_backlog <= 4096
         client.write(b"W")
         assert client.read(1) == b"K"

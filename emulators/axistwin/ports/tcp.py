@@ -17,8 +17,13 @@ from axistwin.runtime.server import Server
 CLIENTS_MAX = 32
 """Connections served at once; further ones are closed at once."""
 
-# Bounds what the kernel keeps of a client that floods, and for one that does not read.
-_RECEIVE_BUFFER_BYTES = 16 * 1024
+# Bound what the kernels at both ends keep of a client that floods.  All of that still goes out when
+# the client has closed, as with a serial port; so it has to be seconds' worth.  Segments of the
+# loopback's own size would let the client's end keep megabytes.
+_RECEIVE_BUFFER_BYTES = 4096
+_SEGMENT_BYTES = 1400
+
+# Bounds what the kernel keeps for a client that does not read.
 _SEND_BUFFER_BYTES = 64 * 1024
 
 # First byte of struct tcp_info: the connection was reset.
@@ -64,10 +69,7 @@ class TcpStream(Stream):
         self._connection = connection
 
     def resume(self) -> None:
-        """Read again, unless the client has died meanwhile.
-
-        What the kernel still holds of a flood would keep the line busy for minutes then.
-        """
+        """Read again, unless the client has died meanwhile: the rest of its flood is dropped."""
         information = self._connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 1)
         if information[0] == _TCP_CLOSE:
             self._on_end()
@@ -108,6 +110,7 @@ class TcpPort:
             listener = socket.socket(family, kind, protocol)
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
+            listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_MAXSEG, _SEGMENT_BYTES)
             listener.bind(place)
             listener.listen(_BACKLOG)
         except OSError as error:
