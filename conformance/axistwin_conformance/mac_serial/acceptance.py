@@ -36,14 +36,14 @@ class Row:
         """The default reading of one cell."""
         return self.cells[STATES.index(state)]
 
-    def readings(self, state: str) -> dict[str, tuple[str, int]]:
-        """Other admissible contents of a cell: content → (switch, number of its reading)."""
-        return {
-            cells[state]: (switch, number)
+    def readings(self, state: str) -> list[tuple[str, str, int]]:
+        """Other admissible contents of a cell: (content, switch, number of its reading)."""
+        return [
+            (cells[state], switch, number)
             for switch, by_number in self.otherwise.items()
             for number, cells in by_number.items()
             if state in cells
-        }
+        ]
 
 
 def _same(states: tuple[str, ...], content: str) -> dict[str, str]:
@@ -68,7 +68,7 @@ ACCEPTANCE: Final[Mapping[int, Row]] = {
     0x00: Row("AAAAAAAA", ("MACS-CMD-00-03",)),
     0x01: Row("AAAAAAAA", ("MACS-CMD-01-01",)),
     0x02: Row("AARRRAAA", ("MACS-CMD-02-02",), _LOCKED_WITH_PRELOAD),
-    0x03: Row("AARRRAAA", ("MACS-CMD-03-02",), _LOCKED_WITH_PRELOAD),
+    0x03: Row("AARRRAAA", ("MACS-CMD-03-02",), _LOCKED_BY_CAN_LIST),  # d = 1: see the model
     0x07: Row("AAAAAAAA", ("MACS-CMD-07-01",)),
     0x08: Row("AAAAAAAA", ("MACS-CMD-08-01",), _LOCKABLE),
     0x09: Row("AARRRAAA", ("MACS-CMD-090A-03",), _LOCKED_BY_CAN_LIST),

@@ -23,6 +23,7 @@ NACK_RETRIES: Final = 8
 DEAF_S: Final = 2.0  # MACS-CMD-00-02
 DEAF_SURELY_S: Final = 1.5
 AWAKE_SURELY_S: Final = 2.5
+FIFO_STAGES: Final = 3
 PRELOAD_SHOWS_S: Final = 0.2
 CLOCK_ERROR: Final = 0.002  # a real module's quartz against ours; none in virtual time
 
@@ -259,7 +260,7 @@ class Bench:
         seen = self.session.readings
         return Law(
             ramp=seen.get("ramp_law", "equal_time"),
-            change=seen.get("vel_change_law", "ramp_levels"),
+            change=seen.get("vel_change_law", "ramp_length"),
             stop=seen.get("stop_ramp_law", "climbed"),
         )
 
@@ -274,6 +275,7 @@ class Bench:
         No sync, no stops, nominal torque (an axis in standby may swing by one increment, so exact
         places could not be judged), tolerance 0, the given period and ramp.
         """
+        self.known("abort_flush", abort_flush)
         self.known("preload_policy", preload_policy)
         self.at_rest()
         self.period, self.coefficient = max(period, self.fastest), coefficient
@@ -287,11 +289,31 @@ class Bench:
         ):
             if present != wanted:  # an EEPROM bears only so many writes
                 self.command(index, wanted)
+        return self.come_home()
+
+    def come_home(self) -> int:
+        """Go back to where the run found the axis if it has come far; give the position."""
+        position, home = self.position(), self.home
+        if home is None or abs(position - home) <= self.room() // 4:
+            return position
+        end = self.go(home).end
+        assert end is not None
+        self.wait_until(end.latest_ns)
+        self.command(0x18)
         return self.position()
+
+    @property
+    def home(self) -> int | None:
+        """Where the run found the axis; None while nobody has looked."""
+        memory = self.session.run.memory
+        return None if memory is None else memory.position
 
     def at_rest(self) -> None:
         """End motion and synchronous mode, whatever the device's reading of either."""
         reply = self.command(0x18)
+        if self.known("abort_flush"):
+            for _ in range(FIFO_STAGES):  # on this device 18h ends one segment at a time
+                self.command(0x18)
         if reply.kind is Kind.REFUSED or self.known("preload_policy"):
             # A preloaded motion survives 18h on this device: let it start, and stop it.
             self.command(0x11)
@@ -304,6 +326,9 @@ class Bench:
     def go(self, target: int) -> Forecast:
         """Send 13h to a target in the envelope; it must be accepted.  Give what to expect."""
         origin = self.position()
+        home = origin if self.home is None else self.home
+        limit = self.session.envelope.max_travel
+        assert abs(target - home) <= max(limit, abs(origin - home)), "outside the envelope"
         exchange = self.accepted(0x13, target)
         return self.to_position(exchange, origin, target)
 
@@ -334,6 +359,7 @@ class Bench:
         law: Law | None = None,
     ) -> Forecast:
         """What to expect of a 15h from rest taken over in that exchange."""
+        direction = self.heading(direction)
         return Forecast.started(
             exchange.taken,
             origin,
@@ -342,6 +368,10 @@ class Bench:
             law or self.law,
             mode="VE",
         )
+
+    def heading(self, direction: int) -> int:
+        """The way this device turns when asked for a direction (MACS-AMB-07)."""
+        return 1 if self.known("vel_f6_direction") == 1 else direction
 
     def turn(self, direction: int, period: int) -> Forecast:
         """Send 15h from rest; it must be accepted."""
@@ -439,6 +469,21 @@ def velocity(direction: int, period: int) -> int:
 def segment(steps: int, period: int) -> int:
     """The parameter of 16h and 1Eh: DDDD and VVVV."""
     return (steps & 0xFFFF) << 16 | period
+
+
+def abort_flush(bench: Bench) -> int | str:
+    """MACS-AMB-51: whether 18h drops the segments that wait in the FIFO."""
+    for _ in range(FIFO_STAGES):
+        bench.command(0x18)
+    for _ in range(2):
+        bench.command(0x16, segment(10, 0x1000))
+    bench.command(0x18)
+    place = bench.position()
+    bench.wait(PRELOAD_SHOWS_S)
+    flushed = bench.position() == place
+    for _ in range(FIFO_STAGES):
+        bench.command(0x18)
+    return 0 if flushed else 1
 
 
 def preload_policy(bench: Bench) -> int | str:

@@ -124,7 +124,7 @@ def _is_dropped(bench: Bench, frame: Request) -> None:
 def every_other_checksum_is_nacked(session: Session) -> None:
     """A query is answered under the right checksum and gets one byte 15h under any other."""
     bench = Bench(session)
-    frame = bench.frame(0x28, 0x9ABCDEF0, 0xAF)
+    frame = bench.frame(0x28, 0, 0xAF)
     bench.must(Kind.ANSWER, bench.send(frame), "MACS-FRAME-03")
     # 95h is the sum of 014 and 97h that of Stx 014: the two usual mistakes are always tried.
     offsets = range(1, 0x100) if session.target.is_virtual else (1, 0x0F, 0x10, 0x95, 0x97, 0xFF)
@@ -138,7 +138,7 @@ def every_other_checksum_is_nacked(session: Session) -> None:
 def digits_are_read_in_upper_case(session: Session) -> None:
     """Letters of a frame in lower case are refused as no digits, or read like upper case."""
     bench = Bench(session)
-    upper = bench.frame(0x28, 0x0000000A, 0xAF)
+    upper = bench.frame(0x28, 0, 0xAF)
     expected = bench.must(Kind.ANSWER, bench.send(upper), "MACS-FRAME-03").reply.data
     reply = bench.send(upper.in_lower_case(), QUIET_S).reply
     if reply.kind is Kind.ANSWER:
@@ -209,6 +209,8 @@ def unassigned(bench: Bench, index: int, parameter: int = 0) -> int | str:
     reply = bench.send(bench.frame(index, parameter), QUIET_S).reply
     if reply.kind is Kind.ANSWER:
         return 2 if reply.data == 0 else f"{index:02X}h: {reply}"
+    if reply.kind is Kind.ACCEPTED and index < 0x20 and bench.known("unknown_index") == 2:
+        return 2  # commands have no answer to put zeros into
     readings = {Kind.REFUSED: 0, Kind.ACCEPTED: 1, Kind.SILENCE: 3}
     return readings.get(reply.kind, f"{index:02X}h: {reply}")
 

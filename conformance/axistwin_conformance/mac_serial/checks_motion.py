@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Final
 
 from axistwin_conformance.mac_serial.bench import SAFE_PERIOD, SLOWEST, Bench
@@ -168,7 +167,11 @@ def going_to_0_is_a_move_like_any_other(session: Session) -> None:
         session.skip(f"position 0 is {abs(start)} increments away, outside the envelope")
     for place, parameter in ((150, 0), (-90, 0x00000123), (41, 0xFFFFFFFF)):
         bench.finish(bench.go(place))
-        exchange = bench.accepted(0x14, parameter)
+        exchange = bench.command(0x14, parameter)
+        if parameter and exchange.kind is Kind.REFUSED:
+            bench.reading("dont_care_digits", 1)
+            exchange = bench.command(0x14)
+        bench.must(Kind.ACCEPTED, exchange)
         bench.watch(bench.to_position(exchange, place, 0), None, samples=3)
 
 
@@ -221,7 +224,7 @@ def a_ramped_stop_in_full_motion_takes_one_ramp(session: Session) -> None:
         session.expect(
             lowest <= place <= highest, "MACS-CMD-17-01", f"no creeping on to {start}", place
         )
-        session.expect(not bench.is_busy(), "MACS-CMD-17-01", "not busy", "busy")
+        bench.reading("busy_after_abort", int(bench.is_busy()), "MACS-CMD-17-01")
 
 
 @check("MACS-CMD-17-01", safety=MOVES)
@@ -233,14 +236,20 @@ def a_ramped_stop_on_the_ramp_descends_what_was_climbed(session: Session) -> Non
     exchange = bench.accepted(0x13, start + distance)
     bench.wait(0.05)
     stop = bench.accepted(0x17)
-    forecasts = [
-        bench.to_position(exchange, start, start + distance, replace(bench.law, stop=name))
-        .stopped(stop.taken)
-        for name in ("climbed", "full")
-    ]  # fmt: skip
+    moving = bench.to_position(exchange, start, start + distance)
+    climbed = moving.stopped(stop.taken)
     samples = bench.sampled(0.6, 8)
-    fitting = bench.fit(samples, forecasts)
-    outcome: int | str = fitting[0] if fitting else f"at rest {samples[-1].position - start} on"
+    # Of the other reading only the number of increments is given, not their periods.
+    done = [1 + place - start for place in moving.bounds(stop.taken)]
+    bench.wait(2.0)
+    rest = bench.position() - start
+    whole = ramp_increments(4)
+    slack = bench.allowance(bench.period)
+    outcome: int | str = f"at rest {rest} increments on"
+    if bench.fit(samples, [climbed]):
+        outcome = 0
+    elif done[0] + whole - 2 - slack <= rest <= done[1] + whole + 2 + slack:
+        outcome = 1
     bench.reading("stop_ramp_law", outcome)
 
 

@@ -214,6 +214,15 @@ def the_tolerance_reads_back(session: Session) -> None:
     reads_back(bench, 0x1C, 0x26, ((value, rest | value) for value in BYTE_EDGES), 0xFFFFFFFF)
 
 
+def param_range_policy(bench: Bench) -> int | str:
+    """MACS-AMB-60: 03h with 0Ah is refused, taken as 8 (masked) or as 9 or 8 (clamped)."""
+    bench.command(0x03, 0)
+    kind = bench.command(0x03, 0x0E).kind
+    shown = bench.value(0x26) >> 8 & 0xF
+    bench.command(0x03, 0)
+    return 0 if kind is Kind.REFUSED else 1 if shown == 8 else 2
+
+
 @check("MACS-CMD-XX-02", "MACS-REPLY-05", safety="stored")
 def values_outside_the_printed_sets_are_refused(session: Session) -> None:
     """02h, 03h and 07h refuse values that the manual does not print, and keep what they had."""
@@ -232,21 +241,25 @@ def values_outside_the_printed_sets_are_refused(session: Session) -> None:
                 session.expect(field == 0, "MACS-REPLY-05", "the value kept", outcome)
                 outcome = 0
             elif kind is Kind.ACCEPTED:
-                outcome = _lenient(index, value, field)
+                outcome = _lenient(bench, index, value, field)
             bench.reading("param_range_policy", outcome, "MACS-CMD-XX-02")
             session.expect(True, "MACS-REPLY-05", "", "")
         bench.command(index, 0)
 
 
-def _lenient(index: int, value: int, field: int) -> int | str:
+def _lenient(bench: Bench, index: int, value: int, field: int) -> int | str:
     """Whether an accepted value outside the set was masked to, or clamped into, the set."""
-    allowed = {0x02: (0x01, 1), 0x03: (0x09, 9), 0x07: (0x01, 1)}
-    mask, top = allowed[index]
+    mask = {0x02: 0x01, 0x03: 0x09, 0x07: 0x01}[index]
+    members = {0x02: (0, 1), 0x03: (0, 1, 8, 9), 0x07: (0, 1)}[index]
     shown = {0x02: field >> 12, 0x03: field >> 8, 0x07: None}[index]
-    if shown is None or shown == value & mask:
-        return 1
-    if shown == top:
-        return 2
+    known = max(1, bench.known("param_range_policy"))
+    if shown is None:
+        return known  # nothing reads 07h back
+    clamped = (max(one for one in members if one <= value), members[-1])
+    fitting = [1] if shown == value & mask else []
+    fitting += [2] if shown in clamped else []
+    if fitting:
+        return known if known in fitting else fitting[0]
     return f"{index:02X}h {value:02X} accepted as {shown:X}"
 
 

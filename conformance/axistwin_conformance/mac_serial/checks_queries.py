@@ -57,7 +57,8 @@ def _judge_reserved(bench: Bench, bits: int, what: str) -> None:
     """Reserved bits may hold anything (MACS-AMB-59); that they do is worth knowing."""
     bench.session.expect(True, "MACS-Q-XX-03", "any value", bits)
     if bits:
-        bench.session.info("MACS-Q-XX-03", f"reserved bits set: {what}")
+        bench.session.quirk("MACS-Q-XX-03", "reserved_bits", "1")
+        bench.session.note(f"reserved bits set: {what}")
 
 
 @check("MACS-Q-24-01")
@@ -107,8 +108,10 @@ def _windows_agree(bench: Bench, index: int) -> None:
                 bytes(high).hex(),
             )
     top, bottom = bench.data_bytes(index, 0xFE), bench.data_bytes(index, 0x00)
-    if top[2:] != bottom[:2]:
-        bench.session.info(None, f"{index:02X}h does not wrap behind FFh")
+    if top[2:] == bottom[:2] and any(bottom[:2]):
+        bench.session.quirk(None, "mem_wrap", "wrap")
+    elif top[2:] != bottom[:2]:
+        bench.session.quirk(None, "mem_wrap", "other" if any(top[2:]) else "zero")
 
 
 @check("MACS-Q-20-01", "MACS-FRAME-05", "MACS-CMD-13-01", safety=("motion", "stored"))

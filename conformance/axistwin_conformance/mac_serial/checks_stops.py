@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from axistwin_conformance.mac_serial.bench import Bench, segment, velocity
+from axistwin_conformance.mac_serial.bench import AWAKE_SURELY_S, Bench, segment, velocity
 from axistwin_conformance.mac_serial.checks_motion import MOVES
 from axistwin_conformance.mac_serial.codec import Kind
 from axistwin_conformance.registry import check
@@ -46,6 +46,12 @@ def _send(bench: Bench, index: int, parameter: int) -> None:
     bench.accepted(index, parameter)
 
 
+def _cannot_go_down(bench: Bench, name: str) -> bool:
+    """True where the device's readings of AMB-07 and -38 leave no way to count down."""
+    switch = {"15h": "vel_f6_direction", "16h": "segment_signed"}.get(name)
+    return switch is not None and bench.known(switch) == 1
+
+
 def _synchronised(bench: Bench, target: int) -> None:
     bench.accepted(0x10)
     bench.accepted(0x13, target)
@@ -54,6 +60,10 @@ def _synchronised(bench: Bench, target: int) -> None:
 
 def fence(bench: Bench, side: Side, distance: int, mode: int = 8) -> int:
     """Put the stop of one side `distance` increments ahead, the other one far; give the start."""
+    if bench.known("ff_lifetime") == 2:  # only a restart clears ff on this device
+        bench.at_rest()
+        bench.command(0x00)
+        bench.wait(AWAKE_SURELY_S)
     start = bench.ready(PERIOD)
     other = 0x0A if side.index == 0x09 else 0x09
     bench.accepted(side.index, start + side.direction * distance)
@@ -75,12 +85,40 @@ def _judge_bits(bench: Bench, side: Side, name: str) -> None:
     bench.reading("status_ff_layout", outcome, side.requirements[0])
 
 
+@check("MACS-CMD-09-02", "MACS-Q-21-01", safety=MOVES)
+def the_stop_bit_stays_until_the_next_motion(session: Session) -> None:
+    """The ff bit outlives reading it, 18h and the end of enabling; the next motion clears it."""
+    bench = Bench(session)
+    side = SIDES[0]
+    start = fence(bench, side, 10)
+    bench.accepted(0x13, start + 60)
+    _rest(bench)
+    _judge_bits(bench, side, "superior")
+    bench.accepted(0x18)
+    before = bench.stopped_on()
+    bench.accepted(0x03, 0)
+    live = bench.stopped_on() != before
+    bench.accepted(0x13, start)
+    _rest(bench)
+    after = bench.stopped_on()
+    outcome: int | str = f"ff {before:02X}, then {after:02X}"
+    if live:
+        outcome = 1
+    elif after == 0:
+        outcome = 0
+    elif after == before:
+        outcome = 2
+    bench.reading("ff_lifetime", outcome)
+
+
 @check("MACS-CMD-09-02", "MACS-CMD-0A-02", "MACS-STOP-03", safety=MOVES)
 def beyond_a_software_stop_every_motion_ends(session: Session) -> None:
     """13h, 15h, 16h and 11h end on the first increment beyond the stop, unlocked, ff tells."""
     bench = Bench(session)
     for side in SIDES:
         for name, move in WAYS.items():
+            if side.direction < 0 and _cannot_go_down(bench, name):
+                continue
             start = fence(bench, side, 50)
             move(bench, start, side.direction)
             bench.wait(0.05)
@@ -93,7 +131,7 @@ def beyond_a_software_stop_every_motion_ends(session: Session) -> None:
             outcome = 1 if place == 50 else 0
             bench.reading("soft_stop_compare", outcome, side.requirements)
             _judge_bits(bench, side, name)
-            session.expect(not bench.is_busy(), side.requirements, "not busy", "busy")
+            bench.reading("busy_after_abort", int(bench.is_busy()), side.requirements)
             bench.accepted(0x03, 8, requirement=side.requirements)
 
 
@@ -138,19 +176,19 @@ def from_beyond_a_software_stop_one_can_return(session: Session) -> None:
         if outward is Kind.ACCEPTED:
             _judge_bits(bench, side, "outward")
         here = bench.position()
-        inward = bench.command(0x13, start - 20 * side.direction).kind
-        bench.wait(0.05)
+        inward = bench.command(0x13, start - 60 * side.direction).kind
+        bench.wait(0.1)
         back = (here - _rest(bench)) * side.direction
         outcome: int | str = f"{inward.value}, {back} increments back"
-        if inward is Kind.ACCEPTED and back >= 20:
+        if inward is Kind.ACCEPTED and back >= 60:
             outcome = 0
         elif back <= 0:
             outcome = 1
         bench.reading("soft_stop_blocks", outcome, side.requirements)
         if outcome == 0:
             ff = bench.stopped_on()
-            life: int | str = {0: 0, side.bit: 2, side.bit << 1: 2}.get(ff, f"ff {ff:02X}")
-            bench.reading("ff_lifetime", life, side.requirements[0])
+            if ff:  # gone it may be because the motion cleared it, or because it lives
+                bench.reading("ff_lifetime", 2, side.requirements[0])
 
 
 @check("MACS-CMD-09-02", "MACS-STOP-03", "MACS-CMD-0B-01", safety=MOVES)
@@ -172,29 +210,3 @@ def software_stops_watch_the_counter(session: Session) -> None:
     session.expect(30 <= place <= most, None, f"30..{most} of the new count", place)
     bench.finish(bench.go(-(start + 15)))
     bench.accepted(0x0B)
-
-
-@check("MACS-CMD-09-02", "MACS-Q-21-01", safety=MOVES)
-def the_stop_bit_stays_until_the_next_motion(session: Session) -> None:
-    """The ff bit outlives reading it, 18h and the end of enabling; the next motion clears it."""
-    bench = Bench(session)
-    side = SIDES[0]
-    start = fence(bench, side, 10)
-    bench.accepted(0x13, start + 60)
-    _rest(bench)
-    _judge_bits(bench, side, "superior")
-    bench.accepted(0x18)
-    before = bench.stopped_on()
-    bench.accepted(0x03, 0)
-    live = bench.stopped_on() != before
-    bench.accepted(0x13, start)
-    _rest(bench)
-    after = bench.stopped_on()
-    outcome: int | str = f"ff {before:02X}, then {after:02X}"
-    if live:
-        outcome = 1
-    elif after == 0:
-        outcome = 0
-    elif after == before:
-        outcome = 2
-    bench.reading("ff_lifetime", outcome)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from axistwin_conformance.mac_serial import codec
-from axistwin_conformance.mac_serial.acceptance import ACCEPTANCE, outcome_of
+from axistwin_conformance.mac_serial.acceptance import ACCEPTANCE, RUNNING, outcome_of
 from axistwin_conformance.mac_serial.codec import Kind
 from axistwin_conformance.mac_serial.forecast import (
     ROUNDINGS,
@@ -139,9 +139,13 @@ class AxisModel:
 
     def _reply(self, now: Timeline, edge: int, index: int, parameter: int, state: str) -> Kind:
         content = ACCEPTANCE[index].cell(state)
-        for other, (switch, number) in ACCEPTANCE[index].readings(state).items():
+        for other, switch, number in ACCEPTANCE[index].readings(state):
             if self.readings.get(switch) == number:
                 content = other
+        if index == 0x03 and parameter & 0xFF == 1 and state in RUNNING:
+            content = "R"  # the one value that both lists mark
+        if index == 0x15 and self._is_reversal(now, state, parameter):
+            content = "R"
         if content == "R":
             return Kind.REFUSED
         if index in SETTINGS:
@@ -157,6 +161,11 @@ class AxisModel:
         if index == 0x07 and parameter & 0xFF > 1:
             return Kind.REFUSED
         return outcome_of(content)
+
+    def _is_reversal(self, now: Timeline, state: str, parameter: int) -> bool:
+        """True for a 15h against the motion on a device that refuses those (MACS-AMB-28)."""
+        is_refused = self.readings.get("vel_reverse_cmd") == 1 and state == "VE"
+        return is_refused and bool(parameter & 0xFFFF) and now.direction != _way(parameter)
 
     def _is_full(self, now: Timeline, edge: int) -> bool:
         mode = now.mode_at(edge)
@@ -206,7 +215,7 @@ class AxisModel:
             period = parameter & 0xFFFF
             if not period:
                 return [now, replace(now, ff=0)]
-            direction = -1 if parameter >> 16 & 0xFF == 0xF6 else 1
+            direction = _way(parameter)
             courses = [
                 Course.endless(period, one.coefficient, replace(self.law, rounding=rounding))
                 for rounding in ROUNDINGS
@@ -293,3 +302,8 @@ class AxisModel:
         steps = timeline.course.profile.steps or 0
         done = abs(timeline.position_at(edge) - timeline.origin)
         return steps - done - shift > self.parameters.tolerance
+
+
+def _way(parameter: int) -> int:
+    """The direction a 15h asks for (MACS-CMD-15-01)."""
+    return -1 if parameter >> 16 & 0xFF == 0xF6 else 1

@@ -36,8 +36,8 @@ class Law:
 
     ramp: str = "equal_time"  # or "equal_increments", MACS-AMB-42
     triangle: str = "mirror"  # or "shared_peak", §5.11
-    change: str = "ramp_levels"  # or "first_ramp_acceleration", "step", MACS-AMB-44
-    stop: str = "climbed"  # or "full", MACS-AMB-45
+    change: str = "ramp_length"  # or "constant_acceleration", "step", MACS-AMB-44
+    stop: str = "climbed"  # or "ramp_length", MACS-AMB-45
     rounding: str = "half_up"  # or "down", "up", MACS-AMB-43
 
 
@@ -197,7 +197,8 @@ class Course:
 
     `base`: the period the ramp is built from; `coefficient`: AA; `distance`: of 13h and 14h only;
     `transition_at`, `transition_end`: the steps between which a speed change happens, if one was
-    ordered; `descent_at`: the step from which an ordered stop slows the axis down.
+    ordered, and `before`, the course it changed; `descent_at`: the step from which an ordered
+    stop slows the axis down.
     """
 
     profile: Profile
@@ -207,6 +208,7 @@ class Course:
     distance: int | None = None
     transition_at: int | None = None
     transition_end: int = 0
+    before: Course | None = None
     descent_at: int | None = None
 
     @classmethod
@@ -241,6 +243,8 @@ class Course:
         The increment in progress is finished first; then the climbed increments are descended.
         """
         done = self.profile.steps_by(ticks) + 1
+        if self.before is not None and done == self.transition_at:
+            return self.before.stopped(ticks)  # the change had not begun: nothing to descend from
         whole = self.profile.steps
         if (whole is not None and done >= whole) or self._is_descending(done):
             return self
@@ -248,7 +252,7 @@ class Course:
         base = self.base
         if self.transition_at is not None and done <= self.transition_end:
             base = self.profile.period_of(done - 1)  # from the level in use
-        if self.law.stop == "full":
+        if self.law.stop == "ramp_length":
             climbed = ramp_increments(self.coefficient)
         descent = Profile(ramp(base, self.coefficient, self.law)).first(climbed)
         profile = self.profile.first(done).then(_mirrored(descent.runs))
@@ -267,5 +271,6 @@ class Course:
             self.coefficient,
             self.law,
             transition_at=done,
+            before=self,
             transition_end=done + length,
         )

@@ -8,7 +8,7 @@ scaled into it, and before each operation an axis on its way out is stopped inst
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from axistwin_conformance.mac_serial import codec
@@ -21,7 +21,7 @@ from axistwin_conformance.mac_serial.bench import (
     velocity,
 )
 from axistwin_conformance.mac_serial.codec import Kind
-from axistwin_conformance.mac_serial.forecast import Forecast, Window
+from axistwin_conformance.mac_serial.forecast import Forecast, Timeline, Window
 from axistwin_conformance.mac_serial.model import (
     DROPPING,
     MOTIONS,
@@ -29,6 +29,8 @@ from axistwin_conformance.mac_serial.model import (
     AxisModel,
     Parameters,
 )
+
+Choices = tuple[int, ...]
 
 BYTES_PER_OPERATION: Final = 4
 PERIODS: Final = (0x0640, 0x0800, 0x1000, 0x1800, 0x2000, 0x4000, 0xFFFF)
@@ -49,6 +51,17 @@ BLAME: Final = {
 }  # fmt: skip
 BLAME_MODE: Final = {"PO": "MACS-CMD-13-01", "VE": "MACS-CMD-15-01", "IN": "MACS-CMD-16-01"}
 BLAME_OTHERWISE: Final = "MACS-REPLY-01"
+
+
+# Where a device follows another reading than the default and the ledger gives no exact rule for
+# it, the operations that would need one are left out.
+UNRULED_SEGMENTS: Final = ("fifo_underrun", "abort_flush", "segment_zero_steps")
+UNRULED_SYNC: Final = ("preload_policy", "abort_flush", "sync_arm_lifetime")
+UNRULED_STOPS: Final = ("soft_stop_compare", "soft_stop_blocks")
+UNRULED_STATUS: Final = ("ff_lifetime", "status_ff_layout")
+UNRULED_CHANGES: Final = ("vel_change_law", "ramp_law", "vel_reverse_cmd")
+UNRULED_RAMPED_STOPS: Final = ("stop_ramp_law", "ramp_law")
+UNRULED_RESTARTS: Final = ("persist_modes",)
 
 
 class Mismatch(Exception):  # noqa: N818 - a finding, not an error
@@ -72,6 +85,10 @@ class Sequence:
     offset: int = 0  # of the shaft: what 0Bh has taken off the counter
     changes: int = 0
 
+    def follows(self, *switches: str) -> bool:
+        """True if the device follows the default readings of these switches, as far as known."""
+        return not any(self.bench.known(switch) for switch in switches)
+
     # --- doing ------------------------------------------------------------------------------------
 
     def play(self, data: bytes) -> None:
@@ -90,10 +107,24 @@ class Sequence:
         except Mismatch as mismatch:
             mismatch.story = tuple(self.story)
             raise
+        finally:
+            self._put_origin_back()
+
+    def _put_origin_back(self) -> None:
+        """Clear the counter where it was 0 before the sequence."""
+        if self.offset:
+            self.bench.at_rest()
+            self.bench.command(0x03, 0)
+            self.bench.ready()
+            self.bench.finish(self.bench.go(-self.offset))
+            self.bench.command(0x0B)
+            self.offset = 0
 
     def command(self, index: int, parameter: int = 0) -> None:
         """Send a command and hold its reply against the admissible set."""
         exchange = self._tell(index, parameter)
+        if index == 0x00 and exchange.kind is Kind.SILENCE:  # MACS-AMB-20
+            exchange = replace(exchange, reply=codec.Reply(Kind.ACCEPTED))
         admissible = self.model.outcomes(index, parameter & 0xFFFFFFFF, exchange.taken)
         if exchange.kind not in admissible:
             states = "/".join(sorted(self.model.states(exchange.taken)))
@@ -114,10 +145,12 @@ class Sequence:
             self._judge_position(codec.signed(reply.data), taken)
         elif index == 0x21:
             ff, allowed = reply.data >> 16 & 0xFF, self.model.stopped_on(taken)
-            self._judge(index, ff & 0x0F in allowed, f"ff in {sorted(allowed)}", f"ff {ff:02X}")
+            holds = ff & 0x0F in allowed or not self.follows(*UNRULED_STATUS)
+            self._judge(index, holds, f"ff in {sorted(allowed)}", f"ff {ff:02X}")
         elif index == 0x27:
             is_busy, busy = not reply.data & 0x0800, self.model.busy(taken)
-            self._judge(index, is_busy in busy, f"busy in {sorted(busy)}", f"busy {is_busy}")
+            holds = is_busy in busy or not self.follows("busy_after_abort")
+            self._judge(index, holds, f"busy in {sorted(busy)}", f"busy {is_busy}")
         elif index in (0x22, 0x23, 0x25, 0x26):
             wanted = self.model.parameters.answer(index)
             self._judge(
@@ -202,6 +235,34 @@ class Sequence:
         span = min(SPAN, self.bench.room())
         return self.home - self.offset + (fraction - 0x80) * span // 0x80
 
+    def way(self, byte: int) -> int:
+        """A direction, among those the device has."""
+        return 1 if self.bench.known("vel_f6_direction") else -1 if byte & 1 else 1
+
+    def value(self, values: Choices, legal: Choices, byte: int) -> int:
+        """One of the values; only a legal one if the device takes others somehow (AMB-60)."""
+        chosen = values if self.follows("param_range_policy") else legal
+        return chosen[byte % len(chosen)]
+
+    def period(self, byte: int) -> int:
+        """A period for 0Dh, now and then 0."""
+        if not byte and self.follows("zero_period_0d"):
+            return 0
+        return max(PERIODS[byte % len(PERIODS)], self.bench.fastest)
+
+    def torque(self, byte: int) -> int:
+        """A torque limit, legal or not."""
+        imax = self.model.parameters.imax
+        values = (1, 0x40, imax - 1, 0, imax, imax + 1, 0xFF)
+        plain = self.follows("torque_range", "torque_over")
+        return min(0xFF, values[byte % (len(values) if plain else 3)])
+
+    def stops(self, byte: int) -> int:
+        """A mode for 03h."""
+        if not self.follows(*UNRULED_STOPS):
+            return byte & 1
+        return self.value((0, 8, 9, 1, 2, 8), (0, 8, 9, 1, 0, 8), byte)
+
     def here(self) -> int:
         """Some admissible present position."""
         now = self._now()
@@ -241,42 +302,54 @@ def _nudge(run: Sequence, first: int, second: int) -> None:
 
 def _home(run: Sequence, first: int, second: int) -> None:
     is_near = abs(run.home - run.offset) <= run.bench.room()
-    run.command(0x14, second) if is_near else run.query(0x20)
+    run.command(0x14) if is_near else run.query(0x20)
 
 
 def _turn(run: Sequence, first: int, second: int) -> None:
-    if run.has_segments or not run.may_change():
+    if run.has_segments or not (run.is_resting or run.follows(*UNRULED_CHANGES)):
+        run.command(0x18)
+        return
+    if not run.may_change():
         run.command(0x18)
         return
     period = max(PERIODS[second % len(PERIODS)], run.bench.fastest)
-    run.command(0x15, velocity(-1 if first & 1 else 1, period))
+    run.command(0x15, velocity(run.way(first), period))
 
 
 def _turn_off(run: Sequence, first: int, second: int) -> None:
-    if run.has_segments or run.is_held or not run.may_change():
+    is_ruled = run.is_resting or run.follows(*UNRULED_RAMPED_STOPS)
+    if run.has_segments or run.is_held or not is_ruled or not run.may_change():
         run.command(0x18)
         return
-    run.command(0x15, velocity(-1 if first & 1 else 1, 0))
+    run.command(0x15, velocity(run.way(first), 0))
 
 
 def _ramped_stop(run: Sequence, first: int, second: int) -> None:
-    run.command(0x17 if run.may_change() else 0x18)
+    is_ruled = run.follows(*UNRULED_RAMPED_STOPS)
+    is_ruled &= not run.has_segments or run.bench.known("stop17_in_interp") < 2
+    run.command(0x17 if run.is_resting or (is_ruled and run.may_change()) else 0x18)
 
 
 def _segment(index: int) -> Callable[[Sequence, int, int], None]:
     def send(run: Sequence, first: int, second: int) -> None:
-        if run.is_held:
+        is_ruled = run.follows(*UNRULED_SEGMENTS)
+        is_ruled &= run.is_resting or run.bench.known("interp_during_profile") < 2
+        if run.is_held or not is_ruled:
             run.query(0x20)
             return
         period = max(PERIODS[second % len(PERIODS)], run.bench.fastest)
-        run.command(index, segment(first % 65 - 32, 0 if second == 0xFF else period))
+        is_zero = second == 0xFF and run.follows("segment_zero_period")
+        steps = first % 65 - 32
+        steps = abs(steps) if run.bench.known("segment_signed") else steps
+        run.command(index, segment(steps, 0 if is_zero else period))
 
     return send
 
 
 def _sync(index: int) -> Callable[[Sequence, int, int], None]:
     def send(run: Sequence, first: int, second: int) -> None:
-        run.command(index if run.is_resting else 0x18)
+        is_ruled = run.is_resting and run.follows(*UNRULED_SYNC)
+        run.command(index if is_ruled else 0x18)
 
     return send
 
@@ -289,10 +362,9 @@ def _set(index: int, value: Callable[[Sequence, int], int]) -> Callable[[Sequenc
 
 
 def _clear(run: Sequence, first: int, second: int) -> None:
-    if not run.is_resting:
-        run.query(0x20)
-        return
     run.query(0x20)
+    if not run.is_resting or abs(run.home) > run.bench.room():
+        return
     before = run.here()
     run.command(0x0B)
     run.offset += before
@@ -310,6 +382,8 @@ def _query(run: Sequence, first: int, second: int) -> None:
 
 
 def _unassigned(run: Sequence, first: int, second: int) -> None:
+    if run.bench.known("unknown_index") > 1:
+        return
     run.command((0x04, 0x05, 0x06, 0x12, 0x1D, 0x1F, 0x2A, 0x2F)[first % 8], second)
 
 
@@ -328,7 +402,8 @@ def _astray(run: Sequence, first: int, second: int) -> None:
 
 
 def _restart(run: Sequence, first: int, second: int) -> None:
-    run.restart() if run.bench.target.is_virtual and first < 0x40 else run.query(0x26)
+    is_cheap = run.bench.target.is_virtual and first < 0x40
+    run.restart() if is_cheap and run.follows(*UNRULED_RESTARTS) else run.query(0x26)
 
 
 OPERATIONS: Final[tuple[Callable[[Sequence, int, int], None], ...]] = (
@@ -348,13 +423,13 @@ OPERATIONS: Final[tuple[Callable[[Sequence, int, int], None], ...]] = (
     _move,
     _segment(0x16),
     lambda run, first, second: run.query(0x20),
-    _set(0x0D, lambda run, first: max(PERIODS[first % 7], run.bench.fastest) if first else 0),
+    _set(0x0D, lambda run, first: run.period(first)),
     _set(0x0F, lambda run, first: COEFFICIENTS[first % 7]),
     _set(0x1C, lambda run, first: (0, 0, 1, 10, 100)[first % 5]),
     _set(0x0E, lambda run, first: first << 8),
-    _set(0x0C, lambda run, first: (0, 1, 0x40, 0x7F, 0x80, 0x81, 0xFF)[first % 7]),
-    _set(0x02, lambda run, first: (0, 0, 2, 0x10)[first % 4]),
-    _set(0x03, lambda run, first: (0, 8, 9, 1, 2, 8)[first % 6]),
+    _set(0x0C, lambda run, first: run.torque(first)),
+    _set(0x02, lambda run, first: run.value((0, 0, 2, 0x10), (0, 0, 0, 0), first)),
+    _set(0x03, lambda run, first: run.stops(first)),
     _set(0x09, lambda run, first: run.place(first)),
     _set(0x0A, lambda run, first: run.place(first)),
     _clear,
@@ -375,7 +450,8 @@ def begin(bench: Bench, home: int | None, law_known: Callable[[Bench], AxisModel
         bench.finish(bench.go(home))
         position = bench.position()
     model = law_known(bench)
-    model.forecast = Forecast.rest(position)
+    ff = bench.stopped_on()  # of the sequence before: the next motion clears it
+    model.forecast = Forecast.of([Timeline("HD", position, ff=ff)])
     return Sequence(bench, model, position if home is None else home, bench.value(0x24))
 
 
