@@ -238,7 +238,8 @@ def build_line(
         clock = PacedClock() if clock is None else clock
         now = clock.now_ns()
         stations = [
-            _station(spec, index, settings, seed, storage, baud) for index, spec in enumerate(specs)
+            _station(spec, index, settings, seed, storage, baud, alone=len(specs) == 1)
+            for index, spec in enumerate(specs)
         ]
         devices = [station.device for station in stations]
         network = SerialNetwork(devices, start_ns=now, paced=paced)
@@ -260,6 +261,8 @@ def _station(
     seed: int,
     storage: Stores,
     baud: int | None,
+    *,
+    alone: bool,
 ) -> Station:
     """The device of ``spec``, with its memory: what is stored, else what the factory stored."""
     model = _MODELS[spec.model]
@@ -271,7 +274,8 @@ def _station(
             raise UsageError(f"baud {baud} is no rate of {spec.model}: {rates}")
         cells["baud"] = baud
     own = {name: value for name, value in quirks.items() if name in model.quirks}
-    device = model.make(spec.address, quirks=own, cells=cells, skew_ns=_skew_ns(seed, spec, index))
+    skew_ns = _skew_ns(seed, spec, index)
+    device = model.make(spec.address, quirks=own, cells=cells, skew_ns=skew_ns, alone=alone)
     present = device.cells(0)
     strange = sorted(name for name in slot.cells if present.get(name) != slot.cells[name])
     if strange:

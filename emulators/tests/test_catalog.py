@@ -204,6 +204,14 @@ def test_two_devices_at_one_address_answer_on_top_of_one_another(seed: int) -> N
     assert answers[0] != alone
 
 
+def test_a_module_knows_whether_it_is_the_only_one_on_its_line() -> None:
+    """Which matters to who answers a general frame (MACS-AMB-16, lone)."""
+    lone = {"general_reply_policy": "lone"}
+    general = request(0x20, address=0xFF)
+    assert ask(line_of("mac23:5", quirks=lone), general)
+    assert ask(line_of("mac23:5", "mac23:6", quirks=lone), general) == b""
+
+
 def test_modules_are_found_started_or_switched_on_now() -> None:
     """A cold one is deaf for its first two seconds."""
     assert ask(line_of("mac23"), request(0x20))
