@@ -317,7 +317,7 @@ def _turn(run: Sequence, first: int, second: int) -> None:
 
 
 def _turn_off(run: Sequence, first: int, second: int) -> None:
-    is_ruled = run.is_resting or run.follows(*UNRULED_RAMPED_STOPS)
+    is_ruled = run.is_resting or run.follows(*UNRULED_RAMPED_STOPS, "vel_reverse_cmd")
     if run.has_segments or run.is_held or not is_ruled or not run.may_change():
         run.command(0x18)
         return
@@ -356,6 +356,9 @@ def _sync(index: int) -> Callable[[Sequence, int, int], None]:
 
 def _set(index: int, value: Callable[[Sequence, int], int]) -> Callable[[Sequence, int, int], None]:
     def send(run: Sequence, first: int, second: int) -> None:
+        if not run.is_resting and not run.follows("motion_lock_set"):
+            run.query(0x20)  # what a new speed or ramp does to a running motion is not said
+            return
         run.command(index, value(run, first))
 
     return send

@@ -1,0 +1,160 @@
+"""Frames of the MAC serial line, both ways, legal and not."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import replace
+from importlib import resources
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from axistwin_conformance.mac_serial import codec
+from axistwin_conformance.mac_serial.checks_replies import golden_exchanges, readdressed
+from axistwin_conformance.mac_serial.codec import Kind
+
+FIXTURES = Path(__file__).parents[2] / "fixtures" / "mac_serial"
+GOLDEN = resources.files("axistwin_conformance.mac_serial") / "golden" / "exchanges.toml"
+
+
+def test_the_manuals_first_example_is_built_byte_for_byte() -> None:
+    """300 rpm on module 00: the frame of the worked example, its misprints corrected."""
+    frame = codec.request(0, 0x15, 0x0320).encode()
+    assert frame == bytes.fromhex("02 303134 3030 3135 3030 3030303030333230 4142 03")
+
+
+@pytest.mark.parametrize("golden", golden_exchanges(), ids=lambda golden: golden.name)
+def test_golden_requests_are_what_the_codec_builds(golden: object) -> None:
+    """Every golden request has 21 bytes and the sum written beside it."""
+    exchange = next(one for one in golden_exchanges() if one is golden)
+    frame = exchange.request
+    fields = codec.Request(frame[4:6], frame[6:8], frame[8:10], frame[10:18])
+    assert fields.encode() == frame
+    assert sum(frame[4:18]) == exchange.sum
+    assert readdressed(frame, int(frame[4:6], 16)) == frame
+
+
+@pytest.mark.parametrize("golden", golden_exchanges(), ids=lambda golden: golden.name)
+def test_golden_replies_are_understood(golden: object) -> None:
+    """Every golden reply is accepted or an answer, and complete exactly at its last byte."""
+    reply = next(one for one in golden_exchanges() if one is golden).reply
+    assert codec.parse(reply).kind in (Kind.ACCEPTED, Kind.ANSWER)
+    for length in range(len(reply)):
+        assert 0 < codec.missing_bytes(reply[:length]) <= len(reply) - length
+    assert codec.missing_bytes(reply) == 0
+
+
+def test_the_shipped_golden_frames_are_those_of_the_fixtures() -> None:
+    """The installed suite and the fixtures folder hold the same bytes."""
+    assert (FIXTURES / "exchanges.toml").read_bytes() == GOLDEN.read_bytes()
+
+
+def test_every_misprint_says_what_is_wrong_with_it() -> None:
+    """A recorded misprint has the printed form, the place and the reason."""
+    data = tomllib.loads(GOLDEN.read_text(encoding="utf-8"))
+    misprints = [one for row in data["exchange"] for one in row.get("misprint", [])]
+    assert len(misprints) >= 5
+    assert all(one["printed"] and one["where"] and one["why"] for one in misprints)
+    assert all(one["corrected"] and one["ambiguity"] for one in data["erratum"])
+
+
+def test_a_wrong_checksum_stays_two_digits_and_wrong() -> None:
+    """Any offset of 1..255 gives another checksum."""
+    frame = codec.request(0x7F, 0x20)
+    right = frame.encode()[18:20]
+    spoilt = {frame.with_wrong_checksum(offset).encode()[18:20] for offset in range(1, 256)}
+    assert len(spoilt) == 255
+    assert right not in spoilt
+
+
+def test_lower_case_frames_carry_their_own_sum() -> None:
+    """In lower case the sum is that of the characters sent."""
+    frame = codec.request(0xAB, 0x1E, 0xABCDEF01).in_lower_case().encode()
+    assert frame[4:6] == b"ab"
+    assert frame[18:20] == codec.two_digits(codec.checksum(frame[4:18]))
+
+
+@pytest.mark.parametrize(
+    ("received", "kind"),
+    [
+        ("", Kind.SILENCE),
+        ("15", Kind.NACK),
+        ("06 13 1A", Kind.ACCEPTED),
+        ("06 13 11", Kind.ACCEPTED),
+        ("06 13 17", Kind.REFUSED),
+        ("06 13 18", Kind.REFUSED),
+        ("06 13 00", Kind.GARBAGE),
+        ("06 13", Kind.GARBAGE),
+        ("15 15", Kind.GARBAGE),
+        ("1A", Kind.GARBAGE),
+    ],
+)
+def test_short_replies_are_told_apart(received: str, kind: Kind) -> None:
+    """Each short reply has its kind; both spellings of Xon and Xonerror are understood."""
+    assert codec.parse(bytes.fromhex(received)).kind is kind
+
+
+def test_the_spelling_of_xon_is_told() -> None:
+    """The reading of AMB-01 and AMB-02 is named by the reply."""
+    assert codec.parse(b"\x06\x13\x11").xon_spelling == "11h"
+    assert codec.parse(b"\x06\x13\x17").xonerror_spelling == "17h"
+    assert codec.parse(b"\x06\x13\x17").xon_spelling is None
+
+
+ANSWER = bytes.fromhex("06 13 02 303131 3030 30 3030303030303030 3130 03 1A")
+
+
+@pytest.mark.parametrize(
+    ("offset", "byte", "flaw"),
+    [
+        (4, 0x32, "length field"),
+        (6, 0x61, "digits"),
+        (12, 0x31, "checksum"),
+        (17, 0x32, "checksum"),
+        (19, 0x04, "Etx"),
+        (20, 0x17, "Xon"),
+    ],
+)
+def test_each_flaw_of_an_answer_is_named(offset: int, byte: int, flaw: str) -> None:
+    """An answer with one wrong byte is garbage that says what is wrong."""
+    reply = codec.parse(ANSWER[:offset] + bytes([byte]) + ANSWER[offset + 1 :])
+    assert reply.kind is Kind.GARBAGE
+    assert flaw in str(reply)
+
+
+def test_an_answer_of_28h_may_say_014() -> None:
+    """The length printed for 28h is understood and told."""
+    reply = codec.parse(ANSWER.replace(b"011", b"014"))
+    assert (reply.kind, reply.length) == (Kind.ANSWER, b"014")
+
+
+@given(st.binary(max_size=40))
+@settings(max_examples=300, deadline=None, database=None, derandomize=True)
+def test_nothing_received_makes_the_parser_fail(data: bytes) -> None:
+    """Whatever arrives is parsed, explained and accounted for."""
+    assert codec.parse(data).raw == data
+    assert codec.explain(data)
+    assert codec.missing_bytes(data) >= 0
+
+
+@given(st.integers(0, 255), st.integers(0, 255), st.integers(-(2**31), 2**32 - 1))
+@settings(max_examples=200, deadline=None, database=None, derandomize=True)
+def test_requests_hold_their_numbers(address: int, index: int, parameter: int) -> None:
+    """A request spells its fields so that they read back."""
+    frame = codec.request(address, index, parameter).encode()
+    assert len(frame) == codec.REQUEST_BYTES
+    assert (int(frame[4:6], 16), int(frame[6:8], 16)) == (address, index)
+    assert int(frame[10:18], 16) == parameter & 0xFFFFFFFF
+    assert "wrong checksum" not in codec.explain(frame)
+
+
+def test_explanations_name_command_address_and_flaws() -> None:
+    """A line of a report says who is asked for what, and what is wrong with the frame."""
+    frame = codec.request(5, 0x13, -1000)
+    assert codec.explain(frame.encode()) == "05: 13h go to position FFFFFC18"
+    assert "wrong checksum" in codec.explain(frame.with_wrong_checksum().encode())
+    assert "length field 011" in codec.explain(replace(frame, length=b"011").encode())
+    assert "malformed" in codec.explain(frame.encode()[:-1])
+    assert codec.explain(ANSWER) == "answer 0 of 00: 00000000 (0)"
