@@ -185,11 +185,8 @@ def test_without_pacing_an_exchange_takes_the_devices_own_time_only(tmp_path: Pa
 
 
 def test_a_client_that_floods_waits_and_does_not_spoil_the_line_for_good(bench: Bench) -> None:
-    """The flood is taken at the line's rate, and memory holds a few KiB of it.
-
-    While it lasts, answers collide with it on the half-duplex pair.  When it ends, the other client
-    is answered.
-    """
+    """The flood is taken at the line's rate; when it ends, the other client is answered."""
+    # While it lasts, answers collide with it on the half-duplex pair.
     with bench.open() as client:
         with bench.connect() as flooder:
             flooder.setblocking(False)

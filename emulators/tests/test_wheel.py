@@ -36,8 +36,8 @@ def clean_python(tmp_path_factory: pytest.TempPathFactory) -> Path:
         *(sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", folder, ROOT),
         folder=folder,
     )
+    assert built.returncode == 0, built.stdout
     (wheel,) = folder.glob("axistwin-*.whl")
-    assert wheel, built.stdout
     environment = folder / "environment"
     subprocess.run([sys.executable, "-m", "venv", str(environment)], check=True)
     python = environment / "bin" / "python"
