@@ -9,7 +9,6 @@ Milliseconds of the twin's time, ``>`` from the host or ``<`` to it, all bytes i
 and what they mean.  A line that begins with ``#`` is a remark: the date at which a run began.
 """
 
-import asyncio
 import contextlib
 import time
 from collections.abc import Callable, Iterator
@@ -19,6 +18,7 @@ from typing import TextIO
 from axistwin.errors import UsageError
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.runtime.line import Line
+from axistwin.runtime.loop import Loop
 from axistwin.runtime.transcript import Direction, Transcript
 
 PAUSE_NS: Nanos = 5 * NS_PER_MS
@@ -30,13 +30,13 @@ class Recorder(Transcript):
     """A transcript that is also written to ``file``, burst by burst, in ``loop``'s thread."""
 
     def __init__(
-        self, file: TextIO, explain: Callable[[bytes], str], loop: asyncio.AbstractEventLoop
+        self, file: TextIO, explain: Callable[[bytes], str], loop: Loop
     ) -> None:
         super().__init__()
         self._file = file
         self._explain_bytes = explain
         self._loop = loop
-        self._flushing: asyncio.TimerHandle | None = None
+        self._flushing = False
         self._direction: Direction = "host"
         self._begin_ns = self._end_ns = 0
         self._data = bytearray()
@@ -54,8 +54,9 @@ class Recorder(Transcript):
             self._direction, self._begin_ns = direction, time_ns
         self._data += data
         self._end_ns = time_ns
-        if self._flushing is None:
-            self._flushing = self._loop.call_later(_FLUSH_S, self._flush_later)
+        if not self._flushing:
+            self._flushing = True
+            self._loop.call_later(_FLUSH_S, self._flush_later)
 
     def flush(self) -> None:
         """Write the burst under way."""
@@ -67,7 +68,7 @@ class Recorder(Transcript):
             self._file.write(f"{text}  {self._explain_bytes(data)}".rstrip() + "\n")
 
     def _flush_later(self) -> None:
-        self._flushing = None
+        self._flushing = False
         self.flush()
         self._file.flush()
 
@@ -77,7 +78,7 @@ def recording(
     line: Line,
     path: str | None,
     explain: Callable[[bytes], str],
-    loop: asyncio.AbstractEventLoop,
+    loop: Loop,
 ) -> Iterator[None]:
     """Append what is said on ``line`` to the file at ``path``, if any.  Raises UsageError."""
     if path is None:

@@ -15,16 +15,15 @@ Rules
    has none (raw TCP) gets those of the first device.
 """
 
-import asyncio
-import contextlib
 import signal
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol, TypeAlias
+from typing import Protocol, TypeAlias
 
 from axistwin.kernel.time import NS_PER_MS, NS_PER_S, Nanos
 from axistwin.runtime.alarm import Alarm
 from axistwin.runtime.line import Line
+from axistwin.runtime.loop import Loop
 from axistwin.wire.framing import LineFormat
 
 READ_MAX = 1024
@@ -102,7 +101,7 @@ class Server:
         self.line = line
         self.ports = tuple(ports)
         self.report = report
-        self.loop: asyncio.AbstractEventLoop = asyncio.SelectorEventLoop()
+        self.loop = Loop()
         self._clients: list[Client] = []
         self._paused: list[Client] = []
         self._talker: Client | None = None
@@ -112,7 +111,6 @@ class Server:
         self._save_ns: Nanos | None = None
         self._unweighed = 0
         self._change_pending = False
-        self._stopped = asyncio.Event()
         self._failure: BaseException | None = None
         self._thread: threading.Thread | None = None
         self._thread_id = 0
@@ -141,11 +139,9 @@ class Server:
         Raises what made it stop, if that was an error.
         """
         try:
-            self.loop.run_until_complete(self._serve(stop_on, on_ready))
+            self._serve(stop_on, on_ready)
         finally:
             self.close()
-        if self._failure is not None:
-            raise self._failure
 
     def start(self) -> None:
         """Open, then serve in a thread of its own.  Raises PortError."""
@@ -172,8 +168,7 @@ class Server:
 
     def request_stop(self) -> None:
         """Make ``run`` return soon; from any thread."""
-        with contextlib.suppress(RuntimeError):  # the loop is closed: it has stopped
-            self.loop.call_soon_threadsafe(self._stopped.set)
+        self.loop.stop()
 
     def close(self) -> None:
         """Release the ports and the loop.  Only when it does not run."""
@@ -193,11 +188,10 @@ class Server:
             self._failure = error
             ready.set()
 
-    async def _serve(self, stop_on: Sequence[signal.Signals], on_ready: Callable[[], None]) -> None:
+    def _serve(self, stop_on: Sequence[signal.Signals], on_ready: Callable[[], None]) -> None:
         loop = self.loop
-        loop.set_exception_handler(self._failed)
         for number in stop_on:
-            loop.add_signal_handler(number, self._stopped.set)
+            loop.on_signal(number, loop.stop)
         self._thread_id = threading.get_ident()
         self.line.on_change(self._changed)
         loop.add_reader(self._alarm.fileno(), self.pump)
@@ -206,18 +200,12 @@ class Server:
                 port.attach(self)
             self.pump()
             on_ready()
-            await self._stopped.wait()
+            loop.run()
         finally:
             self.line.on_change(None)
             loop.remove_reader(self._alarm.fileno())
             for port in self.ports:
                 port.close()
-
-    def _failed(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """A callback raised: an error for the user (a full disk) or our bug; stop either way."""
-        if self._failure is None:
-            self._failure = context.get("exception") or AssertionError(context["message"])
-        self._stopped.set()
 
     # -- clients ------------------------------------------------------------------------------
 
@@ -286,8 +274,7 @@ class Server:
         if threading.get_ident() == self._thread_id or self._change_pending:
             return
         self._change_pending = True
-        with contextlib.suppress(RuntimeError):  # the loop is closed
-            self.loop.call_soon_threadsafe(self._look_again)
+        self.loop.call_soon(self._look_again)
 
     def _look_again(self) -> None:
         self._change_pending = False
