@@ -487,16 +487,17 @@ def abort_flush(bench: Bench) -> int | str:
 
 
 def preload_policy(bench: Bench) -> int | str:
-    """MACS-AMB-36: what 18h does to a preloaded motion.  A second motion has a check of its own."""
+    """MACS-AMB-36: whether a second motion is refused, and whether 18h leaves a preloaded one."""
     bench.command(0x18)
     start = bench.position()
     bench.command(0x10)
     bench.command(0x13, start + 1000)
-    stop = bench.command(0x18)
+    second = bench.command(0x15, velocity(1, 0x2000))  # never locked, as 13h may be
+    bench.command(0x18)
     bench.command(0x11)
     bench.wait(PRELOAD_SHOWS_S)
     bench.command(0x18)
     moved = bench.position() != start
-    if stop.kind is Kind.REFUSED:
+    if second.kind is Kind.REFUSED:
         return 1
     return 2 if moved else 0

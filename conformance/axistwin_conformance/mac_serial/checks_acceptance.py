@@ -120,7 +120,7 @@ def torque_at_rest_is_locked_in_motion(session: Session) -> None:
     walk(session, 0x02)
 
 
-@check("MACS-CMD-03-02", "MACS-STATE-01", safety=("motion", "stored"))
+@check("MACS-CMD-03-02", "MACS-STATE-01", safety=("motion", "stored"), level="full")
 def the_stops_mode_is_locked_in_motion(session: Session) -> None:
     """03h, all four values, is refused while running and accepted in every other state."""
     walk(session, 0x03)
@@ -139,7 +139,7 @@ def the_stops_mode_is_locked_in_motion(session: Session) -> None:
                 bench.must(Kind.REFUSED, exchange, "MACS-CMD-03-02")
 
 
-@check("MACS-CMD-090A-03", "MACS-STATE-01", safety=("motion", "stored"))
+@check("MACS-CMD-090A-03", "MACS-STATE-01", safety=("motion", "stored"), level="full")
 def the_software_stops_are_locked_in_motion(session: Session) -> None:
     """09h and 0Ah are refused while running and accepted in every other state."""
     walk(session, 0x09, 0x0A)
@@ -151,7 +151,7 @@ def the_period_is_locked_in_motion(session: Session) -> None:
     walk(session, 0x0D)
 
 
-@check("MACS-CMD-0F-02", "MACS-STATE-01", safety=("motion", "stored"))
+@check("MACS-CMD-0F-02", "MACS-STATE-01", safety=("motion", "stored"), level="full")
 def the_ramp_is_locked_in_motion(session: Session) -> None:
     """0Fh is refused while running and accepted in every other state."""
     walk(session, 0x0F)
@@ -163,13 +163,13 @@ def a_move_is_refused_in_motion(session: Session) -> None:
     walk(session, 0x13)
 
 
-@check("MACS-CMD-14-02", "MACS-STATE-01", safety=("motion", "stored"))
+@check("MACS-CMD-14-02", "MACS-STATE-01", safety=("motion", "stored"), level="full")
 def a_move_to_0_is_refused_in_motion(session: Session) -> None:
     """14h is refused while running and accepted in every other state."""
     walk(session, 0x14)
 
 
-@check("MACS-CMD-15-02", safety=("motion", "stored"))
+@check("MACS-CMD-15-02", safety=("motion", "stored"), level="full")
 def velocity_is_accepted_in_every_state(session: Session) -> None:
     """15h is accepted in every state, or refused where the ledger leaves that open."""
     walk(session, 0x15)
@@ -213,7 +213,7 @@ def queries_are_answered_in_every_state(session: Session) -> None:
     walk(session, *range(0x20, 0x2A))
 
 
-@check("MACS-STATE-01", "MACS-CMD-13-01", safety=("motion", "stored"))
+@check("MACS-STATE-01", "MACS-CMD-13-01", safety=("motion", "stored"), level="full")
 def the_lock_ends_with_the_motion(session: Session) -> None:
     """0Dh and 0Fh are refused up to the end of a move, a turn and a segment, then accepted."""
     bench = Bench(session)

@@ -12,7 +12,7 @@ from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
 OTHER_RATES: Final = (9600, 19200, 57600)
-SLOW_TYPING_GAP_S: Final = 0.1
+SLOW_TYPING_GAP_S: Final = 0.03
 VERY_SLOW_TYPING_GAP_S: Final = 20.0  # costs nothing in virtual time
 
 WRONG_LENGTH_FIELDS: Final = (b"011", b"013", b"015", b"00E", b"114", b"140", b"000", b"01A")
@@ -64,7 +64,8 @@ def shorter_frames_get_no_reply(session: Session) -> None:
     """A frame with any one byte left out is not answered, and the next whole one is, once."""
     bench = Bench(session)
     whole = bench.frame(0x20, 0x12345678).encode()
-    for missing in range(len(whole)):
+    every = 1 if session.target.is_virtual else 4
+    for missing in range(0, len(whole), every):
         exchange = bench.send(whole[:missing] + whole[missing + 1 :], QUIET_S)
         _no_success(session, exchange.reply, f"20 bytes, byte {missing} left out", "MACS-FRAME-01")
         bench.alive("MACS-FRAME-01")

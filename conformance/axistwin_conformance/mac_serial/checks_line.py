@@ -141,7 +141,7 @@ def after_00h_parameters_and_position_are_kept(session: Session) -> None:
         session.not_run(name, "needs a rig that switches the supply off and on")
 
 
-@check("MACS-CMD-00-01", "MACS-CMD-18-03", safety=MOVES)
+@check("MACS-CMD-00-01", "MACS-CMD-18-03", safety=MOVES, level="full")
 def in_motion_00h_drops_the_motion(session: Session) -> None:
     """00h during a move or segments: the axis stands, nothing resumes or is locked."""
     bench = Bench(session)
@@ -165,7 +165,7 @@ def in_motion_00h_drops_the_motion(session: Session) -> None:
         bench.finish(bench.go(start), "MACS-CMD-00-01")
 
 
-@check("MACS-CMD-0B-02", "MACS-CMD-0B-01", safety=MOVES)
+@check("MACS-CMD-0B-02", "MACS-CMD-0B-01", safety=MOVES, level="full")
 def clearing_the_counter_during_a_move(session: Session) -> None:
     """0Bh half-way through 13h: the target stays a number, or the remaining distance stays."""
     bench = Bench(session)

@@ -61,7 +61,7 @@ def torque_at_rest_reads_back(session: Session) -> None:
     reads_back(bench, 0x02, 0x26, ((1, 0x1000), (0, 0), (1, 0x1000), (0, 0)), 0xF000)
 
 
-@check("MACS-CMD-02-03", safety=("motion", "stored"))
+@check("MACS-CMD-02-03", safety=("motion", "stored"), level="full")
 def in_standby_the_axis_stays_within_one_increment(session: Session) -> None:
     """With half torque at rest the counter stays within 1 of the target; 18h ends the swinging."""
     bench = Bench(session)
@@ -273,7 +273,7 @@ def the_reference_input_can_be_enabled_and_disabled(session: Session) -> None:
     session.not_run("MACS-CMD-07-02", "needs a rig that works the reference input")
 
 
-@check("MACS-CMD-0B-01", safety=("motion", "stored"))
+@check("MACS-CMD-0B-01", safety=("motion", "stored"), level="full")
 def the_counter_is_cleared_where_the_axis_stands(session: Session) -> None:
     """0Bh makes this place 0 without moving the shaft, and targets count from there."""
     bench = Bench(session)
@@ -286,7 +286,7 @@ def the_counter_is_cleared_where_the_axis_stands(session: Session) -> None:
     _put_origin_back(bench, away)
 
 
-@check("MACS-CMD-0B-02", "MACS-CMD-0B-01", safety=("motion", "stored"))
+@check("MACS-CMD-0B-02", "MACS-CMD-0B-01", safety=("motion", "stored"), level="full")
 def the_counter_is_cleared_in_velocity_motion(session: Session) -> None:
     """0Bh in velocity motion is accepted, clears the counter, and the motion goes on as it was."""
     bench = Bench(session)

@@ -114,7 +114,7 @@ def _windows_agree(bench: Bench, index: int) -> None:
         bench.session.quirk(None, "mem_wrap", "other" if any(top[2:]) else "zero")
 
 
-@check("MACS-Q-20-01", "MACS-FRAME-05", "MACS-CMD-13-01", safety=("motion", "stored"))
+@check("MACS-Q-20-01", "MACS-FRAME-05", "MACS-CMD-13-01", safety=("motion", "stored"), level="full")
 def positions_are_signed_and_big_endian(session: Session) -> None:
     """13h and 20h carry signed 32-bit numbers, most significant digit first, on both sides of 0."""
     bench = Bench(session)
@@ -126,7 +126,7 @@ def positions_are_signed_and_big_endian(session: Session) -> None:
         bench.finish(bench.go(target))
 
 
-@check("MACS-Q-XX-01", "MACS-CMD-13-01", safety=("motion", "stored"))
+@check("MACS-Q-XX-01", "MACS-CMD-13-01", safety=("motion", "stored"), level="full")
 def queries_disturb_nothing(session: Session) -> None:
     """Every query is answered at full rate during a move, and the move is on time and exact."""
     bench = Bench(session)
@@ -141,7 +141,7 @@ def queries_disturb_nothing(session: Session) -> None:
     bench.finish(forecast)
 
 
-@check("MACS-Q-XX-01", safety=("motion", "stored"))
+@check("MACS-Q-XX-01", safety=("motion", "stored"), level="full")
 def queries_are_answered_in_every_motion(session: Session) -> None:
     """20h..29h are answered at rest, armed, preloaded, in velocity and in interpolated motion."""
     bench = Bench(session)

@@ -28,8 +28,8 @@ from axistwin_conformance.session import Session
 
 SEQUENCE_BYTES: Final = 40 * BYTES_PER_OPERATION
 EXAMPLES: Final = {"quick": 25, "full": 300}
-REAL_EXAMPLES: Final = {"quick": 2, "full": 10}
-REAL_OPERATIONS: Final = 40
+REAL_EXAMPLES: Final = {"quick": 1, "full": 10}
+REAL_OPERATIONS: Final = 30
 
 JUDGED: Final = tuple(
     dict.fromkeys(

@@ -119,6 +119,8 @@ def beyond_a_software_stop_every_motion_ends(session: Session) -> None:
         for name, move in WAYS.items():
             if side.direction < 0 and _cannot_go_down(bench, name):
                 continue
+            if not session.target.is_virtual and side.direction < 0 and name != "13h":
+                continue  # the other side has shown every way; here the time is real
             start = fence(bench, side, 50)
             move(bench, start, side.direction)
             bench.wait(0.05)
@@ -131,11 +133,29 @@ def beyond_a_software_stop_every_motion_ends(session: Session) -> None:
             outcome = 1 if place == 50 else 0
             bench.reading("soft_stop_compare", outcome, side.requirements)
             _judge_bits(bench, side, name)
-            bench.reading("busy_after_abort", int(bench.is_busy()), side.requirements)
+            if "13h" in name:  # the others have no target to be away from
+                bench.reading("busy_after_abort", int(bench.is_busy()), side.requirements)
             bench.accepted(0x03, 8, requirement=side.requirements)
 
 
-@check("MACS-CMD-09-02", "MACS-CMD-0A-02", safety=MOVES)
+@check("MACS-STOP-03", "MACS-CMD-09-02", safety=MOVES, level="full")
+def a_software_stop_drops_the_stored_segments(session: Session) -> None:
+    """A segment beyond a software stop ends there, and what was stored behind it never runs."""
+    bench = Bench(session)
+    start = fence(bench, SIDES[0], 20)
+    for _ in range(3):
+        bench.accepted(0x16, segment(30, PERIOD))
+    first = _rest(bench) - start
+    bench.wait(0.2)
+    second = bench.position() - start
+    most = 21 + bench.braking(PERIOD)
+    session.expect(20 <= first <= most, None, f"at rest 20..{most} increments on", first)
+    session.expect(first == second, None, "at rest", f"{second - first} more increments")
+    bench.accepted(0x16, segment(1, PERIOD))
+    bench.accepted(0x02, 0)
+
+
+@check("MACS-CMD-09-02", "MACS-CMD-0A-02", safety=MOVES, level="full")
 def on_a_software_stop_nothing_ends(session: Session) -> None:
     """A target equal to the stop is reached and no bit is set: beyond means beyond."""
     bench = Bench(session)
@@ -145,11 +165,13 @@ def on_a_software_stop_nothing_ends(session: Session) -> None:
         bench.finish(bench.go(target), side.requirements[0])
         ff = bench.stopped_on()
         outcome: int | str = {0: 0, side.bit: 1, side.bit << 1: 1}.get(ff, f"ff {ff:02X}")
-        bench.reading("soft_stop_compare", outcome, side.requirements[0])
+        if outcome or not bench.known("soft_stop_compare"):
+            # Where equal counts as beyond, the motion may be over before it is ended.
+            bench.reading("soft_stop_compare", outcome, side.requirements[0])
         bench.accepted(0x03, 0)
 
 
-@check("MACS-CMD-09-02", "MACS-CMD-0A-02", "MACS-CMD-03-01", safety=MOVES)
+@check("MACS-CMD-09-02", "MACS-CMD-0A-02", "MACS-CMD-03-01", safety=MOVES, level="full")
 def software_stops_work_only_when_enabled(session: Session) -> None:
     """With 03h at 0 or 1 the axis passes both software stops, and no bit is set."""
     bench = Bench(session)
@@ -161,7 +183,7 @@ def software_stops_work_only_when_enabled(session: Session) -> None:
             session.expect(ff == 0, None, "no software stop in ff", f"{ff:02X}")
 
 
-@check("MACS-CMD-09-02", "MACS-CMD-0A-02", "MACS-STOP-03", safety=MOVES)
+@check("MACS-CMD-09-02", "MACS-CMD-0A-02", "MACS-STOP-03", safety=MOVES, level="full")
 def from_beyond_a_software_stop_one_can_return(session: Session) -> None:
     """Parked beyond a stop, motion further out ends at once and the way back is free."""
     bench = Bench(session)
@@ -191,7 +213,7 @@ def from_beyond_a_software_stop_one_can_return(session: Session) -> None:
                 bench.reading("ff_lifetime", 2, side.requirements[0])
 
 
-@check("MACS-CMD-09-02", "MACS-STOP-03", "MACS-CMD-0B-01", safety=MOVES)
+@check("MACS-CMD-09-02", "MACS-STOP-03", "MACS-CMD-0B-01", safety=MOVES, level="full")
 def software_stops_watch_the_counter(session: Session) -> None:
     """Clearing the counter shifts the stops in space, since they are numbers of the counter."""
     bench = Bench(session)

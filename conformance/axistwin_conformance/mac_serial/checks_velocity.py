@@ -54,7 +54,7 @@ def velocity_climbs_and_cruises_on_time(session: Session) -> None:
         bench.ready(0x0777, coefficient)
         period = max(period, bench.fastest)
         forecast = bench.turn(direction, period)
-        for _ in range(6):
+        for _ in range(6 if session.target.is_virtual else 3):
             bench.wait(0.06)
             bench.follow(forecast, "MACS-CMD-15-01", bench.allowance(period))
         kept = bench.value(0x25) & 0xFFFF
@@ -63,7 +63,7 @@ def velocity_climbs_and_cruises_on_time(session: Session) -> None:
         bench.at_rest()
 
 
-@check("MACS-CMD-15-02", "MACS-CMD-15-03", safety=MOVES)
+@check("MACS-CMD-15-02", "MACS-CMD-15-03", safety=MOVES, level="full")
 def the_direction_stays_whatever_the_next_15h_says(session: Session) -> None:
     """In motion, 15h with the other direction is accepted with SS ignored, or refused."""
     bench = learnt(session)
@@ -115,7 +115,7 @@ def learn_change_law(bench: Bench) -> int | str:
     return 1 if least <= moved <= most else f"{moved} increments where {least}..{most} are due"
 
 
-@check("MACS-CMD-15-02", safety=MOVES)
+@check("MACS-CMD-15-02", safety=MOVES, level="full")
 def a_speed_change_takes_one_ramp(session: Session) -> None:
     """15h in motion leads to the new period on a ramp of 120·AA increments."""
     bench = learnt(session)
@@ -124,7 +124,7 @@ def a_speed_change_takes_one_ramp(session: Session) -> None:
     bench.reading("vel_change_law", learn_change_law(bench))
 
 
-@check("MACS-CMD-15-02", "MACS-CMD-15-04", safety=MOVES)
+@check("MACS-CMD-15-02", "MACS-CMD-15-04", safety=MOVES, level="full")
 def speed_changes_follow_the_closed_form(session: Session) -> None:
     """Faster, slower and faster again, then 0000: every leg is where the formula puts it."""
     bench = learnt(session)
@@ -146,7 +146,7 @@ def speed_changes_follow_the_closed_form(session: Session) -> None:
         bench.watch(forecast, "MACS-CMD-15-04", samples=3)
 
 
-@check("MACS-CMD-15-04", "MACS-CMD-17-01", safety=MOVES)
+@check("MACS-CMD-15-04", "MACS-CMD-17-01", safety=MOVES, level="full")
 def velocity_0_and_17h_stop_on_the_ramp(session: Session) -> None:
     """15h with 0000, and 17h, bring endless motion to rest one ramp further on."""
     bench = learnt(session)
@@ -165,7 +165,7 @@ def velocity_0_and_17h_stop_on_the_ramp(session: Session) -> None:
             bench.accepted(0x0F, coefficient, requirement=name)
 
 
-@check("MACS-CMD-15-04", safety=MOVES)
+@check("MACS-CMD-15-04", safety=MOVES, level="full")
 def velocity_0_at_rest_moves_nothing(session: Session) -> None:
     """15h with 0000 at rest is accepted and leaves the axis at rest, unlocked."""
     bench = Bench(session)
@@ -176,7 +176,7 @@ def velocity_0_at_rest_moves_nothing(session: Session) -> None:
     bench.accepted(0x0F, 0)
 
 
-@check("MACS-CMD-15-06", safety=MOVES)
+@check("MACS-CMD-15-06", safety=MOVES, level="full")
 def the_first_parameter_byte_of_15h_is_ignored(session: Session) -> None:
     """Whatever stands before SS, speed and direction are the same."""
     bench = Bench(session)
@@ -195,7 +195,7 @@ def the_first_parameter_byte_of_15h_is_ignored(session: Session) -> None:
             bench.at_rest()
 
 
-@check("MACS-CMD-15-02", "MACS-STATE-01", safety=MOVES)
+@check("MACS-CMD-15-02", "MACS-STATE-01", safety=MOVES, level="full")
 def velocity_takes_over_from_a_move(session: Session) -> None:
     """15h during 13h is accepted: endless motion on past the target; or refused."""
     bench = learnt(session)
@@ -218,7 +218,7 @@ def velocity_takes_over_from_a_move(session: Session) -> None:
     bench.at_rest()
 
 
-@check("MACS-CMD-15-02", safety=MOVES)
+@check("MACS-CMD-15-02", safety=MOVES, level="full")
 def velocity_takes_over_from_a_segment(session: Session) -> None:
     """15h during a segment is accepted and empties the FIFO, or is refused."""
     bench = learnt(session)

@@ -4,7 +4,7 @@ put back, and which frame may do what to the axis."""
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from axistwin_conformance.errors import TargetError, WrongDevice
@@ -161,9 +161,9 @@ def restore(session: Session, memory: Memory) -> tuple[str, ...]:
         _drive_back(bench, memory.position)
         now = _read(bench)
     repairs = _repairs(now, memory)
-    for index, parameter in repairs:
-        bench.command(index, parameter)
-    left = _read(bench) if repairs else now
+    replies = [bench.command(index, parameter).kind for index, parameter in repairs]
+    left = _read(bench) if set(replies) - {Kind.ACCEPTED} else memory
+    left = replace(left, position=now.position)
     return tuple(
         f"{name} is {getattr(left, name):X}h, was {getattr(memory, name):X}h"
         for name in Memory.__slots__

@@ -1,0 +1,152 @@
+"""The exact model of a MAC: what it admits, what it learns, where it expects the axis."""
+
+from __future__ import annotations
+
+from axistwin_conformance.mac_serial.acceptance import ACCEPTANCE, LOCKED_IN_MOTION, STATES
+from axistwin_conformance.mac_serial.bench import segment, velocity
+from axistwin_conformance.mac_serial.codec import Kind
+from axistwin_conformance.mac_serial.forecast import Forecast, Segment, Timeline, Window
+from axistwin_conformance.mac_serial.model import AxisModel, Parameters
+from axistwin_conformance.mac_serial.motion import TICK_NS
+
+MS = 1_000_000
+PERIOD = 800  # 0.1 ms per increment
+
+
+def model(**changes: int) -> AxisModel:
+    """A module at rest at 0 without ramp, at 10000 increments per second."""
+    values = {
+        "superior": 1000, "inferior": -1000, "catch_up": 5, "period": PERIOD, "coefficient": 0,
+        "torque": 0x40, "standby": 0, "stops": 0, "tolerance": 0, "imax": 0x80, **changes,
+    }  # fmt: skip
+    return AxisModel(Parameters(**values), Forecast.rest(0))
+
+
+def at(ms: float, spread_ms: float = 0) -> Window:
+    """A window that begins at a time."""
+    return Window(round(ms * MS), round((ms + spread_ms) * MS))
+
+
+def tell(axis: AxisModel, index: int, parameter: int, when: Window) -> Kind:
+    """Send a command to which one reply only is admissible, and take it over."""
+    outcomes = axis.outcomes(index, parameter & 0xFFFFFFFF, when)
+    (kind,) = outcomes
+    axis.learn(index, parameter & 0xFFFFFFFF, kind, outcomes[kind])
+    return kind
+
+
+def test_the_table_has_every_index_and_state() -> None:
+    """48 indices, eight states, and the eight commands that motion locks."""
+    assert sorted(ACCEPTANCE) == list(range(0x30))
+    assert all(len(row.cells) == len(STATES) for row in ACCEPTANCE.values())
+    marked = {0x02, 0x03, 0x09, 0x0A, 0x0D, 0x0F, 0x13, 0x14}
+    unassigned = {0x04, 0x05, 0x06, 0x12, 0x1D, 0x1F}
+    assert set(LOCKED_IN_MOTION) == marked | unassigned
+
+
+def test_a_move_locks_until_its_last_increment() -> None:
+    """13h is refused during a move and accepted on the tick after it."""
+    axis = model()
+    assert tell(axis, 0x13, 100, at(0)) is Kind.ACCEPTED
+    assert tell(axis, 0x13, 50, at(9.9)) is Kind.REFUSED
+    assert tell(axis, 0x13, 50, at(10)) is Kind.ACCEPTED
+
+
+def test_around_the_end_of_a_move_both_replies_are_admissible_and_one_is_learnt() -> None:
+    """A window over the end admits both; the reply that comes tells which history is true."""
+    axis = model()
+    tell(axis, 0x13, 100, at(0))
+    outcomes = axis.outcomes(0x0F, 3, at(9.5, 1))
+    assert set(outcomes) == {Kind.ACCEPTED, Kind.REFUSED}
+    axis.learn(0x0F, 3, Kind.REFUSED, outcomes[Kind.REFUSED])
+    assert axis.parameters.coefficient == 0
+    axis.learn(0x0F, 3, Kind.ACCEPTED, outcomes[Kind.ACCEPTED])
+    assert axis.parameters.coefficient == 3
+
+
+def test_positions_are_bounded_by_both_windows() -> None:
+    """Start known to 1 ms, reading known to 1 ms: 20 increments of doubt and one of phase."""
+    axis = model()
+    tell(axis, 0x13, 1000, at(0, 1))
+    assert axis.bounds(at(50, 1)) == (490, 511)
+
+
+def test_a_software_stop_ends_one_increment_beyond() -> None:
+    """With 03h = 8 a move rests at the superior stop + 1, and ff tells."""
+    axis = model(stops=8, superior=40)
+    tell(axis, 0x13, 100, at(0))
+    assert axis.bounds(at(50)) == (41, 41)
+    assert axis.stopped_on(at(50)) == {0x02}
+    tell(axis, 0x13, 200, at(60))
+    assert axis.bounds(at(100)) == (41, 41)
+    tell(axis, 0x13, 0, at(110))
+    assert axis.stopped_on(at(111)) == {0}
+    assert axis.bounds(at(150)) == (0, 0)
+
+
+def test_the_fifth_segment_of_a_burst_is_refused() -> None:
+    """One executes, three wait; when the first ends, one more is accepted."""
+    axis = model()
+    kinds = [tell(axis, 0x1E, segment(100, PERIOD), at(number)) for number in range(5)]
+    assert kinds == [Kind.ACCEPTED] * 4 + [Kind.REFUSED]
+    assert tell(axis, 0x16, segment(-100, PERIOD), at(10)) is Kind.ACCEPTED
+    assert axis.bounds(at(100)) == (-100, -100)
+
+
+def test_a_fifo_that_counts_the_executing_segment_is_one_shorter() -> None:
+    """The other reading of AMB-37."""
+    axis = model()
+    axis.readings = {"fifo_counts_executing": 1}
+    kinds = [tell(axis, 0x1E, segment(100, PERIOD), at(number)) for number in range(4)]
+    assert kinds == [Kind.ACCEPTED] * 3 + [Kind.REFUSED]
+
+
+def test_a_preloaded_move_starts_on_11h() -> None:
+    """10h, 13h, 11h: nothing before, the move after, and nothing held afterwards."""
+    axis = model()
+    tell(axis, 0x10, 0, at(0))
+    tell(axis, 0x13, 50, at(1))
+    assert axis.bounds(at(100)) == (0, 0)
+    tell(axis, 0x11, 0, at(100))
+    assert axis.bounds(at(200)) == (50, 50)
+    tell(axis, 0x13, 0, at(200))
+    assert axis.bounds(at(300)) == (0, 0)
+
+
+def test_15h_against_the_motion_keeps_the_direction() -> None:
+    """SS of a second 15h is ignored; 18h stops where the axis is."""
+    axis = model()
+    tell(axis, 0x15, velocity(-1, PERIOD), at(0))
+    tell(axis, 0x15, velocity(1, PERIOD), at(10))
+    lowest, highest = axis.bounds(at(20))
+    assert (lowest, highest) == (-201, -200)
+    tell(axis, 0x18, 0, at(20))
+    assert axis.bounds(at(90)) == (-200, -200)
+
+
+def test_values_outside_their_sets_are_refused() -> None:
+    """Torque above Imax, period 0, mode 2, a target beyond 31 bits, a segment of no period."""
+    axis = model()
+    for index, parameter in (
+        (0x0C, 0x81), (0x0D, 0), (0x03, 2), (0x02, 2), (0x13, 0x40000000), (0x1E, 0x00100000),
+    ):  # fmt: skip
+        assert set(axis.outcomes(index, parameter, at(0))) == {Kind.REFUSED}, hex(index)
+
+
+def test_segments_follow_on_the_very_tick() -> None:
+    """Chained segments end at the sum of their ticks."""
+    row = (Segment(7, 801), Segment(3, 999, moves=False), Segment(-4, 650))
+    timeline = Timeline("IN", 0, 0, segments=row)
+    total = (7 * 801 + 3 * 999 + 4 * 650) * TICK_NS
+    assert timeline.end_ns == total
+    assert timeline.position_at(total - 1) == 4
+    assert timeline.position_at(total) == 3
+
+
+def test_busy_lasts_until_the_tolerance() -> None:
+    """|position − target| > TT is busy; at the target it is not."""
+    axis = model(tolerance=10)
+    tell(axis, 0x13, 100, at(0))
+    assert axis.busy(at(1)) == {True}
+    assert axis.busy(at(9.5)) == {False}
+    assert axis.busy(at(60)) == {False}

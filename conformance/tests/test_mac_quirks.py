@@ -1,0 +1,106 @@
+"""A twin that follows another reading is named by the suite, not failed (only tests see both)."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from axistwin_conformance.cli import conform
+
+ALLOWED = ("--allow", "motion,stored,destructive")
+
+# switch, reading, the check that has to notice
+SEEN = [
+    ("xon_byte", "11h", "xoff_and_xon_arrive_as_bytes_of_the_reply"),
+    ("xonerror_byte", "18h", "refusals_change_nothing"),
+    ("status_reply_digit", "2", "every_answer_has_the_form_of_the_manual"),
+    ("reply23_digit", "2", "every_answer_has_the_form_of_the_manual"),
+    ("reply28_length", "014", "every_answer_has_the_form_of_the_manual"),
+    ("bad_frame_reply", "nack", "another_length_field_drops_the_frame"),
+    ("lowercase_hex", "accept", "digits_are_read_in_upper_case"),
+    ("subindex_policy", "refuse", "the_sub_index_matters_only_to_memory_queries"),
+    ("dont_care_digits", "refuse", "digits_printed_x_have_no_effect_in_commands"),
+    ("unknown_index", "accept", "unassigned_commands_are_refused"),
+    ("unknown_index", "silence", "queries_end_at_29h"),
+    ("param_range_policy", "mask", "values_outside_the_printed_sets_are_refused"),
+    ("general_echo", "own_address", "the_general_address_is_answered_by_module_00"),
+    ("addr_prog_requires_ff", "true", "addresses_from_80_up_are_refused"),
+    ("addr_effective", "at_restart", "the_address_can_be_programmed"),
+    ("addr_range", "mask", "addresses_from_80_up_are_refused"),
+    ("reset_reply", "silence", "after_00h_it_is_deaf_for_two_seconds"),
+    ("baud_reply_rate", "new", "the_rate_can_be_programmed"),
+    ("factory_reset_scope", "no_restart", "a_factory_reset_brings_the_factory_values"),
+    ("persist_modes", "volatile", "after_00h_parameters_and_position_are_kept"),
+    ("cmd_1b_supported", "false", "the_rate_can_be_programmed"),
+    ("cmd_1c_supported", "false", "the_tolerance_reads_back"),
+    ("motion_lock_set", "serial_list", "the_period_is_locked_in_motion"),
+    ("preload_locks", "true", "a_preloaded_move_waits_for_11h"),
+    ("torque_range", "exclusive", "the_torque_limit_ends_at_imax"),
+    ("torque_over", "clamp", "the_torque_limit_ends_at_imax"),
+    ("torque_over", "mask", "the_torque_limit_ends_at_imax"),
+    ("zero_period_0d", "as_one", "a_period_of_zero_is_no_period"),
+    ("zero_catchup", "refuse", "the_catch_up_speed_reads_back"),
+    ("catchup_low_byte", "refuse", "the_catch_up_speed_reads_back"),
+    ("ramp_law", "equal_increments", "the_ramp_has_120_increments_per_unit"),
+    ("vel_f6_direction", "positive", "f6_turns_counter_clockwise"),
+    ("vel_reverse_cmd", "refuse", "the_direction_stays_whatever_the_next_15h_says"),
+    ("vel_during_position", "refuse", "velocity_takes_over_from_a_move"),
+    ("vel_during_interp", "refuse", "velocity_takes_over_from_a_segment"),
+    ("vel_change_law", "constant_acceleration", "a_speed_change_takes_one_ramp"),
+    ("vel_change_law", "step", "a_speed_change_takes_one_ramp"),
+    ("stop_ramp_law", "ramp_length", "a_ramped_stop_on_the_ramp_descends_what_was_climbed"),
+    ("busy_after_abort", "true", "a_hard_stop_stops_where_the_axis_is"),
+    ("sync_without_preload", "refuse", "without_a_preloaded_motion_11h_moves_nothing"),
+    ("sync_arm_lifetime", "lost", "segments_are_not_held_by_10h"),
+    ("preload_policy", "refuse", "a_second_motion_replaces_the_preloaded_one"),
+    ("preload_policy", "keep", "stops_and_power_off_drop_a_preloaded_motion"),
+    ("armed_zero_velocity", "spend", "velocity_0_while_armed_at_rest"),
+    ("armed_zero_velocity", "refuse", "velocity_0_while_armed_at_rest"),
+    ("sync_during_interp", "now", "a_preloaded_move_started_during_segments"),
+    ("sync_during_interp", "drop", "a_preloaded_move_started_during_segments"),
+    ("fifo_counts_executing", "true", "the_fifo_has_three_stages"),
+    ("segment_signed", "false", "segment_steps_are_signed"),
+    ("segment_zero_period", "fastest", "segments_of_zero_period_or_zero_steps"),
+    ("segment_zero_period", "65536", "segments_of_zero_period_or_zero_steps"),
+    ("segment_zero_steps", "65536", "segments_of_zero_period_or_zero_steps"),
+    ("fifo_underrun", "decelerate", "when_the_fifo_runs_empty_the_axis_rests"),
+    ("fifo_underrun", "error", "when_the_fifo_runs_empty_the_axis_rests"),
+    ("interp_during_profile", "refuse", "segments_sent_during_a_move"),
+    ("interp_during_profile", "preempt", "segments_sent_during_a_move"),
+    ("stop17_in_interp", "refuse", "a_ramped_stop_does_not_interrupt_segments"),
+    ("stop17_in_interp", "after_segment", "a_ramped_stop_does_not_interrupt_segments"),
+    ("stop17_in_interp", "now", "a_ramped_stop_does_not_interrupt_segments"),
+    ("soft_stop_compare", "equal", "beyond_a_software_stop_every_motion_ends"),
+    ("soft_stop_blocks", "both", "from_beyond_a_software_stop_one_can_return"),
+    ("ff_lifetime", "live", "the_stop_bit_stays_until_the_next_motion"),
+    ("ff_lifetime", "until_reset", "the_stop_bit_stays_until_the_next_motion"),
+    ("status_ff_layout", "shifted", "beyond_a_software_stop_every_motion_ends"),
+    ("reset_in_motion", "remaining", "clearing_the_counter_during_a_move"),
+    ("target_range", "accept", "targets_beyond_the_counter_are_refused"),
+]
+
+
+def judge(quirk: str, *words: str) -> tuple[int, list[dict[str, Any]]]:
+    """Judge a twin with one quirk, in virtual time; give the exit status and all findings."""
+    url = f"axistwin://mac23:0?time=virtual&quirk.{quirk}"
+    result = CliRunner().invoke(conform, ["mac23", "--port", url, *ALLOWED, *words, "--json"])
+    events = [json.loads(line) for line in result.stdout.splitlines()]
+    findings = [
+        finding for one in events if one["event"] == "check_finished" for finding in one["findings"]
+    ]
+    return result.exit_code, findings
+
+
+@pytest.mark.parametrize(
+    ("switch", "reading", "check"), SEEN, ids=[f"{one[0]}={one[1]}" for one in SEEN]
+)
+def test_another_reading_is_named_and_not_failed(switch: str, reading: str, check: str) -> None:
+    """The check that looks at an ambiguity records the reading the twin follows."""
+    status, findings = judge(f"{switch}={reading}", check)
+    quirks = [one["text"] for one in findings if one["verdict"] == "quirk"]
+    failed = [one for one in findings if one["verdict"] == "fail"]
+    assert any(text.startswith(f"{switch}={reading}") for text in quirks), findings
+    assert (status, failed) == (0, [])
