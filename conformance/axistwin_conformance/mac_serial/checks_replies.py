@@ -28,6 +28,7 @@ class GoldenExchange:
     reply: bytes
     moves: bool
     sum: int
+    requirements: tuple[str, ...]
 
 
 @cache
@@ -42,6 +43,7 @@ def golden_exchanges() -> tuple[GoldenExchange, ...]:
             bytes.fromhex(row["reply"]),
             row["moves"],
             int(row["sum"], 16),
+            tuple(row["requirements"]),
         )
         for row in rows
     )
@@ -64,7 +66,7 @@ def the_manuals_examples_get_their_printed_replies(session: Session) -> None:
         bench.ready()
         exchange = bench.send(readdressed(golden.request, bench.address))
         bench.at_rest()
-        bench.must(Kind.ACCEPTED, exchange)
+        bench.must(Kind.ACCEPTED, exchange, golden.requirements)
         spelled = exchange.reply.xon_spelling
         assert spelled is not None
         session.quirk("MACS-REPLY-01", "xon_byte", spelled)
@@ -75,7 +77,7 @@ def every_answer_has_the_form_of_the_manual(session: Session) -> None:
     """Queries 20h..29h answer 21 bytes: 011, the address asked, the second digit of the index."""
     bench = Bench(session)
     for index in range(0x20, 0x2A):
-        reply = bench.must(Kind.ANSWER, bench.ask(index)).reply
+        reply = bench.must(Kind.ANSWER, bench.ask(index), "MACS-REPLY-07").reply
         session.expect(
             reply.address == bench.address,
             "MACS-REPLY-08",
