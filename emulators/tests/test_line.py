@@ -35,8 +35,9 @@ class SpySlot(MemorySlot):
 
 
 class SpyStorage(MemoryStorage):
-    """Counts how often it was closed."""
+    """Counts how often it was closed; a disk as far as the line knows."""
 
+    is_volatile = False
     closed = 0
 
     def close(self) -> None:
@@ -312,7 +313,7 @@ def test_a_line_is_closed_at_the_end_of_its_with_block() -> None:
     rig = Rig()
     with rig.line as line:
         assert line.is_virtual
-        assert line.is_volatile
+        assert line.is_volatile == SpyStorage.is_volatile
     assert rig.storage.closed == 1
 
 
@@ -368,6 +369,44 @@ def test_another_thread_can_wake_a_waiting_one_and_feed_it() -> None:
         assert not waiter.is_alive()
     assert len(results) == 2
     assert line.receive() == b"K"
+
+
+def test_an_exchange_is_a_send_and_a_receive_that_tells_no_alarm() -> None:
+    """What has arrived comes back, stores come first, and the transcript has both directions."""
+    rig = Rig(paced=False)
+    told: list[str] = []
+    rig.line.on_change(lambda: told.append("changed"))
+    assert rig.line.exchange(b"W") == b""
+    assert rig.slots[0].writes == [({"writes": 1}, True)]
+    rig.clock.advance_to(LATENCY_NS)
+    assert rig.line.exchange(b"T") == b"K"
+    assert [burst.data for burst in rig.line.transcript] == [b"WT", b"K"]
+    assert told == []
+    rig.slots[0].fail = True
+    with pytest.raises(StateError, match="disk full"):
+        rig.line.exchange(b"W")
+    with pytest.raises(StateError, match="disk full"):
+        rig.line.exchange(b"")
+
+
+def test_an_exchange_wakes_who_waits_for_time() -> None:
+    """Another thread that sleeps until the next event is told that there is a new one."""
+    rig = Rig(paced=False)
+    line = Line(
+        rig.network,
+        PacedClock(),
+        rig.storage,
+        [Station("toy:0", "toy", rig.toys[0], rig.slots[0])],
+    )
+    woken: list[int] = []
+    thread = threading.Thread(target=lambda: woken.append(line.wait(60 * NS_PER_S, 1)))
+    thread.start()
+    while not line._sleepers:
+        time.sleep(0.001)
+    line.exchange(b"P")
+    thread.join(10)
+    assert not thread.is_alive()
+    assert line.receive() == bytes(4)
 
 
 def test_many_threads_may_use_one_line_at_once() -> None:

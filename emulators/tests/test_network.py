@@ -10,6 +10,7 @@ from axistwin.kernel.effects import Effect, Store, Trace, Transmit
 from axistwin.runtime import network as network_module
 from axistwin.runtime.network import HOST_BUFFER_BYTES, SerialNetwork
 from axistwin.wire.framing import Chunk, LineFormat
+from axistwin.wire.instant_line import InstantLine
 from axistwin.wire.serial_line import SerialLine
 from axistwin.wire.waveform import Transmission
 
@@ -480,3 +481,70 @@ def test_answers_that_nobody_waits_for_leave_nothing_behind(paced: bool) -> None
         network.host_take()
         most = max(most, held(network))
     assert most < 5000
+
+
+class LongWay(SerialNetwork):
+    """Puts everything on the line."""
+
+    def _reacts_at_once(self, data: bytes) -> bool:
+        return False
+
+
+Step = tuple[str, bytes]
+
+steps = st.lists(
+    st.tuples(
+        st.sampled_from(["send"] * 6 + ["rate", "power", "poke", "queue"]),
+        st.sampled_from([b"ab.", b"a.", b"a", b".", b"b.", b"a3.", b"a.a1.a", b"", b"x" * 3000]),
+    ),
+    max_size=12,
+)
+
+
+def exchanges(network: SerialNetwork, script: list[Step], gap_ns: int) -> list[object]:
+    """Everything that can be seen of ``network`` after each step of ``script``."""
+    seen: list[object] = []
+    now = 0
+    for action, data in script:
+        now += gap_ns
+        if action == "send":
+            network.host_exchange(now, data)
+        else:
+            network.run_until(now)
+        if action == "rate":
+            network.host_format = F9600 if network.host_format == F38400 else F38400
+        elif action == "power":
+            network.power_off(0)
+            network.power_on(0)
+        elif action == "poke":
+            network.perform(0, [Transmit(now + gap_ns, b"!")])
+        elif action == "queue":
+            network.host_send(data)
+        state = network.now_ns, network.next_event(), network.host_backlog, network.host_sent_ns
+        seen += [network.host_take(), network.take_effects(), state]
+    network.run_until(now + 10 * LATENCY_NS)
+    devices = [device.log for device in network.devices if isinstance(device, Echo)]
+    return [*seen, network.host_take(), network.take_effects(), devices]
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    steps, st.sampled_from([-LATENCY_NS, 0]), st.sampled_from([0, 1000, LATENCY_NS]), st.booleans()
+)
+def test_the_short_way_of_an_exchange_changes_nothing(
+    script: list[Step], skew_ns: int, gap_ns: int, paced: bool
+) -> None:
+    """Sending and reacting in one call gives what the line gives, at the same times."""
+    short, long = (
+        exchanges(kind([Echo("a", skew_ns=skew_ns)], paced=paced), script, gap_ns)
+        for kind in (SerialNetwork, LongWay)
+    )
+    assert short == long
+
+
+def test_an_exchange_without_pacing_goes_the_short_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One device, one format, nothing under way: nothing is put on the line."""
+    monkeypatch.setattr(InstantLine, "transmit", lambda *_: pytest.fail("the long way"))
+    network = SerialNetwork([Echo("a", skew_ns=-LATENCY_NS)], paced=False)
+    network.host_exchange(5, b"ab.")
+    assert network.host_take() == b"ab="

@@ -5,13 +5,12 @@ Effects are performed strictly in the order given.  That order carries a promise
 """
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from axistwin.kernel.time import Nanos
 
 
-@dataclass(frozen=True, slots=True)
-class Transmit:
+class Transmit(NamedTuple):  # made for every answer: a third of a frozen dataclass's time
     """Send ``data`` on the device's line, first start bit at ``start_ns`` at the earliest."""
 
     start_ns: Nanos

@@ -79,6 +79,7 @@ class Line:
         self._failure: StateError | None = None
         self._seen_bytes = 0
         self._wakes = 0
+        self._sleepers = 0
         self._is_closed = False
         self.twins = [Twin(self, index, station) for index, station in enumerate(self._stations)]
 
@@ -99,17 +100,25 @@ class Line:
         with self._lock:
             if self._failure is not None:
                 raise self._failure
-            network = self._network
-            now = max(self.clock.now_ns(), network.now_ns)
-            network.run_until(now)
-            effects = network.take_effects()
-            if effects:
-                self._perform(effects)
-            available = network.host_available
-            if available > self._seen_bytes:
-                self.save_moving()
-            self._seen_bytes = available
+            now = self._now_ns()
+            self._network.run_until(now)
+            self._settle()
             return now
+
+    def _now_ns(self) -> Nanos:
+        """The clock's present time, which the network may be ahead of."""
+        now, reached = self.clock.now_ns(), self._network.now_ns
+        return now if now > reached else reached
+
+    def _settle(self) -> None:
+        """Perform what the network's parts want done, before any byte is readable."""
+        network = self._network
+        if network.has_effects:
+            self._perform(network.take_effects())
+        available = network.host_available
+        if available > self._seen_bytes and not self._storage.is_volatile:
+            self.save_moving()
+        self._seen_bytes = available
 
     @property
     def is_moving(self) -> bool:
@@ -166,11 +175,19 @@ class Line:
                     return now
                 due = _earliest(self._network.next_event(missing), until_ns)
                 if not self.clock.is_virtual:
-                    self._changed.wait(None if due is None else self.clock.delay_s(due))
+                    self._sleep(due)
                 elif due is None:
                     return now
                 else:
                     self.clock.advance_to(max(due, now + 1))  # an event may be expected too early
+
+    def _sleep(self, due: Nanos | None) -> None:
+        """Wait for ``due``, or for a change."""
+        self._sleepers += 1
+        try:
+            self._changed.wait(None if due is None else self.clock.delay_s(due))
+        finally:
+            self._sleepers -= 1
 
     def wake(self) -> None:
         """Make every ``wait`` under way return; from any thread."""
@@ -218,6 +235,27 @@ class Line:
             self._seen_bytes = self._network.host_available
             self.transcript.add(now, "device", data)
             return data
+
+    def exchange(self, data: bytes) -> bytes:
+        """``send`` and ``receive`` at the same time: for the one who keeps the alarm.
+
+        It is not told by ``on_change``; whoever else waits is.
+        """
+        with self._changed:
+            if self._failure is not None:
+                raise self._failure
+            network, now = self._network, self._now_ns()
+            self.transcript.add(now, "host", data)
+            network.host_exchange(now, data)
+            self._settle()
+            if self._sleepers:
+                self._changed.notify_all()
+            if not self._seen_bytes:
+                return b""
+            answer = network.host_take()
+            self._seen_bytes = 0
+            self.transcript.add(now, "device", answer)
+            return answer
 
     @property
     def available(self) -> int:

@@ -27,7 +27,7 @@ from axistwin.kernel.schedule import Schedule
 from axistwin.kernel.time import Nanos
 from axistwin.wire.framing import Chunk, LineFormat
 from axistwin.wire.instant_line import InstantLine
-from axistwin.wire.serial_line import HOST, SerialLine
+from axistwin.wire.serial_line import HOST, STRETCH_BYTES, SerialLine
 
 HOST_BUFFER_BYTES: Final = 65536
 
@@ -90,6 +90,8 @@ class SerialNetwork:
         can happen any more by itself.
         """
         due_ns = self._schedule.next_event()
+        if self._line.is_silent:
+            return due_ns
         stretch = self._line.peek_stretch()
         if stretch is None:
             arrival_ns = self._line.next_arrival()
@@ -108,6 +110,10 @@ class SerialNetwork:
         """Let everything happen that is due by ``now``, then stand at ``now``."""
         schedule = self._schedule
         assert now >= schedule.now, f"time went back from {schedule.now} to {now} ns"
+        due_ns = schedule.next_event()
+        if self._line.is_silent and (due_ns is None or due_ns > now):
+            self._line.now_ns = schedule.now = now  # by far the most common
+            return
         while True:
             due_ns = schedule.next_event()
             horizon_ns = now if due_ns is None or due_ns > now else due_ns
@@ -175,6 +181,11 @@ class SerialNetwork:
             self._formats[index] = line_format
             self._line.set_format(index + 1, line_format)
 
+    @property
+    def has_effects(self) -> bool:
+        """Whether there is something to take."""
+        return bool(self._effects)
+
     def take_effects(self) -> list[tuple[int, Store | Trace]]:
         """The stores and traces since last time with their device's index, in order."""
         effects, self._effects = self._effects, []
@@ -204,6 +215,35 @@ class SerialNetwork:
     def host_send(self, data: bytes) -> None:
         """Queue ``data`` behind what the host still sends."""
         self._line.transmit(HOST, self.now_ns, data)
+
+    def host_exchange(self, now: Nanos, data: bytes) -> None:
+        """Let all happen that is due by ``now``, send ``data``, and let happen what that brings."""
+        self.run_until(now)
+        if not (data and self._reacts_at_once(data)):
+            self.host_send(data)
+        self.run_until(now)
+
+    def _reacts_at_once(self, data: bytes) -> bool:
+        """Send ``data`` the short way, if there is one; the outcome is the same.
+
+        Without pacing a lone device hears the host's bytes when they are sent, and the host its
+        answer: neither needs to wait on the line for others that might disturb it.
+        """
+        line = self._line
+        if len(self.devices) > 1 or len(data) > STRETCH_BYTES or not line.is_transparent:
+            return False
+        device = self.devices[0]
+        if device.quiet_prefix(data) < len(data) - 1:
+            return False
+        effects: Sequence[Effect] = device.receive(Chunk(self.now_ns, data, None))
+        if len(effects) == 1 and device.line_format is self._formats[0]:
+            (effect,) = effects
+            if type(effect) is Transmit and effect.start_ns <= self.now_ns:
+                self._host_hears(effect.data)
+                effects = ()
+        self.apply(0, effects)
+        self._schedule.touch(0)
+        return True
 
     def send_break(self, duration_ns: Nanos) -> None:
         """Hold the line at space for ``duration_ns`` (> 0), queued behind the host's bytes."""

@@ -227,8 +227,7 @@ class Server:
         """``client`` has sent ``data``."""
         self._talker = client
         self._use_format(client.line_format())
-        self.line.send(data)
-        answer = self.line.receive()
+        answer = self.line.exchange(data)
         self._unweighed += len(data)
         if self._unweighed >= _WEIGHED_BYTES:
             self._unweighed = 0

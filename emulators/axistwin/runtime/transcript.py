@@ -21,7 +21,7 @@ class Burst:
 
     time_ns: Nanos
     direction: Direction
-    data: bytearray
+    data: bytes
     last_ns: Nanos
 
 
@@ -41,10 +41,9 @@ class Transcript:
         """Note ``data``; it joins the last burst unless that went the other way or is over."""
         if not data:
             return
-        last = self._bursts[-1] if self._bursts else None
+        last = self._bursts[-1] if self._is_open else None
         if (
             last is not None
-            and self._is_open
             and last.direction == direction
             and time_ns - last.last_ns <= _PAUSE_NS
             and len(last.data) + len(data) <= _BURST_MAX
@@ -54,7 +53,7 @@ class Transcript:
             return
         for start in range(0, len(data), _BURST_MAX):
             self.flush()
-            piece = bytearray(data[start : start + _BURST_MAX])
+            piece = data[start : start + _BURST_MAX]
             self._bursts.append(Burst(time_ns, direction, piece, time_ns))
             self._is_open = True
 
@@ -83,7 +82,7 @@ class Transcript:
 
 def render_burst(burst: Burst, explain: Callable[[bytes], str] | None = None) -> str:
     """One line: time in ms, ``>`` from the host or ``<`` to it, hex, meaning."""
-    data = bytes(burst.data)
+    data = burst.data
     shown = data[:_HEX_MAX].hex(" ")
     if len(data) > _HEX_MAX:
         shown += f" … {len(data)} bytes"

@@ -52,6 +52,26 @@ class InstantLine:
         self._is_on = [True] * len(formats)
         self._waiting: list[Transmission] = []
         self._heard: deque[_Heard] = deque()
+        self._is_agreed = self._agree()
+
+    def _agree(self) -> bool:
+        """Whether everybody listens, in one format that changes no byte."""
+        first = self._formats[0]
+        return (
+            first.data_bits == 8
+            and all(self._is_on)
+            and self._formats.count(first) == len(self._formats)
+        )
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether nothing is on its way."""
+        return not self._waiting and not self._heard
+
+    @property
+    def is_transparent(self) -> bool:
+        """Whether bytes sent now would be heard now, by all others, as they are."""
+        return self._is_agreed and not self._waiting and not self._heard
 
     # -- what stations do --
 
@@ -83,15 +103,18 @@ class InstantLine:
     def set_format(self, station: int, line_format: LineFormat) -> None:
         """Use ``line_format`` for what is sent and heard from now on."""
         self._formats[station] = line_format
+        self._is_agreed = self._agree()
 
     def switch_off(self, station: int) -> None:
         """Cut the supply of ``station``: it sends and hears nothing more."""
         self._is_on[station] = False
+        self._is_agreed = False
         self.purge(station)
 
     def switch_on(self, station: int) -> None:
         """Supply ``station`` again: it listens from now on."""
         self._is_on[station] = True
+        self._is_agreed = self._agree()
 
     def purge(self, station: int) -> None:
         """Drop what ``station`` has queued."""

@@ -76,6 +76,16 @@ class SerialLine:
             for station in stations
         )
 
+    @property
+    def is_silent(self) -> bool:
+        """Whether nobody sends, or is known to be about to."""
+        return not self._transmissions
+
+    @property
+    def is_transparent(self) -> bool:
+        """Never: bytes take their time."""
+        return False
+
     # -- what stations do --
 
     def format_of(self, station: int) -> LineFormat:

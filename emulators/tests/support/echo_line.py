@@ -68,6 +68,11 @@ class EchoLine:
         self._answers.clear()
         return answers
 
+    def exchange(self, data: bytes) -> bytes:
+        """Hear ``data``, and answer."""
+        self.send(data)
+        return self.receive()
+
     def purge_output(self) -> None:
         """Forget what was kept."""
         self._queued.clear()
