@@ -10,7 +10,8 @@ upper-case digits (MACS-FRAME-03).  Digits are checked one by one before ``int``
 would let ``+1``, `` 1`` and ``1_0`` pass (ledger §8.10).
 """
 
-from typing import Final
+from functools import lru_cache
+from typing import Final, NamedTuple
 
 STX: Final = b"\x02"
 ETX: Final = 0x03
@@ -47,6 +48,28 @@ def request(address: int, index: int, parameters: int = 0, sub_index: int = 0) -
     return b"\x02014" + body + checksum(body) + b"\x03"
 
 
+class Request(NamedTuple):
+    """What 21 bytes that begin with Stx say; None for an address or command index that is no number."""
+
+    address: int | None
+    command: int | None
+    is_framed: bool
+    is_sum_right: bool
+
+
+@lru_cache(maxsize=1024)  # a host that polls says the same all the time
+def take_apart(frame: bytes, *, any_case: bool) -> Request:
+    """``frame``, 21 bytes, as a module reads it that takes ``any_case`` of digits or upper only."""
+    values = ANY_CASE if any_case else UPPER
+    told = frame[18:20].upper() if any_case else frame[18:20]
+    return Request(
+        values.get(frame[4:6]),
+        values.get(frame[6:8]),
+        is_framed(frame),
+        checksum(frame[4:18]) == told,
+    )
+
+
 def is_framed(frame: bytes) -> bool:
     """Whether 21 bytes that begin with Stx have the length field and Etx (MACS-FRAME-12)."""
     return frame[20] == ETX and frame[1:4] == REQUEST_LENGTH_FIELD
@@ -59,6 +82,7 @@ def number(digits: bytes, *, any_case: bool) -> int | None:
     return int(digits, 16)
 
 
+@lru_cache(maxsize=256)
 def answer(
     address: bytes, digit: bytes, data: int, length: bytes = ANSWER_LENGTH_FIELD, xon: int = 0x1A
 ) -> bytes:

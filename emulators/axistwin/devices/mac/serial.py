@@ -31,16 +31,15 @@ from axistwin.devices.mac.framing import (
     ADDRESS_MAX,
     ANSWER_LENGTH_FIELD,
     ANY_CASE,
-    ETX,
     GENERAL_ADDRESS,
     HEX,
     NACK,
     REQUEST_BYTES,
-    REQUEST_LENGTH_FIELD,
     STX,
     UPPER,
     answer,
     number,
+    take_apart,
 )
 from axistwin.devices.mac.memory_map import RATES, four_bytes
 from axistwin.devices.mac.models import MODELS, MacModel
@@ -179,7 +178,7 @@ class MacSerial:
 
     def _concerns(self, frame: bytes) -> bool:
         """Whether 21 bytes from Stx on may have an effect here (MACS-REPLY-13)."""
-        address = self._digits.get(frame[4:6])
+        address = take_apart(frame, any_case=self._any_case).address
         return address == self.address or address == GENERAL_ADDRESS or self._judges_all
 
     # ---- frames --------------------------------------------------------------------------------
@@ -188,15 +187,16 @@ class MacSerial:
         """Take 21 bytes that begin with Stx: rules 1 to 3."""
         if self._etx_ns >= self._due:
             self._run_until(self._etx_ns)
-        address = self._digits.get(frame[4:6])
+        request = take_apart(frame, any_case=self._any_case)
+        address = request.address
         general = address == GENERAL_ADDRESS
         replies = address == self.address or (general and self._answers_general())
-        if frame[20] != ETX or frame[1:4] != REQUEST_LENGTH_FIELD:
+        if not request.is_framed:
             reply = NACK if replies and self.quirks.bad_frame_reply == "nack" else None
-        elif HEX[sum(frame[4:18]) & 0xFF] != self._upper(frame[18:20]):
+        elif not request.is_sum_right:
             reply = NACK if self._nacks(replies=replies) else None
         elif address == self.address or general:
-            reply = self._obey(frame, general=general)
+            reply = self._obey(frame, request.command, general=general)
             if not replies:
                 reply = None
         else:
@@ -220,9 +220,8 @@ class MacSerial:
             return replies
         return self.quirks.nack_scope == "any" or self.address == 0
 
-    def _obey(self, frame: bytes, *, general: bool) -> bytes | None:
+    def _obey(self, frame: bytes, index: int | None, *, general: bool) -> bytes | None:
         """Execute a frame whose sum is right; its reply, or None for silence."""
-        index = self._digits.get(frame[6:8])
         if index is None or self._refuses_digits(frame, index):
             return self._refused
         if 0x20 <= index < 0x2A:
@@ -556,6 +555,8 @@ def _next_frame(buffer: bytes, after: int) -> tuple[int, int]:
 
     (-1, n) if there is none: bytes before n can be forgotten, from n on a frame may grow.
     """
+    if len(buffer) == REQUEST_BYTES and not after and not buffer.rfind(STX):
+        return 0, REQUEST_BYTES  # one frame and nothing else: by far the most common
     start = buffer.find(STX, after)
     while start >= 0:
         end = start + REQUEST_BYTES
