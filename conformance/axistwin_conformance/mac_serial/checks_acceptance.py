@@ -120,7 +120,7 @@ def torque_at_rest_is_locked_in_motion(session: Session) -> None:
     walk(session, 0x02)
 
 
-@check("MACS-CMD-03-02", "MACS-STATE-01", safety=("motion", "stored"), level="full")
+@check("MACS-CMD-03-02", "MACS-STATE-01", safety=("motion", "stored"))
 def the_stops_mode_is_locked_in_motion(session: Session) -> None:
     """03h, all four values, is refused while running and accepted in every other state."""
     walk(session, 0x03)
@@ -139,7 +139,7 @@ def the_stops_mode_is_locked_in_motion(session: Session) -> None:
                 bench.must(Kind.REFUSED, exchange, "MACS-CMD-03-02")
 
 
-@check("MACS-CMD-090A-03", "MACS-STATE-01", safety=("motion", "stored"), level="full")
+@check("MACS-CMD-090A-03", "MACS-STATE-01", safety=("motion", "stored"))
 def the_software_stops_are_locked_in_motion(session: Session) -> None:
     """09h and 0Ah are refused while running and accepted in every other state."""
     walk(session, 0x09, 0x0A)
@@ -151,7 +151,7 @@ def the_period_is_locked_in_motion(session: Session) -> None:
     walk(session, 0x0D)
 
 
-@check("MACS-CMD-0F-02", "MACS-STATE-01", safety=("motion", "stored"), level="full")
+@check("MACS-CMD-0F-02", "MACS-STATE-01", safety=("motion", "stored"))
 def the_ramp_is_locked_in_motion(session: Session) -> None:
     """0Fh is refused while running and accepted in every other state."""
     walk(session, 0x0F)

@@ -109,7 +109,7 @@ def a_refused_segment_is_accepted_when_a_stage_frees(session: Session) -> None:
     )  # fmt: skip
 
 
-@check("MACS-CMD-16-01", "MACS-CMD-16-03", "MACS-CMD-1E-01", safety=MOVES, level="full")
+@check("MACS-CMD-16-01", "MACS-CMD-16-03", "MACS-CMD-1E-01", safety=MOVES)
 def segments_run_at_their_own_constant_speed(session: Session) -> None:
     """A segment takes exactly |DDDD|·VVVV ticks, relative, whatever 0Dh and 0Fh say."""
     bench = plain(session)
@@ -225,25 +225,28 @@ def segments_of_zero_period_or_zero_steps(session: Session) -> None:
     session.expect(bench.position() == start, None, start, bench.position())
 
 
-@check("MACS-CMD-17-02", "MACS-CMD-16-01", safety=MOVES, level="full")
-def a_ramped_stop_does_not_interrupt_segments(session: Session) -> None:
-    """17h during segments: they run to their end.  Other readings are named quirks."""
-    bench = plain(session)
+def learn_stop_in_segments(bench: Bench) -> int | str:
+    """MACS-AMB-32: what 17h does while segments run."""
     start = bench.ready(0x1000, 1)
     row = [Segment(30, 0x2000), Segment(30, 0x2000)]
     exchanges = [bench.must(Kind.ACCEPTED, put(bench, one)) for one in row]
-    forecast = bench.to_segments(exchanges[0], start, *row)
+    end = bench.to_segments(exchanges[0], start, *row).end
     stop = bench.command(0x17)
-    end = forecast.end
     assert end is not None
     bench.wait_until(end.latest_ns + 50_000_000)
     moved = bench.position() - start
-    outcome: int | str = f"{stop.kind.value}, {moved} of 60 increments"
     if moved == 60 and stop.kind in (Kind.ACCEPTED, Kind.REFUSED):
-        outcome = 0 if stop.kind is Kind.ACCEPTED else 1
-    elif stop.kind is Kind.ACCEPTED:
-        outcome = 2 if moved == 30 else 3
-    bench.reading("stop17_in_interp", outcome)
+        return 0 if stop.kind is Kind.ACCEPTED else 1
+    if stop.kind is Kind.ACCEPTED:
+        return 2 if moved == 30 else 3
+    return f"{stop.kind.value}, {moved} of 60 increments"
+
+
+@check("MACS-CMD-17-02", safety=MOVES)
+def a_ramped_stop_does_not_interrupt_segments(session: Session) -> None:
+    """17h during segments: they run to their end.  Other readings are named quirks."""
+    bench = plain(session)
+    bench.reading("stop17_in_interp", learn_stop_in_segments(bench))
 
 
 @check("MACS-CMD-18-03", "MACS-CMD-18-01", safety=MOVES, level="full")
@@ -267,24 +270,25 @@ def a_hard_stop_empties_the_fifo(session: Session) -> None:
     bench.watch(bench.to_segments(exchange, start, Segment(10, 0x2000)), None, samples=2)
 
 
-@check("MACS-CMD-16-02", safety=MOVES, level="full")
-def segments_sent_during_a_move(session: Session) -> None:
-    """16h during 13h is stored and runs when the axis rests, or is refused, or takes over."""
-    bench = plain(session)
+def learn_segments_in_profile(bench: Bench) -> int | str:
+    """MACS-AMB-31: what 16h does during 13h."""
     start = bench.ready(0x2000)
     exchange = bench.accepted(0x13, start + 100)
     one = Segment(back(bench, 40), 0x1000)
     second = put(bench, one)
-    forecast = bench.to_position(exchange, start, start + 100)
-    end = forecast.end
+    end = bench.to_position(exchange, start, start + 100).end
     assert end is not None
-    outcome: int | str = 1
-    if second.kind is Kind.ACCEPTED:
-        bench.wait_until(end.latest_ns + one.duration_ns + 50_000_000)
-        moved = bench.position() - start
-        total = 100 + one.steps
-        outcome = 0 if moved == total else 2 if moved < total else f"{moved:+d} increments"
-    elif second.kind is not Kind.REFUSED:
-        outcome = str(second.reply)
-    bench.reading("interp_during_profile", outcome, "MACS-CMD-16-02")
-    bench.at_rest()
+    if second.kind is Kind.REFUSED:
+        return 1
+    bench.wait_until(end.latest_ns + one.duration_ns + 50_000_000)
+    moved, total = bench.position() - start, 100 + one.steps
+    if second.kind is Kind.ACCEPTED and moved <= total:
+        return 0 if moved == total else 2
+    return f"{second.kind.value}, {moved:+d} increments"
+
+
+@check("MACS-CMD-16-02", safety=MOVES, level="full")
+def segments_sent_during_a_move(session: Session) -> None:
+    """16h during 13h is stored and runs when the axis rests, or is refused, or takes over."""
+    bench = plain(session)
+    bench.reading("interp_during_profile", learn_segments_in_profile(bench))

@@ -61,7 +61,7 @@ def torque_at_rest_reads_back(session: Session) -> None:
     reads_back(bench, 0x02, 0x26, ((1, 0x1000), (0, 0), (1, 0x1000), (0, 0)), 0xF000)
 
 
-@check("MACS-CMD-02-03", safety=("motion", "stored"), level="full")
+@check("MACS-CMD-02-03", safety=("motion", "stored"))
 def in_standby_the_axis_stays_within_one_increment(session: Session) -> None:
     """With half torque at rest the counter stays within 1 of the target; 18h ends the swinging."""
     bench = Bench(session)

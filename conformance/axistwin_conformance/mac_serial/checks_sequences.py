@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from typing import Final
 
 from hypothesis import HealthCheck, Phase, given, seed, settings
@@ -9,9 +10,26 @@ from hypothesis import strategies as st
 from hypothesis.errors import FlakyFailure
 
 from axistwin_conformance.mac_serial.bench import Bench
-from axistwin_conformance.mac_serial.checks_interpolation import fifo_depth
-from axistwin_conformance.mac_serial.checks_motion import MOVES, learn_ramp_law, learnt
-from axistwin_conformance.mac_serial.checks_velocity import learn_change_law
+from axistwin_conformance.mac_serial.checks_interpolation import (
+    fifo_depth,
+    learn_segments_in_profile,
+    learn_stop_in_segments,
+    segment_sign,
+    underrun,
+)
+from axistwin_conformance.mac_serial.checks_motion import (
+    MOVES,
+    learn_ramp_law,
+    learn_stop_law,
+    learnt,
+)
+from axistwin_conformance.mac_serial.checks_parameters import param_range_policy
+from axistwin_conformance.mac_serial.checks_velocity import (
+    learn_change_law,
+    learn_direction,
+    learn_reversal,
+    learn_takeover,
+)
 from axistwin_conformance.mac_serial.forecast import Forecast
 from axistwin_conformance.mac_serial.model import AxisModel
 from axistwin_conformance.mac_serial.sequences import (
@@ -31,6 +49,23 @@ EXAMPLES: Final = {"quick": 25, "full": 300}
 REAL_EXAMPLES: Final = {"quick": 1, "full": 10}
 REAL_OPERATIONS: Final = 30
 
+# What the model must know of the device before it can judge, and how to find out.  Readings that
+# other checks have seen in this run are known as well.
+LOOKS: Final[Mapping[str, Callable[[Bench], int | str]]] = {
+    "ramp_law": learn_ramp_law,
+    "stop_ramp_law": learn_stop_law,
+    "vel_f6_direction": learn_direction,
+    "vel_change_law": learn_change_law,
+    "vel_reverse_cmd": learn_reversal,
+    "vel_during_position": learn_takeover,
+    "segment_signed": segment_sign,
+    "fifo_underrun": underrun,
+    "fifo_counts_executing": fifo_depth,
+    "interp_during_profile": learn_segments_in_profile,
+    "stop17_in_interp": learn_stop_in_segments,
+    "param_range_policy": param_range_policy,
+}
+
 JUDGED: Final = tuple(
     dict.fromkeys(
         [*BLAME.values(), *BLAME_MODE.values(), BLAME_OTHERWISE, "MACS-Q-XX-01", "MACS-REPLY-02",
@@ -39,7 +74,7 @@ JUDGED: Final = tuple(
 )  # fmt: skip
 
 
-@check(*JUDGED, safety=MOVES)
+@check(*JUDGED, safety=MOVES, needs=("virtual",))
 def some_mixed_sequences_agree_with_the_model(session: Session) -> None:
     """Every reply of a few random sequences is one that the model admits."""
     _play(session, "quick")
@@ -53,9 +88,8 @@ def many_mixed_sequences_agree_with_the_model(session: Session) -> None:
 
 def _play(session: Session, level: str) -> None:
     bench = learnt(session)
-    bench.known("ramp_law", learn_ramp_law)
-    bench.known("vel_change_law", learn_change_law)
-    bench.known("fifo_counts_executing", fifo_depth)
+    for switch, look in LOOKS.items():
+        bench.known(switch, look)
     home = bench.ready()
     try:
         if session.target.is_virtual:

@@ -105,7 +105,7 @@ def without_a_preloaded_motion_11h_moves_nothing(session: Session) -> None:
         bench.at_rest()
 
 
-@check("MACS-CMD-10-03", "MACS-CMD-10-01", safety=MOVES, level="full")
+@check("MACS-CMD-10-03", "MACS-CMD-10-01", safety=MOVES)
 def segments_are_not_held_by_10h(session: Session) -> None:
     """16h runs although the module is armed; whether the arm then stays is reported."""
     bench = Bench(session)

@@ -20,7 +20,7 @@ def f6_turns_counter_clockwise(session: Session) -> None:
     """15h with SS = F6h counts down, with any other SS up."""
     bench = Bench(session)
     bench.ready(0x2000)
-    bench.reading("vel_f6_direction", _f6_direction(bench))
+    bench.reading("vel_f6_direction", learn_direction(bench))
     edges = (0x00, 0x01, 0x06, 0x7F, 0x80, 0xF5, 0xF7, 0xFF)
     for selector in range(0x100) if session.target.is_virtual else edges:
         if selector == F6:
@@ -30,7 +30,7 @@ def f6_turns_counter_clockwise(session: Session) -> None:
         bench.come_home()
 
 
-def _f6_direction(bench: Bench) -> int | str:
+def learn_direction(bench: Bench) -> int | str:
     """MACS-AMB-07: which way F6h turns."""
     moved = _moved(bench, F6 << 16 | 0x2000)
     return 0 if moved < 0 else 1 if moved > 0 else "no motion at all"
@@ -49,7 +49,7 @@ def _moved(bench: Bench, parameter: int, seconds: float = 0.02) -> int:
 def velocity_climbs_and_cruises_on_time(session: Session) -> None:
     """From rest 15h climbs the ramp built from its own period, then holds it; 0Dh stays."""
     bench = learnt(session)
-    bench.known("vel_f6_direction", _f6_direction)
+    bench.known("vel_f6_direction", learn_direction)
     for direction, period, coefficient in ((1, 0x1000, 1), (-1, 0x0640, 2), (1, 0x4000, 0)):
         bench.ready(0x0777, coefficient)
         period = max(period, bench.fastest)
@@ -63,22 +63,36 @@ def velocity_climbs_and_cruises_on_time(session: Session) -> None:
         bench.at_rest()
 
 
+def learn_reversal(bench: Bench) -> int | str:
+    """MACS-AMB-28: 15h with the other direction during the motion."""
+    bench.ready(SLOWEST)
+    bench.command(0x15, velocity(1, SLOWEST))
+    reply = bench.command(0x15, velocity(-1, SLOWEST)).reply
+    bench.at_rest()
+    return {Kind.ACCEPTED: 0, Kind.REFUSED: 1}.get(reply.kind, str(reply))
+
+
+def learn_takeover(bench: Bench) -> int | str:
+    """MACS-AMB-29: 15h during a move."""
+    start = bench.ready(SLOWEST)
+    bench.command(0x13, start + 100)
+    reply = bench.command(0x15, velocity(1, SLOWEST)).reply
+    bench.at_rest()
+    return {Kind.ACCEPTED: 0, Kind.REFUSED: 1}.get(reply.kind, str(reply))
+
+
 @check("MACS-CMD-15-02", "MACS-CMD-15-03", safety=MOVES, level="full")
 def the_direction_stays_whatever_the_next_15h_says(session: Session) -> None:
     """In motion, 15h with the other direction is accepted with SS ignored, or refused."""
     bench = learnt(session)
+    bench.reading("vel_reverse_cmd", learn_reversal(bench), "MACS-CMD-15-03")
     for direction in (1, -1):
         bench.ready(SLOWEST)
         forecast = bench.turn(direction, SLOWEST)
         bench.wait(0.1)
         exchange = bench.command(0x15, velocity(-direction, 0x4000))
-        outcome: int | str = str(exchange.reply)
         if exchange.kind is Kind.ACCEPTED:
             forecast = forecast.changed(exchange.taken, 0x4000)
-            outcome = 0
-        elif exchange.kind is Kind.REFUSED:
-            outcome = 1
-        bench.reading("vel_reverse_cmd", outcome, "MACS-CMD-15-03")
         for _ in range(3):
             bench.wait(0.1)
             bench.follow(forecast, None, bench.allowance(0x4000))

@@ -302,7 +302,8 @@ def _nudge(run: Sequence, first: int, second: int) -> None:
 
 def _home(run: Sequence, first: int, second: int) -> None:
     is_near = abs(run.home - run.offset) <= run.bench.room()
-    run.command(0x14) if is_near else run.query(0x20)
+    is_ruled = run.is_resting or run.follows("motion_lock_set")
+    run.command(0x14) if is_near and is_ruled else run.query(0x20)
 
 
 def _turn(run: Sequence, first: int, second: int) -> None:
