@@ -49,7 +49,7 @@ def request(address: int, index: int, parameters: int = 0, sub_index: int = 0) -
 
 
 class Request(NamedTuple):
-    """What 21 bytes that begin with Stx say; None for an address or command index that is no number."""
+    """What 21 bytes that begin with Stx say; None for what is not two digits."""
 
     address: int | None
     command: int | None
