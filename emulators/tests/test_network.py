@@ -486,7 +486,7 @@ def test_answers_that_nobody_waits_for_leave_nothing_behind(paced: bool) -> None
 class LongWay(SerialNetwork):
     """Puts everything on the line."""
 
-    def _reacts_at_once(self, data: bytes) -> bool:
+    def _reacts_at_once(self, now: int, data: bytes) -> bool:
         return False
 
 

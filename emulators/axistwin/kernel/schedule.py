@@ -36,7 +36,7 @@ class Schedule:
     def __init__(self, parts: Sequence[Part], now: Nanos = 0) -> None:
         self.now = now
         self._parts = tuple(parts)
-        self._due = [NEVER] * len(self._parts)
+        self._due = [NEVER] * (len(self._parts) + 1)  # the last one is nobody's
         for rank in range(len(self._parts)):
             self.touch(rank)
 
@@ -50,15 +50,19 @@ class Schedule:
 
     def next_event(self) -> Nanos | None:
         """The time of the earliest event, or None when every part sleeps."""
-        due = min(self._due, default=NEVER)
+        due = min(self._due)
         return None if due == NEVER else due
+
+    def is_idle_until(self, now: Nanos) -> bool:
+        """Whether no event is due by ``now``."""
+        return min(self._due) > now
 
     def run_next(self, limit: Nanos) -> bool:
         """Run the earliest event that is due by ``limit``; False if there is none.
 
         Does not move ``now`` past that event.
         """
-        due = min(self._due, default=NEVER)
+        due = min(self._due)
         if due > limit:
             return False
         rank = self._due.index(due)

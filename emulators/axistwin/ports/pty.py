@@ -47,6 +47,7 @@ _TCGETS2, _TCSETS2, _TCSETSF2 = 0x802C542A, 0x402C542B, 0x402C542D
 _CBAUD, _BOTHER, _CIBAUD_SHIFT = 0o010017, 0o010000, 16
 # struct termios2: input, output, control and local flags, line and characters, two rates.
 _SETTINGS = struct.Struct("=IIII20sII")
+_NO_SETTINGS = bytes(_SETTINGS.size)
 _COOKED = termios.ICANON | termios.ECHO | termios.ISIG
 _ARMED = termios.ECHONL | termios.ECHOK
 
@@ -149,7 +150,7 @@ class _PtyStream(Stream):
 
     def line_format(self) -> LineFormat:
         """What the client has set by now; B0 (hang up) leaves the rate as it was."""
-        settings = fcntl.ioctl(self._fd, _TCGETS2, bytes(_SETTINGS.size))
+        settings = fcntl.ioctl(self._fd, _TCGETS2, _NO_SETTINGS)
         if settings != self._settings:
             self._settings = settings
             _, _, control, local, _, _, baud = _SETTINGS.unpack(settings)
@@ -164,18 +165,18 @@ class _PtyStream(Stream):
 
         The next client may be setting the line just now.
         """
-        settings = fcntl.ioctl(self._fd, _TCGETS2, bytes(_SETTINGS.size))
+        settings = fcntl.ioctl(self._fd, _TCGETS2, _NO_SETTINGS)
         local = _SETTINGS.unpack(settings)[3]
         if local & _COOKED:
             tty.setraw(self._fd, termios.TCSANOW)
-            settings = fcntl.ioctl(self._fd, _TCGETS2, bytes(_SETTINGS.size))
+            settings = fcntl.ioctl(self._fd, _TCGETS2, _NO_SETTINGS)
         if local & _ARMED != _ARMED:
             _set_local_flags(self._fd, settings)
 
 
 def set_rate(fd: int, baud: int) -> None:
     """Set the rate of a terminal, any number of bits per second."""
-    fields = list(_SETTINGS.unpack(fcntl.ioctl(fd, _TCGETS2, bytes(_SETTINGS.size))))
+    fields = list(_SETTINGS.unpack(fcntl.ioctl(fd, _TCGETS2, _NO_SETTINGS)))
     # No input rate of its own in the control flags: it follows the output rate.
     fields[2] = fields[2] & ~(_CBAUD | _CBAUD << _CIBAUD_SHIFT) | _BOTHER
     fields[5] = fields[6] = baud

@@ -90,7 +90,9 @@ class PacedClock:
         passed = self._source() - self._base_source_ns
         if self._speed != 1.0:
             passed = math.floor(passed * self._speed)
-        self._last_ns = max(self._last_ns, self._base_ns + passed)
+        now = self._base_ns + passed
+        if now > self._last_ns:
+            self._last_ns = now
         return self._last_ns
 
     def advance_to(self, until_ns: Nanos) -> None:

@@ -133,8 +133,11 @@ class Line:
         Bytes for the host count when their stretch is complete, or after ``GRANULARITY_NS``.
         """
         with self._lock:
-            patience = self._network.host_format.characters_within(self.GRANULARITY_NS)
-            return self._network.next_event(max(1, patience))
+            network = self._network
+            if network.is_silent:
+                return network.next_event()
+            patience = network.host_format.characters_within(self.GRANULARITY_NS)
+            return network.next_event(max(1, patience))
 
     def advance(self, duration_ns: Nanos) -> Nanos:
         """Let ``duration_ns`` pass, which takes real time unless it is virtual."""
@@ -241,7 +244,7 @@ class Line:
 
         It is not told by ``on_change``; whoever else waits is.
         """
-        with self._changed:
+        with self._lock:
             if self._failure is not None:
                 raise self._failure
             network, now = self._network, self._now_ns()

@@ -106,12 +106,16 @@ class SerialNetwork:
             return due_ns
         return arrival_ns
 
+    @property
+    def is_silent(self) -> bool:
+        """Whether no byte is on its way."""
+        return self._line.is_silent
+
     def run_until(self, now: Nanos) -> None:
         """Let everything happen that is due by ``now``, then stand at ``now``."""
         schedule = self._schedule
         assert now >= schedule.now, f"time went back from {schedule.now} to {now} ns"
-        due_ns = schedule.next_event()
-        if self._line.is_silent and (due_ns is None or due_ns > now):
+        if self._line.is_silent and schedule.is_idle_until(now):
             self._line.now_ns = schedule.now = now  # by far the most common
             return
         while True:
@@ -150,8 +154,10 @@ class SerialNetwork:
 
     def _host_hears(self, data: bytes) -> None:
         room = HOST_BUFFER_BYTES - len(self._received)
-        self._received += data[:room]
-        self.host_overruns += max(0, len(data) - room)
+        if len(data) > room:
+            self.host_overruns += len(data) - room
+            data = data[:room]
+        self._received += data
 
     # -- the devices --
 
@@ -218,31 +224,37 @@ class SerialNetwork:
 
     def host_exchange(self, now: Nanos, data: bytes) -> None:
         """Let all happen that is due by ``now``, send ``data``, and let happen what that brings."""
-        self.run_until(now)
-        if not (data and self._reacts_at_once(data)):
+        if not self._reacts_at_once(now, data):
+            self.run_until(now)
             self.host_send(data)
         self.run_until(now)
 
-    def _reacts_at_once(self, data: bytes) -> bool:
-        """Send ``data`` the short way, if there is one; the outcome is the same.
+    def _reacts_at_once(self, now: Nanos, data: bytes) -> bool:
+        """Send ``data`` at ``now`` the short way, if there is one; the outcome is the same.
 
         Without pacing a lone device hears the host's bytes when they are sent, and the host its
         answer: neither needs to wait on the line for others that might disturb it.
         """
-        line = self._line
-        if len(self.devices) > 1 or len(data) > STRETCH_BYTES or not line.is_transparent:
+        line, schedule = self._line, self._schedule
+        if not (
+            line.is_transparent
+            and len(self.devices) == 1
+            and 0 < len(data) <= STRETCH_BYTES
+            and schedule.is_idle_until(now)
+        ):
             return False
         device = self.devices[0]
         if device.quiet_prefix(data) < len(data) - 1:
             return False
-        effects: Sequence[Effect] = device.receive(Chunk(self.now_ns, data, None))
+        line.now_ns = schedule.now = now
+        effects: Sequence[Effect] = device.receive(Chunk(now, data, None))
         if len(effects) == 1 and device.line_format is self._formats[0]:
             (effect,) = effects
-            if type(effect) is Transmit and effect.start_ns <= self.now_ns:
+            if type(effect) is Transmit and effect.start_ns <= now:
                 self._host_hears(effect.data)
                 effects = ()
         self.apply(0, effects)
-        self._schedule.touch(0)
+        schedule.touch(0)
         return True
 
     def send_break(self, duration_ns: Nanos) -> None:
