@@ -29,9 +29,7 @@ _FLUSH_S = 0.05
 class Recorder(Transcript):
     """A transcript that is also written to ``file``, burst by burst, in ``loop``'s thread."""
 
-    def __init__(
-        self, file: TextIO, explain: Callable[[bytes], str], loop: Loop
-    ) -> None:
+    def __init__(self, file: TextIO, explain: Callable[[bytes], str], loop: Loop) -> None:
         super().__init__()
         self._file = file
         self._explain_bytes = explain
@@ -49,7 +47,7 @@ class Recorder(Transcript):
             or time_ns - self._end_ns > PAUSE_NS
             or len(self._data) > BURST_MAX
         ):
-            self.flush()
+            self.write_burst()
         if not self._data:
             self._direction, self._begin_ns = direction, time_ns
         self._data += data
@@ -58,7 +56,7 @@ class Recorder(Transcript):
             self._flushing = True
             self._loop.call_later(_FLUSH_S, self._flush_later)
 
-    def flush(self) -> None:
+    def write_burst(self) -> None:
         """Write the burst under way."""
         if self._data:
             data = bytes(self._data)
@@ -69,7 +67,7 @@ class Recorder(Transcript):
 
     def _flush_later(self) -> None:
         self._flushing = False
-        self.flush()
+        self.write_burst()
         self._file.flush()
 
 
@@ -97,4 +95,4 @@ def recording(
         try:
             yield
         finally:
-            recorder.flush()
+            recorder.write_burst()

@@ -135,7 +135,7 @@ class Line:
         with self._lock:
             network = self._network
             if network.is_silent:
-                return network.next_event()
+                return network.next_wake()
             patience = network.host_format.characters_within(self.GRANULARITY_NS)
             return network.next_event(max(1, patience))
 

@@ -82,6 +82,10 @@ class SerialNetwork:
 
     # -- time --
 
+    def next_wake(self) -> Nanos | None:
+        """When the next device wants to be woken."""
+        return self._schedule.next_event()
+
     def next_event(self, host_bytes: int = 1) -> Nanos | None:
         """When something is next due: a wake-up, bytes for the host, a possible reaction.
 

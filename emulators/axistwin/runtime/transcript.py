@@ -1,4 +1,8 @@
-"""What was said on a line lately: bounded, in bursts, with times; readable when something fails."""
+"""What was said on a line lately: bounded, in bursts, with times; readable when something fails.
+
+Much is noted and hardly ever read.  So what is added is kept in pieces, which are put together to
+bursts when somebody looks, or when there are many; most are forgotten before that.
+"""
 
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -13,6 +17,7 @@ _ARROWS: dict[Direction, str] = {"host": ">", "device": "<"}
 _PAUSE_NS: Nanos = 5 * NS_PER_MS
 _BURST_MAX = 256
 _HEX_MAX = 32
+_PIECES_MAX = 1024
 
 
 @dataclass(slots=True)
@@ -35,12 +40,36 @@ class Transcript:
         assert limit > 0
         self._bursts: deque[Burst] = deque(maxlen=limit)
         self._is_open = False
+        self._pieces: list[tuple[Nanos, Direction, bytes]] = []
         self.on_burst: Callable[[Burst], None] | None = None
 
     def add(self, time_ns: Nanos, direction: Direction, data: bytes) -> None:
         """Note ``data``; it joins the last burst unless that went the other way or is over."""
-        if not data:
-            return
+        if data:
+            self._pieces.append((time_ns, direction, data))
+            if self.on_burst is not None or len(self._pieces) >= _PIECES_MAX:
+                self._join_pieces()
+
+    def _join_pieces(self) -> None:
+        pieces, self._pieces = self._pieces, []
+        first = 0 if self.on_burst is not None else self._first_kept(pieces)
+        if first:
+            self._end_burst()
+        for time_ns, direction, data in pieces[first:]:
+            self._join(time_ns, direction, data)
+
+    def _first_kept(self, pieces: list[tuple[Nanos, Direction, bytes]]) -> int:
+        """Which piece begins the oldest burst that is not pushed out by those behind it."""
+        room = self._bursts.maxlen
+        assert room is not None
+        for index in range(len(pieces) - 1, 0, -1):
+            if pieces[index][1] != pieces[index - 1][1]:  # a burst has one direction
+                room -= 1
+                if not room:
+                    return index
+        return 0
+
+    def _join(self, time_ns: Nanos, direction: Direction, data: bytes) -> None:
         last = self._bursts[-1] if self._is_open else None
         if (
             last is not None
@@ -52,13 +81,17 @@ class Transcript:
             last.last_ns = time_ns
             return
         for start in range(0, len(data), _BURST_MAX):
-            self.flush()
+            self._end_burst()
             piece = data[start : start + _BURST_MAX]
             self._bursts.append(Burst(time_ns, direction, piece, time_ns))
             self._is_open = True
 
     def flush(self) -> None:
         """The last burst is over; what comes begins another."""
+        self._join_pieces()
+        self._end_burst()
+
+    def _end_burst(self) -> None:
         if self._is_open:
             self._is_open = False
             if self.on_burst is not None:
@@ -66,13 +99,16 @@ class Transcript:
 
     def clear(self) -> None:
         """Forget everything."""
+        self._pieces.clear()
         self._bursts.clear()
         self._is_open = False
 
     def __len__(self) -> int:
+        self._join_pieces()
         return len(self._bursts)
 
     def __iter__(self) -> Iterator[Burst]:
+        self._join_pieces()
         return iter(tuple(self._bursts))
 
     def render(self, explain: Callable[[bytes], str] | None = None) -> str:

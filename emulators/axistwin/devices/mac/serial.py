@@ -135,6 +135,8 @@ class MacSerial:
 
     def quiet_prefix(self, data: bytes) -> int:
         """Everything before the last byte of the first frame that concerns this module."""
+        if not self._partial and _is_one_frame(data):
+            return REQUEST_BYTES - 1 if self._concerns(data) else REQUEST_BYTES
         kept = len(self._partial)
         buffer = self._partial + data
         start, end = _next_frame(buffer, 0)
@@ -147,6 +149,9 @@ class MacSerial:
     def receive(self, chunk: Chunk) -> list[Effect]:
         """Take the bytes of ``chunk``; answer the frames they complete."""
         data, first = chunk.data, 0
+        if not self._partial and chunk.start_ns >= self._deaf_until and _is_one_frame(data):
+            self._take(data, chunk, REQUEST_BYTES - 1)  # by far the most common
+            first = REQUEST_BYTES
         while first < len(data):
             if chunk.start_ns < self._deaf_until:
                 first = self._first_heard(chunk, first)
@@ -158,12 +163,15 @@ class MacSerial:
                 break
             self._partial = b""
             first += end - kept
-            frame = buffer[start:end]
-            if self._concerns(frame):
-                self._etx_ns = chunk.arrival_ns(first - 1)
-                self._paced = chunk.format is not None
-                self._judge(frame)
+            self._take(buffer[start:end], chunk, first - 1)
         return self._taken_effects()
+
+    def _take(self, frame: bytes, chunk: Chunk, last: int) -> None:
+        """Take 21 bytes, completed by byte ``last`` of ``chunk``, if they matter here."""
+        if self._concerns(frame):
+            self._etx_ns = chunk.arrival_ns(last)
+            self._paced = chunk.format is not None
+            self._judge(frame)
 
     def _first_heard(self, chunk: Chunk, first: int) -> int:
         """The first byte from ``first`` on that is heard; bytes missed break a frame begun."""
@@ -550,13 +558,16 @@ def _model(model: str | MacModel) -> MacModel:
     return MODELS[model]
 
 
+def _is_one_frame(data: bytes) -> bool:
+    """Whether ``data`` is a frame and nothing else, what ``_next_frame`` would find out too."""
+    return len(data) == REQUEST_BYTES and data.rfind(STX) == 0
+
+
 def _next_frame(buffer: bytes, after: int) -> tuple[int, int]:
     """Start and end of the first whole frame from ``after`` on.
 
     (-1, n) if there is none: bytes before n can be forgotten, from n on a frame may grow.
     """
-    if len(buffer) == REQUEST_BYTES and not after and not buffer.rfind(STX):
-        return 0, REQUEST_BYTES  # one frame and nothing else: by far the most common
     start = buffer.find(STX, after)
     while start >= 0:
         end = start + REQUEST_BYTES
