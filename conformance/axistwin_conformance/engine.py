@@ -21,11 +21,13 @@ import signal
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 from importlib import metadata
 
 from axistwin_conformance import events
+from axistwin_conformance.armed import load_armed
 from axistwin_conformance.errors import TargetError, WrongDevice
 from axistwin_conformance.events import Listener, Outcome
 from axistwin_conformance.judgement import CheckResult, RequirementResult, conclude
@@ -53,6 +55,7 @@ class Result:
     checks: list[CheckResult] = field(default_factory=list)
     requirements: tuple[RequirementResult, ...] = ()
     problems: list[str] = field(default_factory=list)
+    readings: Mapping[str, str] = field(default_factory=dict)  # switch → the reading seen
     refusal: str = ""  # why the device was not judged at all: unreachable, or not the model
     is_interrupted: bool = False
     exit_status: int = 0
@@ -84,8 +87,10 @@ class Engine:
         if result.plan.to_run:
             self._run_on_target()
         conclude(result, self.ledger)
+        self._tell_readings()
+        armed = load_armed(self.family.ledger)
         for one in result.requirements:
-            self._emit(one.as_event())
+            self._emit(one.as_event(armed))
         counts = dict.fromkeys(Verdict, 0)
         for one in result.requirements:
             counts[one.verdict] += 1
@@ -101,8 +106,11 @@ class Engine:
         self._emit(
             events.RunStarted(
                 suite_version=metadata.version("axistwin"),
+                started_at=datetime.now(UTC).isoformat(timespec="seconds"),
+                command=options.command,
                 model=options.model,
                 target=options.url if options.port else f"built-in twin ({options.url})",
+                baud=options.baud,
                 address=options.address,
                 neighbours=options.neighbours,
                 allowed=tuple(sorted(options.allowed)),
@@ -114,6 +122,16 @@ class Engine:
                 left_out={check.name: reason for check, reason in plan.left_out},
             )
         )
+
+    def _tell_readings(self) -> None:
+        """Emit what the device was seen to make of the manual's open questions."""
+        for switch, reading in sorted(self._result.readings.items()):
+            one = self.ledger.ambiguity_of(switch)
+            self._emit(
+                events.ReadingSeen(
+                    switch, reading, one.default_of(switch), one.id, one.question, one.departs
+                )
+            )
 
     # The target's life.
 
@@ -165,6 +183,7 @@ class Engine:
 
     def _identify(self, run: Run) -> None:
         target, session = run.target, Session(run)
+        self._result.readings = run.readings  # what is learnt from here on, kept on any way out
         run.identity = self.family.probe(session)
         if not self.family.sanity(session):
             raise TargetError("it answered once and then no more")
@@ -259,6 +278,8 @@ class Engine:
             outcome, trouble = Outcome.ERROR, _describe(error)
         finally:
             run.target.gate = None
+        for motion in session.motions:
+            self._emit(motion)
         findings = session.conclude(trouble)
         seconds = time.monotonic() - started
         return CheckResult(check, outcome, findings, tuple(session.retries), seconds, trouble)

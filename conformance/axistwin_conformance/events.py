@@ -1,7 +1,7 @@
 """What a run tells while it goes: plain values, consumed by reporters and nobody else.
 
-Order: RunStarted, [Identified], (CheckStarted, CheckFinished)*, RequirementJudged*, RunFinished;
-Note anywhere between.
+Order: RunStarted, [Identified], (CheckStarted, MotionSampled*, CheckFinished)*, ReadingSeen*,
+RequirementJudged*, RunFinished; Note anywhere between.
 """
 
 from __future__ import annotations
@@ -25,11 +25,17 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class RunStarted:
-    """The run begins; `left_out` gives the reason per check that will not run."""
+    """The run begins; `left_out` gives the reason per check that will not run.
+
+    `started_at`: UTC, ISO 8601.  `baud`: of our end of the line.  `command`: starts this run again.
+    """
 
     suite_version: str
+    started_at: str
+    command: str
     model: str
     target: str
+    baud: int
     address: int
     neighbours: tuple[int, ...]
     allowed: tuple[str, ...]
@@ -63,6 +69,20 @@ class CheckStarted:
 
 
 @dataclass(frozen=True, slots=True)
+class MotionSampled:
+    """A motion under a check: where the axis was, and where it had to be.
+
+    `measured`: (time_ns, position).  `predicted`: (time_ns, lowest, highest), the band outside of
+    which a measurement fails.  Times are the target's clock, positions the device's increments.
+    """
+
+    check: str
+    name: str
+    measured: tuple[tuple[int, int], ...]
+    predicted: tuple[tuple[int, int, int], ...]
+
+
+@dataclass(frozen=True, slots=True)
 class CheckFinished:
     """A check ended; `verdict` is the worst of its findings, `trouble` says what befell it."""
 
@@ -86,12 +106,33 @@ class Note:
 
 
 @dataclass(frozen=True, slots=True)
+class ReadingSeen:
+    """The reading of an ambiguity that the device follows; `departs`: requirements it goes against
+    if the reading is not the default."""
+
+    switch: str
+    reading: str
+    default: str
+    ambiguity: str
+    question: str
+    departs: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class RequirementJudged:
-    """All that is said about one requirement."""
+    """All that is said about one requirement.
+
+    `not_on_wire`: why no exchange can show it.  `armed`: the planted firmware faults that checks
+    naming this requirement have found; empty: not armed; None: nobody has looked.
+    """
 
     id: str
     kind: str
+    safety: tuple[str, ...]
+    source: str
     text: str
+    not_on_wire: str
+    armed: tuple[str, ...] | None
     verdict: Verdict
     reason: str
     checks: tuple[str, ...]
@@ -109,6 +150,14 @@ class RunFinished:
 
 
 Event = (
-    RunStarted | Identified | CheckStarted | CheckFinished | Note | RequirementJudged | RunFinished
+    RunStarted
+    | Identified
+    | CheckStarted
+    | MotionSampled
+    | CheckFinished
+    | Note
+    | ReadingSeen
+    | RequirementJudged
+    | RunFinished
 )
 Listener = Callable[[Event], None]

@@ -71,12 +71,14 @@ class RequirementResult:
     checks: tuple[str, ...]
     findings: tuple[tuple[str, Finding], ...]  # name of the check, what it said
 
-    def as_event(self) -> events.RequirementJudged:
-        """Return the event that tells this."""
+    def as_event(self, armed: Mapping[str, tuple[str, ...]] | None) -> events.RequirementJudged:
+        """Return the event that tells this; `armed` as `load_armed` returns it."""
         one = self.requirement
         return events.RequirementJudged(
-            one.id, one.kind, one.text, self.verdict, self.reason, self.checks
-        )
+            one.id, one.kind, tuple(sorted(one.safety)), one.source, one.text, one.not_on_wire,
+            None if armed is None else armed.get(one.id, ()),
+            self.verdict, self.reason, self.checks,
+        )  # fmt: skip
 
 
 def conclude(result: Result, ledger: Ledger) -> None:

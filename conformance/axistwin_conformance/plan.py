@@ -57,8 +57,16 @@ class Options:
             met.add("virtual")
         return frozenset(met)
 
+    @property
+    def command(self) -> str:
+        """The command that does this run again."""
+        return self._command(self.words)
+
     def replay(self, check: Check) -> str:
         """Return the command that runs one check as this run did."""
+        return self._command((check.name,))
+
+    def _command(self, selected: Sequence[str]) -> str:
         words = ["axistwin", "conform", self.model]
         if self.port is not None:
             words += ["--port", self.port, "--baud", str(self.baud)]
@@ -70,7 +78,7 @@ class Options:
         if self.address != self.family.default_address:
             words += ["--address", str(self.address)]
         words += ["--level", self.level] if self.level != LEVELS[-1] else []
-        return shlex.join([*words, "--seed", str(self.seed), check.name])
+        return shlex.join([*words, "--seed", str(self.seed), *selected])
 
 
 @dataclass(frozen=True, slots=True)

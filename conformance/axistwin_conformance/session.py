@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
 from axistwin_conformance.errors import TargetError
+from axistwin_conformance.events import MotionSampled
 from axistwin_conformance.ledger import Ledger
 from axistwin_conformance.registry import Check, Family, Identity, Model
 from axistwin_conformance.targets import Target
@@ -24,6 +25,7 @@ REPLY_TIMEOUT_S = 0.5  # MACS-REPLY-16: no reply time is specified; the ledger s
 # 1 000 000 unsettled, and 8 times the same bad reply (mostly: silence) is the device, not the line.
 ATTEMPTS = 24
 ATTEMPTS_ALIKE = 8
+MOTIONS_KEPT = 8  # per check: the first ones and the last, which is the one that failed, if any did
 EXCERPT_RECORDS = 60  # of the transcript with a finding: enough for a sequence, still readable
 
 Requirements = str | Sequence[str] | None
@@ -72,6 +74,8 @@ class Session:
         self.findings: list[Finding] = []
         self.retries: list[str] = []
         self.passed: dict[str, int] = {}
+        self.motion_count = 0  # sampled so far, kept or not
+        self._motions: dict[str, MotionSampled] = {}
         self._started_at = run.target.transcript.position
 
     @property
@@ -259,6 +263,33 @@ class Session:
     def note(self, text: str) -> None:
         """Write a line into the transcript, for the reader of a failure."""
         self.target.mark(text)
+
+    def sample(
+        self,
+        name: str,
+        measured: Iterable[tuple[int, int]] = (),
+        predicted: Iterable[tuple[int, int, int]] = (),
+    ) -> None:
+        """Record where the axis was and where it had to be, for the plots of the report.
+
+        `measured`: (time_ns, position), `predicted`: (time_ns, lowest, highest), both in the order
+        of time on the target's clock.  Samples given under the same name belong to one motion.
+        """
+        before = self._motions.get(name)
+        if before is None:
+            self.motion_count += 1
+            if len(self._motions) == MOTIONS_KEPT:
+                self._motions.popitem()
+        check = self.check.name if self.check else ""
+        so_far = before or MotionSampled(check, name, (), ())
+        self._motions[name] = MotionSampled(
+            check, name, (*so_far.measured, *measured), (*so_far.predicted, *predicted)
+        )
+
+    @property
+    def motions(self) -> tuple[MotionSampled, ...]:
+        """The motions sampled in this check: the first ones and the last."""
+        return tuple(self._motions.values())
 
     def conclude(self, trouble: str) -> tuple[Finding, ...]:
         """Return all findings, one at least for each requirement the check names.

@@ -29,6 +29,10 @@ CLOCK_ERROR: Final = 0.002  # a real module's quartz against ours; none in virtu
 
 GENTLE_BRAKING: Final = 1_000_000  # inc/s²: a tenth of what an unloaded MAC23 does (§5.4)
 
+PLOT_POINTS: Final = 12  # of the predicted band, at most, from one reading to the next
+PLOT_SPACING_NS: Final = 5_000_000
+MOTION_NAMES: Final = {"PO": "move", "VE": "endless motion", "IN": "segments", "HD": "halt"}
+
 SLOWEST: Final = 0xFFFF
 SAFE_PERIOD: Final = 0x0640  # 1600 ticks: 5000 inc/s, 150 rpm on a MAC23
 
@@ -66,6 +70,7 @@ class Bench:
         self.address = session.address if address is None else address
         self.period = SAFE_PERIOD
         self.coefficient = 0
+        self._plotted: tuple[int, str, int] | None = None  # start of a motion, its plot, how far
 
     # --- exchanges -------------------------------------------------------------------------------
 
@@ -250,6 +255,8 @@ class Bench:
                 for one, (lowest, highest) in zip(samples, bounds, strict=True)
             ):
                 fitting.append(number)
+        for one in samples:
+            self._plot(forecasts[fitting[0] if fitting else 0], one, slack)
         return fitting
 
     def sampled(self, seconds: float, count: int) -> list[Sample]:
@@ -419,6 +426,7 @@ class Bench:
         """Judge one counter reading against what is expected."""
         sample = self.sample()
         lowest, highest = forecast.bounds(self._widened(sample.taken, forecast))
+        self._plot(forecast, sample, allowance)
         self.session.expect(
             lowest - allowance <= sample.position <= highest + allowance,
             requirement,
@@ -434,6 +442,27 @@ class Bench:
         start_ns = min(timeline.start_ns for timeline in forecast.timelines)
         error_ns = round(max(0, window.latest_ns - start_ns) * CLOCK_ERROR)
         return Window(window.earliest_ns - error_ns, window.latest_ns + error_ns)
+
+    def _plot(self, forecast: Forecast, sample: Sample, allowance: int) -> None:
+        """Keep a reading for the report, with the band it was judged by since the one before."""
+        first = min(forecast.timelines, key=lambda timeline: timeline.start_ns)
+        start_ns, taken = first.start_ns, sample.taken
+        middle_ns = (taken.earliest_ns + taken.latest_ns) // 2
+        margin_ns = taken.latest_ns - middle_ns
+        is_new = self._plotted is None or self._plotted[0] != start_ns
+        if self._plotted is None or is_new:
+            number = self.session.motion_count + 1
+            self._plotted = start_ns, f"{MOTION_NAMES[first.mode]} {number}", start_ns
+        _, name, since_ns = self._plotted
+        self._plotted = start_ns, name, middle_ns
+        count = min(PLOT_POINTS, 1 + max(0, middle_ns - since_ns) // PLOT_SPACING_NS)
+        band = []
+        for point in range(0 if is_new else 1, count + 1):
+            now_ns = since_ns + (middle_ns - since_ns) * point // count
+            window = Window(now_ns - margin_ns, now_ns + margin_ns)
+            lowest, highest = forecast.bounds(self._widened(window, forecast))
+            band.append((now_ns, lowest - allowance, highest + allowance))
+        self.session.sample(name, [(middle_ns, sample.position)], band)
 
     def watch(self, forecast: Forecast, requirement: Part = None, samples: int = 6) -> int:
         """Judge the whole motion: some places on its way, and its end.  Give the final place."""
@@ -459,6 +488,7 @@ class Bench:
         self.wait_until(end.latest_ns + settle_ns)
         lowest, highest = forecast.final
         sample = self.sample()
+        self._plot(forecast, sample, 0)
         self.session.expect(
             lowest <= sample.position <= highest,
             requirement,
