@@ -217,7 +217,7 @@ def velocity_takes_over_from_a_move(session: Session) -> None:
     start = bench.ready(0x1000, 1)
     forecast = bench.go(start + 400)
     bench.wait(0.15)
-    exchange = bench.command(0x15, velocity(-1, 0x1000))
+    exchange = bench.command(0x15, velocity(1, 0x1000))
     outcome: int | str = {Kind.ACCEPTED: 0, Kind.REFUSED: 1}.get(exchange.kind, str(exchange.reply))
     bench.reading("vel_during_position", outcome, "MACS-CMD-15-02")
     if outcome == 1:
