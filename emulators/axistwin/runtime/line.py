@@ -101,8 +101,9 @@ class Line:
             if self._failure is not None:
                 raise self._failure
             now = self._now_ns()
-            self._network.run_until(now)
-            self._settle()
+            if now != self._network.settled_ns:
+                self._network.run_until(now)
+                self._settle()
             return now
 
     def _now_ns(self) -> Nanos:
@@ -216,12 +217,20 @@ class Line:
         """Rate and framing of the first device, as it is now."""
         return self._stations[0].device.line_format
 
-    def send(self, data: bytes) -> None:
-        """Send ``data`` from the host's end, behind what it still has to send."""
-        with self._changed:
-            self.transcript.add(self.sync(), "host", data)
+    def send(self, data: bytes, backlog_max: int | None = None) -> int:
+        """Send ``data`` from the host's end, behind what it still has to send.
+
+        backlog_max: take only as many bytes as leave no more than this to be sent.
+        Returns how many bytes were taken.
+        """
+        with self._lock:
+            now = self.sync()
+            if backlog_max is not None:
+                data = data[: max(0, backlog_max - self._network.host_backlog)]
+            self.transcript.add(now, "host", data)
             self._network.host_send(data)
             self._tell()
+            return len(data)
 
     def send_break(self, duration_ns: Nanos) -> None:
         """Hold the line in the space state from the host's end."""
@@ -389,7 +398,8 @@ class Line:
 
     def _tell(self) -> None:
         """Something new may be due: tell those who wait for time or keep an alarm."""
-        self._changed.notify_all()
+        if self._sleepers:
+            self._changed.notify_all()
         if self._on_change is not None:
             self._on_change()
 

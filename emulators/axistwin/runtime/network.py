@@ -53,6 +53,7 @@ class SerialNetwork:
     paced: bytes take their time; otherwise none (see ``wire/instant_line.py``).
     host_format: the host's format; by default that of the first device.
     ``host_overruns`` counts the bytes lost because the host's buffer was full.
+    ``settled_ns``: the time at which nothing is left to be done, until something else is done.
     """
 
     def __init__(
@@ -74,6 +75,7 @@ class SerialNetwork:
         self._effects: list[tuple[int, Store | Trace]] = []
         seats = [_Seat(self, index) for index in range(len(self.devices))]
         self._schedule = Schedule(seats, start_ns)
+        self.settled_ns: Nanos | None = None
 
     @property
     def now_ns(self) -> Nanos:
@@ -119,8 +121,10 @@ class SerialNetwork:
         """Let everything happen that is due by ``now``, then stand at ``now``."""
         schedule = self._schedule
         assert now >= schedule.now, f"time went back from {schedule.now} to {now} ns"
+        if now == self.settled_ns:
+            return
         if self._line.is_silent and schedule.is_idle_until(now):
-            self._line.now_ns = schedule.now = now  # by far the most common
+            self._line.now_ns = schedule.now = self.settled_ns = now  # by far the most common
             return
         while True:
             due_ns = schedule.next_event()
@@ -132,7 +136,7 @@ class SerialNetwork:
                     horizon_ns = due_ns
             if not schedule.run_next(horizon_ns) and horizon_ns == now:
                 break
-        schedule.now = now
+        schedule.now = self.settled_ns = now
 
     def _hear(self, chunk: Chunk, stations: tuple[int, ...]) -> None:
         """Hand over as much of ``chunk`` as surely happens before anybody reacts."""
@@ -167,6 +171,7 @@ class SerialNetwork:
 
     def touch(self, index: int) -> None:
         """Look at device ``index`` again: its state was changed from outside."""
+        self.settled_ns = None
         self._follow_format(index)
         self._schedule.touch(index)
 
@@ -177,6 +182,7 @@ class SerialNetwork:
 
     def apply(self, index: int, effects: Iterable[Effect]) -> None:
         """Put ``effects`` on the line or in the queue; the caller sees to the next event."""
+        self.settled_ns = None
         self._follow_format(index)
         for effect in effects:
             if type(effect) is Transmit:
@@ -203,11 +209,13 @@ class SerialNetwork:
 
     def power_off(self, index: int) -> None:
         """Cut the supply of device ``index`` now; a byte it is sending breaks off."""
+        self.settled_ns = None
         self._line.switch_off(index + 1)
         self.perform(index, self.devices[index].power_off(self.now_ns))
 
     def power_on(self, index: int) -> None:
         """Supply device ``index`` from now on."""
+        self.settled_ns = None
         self._line.switch_on(index + 1)
         self.perform(index, self.devices[index].power_on(self.now_ns))
 
@@ -220,10 +228,12 @@ class SerialNetwork:
 
     @host_format.setter
     def host_format(self, line_format: LineFormat) -> None:
+        self.settled_ns = None
         self._line.set_format(HOST, line_format)
 
     def host_send(self, data: bytes) -> None:
         """Queue ``data`` behind what the host still sends."""
+        self.settled_ns = None
         self._line.transmit(HOST, self.now_ns, data)
 
     def host_exchange(self, now: Nanos, data: bytes) -> None:
@@ -263,10 +273,12 @@ class SerialNetwork:
 
     def send_break(self, duration_ns: Nanos) -> None:
         """Hold the line at space for ``duration_ns`` (> 0), queued behind the host's bytes."""
+        self.settled_ns = None
         self._line.send_break(HOST, self.now_ns, duration_ns)
 
     def host_purge_output(self) -> None:
         """Drop the host's bytes whose start bit has not begun."""
+        self.settled_ns = None
         self._line.purge(HOST)
 
     @property

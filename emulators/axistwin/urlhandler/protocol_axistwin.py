@@ -345,11 +345,10 @@ class Serial(SerialBase):
         """Queue what there is room for; returns how many bytes that is."""
         if self.xonxoff:
             self._available()
+        if self._held is None:
+            return self.line.send(data, OUTPUT_MAX)
         data = data[: max(0, OUTPUT_MAX - self._backlog())]
-        if self._held is not None:
-            self._held += data
-        elif data:
-            self.line.send(data)
+        self._held += data
         return len(data)
 
     def _write_ended(self) -> bool:
