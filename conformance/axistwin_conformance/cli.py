@@ -12,6 +12,7 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -84,6 +85,16 @@ class Mistake(click.ClickException):
     metavar="STEPS/S",
     help="Never move faster than this.",
 )
+@click.option(
+    "--rig",
+    type=click.Choice(("twin", "prompt", "command")),
+    help="What works inputs, supply and shaft; needs --allow rig on a port. A twin is its own.",
+)
+@click.option(
+    "--rig-command",
+    metavar="COMMAND",
+    help="For --rig command: run per act with {verb}, {name} and {value} filled in.",
+)
 @click.option("--level", type=click.Choice(LEVELS), default=LEVELS[-1], show_default=True)
 @click.option(
     "--seed",
@@ -149,11 +160,14 @@ def make_options(
     allow: str | None = None,
     max_travel: int | None = None,
     max_speed: int | None = None,
+    rig: str | None = None,
+    rig_command: str | None = None,
     level: str = LEVELS[-1],
     seed: int = 0,
 ) -> Options:
     """Turn what was typed into options; raises UsageError in one line for what cannot be meant."""
     from axistwin_conformance.plan import Options
+    from axistwin_conformance.rig import choose_rig
     from axistwin_conformance.session import Envelope
 
     family = find_family(model)
@@ -165,14 +179,15 @@ def make_options(
         _check_address(family, one)
     if len({address, *neighbours}) <= len(neighbours):
         raise UsageError("--address and every --neighbour must differ from one another")
-    return Options(
+    allowed = parse_allowed(allow, is_builtin=is_builtin)
+    options = Options(
         family=family,
         model=model,
         port=port,
         address=address,
         neighbours=neighbours,
         baud=baud or family.default_baud,
-        allowed=parse_allowed(allow, is_builtin=is_builtin),
+        allowed=allowed,
         envelope=Envelope(
             max_travel or (TWIN_TRAVEL if is_builtin else BENCH_TRAVEL),
             max_speed or (TWIN_SPEED if is_builtin else BENCH_SPEED),
@@ -181,6 +196,8 @@ def make_options(
         seed=seed,
         words=ids,
     )
+    choice = choose_rig(rig, rig_command, options.url, is_allowed="rig" in allowed)
+    return replace(options, rig=choice)
 
 
 def parse_allowed(text: str | None, *, is_builtin: bool) -> frozenset[str]:

@@ -28,7 +28,7 @@ from importlib import metadata
 
 from axistwin_conformance import events
 from axistwin_conformance.armed import load_armed
-from axistwin_conformance.errors import TargetError, WrongDevice
+from axistwin_conformance.errors import CannotDo, RigError, TargetError, WrongDevice
 from axistwin_conformance.events import Listener, Outcome
 from axistwin_conformance.judgement import CheckResult, RequirementResult, conclude
 from axistwin_conformance.ledger import load_ledger
@@ -169,6 +169,11 @@ class Engine:
     def _start(self, neighbours: tuple[int, ...]) -> Run:
         target = self._opener(neighbours)
         options = self.options
+        try:
+            rig = options.rig.open(target, options.address, self._tell_question)
+        except RigError as error:
+            target.close()
+            raise TargetError(str(error)) from error
         return Run(
             target=target,
             family=self.family,
@@ -179,7 +184,11 @@ class Engine:
             allowed=options.allowed,
             envelope=options.envelope,
             seed=options.seed,
+            rig=rig,
         )
+
+    def _tell_question(self, is_open: bool, text: str) -> None:
+        self._emit(events.RigQuestion(is_open, text))
 
     def _identify(self, run: Run) -> None:
         target, session = run.target, Session(run)
@@ -267,12 +276,16 @@ class Engine:
         run.target.mark(f"check {check.name}")
         run.target.gate = lambda data: self._guard(session, data)
         started = time.monotonic()
-        outcome, trouble = Outcome.DONE, ""
+        outcome, trouble, verdict = Outcome.DONE, "", Verdict.INCONCLUSIVE
         try:
+            for capability in check.rig_needs:  # it may have turned out since that it cannot
+                session.rig.require(capability)
             check(session)
         except Stop:
             pass
-        except TargetError as error:
+        except CannotDo as error:
+            outcome, trouble, verdict = Outcome.LEFT_OUT, str(error), Verdict.NOT_RUN
+        except (TargetError, RigError) as error:
             outcome, trouble = Outcome.TROUBLE, str(error)
         except Exception as error:  # rule 3: a mistake of the suite must not stop the run
             outcome, trouble = Outcome.ERROR, _describe(error)
@@ -280,7 +293,7 @@ class Engine:
             run.target.gate = None
         for motion in session.motions:
             self._emit(motion)
-        findings = session.conclude(trouble)
+        findings = session.conclude(trouble, verdict)
         seconds = time.monotonic() - started
         return CheckResult(check, outcome, findings, tuple(session.retries), seconds, trouble)
 
@@ -293,12 +306,26 @@ class Engine:
     def _settle(self, run: Run) -> None:
         """Stop, then put back, also if stopping went wrong; raises TargetError for a lost port."""
         session = Session(run)
+        self._release_rig(run)
         try:
             self.family.stop(session)
         finally:
             for sentence in self.family.restore(session, run.memory):
                 self._trouble(f"not put back: {sentence}")
         self._note_retries(session)
+
+    def _release_rig(self, run: Run) -> None:
+        """Bring the rig to rest, the axis before it: what is let go must not drive on."""
+        if run.rig is None or not run.rig.is_disturbed:
+            return
+        try:
+            with contextlib.suppress(TargetError):
+                self.family.stop(Session(run))
+        finally:
+            try:
+                run.rig.reset()
+            except RigError as error:
+                self._block(str(error))
 
     def _is_sane(self, run: Run) -> bool:
         session = Session(run)

@@ -3,6 +3,8 @@
     SuiteError
      ├─ UsageError    the person at the terminal: one line naming the value and the remedy, exit 2
      ├─ TargetError   the port: closed, vanished, stuck; becomes verdicts, never a traceback
+     ├─ RigError      the rig went wrong: what was being judged stays inconclusive
+     ├─ CannotDo      the rig cannot do something: what was to be judged is not run
      └─ WrongDevice   somebody answers, but it is not the model named, exit 3
 
 A mistake of the suite itself (an unknown requirement id, a check that never judges) is an ordinary
@@ -26,3 +28,11 @@ class TargetError(SuiteError):
 
 class WrongDevice(SuiteError):  # noqa: N818 - a finding about the device, not an error of ours
     """Something answers, but not as the model named on the command line would."""
+
+
+class RigError(SuiteError):
+    """The rig did not do what it said it could, or could not be brought back to rest."""
+
+
+class CannotDo(SuiteError):  # noqa: N818 - an answer of the rig, not an error
+    """The rig cannot do what was asked; what was to be judged is not run."""

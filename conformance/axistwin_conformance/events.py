@@ -1,7 +1,7 @@
 """What a run tells while it goes: plain values, consumed by reporters and nobody else.
 
 Order: RunStarted, [Identified], (CheckStarted, MotionSampled*, CheckFinished)*, ReadingSeen*,
-RequirementJudged*, RunFinished; Note anywhere between.
+RequirementJudged*, RunFinished; Note and RigQuestion anywhere between.
 """
 
 from __future__ import annotations
@@ -119,6 +119,14 @@ class ReadingSeen:
 
 
 @dataclass(frozen=True, slots=True)
+class RigQuestion:
+    """Somebody is being asked at the terminal (`is_open`), or has answered."""
+
+    is_open: bool
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class RequirementJudged:
     """All that is said about one requirement.
 
@@ -156,6 +164,7 @@ Event = (
     | MotionSampled
     | CheckFinished
     | Note
+    | RigQuestion
     | ReadingSeen
     | RequirementJudged
     | RunFinished

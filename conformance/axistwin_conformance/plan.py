@@ -8,11 +8,12 @@ from __future__ import annotations
 import difflib
 import shlex
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from axistwin_conformance.errors import UsageError
 from axistwin_conformance.ledger import Ledger
-from axistwin_conformance.registry import LEVELS, NEEDS, Check, Family
+from axistwin_conformance.registry import LEVELS, NEEDS, RIG, Check, Family
+from axistwin_conformance.rig import CAPABILITIES, RigChoice
 from axistwin_conformance.session import Envelope
 from axistwin_conformance.targets import TWIN_SCHEME
 
@@ -36,6 +37,7 @@ class Options:
     level: str
     seed: int
     words: tuple[str, ...] = ()
+    rig: RigChoice = field(default_factory=RigChoice)
 
     @property
     def is_builtin(self) -> bool:
@@ -55,6 +57,7 @@ class Options:
             met.add("alone")  # a second line, with one module, costs nothing there
         if self.url.startswith(TWIN_SCHEME) and "time=virtual" in self.url:
             met.add("virtual")
+        met.update(f"{RIG}{name}" for name in self.rig.capabilities)
         return frozenset(met)
 
     @property
@@ -75,6 +78,7 @@ class Options:
             words += ["--max-travel", str(self.envelope.max_travel)]
             words += ["--max-speed", str(self.envelope.max_speed)]
             words += [text for one in self.neighbours for text in ("--neighbour", str(one))]
+        words += self.rig.words(is_default=self.url.startswith(TWIN_SCHEME))
         if self.address != self.family.default_address:
             words += ["--address", str(self.address)]
         words += ["--level", self.level] if self.level != LEVELS[-1] else []
@@ -109,8 +113,12 @@ def _obstacle(check: Check, options: Options) -> str:
         return f"not allowed: {', '.join(forbidden)} (--allow {','.join(forbidden)})"
     if LEVELS.index(check.level) > LEVELS.index(options.level):
         return f"only at --level {check.level}"
-    missing = [NEEDS[name] for name in check.needs if name not in options.provided]
-    return "; ".join(missing)
+    missing = [name for name in check.needs if name not in options.provided]
+    reasons = [NEEDS[name] for name in missing if not name.startswith(RIG)]
+    rig = [CAPABILITIES[name.removeprefix(RIG)] for name in missing if name.startswith(RIG)]
+    if rig:
+        reasons.append(f"needs a rig that {' and '.join(rig)} (--rig)")
+    return "; ".join(reasons)
 
 
 def _select(

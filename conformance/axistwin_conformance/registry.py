@@ -23,6 +23,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from axistwin_conformance.errors import UsageError
+from axistwin_conformance.rig import CAPABILITIES
 from axistwin_conformance.transcript import Record
 
 if TYPE_CHECKING:
@@ -30,17 +31,14 @@ if TYPE_CHECKING:
 
 SAFETY_CLASSES = ("passive", "motion", "stored", "rig", "destructive")  # in the order they run
 LEVELS = ("quick", "full")
+RIG = "rig:"  # what a need of a rig's capability begins with
 
 # What a check may need beside the device itself, and what to tell who does not have it.
 NEEDS: Mapping[str, str] = {
     "neighbour": "needs a second module on the line (--neighbour ADDRESS)",
     "alone": "needs the module alone on the line (no --neighbour)",
     "virtual": "needs virtual time: only the built-in twin can show it",
-    "inputs": "needs a rig that works the inputs",
-    "power": "needs a rig that switches the supply off and on",
-    "supply": "needs a rig that sets the supply voltage",
-    "temperature": "needs a rig that sets the temperature",
-    "load": "needs a rig that holds or turns the shaft",
+    **{f"{RIG}{name}": f"needs a rig that {words} (--rig)" for name, words in CAPABILITIES.items()},
 }
 
 CheckFunction = Callable[["Session"], None]
@@ -62,6 +60,11 @@ class Check:
     def __call__(self, session: Session) -> None:
         """Run the check."""
         self.function(session)
+
+    @property
+    def rig_needs(self) -> tuple[str, ...]:
+        """The capabilities of a rig that it needs."""
+        return tuple(need.removeprefix(RIG) for need in self.needs if need.startswith(RIG))
 
     @property
     def danger(self) -> int:
@@ -95,6 +98,8 @@ def check(
         _refuse_unknown(name, "safety", classes, SAFETY_CLASSES)
         _refuse_unknown(name, "level", (level,), LEVELS)
         _refuse_unknown(name, "needs", needs, tuple(NEEDS))
+        if ("rig" in classes) is not any(need.startswith(RIG) for need in needs):
+            raise TypeError(f"{name}: safety 'rig' and a need of 'rig:...' go together")
         return Check(
             name, function, requirements, classes, level, tuple(needs), behaviour,
             function.__module__,

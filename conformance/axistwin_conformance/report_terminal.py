@@ -83,6 +83,8 @@ class TerminalReport:
                 self._check(event)
             case events.Note():
                 self._print(f"note: {event.text}", style="yellow")
+            case events.RigQuestion():  # a bar must not be drawn over the question
+                (self._progress.stop if event.is_open else self._progress.start)()
             case events.RequirementJudged():
                 self._judged.append(event)
             case events.RunFinished():

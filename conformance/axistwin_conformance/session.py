@@ -17,6 +17,7 @@ from axistwin_conformance.errors import TargetError
 from axistwin_conformance.events import MotionSampled
 from axistwin_conformance.ledger import Ledger
 from axistwin_conformance.registry import Check, Family, Identity, Model
+from axistwin_conformance.rig import Rig
 from axistwin_conformance.targets import Target
 from axistwin_conformance.verdicts import Finding, Verdict
 
@@ -58,6 +59,7 @@ class Run:
     envelope: Envelope
     seed: int
     identity: Identity | None = None
+    rig: Rig | None = None
     memory: Any = None  # what the family's `remember` read; None in a run that is passive only
     readings: dict[str, str] = field(default_factory=dict)  # switch → the reading seen in this run
 
@@ -122,6 +124,12 @@ class Session:
     def memory(self) -> Any:
         """What the device held before anything was changed, as the family's `remember` read it."""
         return self.run.memory
+
+    @property
+    def rig(self) -> Rig:
+        """What works inputs, supply and shaft, for a check that needs one."""
+        assert self.run.rig is not None, "a check that works the rig names what it needs of it"
+        return self.run.rig
 
     @property
     def readings(self) -> Mapping[str, str]:
@@ -291,17 +299,20 @@ class Session:
         """The motions sampled in this check: the first ones and the last."""
         return tuple(self._motions.values())
 
-    def conclude(self, trouble: str) -> tuple[Finding, ...]:
+    def conclude(
+        self, trouble: str, verdict: Verdict = Verdict.INCONCLUSIVE
+    ) -> tuple[Finding, ...]:
         """Return all findings, one at least for each requirement the check names.
 
         `trouble`: what befell the check, empty if it ended as it meant to.  After trouble nothing
-        counts as passed: the judgements that were still to come might have failed.
+        counts as passed: the judgements that were still to come might have failed; `verdict` is
+        what is said instead.
         """
         said = [finding.requirement for finding in self.findings]
         named = self.check.requirements if self.check else ()
         if trouble:
             rest = [
-                Finding(name, Verdict.INCONCLUSIVE, trouble)
+                Finding(name, verdict, trouble)
                 for name in dict.fromkeys([*named, *self.passed])
                 if name not in said
             ]

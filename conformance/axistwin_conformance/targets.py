@@ -19,9 +19,9 @@ import os
 import statistics
 import termios
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol, cast
+from typing import Any, Protocol, cast
 
 import serial
 
@@ -94,6 +94,11 @@ class Target:
     def uncertainty_ns(self) -> int:
         """How well the instant of something inside one exchange is known (see above)."""
         return self.round_trip.max_ns
+
+    @property
+    def twins(self) -> Sequence[Any]:
+        """The handles of the twins behind the port; none behind a real one."""
+        return cast(Sequence[Any], getattr(self._port, "twins", ()))
 
     @property
     def baud(self) -> int:
