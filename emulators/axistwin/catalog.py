@@ -4,7 +4,6 @@ A new family of devices registers with one entry in ``_FAMILIES``.  Its modules 
 model of it is used, not before: listing the models costs nothing.
 """
 
-import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -314,6 +313,8 @@ def _check_quirk(known: Mapping[str, Quirk], name: str, value: Value) -> None:
 
 
 def _read_toml(path: str | Path) -> dict[str, Any]:
+    import tomllib
+
     try:
         return tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:

@@ -5,7 +5,6 @@ is a user's mistake or a file or port that cannot be used: one clear line, namin
 is allowed, and the remedy.
 """
 
-import difflib
 from collections.abc import Iterable
 
 
@@ -27,6 +26,8 @@ class PortError(AxistwinError):
 
 def nearest(name: str, known: Iterable[str]) -> str:
     """The remedy for a misspelt ``name``: the nearest known one, else the list of all."""
+    import difflib
+
     names = sorted(known)
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     return f"did you mean {close[0]}?" if close else f"known: {', '.join(names)}"

@@ -120,6 +120,7 @@ class Loop:
     def run(self) -> None:
         """Serve until ``stop``.  Raises what a callback raises."""
         poll, readers, writers = self._epoll.poll, self._readers, self._writers
+        readable, writable = select.EPOLLIN, select.EPOLLOUT
         timeout_s = _FOREVER_S
         while True:
             if self._soon or self._later:
@@ -129,9 +130,9 @@ class Loop:
             for fd, events in poll(timeout_s, _EVENTS_MAX):
                 # Looked up now: an earlier callback may have removed this one.
                 callback = readers.get(fd)
-                if callback is not None and events & ~select.EPOLLOUT:
+                if callback is not None and events != writable:
                     callback()
-                if events != select.EPOLLIN:
+                if events != readable:
                     callback = writers.get(fd)
                     if callback is not None:
                         callback()

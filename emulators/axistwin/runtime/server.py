@@ -234,7 +234,8 @@ class Server:
             if self.line.host_backlog > BACKLOG_MAX:
                 client.pause()
                 self._paused.append(client)
-        self._expect_motion()
+        if self._saves:
+            self._expect_motion()
         self._set_alarm()
         # Last: what follows a write competes with the client for the processor.
         if answer:
@@ -277,7 +278,8 @@ class Server:
 
     def _look_again(self) -> None:
         self._change_pending = False
-        self._expect_motion()
+        if self._saves:
+            self._expect_motion()
         self.pump()
 
     def _set_alarm(self) -> None:
@@ -299,7 +301,7 @@ class Server:
 
     def _expect_motion(self) -> None:
         """Something was done that may set an axis moving: look whether there is one to be saved."""
-        if self._saves and self._save_ns is None:
+        if self._save_ns is None:
             self._save_ns = self.line.clock.now_ns() + SAVE_PERIOD_NS
 
     def _save(self) -> None:

@@ -37,6 +37,7 @@ from axistwin.devices.mac.framing import (
     REQUEST_BYTES,
     STX,
     UPPER,
+    Request,
     answer,
     number,
     take_apart,
@@ -136,12 +137,13 @@ class MacSerial:
     def quiet_prefix(self, data: bytes) -> int:
         """Everything before the last byte of the first frame that concerns this module."""
         if not self._partial and _is_one_frame(data):
-            return REQUEST_BYTES - 1 if self._concerns(data) else REQUEST_BYTES
+            request = take_apart(data, any_case=self._any_case)
+            return REQUEST_BYTES - 1 if self._concerns(request) else REQUEST_BYTES
         kept = len(self._partial)
         buffer = self._partial + data
         start, end = _next_frame(buffer, 0)
         while start >= 0:
-            if self._concerns(buffer[start:end]):
+            if self._concerns(take_apart(buffer[start:end], any_case=self._any_case)):
                 return max(0, end - 1 - kept)
             start, end = _next_frame(buffer, end)
         return len(data)
@@ -168,10 +170,11 @@ class MacSerial:
 
     def _take(self, frame: bytes, chunk: Chunk, last: int) -> None:
         """Take 21 bytes, completed by byte ``last`` of ``chunk``, if they matter here."""
-        if self._concerns(frame):
+        request = take_apart(frame, any_case=self._any_case)
+        if self._concerns(request):
             self._etx_ns = chunk.arrival_ns(last)
             self._paced = chunk.format is not None
-            self._judge(frame)
+            self._judge(frame, request)
 
     def _first_heard(self, chunk: Chunk, first: int) -> int:
         """The first byte from ``first`` on that is heard; bytes missed break a frame begun."""
@@ -184,18 +187,17 @@ class MacSerial:
             self._partial = b""
         return first
 
-    def _concerns(self, frame: bytes) -> bool:
+    def _concerns(self, request: Request) -> bool:
         """Whether 21 bytes from Stx on may have an effect here (MACS-REPLY-13)."""
-        address = take_apart(frame, any_case=self._any_case).address
+        address = request.address
         return address == self.address or address == GENERAL_ADDRESS or self._judges_all
 
     # ---- frames --------------------------------------------------------------------------------
 
-    def _judge(self, frame: bytes) -> None:
+    def _judge(self, frame: bytes, request: Request) -> None:
         """Take 21 bytes that begin with Stx: rules 1 to 3."""
         if self._etx_ns >= self._due:
             self._run_until(self._etx_ns)
-        request = take_apart(frame, any_case=self._any_case)
         address = request.address
         general = address == GENERAL_ADDRESS
         replies = address == self.address or (general and self._answers_general())
