@@ -145,14 +145,16 @@ class _PtyStream(Stream):
         self, server: Server, master: int, line_format: LineFormat, on_end: Callable[[], None]
     ) -> None:
         super().__init__(server, master, on_end)
+        self._present = bytearray(_SETTINGS.size)
         self._settings = b""
         self._format = line_format
 
     def line_format(self) -> LineFormat:
         """What the client has set by now; B0 (hang up) leaves the rate as it was."""
-        settings = fcntl.ioctl(self._fd, _TCGETS2, _NO_SETTINGS)
-        if settings != self._settings:
-            self._settings = settings
+        # Into a bytearray: bytes would do, at twice the time.
+        fcntl.ioctl(self._fd, _TCGETS2, self._present)
+        if self._present != self._settings:
+            self._settings = settings = bytes(self._present)
             _, _, control, local, _, _, baud = _SETTINGS.unpack(settings)
             stop_half_bits = 4 if control & termios.CSTOPB else 2
             self._format = LineFormat(baud or self._format.baud, stop_half_bits=stop_half_bits)
