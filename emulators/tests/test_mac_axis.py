@@ -399,6 +399,80 @@ def test_a_load_beyond_the_torque_limit_stalls_the_axis() -> None:
     assert bench.position() > stalled + 9000
 
 
+STOPS = [(0x17, 0), (0x15, 0)]
+
+
+@pytest.mark.parametrize("stop", STOPS)
+def test_a_ramped_stop_in_catch_up_rests_where_the_shaft_is(stop: tuple[int, int]) -> None:
+    """No catch-up to the old target (§4.1, §5.7); the place is held from now on."""
+    bench = moving(1000, factory_catchup=10)
+    bench.take(bench.device.set_load(bench.now, HELD))
+    bench.advance(5 * S)
+    bench.take(bench.device.set_load(bench.now, FREE))
+    bench.advance(100 * MS)
+    assert bench.state() == "PO"
+    bench.do(*stop)
+    rest = bench.position()
+    assert bench.state() == "HD"
+    bench.advance(10 * S)
+    assert bench.position() == rest < 1000
+    bench.take(bench.device.push(bench.now, 5))
+    bench.advance(S)
+    assert bench.position() == rest
+    bench.do(0x13, 1000)
+    bench.settle()
+    assert bench.position() == 1000
+
+
+@pytest.mark.parametrize("stop", STOPS)
+def test_a_ramped_stop_frees_an_axis_whose_shaft_is_held(stop: tuple[int, int]) -> None:
+    """The motion is given up, so 13h is taken again (§4.1)."""
+    bench = moving(1000)
+    bench.take(bench.device.set_load(bench.now, HELD))
+    bench.advance(5 * S)
+    bench.refuse(0x13, 0)
+    bench.do(*stop)
+    assert bench.state() == "HD"
+    bench.do(0x13, bench.position())
+
+
+@pytest.mark.parametrize("stop", STOPS)
+def test_a_ramped_stop_ends_the_way_back_to_a_target_that_fell_behind(
+    stop: tuple[int, int],
+) -> None:
+    """0Bh let the axis pass its target; on the way back 17h stops it (§5.3, §4.1)."""
+    bench = MacBench(factory_ramp=1, factory_catchup=100, cells={"position": -5000})
+    bench.do(0x13, 100)
+    bench.advance(300 * MS)
+    bench.do(0x0B)
+    bench.advance(100 * MS)
+    assert bench.state() == "PO"
+    bench.do(*stop)
+    assert bench.state() == "HD"
+    rest = bench.position()
+    bench.advance(10 * S)
+    assert bench.position() == rest > 100
+
+
+def test_a_ramped_stop_lets_an_inertial_shaft_that_lags_behind_run_out() -> None:
+    """Its profile is over, the shaft is not at rest: where it comes to rest is held."""
+    bench = MacBench(plant="inertial", factory_ramp=0, factory_torque=1)
+    bench.do(0x02, 0)
+    bench.do(0x13, 2000)
+    bench.run_until(bench.etx_ns + 210 * MS)
+    before = bench.device.position_at(bench.now)
+    bench.take(bench.device.receive(Chunk(bench.now, request(0, 0x17), None)))
+    assert bench.state() == "PO"
+    assert bench.device.position_at(bench.now) == before
+    bench.settle()
+    rest = bench.position()
+    assert before + 100 < rest <= 2000
+    assert bench.state() == "HD"
+    bench.take(bench.device.push(bench.now, -3))
+    bench.advance(S)
+    assert bench.position() == rest
+
+
 # ---- an inertial shaft (§5.4) ----
 
 

@@ -158,6 +158,20 @@ class Plant:
         """
         self._let_run(now_ns, increments, self._slowing(self._torque_nm))
 
+    def hold(self, now_ns: Nanos) -> None:
+        """Give up the set-point, brake as hard as possible, and hold the place of rest."""
+        self._let_run(now_ns, None, self._slowing(self._torque_nm))
+        shaft, run_out = self._shaft, self._run_out
+        rest, rest_ns = _whole(shaft), now_ns
+        if run_out is not None:
+            assert run_out.end_ns is not None, "a run-out ends"
+            rest_ns = run_out.end_ns
+            rest = nearest_increment(run_out.exact_at(rest_ns), run_out.direction)
+        self._set_point = Trajectory(rest_ns, 1, ())
+        self._base = self._target = rest
+        if run_out is None and self._is_ideal:
+            self._shaft = shaft._replace(offset=rest)
+
     def cut_power(self, now_ns: Nanos) -> None:
         """Give up set-point and regulation; load and friction bring the shaft to rest."""
         self._let_run(now_ns, None, self._slowing(Fraction(0)))
@@ -306,7 +320,7 @@ class Plant:
             if now_ns < rest_ns:
                 rest = nearest_increment(self._run_out.exact_at(rest_ns), self._run_out.direction)
                 yield self._run_out
-                yield Still(rest_ns, None, rest)
+                yield from self._at_rest(rest_ns, rest)
                 return
         if self._set_point is None or self._is_blocked():
             yield Still(now_ns, None, _whole(self._shaft))
@@ -348,6 +362,13 @@ class Plant:
         )
         rest = yield from chase.spans()
         return None if rest is None else (chase.now_ns, rest)
+
+    def _at_rest(self, start_ns: Nanos, position: int) -> Iterator[Span]:
+        """What follows a run-out: nothing, or the way back to the place that is held."""
+        if self._is_blocked():
+            yield Still(start_ns, None, position)
+        else:
+            yield from self._after_profile(start_ns, position)
 
     def _after_profile(self, start_ns: Nanos, position: int) -> Iterator[Span]:
         """Catch up with the target, if there is one, one increment every catch-up period."""

@@ -237,12 +237,19 @@ class Drive:
         self.interpolator.release(now)
 
     def ramped_stop(self, now: Nanos) -> None:
-        """17h, 15h 0000: ramp down; the place of rest is held (MACS-CMD-17-01)."""
+        """17h, 15h 0000: ramp down; the place of rest is held (MACS-CMD-17-01).
+
+        A catch-up has no ramp: it ends where the shaft is (ledger §4.1, §5.7).
+        """
         motion = self._motion
-        if motion is None or motion.is_over(now):
+        if motion is None:
             return
         self._abandon_target()
-        self._replan(now, motion.stop(now))
+        if not motion.is_over(now):
+            self._replan(now, motion.stop(now))
+        elif self.kind is State.PO:
+            self._motion = RampedMotion.to_target(now, motion.trajectory.direction, 0, motion.ramp)
+            self.plant.hold(now)
         self._plan(now)
 
     def drop_segments(self, now: Nanos) -> None:
