@@ -107,7 +107,7 @@ class Mistake(click.ClickException):
     "--report",
     type=click.Path(file_okay=False, path_type=Path),
     metavar="DIR",
-    help="Write report.json there.",
+    help="Write report.html, report.json, junit.xml and events.jsonl there.",
 )
 @click.option("--list", "is_list", is_flag=True, help="List requirements and checks; run nothing.")
 @click.option("--dry-run", is_flag=True, help="Show the plan; run nothing.")
@@ -142,7 +142,7 @@ def _conform(
             _show(engine, is_list, is_json) if is_list or dry_run else _run(engine, is_json, report)
         )
     except ModuleNotFoundError as error:
-        if error.name not in ("rich", "hypothesis"):
+        if error.name not in ("rich", "hypothesis", "jinja2"):
             raise
         raise UsageError(
             f"the suite needs {error.name}: pip install 'axistwin[conformance]'"
@@ -245,30 +245,36 @@ def _show(engine: Engine, is_list: bool, is_json: bool) -> int:
 
 def _run(engine: Engine, is_json: bool, report: Path | None) -> int:
     from axistwin_conformance import report_json, report_terminal
-    from axistwin_conformance.events import Event
+    from axistwin_conformance.events import Event, Listener
+    from axistwin_conformance.reports import ReportFolder
 
-    collected = report_json.JsonReport(engine.ledger)
+    explain = engine.family.explain
+    listeners: list[Listener] = []
+    folder = None
     if report is not None:
         with _report_trouble():  # before a long run, not after it
-            report.mkdir(parents=True, exist_ok=True)
+            folder = ReportFolder(report, explain)
+        listeners.append(folder)
     with contextlib.ExitStack() as stack:
         stack.enter_context(_termination_interrupts())
         if is_json:
-            face: Any = report_json.JsonStream(sys.stdout)
+            listeners.append(report_json.JsonStream(sys.stdout, explain))
         else:
             console = report_terminal.make_console()
-            face = stack.enter_context(
-                report_terminal.TerminalReport(console, engine.ledger, engine.family.explain)
+            listeners.append(
+                stack.enter_context(report_terminal.TerminalReport(console, engine.ledger, explain))
             )
 
         def listen(event: Event) -> None:
-            collected(event)
-            face(event)
+            for listener in listeners:
+                listener(event)
 
         result = engine.run(listen)
-    if report is not None:
+    if folder is not None:
         with _report_trouble():
-            click.echo(f"report: {collected.write(report)}", err=is_json)
+            page, *others = folder.finish()
+        names = ", ".join(path.name for path in others)
+        click.echo(f"report: {page} ({names} beside it)", err=is_json)
     return result.exit_status
 
 

@@ -1,87 +1,134 @@
-"""The machine-readable side of a run: one JSON object per event, and a report of the whole."""
+"""The machine-readable side of a run: one JSON object per event, and a report folded from them.
+
+The stream of events is the one truth; `report.json`, and everything made from it, holds nothing
+that the stream does not.  The schema is told in docs/conformance-report.md.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Set
+from collections.abc import Callable, Iterable, Mapping, Set
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import Path
 from typing import Any, TextIO
 
 from axistwin_conformance import events
+from axistwin_conformance.errors import UsageError
 from axistwin_conformance.ledger import Ledger
 from axistwin_conformance.plan import Plan
+from axistwin_conformance.transcript import Record
 
-FORMAT = 1  # of report.json; raised when a field changes its meaning
+FORMAT = 1  # of events and report; raised when a field changes its meaning
+
+Explain = Callable[[Record], str]
+Report = dict[str, Any]
 
 
-def plain(value: object) -> Any:
-    """Turn events and findings into what JSON knows: bytes as hex, sets sorted, enums by value."""
+def plain(value: object, explain: Explain | None = None) -> Any:
+    """Turn events and findings into what JSON knows: bytes as hex, sets sorted, enums by value.
+
+    `explain` puts the bytes of a record into words; they are added as `decoded`.
+    """
     match value:
         case Enum():
             return value.value
         case bytes():
             return value.hex(" ").upper()
         case Mapping():
-            return {str(plain(key)): plain(one) for key, one in value.items()}
+            return {str(plain(key)): plain(one, explain) for key, one in value.items()}
         case Set():
-            return sorted(plain(one) for one in value)
+            return sorted(plain(one, explain) for one in value)
         case list() | tuple():
-            return [plain(one) for one in value]
+            return [plain(one, explain) for one in value]
     if is_dataclass(value) and not isinstance(value, type):
-        return {one.name: plain(getattr(value, one.name)) for one in fields(value)}
+        named = {one.name: plain(getattr(value, one.name), explain) for one in fields(value)}
+        if isinstance(value, Record) and explain is not None:
+            named["decoded"] = explain(value) if value.data else ""
+        return named
     return value
 
 
-def event_object(event: events.Event) -> dict[str, Any]:
+def event_object(event: events.Event, explain: Explain | None = None) -> dict[str, Any]:
     """Return an event as a JSON object; its kind is under `event`, in snake_case."""
     kind = "".join(f"_{c.lower()}" if c.isupper() else c for c in type(event).__name__)
-    return {"event": kind.lstrip("_"), **plain(event)}
+    return {"event": kind.lstrip("_"), **plain(event, explain)}
+
+
+def write_line(out: TextIO, told: Mapping[str, Any]) -> None:
+    """Write one event object as a line of its own, at once: a reader may follow the run."""
+    out.write(json.dumps(told, ensure_ascii=False) + "\n")
+    out.flush()
 
 
 class JsonStream:
     """Listens to a run and writes one line of JSON per event."""
 
-    def __init__(self, out: TextIO) -> None:
+    def __init__(self, out: TextIO, explain: Explain | None = None) -> None:
         self._out = out
+        self._explain = explain
 
     def __call__(self, event: events.Event) -> None:
         """Take an event."""
-        self._out.write(json.dumps(event_object(event), ensure_ascii=False) + "\n")
-        self._out.flush()
+        write_line(self._out, event_object(event, self._explain))
 
 
-class JsonReport:
-    """Collects a run and writes `report.json` at its end."""
+def fold(told: Iterable[Mapping[str, Any]]) -> Report:
+    """Put the event objects of one run, in their order, together into its report."""
+    report: Report = {
+        "format": FORMAT, "run": {}, "device": {}, "checks": [], "readings": [],
+        "requirements": [], "notes": [], "finished": {},
+    }  # fmt: skip
+    started: dict[str, Any] = {}
+    motions: list[dict[str, Any]] = []
+    for one in told:
+        body = {key: value for key, value in one.items() if key != "event"}
+        match one["event"]:
+            case "run_started":
+                report["run"] = body
+            case "identified":
+                report["device"] = body
+            case "check_started":
+                started, motions = body, []
+            case "motion_sampled":
+                motions.append({key: body[key] for key in ("name", "measured", "predicted")})
+            case "check_finished":
+                report["checks"].append({**started, **body, "motions": motions})
+            case "note":
+                report["notes"].append(body["text"])
+            case "reading_seen":
+                report["readings"].append(body)
+            case "requirement_judged":
+                report["requirements"].append(body)
+            case "run_finished":
+                report["finished"] = body
+    return report
 
-    def __init__(self, ledger: Ledger) -> None:
-        self._ledger = ledger
-        self._seen: dict[str, Any] = {"checks": [], "requirements": [], "notes": []}
 
-    def __call__(self, event: events.Event) -> None:
-        """Take an event."""
-        match event:
-            case events.RunStarted():
-                self._seen["run"] = plain(event)
-            case events.Identified():
-                self._seen["device"] = plain(event)
-            case events.CheckFinished():
-                self._seen["checks"].append(plain(event))
-            case events.RequirementJudged():
-                source = self._ledger.requirements[event.id].source
-                self._seen["requirements"].append({**plain(event), "source": source})
-            case events.Note():
-                self._seen["notes"].append(event.text)
-            case events.RunFinished():
-                self._seen["finished"] = plain(event)
+def to_text(report: Report) -> str:
+    """Return a report as JSON."""
+    return json.dumps(report, ensure_ascii=False) + "\n"
 
-    def write(self, directory: Path) -> Path:
-        """Write the report into the directory and return the file; raises OSError."""
-        path = directory / "report.json"
-        text = json.dumps({"format": FORMAT, **self._seen}, ensure_ascii=False, indent=1)
-        path.write_text(text + "\n", encoding="utf-8")
-        return path
+
+def load(path: Path) -> Report:
+    """Read a `report.json` or an `events.jsonl`; raises UsageError for anything else."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise UsageError(f"cannot read {path}: {error.strerror}") from error
+    except UnicodeDecodeError:
+        raise UsageError(f"{path} is no report of a run: not text") from None
+    try:
+        first = json.loads(text.partition("\n")[0]) if text.startswith('{"event"') else None
+        report = json.loads(text) if first is None else fold(map(json.loads, text.splitlines()))
+        known = report["format"] == FORMAT and [
+            (one["id"], one["verdict"], one["reason"]) for one in report["requirements"]
+        ]
+    except (ValueError, TypeError, KeyError):
+        known = False
+    if known is False:
+        raise UsageError(f"{path} is no report of a run: give a report.json of --report DIR")
+    return report
 
 
 def overview(ledger: Ledger, plan: Plan) -> str:

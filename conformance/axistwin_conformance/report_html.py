@@ -1,0 +1,201 @@
+"""The report as one self-contained HTML page, indexed by requirement.
+
+From a requirement that failed, one click leads to its bytes: its row links to an article below that
+holds what was asked, what was admissible, what came, the exchange, and the command that replays it.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+import jinja2
+
+from axistwin_conformance.judgement import CONFORMS
+from axistwin_conformance.plot import is_inside, plot
+from axistwin_conformance.report_json import Report
+
+# In the order of urgency; the sign says the same as the colour.
+SIGNS = {
+    "fail": "✕",
+    "inconclusive": "?",
+    "quirk": "◆",
+    "pass": "✓",
+    "info": "i",
+    "not run": "–",
+}
+SHOWN_RECORDS = 16  # of a transcript at once; what came before is folded away
+REPEATED_RECORDS = 8  # of a transcript that an earlier article shows whole
+
+HEADLINES = {
+    0: "conforms",
+    1: "does not conform",
+    2: "not judged",
+    3: "not judged",
+    4: "not settled",
+    130: "interrupted",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One record of a transcript, ready to be shown."""
+
+    time_ms: str
+    direction: str
+    hex: str
+    words: str
+    is_last: bool  # the last thing the device did, which was judged
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What one check said about one requirement; `whole_at`: where the exchange is shown whole."""
+
+    anchor: str
+    check: Mapping[str, Any]
+    finding: Mapping[str, Any]
+    earlier: Sequence[Row] = ()
+    rows: Sequence[Row] = ()
+    left_out: int = 0
+    whole_at: str = ""
+    motion: Mapping[str, Any] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Article:
+    """All about one requirement."""
+
+    id: str
+    slug: str  # of the verdict, for style
+    judged: Mapping[str, Any]
+    coverage: str
+    armed: str
+    evidence: list[Evidence] = field(default_factory=list)
+    held: list[tuple[str, str]] = field(default_factory=list)  # name of a check, what it said
+
+
+def render(report: Report) -> str:
+    """Return the page."""
+    articles = _articles(report)
+    counts = Counter(one.judged["verdict"] for one in articles)
+    armed = [one for one in articles if one.judged["armed"]]
+    return _template().render(
+        report=report,
+        run=report["run"],
+        device=report["device"],
+        finished=report["finished"],
+        headline=HEADLINES[report["finished"]["exit_status"]],
+        is_good=report["finished"]["exit_status"] == CONFORMS,
+        signs=SIGNS,
+        counts={verdict: counts[verdict] for verdict in SIGNS},
+        articles=articles,
+        told=[one for one in articles if one.slug in ("fail", "inconclusive")],
+        others=[one for one in articles if one.slug not in ("fail", "inconclusive")],
+        covered=sum(bool(one.judged["checks"]) for one in articles),
+        armed=None if any(one.judged["armed"] is None for one in articles) else len(armed),
+        moved=[check for check in report["checks"] if check["motions"]],
+        check_names={check["name"] for check in report["checks"]},
+    )
+
+
+@cache
+def _template() -> jinja2.Template:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("axistwin_conformance"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(slug=slug, plot=plot, duration=duration)
+    environment.tests["inside"] = is_inside
+    return environment.get_template("report.html.j2")
+
+
+def slug(verdict: str) -> str:
+    """A verdict as a name for styles and anchors."""
+    return verdict.replace(" ", "-")
+
+
+def duration(seconds: float) -> str:
+    """A time that people read at a glance."""
+    if seconds < 0.1:
+        return f"{seconds * 1000:.0f} ms"
+    if seconds < 90:
+        return f"{seconds:.1f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60} min"
+
+
+def _articles(report: Report) -> list[Article]:
+    spoken: dict[str, list[tuple[Mapping[str, Any], Mapping[str, Any]]]] = {}
+    for check in report["checks"]:
+        for finding in check["findings"]:
+            spoken.setdefault(finding["requirement"], []).append((check, finding))
+    shown: dict[object, str] = {}  # an exchange → the article that shows it whole
+    articles = []
+    for judged in report["requirements"]:
+        article = Article(
+            judged["id"], slug(judged["verdict"]), judged, _coverage(judged), _armed(judged)
+        )
+        said = spoken.get(judged["id"], [])
+        # First what decided: under a red requirement its bytes come before anything else.
+        for check, finding in sorted(
+            said, key=lambda pair: pair[1]["verdict"] != judged["verdict"]
+        ):
+            if finding["verdict"] == "pass":
+                article.held.append((check["name"], finding["text"]))
+            else:
+                article.evidence.append(_evidence(check, finding, shown))
+        articles.append(article)
+    return articles
+
+
+def _coverage(judged: Mapping[str, Any]) -> str:
+    if judged["checks"]:
+        count = len(judged["checks"])
+        return f"{count} check{'s' if count > 1 else ''}"
+    return "not on the wire" if judged["not_on_wire"] else "not covered"
+
+
+def _armed(judged: Mapping[str, Any]) -> str:
+    if judged["armed"] is None:
+        return "unknown"
+    count = len(judged["armed"])
+    return f"{count} fault{'s' if count > 1 else ''} caught" if count else "not armed"
+
+
+def _evidence(
+    check: Mapping[str, Any], finding: Mapping[str, Any], shown: dict[object, str]
+) -> Evidence:
+    anchor = f"{finding['requirement']}--{check['name']}"
+    rows = _rows(finding["transcript"])
+    whole_at = shown.setdefault((check["name"], tuple(rows)), anchor) if rows else anchor
+    is_failing = finding["verdict"] == "fail"
+    motion = check["motions"][-1] if is_failing and check["motions"] else None
+    if motion is not None and is_inside(motion):
+        motion = None  # it failed on something else
+    if whole_at != anchor:
+        kept = rows[-REPEATED_RECORDS:]
+        return Evidence(anchor, check, finding, (), kept, len(rows) - len(kept), whole_at, motion)
+    return Evidence(
+        anchor, check, finding, rows[:-SHOWN_RECORDS], rows[-SHOWN_RECORDS:], motion=motion
+    )
+
+
+def _rows(records: Sequence[Mapping[str, Any]]) -> list[Row]:
+    answers = [n for n, one in enumerate(records) if one["direction"] in ("device", "silence")]
+    return [
+        Row(
+            f"{(one['time_ns'] - records[0]['time_ns']) / 1e6:.3f}",
+            one["direction"],
+            one["data"],
+            one["decoded"] if one["data"] else one["text"],
+            bool(answers) and number == answers[-1],
+        )
+        for number, one in enumerate(records)
+    ]

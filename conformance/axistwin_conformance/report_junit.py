@@ -1,0 +1,169 @@
+"""JUnit XML from a report: one test case per requirement, for the test page of a build server.
+
+    verdict         becomes                 because
+    pass, quirk     a passed test case      a quirk's name is its output
+    fail            <failure>
+    inconclusive    <error>                 neither success nor failure may be claimed
+    not run, info   <skipped>               a value only recorded is no success either
+
+A run that cannot be trusted as a whole (device unreachable, interrupted, not put back) has one more
+test case, "the run itself", with an error: a page of skipped cases alone would look green.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from typing import Any
+from xml.etree import ElementTree
+
+from axistwin_conformance.report_json import Report
+
+UNTRUSTED = (2, 3, 130)  # exit statuses: nothing judged, unreachable, interrupted
+RUN_CASE = "the run itself"
+ELEMENTS = {
+    "fail": "failure",
+    "inconclusive": "error",
+    "not run": "skipped",
+    "info": "skipped",
+}
+
+# What XML 1.0 cannot hold, not even escaped.
+UNSPEAKABLE = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def junit(report: Report) -> str:
+    """Return the XML of a report."""
+    run, finished = report["run"], report["finished"]
+    name = f"axistwin conform {run['model']}"
+    cases = [_case(report, one) for one in report["requirements"]]
+    if finished["problems"] or finished["exit_status"] in UNTRUSTED:
+        cases.append(_run_case(report))
+    kinds = Counter(element.tag for case in cases for element in case)
+    numbers = {
+        "tests": str(len(cases)),
+        "failures": str(kinds["failure"]),
+        "errors": str(kinds["error"]),
+        "skipped": str(kinds["skipped"]),
+        "time": f"{finished['seconds']:.3f}",
+    }
+    root = ElementTree.Element("testsuites", {"name": name, **numbers})
+    # The schema wants a time without zone; it is UTC.
+    suite = _element(root, "testsuite", name=name, timestamp=run["started_at"][:19], **numbers)
+    _properties(suite, dict(_suite_properties(report)))
+    suite.extend(cases)
+    ElementTree.indent(root)
+    return '<?xml version="1.0" encoding="utf-8"?>\n' + _xml(root) + "\n"
+
+
+def _suite_properties(report: Report) -> Iterator[tuple[str, str]]:
+    run = report["run"]
+    for key in ("suite_version", "model", "target", "baud", "address", "level", "seed", "command"):
+        yield key, str(run[key])
+    yield "device", report["device"].get("summary", "")
+    for key, value in report["device"].get("values", {}).items():
+        yield f"device.{key}", value
+    for one in report["readings"]:
+        yield f"reading.{one['switch']}", one["reading"]
+
+
+def _case(report: Report, judged: Mapping[str, Any]) -> ElementTree.Element:
+    key, verdict, reason = judged["id"], judged["verdict"], judged["reason"]
+    family = key.rpartition("-")[0]
+    case = ElementTree.Element(
+        "testcase",
+        classname=f"{report['run']['model']}.{family}",
+        name=key,
+        time=f"{_seconds(report, key):.3f}",
+    )
+    evidence = [
+        (check, finding)
+        for check in report["checks"]
+        for finding in check["findings"]
+        if finding["requirement"] == key and finding["verdict"] == verdict
+    ]
+    told = {
+        "requirement": key,
+        "kind": judged["kind"],
+        "safety": " ".join(judged["safety"]),
+        "source": judged["source"],
+        "verdict": verdict,
+        "checks": " ".join(judged["checks"]),
+    }
+    if judged["armed"] is not None:
+        told["armed"] = " ".join(judged["armed"])
+    _properties(case, told)
+    if verdict in ELEMENTS:
+        words = f"recorded, not judged: {reason}" if verdict == "info" else reason
+        element = _element(case, ELEMENTS[verdict], message=words)
+        if ELEMENTS[verdict] != "skipped":
+            element.set("type", verdict)
+            element.text = _evidence(judged, evidence)
+    elif reason:
+        _element(case, "system-out").text = f"{verdict}: {reason}"
+    return case
+
+
+def _seconds(report: Report, key: str) -> float:
+    """The time of its checks, shared among all the requirements they judge: the sum is right."""
+    return sum(
+        (
+            check["seconds"] / len(check["requirements"])
+            for check in report["checks"]
+            if key in check["requirements"]
+        ),
+        0.0,
+    )
+
+
+def _evidence(judged: Mapping[str, Any], evidence: list[tuple[Any, Any]]) -> str:
+    """Asked, admissible, came, the exchange, and the command that does it again."""
+    lines = [f"asked: {judged['text']} ({judged['source']})"]
+    for check, finding in evidence:
+        lines += ["", f"check: {check['name']}"]
+        if finding["text"]:
+            lines.append(f"remark: {finding['text']}")
+        if finding["actual"] is not None:
+            lines.append(f"admissible: {' | '.join(finding['expected'])}")
+            lines.append(f"came: {finding['actual']}")
+        lines += [f"replay: {check['replay']}", *transcript_lines(finding["transcript"])]
+    return "\n".join(lines)
+
+
+def transcript_lines(records: list[Mapping[str, Any]]) -> Iterator[str]:
+    """The records as lines: ms from the first one, who, hex, decoded."""
+    for one in records:
+        time_ms = (one["time_ns"] - records[0]["time_ns"]) / 1e6
+        words = f"{one['data']}  {one['decoded']}" if one["data"] else one["text"]
+        who = "" if one["direction"] == "note" else one["direction"]
+        yield f"{time_ms:12.3f}  {who:7}  {words}"
+
+
+def _run_case(report: Report) -> ElementTree.Element:
+    run, finished = report["run"], report["finished"]
+    case = ElementTree.Element("testcase", classname=run["model"], name=RUN_CASE, time="0.000")
+    element = _element(case, "error", message=finished["sentence"], type="run")
+    element.text = "\n".join([*finished["problems"], f"replay: {run['command']}"])
+    return case
+
+
+def _element(parent: ElementTree.Element, tag: str, **attributes: str) -> ElementTree.Element:
+    return ElementTree.SubElement(parent, tag, attributes)
+
+
+def _properties(parent: ElementTree.Element, values: Mapping[str, str]) -> None:
+    holder = _element(parent, "properties")
+    for name, value in values.items():
+        _element(holder, "property", name=name, value=value)
+
+
+def _xml(root: ElementTree.Element) -> str:
+    for element in root.iter():
+        element.attrib = {key: _speakable(value) for key, value in element.attrib.items()}
+        element.text = element.text and _speakable(element.text)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _speakable(text: str) -> str:
+    return UNSPEAKABLE.sub("\ufffd", text)

@@ -1,0 +1,41 @@
+"""The folder of `--report`: events as they come, and at the end everything made from them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, TextIO
+
+from axistwin_conformance import events, report_html, report_json, report_junit
+from axistwin_conformance.report_json import Explain
+
+EVENTS, REPORT, JUNIT, PAGE = "events.jsonl", "report.json", "junit.xml", "report.html"
+
+
+class ReportFolder:
+    """Listens to a run and fills a folder; the folder is made at once.  Raises OSError.
+
+    `events.jsonl` grows while the run goes, so that a run that is cut off leaves its traces.
+    """
+
+    def __init__(self, directory: Path, explain: Explain) -> None:
+        directory.mkdir(parents=True, exist_ok=True)
+        self.directory = directory
+        self._explain = explain
+        self._stream: TextIO = (directory / EVENTS).open("w", encoding="utf-8")
+        self._told: list[dict[str, Any]] = []
+
+    def __call__(self, event: events.Event) -> None:
+        """Take an event."""
+        told = report_json.event_object(event, self._explain)
+        self._told.append(told)
+        report_json.write_line(self._stream, told)
+
+    def finish(self) -> tuple[Path, ...]:
+        """Write what is made from the events; return the files, the one for people first."""
+        self._stream.close()
+        report = report_json.fold(self._told)
+        text = report_json.to_text(report)
+        made = {PAGE: report_html.render(report), REPORT: text, JUNIT: report_junit.junit(report)}
+        for name, content in made.items():
+            (self.directory / name).write_text(content, encoding="utf-8")
+        return tuple(self.directory / name for name in (*made, EVENTS))
