@@ -440,6 +440,68 @@ def test_segments_are_not_held_and_leave_the_arm() -> None:
     assert bench.state() == "HD+PL"
 
 
+def synchronised_behind_segments(**quirks: str | int) -> MacBench:
+    """A 13h to 5000 waits for the end of a long segment (MACS-AMB-69)."""
+    bench = MacBench(factory_ramp=1, **quirks)  # type: ignore[arg-type]
+    for index, parameters in ((0x10, 0), (0x13, 5000), (0x16, 0x03E80400), (0x11, 0)):
+        bench.do(index, parameters)
+    assert bench.state() == "IN"
+    return bench
+
+
+def test_a_synchronised_motion_waits_for_the_end_of_the_segments_once() -> None:
+    """MACS-AMB-69, MACS-CMD-10-02."""
+    bench = synchronised_behind_segments()
+    bench.settle()
+    assert bench.position() == 5000
+    bench.do(0x16, 0x000A0400)
+    bench.settle()
+    bench.advance(S)
+    assert bench.position() == 5010
+
+
+@pytest.mark.parametrize(
+    "steps",
+    [
+        [(0x15, PERIOD), (0x15, 0)],
+        [(0x15, PERIOD), (0x13, 0)],
+        [(0x18, 0)],
+        [(0x1A, 0)],
+        [(0x00, 0)],
+    ],
+)
+@pytest.mark.parametrize("flush", ["true", "false"])
+def test_a_synchronised_motion_is_given_up_with_the_segments_it_waits_for(
+    steps: list[tuple[int, int]], flush: str
+) -> None:
+    """Segments that end in any other way leave nothing that could start later by itself."""
+    bench = synchronised_behind_segments(abort_flush=flush)
+    for index, parameters in steps:
+        bench.ask(index, parameters)
+    if steps[-1][0] == 0x13:
+        bench.do(0x17)
+    bench.advance(3 * S)
+    bench.settle()
+    rest = bench.position()
+    bench.do(0x16, 0x000A0400)
+    bench.settle()
+    bench.advance(3 * S)
+    assert bench.position() == rest + 10
+    assert bench.state() == "HD"
+
+
+@pytest.mark.parametrize("reading", ["after_segment", "now"])
+def test_a_ramped_stop_of_segments_gives_up_what_waits_for_them(reading: str) -> None:
+    """MACS-AMB-32 with MACS-AMB-69: by 17h and by 15h 0000."""
+    for stop in ((0x17, 0), (0x15, 0)):
+        bench = synchronised_behind_segments(stop17_in_interp=reading)
+        bench.do(*stop)
+        bench.settle()
+        bench.advance(S)
+        assert bench.position() < 1200
+        assert bench.state() == "HD"
+
+
 def test_arming_in_motion_holds_the_next_motion() -> None:
     """10h under way, 15h preloaded, 11h takes it (§4.2 note on AR/PL)."""
     bench = MacBench(factory_ramp=0)

@@ -59,7 +59,6 @@ class Axis:
         self._reference_enabled = False
         self._armed = False
         self._preload: tuple[int, int] | None = None
-        self._after_segments: tuple[int, int] | None = None
         reserved = 0xFF if quirks.reserved_bits else 0
         hh_bit = OVER_VOLTAGE_SEEN[quirks.status_hh_bit]
         shift = 1 if quirks.status_ff_layout == "shifted" else 0
@@ -170,7 +169,7 @@ class Axis:
             if policy == "now":
                 self.drive.drop_segments(now)
             elif policy == "after":
-                self._after_segments = preload
+                self.drive.go_to_after_segments(signed_32(preload[1]))
             self._preload = None
             return policy != "now" or self._start_held(now, preload, start_ns)
         if self.state in MOVING and self._cells[self.state][index] == "R":
@@ -195,10 +194,9 @@ class Axis:
         return True
 
     def _disarm(self) -> None:
-        """17h, 18h, 1Ah: arm, preload and what waits for the segments are dropped (MACS-AMB-36)."""
+        """17h, 18h, 1Ah: arm and preload are dropped (MACS-AMB-36)."""
         if self.quirks.preload_policy != "keep":
             self._armed, self._preload = False, None
-        self._after_segments = None
 
     # ---- motion --------------------------------------------------------------------------------
 
@@ -395,12 +393,8 @@ class Axis:
 
     def run(self, now: Nanos) -> None:
         """Do what is due at ``now``."""
-        was_segments = self.drive.kind is State.IN
         self.drive.run(now)
         self._obey_stops()
-        if was_segments and self.drive.kind is None and self._after_segments is not None:
-            held, self._after_segments = self._after_segments, None
-            self._start_held(now, held, now)
         self._save_counter(now)
 
     def _obey_stops(self) -> None:
@@ -432,7 +426,7 @@ class Axis:
         self.drive.power_off(now)
         self.drive.stop_bits = 0
         self._armed = self._reference_enabled = False
-        self._preload = self._after_segments = None
+        self._preload = None
         self.faults.acknowledge()
         self.parameters.read_stored()
         self._apply_parameters(now)
@@ -487,7 +481,7 @@ class Axis:
     def _obey_faults(self, now: Nanos) -> None:
         """A disjunction cuts the motor's power and drops all motion (MACS-STATE-02)."""
         if self.faults.disjuncted and (self.drive.powered or self.drive.kind is not None):
-            self._armed, self._preload, self._after_segments = False, None, None
+            self._armed, self._preload = False, None
             self.drive.power_off(now)
             self._save_counter(now)
 

@@ -23,6 +23,8 @@ Rules
 3. Stops are found on the way by asking when the shaft reaches the first forbidden increment.
 4. The end of a position motion is the end of "running" (MACS-AMB-27).
 5. Segments that arrive during a profile wait for its end (MACS-AMB-31).
+6. A position that is to be gone to after the segments (MACS-AMB-69) is given up with them, unless
+   they end by themselves.
 """
 
 from collections import deque
@@ -110,6 +112,8 @@ class Drive:
         self._braking = False
         self._coasting = False
         self._segments_wait = False
+        self._number_after: int | None = None
+        """Where to go when the segments are over."""
         self._accepted: deque[tuple[Segment, tuple[Piece, ...]]] = deque(maxlen=4)
         self.counter_settled = False
         """Set when the counter has come to a place worth saving; the axis clears it."""
@@ -186,6 +190,11 @@ class Drive:
         self._target_number = number
         self._begin(now, State.PO, motion)
 
+    def go_to_after_segments(self, number: int) -> None:
+        """13h, 14h: ``go_to`` when the segments in execution have run out (MACS-AMB-69)."""
+        assert self.kind is State.IN, "there are no segments to wait for"
+        self._number_after = number
+
     def run_at(self, now: Nanos, period_ticks: int, direction: int, start_ns: Nanos) -> None:
         """15h with a speed: from rest, or out of whatever moves (MACS-CMD-15-01, -02)."""
         ramp = self._ramp(period_ticks)
@@ -261,6 +270,7 @@ class Drive:
         """17h during segments where it stops them: now, or after this one (MACS-AMB-32)."""
         if self._quirks.stop17_in_interp == "after_segment":
             self.interpolator.drop_stored(now)
+            self._number_after = None
             self._plan(now)
             return
         step = self._end_segments(now)
@@ -304,6 +314,7 @@ class Drive:
 
     def _end_segments(self, now: Nanos) -> Step | None:
         """Drop all segments; the step that was in progress, if one was."""
+        self._number_after = None
         self.plant.advance(now)  # while the set-point still knows its past
         step = self.interpolator.step_in_progress(now)
         self.interpolator.flush(now)
@@ -311,6 +322,7 @@ class Drive:
 
     def _take_shaft(self, now: Nanos, *, keeps_segments: bool) -> None:
         """Take the shaft from profile or segments; what is stored is dropped or waits."""
+        self._number_after = None
         self.plant.advance(now)
         interpolator = self.interpolator
         counted = self._quirks.fifo_counts_executing and interpolator.is_executing(now)
@@ -436,9 +448,12 @@ class Drive:
             self.plant.follow(now, back.trajectory, self._signed_target())
             self._plan(now)
             return
-        aborted = self._braking
+        aborted, number = self._braking, self._number_after
         self._rest(now)
-        if self._segments_wait and not aborted:
+        if number is not None:
+            self._number_after = None
+            self.go_to(now, number, now)
+        elif self._segments_wait and not aborted:
             self._let_segments_go(now)
             self._begin_segments(now)
 
