@@ -447,6 +447,47 @@ def test_a_shaft_turned_while_the_supply_is_off_is_not_counted() -> None:
     assert bench.position() == 150
 
 
+def test_the_counter_stands_while_the_supply_is_off() -> None:
+    """One truth: reading and cell stay as saved, whatever the shaft does (MACS-PERS-01)."""
+    bench = MacBench(cells={"position": 100})
+    bench.take(bench.device.power_off(bench.now))
+    bench.take(bench.device.push(bench.now, 50))
+    assert bench.device.position_at(bench.now) == 100
+    assert bench.device.cells(bench.now)["position"] == 100
+    assert not bench.device.is_moving(bench.now)
+
+
+def test_a_shaft_that_coasts_without_supply_is_not_counted() -> None:
+    """Saved once, when the supply fails; nothing is written without it (MACS-Q-20-02)."""
+    bench = MacBench(plant="inertial", factory_ramp=0)
+    bench.do(0x15, 100)
+    bench.advance(S)
+    bench.take(bench.device.power_off(bench.now))
+    saved = bench.stores["position"]
+    before = len(bench.effects)
+    bench.advance(20 * S)
+    assert len(bench.effects) == before
+    assert bench.device.position_at(bench.now) == saved
+    bench.take(bench.device.power_on(bench.now))
+    bench.advance(2 * S)
+    assert bench.position() == saved
+
+
+def test_a_shaft_that_still_coasts_is_counted_again_when_the_supply_is_back() -> None:
+    """From the saved number on (MACS-Q-20-02, MACS-CMD-1A-02)."""
+    bench = MacBench(plant="inertial", factory_ramp=0)
+    bench.do(0x15, 100)
+    bench.advance(S)
+    bench.take(bench.device.power_off(bench.now))
+    saved = bench.stores["position"]
+    bench.advance(10 * MS)
+    bench.take(bench.device.power_on(bench.now))
+    assert bench.device.position_at(bench.now) == saved
+    bench.advance(30 * S)
+    assert bench.position() > saved + 1000
+    assert bench.stores["position"] == bench.position()
+
+
 def test_stored_address_and_rate_win_over_the_constructor() -> None:
     """What a module stored is what it is."""
     device = MacSerial("mac23", 1, cells={"address": 9, "baud": 19200})

@@ -72,7 +72,7 @@ class Axis:
         self._measure_reserved = reserved & ~0x28 & 0xFF, reserved & ~0x60 & 0xFF
         self._ff_shift, self._hh_bit = shift, hh_bit
         self.drive.set_counter(0, self.stored["position"])
-        self.drive.counter_settled = False
+        self.drive.freeze(0)
 
     # ---- acceptance ----------------------------------------------------------------------------
 
@@ -412,14 +412,12 @@ class Axis:
 
     def power_on(self, now: Nanos) -> None:
         """The supply is there: the counter is what was saved (MACS-Q-20-02)."""
-        self.drive.set_counter(now, self.stored["position"])
-        self.drive.counter_settled = False
+        self.drive.thaw(now)
 
     def power_off(self, now: Nanos) -> None:
         """The supply goes: the position is saved, all else volatile is lost (MACS-PERS-01, -03)."""
-        self.drive.counter_settled = True
-        self._save_counter(now)
         self.shut_down(now)
+        self.drive.freeze(now)
 
     def shut_down(self, now: Nanos) -> None:
         """Back to the state before start-up (MACS-CMD-00-01)."""

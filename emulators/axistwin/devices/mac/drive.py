@@ -108,6 +108,8 @@ class Drive:
         self._position_mode = False
         self._old_target: int | None = None
         self._origin = 0
+        self._frozen: int | None = None
+        """What the counter reads while there is no supply to count with."""
         self._next: Nanos | None = None
         self._braking = False
         self._coasting = False
@@ -124,6 +126,8 @@ class Drive:
 
     def counter_at(self, now: Nanos) -> int:
         """The position counter (MACS-Q-20-01), from the encoder or the set-point (MACS-AMB-55)."""
+        if self._frozen is not None:
+            return self._frozen
         if not self._reads_encoder:
             return self._fold(self.plant.set_point_at(now) + self._origin)
         span = self._span
@@ -135,6 +139,19 @@ class Drive:
         """Let the counter read ``number`` without moving the shaft (MACS-CMD-0B-01)."""
         self._origin += number - self._unfolded(now)
         self.counter_settled = True
+
+    def freeze(self, now: Nanos) -> None:
+        """The supply is gone: the shaft may turn, nobody counts (MACS-Q-20-02)."""
+        self._frozen = self.counter_at(now)
+        self.counter_settled = False
+        self._plan(now)
+
+    def thaw(self, now: Nanos) -> None:
+        """The supply is back: count on from where the counter stood."""
+        assert self._frozen is not None, "the counter was not frozen"
+        number, self._frozen = self._frozen, None
+        self._origin += number - self._unfolded(now)
+        self._plan(now)
 
     def _unfolded(self, now: Nanos) -> int:
         plant = self.plant
@@ -407,13 +424,15 @@ class Drive:
     def _plan(self, now: Nanos) -> None:
         """Find the next event, now that something has changed."""
         self._span = None
-        if self.kind is None:
+        if self._frozen is not None:
+            self._next = None
+        elif self.kind is None:
             # Coasting, lagging behind, or coming back after a push: the counter ends somewhere.
             rest_ns = self.plant.rest_ns(now)
             self._next = rest_ns if rest_ns is not None and rest_ns > now else None
-            return
-        times = [time for time in (self._end_ns(now), self._stop_ns(now)) if time is not None]
-        self._next = min(times) if times else None
+        else:
+            times = [time for time in (self._end_ns(now), self._stop_ns(now)) if time is not None]
+            self._next = min(times) if times else None
 
     def _end_ns(self, now: Nanos) -> Nanos | None:
         """When what runs is over, as things stand; None: never."""
@@ -591,7 +610,7 @@ class Drive:
 
     def is_moving(self, now: Nanos) -> bool:
         """Whether the counter changes by itself from ``now`` on."""
-        if self.kind is not None:
-            return True
+        if self.kind is not None or self._frozen is not None:
+            return self.kind is not None
         rest_ns = self.plant.rest_ns(now)
         return rest_ns is not None and rest_ns > now
