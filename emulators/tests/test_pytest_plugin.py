@@ -200,7 +200,7 @@ def test_a_twin_that_fails_is_an_error_of_the_test(pytester: pytest.Pytester) ->
             def fail(line, data):
                 raise StateError("state: cannot be written (no room); make room")
 
-            monkeypatch.setattr(Line, "send", fail)
+            monkeypatch.setattr(Line, "exchange", fail)
             with serial.Serial(twin.port, 38400, timeout=0.2) as port:
                 port.write(b"x")
                 try:
