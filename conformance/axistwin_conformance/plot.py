@@ -1,6 +1,6 @@
 """Measured against predicted motion as inline SVG: position over time, and the deviation.
 
-    position  |        ..--o--''          the band is a few increments wide, so it looks like a line;
+    position  |        ..--o--''          the band is a few increments wide, it looks a line;
               |   .o--''
               |-o'                        below, everything is drawn against the middle of the band:
     deviation | ------------------------  there its width shows, and by how much a reading is off
@@ -68,7 +68,7 @@ def plot(motion: Mapping[str, Any]) -> Markup:
     assert len(middles) == len(band)
     parts = [
         *_grid(up, across, floor, "increments"),
-        *_grid(aside, across, bottom, "off by"),
+        *_grid(aside, across, bottom, "deviation"),
         *_time_axis(across, bottom),
         _polygon(
             [(at(time), up(high)) for time, _, high in band],
