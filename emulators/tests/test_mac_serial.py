@@ -10,6 +10,7 @@ from axistwin.devices.mac.framing import checksum, request
 from axistwin.devices.mac.serial import MacSerial
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import Store, Transmit
+from axistwin.runtime.network import SerialNetwork
 from axistwin.wire.framing import Chunk, LineFormat
 
 EXAMPLE_15H = bytes.fromhex("02 30 31 34 30 30 31 35 30 30 30 30 30 30 30 33 32 30 41 42 03")
@@ -364,6 +365,28 @@ def test_while_the_reset_input_is_held_the_module_is_dead_then_boots() -> None:
     bench.advance(2 * S)
     assert bench.state() == "OF"
     assert bench.position() < 100
+
+
+@pytest.mark.parametrize("paced", [True, False])
+@pytest.mark.parametrize("etx_to_reset_us", [500, 1500])
+def test_a_module_held_in_reset_says_nothing_more(paced: bool, etx_to_reset_us: int) -> None:
+    """A waiting reply never comes, one under way breaks off (MACS-IO-01)."""
+    device = MacSerial("mac23", 0)
+    network = SerialNetwork([device], paced=paced)
+    network.host_send(EXAMPLE_20H)
+    etx_ns = LineFormat(38400).span_ns(21) if paced else 0
+    network.run_until(etx_ns + etx_to_reset_us * 1000)
+    heard = network.host_take()
+    assert ANSWER_20H.startswith(heard)
+    network.perform(0, device.set_input(network.now_ns, "reset", True))
+    network.run_until(network.now_ns + S)
+    assert network.host_available <= (1 if paced else 0)  # at most the byte that broke off
+    network.perform(0, device.set_input(network.now_ns, "reset", False))
+    network.run_until(network.now_ns + 2 * S)
+    network.host_take()
+    network.host_send(EXAMPLE_20H)
+    network.run_until(network.now_ns + S)
+    assert network.host_take() == ANSWER_20H
 
 
 def test_power_off_silences_and_power_on_boots() -> None:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from axistwin.kernel.effects import Effect, Store, Trace, Transmit
+from axistwin.kernel.effects import Effect, Silence, Store, Trace, Transmit
 from axistwin.runtime import network as network_module
 from axistwin.runtime.network import HOST_BUFFER_BYTES, SerialNetwork
 from axistwin.wire.framing import Chunk, LineFormat
@@ -253,6 +253,25 @@ def test_the_supply_takes_a_queued_answer_with_it() -> None:
         network.run_until(10**9)
         assert network.host_take() == b""
         assert network.next_event() is None
+
+
+@pytest.mark.parametrize("paced", [True, False])
+def test_a_device_that_falls_silent_takes_its_answers_back(paced: bool) -> None:
+    """What waits is dropped, the byte on the line breaks off; the next answer is whole."""
+    device = Echo("a")
+    network = SerialNetwork([device], paced=paced)
+    for waited_ns, heard in ((LATENCY_NS // 2, b""), (LATENCY_NS + BYTE_NS + BYTE_NS // 2, b"a")):
+        network.host_send(b"ab.")
+        network.run_until(network.host_sent_ns + waited_ns)
+        network.perform(0, [Silence()])
+        network.run_until(network.now_ns + 10**9)
+        answer = network.host_take()
+        assert answer[:1] == heard
+        assert len(answer) <= (2 if paced else 3)
+    network.host_send(b"ab.")
+    network.run_until(network.now_ns + 10**9)
+    assert network.host_take() == b"ab="
+    assert network.take_effects() == []
 
 
 # -- the host's end --

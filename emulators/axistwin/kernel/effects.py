@@ -18,6 +18,11 @@ class Transmit(NamedTuple):  # made for every answer: a third of a frozen datacl
 
 
 @dataclass(frozen=True, slots=True)
+class Silence:
+    """Send nothing more of what was to be transmitted; a byte on the line breaks off."""
+
+
+@dataclass(frozen=True, slots=True)
 class Store:
     """Write nonvolatile ``cells`` (name, value); ``durable`` ones must reach the disk at once.
 
@@ -38,4 +43,4 @@ class Trace:
     details: tuple[tuple[str, int | str], ...] = ()
 
 
-Effect: TypeAlias = Transmit | Store | Trace
+Effect: TypeAlias = Transmit | Silence | Store | Trace

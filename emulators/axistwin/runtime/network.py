@@ -22,7 +22,7 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from axistwin.devices.base import SerialDevice
-from axistwin.kernel.effects import Effect, Store, Trace, Transmit
+from axistwin.kernel.effects import Effect, Silence, Store, Trace, Transmit
 from axistwin.kernel.schedule import Schedule
 from axistwin.kernel.time import Nanos
 from axistwin.wire.framing import Chunk, LineFormat
@@ -187,6 +187,9 @@ class SerialNetwork:
         for effect in effects:
             if type(effect) is Transmit:
                 self._line.transmit(index + 1, effect.start_ns, effect.data)
+            elif type(effect) is Silence:
+                self._line.switch_off(index + 1)
+                self._line.switch_on(index + 1)
             else:
                 assert isinstance(effect, Store | Trace)
                 self._effects.append((index, effect))

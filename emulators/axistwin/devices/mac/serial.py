@@ -46,7 +46,7 @@ from axistwin.devices.mac.memory_map import RATES, four_bytes
 from axistwin.devices.mac.models import MODELS, MacModel
 from axistwin.devices.mac.quirks import MacQuirks
 from axistwin.errors import UsageError, nearest
-from axistwin.kernel.effects import Effect, Transmit
+from axistwin.kernel.effects import Effect, Silence, Transmit
 from axistwin.kernel.time import NS_PER_MS, NS_PER_US, Nanos
 from axistwin.motion.plant import Load
 from axistwin.wire.framing import Chunk, LineFormat
@@ -465,7 +465,8 @@ class MacSerial:
             return
         if held:
             self._take_over_at = self._boot_end = self._deaf_until = _NEVER
-            self._partial = b""
+            self._partial, self._sending_until = b"", 0
+            self._effects.append(Silence())
             self.axis.shut_down(now)
         else:
             self._take_over_address_and_rate()
