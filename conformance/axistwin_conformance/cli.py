@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import json
 import signal
 import sys
 import threading
@@ -19,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from axistwin_conformance.errors import UsageError
-from axistwin_conformance.registry import LEVELS, SAFETY_CLASSES, Family, find_family
+from axistwin_conformance.registry import LEVELS, SAFETY_CLASSES, Family, families, find_family
 
 if TYPE_CHECKING:
     from axistwin_conformance.engine import Engine
@@ -53,7 +54,7 @@ class Mistake(click.ClickException):
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
-@click.argument("model")
+@click.argument("model", required=False)
 @click.argument("ids", nargs=-1, metavar="[ID]...")
 @click.option(
     "--port", metavar="URL", help="Device or pyserial URL; without it: the built-in twin."
@@ -109,6 +110,13 @@ class Mistake(click.ClickException):
     metavar="DIR",
     help="Write report.html, report.json, junit.xml and events.jsonl there.",
 )
+@click.option(
+    "--compare",
+    nargs=2,
+    type=click.Path(path_type=Path),
+    metavar="OLD NEW",
+    help="Show which verdicts changed between two report.json; run nothing.",
+)
 @click.option("--list", "is_list", is_flag=True, help="List requirements and checks; run nothing.")
 @click.option("--dry-run", is_flag=True, help="Show the plan; run nothing.")
 @click.option("--json", "is_json", is_flag=True, help="One JSON object per event instead of text.")
@@ -121,6 +129,7 @@ def conform(ctx: click.Context, /, **given: Any) -> None:  # fmt: skip
     axistwin conform mac23 --port /dev/ttyUSB0           a real one, passive tests only
     axistwin conform mac23 --port ./mac --allow motion   ... which may move
     axistwin conform mac23 MACS-FRAME MACS-CMD-13-01     some requirements
+    axistwin conform --compare old/report.json new/report.json
 
     ID is a requirement, the beginning of some, or the name of a check.
     """
@@ -131,13 +140,23 @@ def conform(ctx: click.Context, /, **given: Any) -> None:  # fmt: skip
 
 
 def _conform(
-    *, is_list: bool, dry_run: bool, is_json: bool, report: Path | None, **given: Any
+    *,
+    is_list: bool,
+    dry_run: bool,
+    is_json: bool,
+    report: Path | None,
+    compare: tuple[Path, Path] | None,
+    **given: Any,
 ) -> int:
-    from axistwin_conformance.engine import Engine
-
-    options = make_options(**given)
     try:
-        engine = Engine(options)
+        if compare is not None:
+            return _compare(*compare, is_json, given["model"])
+        if given["model"] is None:
+            known = sorted(name for family in families() for name in family.models)
+            raise UsageError(f"name a MODEL to judge: {', '.join(known)}")
+        from axistwin_conformance.engine import Engine
+
+        engine = Engine(make_options(**given))
         return (
             _show(engine, is_list, is_json) if is_list or dry_run else _run(engine, is_json, report)
         )
@@ -224,6 +243,22 @@ def _check_address(family: Family, address: int) -> None:
 def _other_address(family: Family, address: int) -> int:
     """An address for the twin's neighbour; wraps at the end of the range."""
     return family.addresses[(address + TWIN_NEIGHBOUR_STEP) % len(family.addresses)]
+
+
+def _compare(old: Path, new: Path, is_json: bool, model: str | None) -> int:
+    """Tell what changed between two reports; 1 if anything got worse."""
+    from axistwin_conformance import compare, report_json, report_terminal
+
+    if model is not None:
+        raise UsageError(f"--compare runs nothing: leave out {model!r}")
+    before, after = report_json.load(old), report_json.load(new)
+    found = compare.changes(before, after)
+    notes = compare.circumstances(before, after)
+    if is_json:
+        click.echo(json.dumps(compare.as_object(found, notes), ensure_ascii=False))
+    else:
+        compare.print_changes(report_terminal.make_console(), found, notes)
+    return int(any(one.is_worse for one in found))
 
 
 def _show(engine: Engine, is_list: bool, is_json: bool) -> int:

@@ -1,0 +1,122 @@
+"""What changed between two runs: verdicts only, since times and bytes always differ.
+
+A change for the worse is one down this scale:
+
+    pass > quirk > info > not run > inconclusive > fail
+
+A requirement that one of the runs did not ask about counts as not run there.  A quirk that has
+become another quirk has changed, for better or worse nobody can say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from axistwin_conformance.report_json import Report
+from axistwin_conformance.report_terminal import STYLE
+from axistwin_conformance.verdicts import Verdict
+
+BEST_FIRST = (
+    Verdict.PASS, Verdict.QUIRK, Verdict.INFO, Verdict.NOT_RUN, Verdict.INCONCLUSIVE, Verdict.FAIL,
+)  # fmt: skip
+NOT_ASKED = "the run did not ask about it"
+
+# Of a run: what makes two of them hard to compare if it differs.
+CIRCUMSTANCES = {
+    "model": "model",
+    "suite_version": "suite",
+    "level": "level",
+    "allowed": "allowed",
+    "max_travel": "travel",
+    "max_speed": "speed",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A requirement whose verdict is not what it was; `reason` is the new verdict's."""
+
+    requirement: str
+    old: Verdict
+    new: Verdict
+    reason: str
+
+    @property
+    def is_worse(self) -> bool:
+        """True if the device, or what is known of it, has got worse."""
+        return BEST_FIRST.index(self.new) > BEST_FIRST.index(self.old)
+
+
+def changes(old: Report, new: Report) -> list[Change]:
+    """Return the changes from one report to the other, in the order of the newer one's ledger."""
+    before, after = _verdicts(old), _verdicts(new)
+    found = []
+    for key in [*after, *(key for key in before if key not in after)]:
+        verdict, reason = after.get(key, (Verdict.NOT_RUN, NOT_ASKED))
+        past, past_reason = before.get(key, (Verdict.NOT_RUN, NOT_ASKED))
+        is_other_quirk = verdict is Verdict.QUIRK and reason != past_reason
+        if verdict is not past or is_other_quirk:
+            found.append(Change(key, past, verdict, reason))
+    return found
+
+
+def _verdicts(report: Report) -> dict[str, tuple[Verdict, str]]:
+    return {one["id"]: (Verdict(one["verdict"]), one["reason"]) for one in report["requirements"]}
+
+
+def circumstances(old: Report, new: Report) -> list[str]:
+    """Say what else was different between the runs and may explain a change."""
+    pairs = [
+        (word, old["run"].get(key), new["run"].get(key)) for key, word in CIRCUMSTANCES.items()
+    ]
+    pairs.append(("device", old["device"].get("summary", ""), new["device"].get("summary", "")))
+    return [f"{word}: {_words(a)} → {_words(b)}" for word, a, b in pairs if a != b]
+
+
+def _words(value: object) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value or "unknown")
+
+
+def as_object(found: Sequence[Change], notes: Sequence[str]) -> Mapping[str, Any]:
+    """Return the comparison for programs."""
+    return {
+        "changes": [
+            {
+                "requirement": one.requirement,
+                "old": one.old.value,
+                "new": one.new.value,
+                "worse": one.is_worse,
+                "reason": one.reason,
+            }
+            for one in found
+        ],
+        "differences": list(notes),
+    }
+
+
+def print_changes(console: Console, found: Sequence[Change], notes: Sequence[str]) -> None:
+    """Show the comparison: a table on a terminal, one line per change in a pipe."""
+    for note in notes:
+        console.print(f"note: not the same {note}", style="yellow", markup=False, soft_wrap=True)
+    if console.is_terminal and found:
+        table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+        for title in ("requirement", "was", "is", "reason"):
+            table.add_column(title, no_wrap=title != "reason")
+        for one in found:
+            was, now = (Text(each.value, STYLE[each]) for each in (one.old, one.new))
+            table.add_row(one.requirement, was, now, one.reason)
+        console.print(table)
+    else:
+        for one in found:
+            reason = f": {one.reason}" if one.reason else ""
+            line = f"{one.requirement}  {one.old.value} → {one.new.value}{reason}"
+            console.print(line, markup=False, soft_wrap=True)
+    worse = sum(one.is_worse for one in found)
+    count = f"{len(found)} verdict{'' if len(found) == 1 else 's'} changed"
+    console.print(f"{count}, {worse or 'none'} for the worse." if found else "No verdict changed.")
