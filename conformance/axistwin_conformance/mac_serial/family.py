@@ -272,6 +272,10 @@ FAMILY: Final = Family(
             "checks_stops",
             "checks_line",
             "checks_sequences",
+            "checks_rig_inputs",
+            "checks_rig_faults",
+            "checks_rig_load",
+            "checks_rig_power",
             "checks_destructive",
         )
     ),

@@ -1,0 +1,228 @@
+"""A bench with hands: what the checks do that work inputs, supply and shaft beside the line.
+
+A rig's act happens somewhere in a window (`Window`), of no width for the twin's, of seconds for a
+person's.  Motions under which something is worked are slow and have an end of their own, so that
+nobody at the rig can be too late for the envelope; endless ones are left to an exact rig.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Final
+
+from axistwin_conformance.mac_serial.bench import (
+    AWAKE_SURELY_S,
+    QUIET_S,
+    SLOWEST,
+    Bench,
+    Part,
+    segment,
+    velocity,
+)
+from axistwin_conformance.mac_serial.codec import Kind
+from axistwin_conformance.mac_serial.forecast import Forecast, Segment, Window
+from axistwin_conformance.rig import Rig
+from axistwin_conformance.session import Session
+
+WORKED: Final = ("motion", "stored", "rig")  # the safety of a check that moves and works a rig
+EXACT_PERIOD: Final = 0x2000  # 1.024 ms per increment: a step is longer than a reply is late
+DISJUNCTIONS: Final = 0x1F  # the bits of dd that latch and lock (§5.9)
+OVER_VOLTAGE, UNDER_VOLTAGE = 0x40, 0x20  # the warnings in dd
+HARD_POSITIVE, HARD_NEGATIVE = 0x08, 0x04  # bits of ff
+OFF_S: Final = 1.0
+
+# cc and dd of 27h: which byte and bit shows which bare input (§5.9).
+INPUT_BITS: Final[Mapping[str, tuple[int, int]]] = {
+    "positive_stop": (2, 0x20),
+    "negative_stop": (3, 0x40),
+    "reference": (3, 0x20),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """A command that moves the axis: how to begin it and what then to expect."""
+
+    name: str
+    begin: Callable[[RigBench, int, int], Forecast]
+    is_endless: bool = False
+
+
+class RigBench(Bench):
+    """One module on the line and the rig around it."""
+
+    def __init__(self, session: Session, address: int | None = None) -> None:
+        super().__init__(session, address)
+        self.start = 0
+
+    @property
+    def rig(self) -> Rig:
+        """What works the device."""
+        return self.session.rig
+
+    @property
+    def pace(self) -> int:
+        """The period of motions under which the rig does something."""
+        return EXACT_PERIOD if self.rig.is_exact else SLOWEST
+
+    @property
+    def reach(self) -> int:
+        """How far such a motion leads."""
+        return min(300, self.room()) if self.rig.is_exact else self.room()
+
+    @property
+    def ways(self) -> tuple[Way, ...]:
+        """The commands to move by; without end only where the rig acts at once."""
+        return tuple(way for way in WAYS if self.rig.is_exact or not way.is_endless)
+
+    def can_go(self, way: Way, direction: int) -> bool:
+        """False where the device's readings of AMB-07 and -38 leave no way to count down."""
+        switch = {"15h": "vel_f6_direction", "16h": "segment_signed"}.get(way.name)
+        return direction > 0 or switch is None or self.known(switch) != 1
+
+    def begin(self, period: int | None = None, coefficient: int = 0) -> int:
+        """Bring everything to rest; give the place.  No stop bits, no reference."""
+        if self.known("ff_lifetime") == 2:  # only a restart clears ff on this device
+            self.restart()
+        self.start = self.ready(self.pace if period is None else period, coefficient)
+        return self.start
+
+    def restart(self) -> None:
+        """00h, and wait until it surely listens again (MACS-CMD-00-02)."""
+        self.at_rest()
+        self.command(0x00)
+        self.wait(AWAKE_SURELY_S)
+
+    def awake(self, requirement: Part = None) -> None:
+        """Wait for the end of the deafness, then judge that it answers."""
+        self.wait(AWAKE_SURELY_S)
+        self.alive(requirement)
+
+    def power_cycle(self, requirement: Part = None) -> Window:
+        """Cut the supply and apply it again; judge the silence between.  Give when it was cut."""
+        cut = Window(*self.rig.power_off())
+        self.must(Kind.SILENCE, self.send(self.frame(0x20), QUIET_S), requirement)
+        self.wait(OFF_S)
+        self.rig.power_on()
+        self.awake(requirement)
+        return cut
+
+    # --- what the answers say --------------------------------------------------------------------
+
+    def faults(self) -> int:
+        """The byte dd of 21h without what is reserved."""
+        return self.data_bytes(0x21)[0] & 0x7F
+
+    def memories(self) -> int:
+        """The byte hh of 21h."""
+        return self.data_bytes(0x21)[3]
+
+    def inputs(self) -> dict[str, bool]:
+        """The bare inputs, by 27h."""
+        data = self.data_bytes(0x27)
+        return {name: bool(data[byte] & bit) for name, (byte, bit) in INPUT_BITS.items()}
+
+    def judge_stop_bit(self, bit: int, requirement: Part) -> None:
+        """ff shows that stop alone, where the CAN manual has it or shifted by one (AMB-12)."""
+        ff = self.data_bytes(0x21)[1] & 0x1F
+        outcome: int | str = {bit: 0, bit << 1: 1}.get(ff, f"ff {ff:02X} instead of {bit:02X}")
+        if ff == 0 and self.known("ff_lifetime") == 1:
+            return  # on this device the bit lives only as long as the stop acts
+        self.reading("status_ff_layout", outcome, requirement)
+
+    # --- judging ---------------------------------------------------------------------------------
+
+    def rest(self) -> int:
+        """The place of an axis that has stopped, seen twice to be the same."""
+        self.wait(0.1)
+        place = self.position()
+        self.wait(0.2)
+        again = self.position()
+        self.session.expect(again == place, None, f"at rest at {place}", f"then at {again}")
+        return place
+
+    def judge_place(
+        self, place: int, cut: Forecast, direction: int, requirement: Part, coasts: bool = False
+    ) -> None:
+        """The axis has ended where a motion cut short in a window may end.
+
+        `coasts`: nothing brakes it, so only the ideal axis of the twin stops at once.
+        """
+        lowest, highest = cut.final
+        beyond = 1 + self.braking(self.period)
+        if coasts and not self.target.is_virtual:
+            beyond += self.reach
+        if direction > 0:
+            highest += beyond
+        else:
+            lowest -= beyond
+        self.session.expect(
+            lowest <= place <= highest, requirement, f"at rest in {lowest}..{highest}", place
+        )
+
+    def in_time(self, forecast: Forecast, act: Window) -> None:
+        """Give up if the motion was over before the rig had done its part."""
+        end = forecast.end
+        if end is not None and act.latest_ns >= end.earliest_ns:
+            self.session.inconclusive(None, "the motion was over before the rig had acted")
+
+    @contextmanager
+    def reference_enabled(self, enabled: int = 1) -> Iterator[None]:
+        """07h 1, and 07h 0 whatever happens: no answer tells that it is enabled."""
+        self.accepted(0x07, enabled)
+        try:
+            yield
+        finally:
+            self.command(0x07, 0)
+
+    @contextmanager
+    def own_origin(self) -> Iterator[Origin]:
+        """Count from 0 here; afterwards drive to the counter's old zero and clear it there."""
+        if abs(self.start) > self.room() // 2:
+            self.session.skip("the counter's origin could not be put back: it is too far away")
+        origin = Origin(-self.start)
+        self.accepted(0x0B)
+        yield origin
+        self.at_rest()
+        self.wait(0.05)
+        home = origin.old_zero - origin.shift
+        end = self.go_plainly(home).end
+        assert end is not None
+        self.wait_until(end.latest_ns)
+        self.wait(0.2)
+        self.command(0x18)
+        self.command(0x0B)
+
+
+@dataclass(slots=True)
+class Origin:
+    """Where the counter's zero was before the check, and how far zeroing has shifted it since."""
+
+    old_zero: int
+    shift: int = 0
+
+
+def _move(bench: RigBench, start: int, distance: int) -> Forecast:
+    exchange = bench.accepted(0x13, start + distance)
+    return bench.to_position(exchange, start, start + distance)
+
+
+def _turn(bench: RigBench, start: int, distance: int) -> Forecast:
+    direction = 1 if distance > 0 else -1
+    exchange = bench.accepted(0x15, velocity(direction, bench.period))
+    return bench.to_velocity(exchange, start, direction, bench.period)
+
+
+def _interpolate(bench: RigBench, start: int, distance: int) -> Forecast:
+    """Two segments; only one where stops do not drop the second (MACS-AMB-51)."""
+    count = 1 if bench.known("abort_flush") else 2
+    steps = distance // count
+    exchange = bench.accepted(0x16, segment(steps, bench.period))
+    for _ in range(count - 1):
+        bench.accepted(0x16, segment(steps, bench.period))
+    return bench.to_segments(exchange, start, *[Segment(steps, bench.period)] * count)
+
+
+WAYS: Final = (Way("13h", _move), Way("16h", _interpolate), Way("15h", _turn, is_endless=True))
