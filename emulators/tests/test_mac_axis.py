@@ -93,6 +93,52 @@ def test_a_stop_drops_the_preload_and_what_waits_for_the_segments() -> None:
     assert bench.state() == "HD"
 
 
+@pytest.mark.parametrize("overflow", ["saturate", "wrap"])
+@pytest.mark.parametrize("blocks", ["same_direction", "both"])
+def test_a_stop_outside_the_counters_range_is_never_met(overflow: str, blocks: str) -> None:
+    """It costs no event per increment either (MACS-AMB-54)."""
+    bench = MacBench(
+        factory_ramp=0, factory_stops=8, position_overflow=overflow, soft_stop_blocks=blocks
+    )
+    bench.do(0x02, 0)
+    for position, command in ((0x3FFFFF00, PERIOD), (-0x40000000 + 256, 0x00F60000 | PERIOD)):
+        device = MacBench(
+            cells={"position": position, "stops": 8, "superior_stop": 0x7FFFFFFF},
+            factory_ramp=0,
+            position_overflow=overflow,
+            soft_stop_blocks=blocks,
+        )
+        device.do(0x15, command)
+        events = 0
+        end = device.now + 2 * S
+        while (due := device.device.next_event()) is not None and due <= end:
+            device.run_until(due)
+            events += 1
+        assert events <= 2
+        device.run_until(end)
+        assert device.state() == "VE"
+        limit = 0x3FFFFFFF if position > 0 else -0x40000000
+        wrapped = position > 0 > device.position() or position < 0 < device.position()
+        assert wrapped if overflow == "wrap" else device.position() == limit
+
+
+def test_an_axis_that_comes_back_from_a_saturated_counter_meets_its_stop() -> None:
+    """The counter stands at its end until the shaft is back there (MACS-AMB-54, saturate)."""
+    bench = MacBench(
+        cells={"position": 0x3FFFFFFE, "stops": 8, "inferior_stop": 0x3FFFFF00},
+        position_overflow="saturate",
+    )
+    bench.do(0x16, 0x7FFF0010)
+    bench.do(0x16, 0x80000010)
+    bench.do(0x16, 0x80000010)
+    events = 0
+    while (due := bench.device.next_event()) is not None:
+        bench.run_until(due)
+        events += 1
+    assert bench.position() == 0x3FFFFEFF
+    assert events < 5
+
+
 def test_disabled_stops_stop_nothing() -> None:
     """03h 00, both kinds (MACS-STOP-02)."""
     bench = MacBench(factory_superior_stop=50)
@@ -135,6 +181,45 @@ def test_inputs_are_shown_raw_whatever_is_enabled() -> None:
         assert bench.read(0x27) & 0xFFFF == bits
         bench.input(name, False)
     assert bench.read(0x21) == 0
+
+
+@pytest.mark.parametrize("source", ["encoder", "set_point"])
+def test_a_software_stop_watches_the_counter_wherever_it_comes_from(source: str) -> None:
+    """A held shaft whose set-point is what is counted meets the stop (MACS-AMB-55, -STOP-03)."""
+    bench = MacBench(factory_stops=8, factory_superior_stop=500, position_source=source)
+    bench.do(0x15, PERIOD)
+    bench.take(bench.device.set_load(bench.now, HELD))
+    bench.advance(5 * S)
+    if source == "encoder":
+        assert bench.state() == "VE"
+        assert bench.position() < 10
+    else:
+        assert bench.state() == "HD"
+        assert bench.read(0x21) == 0x00020000
+
+
+@pytest.mark.parametrize("hardware", [False, True])
+def test_a_stop_ends_a_catch_up_too(hardware: bool) -> None:
+    """It is part of the motion (§4.1), and the stops watch every motion (MACS-STOP-01, -03)."""
+    stops = 1 if hardware else 8
+    bench = moving(1000, factory_stops=stops, factory_superior_stop=500, factory_catchup=1)
+    bench.take(bench.device.set_load(bench.now, HELD))
+    bench.advance(5 * S)
+    assert bench.state() == "PO"
+    bench.take(bench.device.set_load(bench.now, FREE))
+    if hardware:
+        bench.advance(10 * MS)
+        bench.input("positive_stop", True)
+        at = bench.device.position_at(bench.now)
+        ff = 0x08
+    else:
+        at, ff = 501, 0x02
+    bench.settle()
+    assert bench.position() == at
+    assert bench.state() == "HD"
+    assert bench.read(0x21) == ff << 16
+    bench.advance(S)
+    assert bench.position() == at
 
 
 # ---- reference and counter ----
@@ -471,6 +556,19 @@ def test_a_ramped_stop_lets_an_inertial_shaft_that_lags_behind_run_out() -> None
     bench.take(bench.device.push(bench.now, -3))
     bench.advance(S)
     assert bench.position() == rest
+
+
+@pytest.mark.parametrize("reading", ["ignore", "refuse"])
+def test_a_velocity_that_ends_a_catch_up_has_a_direction_of_its_own(reading: str) -> None:
+    """The profile is over: the set-point starts from rest, nothing is reversed (MACS-AMB-28)."""
+    bench = moving(1000, vel_reverse_cmd=reading)
+    bench.take(bench.device.set_load(bench.now, HELD))
+    bench.advance(5 * S)
+    assert bench.state() == "PO"
+    bench.do(0x15, 0x00F60000 | PERIOD)
+    bench.take(bench.device.set_load(bench.now, FREE))
+    bench.advance(S)
+    assert bench.position() < -1000
 
 
 # ---- an inertial shaft (§5.4) ----

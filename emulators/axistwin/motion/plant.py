@@ -253,6 +253,12 @@ class Plant:
             return self._target
         return self._base + self._set_point.displacement_at(now_ns)
 
+    def set_point_reach_ns(self, position: int, after_ns: Nanos) -> Nanos | None:
+        """First time >= ``after_ns`` at which the set-point is at ``position``; None: never."""
+        if self._set_point is None:
+            return None
+        return self._set_point.reach_ns(position - self._base, after_ns)
+
     def speed_at(self, now_ns: Nanos) -> Fraction:
         """The real signed speed in increments per nanosecond (between increments if ideal)."""
         return self._span_at(now_ns).speed_at(now_ns)

@@ -221,7 +221,7 @@ class Axis:
         """15h (MACS-CMD-15-01..06)."""
         if parameters & 0xFFFF == 0:
             return self._zero_velocity(now, start_ns)
-        running = self.drive.direction_at(now) if self.drive.kind is not None else 0
+        running = self.drive.set_point_direction(now)
         direction = self._direction_of(parameters)
         if running and direction != running and self.quirks.vel_reverse_cmd == "refuse":
             return False

@@ -184,17 +184,25 @@ class Drive:
             self._replan(now, motion.retarget(now, remaining))
         self._plan(now)
 
-    @property
-    def direction(self) -> int:
-        """Sign of the motion in progress; 0 at rest (segments: ask ``direction_at``)."""
-        return self._motion.trajectory.direction if self._motion else 0
-
-    def direction_at(self, now: Nanos) -> int:
-        """Sign of the set-point's speed at ``now``; 0 at rest and in a virtual segment."""
+    def set_point_direction(self, now: Nanos) -> int:
+        """Sign of the speed that a new one would take over; 0: the set-point rests."""
         if self.kind is State.IN:
             step = self.interpolator.step_in_progress(now)
             return step.direction if step else 0
-        return self.direction if self.kind is not None else 0
+        motion = self._motion
+        return 0 if motion is None or motion.is_over(now) else motion.trajectory.direction
+
+    def direction_at(self, now: Nanos) -> int:
+        """Sign of the motion in progress, the catch-up included (ledger §4.1); 0: none."""
+        return self.set_point_direction(now) or self._catch_up_direction(now)
+
+    def _catch_up_direction(self, now: Nanos) -> int:
+        """Sign of the way back to the target of a profile that is over; 0: there is none."""
+        motion, target = self._motion, self.plant.target
+        if self.kind is not State.PO or motion is None or target is None or not motion.is_over(now):
+            return 0
+        position = self.plant.position_at(now)
+        return (target > position) - (target < position)
 
     # ---- motions -------------------------------------------------------------------------------
 
@@ -527,7 +535,7 @@ class Drive:
         set_point = self._set_point()
         if set_point is None:
             return 0
-        direction = next(set_point.legs(now)).direction
+        direction = next(set_point.legs(now)).direction or self._catch_up_direction(now)
         return direction if direction and self.blocking_bit(now, direction) else 0
 
     def _stop_ns(self, now: Nanos) -> Nanos | None:
@@ -542,12 +550,29 @@ class Drive:
         """When the stop of ``direction`` may be met next."""
         if self.blocking_bit(now, direction):
             starts = (leg.start_ns for leg in set_point.legs(now) if leg.direction == direction)
-            start_ns = next(starts, None)
-            return None if start_ns is None else max(now, start_ns)
+            start_ns = next(starts, set_point.end_ns)
+            if start_ns is None or start_ns <= now:
+                return now if self._blocked_motion(now) == direction else None
+            return start_ns
         if not self._values["stops"] & SOFTWARE_STOPS:
             return None
-        ahead = self._first_forbidden(direction) - self.counter_at(now)
-        return self.plant.reach_ns(self.plant.position_at(now) + ahead, now)
+        ahead = self._ahead(now, direction)
+        if ahead is None:
+            return None
+        if self._reads_encoder:
+            return self.plant.reach_ns(self.plant.position_at(now) + ahead, now)
+        return self.plant.set_point_reach_ns(self.plant.set_point_at(now) + ahead, now)
+
+    def _ahead(self, now: Nanos, direction: int) -> int | None:
+        """Increments to the first count on which a software stop may act; None: there is none.
+
+        A stop outside the counter's range is never met; that the counter wraps may matter.
+        """
+        first = self._first_forbidden(direction)
+        if self._quirks.position_overflow == "saturate":
+            in_range = RANGE_MIN <= first <= RANGE_MAX
+            return first - self._unfolded(now) if in_range else None
+        return max(RANGE_MIN - 1, min(RANGE_MAX + 1, first)) - self.counter_at(now)
 
     def _stop_on(self, now: Nanos, bit: int) -> None:
         """End the motion at the stop of that ``bit`` of ff (ledger §4.3)."""
