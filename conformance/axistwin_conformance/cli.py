@@ -281,12 +281,14 @@ def _show(engine: Engine, is_list: bool, is_json: bool) -> int:
 def _run(engine: Engine, is_json: bool, report: Path | None) -> int:
     from axistwin_conformance import report_json, report_terminal
     from axistwin_conformance.events import Event, Listener
-    from axistwin_conformance.reports import ReportFolder
+    from axistwin_conformance.pace import Pace, weigh
+    from axistwin_conformance.reports import ReportFolder, past_seconds
 
     explain = engine.family.explain
     listeners: list[Listener] = []
-    folder = None
+    folder, past = None, {}
     if report is not None:
+        past = past_seconds(report, engine.options.url)
         with _report_trouble():  # before a long run, not after it
             folder = ReportFolder(report, explain)
         listeners.append(folder)
@@ -297,7 +299,11 @@ def _run(engine: Engine, is_json: bool, report: Path | None) -> int:
         else:
             console = report_terminal.make_console()
             listeners.append(
-                stack.enter_context(report_terminal.TerminalReport(console, engine.ledger, explain))
+                stack.enter_context(
+                    report_terminal.TerminalReport(
+                        console, engine.ledger, explain, Pace(weigh(engine.plan()), past)
+                    )
+                )
             )
 
         def listen(event: Event) -> None:

@@ -77,7 +77,7 @@ def fold(told: Iterable[Mapping[str, Any]]) -> Report:
     """Put the event objects of one run, in their order, together into its report."""
     report: Report = {
         "format": FORMAT, "run": {}, "device": {}, "checks": [], "readings": [],
-        "requirements": [], "notes": [], "finished": {},
+        "unknown_readings": [], "requirements": [], "notes": [], "finished": {},
     }  # fmt: skip
     started: dict[str, Any] = {}
     motions: list[dict[str, Any]] = []
@@ -98,6 +98,8 @@ def fold(told: Iterable[Mapping[str, Any]]) -> Report:
                 report["notes"].append(body["text"])
             case "reading_seen":
                 report["readings"].append(body)
+            case "reading_unknown":
+                report["unknown_readings"].append(body)
             case "requirement_judged":
                 report["requirements"].append(body)
             case "run_finished":

@@ -6,12 +6,21 @@ Everything but a pass is told at once, so that a long run need not be waited for
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 
 from rich.console import Console
 from rich.padding import Padding
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TextColumn,
+    TimeElapsedColumn,
+)
 from rich.table import Table
 from rich.text import Text
 
@@ -19,11 +28,13 @@ from axistwin_conformance import events
 from axistwin_conformance.events import Outcome
 from axistwin_conformance.judgement import UNREACHABLE
 from axistwin_conformance.ledger import Ledger
+from axistwin_conformance.pace import Pace, in_words
 from axistwin_conformance.plan import Plan
 from axistwin_conformance.registry import Check
 from axistwin_conformance.transcript import Direction, Record
 from axistwin_conformance.verdicts import Finding, Verdict
 
+LEFT_TOLD_EVERY_S = 60
 PLAIN_WIDTH = 120  # columns of a report that goes into a file or a pipe
 TOLD_AT_ONCE = (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.QUIRK)
 
@@ -43,11 +54,32 @@ def make_console() -> Console:
     return console if console.is_terminal else Console(highlight=False, width=PLAIN_WIDTH)
 
 
+class TimeLeftColumn(ProgressColumn):
+    """How long the run still takes, as far as anybody can say."""
+
+    def __init__(self, pace: Pace) -> None:
+        super().__init__()
+        self._pace = pace
+
+    def render(self, task: Task) -> Text:
+        """Say it."""
+        seconds = self._pace.remaining_s
+        return Text("" if seconds is None else in_words(seconds), style="dim")
+
+
 class TerminalReport:
     """Listens to a run and prints it; `explain` puts a wire record into words."""
 
-    def __init__(self, console: Console, ledger: Ledger, explain: Callable[[Record], str]) -> None:
+    def __init__(
+        self,
+        console: Console,
+        ledger: Ledger,
+        explain: Callable[[Record], str],
+        pace: Pace | None = None,
+    ) -> None:
         self._console = console
+        self._pace = pace or Pace({})
+        self._told_left_at = time.monotonic()
         self._ledger = ledger
         self._explain = explain
         self._progress = Progress(
@@ -55,6 +87,7 @@ class TerminalReport:
             BarColumn(),
             MofNCompleteColumn(),
             TimeElapsedColumn(),
+            TimeLeftColumn(self._pace),
             console=console,
             transient=True,
             disable=not console.is_terminal,
@@ -62,6 +95,7 @@ class TerminalReport:
         self._task = self._progress.add_task("connecting", total=None)
         self._failed: list[events.CheckFinished] = []
         self._judged: list[events.RequirementJudged] = []
+        self._readings: list[events.ReadingSeen] = []
 
     def __enter__(self) -> TerminalReport:
         self._progress.start()
@@ -78,6 +112,7 @@ class TerminalReport:
             case events.Identified():
                 self._identify(event)
             case events.CheckStarted():
+                self._pace.begin(event.name)
                 self._progress.update(self._task, description=event.name, total=event.total)
             case events.CheckFinished():
                 self._check(event)
@@ -85,6 +120,8 @@ class TerminalReport:
                 self._print(f"note: {event.text}", style="yellow")
             case events.RigQuestion():  # a bar must not be drawn over the question
                 (self._progress.stop if event.is_open else self._progress.start)()
+            case events.ReadingSeen():
+                self._readings.append(event)
             case events.RequirementJudged():
                 self._judged.append(event)
             case events.RunFinished():
@@ -109,6 +146,7 @@ class TerminalReport:
         self._print(f"line     idle round trip {median_ms:.2f} ms, at most {max_ms:.2f} ms")
 
     def _check(self, event: events.CheckFinished) -> None:
+        self._pace.end(event.name, event.seconds)
         self._progress.update(self._task, completed=event.number)
         if event.verdict is Verdict.FAIL or event.outcome in (Outcome.ERROR, Outcome.TROUBLE):
             self._failed.append(event)
@@ -118,6 +156,15 @@ class TerminalReport:
             retries = f" ({len(event.retries)} retries)" if event.retries else ""
             line = Text(f"[{event.number:{width}}/{event.total}] {event.name}  ")
             self._print(line.append(f"{word}{retries}", style=STYLE[event.verdict]))
+        self._time_left()
+
+    def _time_left(self) -> None:
+        """Into a log the guess goes now and then; on a terminal it stands beside the bar."""
+        seconds, now = self._pace.remaining_s, time.monotonic()
+        if self._console.is_terminal or not seconds or now - self._told_left_at < LEFT_TOLD_EVERY_S:
+            return
+        self._told_left_at = now
+        self._print(f"… {in_words(seconds)}", style="dim")
 
     # The end.
 
@@ -126,11 +173,13 @@ class TerminalReport:
         if event.exit_status != UNREACHABLE:
             self._verdict_table()
             self._not_run()
+            self._quirks()
         for failed in self._failed:
             self._failure(failed)
         self._print()
         counts = " · ".join(f"{number} {verdict.value}" for verdict, number in event.counts.items())
         self._print(f"{counts} · {event.seconds:.1f} s")
+        self._coverage()
         for problem in event.problems:
             self._print(f"problem: {problem}", style="yellow")
         good = event.exit_status == 0
@@ -142,14 +191,17 @@ class TerminalReport:
         table.add_column("verdict", no_wrap=True)
         table.add_column("what is asked, and what came of it")
         table.add_column("checks", justify="right")
+        is_armed_known = all(one.armed is not None for one in self._judged)
+        if is_armed_known:
+            table.add_column("armed", justify="right")
         shown = [one for one in self._judged if one.verdict is not Verdict.NOT_RUN]
         for one in shown:
             words = Text(one.text)
             if one.reason:
                 words.append(f"\n→ {one.reason}", style=STYLE[one.verdict])
-            table.add_row(
-                one.id, Text(one.verdict.value, STYLE[one.verdict]), words, str(len(one.checks))
-            )
+            verdict, count = Text(one.verdict.value, STYLE[one.verdict]), str(len(one.checks))
+            armed = [str(len(one.armed)) if one.armed else "no"] if is_armed_known else []
+            table.add_row(one.id, verdict, words, count, *armed)
         if shown:
             self._print()
             self._console.print(table)
@@ -166,6 +218,25 @@ class TerminalReport:
         for reason, names in reasons.items():
             self._print(f"  {reason}")
             self._console.print(Padding(" ".join(names), (0, 0, 0, 6)), style="dim")
+
+    def _quirks(self) -> None:
+        """Readings of the manual other than the default; all of them are in the report."""
+        others = [one for one in self._readings if one.reading != one.default]
+        if others:
+            self._print()
+            self._print("Quirks", style="bold")
+        for one in others:
+            self._print(f"  {one.switch}={one.reading}  {one.ambiguity}: {one.question}")
+
+    def _coverage(self) -> None:
+        """How much of the ledger the suite can judge at all, and how surely."""
+        covered = [one for one in self._judged if one.checks]
+        words = f"{len(covered)} of {len(self._judged)} requirements have a check"
+        if covered and all(one.armed is not None for one in covered):
+            words += f", {sum(bool(one.armed) for one in covered)} of those are armed"
+        if self._readings:
+            words += f"; {len(self._readings)} readings of the manual seen"
+        self._print(words, style="dim")
 
     def _failure(self, event: events.CheckFinished) -> None:
         self._print()

@@ -6,9 +6,21 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from axistwin_conformance import events, report_html, report_json, report_junit
+from axistwin_conformance.errors import UsageError
 from axistwin_conformance.report_json import Explain
 
 EVENTS, REPORT, JUNIT, PAGE = "events.jsonl", "report.json", "junit.xml", "report.html"
+
+
+def past_seconds(directory: Path, url: str) -> dict[str, float]:
+    """How long each check took on the same url in the run whose report lies there, if any."""
+    try:
+        report = report_json.load(directory / REPORT)
+        if url not in report["run"]["target"]:
+            return {}
+        return {check["name"]: float(check["seconds"]) for check in report["checks"]}
+    except (UsageError, KeyError, TypeError, ValueError):
+        return {}  # whatever lies there is about to be replaced
 
 
 class ReportFolder:

@@ -1,0 +1,96 @@
+"""How long a run still takes, guessed from its plan, from how it goes, and from an earlier run.
+
+Checks differ in length by a factor of a thousand, so an earlier report of the same device is by far
+the best guide.  Without one, checks count by what they may do: motion takes longer than a query.
+The guess is scaled by how this run has gone so far.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+
+from axistwin_conformance.plan import Plan
+from axistwin_conformance.registry import Check
+
+WEIGHTS = (1.0, 6.0, 6.0, 6.0, 8.0)  # passive, motion, stored, rig, destructive
+FULL_FACTOR = 2.0  # checks that only full runs do are the long ones
+CHECKS_NEEDED, SECONDS_NEEDED = 5, 2.0  # before a guess without a past is worth telling
+
+
+def weigh(plan: Plan) -> dict[str, float]:
+    """Return the checks that will run with their weights."""
+    return {check.name: _weight(check) for check in plan.to_run}
+
+
+def _weight(check: Check) -> float:
+    return WEIGHTS[check.danger] * (FULL_FACTOR if check.level == "full" else 1.0)
+
+
+class Pace:
+    """Watches checks begin and end; `past` gives the seconds a check took in an earlier run."""
+
+    def __init__(
+        self,
+        weights: Mapping[str, float],
+        past: Mapping[str, float] | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._left = dict(weights)
+        self._past = past or {}
+        self._clock = clock
+        self._done: list[tuple[str, float, float]] = []  # name, weight, seconds
+        self._running = ""
+        self._since = clock()
+
+    def begin(self, name: str) -> None:
+        """A check begins."""
+        self._running, self._since = name, self._clock()
+
+    def end(self, name: str, seconds: float) -> None:
+        """A check has ended."""
+        self._running = ""
+        self._done.append((name, self._left.pop(name, 1.0), seconds))
+
+    @property
+    def remaining_s(self) -> float | None:
+        """Seconds the run still takes, from now on; None while nobody can say."""
+        known = [
+            (self._past[name], seconds) for name, _, seconds in self._done if name in self._past
+        ]
+        per_weight = self._per_weight()
+        if per_weight is None and not any(name in self._past for name in self._left):
+            return None
+        factor = _ratio(known) if sum(past for past, _ in known) >= SECONDS_NEEDED else 1.0
+        total = 0.0
+        for name, weight in self._left.items():
+            guess = self._past[name] * factor if name in self._past else weight * (per_weight or 0)
+            passed = self._clock() - self._since if name == self._running else 0.0
+            total += max(0.0, guess - passed)
+        return total
+
+    def _per_weight(self) -> float | None:
+        """Seconds per unit of weight: of this run, or of the past as long as this run is young."""
+        seen = [(weight, seconds) for _, weight, seconds in self._done]
+        if len(seen) >= CHECKS_NEEDED and sum(seconds for _, seconds in seen) >= SECONDS_NEEDED:
+            return _ratio(seen)
+        before = [
+            (weight, self._past[name]) for name, weight in self._left.items() if name in self._past
+        ]
+        return _ratio(before) if before else None
+
+
+def _ratio(pairs: Iterable[tuple[float, float]]) -> float:
+    """The sum of the seconds over the sum of what was expected."""
+    expected, seconds = map(sum, zip(*pairs, strict=True))
+    return seconds / expected if expected else 1.0
+
+
+def in_words(seconds: float) -> str:
+    """A guess as rough as it is."""
+    if seconds < 8:
+        return "a few seconds left"
+    if seconds < 55:
+        return f"about {5 * round(seconds / 5)} s left"
+    minutes = max(1, round(seconds / 60))
+    return f"about {minutes} min left" if minutes < 100 else f"about {minutes / 60:.1f} h left"
