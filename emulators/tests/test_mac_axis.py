@@ -293,6 +293,44 @@ def test_a_target_that_falls_behind_is_reached_in_catch_up() -> None:
     assert bench.position() == 100
 
 
+@pytest.mark.parametrize(
+    ("keeps", "way", "end"),
+    [
+        ("absolute", "catch_up", 200),
+        ("absolute", "fresh_profile", 200),
+        ("remaining", "catch_up", 150),
+    ],
+)
+def test_zeroing_in_a_catch_up_keeps_what_it_keeps_under_way(
+    keeps: str, way: str, end: int
+) -> None:
+    """13h stays the absolute number, or the way that is left (MACS-AMB-53)."""
+    bench = moving(200, reset_in_motion=keeps, overshoot_return=way, factory_catchup=5)
+    bench.take(bench.device.set_load(bench.now, HELD))
+    bench.advance(5 * S)
+    bench.take(bench.device.set_load(bench.now, FREE))
+    while bench.device.position_at(bench.now) < 50:
+        bench.advance(MS // 10)
+    bench.take(bench.device.receive(Chunk(bench.now, request(0, 0x0B), None)))
+    assert bench.device.position_at(bench.now) == 0
+    bench.settle()
+    assert bench.position() == end
+
+
+def test_zeroing_after_a_ramped_stop_does_not_bring_the_target_back() -> None:
+    """What 17h gave up stays given up, though the axis still runs behind (MACS-CMD-17-01)."""
+    bench = moving(20_000, factory_catchup=1)
+    bench.advance(S)
+    bench.take(bench.device.set_load(bench.now, HELD))
+    bench.do(0x17)
+    bench.advance(S)
+    assert bench.state() == "PO"
+    bench.do(0x0B)
+    bench.take(bench.device.set_load(bench.now, FREE))
+    bench.settle()
+    assert 0 < bench.position() < 1000
+
+
 def test_zeroing_shifts_the_software_stops_in_space() -> None:
     """Soft stops use the counter (§5.8)."""
     bench = MacBench(factory_stops=8, factory_superior_stop=500)

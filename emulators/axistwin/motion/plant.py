@@ -150,6 +150,13 @@ class Plant:
             self._shaft = self._shaft._replace(step_due_ns=None)
         self._target = aim
 
+    def aim(self, now_ns: Nanos, target: int) -> None:
+        """Hold ``target`` (plant coordinates) instead; position mode, the set-point is over."""
+        self.advance(now_ns)
+        if target != self._target:
+            self._shaft = self._shaft._replace(step_due_ns=None)
+        self._target = target
+
     def brake(self, now_ns: Nanos, increments: int | None = None) -> None:
         """Give up set-point and regulation and brake as hard as possible (MACS-CMD-18-01).
 

@@ -374,6 +374,11 @@ class RampedMotion:
         return cls(trajectory, phases, ramp, distance, ramp.period_ticks)
 
     @classmethod
+    def at_rest(cls, start_ns: Nanos, direction: int, ramp: Ramp) -> "RampedMotion":
+        """What a stop leaves of a motion whose profile was over: no way to go, no target ahead."""
+        return replace(cls.to_target(start_ns, direction, 0, ramp), stopping=True)
+
+    @classmethod
     def endless(cls, start_ns: Nanos, direction: int, ramp: Ramp) -> "RampedMotion":
         """An endless motion from rest in ``direction`` at the ramp's full speed."""
         phases = plan_endless(ramp)

@@ -170,19 +170,29 @@ class Drive:
         """Counter := 0; a 13h under way keeps its number or its way (MACS-AMB-52, -53)."""
         self.set_counter(now, 0)
         motion = self._motion
-        if motion is None or self.kind is not State.PO:
-            self._plan(now)
-            return
-        direction = motion.trajectory.direction
-        set_number = self.plant.set_point_at(now) + self._origin
-        if keeps_remaining:
-            assert motion.target is not None, "a position motion has a target"
-            remaining = motion.target - motion.trajectory.increments_at(now)
-            self._target_number = set_number + direction * remaining
-        else:
-            remaining = direction * (self._target_number - set_number)
-            self._replan(now, motion.retarget(now, remaining))
+        if motion is not None and self.kind is State.PO and not motion.stopping:
+            set_number = self.plant.set_point_at(now) + self._origin
+            direction = motion.trajectory.direction
+            if keeps_remaining:
+                assert motion.target is not None, "a position motion has a target"
+                remaining = motion.target - motion.trajectory.increments_at(now)
+                self._target_number = set_number + direction * remaining
+            elif motion.is_over(now):
+                self._aim_anew(now, motion)
+            else:
+                remaining = direction * (self._target_number - set_number)
+                self._replan(now, motion.retarget(now, remaining))
         self._plan(now)
+
+    def _aim_anew(self, now: Nanos, motion: RampedMotion) -> None:
+        """The target of a profile that is over has moved (ledger §5.3)."""
+        if self._quirks.overshoot_return == "catch_up":
+            self.plant.aim(now, self._target_number - self._origin)
+            return
+        distance = self._target_number - self.counter_at(now)
+        direction = -1 if distance < 0 else 1
+        self._motion = RampedMotion.to_target(now, direction, abs(distance), motion.ramp)
+        self.plant.follow(now, self._motion.trajectory, self._signed_target())
 
     def set_point_direction(self, now: Nanos) -> int:
         """Sign of the speed that a new one would take over; 0: the set-point rests."""
@@ -282,7 +292,7 @@ class Drive:
         if not motion.is_over(now):
             self._replan(now, motion.stop(now))
         elif self.kind is State.PO:
-            self._motion = RampedMotion.to_target(now, motion.trajectory.direction, 0, motion.ramp)
+            self._motion = RampedMotion.at_rest(now, motion.trajectory.direction, motion.ramp)
             self.plant.hold(now)
         self._plan(now)
 
