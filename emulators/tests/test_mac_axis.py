@@ -411,6 +411,24 @@ def test_a_micro_cut_disjuncts() -> None:
     assert bench.read(0x21) == 0
 
 
+def test_a_disjunction_drops_what_was_to_come_though_the_motor_was_unpowered() -> None:
+    """11h, where it is taken, starts nothing then (MACS-STATE-02, MACS-AMB-33)."""
+    bench = MacBench(disj_refuse_set="starting")
+    bench.do(0x10)
+    bench.do(0x13, 1000)
+    bench.take(bench.device.set_fault(bench.now, "micro_cut", True))
+    assert bench.state() == "DJ"
+    bench.do(0x11)
+    bench.advance(S)
+    assert bench.state() == "DJ"
+    assert bench.position() == 0
+    assert bench.device.describe(bench.now)["powered"] is False
+    bench = MacBench(disj_refuse_set="starting")
+    bench.do(0x10)
+    bench.take(bench.device.set_fault(bench.now, "micro_cut", True))
+    assert bench.state() == "DJ"
+
+
 @pytest.mark.parametrize("model", ["mac34-1", "mac34-2"])
 def test_the_mac34_has_faults_of_its_own(model: str) -> None:
     """Amplifier dd.3, thermal dd.2, encoder dd.1; supply beyond 125 % Vmax is dd.3."""

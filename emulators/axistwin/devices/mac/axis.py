@@ -53,7 +53,7 @@ class Axis:
         self.parameters = Parameters(quirks, cells)
         self.values, self.stored = self.parameters.values, self.parameters.stored
         self.faults = Faults(model, encoder_locks=quirks.encoder_fault_locks)
-        self.drive = Drive(model, quirks, self.values)
+        self.drive = Drive(model, quirks, self.values, self.faults)
         self.inputs = dict.fromkeys(INPUTS, False)
         self._cells = acceptance_table(quirks)
         self._reference_enabled = False
@@ -478,8 +478,10 @@ class Axis:
 
     def _obey_faults(self, now: Nanos) -> None:
         """A disjunction cuts the motor's power and drops all motion (MACS-STATE-02)."""
-        if self.faults.disjuncted and (self.drive.powered or self.drive.kind is not None):
-            self._armed, self._preload = False, None
+        if not self.faults.disjuncted:
+            return
+        self._armed, self._preload = False, None
+        if self.drive.powered:
             self.drive.power_off(now)
             self._save_counter(now)
 

@@ -33,6 +33,7 @@ from fractions import Fraction
 from typing import Final
 
 from axistwin.devices.mac.acceptance import State
+from axistwin.devices.mac.faults import Faults
 from axistwin.devices.mac.models import MacModel
 from axistwin.devices.mac.quirks import RANGE_MAX, RANGE_MIN, MacQuirks
 from axistwin.kernel.time import Nanos
@@ -67,10 +68,13 @@ _SPAN = RANGE_MAX - RANGE_MIN + 1
 
 
 class Drive:
-    """Motor, shaft and counter.  ``values`` are the parameters in use, owned by the axis."""
+    """Motor, shaft and counter.  ``values`` and ``faults`` are the axis', which keeps to them."""
 
-    def __init__(self, model: MacModel, quirks: MacQuirks, values: Mapping[str, int]) -> None:
+    def __init__(
+        self, model: MacModel, quirks: MacQuirks, values: Mapping[str, int], faults: Faults
+    ) -> None:
         self._quirks = quirks
+        self._faults = faults
         self._values = values
         self._torque_max_nm = model.torque_max_nm
         self._reads_encoder = quirks.position_source == "encoder"
@@ -326,6 +330,7 @@ class Drive:
 
     def power_on(self, now: Nanos) -> None:
         """19h: holding torque (MACS-CMD-19-01); a coasting shaft is braked by it."""
+        assert not self._faults.disjuncted, "the motor is powered in spite of a fault"
         self.powered = True
         self.apply_torque(now)
         if self._coasting:
@@ -397,6 +402,7 @@ class Drive:
         self._plan(now)
 
     def _start(self, now: Nanos, kind: State) -> None:
+        assert not self._faults.disjuncted, f"{kind.name} starts in spite of a fault"
         self.kind = kind
         self._position_mode = kind is State.PO
         self._old_target = None
