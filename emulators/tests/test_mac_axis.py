@@ -449,13 +449,6 @@ def test_the_mac34_has_faults_of_its_own(model: str) -> None:
     assert bench.read(0x21) == 0x48000080
 
 
-def test_a_mac23_has_no_encoder_fault() -> None:
-    """The bit is a MAC34's."""
-    bench = MacBench()
-    bench.take(bench.device.set_fault(bench.now, "encoder", True))
-    assert bench.read(0x21) == 0
-
-
 # ---- load, busy, catch-up (§5.5) ----
 
 

@@ -389,6 +389,17 @@ def test_a_module_held_in_reset_says_nothing_more(paced: bool, etx_to_reset_us: 
     assert network.host_take() == ANSWER_20H
 
 
+@pytest.mark.parametrize(("echo", "digits"), [("as_sent", b"FF"), ("own_address", b"00")])
+def test_an_answer_of_zeros_to_all_carries_the_address_of_every_answer(
+    echo: str, digits: bytes
+) -> None:
+    """MACS-REPLY-08, MACS-AMB-17, MACS-AMB-58."""
+    bench = MacBench(unknown_index="zero_answer", general_echo=echo)
+    answer = bench.ask(0x2A, address=0xFF)
+    assert answer[6:8] == digits
+    assert answer[17:19] == checksum(answer[6:17])
+
+
 def test_power_off_silences_and_power_on_boots() -> None:
     """Nothing is heard without power; two seconds after power-up it lives (MACS-AMB-21)."""
     bench = MacBench()
@@ -520,13 +531,45 @@ def test_stored_address_and_rate_win_over_the_constructor() -> None:
 
 def test_impossible_cells_are_ignored() -> None:
     """A cell that this device could not have stored reads as from the factory."""
-    device = MacSerial("mac23", 1, cells={"baud": 1200, "address": 200, "period": 0, "mystery": 4})
+    strange = {"baud": 12345, "address": 200, "period": 0, "stops": 5, "torque": 0x81, "mystery": 4}
+    device = MacSerial("mac23", 1, cells=strange)
     assert device.address in (0, 1)
+    assert device.axis.values["stops"] == 0
+    assert device.axis.values["torque"] == 0x60
+    assert MacBench(cells=strange).read(0x29, 0) == 0x00030100
     assert device.line_format == LineFormat(38400)
     assert device.axis.values["period"] == 0x320
 
 
+@pytest.mark.parametrize(("imax", "torque"), [(0x40, 0x40), (0x60, 0x60), (0xFF, 0x60)])
+def test_the_factory_torque_is_within_imax(imax: int, torque: int) -> None:
+    """At start and after 01h: no motor gives more than its maximum (MACS-AMB-11, -25)."""
+    bench = MacBench(imax_value=imax)
+    assert bench.read(0x26) >> 16 & 0xFF == torque
+    bench.do(0x0C, 1)
+    bench.do(0x01)
+    bench.advance(2 * S)
+    assert bench.read(0x26) >> 16 & 0xFF == torque
+
+
 # ---- users' mistakes ----
+
+
+@pytest.mark.parametrize("name", ["encoder", "amplifier"])
+def test_a_fault_that_the_model_does_not_have_cannot_be_made(name: str) -> None:
+    """dd of a MAC23 has no bit for it (ledger §5.9)."""
+    bench = MacBench()
+    with pytest.raises(UsageError, match=f"a mac23 has no fault '{name}'; it has: micro_cut"):
+        bench.device.set_fault(bench.now, name, True)
+    assert bench.read(0x21) == 0
+
+
+def test_a_reset_input_that_is_not_there_cannot_be_held() -> None:
+    """MACS-AMB-67."""
+    bench = MacBench(has_reset_input=False)
+    with pytest.raises(UsageError, match="has_reset_input"):
+        bench.device.set_input(bench.now, "reset", True)
+    assert bench.ask(0x20) == ANSWER_20H
 
 
 def test_unknown_names_are_told_in_one_line_with_the_nearest_one() -> None:

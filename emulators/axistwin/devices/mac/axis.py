@@ -20,7 +20,7 @@ from typing import Final
 
 from axistwin.devices.mac.acceptance import MOVING, State, acceptance_table
 from axistwin.devices.mac.drive import Drive
-from axistwin.devices.mac.faults import CAUSES, Faults
+from axistwin.devices.mac.faults import FAULTS, Faults
 from axistwin.devices.mac.memory_map import eeprom_image, ram_image
 from axistwin.devices.mac.models import MacModel
 from axistwin.devices.mac.parameters import Parameters, Setter, signed_32
@@ -32,7 +32,6 @@ from axistwin.motion.interpolator import Segment
 from axistwin.motion.plant import Load
 
 INPUTS: Final = ("positive_stop", "negative_stop", "reference")
-FAULTS: Final = (*CAUSES, "micro_cut")
 
 COUNTER_CLOCKWISE: Final = 0xF6  # SS of 15h (MACS-CMD-15-01)
 MOTIONS_HELD: Final = (0x13, 0x14, 0x15)  # by synchronous mode (MACS-CMD-11-01)
@@ -466,9 +465,12 @@ class Axis:
         self._obey_faults(now)
 
     def set_fault(self, now: Nanos, name: str, present: bool) -> None:
-        """Let a fault be there or gone; UsageError for an unknown one."""
+        """Let a fault be there or gone; UsageError for an unknown one, or one of other models."""
         if name not in FAULTS:
             raise UsageError(f"unknown fault {name!r}: {nearest(name, FAULTS)}")
+        if name not in self.faults.names:
+            model, names = self.faults.model.name, ", ".join(self.faults.names)
+            raise UsageError(f"a {model} has no fault {name!r}; it has: {names}")
         if name == "micro_cut":
             if present:
                 self.faults.micro_cut()

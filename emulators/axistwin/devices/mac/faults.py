@@ -22,6 +22,9 @@ from axistwin.devices.mac.models import (
 CAUSES: Final[dict[str, int]] = {"amplifier": MAC34_AMPLIFIER, "encoder": MAC34_ENCODER}
 """Faults that are not measured but happen: over-current or earth leak; encoder not found."""
 
+FAULTS: Final = (*CAUSES, "micro_cut")
+"""All that can happen to a module of some model, by name."""
+
 ROOM_MILLIDEGREES: Final = 25_000
 
 
@@ -53,6 +56,11 @@ class Faults:
         bit = CAUSES[name] & self.model.fault_bits
         self._lasting = self._lasting | bit if present else self._lasting & ~bit
         self._measure()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Those of ``FAULTS`` that the model has a bit for (rule 4)."""
+        return tuple(name for name in FAULTS if CAUSES.get(name, MICRO_CUT) & self.model.fault_bits)
 
     def micro_cut(self) -> None:
         """A disturbance of the supply too short to stop the module (dd.0)."""

@@ -16,11 +16,11 @@ Rules
             88-89 period    AF Imax
 """
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from axistwin.devices.mac.quirks import MacQuirks
+from axistwin.devices.mac.quirks import RANGE_MAX, RANGE_MIN, MacQuirks
 
 RATES: Final[dict[int, int]] = {1: 9600, 2: 19200, 3: 38400}
 """Code of 1Bh to baud (MACS-CMD-1B-01)."""
@@ -32,32 +32,34 @@ RATE_CODES: Final = {baud: code for code, baud in RATES.items()}
 class Cell:
     """One nonvolatile value: where it lies in the EEPROM and what the factory put there.
 
-    factory: a number, or the name of the quirk that holds it.
+    factory: a number, or the name of the quirk that holds it.  values: all it can ever hold.
     """
 
     name: str
     eeprom_address: int
     width: int
     factory: int | str
-    low: int
-    high: int
+    values: Container[int]
 
 
-_LONG = (-(1 << 31), (1 << 31) - 1)
+BYTE: Final = range(0x100)
+LONG: Final = range(-(1 << 31), 1 << 31)
+STOPS_MODES: Final = (0, 1, 8, 9)
+"""Values of 03h: bit 0 hardware, bit 3 software stops (MACS-CMD-03-01)."""
 
 CELLS: Final[tuple[Cell, ...]] = (
-    Cell("address", 0x00, 1, 0, 0, 0x7F),
-    Cell("baud", 0x01, 1, 38400, 9600, 38400),
-    Cell("standby", 0x02, 1, "factory_standby", 0, 1),
-    Cell("stops", 0x03, 1, "factory_stops", 0, 9),
-    Cell("torque", 0x04, 1, "factory_torque", 0, 0xFF),
-    Cell("catchup", 0x05, 1, "factory_catchup", 0, 0xFF),
-    Cell("ramp", 0x06, 1, "factory_ramp", 0, 0xFF),
-    Cell("tolerance", 0x07, 1, "factory_tolerance", 0, 0xFF),
-    Cell("period", 0x08, 2, "factory_period", 1, 0xFFFF),
-    Cell("superior_stop", 0x0C, 4, "factory_superior_stop", *_LONG),
-    Cell("inferior_stop", 0x10, 4, "factory_inferior_stop", *_LONG),
-    Cell("position", 0x14, 4, 0, -(1 << 30), (1 << 30) - 1),
+    Cell("address", 0x00, 1, 0, range(0x80)),
+    Cell("baud", 0x01, 1, 38400, RATE_CODES),
+    Cell("standby", 0x02, 1, "factory_standby", (0, 1)),
+    Cell("stops", 0x03, 1, "factory_stops", STOPS_MODES),
+    Cell("torque", 0x04, 1, "factory_torque", BYTE),  # and not above Imax
+    Cell("catchup", 0x05, 1, "factory_catchup", BYTE),
+    Cell("ramp", 0x06, 1, "factory_ramp", BYTE),
+    Cell("tolerance", 0x07, 1, "factory_tolerance", BYTE),
+    Cell("period", 0x08, 2, "factory_period", range(1, 0x10000)),
+    Cell("superior_stop", 0x0C, 4, "factory_superior_stop", LONG),
+    Cell("inferior_stop", 0x10, 4, "factory_inferior_stop", LONG),
+    Cell("position", 0x14, 4, 0, range(RANGE_MIN, RANGE_MAX + 1)),
 )
 
 MODES: Final = frozenset({"standby", "stops", "tolerance"})
@@ -69,21 +71,20 @@ PARAMETERS: Final = tuple(
 
 
 def factory_values(quirks: MacQuirks) -> dict[str, int]:
-    """Every cell as it leaves the factory (ledger §5.10)."""
-    return {
+    """Every cell as it leaves the factory (ledger §5.10); the torque limit is within Imax."""
+    values = {
         cell.name: cell.factory if isinstance(cell.factory, int) else getattr(quirks, cell.factory)
         for cell in CELLS
     }
+    values["torque"] = min(values["torque"], quirks.imax_value)
+    return values
 
 
-def admissible(cells: Mapping[str, int]) -> dict[str, int]:
+def admissible(cells: Mapping[str, int], quirks: MacQuirks) -> dict[str, int]:
     """Those of ``cells`` that this device knows, with values it could have stored itself."""
-    known = {cell.name: cell for cell in CELLS}
-    return {
-        name: value
-        for name, value in cells.items()
-        if name in known and known[name].low <= value <= known[name].high
-    }
+    known = {cell.name: cell.values for cell in CELLS}
+    known["torque"] = range(quirks.imax_value + 1)
+    return {name: value for name, value in cells.items() if value in known.get(name, ())}
 
 
 def eeprom_image(cells: Mapping[str, int]) -> bytes:

@@ -13,7 +13,13 @@ Rules
 from collections.abc import Callable, Mapping
 from typing import TypeAlias
 
-from axistwin.devices.mac.memory_map import MODES, PARAMETERS, admissible, factory_values
+from axistwin.devices.mac.memory_map import (
+    MODES,
+    PARAMETERS,
+    STOPS_MODES,
+    admissible,
+    factory_values,
+)
 from axistwin.devices.mac.quirks import MacQuirks
 from axistwin.kernel.effects import Effect, Store
 
@@ -28,7 +34,7 @@ class Parameters:
 
     def __init__(self, quirks: MacQuirks, cells: Mapping[str, int]) -> None:
         self._quirks = quirks
-        self.stored = {**factory_values(quirks), **admissible(cells)}
+        self.stored = {**factory_values(quirks), **admissible(cells, quirks)}
         self.values = {name: self.stored[name] for name in PARAMETERS}
         self._effects: list[Effect] = []
 
@@ -81,7 +87,7 @@ class Parameters:
 
     def set_stops(self, number: int) -> bool:
         """03h: bit 0 hardware, bit 3 software stops (MACS-CMD-03-01)."""
-        return self._set("stops", self.in_printed_set(number & 0xFF, (0, 1, 8, 9), 0x09))
+        return self._set("stops", self.in_printed_set(number & 0xFF, STOPS_MODES, 0x09))
 
     def set_superior_stop(self, number: int) -> bool:
         """09h: any signed 32-bit position (MACS-CMD-09-01, MACS-AMB-54)."""

@@ -236,6 +236,8 @@ class MacSerial:
             return self._refused
         if 0x20 <= index < 0x2A:
             return self._query(frame, index)
+        if index >= INDEX_COUNT or self.axis.cell(index) == "u":
+            return self._unassigned(frame, index)
         parameters = number(frame[10:18], any_case=self._any_case)
         if parameters is None:
             parameters = self._significant_only(frame[10:18], SIGNIFICANT.get(index, 0))
@@ -279,12 +281,10 @@ class MacSerial:
 
     def _command(self, index: int, parameters: int, *, general: bool) -> bytes | None:
         """Execute command ``index``; its reply, or None for silence."""
-        cell = self.axis.cell(index) if index < INDEX_COUNT else "u"
-        if cell == "u":
-            return self._unassigned(index)
         face_command = _FACE_COMMANDS.get(index)
         if face_command is not None:
-            return self._refused if cell == "R" else face_command(self, parameters, general)
+            refused = self.axis.cell(index) == "R"
+            return self._refused if refused else face_command(self, parameters, general)
         start_ns = self._etx_ns
         if self.quirks.motion_start_ref == "reply_end":
             start_ns = self._reply_span(len(self._accepted))[1]
@@ -293,18 +293,17 @@ class MacSerial:
         self._reschedule()
         return self._accepted if accepted else self._refused
 
-    def _unassigned(self, index: int) -> bytes | None:
+    def _unassigned(self, frame: bytes, index: int) -> bytes | None:
         """The reply to an index nobody assigned (MACS-AMB-58)."""
         policy = self.quirks.unknown_index
         if policy == "zero_answer" and index >= 0x20:
-            return answer(HEX[self.address], b"%X" % (index & 0xF), 0, xon=self._xon)
+            return answer(self._echo(frame), b"%X" % (index & 0xF), 0, xon=self._xon)
         if policy == "silence":
             return None
         return self._refused if policy == "refuse" else self._accepted
 
     def _query(self, frame: bytes, index: int) -> bytes:
         """The answer to query ``index`` (MACS-REPLY-07..10)."""
-        address = self._upper(frame[4:6]) if self._echoes else HEX[self.address]
         if index < 0x28:
             data = self.axis.query(self._etx_ns, index)
         else:
@@ -312,7 +311,11 @@ class MacSerial:
             wraps = self.quirks.mem_wrap == "wrap"
             data = four_bytes(image, self._digits[frame[8:10]], wraps=wraps)
         digit, length = self._answer_forms[index]
-        return answer(address, digit, data, length, self._xon)
+        return answer(self._echo(frame), digit, data, length, self._xon)
+
+    def _echo(self, frame: bytes) -> bytes:
+        """The address in an answer to ``frame`` (MACS-REPLY-08, MACS-AMB-17)."""
+        return self._upper(frame[4:6]) if self._echoes else HEX[self.address]
 
     def _initialise(self, _: int, __: bool) -> bytes | None:
         """00h: restart when the reply has left (MACS-CMD-00-01..03)."""
@@ -458,7 +461,11 @@ class MacSerial:
 
     def _set_reset_input(self, now: Nanos, held: bool) -> None:
         """RI while held low, then BT (MACS-IO-01, ledger §4.1)."""
-        if not self.quirks.has_reset_input or held == self._reset_held:
+        if not self.quirks.has_reset_input:
+            raise UsageError(
+                "input reset: this device has none; start it with the quirk has_reset_input=true"
+            )
+        if held == self._reset_held:
             return
         self._reset_held = held
         if not self._powered:
@@ -487,7 +494,7 @@ class MacSerial:
     def set_fault(self, now: Nanos, name: str, present: bool) -> list[Effect]:
         """Let a fault be there or gone: amplifier, encoder (MAC34), micro_cut (a moment only).
 
-        Raises UsageError for other names.
+        Raises UsageError for other names, and for those that the model does not have.
         """
         self._run_until(now)
         self.axis.set_fault(now, name, present)
