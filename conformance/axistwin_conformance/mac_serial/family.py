@@ -9,7 +9,7 @@ from typing import Final
 
 from axistwin_conformance.errors import TargetError, WrongDevice
 from axistwin_conformance.mac_serial import codec
-from axistwin_conformance.mac_serial.bench import Bench
+from axistwin_conformance.mac_serial.bench import AWAKE_SURELY_S, Bench
 from axistwin_conformance.mac_serial.codec import Kind
 from axistwin_conformance.registry import SAFETY_CLASSES, Family, Identity, Model
 from axistwin_conformance.session import Session
@@ -18,6 +18,7 @@ from axistwin_conformance.transcript import Direction, Record
 PROBE_ATTEMPTS: Final = (
     6  # with the reply time-out of 0.5 s: longer than the deaf time after power-up
 )
+DISJUNCTIONS: Final = 0x1F  # bits of the first byte of 21h that latch and lock (§5.9)
 PLAUSIBLE_CELSIUS: Final = (-20.0, 90.0)  # a MAC at rest; the models' scales differ by 70 degrees
 
 
@@ -156,6 +157,7 @@ def restore(session: Session, memory: Memory) -> tuple[str, ...]:
     """Put back what differs, and drive back to where the axis was found."""
     bench = Bench(session)
     stop(session)
+    _clear_fault(bench)
     now = _read(bench)
     if now.position != memory.position:
         _drive_back(bench, memory.position)
@@ -169,6 +171,16 @@ def restore(session: Session, memory: Memory) -> tuple[str, ...]:
         for name in Memory.__slots__
         if getattr(left, name) != getattr(memory, name)
     )
+
+
+def _clear_fault(bench: Bench) -> None:
+    """With a fault latched the module would refuse to drive back (MACS-STATE-02)."""
+    if bench.session.run.rig is None:  # then nothing has made one
+        return
+    faults = bench.ask(0x21).reply.data or 0
+    if faults >> 24 & DISJUNCTIONS:
+        bench.command(0x00)
+        bench.wait(AWAKE_SURELY_S)
 
 
 def _repairs(now: Memory, memory: Memory) -> list[tuple[int, int]]:

@@ -23,12 +23,12 @@ from axistwin_conformance.mac_serial.bench import (
 )
 from axistwin_conformance.mac_serial.codec import Kind
 from axistwin_conformance.mac_serial.forecast import Forecast, Segment, Window
+from axistwin_conformance.mac_serial.motion import TICK_NS
 from axistwin_conformance.rig import Rig
 from axistwin_conformance.session import Session
 
 WORKED: Final = ("motion", "stored", "rig")  # the safety of a check that moves and works a rig
 EXACT_PERIOD: Final = 0x2000  # 1.024 ms per increment: a step is longer than a reply is late
-DISJUNCTIONS: Final = 0x1F  # the bits of dd that latch and lock (§5.9)
 OVER_VOLTAGE, UNDER_VOLTAGE = 0x40, 0x20  # the warnings in dd
 HARD_POSITIVE, HARD_NEGATIVE = 0x08, 0x04  # bits of ff
 OFF_S: Final = 1.0
@@ -80,7 +80,7 @@ class RigBench(Bench):
     def can_go(self, way: Way, direction: int) -> bool:
         """False where the device's readings of AMB-07 and -38 leave no way to count down."""
         switch = {"15h": "vel_f6_direction", "16h": "segment_signed"}.get(way.name)
-        return direction > 0 or switch is None or self.known(switch) != 1
+        return direction > 0 or switch is None or self.known(switch, _DOWN[switch]) != 1
 
     def begin(self, period: int | None = None, coefficient: int = 0) -> int:
         """Bring everything to rest; give the place.  No stop bits, no reference."""
@@ -88,6 +88,10 @@ class RigBench(Bench):
             self.restart()
         self.start = self.ready(self.pace if period is None else period, coefficient)
         return self.start
+
+    def has_tolerance(self) -> bool:
+        """Whether this device knows 1Ch (MACS-AMB-09); asked with what is set already."""
+        return not self.known("cmd_1c_supported", _refuses_tolerance)
 
     def restart(self) -> None:
         """00h, and wait until it surely listens again (MACS-CMD-00-02)."""
@@ -124,9 +128,14 @@ class RigBench(Bench):
         data = self.data_bytes(0x27)
         return {name: bool(data[byte] & bit) for name, (byte, bit) in INPUT_BITS.items()}
 
+    def stopped_on(self) -> int:
+        """The byte ff of 21h without what is reserved: five bits, since the map may be shifted."""
+        ff = self.data_bytes(0x21)[1]
+        return ff & (0x0F if ff & 0xE0 else 0x1F)
+
     def judge_stop_bit(self, bit: int, requirement: Part) -> None:
         """ff shows that stop alone, where the CAN manual has it or shifted by one (AMB-12)."""
-        ff = self.data_bytes(0x21)[1] & 0x1F
+        ff = self.stopped_on()
         outcome: int | str = {bit: 0, bit << 1: 1}.get(ff, f"ff {ff:02X} instead of {bit:02X}")
         if ff == 0 and self.known("ff_lifetime") == 1:
             return  # on this device the bit lives only as long as the stop acts
@@ -148,12 +157,12 @@ class RigBench(Bench):
     ) -> None:
         """The axis has ended where a motion cut short in a window may end.
 
-        `coasts`: nothing brakes it, so only the ideal axis of the twin stops at once.
+        `coasts`: nothing brakes it and nobody says how far it rolls, but its target it must miss.
         """
         lowest, highest = cut.final
         beyond = 1 + self.braking(self.period)
-        if coasts and not self.target.is_virtual:
-            beyond += self.reach
+        if coasts:
+            beyond = max(beyond, abs(self.start + direction * self.reach - highest) - 1)
         if direction > 0:
             highest += beyond
         else:
@@ -202,6 +211,27 @@ class Origin:
 
     old_zero: int
     shift: int = 0
+
+
+def _refuses_tolerance(bench: Bench) -> int:
+    kind = bench.command(0x1C, bench.value(0x26) & 0xFF).kind
+    return int(kind is Kind.REFUSED)
+
+
+def _goes_up(bench: Bench, index: int, parameter: int) -> int:
+    """Whether the command, meant to count down, counts up: 0 or 1."""
+    start = bench.position()
+    bench.command(index, parameter)
+    bench.wait(10 * SLOWEST * TICK_NS / 1e9)
+    bench.command(0x18)
+    return int(bench.position() > start)
+
+
+# How to learn it where the run has not: a few increments at the slowest speed.
+_DOWN: Final[Mapping[str, Callable[[Bench], int]]] = {
+    "vel_f6_direction": lambda bench: _goes_up(bench, 0x15, velocity(-1, SLOWEST)),
+    "segment_signed": lambda bench: _goes_up(bench, 0x16, segment(-5, SLOWEST)),
+}
 
 
 def _move(bench: RigBench, start: int, distance: int) -> Forecast:
