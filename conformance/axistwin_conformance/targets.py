@@ -70,14 +70,24 @@ class RoundTrip:
 class Target:
     """A device behind a port.  Not thread-safe: one run, one target."""
 
-    def __init__(self, port: SerialPort, description: str, *, is_builtin: bool = False) -> None:
+    def __init__(
+        self,
+        port: SerialPort,
+        description: str,
+        *,
+        is_builtin: bool = False,
+        is_lossless: bool | None = None,
+    ) -> None:
         self._port = port
         self._pending = bytearray()
         self.description = description
         self.is_builtin = is_builtin
         self.is_virtual = getattr(port, "virtual_time_ns", None) is not None
+        # In virtual time there is no noise, unless somebody puts it there.
+        self.is_lossless = self.is_virtual if is_lossless is None else is_lossless
         self.transcript = Transcript()
         self.round_trip = RoundTrip()
+        self.last_sent = b""
         self.gate: Callable[[bytes], None] | None = None  # sees every byte before it is sent
         if not self.is_virtual:
             port.timeout = SLICE_S
@@ -115,6 +125,7 @@ class Target:
         """Send the bytes and return the time at which that began."""
         if self.gate is not None:
             self.gate(data)
+        self.last_sent = bytes(data)
         started_ns = self.now_ns
         self.transcript.add(Record(started_ns, Direction.HOST, bytes(data)))
         with _port_trouble("sending"):

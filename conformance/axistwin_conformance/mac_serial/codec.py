@@ -33,6 +33,7 @@ ANSWER_LENGTH_FIELDS: Final = (b"011", b"014")  # MACS-AMB-05: 014 is printed fo
 
 REQUEST_LENGTH_FIELD: Final = b"014"
 REQUEST_BYTES: Final = 21
+SUMMED_BYTES: Final = 14
 SHORT_REPLY_BYTES: Final = 3
 ANSWER_BYTES: Final = 21
 GENERAL_ADDRESS: Final = 0xFF
@@ -85,6 +86,13 @@ class Request:
         """Give the bytes for the line."""
         check = two_digits(checksum(self.summed)) if self.check is None else self.check
         return self.start + self.length + self.summed + check + self.end
+
+    @property
+    def is_well_formed(self) -> bool:
+        """True if a module takes this for a frame: right fields, digits only, right checksum."""
+        is_framed = (self.start, self.length, self.end) == (b"\x02", REQUEST_LENGTH_FIELD, b"\x03")
+        is_spelt = set(self.summed) <= _DIGITS and len(self.summed) == SUMMED_BYTES
+        return is_framed and is_spelt and self.check is None
 
     def with_wrong_checksum(self, offset: int = 1) -> Request:
         """Spoil the checksum by ``offset`` (1..255), keeping it two hex digits."""

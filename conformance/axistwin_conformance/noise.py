@@ -1,0 +1,257 @@
+"""Noise on the way: what may be asked again, what is replayed, and when a surprise is believed.
+
+    a bad reply ──┬─ a Nack, or a frame that may be repeated: sent again, recorded
+                  └─ any other: the frame may have been obeyed: the attempt is void (`Disturbed`)
+
+    an attempt ───┬─ without trouble and without surprise: believed
+                  ├─ void: replayed; broken off at the same place again and again, it is replayed
+                  │  strictly, that is with every reply handed to the check as it came
+                  ├─ surprising (a fail; on a noisy line also a quirk): replayed, and believed when
+                  │  enough quiet or strict attempts agree, spoilt replies included
+                  └─ passed by asking again: replayed strictly, so that a device whose fault is
+                     cured by asking again does not pass for a noisy line
+
+*Often enough* follows from the line itself: with a share p of exchanges spoilt, the same surprise
+k times by noise alone has the chance p to the power of k; k is taken so that it is one in a million
+(`LineQuality.alike_needed`).  What needs more replays than there are stays inconclusive, k of n.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+from axistwin_conformance.errors import SuiteError
+from axistwin_conformance.events import Outcome
+from axistwin_conformance.judgement import CheckResult
+from axistwin_conformance.verdicts import Finding, Verdict
+
+FALSE_ALARM = 1e-6  # the chance left to noise of looking like the device
+LEAST_ALIKE = 3
+MOST_ATTEMPTS = 10  # of one check, the first one included
+NOISY = 1e-3  # share of spoilt exchanges from which a line counts as noisy
+PASSED_WITH_RETRIES = "passed by asking again; what went wrong went wrong here and there: noise"
+PRIOR_EXCHANGES = 20  # before anything is known, a line is taken to spoil one exchange in these
+
+
+class Disturbed(SuiteError):  # noqa: N818 - a verdict on the attempt, not an error
+    """The reply to something that must not be repeated was spoilt: the attempt is void."""
+
+
+@dataclass(slots=True)
+class LineQuality:
+    """How many exchanges of a run went wrong on the way, as far as that can be told."""
+
+    exchanges: int = 0
+    spoilt: int = 0
+    votes: Counter[tuple[str, str]] = field(default_factory=Counter)  # how something is spelt
+
+    def note(self, *, is_spoilt: bool) -> None:
+        """Count one exchange."""
+        self.exchanges += 1
+        self.spoilt += is_spoilt
+
+    @property
+    def rate(self) -> float:
+        """The share of spoilt exchanges, estimated carefully while few are known."""
+        return (self.spoilt + 1) / (self.exchanges + PRIOR_EXCHANGES)
+
+    @property
+    def is_noisy(self) -> bool:
+        """True if what is done on this line cannot be relied on."""
+        return self.spoilt > NOISY * max(self.exchanges, 1)
+
+    @property
+    def alike_needed(self) -> int:
+        """How many times the same bad thing must come before it is the device's."""
+        return max(LEAST_ALIKE, math.ceil(math.log(FALSE_ALARM) / math.log(min(self.rate, 0.9))))
+
+    def is_settled(self, replies: list[bytes]) -> bool:
+        """True if the last replies to one request are alike and too many for noise."""
+        needed = self.alike_needed
+        return len(replies) >= needed and len(set(replies[-needed:])) == 1
+
+    def __str__(self) -> str:
+        return f"{self.spoilt} of {self.exchanges} exchanges spoilt"
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt:
+    """One run of a check on a line that may be noisy.
+
+    `disturbance`: what was spoilt that must not be repeated; empty if nothing.  `readings`: the
+    readings learnt in it that are not the default.  `spoilt`: bad replies that were handed on to
+    the check (strictly).  `place`: what was sent last before the first failure.
+    """
+
+    result: CheckResult
+    disturbance: str = ""
+    readings: Mapping[str, str] = field(default_factory=dict)
+    is_strict: bool = False
+    spoilt: tuple[str, ...] = ()
+    place: bytes = b""
+
+    @property
+    def is_quiet(self) -> bool:
+        """True if nothing at all went wrong on the way, as far as that can be told."""
+        return not self.disturbance and not self.result.retries and not self.spoilt
+
+    @property
+    def is_void(self) -> bool:
+        """True if it tells nothing: broken off, or the check fell over what noise had made."""
+        is_crash = self.result.outcome is Outcome.ERROR and not self.is_quiet
+        return bool(self.disturbance) or is_crash
+
+    @property
+    def is_telling(self) -> bool:
+        """True if all that went wrong on the way is part of what is compared."""
+        return self.is_strict or self.is_quiet
+
+    def surprise(self, *, is_noisy: bool) -> tuple[object, ...]:
+        """What would be told against the device, comparable between attempts; empty if nothing."""
+        told: list[object] = [
+            (one.requirement, _without_numbers(" ".join((one.text, *one.expected))))
+            for one in self.result.findings
+            if one.verdict is Verdict.FAIL or (is_noisy and one.verdict is Verdict.QUIRK)
+        ]
+        if is_noisy:
+            told += sorted(self.readings.items())
+        return (*told, self.place, self.spoilt) if told else ()
+
+
+class Replays:
+    """Replays a check until its result can be believed.
+
+    `attempt(is_strict)`: runs the check once.  `tidy()`: stops the axis, puts everything back, and
+    tells whether the device still answers.  `most`: how many attempts there may be.
+    """
+
+    def __init__(
+        self,
+        attempt: Callable[[bool], Attempt],
+        tidy: Callable[[], bool],
+        quality: LineQuality,
+        most: int = MOST_ATTEMPTS,
+    ) -> None:
+        self._attempt, self._tidy, self._quality, self._most = attempt, tidy, quality, most
+        self._all: list[Attempt] = []
+
+    def settle(self) -> CheckResult:
+        """Run, replay as often as needed, and give the result that can be believed."""
+        is_strict = False
+        while len(self._all) < self._most:
+            if self._all and not self._tidy():
+                break
+            one = self._attempt(is_strict)
+            self._all.append(one)
+            if not one.is_void and (one.result.outcome is not Outcome.DONE or one.result.trouble):
+                return one.result  # left out, a mistake of the suite, the port, the rig
+            if self._is_enough(one):
+                return self._believed(one)
+            if self._passed() and self._has_wandered():
+                break
+            is_strict = self._next_is_strict(one)
+        return self._given_up()
+
+    def _is_enough(self, one: Attempt) -> bool:
+        if one.is_void:
+            return False
+        if surprise := self._surprise(one):
+            alike = self._alike(surprise)
+            return alike >= self._quality.alike_needed and not self._doubts(surprise)
+        if not one.is_quiet:
+            return False
+        # On a noisy line a surprise that does not come again was noise; on a quiet one it is the
+        # device's, and what comes now and then is no pass.
+        passes = sum(other.is_quiet and not self._surprise(other) for other in self._all)
+        is_outvoted = self._quality.is_noisy and passes >= self._quality.alike_needed
+        return is_outvoted or not self._quiet_surprises()
+
+    def _next_is_strict(self, one: Attempt) -> bool:
+        """After a pass by asking again, a failure among retries, and where attempts break off at
+        one place only."""
+        if one.is_void:
+            tail = self._all[-self._quality.alike_needed :]
+            same = {earlier.disturbance for earlier in tail} == {one.disturbance}
+            return same and len(tail) >= self._quality.alike_needed
+        return one.is_strict or not one.is_quiet
+
+    def _surprise(self, one: Attempt) -> tuple[object, ...]:
+        return one.surprise(is_noisy=self._quality.is_noisy)
+
+    def _alike(self, surprise: tuple[object, ...]) -> int:
+        return sum(one.is_telling and self._surprise(one) == surprise for one in self._all)
+
+    def _doubts(self, surprise: tuple[object, ...]) -> bool:
+        """True if in a quiet attempt the device behaved otherwise."""
+        return any(one.is_quiet and self._surprise(one) != surprise for one in self._all)
+
+    def _passed(self) -> list[Attempt]:
+        return [one for one in self._all if not one.is_void and not self._surprise(one)]
+
+    def _quiet_surprises(self) -> bool:
+        return any(one.is_quiet and self._surprise(one) for one in self._all)
+
+    def _has_wandered(self) -> bool:
+        """True if strict attempts went wrong each in another way, none of them quietly: noise."""
+        strict = [(self._surprise(one), one.disturbance) for one in self._all if one.is_strict]
+        return len(set(strict)) >= LEAST_ALIKE and not self._quiet_surprises()
+
+    def _believed(self, one: Attempt) -> CheckResult:
+        count = len(self._all)
+        if count == 1:
+            return one.result
+        surprise = self._surprise(one)
+        words = (
+            f"{self._alike(surprise)} of {count} attempts say so"
+            if surprise
+            else "the rest was noise"
+        )
+        return self._with_history(one.result, f"attempt {count} is believed: {words}")
+
+    def _given_up(self) -> CheckResult:
+        passed = self._passed()
+        surprises = [self._surprise(one) for one in self._all if self._surprise(one)]
+        alike = max((surprises.count(one) for one in surprises), default=0)
+        if passed and not self._quiet_surprises() and alike < LEAST_ALIKE:
+            return self._with_history(passed[0].result, PASSED_WITH_RETRIES)
+        return self._inconclusive(passed, surprises)
+
+    def _inconclusive(
+        self, passed: list[Attempt], surprises: list[tuple[object, ...]]
+    ) -> CheckResult:
+        count = len(self._all)
+        most = max((surprises.count(one) for one in surprises), default=0)
+        void = sum(one.is_void for one in self._all)
+        telling = next((one for one in self._all if self._surprise(one)), self._all[-1])
+        text = (
+            f"not settled in {count} attempts: {most} of {count} failed alike, {len(passed)} held,"
+            f" {void} were void ({self._quality})"
+        )
+        if telling.disturbance:
+            text += f"; last: {telling.disturbance}"
+        result = replace(telling.result, outcome=Outcome.DONE).withdrawn(text)
+        said = {one.requirement for one in result.findings}
+        more = tuple(
+            Finding(name, Verdict.INCONCLUSIVE, text)
+            for name in result.check.requirements
+            if name not in said
+        )
+        return self._with_history(replace(result, findings=result.findings + more), text)
+
+    def _with_history(self, result: CheckResult, text: str) -> CheckResult:
+        """The result, with everything that went wrong in all attempts."""
+        lines = [
+            f"attempt {number}: {line}"
+            for number, one in enumerate(self._all, 1)
+            for line in (*one.result.retries, *([one.disturbance] if one.disturbance else ()))
+        ]
+        return replace(result, retries=(*lines, text))
+
+
+def _without_numbers(text: str) -> str:
+    """Two attempts differ in places and times, not in what they complain about."""
+    return re.sub(r"[-+]?\b[0-9A-F]+\b", "#", text)
