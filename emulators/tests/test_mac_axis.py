@@ -620,6 +620,47 @@ def test_a_velocity_that_ends_a_catch_up_has_a_direction_of_its_own(reading: str
     assert bench.position() < -1000
 
 
+def readings(bench: MacBench) -> set[int]:
+    """All that is read within half a second, without letting time pass."""
+    return {bench.device.position_at(bench.now + at * MS) for at in range(0, 500, 7)}
+
+
+def test_in_standby_the_reading_may_swing_about_the_place_that_is_held() -> None:
+    """±1 about the target, busy with it, nothing stored, no event (MACS-CMD-02-03, §5.5)."""
+    bench = MacBench(standby_swing="one", factory_catchup=1)
+    assert readings(bench) == {0}
+    bench.do(0x13, 100)
+    bench.settle()
+    assert bench.state() == "HD"
+    assert readings(bench) == {99, 100, 101}
+    assert bench.device.next_event() is None
+    busy = set()
+    for _ in range(50):
+        bench.advance(7 * MS)
+        busy.add(bench.read(0x27) & 0x0800)
+        assert bench.state() == "HD"
+        assert bench.device.cells(bench.now)["position"] == 100
+        assert bench.stores["position"] == 100
+    assert busy == {0, 0x0800}
+    bench.do(0x1C, 1)
+    assert all(bench.read(0x27) & 0x0800 for _ in range(50))
+    for target in (200, 300, 400):
+        bench.advance(33 * MS)
+        bench.do(0x13, target)
+        bench.settle()
+        assert readings(bench) == {target - 1, target, target + 1}
+
+
+@pytest.mark.parametrize("end", [(0x18, 0), (0x02, 0), (0x1A, 0)])
+def test_the_swing_ends_with_standby_or_regulation(end: tuple[int, int]) -> None:
+    """MACS-CMD-18-02; 02h d=0 is the remedy of trap 42."""
+    bench = MacBench(standby_swing="one")
+    bench.do(0x13, 100)
+    bench.settle()
+    bench.do(*end)
+    assert readings(bench) == {100}
+
+
 # ---- an inertial shaft (§5.4) ----
 
 

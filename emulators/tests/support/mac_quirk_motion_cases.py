@@ -443,3 +443,11 @@ def _(bench: MacBench) -> object:
 def _(bench: MacBench) -> object:
     bench.take(bench.device.set_fault(bench.now, "encoder", True))
     return bench.read(0x21) >> 24, verdict(bench.ask(0x13, 5))
+
+
+@case("standby_swing", {"none": [100] * 4, "one": [100, 101, 100, 99]})
+def _(bench: MacBench) -> object:
+    """What is read at rest after 13h, once around."""
+    bench.do(0x13, 100)
+    bench.settle()
+    return [bench.position_at(2 * S + 50 * MS * quarter) for quarter in range(4)]

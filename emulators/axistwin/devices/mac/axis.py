@@ -329,7 +329,7 @@ class Axis:
 
     def _read_position(self, now: Nanos) -> int:
         """20h (MACS-Q-20-01)."""
-        return self.drive.counter_at(now) & 0xFFFFFFFF
+        return self.drive.reading_at(now) & 0xFFFFFFFF
 
     def _read_status(self, now: Nanos) -> int:
         """21h: dd ff gg hh (ledger §5.9)."""
@@ -380,7 +380,7 @@ class Axis:
     def memory(self, now: Nanos, *, ram: bool) -> bytes:
         """The 256 bytes of RAM or EEPROM (MACS-Q-28-01, -29-01)."""
         if ram:
-            in_use = {**self.values, "position": self.drive.counter_at(now)}
+            in_use = {**self.values, "position": self.drive.reading_at(now)}
             return ram_image(in_use, self.quirks.imax_value)
         return eeprom_image(self.stored)
 
@@ -496,8 +496,12 @@ class Axis:
         self.drive.push(now, increments)
 
     def counter_at(self, now: Nanos) -> int:
-        """The position counter."""
+        """The position counter, as a power failure would save it."""
         return self.drive.counter_at(now)
+
+    def reading_at(self, now: Nanos) -> int:
+        """The position counter, as 20h reads it."""
+        return self.drive.reading_at(now)
 
     def is_moving(self, now: Nanos) -> bool:
         """Whether the counter changes by itself."""
@@ -507,7 +511,7 @@ class Axis:
         """Named state for panels."""
         drive, faults = self.drive, self.faults
         return {
-            "position": drive.counter_at(now),
+            "position": drive.reading_at(now),
             "powered": drive.powered,
             "busy": drive.is_busy(now),
             "armed": self._armed,

@@ -36,7 +36,7 @@ from axistwin.devices.mac.acceptance import State
 from axistwin.devices.mac.faults import Faults
 from axistwin.devices.mac.models import MacModel
 from axistwin.devices.mac.quirks import RANGE_MAX, RANGE_MIN, MacQuirks
-from axistwin.kernel.time import Nanos
+from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.motion.inertia import Mechanics
 from axistwin.motion.interpolator import Interpolator, Segment, Step, Underrun
 from axistwin.motion.plant import Load, Plant
@@ -60,6 +60,9 @@ CATCH_UP_TICKS: Final = 1600
 
 HARDWARE_STOPS, SOFTWARE_STOPS = 0x01, 0x08  # bits of 03h (MACS-CMD-03-01)
 
+SWING_NS: Final = 50 * NS_PER_MS
+"""Time between two steps of the swing in standby; no manual gives it (MACS-CMD-02-03)."""
+
 # Bits of ff by cause and direction, in the CAN manual's map (ledger §5.9).
 HARD_BITS: Final = {1: 0x08, -1: 0x04}
 SOFT_BITS: Final = {1: 0x02, -1: 0x01}
@@ -78,6 +81,7 @@ class Drive:
         self._values = values
         self._torque_max_nm = model.torque_max_nm
         self._reads_encoder = quirks.position_source == "encoder"
+        self._swings = quirks.standby_swing == "one" and self._reads_encoder
         self._inertial = quirks.plant == "inertial"
         mechanics = Mechanics(model.increments_per_turn, model.rotor_inertia_kgcm2)
         self.plant = Plant(
@@ -128,8 +132,21 @@ class Drive:
 
     # ---- counter -------------------------------------------------------------------------------
 
+    def reading_at(self, now: Nanos) -> int:
+        """The counter as it is read, the swing in standby included (MACS-Q-20-01)."""
+        number = self.counter_at(now)
+        return self._fold(number + self._swing_at(now)) if self._swings else number
+
+    def _swing_at(self, now: Nanos) -> int:
+        """Where the shaft swings about the place that is held in standby (MACS-CMD-02-03)."""
+        plant = self.plant
+        still = self._swings and self.powered and self.kind is None and self._values["standby"]
+        if not still or plant.position_at(now) != plant.target:
+            return 0
+        return (0, 1, 0, -1)[now // SWING_NS % 4]
+
     def counter_at(self, now: Nanos) -> int:
-        """The position counter (MACS-Q-20-01), from the encoder or the set-point (MACS-AMB-55)."""
+        """The position counter, from the encoder or the set-point (MACS-AMB-55)."""
         if self._frozen is not None:
             return self._frozen
         if not self._reads_encoder:
@@ -645,7 +662,10 @@ class Drive:
         if self._quirks.busy_after_abort and self._old_target is not None:
             return abs(self.plant.position_at(now) - self._old_target) > tolerance
         if self._position_mode:
-            return self.plant.is_regulating and self.plant.is_busy(now, tolerance)
+            plant = self.plant
+            if self._swings and abs(self._swing_at(now)) > tolerance:
+                return True
+            return plant.is_regulating and plant.is_busy(now, tolerance)
         # An ideal shaft without a load always has its set-point's speed.
         return self.kind is not None and self._loaded and self.plant.is_held_back(now)
 

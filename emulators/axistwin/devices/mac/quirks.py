@@ -233,6 +233,9 @@ class MacQuirks:
     overshoot_return: Literal["catch_up", "fresh_profile"] = _quirk(
         "catch_up", "MACS-AMB-52", "return to a target that fell behind by a change of origin"
     )
+    standby_swing: Literal["none", "one"] = _quirk(
+        "none", "MACS-CMD-02-03", "reading of a place held in standby (one: +1, 0, -1, 0 about it)"
+    )
     plant: Literal["ideal", "inertial"] = _quirk(
         "ideal", "MACS-CMD-0F-03", "motor and load: follows exactly, or by torque and inertia"
     )

@@ -527,7 +527,7 @@ class MacSerial:
     def position_at(self, now: Nanos) -> int:
         """The position counter, as 20h would read it."""
         self._run_until(now)
-        return self.axis.counter_at(now)
+        return self.axis.reading_at(now)
 
     def state_code(self, now: Nanos) -> str:
         """The state of ledger §4.1: BT RI OF HD PO VE IN DJ, with +AR or +PL where it applies."""
