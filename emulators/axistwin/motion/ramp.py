@@ -98,20 +98,6 @@ class StopLaw(StrEnum):
     RAMP_LENGTH = "ramp_length"
 
 
-class OvershootReturn(StrEnum):
-    """How an axis comes back that had to pass its target (ledger §5.3)."""
-
-    CATCH_UP = "catch_up"
-    FRESH_PROFILE = "fresh_profile"
-
-
-class Retarget(StrEnum):
-    """What a running move keeps when the counter is zeroed (MACS-AMB-52, -53)."""
-
-    ABSOLUTE = "absolute"
-    REMAINING = "remaining"
-
-
 @dataclass(frozen=True, slots=True)
 class RampRules:
     """The readings of the manual that a ramp is built by; defaults are the ledger's."""
@@ -474,7 +460,7 @@ class RampedMotion:
     def returning(self) -> "RampedMotion | None":
         """The move from rest, back to a target that was passed; None if it was not.
 
-        For ``OvershootReturn.FRESH_PROFILE``; it starts when this one is over.
+        It starts when this one is over (ledger §5.3).
         """
         end_ns = self.end_ns
         if end_ns is None or self.overshoot <= 0:

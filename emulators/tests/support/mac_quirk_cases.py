@@ -81,11 +81,6 @@ def _(bench: MacBench) -> object:
     return bench.ask(0x28)[3:6]
 
 
-@case("virtual_segment_index", {"1Eh": ("A", 0)})
-def _(bench: MacBench) -> object:
-    return verdict(bench.ask(0x1E, 0x00640400)), final(bench)
-
-
 @case("bad_frame_reply", {"silence": "--", "nack": "NN"})
 def _(bench: MacBench) -> object:
     frame = request(0, 0x20)

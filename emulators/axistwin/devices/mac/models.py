@@ -31,7 +31,6 @@ class MacModel:
     """
 
     name: str
-    description: str
     increments_per_turn: int
     temperature_step_m: int
     temperature_offset_m: int
@@ -89,7 +88,6 @@ _NEVER = 256  # no eight-bit measure reaches it
 
 MAC23 = MacModel(
     name="mac23",
-    description="MAC23, serial expert frames, 2000 increments per turn",
     increments_per_turn=2000,
     temperature_step_m=2500,
     temperature_offset_m=-215_000,
@@ -107,7 +105,6 @@ MAC23 = MacModel(
 
 MAC34_1 = MacModel(
     name="mac34-1",
-    description="MAC34-1, serial expert frames, 10000 increments per turn, supply to 102 V",
     increments_per_turn=10_000,
     temperature_step_m=2450,
     temperature_offset_m=-140_000,
@@ -126,7 +123,6 @@ MAC34_1 = MacModel(
 MAC34_2 = replace(
     MAC34_1,
     name="mac34-2",
-    description="MAC34-2, serial expert frames, 10000 increments per turn, supply to 204 V",
     supply_step_uv=800_000,
     nominal_millivolts=96_000,
 )

@@ -7,7 +7,9 @@ Rules
    ``false``.  A number may be written ``11h``, ``0x11`` or ``17``.
 3. ``MacQuirks`` is what the twin obeys; ``QUIRKS`` is what the program lists; both are the same
    fields below.
-4. Readings that depart from a requirement marked M or D are offered as well, because real units may
+4. A doubt with one possible reading is no switch: the virtual segment has index 1Eh, 16h on its
+   page is a misprint (MACS-AMB-06).
+5. Readings that depart from a requirement marked M or D are offered as well, because real units may
    differ.
 """
 
@@ -55,9 +57,6 @@ class MacQuirks:
     )
     reply28_length: Literal["011", "014"] = _quirk(
         "011", "MACS-AMB-05", "length field in the answer to 28h"
-    )
-    virtual_segment_index: Literal[0x1E] = _quirk(
-        0x1E, "MACS-AMB-06", "index of the virtual segment (16h is a misprint: one reading only)"
     )
     bad_frame_reply: Literal["silence", "nack"] = _quirk(
         "silence", "MACS-AMB-64", "wrong length field, or byte 20 not Etx"
