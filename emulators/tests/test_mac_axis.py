@@ -4,6 +4,7 @@ import pytest
 from mac_bench import MS, SILENCE, TICK_NS, MacBench, S
 
 from axistwin.devices.mac.framing import request
+from axistwin.kernel.effects import Trace
 from axistwin.motion.plant import Load
 from axistwin.wire.framing import Chunk
 
@@ -719,6 +720,48 @@ def test_the_real_position_is_where_a_new_motion_starts() -> None:
     bench.do(0x13, 0)
     bench.settle()
     assert bench.position() == 0
+
+
+# ---- what is told ----
+
+
+def told(bench: MacBench) -> list[tuple[str, int | str]]:
+    """Kind and value of every trace so far."""
+    traces = [effect for effect in bench.effects if isinstance(effect, Trace)]
+    times = [trace.time_ns for trace in traces]
+    assert times == sorted(times)
+    return [(trace.kind, dict(trace.details)["value"]) for trace in traces]
+
+
+def test_states_and_stops_are_told_when_they_change() -> None:
+    """At their own time, queries not at all."""
+    bench = MacBench(factory_stops=8, factory_superior_stop=50)
+    bench.position()
+    bench.refuse(0x0D, 0)
+    assert told(bench) == []
+    bench.do(0x10)
+    bench.do(0x13, 1000)
+    bench.do(0x11)
+    bench.settle()
+    states = [("state", "OF+AR"), ("state", "OF+PL"), ("state", "PO")]
+    assert told(bench) == [*states, ("stop", "software +"), ("state", "HD")]
+    bench.take(bench.device.power_off(bench.now))
+    bench.take(bench.device.power_on(bench.now))
+    bench.advance(3 * S)
+    assert told(bench)[-3:] == [("state", "off"), ("state", "BT"), ("state", "OF")]
+    bench.input("reset", True)
+    bench.input("reset", False)
+    assert told(bench)[-2:] == [("state", "RI"), ("state", "BT")]
+
+
+def test_faults_are_told_when_they_latch() -> None:
+    """Once, and again when a restart finds the cause still there."""
+    bench = moving(1000)
+    for millidegrees in (87_500, 90_000):
+        bench.take(bench.device.set_temperature(bench.now, millidegrees))
+    assert told(bench) == [("state", "PO"), ("fault", 0x10), ("state", "DJ")]
+    bench.reset()
+    assert told(bench)[3:] == [("state", "BT"), ("fault", 0x10), ("state", "DJ")]
 
 
 # ---- memories ----

@@ -12,21 +12,22 @@ Rules
 3. Synchronous mode is two flags over any state: armed by 10h, then preloaded by 13h, 14h or 15h,
    started by 11h (MACS-CMD-10-01..11-02).  Segments are never held (MACS-CMD-10-03).
 4. A disjunction cuts power in any state, and stays until a restart (MACS-STATE-02, -03).
-5. Calls come in the order of time; whoever calls has run the axis up to that time.
+5. Told are stops that are met (``stop``) and faults that latch (``fault``, the new bits of dd).
+6. Calls come in the order of time; whoever calls has run the axis up to that time.
 """
 
 from collections.abc import Callable, Mapping
 from typing import Final
 
 from axistwin.devices.mac.acceptance import MOVING, State, acceptance_table
-from axistwin.devices.mac.drive import Drive
+from axistwin.devices.mac.drive import STOP_NAMES, Drive
 from axistwin.devices.mac.faults import FAULTS, Faults
 from axistwin.devices.mac.memory_map import eeprom_image, ram_image
 from axistwin.devices.mac.models import MacModel
 from axistwin.devices.mac.parameters import Parameters, Setter, signed_32
 from axistwin.devices.mac.quirks import RANGE_MAX, RANGE_MIN, MacQuirks
 from axistwin.errors import UsageError, nearest
-from axistwin.kernel.effects import Effect
+from axistwin.kernel.effects import Effect, Trace
 from axistwin.kernel.time import Nanos
 from axistwin.motion.interpolator import Segment
 from axistwin.motion.plant import Load
@@ -49,7 +50,8 @@ class Axis:
 
     def __init__(self, model: MacModel, quirks: MacQuirks, cells: Mapping[str, int]) -> None:
         self.quirks = quirks
-        self.parameters = Parameters(quirks, cells)
+        self._effects: list[Effect] = []
+        self.parameters = Parameters(quirks, cells, self._emit)
         self.values, self.stored = self.parameters.values, self.parameters.stored
         self.faults = Faults(model, encoder_locks=quirks.encoder_fault_locks)
         self.drive = Drive(model, quirks, self.values, self.faults)
@@ -72,6 +74,7 @@ class Axis:
         self._ff_shift, self._hh_bit = shift, hh_bit
         self.drive.set_counter(0, self.stored["position"])
         self.drive.freeze(0)
+        self._told_faults = 0
 
     # ---- acceptance ----------------------------------------------------------------------------
 
@@ -115,13 +118,19 @@ class Axis:
         handler = _COMMANDS.get(index)
         assert handler is not None, f"command {index:02X}h is for the face or unassigned"
         accepted = handler(self, now, parameters, start_ns)
-        self._obey_stops()
+        self._obey_stops(now)
         self._save_counter(now)
         return accepted
 
     def take_effects(self) -> list[Effect]:
-        """What is to be stored since the last call, in order."""
-        return self.parameters.take_effects()
+        """What is to be stored or told since the last call, in order."""
+        effects = self._effects
+        if effects:
+            self._effects = []
+        return effects
+
+    def _emit(self, effect: Effect) -> None:
+        self._effects.append(effect)
 
     # ---- parameters ----------------------------------------------------------------------------
 
@@ -393,13 +402,15 @@ class Axis:
     def run(self, now: Nanos) -> None:
         """Do what is due at ``now``."""
         self.drive.run(now)
-        self._obey_stops()
+        self._obey_stops(now)
         self._save_counter(now)
 
-    def _obey_stops(self) -> None:
+    def _obey_stops(self, now: Nanos) -> None:
         """A stop drops what was to come, as 18h does (MACS-AMB-51)."""
-        if self.drive.met_stop:
-            self.drive.met_stop = False
+        bit = self.drive.met_stop
+        if bit:
+            self.drive.met_stop = 0
+            self._emit(Trace(now, "stop", (("value", STOP_NAMES[bit]),)))
             if self.quirks.abort_flush:
                 self._disarm()
 
@@ -432,6 +443,8 @@ class Axis:
     def start(self, now: Nanos) -> None:
         """The end of start-up: faults afresh, then power if it is to be there (MACS-AMB-26)."""
         self.faults.acknowledge()
+        self._told_faults = 0
+        self._obey_faults(now)
         if self.quirks.power_on_at_boot and not self.faults.disjuncted:
             self.drive.power_on(now)
 
@@ -480,6 +493,10 @@ class Axis:
 
     def _obey_faults(self, now: Nanos) -> None:
         """A disjunction cuts the motor's power and drops all motion (MACS-STATE-02)."""
+        latched = self.faults.latched
+        if latched & ~self._told_faults:
+            self._emit(Trace(now, "fault", (("value", latched & ~self._told_faults),)))
+        self._told_faults = latched
         if not self.faults.disjuncted:
             return
         self._armed, self._preload = False, None

@@ -67,6 +67,9 @@ SWING_NS: Final = 50 * NS_PER_MS
 HARD_BITS: Final = {1: 0x08, -1: 0x04}
 SOFT_BITS: Final = {1: 0x02, -1: 0x01}
 
+STOP_NAMES: Final = {0x08: "hardware +", 0x04: "hardware -", 0x02: "software +", 0x01: "software -"}
+"""What a bit of ff means."""
+
 _SPAN = RANGE_MAX - RANGE_MIN + 1
 
 
@@ -127,8 +130,8 @@ class Drive:
         self._accepted: deque[tuple[Segment, tuple[Piece, ...]]] = deque(maxlen=4)
         self.counter_settled = False
         """Set when the counter has come to a place worth saving; the axis clears it."""
-        self.met_stop = False
-        """Set when a stop has ended a motion; the axis clears it."""
+        self.met_stop = 0
+        """The bit of ff of a stop that has ended a motion; the axis clears it."""
 
     # ---- counter -------------------------------------------------------------------------------
 
@@ -610,7 +613,7 @@ class Drive:
     def _stop_on(self, now: Nanos, bit: int) -> None:
         """End the motion at the stop of that ``bit`` of ff (ledger §4.3)."""
         self.stop_bits |= bit
-        self.met_stop = True
+        self.met_stop = bit
         self.hard_stop(now, keeps_segments=not self._quirks.abort_flush)
 
     # ---- torque, load, busy --------------------------------------------------------------------

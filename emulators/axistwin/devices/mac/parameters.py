@@ -21,7 +21,7 @@ from axistwin.devices.mac.memory_map import (
     factory_values,
 )
 from axistwin.devices.mac.quirks import MacQuirks
-from axistwin.kernel.effects import Effect, Store
+from axistwin.kernel.effects import Store
 
 
 def signed_32(number: int) -> int:
@@ -30,31 +30,29 @@ def signed_32(number: int) -> int:
 
 
 class Parameters:
-    """Parameters and nonvolatile cells; unknown or impossible ``cells`` are ignored."""
+    """Parameters and nonvolatile cells; unknown or impossible ``cells`` are ignored.
 
-    def __init__(self, quirks: MacQuirks, cells: Mapping[str, int]) -> None:
+    ``emit`` takes what is to be stored.
+    """
+
+    def __init__(
+        self, quirks: MacQuirks, cells: Mapping[str, int], emit: Callable[[Store], None]
+    ) -> None:
         self._quirks = quirks
+        self._emit = emit
         self.stored = {**factory_values(quirks), **admissible(cells, quirks)}
         self.values = {name: self.stored[name] for name in PARAMETERS}
-        self._effects: list[Effect] = []
-
-    def take_effects(self) -> list[Effect]:
-        """What is to be stored since the last call, in order."""
-        effects = self._effects
-        if effects:
-            self._effects = []
-        return effects
 
     def store(self, name: str, value: int) -> None:
         """Keep ``value`` over power-off."""
         if self.stored[name] != value:
             self.stored[name] = value
-            self._effects.append(Store(((name, value),)))
+            self._emit(Store(((name, value),)))
 
     def save_position(self, position: int) -> None:
         """Hand on the counter, which the hardware saves when the supply fails (MACS-Q-20-02)."""
         self.stored["position"] = position
-        self._effects.append(Store((("position", position),), durable=False))
+        self._emit(Store((("position", position),), durable=False))
 
     def read_stored(self) -> None:
         """Use what is stored."""
@@ -67,7 +65,7 @@ class Parameters:
         changed = tuple(item for item in fresh.items() if self.stored[item[0]] != item[1])
         self.stored.update(changed)
         if changed:
-            self._effects.append(Store(changed))
+            self._emit(Store(changed))
         self.read_stored()
 
     def in_printed_set(self, value: int, allowed: tuple[int, ...], mask: int) -> int | None:

@@ -19,7 +19,8 @@ Rules
 2. First the sum, then the digits, then the index, then acceptance (MACS-REPLY-06).
 3. One reply per frame, nothing unasked (MACS-REPLY-12).  To FF module 00 replies (MACS-MULTI-03).
 4. What a command stores stands in front of its reply in the list of effects.
-5. A restart acts when its own reply has left (MACS-CMD-00-03); until it is over, all is lost.
+5. A new state (ledger §4.1) is told: ``Trace`` of the kind ``state``.
+6. A restart acts when its own reply has left (MACS-CMD-00-03); until it is over, all is lost.
 """
 
 from collections.abc import Callable, Mapping
@@ -46,7 +47,7 @@ from axistwin.devices.mac.memory_map import RATES, four_bytes
 from axistwin.devices.mac.models import MODELS, MacModel
 from axistwin.devices.mac.quirks import MacQuirks
 from axistwin.errors import UsageError, nearest
-from axistwin.kernel.effects import Effect, Silence, Transmit
+from axistwin.kernel.effects import Effect, Silence, Trace, Transmit
 from axistwin.kernel.time import NS_PER_MS, NS_PER_US, Nanos
 from axistwin.motion.plant import Load
 from axistwin.wire.framing import Chunk, LineFormat
@@ -103,11 +104,13 @@ class MacSerial:
         self._take_over_restarts = False
         self._boot_end: Nanos = _NEVER
         self._due: Nanos = _NEVER
+        self._told_state = "off"
         if powered:
             self.power_on(0)
         if powered and started:
             self._boot_end = self._deaf_until = self._due = 0
             self._run_until(0)
+        self._effects.clear()  # it has been so for long
 
     def _prepare_replies(self) -> None:
         """Everything about replies that the quirks decide once for all."""
@@ -289,7 +292,7 @@ class MacSerial:
         if self.quirks.motion_start_ref == "reply_end":
             start_ns = self._reply_span(len(self._accepted))[1]
         accepted = self.axis.execute(self._etx_ns, index, parameters, start_ns)
-        self._effects += self.axis.take_effects()
+        self._collect(self._etx_ns)
         self._reschedule()
         return self._accepted if accepted else self._refused
 
@@ -391,8 +394,16 @@ class MacSerial:
                 self.axis.start(due)
             else:
                 self.axis.run(due)
-            self._effects += self.axis.take_effects()
+            self._collect(due)
             self._reschedule()
+
+    def _collect(self, now: Nanos) -> None:
+        """Take the axis' effects, and tell the state if it is another one."""
+        self._effects += self.axis.take_effects()
+        state = self._state_code()
+        if state != self._told_state:
+            self._told_state = state
+            self._effects.append(Trace(now, "state", (("value", state),)))
 
     def _take_over(self, now: Nanos) -> None:
         self._take_over_at = _NEVER
@@ -418,7 +429,7 @@ class MacSerial:
 
     def _settle(self, now: Nanos) -> list[Effect]:
         """Close a call from outside that touched the axis."""
-        self._effects += self.axis.take_effects()
+        self._collect(now)
         self._reschedule()
         self._run_until(now)
         return self._taken_effects()
@@ -532,6 +543,9 @@ class MacSerial:
     def state_code(self, now: Nanos) -> str:
         """The state of ledger §4.1: BT RI OF HD PO VE IN DJ, with +AR or +PL where it applies."""
         self._run_until(now)
+        return self._state_code()
+
+    def _state_code(self) -> str:
         if not self._powered:
             return "off"
         if self._reset_held:
