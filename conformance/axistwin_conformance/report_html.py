@@ -83,7 +83,7 @@ def render(report: Report) -> str:
     articles = _articles(report)
     counts = Counter(one.judged["verdict"] for one in articles)
     armed = [one for one in articles if one.judged["armed"]]
-    return _template().render(
+    page = _template().render(
         report=report,
         run=report["run"],
         device=report["device"],
@@ -100,6 +100,7 @@ def render(report: Report) -> str:
         moved=[check for check in report["checks"] if check["motions"]],
         check_names={check["name"] for check in report["checks"]},
     )
+    return page.lstrip()  # what the macros at the top leave behind
 
 
 @cache

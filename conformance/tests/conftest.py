@@ -16,7 +16,7 @@ import pytest
 import serial
 
 from axistwin_conformance import engine as engine_module
-from axistwin_conformance import registry
+from axistwin_conformance import registry, report_json
 from axistwin_conformance.engine import Engine, Envelope, Options, Result
 from axistwin_conformance.errors import TargetError, WrongDevice
 from axistwin_conformance.events import Event
@@ -204,3 +204,52 @@ def real_toy(toy: Toy) -> Toy:
     """The toy behind a port that knows no virtual time."""
     toy.port = ToyPort()
     return toy
+
+
+def _wrong(session: Session) -> None:
+    """It would have to answer z."""
+    session.note("the <question> & its answer")
+    answer = ask(session, "Q")
+    session.expect(answer == "z", None, ["z", "Z"], answer)
+
+
+def _drifting(session: Session) -> None:
+    """It would have to be at 20 after 2 ms."""
+    band = [(0, -1, 1), (1_000_000, 9, 11), (2_000_000, 19, 21)]
+    session.sample("move 1", [(1_000_000, 10)], band[:2])
+    session.sample("move 1", [(2_000_000, 27)], band[2:])
+    session.expect(ask(session, "M") == "n", None, "19..21", 27)
+
+
+def _unsettled(session: Session) -> None:
+    """It answers now and then."""
+    session.inconclusive(None, "3 of 10 times")
+
+
+def _otherwise(session: Session) -> None:
+    """It has a reading of its own."""
+    session.expect(ask(session, "Q") == "q", None, "q", "")
+    session.quirk(None, "xon_byte", "11h")
+
+
+def _measured(session: Session) -> None:
+    """It takes a time that nobody prescribes."""
+    session.info(None, "takes 1 ms")
+
+
+def _right(session: Session) -> None:
+    """It answers."""
+    session.expect(ask(session, "Q") == "q", None, "q", "")
+
+
+@pytest.fixture
+def wrong_run(toy: Toy) -> list[dict[str, Any]]:
+    """The event objects of a run over a toy of which every verdict can be said."""
+    toy.add(_right, "MACS-LINE-01", "MACS-FRAME-01")
+    toy.add(_wrong, "MACS-FRAME-01", "MACS-FRAME-02")
+    toy.add(_unsettled, "MACS-FRAME-03")
+    toy.add(_otherwise, "MACS-REPLY-01")
+    toy.add(_measured, "MACS-REPLY-16")
+    toy.add(_drifting, "MACS-CMD-13-01", safety="motion")
+    toy.run()
+    return [report_json.event_object(event, _explain) for event in toy.events]

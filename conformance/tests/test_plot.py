@@ -1,0 +1,87 @@
+"""Measured against predicted, drawn."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+
+from axistwin_conformance.plot import BAND_POINTS, HEIGHT, WIDTH, is_inside, plot, ticks
+
+MS = 1_000_000
+
+
+def motion(*measured: tuple[int, int], band: list[tuple[int, int, int]] | None = None) -> Any:
+    """A motion of a report: 10 increments per ms, known to ±1."""
+    band = band or [(MS * n, 10 * n - 1, 10 * n + 1) for n in range(6)]
+    return {"name": "move 1", "measured": list(measured), "predicted": band}
+
+
+def test_readings_outside_their_band_are_red() -> None:
+    """In both drawings, position and deviation; the edge still belongs to the band."""
+    shown = plot(motion((1 * MS, 11), (2 * MS, 20), (4 * MS, 42)))
+    assert shown.count('class="reading"') == 4
+    assert shown.count('class="reading off"') == 2
+    assert "3 readings, 1 outside the predicted band" in shown
+
+
+@pytest.mark.parametrize(("place", "inside"), [(18, False), (19, True), (21, True), (22, False)])
+def test_inside_is_what_was_judged(place: int, inside: bool) -> None:
+    """Lowest and highest are admissible."""
+    assert is_inside(motion((2 * MS, place))) is inside
+
+
+def test_a_reading_between_two_points_has_the_wider_of_both() -> None:
+    """A plot must not accuse where no band was computed."""
+    assert is_inside(motion((MS // 2, 11)))
+    assert not is_inside(motion((MS // 2, 12)))
+
+
+def test_everything_lies_inside_the_drawing() -> None:
+    """Whatever is measured; and the drawing is well-formed."""
+    shown = str(plot(motion((1 * MS, -4000), (4 * MS, 900))))
+    root = ElementTree.fromstring(shown)
+    for circle in root.iter("circle"):
+        assert 0 <= float(circle.attrib["cx"]) <= WIDTH
+        assert 0 <= float(circle.attrib["cy"]) <= HEIGHT
+    for polygon in root.iter("polygon"):
+        for x, y in (point.split(",") for point in polygon.attrib["points"].split()):
+            assert 0 <= float(x) <= WIDTH
+            assert 0 <= float(y) <= HEIGHT
+
+
+def test_a_motion_of_one_reading_at_rest_can_be_drawn() -> None:
+    """Nothing to scale by."""
+    ElementTree.fromstring(plot(motion((0, 5), band=[(0, 5, 5)])))
+
+
+def test_a_long_band_is_thinned_but_not_where_it_was_measured() -> None:
+    """The page stays light; a reading stays in its own band."""
+    band = [(MS * n, n - (n % 100 == 7), n + (n % 100 == 7)) for n in range(5000)]
+    shown = str(plot(motion((1007 * MS, 1006), band=band)))
+    points = re.findall(r'points="([^"]+)"', shown)[0].split()
+    assert len(points) <= 2 * (BAND_POINTS + 3)
+    assert "off" not in shown
+
+
+def test_a_name_cannot_break_out() -> None:
+    """It is text."""
+    assert "&lt;b&gt;" in plot({**motion((0, 0)), "name": "<b>"})
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "about", "expected"),
+    [
+        (0, 100, 5, [0, 20, 40, 60, 80, 100]),
+        (-1.5, 1.5, 3, [-1, 0, 1]),
+        (3, 4, 2, [3, 3.5, 4]),
+        (0, 0.006, 3, [0, 0.002, 0.004, 0.006]),
+    ],
+)
+def test_axes_are_marked_in_round_numbers(
+    low: float, high: float, about: int, expected: list[float]
+) -> None:
+    """1, 2 or 5 apart."""
+    assert ticks(low, high, about) == pytest.approx(expected)

@@ -1,0 +1,324 @@
+"""The page: self-contained, indexed by requirement, one click from a red one to its bytes."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from html.parser import HTMLParser
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from axistwin_conformance import report_json
+from axistwin_conformance.cli import conform
+from axistwin_conformance.mac_serial import codec
+from axistwin_conformance.mac_serial.codec import Reply
+from axistwin_conformance.report_html import duration, render
+from axistwin_conformance.report_json import Report, fold, load
+from axistwin_conformance.session import Session
+
+VOID = {"meta", "input", "br", "circle", "path", "polygon"}
+OPTIONAL_END = {"td", "tr"}  # transcripts leave these out: half of a long page would be end tags
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+
+
+class Page(HTMLParser):
+    """What a test must know of a page: ids with the text below them, links, and every address."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.text_of: dict[str, str] = {}
+        self.links: list[tuple[str, str, str]] = []  # id of the row, class of the row, target
+        self.loads: list[str] = []
+        self.headings: list[str] = []
+        self.headers: list[tuple[str, dict[str, str]]] = []
+        self._open: list[tuple[str, dict[str, str]]] = []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Take an opening tag."""
+        given = {key: value or "" for key, value in attrs}
+        self.loads += [given[key] for key in ("src", "srcset", "data", "poster") if key in given]
+        self.loads += [given["href"]] if tag != "a" and "href" in given else []
+        if "id" in given:
+            assert given["id"] not in self.text_of, f"two parts are called {given['id']}"
+            self.text_of[given["id"]] = ""
+        if tag == "a":
+            row = next((one for name, one in reversed(self._open) if name == "tr"), {})
+            self.links.append((row.get("id", ""), row.get("class", ""), given["href"]))
+        if tag in ("h1", "h2", "h3", "h4", "h5"):
+            self.headings.append(tag)
+        if tag == "th":
+            self.headers.append((tag, given))
+        if tag in OPTIONAL_END:
+            self._close_optional(tag)
+        if tag not in VOID:
+            self._open.append((tag, given))
+
+    def _close_optional(self, tag: str) -> None:
+        while self._open and self._open[-1][0] in ({"td"} if tag == "td" else OPTIONAL_END):
+            self._open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        """Take a closing tag; it must close what is open."""
+        if tag in VOID:
+            return
+        while self._open[-1][0] != tag:
+            left, _ = self._open.pop()
+            assert left in OPTIONAL_END, f"<{left}> is closed by </{tag}>"
+        self._open.pop()
+
+    def handle_data(self, data: str) -> None:
+        """Take text."""
+        for _, given in self._open:
+            if "id" in given:
+                self.text_of[given["id"]] += data
+
+
+@pytest.fixture
+def report(wrong_run: list[dict[str, Any]]) -> Report:
+    """The report of that run."""
+    return fold(wrong_run)
+
+
+@pytest.fixture(scope="module")
+def wrong_mac(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a run over a MAC23 that counts one increment too many beyond 50."""
+
+    def parse(data: bytes) -> Reply:
+        reply = sound(data)
+        if reply.digit != 0 or reply.data is None or codec.signed(reply.data) <= 50:
+            return reply
+        return replace(reply, data=reply.data + 7)
+
+    sound, folder = codec.parse, tmp_path_factory.mktemp("wrong") / "report"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(codec, "parse", parse)
+        result = CliRunner().invoke(conform, ["mac23", "--report", str(folder), "MACS-CMD-13"])
+    assert result.exit_code == 1, result.output
+    assert f"report: {folder / 'report.html'}" in result.output
+    return folder
+
+
+def failed(report: Report) -> list[str]:
+    """The requirements that failed."""
+    return [one["id"] for one in report["requirements"] if one["verdict"] == "fail"]
+
+
+def assert_one_click_to_the_bytes(text: str, report: Report) -> None:
+    """The row of every red requirement links to a part that holds an exchange of its failure."""
+    page = Page(text)
+    assert failed(report)
+    for key in failed(report):
+        targets = {to for row, kind, to in page.links if row == f"row-{key}" and kind == "fail"}
+        assert targets == {f"#{key}"}
+        shown = page.text_of[key]
+        for check in report["checks"]:
+            for finding in check["findings"]:
+                if finding["requirement"] == key and finding["verdict"] == "fail":
+                    assert finding["transcript"][-1]["data"] in shown
+                    assert finding["transcript"][-1]["decoded"] in shown
+                    assert finding["actual"] in shown
+                    assert all(one in shown for one in finding["expected"])
+                    assert check["replay"] in shown
+
+
+def test_from_a_red_requirement_to_its_bytes_in_one_click(report: Report) -> None:
+    """Hex, words, admissible, actual, and the command that replays it."""
+    assert_one_click_to_the_bytes(render(report), report)
+
+
+def test_a_wrong_mac_leads_to_its_bytes(wrong_mac: Path) -> None:
+    """The same on a real family, in the files that --report writes."""
+    report = load(wrong_mac / "report.json")
+    text = (wrong_mac / "report.html").read_text()
+    assert_one_click_to_the_bytes(text, report)
+    assert '<circle class="reading off"' in text, "the motion that failed shows where"
+    assert {one.name for one in wrong_mac.iterdir()} == {
+        "report.html", "report.json", "junit.xml", "events.jsonl",
+    }  # fmt: skip
+    assert load(wrong_mac / "events.jsonl") == report
+
+
+def test_every_link_leads_somewhere(report: Report) -> None:
+    """Inside the page."""
+    page = Page(render(report))
+    assert {to.removeprefix("#") for *_, to in page.links} <= set(page.text_of)
+
+
+def test_the_page_needs_nothing_but_itself(wrong_mac: Path, report: Report) -> None:
+    """No address is loaded from anywhere: it works from a folder, and for years."""
+    for text in (render(report), (wrong_mac / "report.html").read_text()):
+        assert Page(text).loads == []
+        assert not re.search(r"url\(|@import|https?://|//[a-z]+\.", text)
+
+
+def test_every_requirement_has_a_row_and_an_article(report: Report) -> None:
+    """In the order of the ledger."""
+    text = render(report)
+    page = Page(text)
+    keys = [one["id"] for one in report["requirements"]]
+    assert re.findall(r'<tr id="row-([^"]+)"', text) == keys
+    assert all(key in page.text_of for key in keys)
+
+
+def test_the_head_tells_what_was_judged_and_how(report: Report) -> None:
+    """Identity, target, address, rate, level, seed, suite, envelope, and the command."""
+    text = render(report)
+    for part in (
+        "a toy", "Does not conform.", "built-in twin (toy://toy:0)", "0, 9600 baud",
+        "full, 5", "axistwin 0.", "±1000 increments", "axistwin conform toy --seed 5",
+    ):  # fmt: skip
+        assert part in text
+
+
+def test_what_a_device_says_cannot_break_the_page(report: Report) -> None:
+    """Everything that comes from outside is text."""
+    text = render(report)
+    assert "the &lt;question&gt; &amp; its answer" in text
+    report["device"]["summary"] = "<script>alert(1)</script>"
+    assert "<script>alert" not in render(report)
+
+
+def test_headings_and_tables_are_built_for_screen_readers(report: Report) -> None:
+    """One h1, no level skipped, every header says of what."""
+    page = Page(render(report))
+    levels = [int(one[1]) for one in page.headings]
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert all(after - before <= 1 for before, after in pairwise(levels))
+    assert all(given.get("scope") in ("row", "col") for _, given in page.headers)
+
+
+def test_a_quirk_is_in_the_profile_with_its_default(report: Report) -> None:
+    """And names the ambiguity."""
+    shown = Page(render(report)).text_of["quirks"]
+    assert "xon_byte" in shown
+    assert "11h" in shown
+    assert "1Ah" in shown
+    assert "MACS-AMB-01" in shown
+
+
+def test_an_exchange_that_broke_several_requirements_is_whole_once(report: Report) -> None:
+    """Else a page of a very wrong device would be a hundred times as long as its exchanges."""
+    [check] = [one for one in report["checks"] if one["name"] == "_wrong"]
+    long = [
+        {"time_ns": n, "direction": "host", "data": f"{n:02X}", "decoded": f"word {n}", "text": ""}
+        for n in range(40)
+    ]
+    for finding in check["findings"]:
+        finding["transcript"] = long
+    page = Page(render(report))
+    assert "word 0" in page.text_of["MACS-FRAME-01"]
+    second = page.text_of["MACS-FRAME-02"]
+    assert "word 0" not in second
+    assert "word 39" in second
+    assert "32 lines before that" in second
+
+
+@pytest.mark.parametrize(
+    ("armed", "coverage", "told"),
+    [
+        (None, ["right"], ("1 check", "unknown")),
+        ([], ["right"], ("1 check", "not armed")),
+        (["slow_line", "deaf"], ["right", "other"], ("2 checks", "2 faults caught")),
+        ([], [], ("not covered", "not armed")),
+    ],
+)
+def test_coverage_and_arms_are_told(
+    report: Report, armed: Any, coverage: list[str], told: tuple[str, str]
+) -> None:
+    """What nobody has looked at is not the same as what was found missing."""
+    [one] = [one for one in report["requirements"] if one["id"] == "MACS-LINE-02"]
+    one |= {"armed": armed, "checks": coverage}
+    row = Page(render(report)).text_of["row-MACS-LINE-02"]
+    assert all(part in row for part in told)
+
+
+def asks(session: Session) -> None:
+    """It answers."""
+
+
+def test_an_unreachable_device_gets_a_page_too(toy: Any) -> None:
+    """Without identity, checks or verdicts there is still the reason."""
+    toy.add(asks, "MACS-LINE-01")
+    toy.port.is_mute = True
+    toy.run()
+    text = render(fold([report_json.event_object(event) for event in toy.events]))
+    assert text.startswith("<!DOCTYPE html>")
+    assert "Not judged: device unreachable: nothing answers" in text
+
+
+@pytest.mark.slow
+def test_a_full_run_makes_a_light_page(tmp_path: Path) -> None:
+    """Under a megabyte, motion plots included."""
+    result = CliRunner().invoke(conform, ["mac23", "--report", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    text = (tmp_path / "report.html").read_text()
+    assert text.count("<svg") > 20
+    assert len(text.encode()) < 1_000_000
+    Page(text)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [(0.0042, "4 ms"), (3.21, "3.2 s"), (89, "89.0 s"), (600, "10 min"), (7500, "2 h 5 min")],
+)
+def test_times_are_told_as_people_do(seconds: float, words: str) -> None:
+    """Not more digits than anybody wants."""
+    assert duration(seconds) == words
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
+def test_a_click_in_a_browser_shows_the_bytes(wrong_mac: Path, tmp_path: Path) -> None:
+    """Click the first red requirement: its article comes into view with the exchange open."""
+    report = load(wrong_mac / "report.json")
+    probe = """<script>
+      addEventListener("load", () => {
+        document.querySelector("#show-fail").click();
+        const rows = [...document.querySelectorAll(".index tbody tr")];
+        const shown = rows.filter((row) => row.offsetParent !== null);
+        shown[0].querySelector("a").click();
+        const target = document.querySelector(":target");
+        const bytes = target.querySelector(".wire .judged td:nth-child(3)");
+        const wide = document.documentElement.scrollWidth > innerWidth;
+        document.body.dataset.seen = [
+          target.id, shown.every((row) => row.className === "fail"), shown.length,
+          bytes.offsetHeight > 0, wide, bytes.textContent].join("|");
+      });
+    </script>"""
+    page = tmp_path / "page.html"
+    page.write_text((wrong_mac / "report.html").read_text().replace("</body>", probe + "</body>"))
+    seen = subprocess.run(
+        [
+            CHROMIUM or "", "--headless", "--no-sandbox", "--disable-gpu", "--disable-sync",
+            "--disable-background-networking", "--no-first-run", "--window-size=390,800",
+            f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", page.as_uri(),
+        ],
+        capture_output=True, text=True, timeout=60, check=True,
+    ).stdout  # fmt: skip
+    told = re.search(r'data-seen="([^"]*)"', seen)
+    assert told is not None
+    key, is_filtered, count, is_visible, is_wide, data = told[1].split("|")
+    assert key == failed(report)[0]
+    assert (is_filtered, count, is_visible) == ("true", str(len(failed(report))), "true")
+    assert is_wide == "false", "a phone would have to scroll sideways"
+    assert data in json_bytes(report, key)
+
+
+def json_bytes(report: Report, key: str) -> list[str]:
+    """All bytes of the exchanges behind one requirement's findings."""
+    return [
+        record["data"]
+        for check in report["checks"]
+        for finding in check["findings"]
+        if finding["requirement"] == key
+        for record in finding["transcript"]
+    ]

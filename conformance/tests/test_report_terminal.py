@@ -1,0 +1,93 @@
+"""The face at a terminal: how long still, quirks, coverage."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from axistwin_conformance import armed, report_terminal
+from axistwin_conformance import engine as engine_module
+from axistwin_conformance.engine import Engine
+from axistwin_conformance.ledger import load_ledger
+from axistwin_conformance.pace import Pace
+from axistwin_conformance.report_terminal import TerminalReport
+from axistwin_conformance.session import Session
+
+
+def answers(session: Session) -> None:
+    """It answers a question."""
+    session.target.send(b"Q")
+    session.expect(session.target.receive(1, 0.01) == b"q", None, "q", "")
+
+
+def reads_otherwise(session: Session) -> None:
+    """It has a reading of its own."""
+    session.expect(True, None, "", "")
+    session.quirk(None, "xon_byte", "11h")
+
+
+def shown(toy: Any, pace: Pace | None = None, **console: Any) -> str:
+    """Run the toy and give what was printed."""
+    out = io.StringIO()
+    face = TerminalReport(
+        Console(file=out, width=100, color_system=None, **console),
+        load_ledger("mac_serial"),
+        toy.family.explain,
+        pace,
+    )
+    with face:
+        Engine(toy.options(), toy.open).run(face)
+    return out.getvalue()
+
+
+@pytest.fixture
+def bench(toy: Any) -> Any:
+    """A toy with two checks."""
+    toy.add(answers, "MACS-LINE-01")
+    toy.add(reads_otherwise, "MACS-REPLY-01")
+    return toy
+
+
+def test_a_log_is_told_now_and_then_how_long_it_still_takes(
+    bench: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not with every line."""
+    past = {"answers": 60.0, "reads_otherwise": 300.0}
+    quiet = shown(bench, Pace({"answers": 1, "reads_otherwise": 1}, past))
+    assert "… " not in quiet
+    monkeypatch.setattr(report_terminal, "LEFT_TOLD_EVERY_S", 0)
+    assert "… " in shown(bench, Pace({"answers": 1, "reads_otherwise": 1}, past))
+
+
+def test_on_a_terminal_the_guess_stands_beside_the_bar(bench: Any) -> None:
+    """From the first check on, if an earlier run is known."""
+    pace = Pace({"answers": 1, "reads_otherwise": 1}, {"answers": 600.0, "reads_otherwise": 300.0})
+    assert "about 15 min left" in shown(bench, pace, force_terminal=True)
+
+
+def test_quirks_are_listed_with_the_question_they_answer(bench: Any) -> None:
+    """Only readings that are not the default; the report has all of them."""
+    text = shown(bench)
+    assert "  xon_byte=11h  MACS-AMB-01: Xon is printed as 1Ah" in text
+    assert "1 readings of the manual seen" in text
+
+
+@pytest.mark.parametrize(
+    ("known", "told"),
+    [
+        (None, "2 of 136 requirements have a check;"),
+        ({"MACS-LINE-01": ("deaf", "slow")}, "2 of 136 requirements have a check, 1 of those are"),
+    ],
+)
+def test_how_much_is_covered_and_armed_is_told(
+    bench: Any, monkeypatch: pytest.MonkeyPatch, known: Any, told: str
+) -> None:
+    """A requirement without a check, or one that never failed a wrong device, proves little."""
+    monkeypatch.setattr(engine_module, "load_armed", lambda family: known)
+    text = shown(bench)
+    assert told in text
+    assert ("armed" in text) is (known is not None)
+    assert armed.load_armed is not engine_module.load_armed
