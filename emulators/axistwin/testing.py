@@ -31,9 +31,8 @@ from axistwin.urlhandler import lines
 from axistwin.urlhandler.url import SCHEME, LineOptions, addressed, parse_speed
 
 if TYPE_CHECKING:
-    from axistwin.motion.plant import Load
     from axistwin.runtime.line import Line
-    from axistwin.runtime.twin import Inputs, LoadHandle, Twin
+    from axistwin.runtime.twin import Twin
 
 TRANSCRIPT_BURSTS = 20_000
 """Bursts of bytes remembered of each line, so that what went wrong early is still there."""
@@ -199,107 +198,39 @@ class StartedLine:
         self.stop()
 
 
-class StartedTwin(StartedLine):
-    """A line with one twin: whatever can be done to the twin can be done to this."""
+if TYPE_CHECKING:
 
-    def __getattr__(self, name: str) -> Any:
-        """What only some models have."""
-        if name.startswith("_"):
-            raise AttributeError(name)
-        return getattr(self.twin, name)
+    class _LineAndTwin(StartedLine, Twin):
+        """What a started twin offers; it has the twin's part by delegation."""
+
+else:
+    _LineAndTwin = StartedLine
+
+
+class StartedTwin(_LineAndTwin):
+    """A line with one twin: whatever can be read from, set on or done to the twin, can on this."""
 
     @property
     def twin(self) -> "Twin":
         """The twin itself."""
         return self._line.twins[0]
 
-    @property
-    def name(self) -> str:
-        """``mac23:0``."""
-        return self.twin.name
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self.twin, name)
 
-    @property
-    def model(self) -> str:
-        """``mac23``."""
-        return self.twin.model
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name.startswith("_") or name == "port":
+            object.__setattr__(self, name, value)
+            return
+        known = [each for each in dir(self.twin) if not each.startswith("_")]
+        if name not in known:
+            raise UsageError(f"a twin has no {name} to set: {nearest(name, known)}")
+        setattr(self.twin, name, value)
 
-    @property
-    def address(self) -> int:
-        """The address it answers at now."""
-        return self.twin.address
-
-    @property
-    def position(self) -> int:
-        """Where the axis is now, in increments."""
-        return self.twin.position
-
-    @property
-    def is_moving(self) -> bool:
-        """Whether the axis moves now."""
-        return self.twin.is_moving
-
-    @property
-    def state(self) -> str:
-        """What the twin is doing now, in words."""
-        return self.twin.state
-
-    @property
-    def cells(self) -> dict[str, int]:
-        """The nonvolatile cells by name, as they are now."""
-        return self.twin.cells
-
-    def describe(self) -> dict[str, Any]:
-        """Everything worth showing of the twin, by name."""
-        return self.twin.describe()
-
-    @property
-    def inputs(self) -> "Inputs":
-        """The input pins: ``twin.inputs.reference = True``."""
-        return self.twin.inputs
-
-    @property
-    def supply_volts(self) -> float:
-        """Voltage of the supply, V."""
-        return self.twin.supply_volts
-
-    @supply_volts.setter
-    def supply_volts(self, volts: float) -> None:
-        self.twin.supply_volts = volts
-
-    @property
-    def temperature_celsius(self) -> float:
-        """Temperature of the electronics, °C."""
-        return self.twin.temperature_celsius
-
-    @temperature_celsius.setter
-    def temperature_celsius(self, celsius: float) -> None:
-        self.twin.temperature_celsius = celsius
-
-    @property
-    def load(self) -> "LoadHandle":
-        """What is coupled to the shaft."""
-        return self.twin.load
-
-    @load.setter
-    def load(self, load: "Load") -> None:
-        self.twin.load = load
-
-    @property
-    def is_powered(self) -> bool:
-        """Whether the supply is applied."""
-        return self.twin.is_powered
-
-    def power_off(self) -> None:
-        """Cut the supply."""
-        self.twin.power_off()
-
-    def power_on(self) -> None:
-        """Apply the supply."""
-        self.twin.power_on()
-
-    def power_cycle(self, off_s: float = 0.0) -> None:
-        """Cut the supply for ``off_s`` seconds, then apply it; the device still has to start."""
-        self.twin.power_cycle(off_s)
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *dir(self.twin)})
 
 
 def _line_options(devices: Sequence[str], **options: Unpack[Options]) -> LineOptions:

@@ -125,6 +125,16 @@ def test_a_single_twin_lacks_nothing_of_a_twin() -> None:
         assert (twin.model, twin.cells) == (twin.twin.model, twin.twin.cells)
 
 
+def test_what_a_single_twin_does_not_have_cannot_be_set() -> None:
+    """A misspelt name is told, and would be one of the twin's."""
+    with testing.start("mac23", time="virtual") as twin:
+        with pytest.raises(UsageError, match="did you mean supply_volts"):
+            twin.suply_volts = 30.0
+        with pytest.raises(AttributeError):
+            twin.position = 5  # type: ignore[misc]
+        assert {"position", "inputs", "advance"} <= set(dir(twin))
+
+
 def test_power_cycle_needs_a_start_up() -> None:
     """Position is kept, and the module hears nothing for 2 s (MACS-PERS-01, MACS-AMB-21)."""
     with testing.start("mac23", time="virtual") as twin, opened(twin) as port:
