@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import io
 import json
+import re
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 from click.testing import CliRunner
@@ -17,6 +19,7 @@ from axistwin_conformance.plot import is_inside
 from axistwin_conformance.report_json import FORMAT, JsonStream, fold, load
 from axistwin_conformance.transcript import Direction, Record
 
+DOCS = Path(__file__).parents[2] / "docs"
 Told = list[dict[str, Any]]
 
 
@@ -61,6 +64,15 @@ def test_bytes_are_told_in_hex_and_decoded(wrong_run: Told) -> None:
     ]
     assert records[0]["decoded"] == ""
     assert records[1]["text"] == "the <question> & its answer"
+
+
+@pytest.mark.parametrize("kind", get_args(events.Event))
+def test_the_schema_is_documented_field_by_field(kind: type[Any]) -> None:
+    """docs/conformance-report.md has a row for each event with all of its fields."""
+    name = "_".join(re.findall("[A-Z][a-z]+", kind.__name__)).lower()
+    lines = (DOCS / "conformance-report.md").read_text().splitlines()
+    [row] = [line for line in lines if line.startswith(f"| `{name}` |")]
+    assert [one.name for one in fields(kind) if f"`{one.name}`" not in row] == []
 
 
 def test_every_event_is_a_line_at_once() -> None:

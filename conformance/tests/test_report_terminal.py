@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from axistwin_conformance import armed, report_terminal
 from axistwin_conformance import engine as engine_module
+from axistwin_conformance import report_terminal
 from axistwin_conformance.engine import Engine
 from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.pace import Pace
@@ -90,4 +90,3 @@ def test_how_much_is_covered_and_armed_is_told(
     text = shown(bench)
     assert told in text
     assert ("armed" in text) is (known is not None)
-    assert armed.load_armed is not engine_module.load_armed
