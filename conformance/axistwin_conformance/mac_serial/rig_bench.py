@@ -175,7 +175,9 @@ class RigBench(Bench):
         """Give up if the motion was over before the rig had done its part."""
         end = forecast.end
         if end is not None and act.latest_ns >= end.earliest_ns:
-            self.session.inconclusive(None, "the motion was over before the rig had acted")
+            self.session.inconclusive(
+                None, "the motion was over before the rig had acted: allow it a longer --max-travel"
+            )
 
     @contextmanager
     def reference_enabled(self, enabled: int = 1) -> Iterator[None]:

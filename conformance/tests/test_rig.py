@@ -1,0 +1,580 @@
+"""The rig: three ways to work a device's inputs, supply and shaft, and what the plan says of it."""
+
+from __future__ import annotations
+
+import io
+import stat
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from axistwin_conformance import rig as rig_module
+from axistwin_conformance.cli import make_options
+from axistwin_conformance.engine import Engine, Result
+from axistwin_conformance.errors import CannotDo, RigError, UsageError
+from axistwin_conformance.events import CheckFinished, Event, Outcome, RigQuestion
+from axistwin_conformance.registry import find_family
+from axistwin_conformance.rig import (
+    CAPABILITIES,
+    INPUTS,
+    Act,
+    CommandRig,
+    PromptRig,
+    Rig,
+    RigChoice,
+    TwinRig,
+    choose_rig,
+    in_words,
+    run_command,
+)
+from axistwin_conformance.session import Session
+from axistwin_conformance.targets import Target, open_target
+from axistwin_conformance.verdicts import Verdict
+
+ALL = frozenset(CAPABILITIES)
+TWIN = "axistwin://mac23:0,mac23:1?time=virtual"
+RIG_CHECKS = tuple(one.name for one in find_family("mac23").checks() if one.rig_needs)
+# Every verb once, each away from rest.
+ACTS: tuple[tuple[str, Callable[[Rig], Any]], ...] = (
+    *((f"input {name} on", lambda rig, name=name: rig.set_input(name, True)) for name in INPUTS),
+    ("supply volts 46.5", lambda rig: rig.set_supply(46.5)),
+    ("temperature celsius 90", lambda rig: rig.set_temperature(90.0)),
+    ("hold shaft on", lambda rig: rig.hold_shaft(True)),
+    ("turn shaft -25", lambda rig: rig.turn_shaft(-25)),
+    ("fault micro_cut on", lambda rig: rig.fault("micro_cut", True)),
+    ("power supply off", lambda rig: rig.power_off()),
+)
+
+
+@pytest.fixture
+def target() -> Any:
+    """The built-in twin."""
+    one = open_target(TWIN, 38400, is_builtin=True)
+    yield one
+    one.close()
+
+
+# --- the twin's handles --------------------------------------------------------------------------
+
+
+def test_the_twin_is_worked_by_its_handles(target: Target) -> None:
+    """Each verb reaches the twin with that address, and no other."""
+    rig, (other, twin) = TwinRig(target, 1), target.twins
+    rig.set_input("positive_stop", True)
+    rig.set_supply(30.0)
+    rig.set_temperature(50.0)
+    rig.hold_shaft(True)
+    assert (twin.inputs.positive_stop, twin.supply_volts, twin.load.held) == (True, 30.0, True)
+    assert twin.temperature_celsius == 50.0
+    rig.hold_shaft(False)
+    rig.turn_shaft(-7)
+    assert (twin.position, other.position) == (-7, 0)
+    assert not other.inputs.positive_stop
+    rig.power_off()
+    assert not twin.is_powered
+
+
+def test_reset_brings_the_twin_back_to_rest(target: Target) -> None:
+    """Whatever was worked; the usual supply and temperature are those it had."""
+    rig, twin = TwinRig(target, 0), target.twins[0]
+    usual = (twin.supply_volts, twin.temperature_celsius)
+    for _, act in ACTS:
+        act(rig)
+    before = rig.is_disturbed
+    rig.reset()
+    assert (before, rig.is_disturbed) == (True, False)
+    assert (twin.supply_volts, twin.temperature_celsius, twin.load.held) == (*usual, False)
+    assert not any(getattr(twin.inputs, name) for name in INPUTS)
+    assert twin.describe()["state"] == "BT"
+
+
+def test_acts_are_bracketed_in_time_and_told_in_the_transcript(target: Target) -> None:
+    """The twin's take no time."""
+    rig = TwinRig(target, 0)
+    begin_ns = target.now_ns
+    assert rig.set_input("reference", True) == (begin_ns, begin_ns)
+    told = [one.text for one in target.transcript.since(0, 99)]
+    assert "rig: input reference on" in told
+
+
+def test_a_line_without_that_twin_is_told() -> None:
+    """Not a traceback."""
+    target = open_target(TWIN, 38400)
+    with pytest.raises(RigError, match="address 9"):
+        TwinRig(target, 9)
+    target.close()
+
+
+# --- the user's command --------------------------------------------------------------------------
+
+
+@dataclass
+class Relay:
+    """A rig's command: notes its words, answers with the status told."""
+
+    path: Path
+    log: Path
+
+    @property
+    def template(self) -> str:
+        """What the user types."""
+        return f"{sys.executable} {self.path} {{verb}} {{name}} {{value}}"
+
+    @property
+    def said(self) -> list[str]:
+        """What it was told, a line per run."""
+        return self.log.read_text().splitlines() if self.log.exists() else []
+
+
+@pytest.fixture
+def relay(tmp_path: Path) -> Relay:
+    """Able to do everything but temperature, encoder and amplifier; fails for 13 V, hangs at 14."""
+    log = tmp_path / "log"
+    script = tmp_path / "relay.py"
+    script.write_text(
+        "import sys, time\n"
+        f"open({str(log)!r}, 'a').write(' '.join(sys.argv[1:]) + '\\n')\n"
+        "verb, name, value = sys.argv[1:]\n"
+        "if value == '14': time.sleep(60)\n"
+        "if value == '13': print('relay: no contact'); sys.exit(1)\n"
+        "words = {verb, name}\n"
+        "sys.exit(3 if words & {'temperature', 'encoder', 'amplifier'} else 0)\n"
+    )
+    script.chmod(script.stat().st_mode | stat.S_IXUSR)
+    return Relay(script, log)
+
+
+def test_a_command_gets_verb_name_and_value(relay: Relay, target: Target) -> None:
+    """One run per act; reset undoes each, the shaft first and the supply last."""
+    rig = CommandRig(target, relay.template, ALL)
+    acts = [(words, act) for words, act in ACTS if not words.startswith("temperature")]
+    for _, act in acts:
+        act(rig)
+    assert relay.said == [words for words, _ in acts]
+    rig.reset()
+    undone = relay.said[len(acts) :]
+    assert undone[:2] == ["hold shaft off", "fault micro_cut off"]
+    assert set(undone[2:6]) == {f"input {name} off" for name in INPUTS}
+    assert undone[6:] == ["supply volts rest", "power supply on"]
+
+
+def test_what_a_command_cannot_do_is_told_by_status_3(relay: Relay, target: Target) -> None:
+    """Which is no failure."""
+    rig = CommandRig(target, relay.template, ALL)
+    with pytest.raises(CannotDo, match="temperature celsius 90"):
+        rig.set_temperature(90.0)
+    assert not rig.is_disturbed
+
+
+def test_a_command_that_fails_says_why_in_one_line(relay: Relay, target: Target) -> None:
+    """The last line of its output; what it may have half done is still put back."""
+    rig = CommandRig(target, relay.template, ALL)
+    with pytest.raises(RigError, match=r"supply volts 13 ended with status 1: relay: no contact$"):
+        rig.set_supply(13.0)
+    assert rig.is_disturbed
+    rig.reset()
+    assert relay.said[-1] == "supply volts rest"
+
+
+def test_a_command_that_hangs_is_ended(relay: Relay, target: Target) -> None:
+    """After its time-out."""
+    rig = CommandRig(target, relay.template, ALL, timeout_s=0.5)
+    with pytest.raises(RigError, match=r"did not end within 0\.5 s"):
+        rig.set_supply(14.0)
+
+
+def test_what_is_filled_in_stays_one_word(tmp_path: Path) -> None:
+    """No shell ever sees it."""
+    out = tmp_path / "out"
+    template = f"{sys.executable} -c 'import sys; open(sys.argv[1], \"w\").write(sys.argv[2])'"
+    assert run_command(f"{template} {out} '{{verb}};{{name}} {{value}}'", ("a b", "$(c)", "`d`"), 9)
+    assert out.read_text() == "a b;$(c) `d`"
+
+
+def test_reset_puts_back_all_it_can_and_names_the_rest(relay: Relay, target: Target) -> None:
+    """One thing that fails does not keep the others disturbed."""
+    rig = CommandRig(target, relay.template, ALL)
+    rig.set_supply(30.0)
+    rig.hold_shaft(True)
+    rig.power_off()
+    relay.path.write_text("import sys; sys.exit(sys.argv[1] == 'hold')\n")
+    with pytest.raises(RigError, match=r"hold shaft is still on .*status 1") as caught:
+        rig.reset()
+    assert "power" not in str(caught.value)
+
+
+def test_a_command_is_asked_what_it_can_do(relay: Relay) -> None:
+    """With the verb `can`; the plan then says exactly what is missing."""
+    choice = choose_rig(None, relay.template, "/dev/null", is_allowed=True)
+    assert choice.capabilities == ALL - {"temperature", "encoder", "amplifier"}
+    assert set(relay.said) == {f"can {name} -" for name in CAPABILITIES}
+    options = make_options(
+        model="mac23", port="/dev/null", allow="motion,stored,rig", rig_command=relay.template
+    )
+    left_out = {one.name: why for one, why in Engine(options).plan().left_out}
+    assert left_out["overheating_locks_motion"] == (
+        "needs a rig that sets the module's temperature (--rig)"
+    )
+    assert "disabled_hardware_stops_do_nothing" not in left_out
+
+
+def test_without_rig_the_command_is_not_run(relay: Relay) -> None:
+    """Nothing happens that was not allowed."""
+    choice = choose_rig(None, relay.template, "/dev/null", is_allowed=False)
+    assert (choice.capabilities, relay.said) == (frozenset(), [])
+
+
+# --- a person at the terminal --------------------------------------------------------------------
+
+
+@dataclass
+class Person:
+    """Sits at the terminal: gives these answers, one after the other, then nothing."""
+
+    answers: list[str | None]
+    asked: list[str] = field(default_factory=list)
+
+    def ask(self, text: str, timeout_s: float | None = None) -> str | None:
+        """Take a question."""
+        self.asked.append(text)
+        return self.answers.pop(0) if self.answers else None
+
+
+def test_a_person_is_asked_and_presses_enter(target: Target) -> None:
+    """In words; a report is told that a question is open."""
+    told: list[bool] = []
+    person = Person(["\n", "\n"])
+    rig = PromptRig(target, person, lambda is_open, text: told.append(is_open))
+    rig.set_input("positive_stop", True)
+    rig.set_supply(46.5)
+    assert "Close the contact of the positive stop input." in person.asked[0]
+    assert "Set the supply to 46.5 V." in person.asked[1]
+    assert told == [True, False] * 2
+
+
+def test_what_a_person_skips_is_not_asked_again(target: Target) -> None:
+    """Whatever else it takes."""
+    person = Person(["s\n"])
+    rig = PromptRig(target, person)
+    for _ in range(2):
+        with pytest.raises(CannotDo):
+            rig.set_temperature(90.0)
+    assert len(person.asked) == 1
+
+
+def test_a_person_is_asked_to_put_everything_back(target: Target) -> None:
+    """And if nobody answers, that is told instead of waited for."""
+    person = Person(["\n", "\n", "\n"])
+    rig = PromptRig(target, person)
+    rig.hold_shaft(True)
+    rig.power_off()
+    with pytest.raises(RigError, match="power supply is still off"):
+        rig.reset()
+    assert "Let the shaft go." in person.asked[2]
+    assert "Switch the supply on." in person.asked[3]
+
+
+def test_the_end_of_input_is_no_consent(target: Target) -> None:
+    """A closed terminal skips."""
+    rig = PromptRig(target, rig_module.Console(io.StringIO(""), io.StringIO()))
+    with pytest.raises(CannotDo):
+        rig.hold_shaft(True)
+
+
+def test_every_act_has_words_for_a_person() -> None:
+    """Both to do it and to undo it."""
+    for name in CAPABILITIES:
+        verb = "input" if name in INPUTS else "fault" if name in rig_module.FAULTS else name
+        place = {"supply": "volts", "temperature": "celsius", "power": "supply"}.get(name, "shaft")
+        act = Act(verb, name if verb in ("input", "fault") else place, True)
+        assert in_words(act).endswith(".")
+        if verb != "turn":
+            assert in_words(act.undone).endswith(".")
+
+
+# --- choosing ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("kind", "command", "complaint"),
+    [
+        ("twin", None, "twin in this process"),
+        ("prompt", None, "terminal with somebody"),
+        ("command", None, "needs --rig-command"),
+        ("prompt", "x {verb} {name} {value}", "goes with --rig command"),
+        (None, "relay {verb}", "lacks {name}, {value}"),
+        (None, "relay 'x {verb} {name} {value}", "quotation"),
+        (None, "/no/such/relay {verb} {name} {value}", "No such file"),
+        (None, f"{sys.executable} -c 'exit(7)' {{verb}} {{name}} {{value}}", "status 7"),
+    ],
+)
+def test_a_rig_that_cannot_be_meant_is_refused(
+    kind: str | None, command: str | None, complaint: str
+) -> None:
+    """In one line, before anything is opened."""
+    with pytest.raises(UsageError, match=complaint) as caught:
+        choose_rig(kind, command, "/dev/ttyUSB0", is_allowed=True)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_twin_is_its_own_rig_and_a_port_has_none() -> None:
+    """Unless the user says otherwise."""
+    assert make_options(model="mac23").rig.kind == "twin"
+    options = make_options(model="mac23", port="/dev/null", allow="motion,stored,rig")
+    assert options.rig == RigChoice()
+    reasons = {one.name: why for one, why in Engine(options).plan().left_out}
+    assert reasons["the_reference_is_disabled_at_power_up"] == (
+        "needs a rig that switches the supply off and on and works the reference input (--rig)"
+    )
+
+
+def test_the_replay_names_the_rig() -> None:
+    """So that the same hands work it."""
+    options = make_options(model="mac23", port="/dev/null", allow="rig")
+    check = options.family.checks()[0]
+    assert "--rig" not in make_options(model="mac23").replay(check)
+    chosen = replace(options, rig=RigChoice("command", "relay {verb} {name} {value}", ALL))
+    assert "--rig command --rig-command 'relay {verb} {name} {value}'" in chosen.replay(check)
+
+
+# --- in a run ------------------------------------------------------------------------------------
+
+
+class FakeRig(Rig):
+    """Notes what it is told; may fail or be unable."""
+
+    def __init__(self, target: Target, *, trouble: Exception | None = None) -> None:
+        super().__init__(target, ALL)
+        self.trouble = trouble
+        self.done: list[str] = []
+
+    def _work(self, act: Act) -> None:
+        if self.trouble is not None:
+            raise self.trouble
+        self.done.append(f"{act.verb} {act.name} {act.text}")
+
+
+@dataclass(frozen=True, slots=True)
+class FakeChoice(RigChoice):
+    """Hands out one rig."""
+
+    capabilities: frozenset[str] = ALL
+    made: list[FakeRig] = field(default_factory=list)
+    trouble: Exception | None = None
+
+    def open(self, target: Target, address: int, notify: Any) -> Rig:
+        """Make it."""
+        self.made.append(FakeRig(target, trouble=self.trouble))
+        return self.made[-1]
+
+
+def holding(session: Session) -> None:
+    """It holds the shaft and leaves it so."""
+    session.rig.hold_shaft(True)
+    session.expect(True, None, "", "")
+
+
+def crashing(session: Session) -> None:
+    """It crashes with the shaft held."""
+    session.rig.hold_shaft(True)
+    raise ZeroDivisionError
+
+
+def interrupted(session: Session) -> None:
+    """Somebody presses Ctrl-C."""
+    session.rig.power_off()
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("function", [holding, crashing, interrupted])
+def test_the_rig_is_brought_to_rest_on_every_way_out(toy: Any, function: Any) -> None:
+    """Before the parameters are put back."""
+    toy.add(function, "MACS-BUSY-02", safety="rig", needs=("rig:hold", "rig:power"))
+    choice = FakeChoice()
+    toy.run(rig=choice)
+    assert not choice.made[0].is_disturbed
+    assert choice.made[0].done[-1] in ("hold shaft off", "power supply on")
+
+
+def run_one(toy: Any, trouble: Exception) -> tuple[CheckFinished, Result]:
+    """Run a check whose rig has this trouble."""
+    toy.add(holding, "MACS-BUSY-02", safety="rig", needs=("rig:hold",))
+    result = toy.run(rig=FakeChoice(trouble=trouble))
+    return toy.seen(CheckFinished)[0], result
+
+
+def test_what_the_rig_turns_out_unable_to_do_is_not_run(toy: Any) -> None:
+    """With its words as the reason; nothing failed and nothing is in doubt."""
+    event, _ = run_one(toy, CannotDo("no relay for that"))
+    assert event.outcome is Outcome.LEFT_OUT
+    assert [(one.verdict, one.text) for one in event.findings] == [
+        (Verdict.NOT_RUN, "no relay for that")
+    ]
+
+
+def test_a_rig_that_goes_wrong_leaves_it_inconclusive_and_ends_the_run(toy: Any) -> None:
+    """What may still be disturbed must not be judged further."""
+    event, result = run_one(toy, RigError("relay stuck"))
+    assert event.verdict is Verdict.INCONCLUSIVE
+    assert any("hold shaft is still on" in one for one in result.problems)
+
+
+def test_a_rig_check_says_what_it_needs() -> None:
+    """Or is refused at import."""
+    from axistwin_conformance import registry
+
+    for declared in ({"safety": "rig"}, {"needs": ("rig:hold",)}):
+        with pytest.raises(TypeError, match="go together"):
+            registry.check("MACS-BUSY-02", **declared)(holding)
+
+
+# --- the built-in twin ---------------------------------------------------------------------------
+
+
+class SlowRig(TwinRig):
+    """As a person or a relay: every act takes a while, and nobody knows when it happened."""
+
+    is_exact = False
+    delay_s = 0.4
+
+    def _work(self, act: Act) -> None:
+        self._target.wait(self.delay_s)
+        super()._work(act)
+        self._target.wait(self.delay_s)
+
+
+@dataclass(frozen=True, slots=True)
+class SlowChoice(RigChoice):
+    """Hands out a slow rig."""
+
+    capabilities: frozenset[str] = ALL
+
+    def open(self, target: Target, address: int, notify: Any) -> Rig:
+        """Make it."""
+        return SlowRig(target, address)
+
+
+def with_quirks(model: str, *quirks: str) -> str:
+    """The URL of a twin with these readings."""
+    return f"axistwin://{model}:0,{model}:1?time=virtual" + "".join(f"&quirk.{q}" for q in quirks)
+
+
+def judge(
+    model: str, url: str | None = None, *names: str, rig: RigChoice | None = None, **given: Any
+) -> Any:
+    """Run rig checks, all of them or these; give all findings but passes, and the result."""
+    options = make_options(model=model, ids=names or RIG_CHECKS, port=url, **given)
+    engine = Engine(options if rig is None else replace(options, rig=rig))
+    events: list[Event] = []
+    result = engine.run(events.append)
+    said = [
+        (one.name, finding.verdict, finding.text, finding.requirement)
+        for one in events
+        if isinstance(one, CheckFinished)
+        for finding in one.findings
+        if finding.verdict not in (Verdict.PASS, Verdict.INFO)
+    ]
+    return said, result
+
+
+GRANTED: dict[str, Any] = {"allow": "motion,stored,rig,destructive", "neighbours": (1,)}
+REASONS = ("only a MAC34", "the manual gives no thresholds")
+
+
+@pytest.mark.parametrize("model", ["mac23", "mac34-1", "mac34-2"])
+def test_the_twin_passes_every_rig_check(model: str) -> None:
+    """Two readings of one manual agree about inputs, faults, loads and power cuts."""
+    said, result = judge(model)
+    assert [one for one in said if not one[2].startswith(REASONS)] == []
+    assert result.exit_status == 0
+    if model == "mac23":  # of which the manual gives all thresholds
+        assert {one.verdict for one in result.requirements} == {Verdict.PASS}
+
+
+def test_a_slow_rig_gives_the_same_verdicts() -> None:
+    """Nothing is judged more sharply than the rig's own time allows."""
+    said, _ = judge("mac23", rig=SlowChoice(), max_travel=2000, max_speed=10_000)
+    assert [one for one in said if not one[2].startswith(REASONS)] == []
+
+
+def test_a_rig_that_is_too_slow_makes_no_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was over before the rig acted stays inconclusive."""
+    monkeypatch.setattr(SlowRig, "delay_s", 6.0)
+    said, _ = judge("mac23", rig=SlowChoice(), max_travel=2000, max_speed=10_000)
+    verdicts = {verdict for _, verdict, text, _ in said if not text.startswith(REASONS)}
+    assert verdicts == {Verdict.INCONCLUSIVE}
+
+
+# switch, reading, model, the check that has to notice
+SEEN = [
+    ("hard_stop_command", "refuse", "mac23", "toward_an_active_hardware_stop_nothing_moves"),
+    ("ff_lifetime", "live", "mac23", "a_hardware_stop_ends_motion_of_its_sign"),
+    ("ff_lifetime", "until_reset", "mac23", "a_hardware_stop_ends_motion_of_its_sign"),
+    ("status_ff_layout", "shifted", "mac23", "a_hardware_stop_ends_motion_of_its_sign"),
+    ("busy_after_abort", "true", "mac23", "a_stopped_move_does_not_catch_up"),
+    ("ref_edge", "closing", "mac23", "opening_the_reference_contact_zeroes_the_counter"),
+    ("ref_retarget", "remaining", "mac23", "a_zeroed_move_ends_at_its_target_by_the_new_count"),
+    ("has_reset_input", "false", "mac23", "held_in_reset_the_module_is_deaf"),
+    ("disj_refuse_set", "starting", "mac23", "a_micro_cut_of_the_supply_locks_motion"),
+    ("encoder_fault_locks", "false", "mac34-1", "a_missing_encoder_locks_motion"),
+    ("status_hh_bit", "6-0", "mac23", "an_over_voltage_is_remembered"),
+    ("persist_modes", "volatile", "mac23", "modes_outlive_the_supply_or_all_do_not"),
+    ("zero_catchup", "refuse", "mac23", "a_held_axis_catches_up_at_its_own_speed"),
+    ("running_until", "exact", "mac23", "a_held_axis_is_busy_until_it_is_near_its_target"),
+    ("running_until", "profile", "mac23", "a_held_axis_is_busy_until_it_is_near_its_target"),
+    ("position_source", "set_point", "mac23", "a_held_axis_is_busy_until_it_is_near_its_target"),
+]
+
+
+@pytest.mark.parametrize(
+    ("switch", "reading", "model", "check"), SEEN, ids=[f"{one[0]}={one[1]}" for one in SEEN]
+)
+def test_another_reading_is_named_and_not_failed(
+    switch: str, reading: str, model: str, check: str
+) -> None:
+    """The check that looks at an ambiguity records the reading the twin follows."""
+    said, result = judge(model, with_quirks(model, f"{switch}={reading}"), check, **GRANTED)
+    assert any(text.startswith(f"{switch}={reading}") for _, _, text, _ in said)
+    assert {verdict for _, verdict, _, _ in said} <= {Verdict.QUIRK, Verdict.NOT_RUN}
+    assert result.exit_status == 0
+
+
+@pytest.mark.parametrize(
+    "quirks",
+    [
+        # readings that rig checks look at, as many at once as go together
+        ("hard_stop_command=refuse ff_lifetime=until_reset busy_after_abort=true ref_edge=closing"
+        " disj_refuse_set=starting persist_modes=volatile zero_catchup=refuse running_until=exact"),
+        ("ff_lifetime=live status_ff_layout=shifted ref_retarget=remaining has_reset_input=false"
+        " status_hh_bit=6-0 running_until=profile encoder_fault_locks=false"),
+        "position_source=set_point overshoot_return=fresh_profile boot_time_ms=2300",
+        # and others, of which a run of rig checks alone has learnt nothing before
+        "vel_f6_direction=positive segment_signed=false cmd_1c_supported=false xonerror_byte=18h",
+        "plant=inertial power_on_at_boot=true motion_lock_set=serial_list reserved_bits=1",
+    ],
+)
+def test_all_rig_checks_live_with_other_readings(quirks: str) -> None:
+    """Named or not looked at, but never failed and never in doubt."""
+    said, result = judge("mac23", with_quirks("mac23", *quirks.split()), **GRANTED)
+    assert [one for one in said if one[1] not in (Verdict.QUIRK, Verdict.NOT_RUN)] == []
+    assert result.exit_status == 0
+
+
+def test_a_question_stops_the_bar() -> None:
+    """The terminal's face takes the event without a word of its own."""
+    from rich.console import Console
+
+    from axistwin_conformance.ledger import load_ledger
+    from axistwin_conformance.report_terminal import TerminalReport
+
+    console = Console(file=io.StringIO(), force_terminal=True)
+    face = TerminalReport(console, load_ledger("mac_serial"), str)
+    with face:
+        face(RigQuestion(True, "Hold the shaft fast."))
+        assert not face._progress.live.is_started
+        face(RigQuestion(False, "Hold the shaft fast."))
+        assert face._progress.live.is_started
