@@ -107,6 +107,8 @@ def bench_in(state: str, **quirks: Any) -> MacBench:
         "IN": [(0x16, LONG_SEGMENT)],
         "AR": [(0x10, 0)],
         "PL": [(0x10, 0), (0x13, 1000)],
+        "powered AR": [(0x19, 0), (0x10, 0)],
+        "powered PL": [(0x19, 0), (0x10, 0), (0x13, 1000)],
     }
     for index, parameters in steps.get(state, []):
         bench.do(index, parameters)
@@ -114,7 +116,12 @@ def bench_in(state: str, **quirks: Any) -> MacBench:
         bench.input("reset", True)
     if state == "DJ":
         bench.take(bench.device.set_temperature(bench.now, 100_000))
-    expected = {"AR": "OF+AR", "PL": "OF+PL"}.get(state, state)
+    expected = {
+        "AR": "OF+AR",
+        "PL": "OF+PL",
+        "powered AR": "HD+AR",
+        "powered PL": "HD+PL",
+    }.get(state, state)
     assert bench.state() == expected
     return bench
 
@@ -127,10 +134,10 @@ def outcome(bench: MacBench, index: int) -> str:
     return names.get(reply) or ("Q" if len(reply) == 21 else reply.hex())
 
 
-@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("state", [*STATES, "powered AR", "powered PL"])
 def test_every_cell_of_the_ledgers_table(state: str) -> None:
-    """Index by index, each on a module of its own."""
-    column = STATES.index(state)
+    """Index by index, each on a module of its own; AR and PL are flags over OF and HD (§4.1)."""
+    column = STATES.index(state.removeprefix("powered "))
     wanted = {index: row[column] for index, row in LEDGER.items()}
     got = {index: outcome(bench_in(state), index) for index in LEDGER}
     assert got == wanted

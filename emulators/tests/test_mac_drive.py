@@ -1,22 +1,10 @@
 """What a MAC axis does in time: profiles, velocity, segments, synchronous mode (ledger §5)."""
 
 import pytest
-from mac_bench import MS, REFUSED, TICK_NS, MacBench, S
+from mac_bench import MS, PERIOD, REFUSED, TICK_NS, MacBench, S, moving
 
 from axistwin.devices.mac.framing import request
-from axistwin.motion.plant import Load
 from axistwin.wire.framing import Chunk
-
-PERIOD = 0x320  # 800 ticks, the ledger's examples
-HELD = Load(held=True)
-FREE = Load()
-
-
-def moving(distance: int, aa: int = 1, **quirks: str | int) -> MacBench:
-    """A module that has just accepted 13h, period 800."""
-    bench = MacBench(factory_ramp=aa, factory_period=PERIOD, **quirks)  # type: ignore[arg-type]
-    bench.do(0x13, distance & 0xFFFFFFFF)
-    return bench
 
 
 def ticks_since_etx(bench: MacBench) -> int:

@@ -4,6 +4,7 @@ from axistwin.devices.mac.framing import request
 from axistwin.devices.mac.quirks import Value, parse_quirks
 from axistwin.devices.mac.serial import MacSerial
 from axistwin.kernel.effects import Effect, Store, Transmit
+from axistwin.motion.plant import Load
 from axistwin.wire.framing import Chunk, LineFormat
 
 ACCEPTED = b"\x06\x13\x1a"
@@ -13,6 +14,8 @@ SILENCE = b""
 TICK_NS = 125
 MS = 1_000_000
 S = 1_000_000_000
+PERIOD = 0x320  # 800 ticks, the ledger's examples
+HELD, FREE = Load(held=True), Load()
 
 
 class MacBench:
@@ -167,3 +170,10 @@ class MacBench:
         """00h and its two seconds."""
         self.do(0x00)
         self.advance(self.device.quirks.boot_time_ms * MS)
+
+
+def moving(distance: int, aa: int = 1, **quirks: str | int) -> MacBench:
+    """A module that has just accepted 13h, period 800."""
+    bench = MacBench(factory_ramp=aa, factory_period=PERIOD, **quirks)  # type: ignore[arg-type]
+    bench.do(0x13, distance & 0xFFFFFFFF)
+    return bench
