@@ -9,8 +9,11 @@ import pytest
 import serial
 from served import EVERY_BYTE, TIMEOUT_S, Served, eventually
 
+from axistwin import catalog
 from axistwin.errors import PortError, UsageError
+from axistwin.ports.rfc2217 import Rfc2217Port
 from axistwin.ports.tcp import CLIENTS_MAX, TcpPort, is_loopback, parse_address
+from axistwin.runtime.server import Server
 from axistwin.wire.framing import LineFormat
 
 
@@ -110,6 +113,46 @@ def test_a_client_that_floods_does_not_shut_out_another(bench: Bench) -> None:
         assert eventually(lambda: bench.line.host_backlog == backlog + 6)
         bench.line.unblock()
         assert receive(other, backlog + 6).endswith(b"polite")
+
+
+@pytest.mark.parametrize("scheme", ["tcp", "rfc2217"])
+@pytest.mark.parametrize("host", ["127.0.0.1", "[::1]"])
+def test_a_flooder_that_gives_up_and_closes_leaves_the_line_free(scheme: str, host: str) -> None:
+    """What it left in the kernels' buffers goes out for about a second, and then no more."""
+    make = TcpPort if scheme == "tcp" else Rfc2217Port
+    specs = [catalog.parse_device("mac23")]
+    with contextlib.ExitStack() as stack:
+        line = stack.enter_context(catalog.build_line(specs))
+        port, quiet = make(f"{host}:0"), TcpPort("127.0.0.1:0")
+        server = Server(line, [port, quiet])
+        try:
+            server.start()
+        except PortError:
+            pytest.skip("this machine has no IPv6")
+        stack.callback(server.stop)
+        flooder = socket.create_connection(parse_address(port.url.partition("//")[2]))
+        flooder.settimeout(0.3)
+        with pytest.raises(TimeoutError):
+            flooder.sendall(b"x" * 10_000_000)
+        flooder.shutdown(socket.SHUT_RDWR)
+        flooder.close()
+        other = stack.enter_context(
+            serial.serial_for_url(quiet.url, timeout=0.3),
+        )
+        begin = time.monotonic()
+        answer = b""
+        while not answer.startswith(b"\x06\x13\x02") and time.monotonic() < begin + 10:
+            other.write(b"\x0201400200000000000A2\x03")
+            answer = other.read(21)
+        assert answer.startswith(b"\x06\x13\x02"), answer
+        assert time.monotonic() - begin < 5
+
+
+def test_a_client_that_sends_and_closes_is_heard_to_its_end(bench: Bench) -> None:
+    """A few frames sent with the close right behind them all reach the line."""
+    with bench.connect() as client:
+        client.sendall(EVERY_BYTE * 4)
+    assert eventually(lambda: bench.line.heard == EVERY_BYTE * 4)
 
 
 def test_a_client_that_never_reads_stops_nobody(bench: Bench) -> None:

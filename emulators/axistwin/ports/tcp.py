@@ -3,12 +3,19 @@
 Several clients may be connected at once; each hears the whole line.  TCP knows no bit rate, so the
 line runs at the devices' own.  RFC 2217 has a port of its own (``rfc2217.py``), because its
 negotiation would be garbage to a raw client.
+
+A client that floods and then closes leaves as much in the kernels' buffers as the line carries in
+half a minute, and its end would be seen only behind that.  So a client that is held back is looked
+after: once it has closed, its rest goes out for ``REST_S`` seconds, and what is left is dropped.
 """
 
 import errno
 import ipaddress
 import socket
+import struct
+import time
 from collections.abc import Callable
+from pathlib import Path
 
 from axistwin.errors import PortError, UsageError
 from axistwin.ports.stream import Stream
@@ -17,17 +24,23 @@ from axistwin.runtime.server import Server
 CLIENTS_MAX = 32
 """Connections served at once; further ones are closed at once."""
 
-# Bound what the kernels at both ends keep of a client that floods.  All of that still goes out when
-# the client has closed, as with a serial port; so it has to be seconds' worth.  Segments of the
-# loopback's own size would let the client's end keep megabytes.
+# Bound what the kernels at both ends keep of a client that floods.  Segments of the loopback's own
+# size would let the client's end keep megabytes.
 _RECEIVE_BUFFER_BYTES = 4096
 _SEGMENT_BYTES = 1400
 
 # Bounds what the kernel keeps for a client that does not read.
 _SEND_BUFFER_BYTES = 64 * 1024
 
-# First byte of struct tcp_info: the connection was reset.
-_TCP_CLOSE = 7
+REST_S = 1.0
+"""How long the rest of a client that has closed still goes out."""
+
+_LOOK_S = 0.2
+
+# First byte of struct tcp_info, and the state in /proc/net/tcp: the connection was reset; all that
+# the client has sent is here; the client has closed, but not all that it has sent is here.
+_TCP_CLOSE, _TCP_CLOSE_WAIT = 7, 8
+_TCP_FIN_WAIT1 = 4
 _BACKLOG = 2 * CLIENTS_MAX
 
 _EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
@@ -67,14 +80,53 @@ class TcpStream(Stream):
     ) -> None:
         super().__init__(server, connection.fileno(), on_end)
         self._connection = connection
+        self._look_s = self._closed_s = 0.0
 
     def resume(self) -> None:
-        """Read again, unless the client has died meanwhile: the rest of its flood is dropped."""
-        information = self._connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 1)
-        if information[0] == _TCP_CLOSE:
+        """Read again, unless the client has gone meanwhile: the rest of its flood is dropped."""
+        if self._is_abandoned():
             self._on_end()
         else:
             super().resume()
+
+    def _is_abandoned(self) -> bool:
+        """Whether the client has closed, and had its time for what it had sent before."""
+        state = self._connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 1)[0]
+        if state == _TCP_CLOSE:
+            return True
+        now = time.monotonic()
+        if not self._closed_s and now >= self._look_s:
+            self._look_s = now + _LOOK_S
+            if state == _TCP_CLOSE_WAIT or _far_end_has_closed(self._connection):
+                self._closed_s = now
+        return bool(self._closed_s) and now - self._closed_s >= REST_S
+
+
+def _far_end_has_closed(connection: socket.socket) -> bool:
+    """Whether the client has closed its end, though the word of that waits behind its bytes.
+
+    Only the kernel of the client's machine knows: False for a client on another one.
+    """
+    try:
+        near = _as_in_proc(*connection.getsockname()[:2])
+        far = _as_in_proc(*connection.getpeername()[:2])
+        table = Path("/proc/net/tcp" if len(near) == len("0100007F:1388") else "/proc/net/tcp6")
+        for line in table.read_text("ascii").splitlines():
+            words = line.split()
+            if words[1:3] == [far, near]:
+                return int(words[3], 16) == _TCP_FIN_WAIT1
+    except OSError:  # reset just now, or a system without /proc: nothing is known
+        pass
+    return False
+
+
+def _as_in_proc(host: str, port: int) -> str:
+    """An address as the kernel prints it: words of four bytes in the machine's order."""
+    address = ipaddress.ip_address(host.partition("%")[0])
+    if isinstance(address, ipaddress.IPv6Address) and address.ipv4_mapped is not None:
+        address = address.ipv4_mapped
+    words = struct.unpack(f"={len(address.packed) // 4}I", address.packed)
+    return "".join(f"{word:08X}" for word in words) + f":{port:04X}"
 
 
 class TcpPort:
