@@ -97,6 +97,8 @@ def render(report: Report) -> str:
         others=[one for one in articles if one.slug not in ("fail", "inconclusive")],
         covered=sum(bool(one.judged["checks"]) for one in articles),
         armed=None if any(one.judged["armed"] is None for one in articles) else len(armed),
+        quirks=[one for one in report["readings"] if one["reading"] != one["default"]],
+        followed=[one for one in report["readings"] if one["reading"] == one["default"]],
         moved=[check for check in report["checks"] if check["motions"]],
         check_names={check["name"] for check in report["checks"]},
     )
