@@ -179,7 +179,8 @@ class TerminalReport:
         self._print()
         counts = " · ".join(f"{number} {verdict.value}" for verdict, number in event.counts.items())
         self._print(f"{counts} · {event.seconds:.1f} s")
-        self._coverage()
+        if event.exit_status != UNREACHABLE:
+            self._coverage()
         for problem in event.problems:
             self._print(f"problem: {problem}", style="yellow")
         good = event.exit_status == 0
