@@ -11,7 +11,7 @@ import time
 from collections.abc import Iterator
 from importlib.metadata import EntryPoint
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import click
 import pytest
@@ -45,13 +45,20 @@ def assert_one_clear_line(result: Result, *parts: str) -> None:
 class Daemon:
     """``axistwin run`` as a process of its own in ``folder``."""
 
-    def __init__(self, folder: Path, *arguments: str, environment: dict[str, str] | None = None):
+    def __init__(
+        self,
+        folder: Path,
+        *arguments: str,
+        environment: dict[str, str] | None = None,
+        program: tuple[str, ...] = ("-m", "axistwin"),
+        stdout: int | IO[str] = subprocess.PIPE,
+    ):
         self.folder = folder
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "axistwin", "run", *arguments],
+            [sys.executable, *program, "run", *arguments],
             cwd=folder,
             env={**os.environ, **(environment or {})},
-            stdout=subprocess.PIPE,
+            stdout=stdout,
             stderr=subprocess.PIPE,
             text=True,
         )
@@ -75,11 +82,9 @@ class Daemon:
 
 
 @contextlib.contextmanager
-def daemon(
-    folder: Path, *arguments: str, environment: dict[str, str] | None = None
-) -> Iterator[Daemon]:
+def daemon(folder: Path, *arguments: str, **options: Any) -> Iterator[Daemon]:
     """A daemon that is gone afterwards, whatever happens."""
-    daemon = Daemon(folder, *arguments, environment=environment)
+    daemon = Daemon(folder, *arguments, **options)
     try:
         yield daemon
     finally:
@@ -217,6 +222,56 @@ def test_capture_writes_what_was_said_with_its_meaning(tmp_path: Path) -> None:
     assert "< 06 13 02" in answer
     assert "position" in question
     assert "position" in answer
+
+
+def test_a_capture_that_cannot_begin_is_one_clear_line(tmp_path: Path) -> None:
+    """``--capture /dev/full``: nothing runs without the recording asked for."""
+    link = str(tmp_path / "mac23")
+    result = invoke("run", "mac23", "--pty", link, "--capture", "/dev/full")
+    assert_one_clear_line(result, "/dev/full", "No space left")
+    assert not os.path.lexists(link)
+
+
+def test_a_disk_that_fills_up_ends_the_capture_and_not_the_daemon(tmp_path: Path) -> None:
+    """It is said once, as a line and as an event, and by status 2 at the end."""
+    script = (
+        "import resource, signal, sys; from axistwin.cli.main import main;"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (300, 300)); main()"
+    )
+    arguments = ("mac23", "--json", "--capture", "line.txt")
+    with daemon(tmp_path, *arguments, program=("-c", script)) as process:
+        assert process.event()["event"] == "ready"
+        with serial.Serial(str(tmp_path / "mac23"), 38400, timeout=TIMEOUT_S) as port:
+            for _ in range(5):
+                assert len(ask(port, request(0x20), 21)) == 21
+                time.sleep(0.1)  # the recording is flushed
+        names = [process.event()["event"] for _ in range(3)]
+        assert sorted(names) == ["capture_lost", "connected", "disconnected"]
+        status, _, err = process.end()
+    assert status == 2
+    assert err.count("capture line.txt: cannot be written any more (File too large)") == 1
+    assert "Traceback" not in err
+
+
+def test_standard_output_that_is_full_is_one_clear_line(tmp_path: Path) -> None:
+    """``models`` fails with it; ``run`` goes on serving, and says so."""
+    with Path("/dev/full").open("w") as full:
+        command = [sys.executable, "-m", "axistwin"]
+        listed = subprocess.run(
+            [*command, "models"], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
+        assert listed.returncode == 2
+        assert listed.stderr.count("\n") == 1
+        assert "standard output cannot be written (No space left" in listed.stderr
+        with daemon(tmp_path, "mac23", stdout=full) as process:
+            assert process.process.stderr is not None
+            said = [process.process.stderr.readline() for _ in range(2)]
+            assert any("standard output cannot be written" in line for line in said)
+            with serial.Serial(str(tmp_path / "mac23"), 38400, timeout=TIMEOUT_S) as port:
+                assert len(ask(port, request(0x20), 21)) == 21
+            status, _, err = process.end()
+            assert (status, err) == (2, "")
 
 
 @pytest.mark.parametrize("abstract", [False, True], ids=["path", "abstract"])

@@ -7,6 +7,9 @@ One line per burst (bytes in one direction without a pause)::
 
 Milliseconds of the twin's time, ``>`` from the host or ``<`` to it, all bytes in hex, two spaces,
 and what they mean.  A line that begins with ``#`` is a remark: the date at which a run began.
+
+A recording that cannot begin is a mistake of the user's.  One that cannot go on, because the disk
+is full, ends there and is told of once; the line goes on, since more depends on it.
 """
 
 import contextlib
@@ -27,13 +30,24 @@ _FLUSH_S = 0.05
 
 
 class Recorder(Transcript):
-    """A transcript that is also written to ``file``, burst by burst, in ``loop``'s thread."""
+    """A transcript that is also written to ``file``, burst by burst, in ``loop``'s thread.
 
-    def __init__(self, file: TextIO, explain: Callable[[bytes], str], loop: Loop) -> None:
+    on_failure: called with the reason, once, when the file cannot be written any more.
+    """
+
+    def __init__(
+        self,
+        file: TextIO,
+        explain: Callable[[bytes], str],
+        loop: Loop,
+        on_failure: Callable[[str], None],
+    ) -> None:
         super().__init__()
         self._file = file
         self._explain_bytes = explain
         self._loop = loop
+        self._on_failure = on_failure
+        self._has_failed = False
         self._flushing = False
         self._direction: Direction = "host"
         self._begin_ns = self._end_ns = 0
@@ -63,12 +77,35 @@ class Recorder(Transcript):
             self._data.clear()
             arrow = ">" if self._direction == "host" else "<"
             text = f"{self._begin_ns / NS_PER_MS:12.3f} {arrow} {data.hex(' ').upper()}"
-            self._file.write(f"{text}  {self._explain_bytes(data)}".rstrip() + "\n")
+            self._write(f"{text}  {self._explain_bytes(data)}".rstrip() + "\n")
+
+    def end(self) -> None:
+        """Write what is left, and close the file."""
+        self.write_burst()
+        self._flush()
+        with contextlib.suppress(OSError):  # told by the flush
+            self._file.close()
 
     def _flush_later(self) -> None:
         self._flushing = False
         self.write_burst()
-        self._file.flush()
+        self._flush()
+
+    def _flush(self) -> None:
+        self._write("")
+
+    def _write(self, text: str) -> None:
+        """Write ``text``, or, if it is empty, all that waits to be written."""
+        if self._has_failed:
+            return
+        try:
+            if text:
+                self._file.write(text)
+            else:
+                self._file.flush()
+        except OSError as error:
+            self._has_failed = True
+            self._on_failure(error.strerror or str(error))
 
 
 @contextlib.contextmanager
@@ -77,22 +114,36 @@ def recording(
     path: str | None,
     explain: Callable[[bytes], str],
     loop: Loop,
+    on_failure: Callable[[str], None],
 ) -> Iterator[None]:
-    """Append what is said on ``line`` to the file at ``path``, if any.  Raises UsageError."""
+    """Append what is said on ``line`` to the file at ``path``, if any.  Raises UsageError.
+
+    on_failure: called with the reason, once, when the recording has to end early.
+    """
     if path is None:
         yield
         return
+    recorder = Recorder(_begin(path), explain, loop, on_failure)
+    line.transcript = recorder
+    try:
+        yield
+    finally:
+        recorder.end()
+
+
+def _begin(path: str) -> TextIO:
+    """The file at ``path`` with the date of this run appended.  Raises UsageError."""
     try:
         file = Path(path).open("a", encoding="utf-8")  # noqa: SIM115
+        try:
+            file.write(f"# {time.strftime('%Y-%m-%d %H:%M:%S %z')}\n")
+            file.flush()
+        except OSError:
+            with contextlib.suppress(OSError):
+                file.close()
+            raise
     except OSError as error:
         raise UsageError(
             f"capture {path}: cannot be written ({error.strerror}); choose another file"
         ) from None
-    with file:
-        file.write(f"# {time.strftime('%Y-%m-%d %H:%M:%S %z')}\n")
-        recorder = Recorder(file, explain, loop)
-        line.transcript = recorder
-        try:
-            yield
-        finally:
-            recorder.write_burst()
+    return file

@@ -18,12 +18,12 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from axistwin import __version__
+from axistwin.cli.output import EXIT_USAGE, discard_stdout, stdout_failure
 from axistwin.errors import AxistwinError, UsageError, nearest
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
-EXIT_USAGE = 2
 EXIT_BUG = 70
 EXIT_INTERRUPTED = 130
 
@@ -93,7 +93,12 @@ class _Program(click.Group):
         except BrokenPipeError:  # the reader of our output, such as head, has seen enough
             sys.stderr.close()
             sys.exit(0)
-        except Exception:
+        except Exception as error:
+            reason = stdout_failure() if isinstance(error, OSError) else None
+            if reason is not None:
+                discard_stdout()
+                _complain(f"standard output cannot be written ({reason}); choose another place")
+                sys.exit(EXIT_USAGE)
             traceback.print_exc()
             _complain("this is a bug of axistwin's; the lines above say where")
             sys.exit(EXIT_BUG)

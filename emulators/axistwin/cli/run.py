@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import signal
 import sys
 from collections.abc import Mapping, Sequence
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from axistwin.cli import systemd
+from axistwin.cli.output import EXIT_USAGE, discard_stdout
 from axistwin.errors import UsageError
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def run(
     capture: str | None,
     as_json: bool,
     **options: Any,
-) -> None:
+) -> int:
     """Run twins on one serial line that any program can open.
 
     Several devices share the line, as modules on RS-485 do.  Several endpoints may be given; every
@@ -106,6 +106,14 @@ def run(
     if not (links or tcp or rfc2217):
         links = (f"./{specs[0].model}",)
     reporter = Reporter(as_json)
+
+    def capture_lost(reason: str) -> None:
+        reporter.lose(
+            f"capture {capture}: cannot be written any more ({reason}); recording has ended, "
+            "the modules go on",
+            {"event": "capture_lost", "file": capture, "reason": reason},
+        )
+
     with (
         make_line(specs, **options) as line,
         contextlib.closing(
@@ -113,7 +121,7 @@ def run(
         ) as server,
     ):
         explain = catalog.find_model(specs[0].model).explain
-        with recording(line, capture, explain, server.loop):
+        with recording(line, capture, explain, server.loop, capture_lost):
             server.open()
             if line.is_volatile:
                 _warn("memory is volatile and ends with this run; --state DIR keeps it")
@@ -127,6 +135,7 @@ def run(
             finally:
                 systemd.notify("STOPPING=1")
     reporter.event({"event": "stopped"})
+    return EXIT_USAGE if reporter.has_lost else 0
 
 
 def _stop_signals() -> list[signal.Signals]:
@@ -204,6 +213,14 @@ class Reporter:
 
     def __init__(self, as_json: bool) -> None:
         self._as_json = as_json
+        self.has_lost = False
+
+    def lose(self, message: str, event: Mapping[str, object] | None = None) -> None:
+        """Say that something asked for cannot be done any more; the exit status tells it too."""
+        self.has_lost = True
+        _warn(message)
+        if event is not None:
+            self.event(event)
 
     def ready(self, line: Line, ports: Sequence[Port]) -> None:
         """One event per device: clients can connect."""
@@ -224,10 +241,13 @@ class Reporter:
 
     def _say(self, text: str) -> None:
         """Whoever started us may have stopped listening, which is no reason to end."""
-        with contextlib.suppress(BrokenPipeError):
-            try:
-                sys.stdout.write(text + "\n")
-                sys.stdout.flush()
-            except BrokenPipeError:
-                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-                raise
+        try:
+            sys.stdout.write(text + "\n")
+            sys.stdout.flush()
+        except OSError as error:
+            discard_stdout()
+            if not isinstance(error, BrokenPipeError):
+                self.lose(
+                    f"standard output cannot be written ({error.strerror}); nothing more is told "
+                    "there, the modules go on"
+                )
