@@ -1,14 +1,18 @@
 """The command `axistwin conform`: judge a device, or the built-in twin of it.
 
 Exit status: 0 conforms; 1 does not; 2 wrong usage, or nothing was judged; 3 unreachable or not the
-model named; 4 nothing failed but something stayed inconclusive; 130 interrupted.
+model named; 4 nothing failed but something stayed inconclusive; 130 interrupted; 141 nobody reads
+the output any more (`| head`).
 """
 
 from __future__ import annotations
 
 import contextlib
 import difflib
+import errno
 import json
+import os
+import re
 import signal
 import sys
 import threading
@@ -31,6 +35,8 @@ BENCH_SPEED = 10_000  # increments per second: 300 rpm on a MAC23
 TWIN_TRAVEL = 1_000_000
 TWIN_SPEED = 1_000_000
 TWIN_NEIGHBOUR_STEP = 1  # the built-in twin gets a neighbour at the next address
+UNHEARD = 141  # what a shell tells of a program that a closed pipe has ended: 128 + SIGPIPE
+HOST_AND_PORT = re.compile(r"[\w.-]+:\d+|\[[0-9a-fA-F:]+\]:\d+")
 
 
 class Address(click.ParamType[int]):
@@ -48,9 +54,21 @@ class Address(click.ParamType[int]):
 
 
 class Mistake(click.ClickException):
-    """A wrong word on the command line, told in one line."""
+    """A wrong word on the command line, told in one line; `ctx` tells whose help to look at."""
 
     exit_code = 2
+
+    def __init__(self, message: str, ctx: click.Context) -> None:
+        super().__init__(message)
+        self.ctx = ctx
+
+
+class OutputLost(BaseException):
+    """Standard output takes nothing any more: the run ends as by an interrupt, and is put back."""
+
+    def __init__(self, error: OSError) -> None:
+        super().__init__(error)
+        self.error = error
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
@@ -134,9 +152,33 @@ def conform(ctx: click.Context, /, **given: Any) -> None:  # fmt: skip
     ID is a requirement, the beginning of some, or the name of a check.
     """
     try:
-        ctx.exit(_conform(**given))
+        with _output():
+            status = _conform(**given)
+            sys.stdout.flush()
+    except OutputLost as lost:
+        if isinstance(lost.error, BrokenPipeError):
+            ctx.exit(UNHEARD)
+        raise Mistake(f"cannot write the output: {lost.error.strerror}", ctx) from lost
     except UsageError as error:
-        raise Mistake(str(error)) from error
+        raise Mistake(str(error), ctx) from error
+    ctx.exit(status)
+
+
+@contextlib.contextmanager
+def _output() -> Iterator[None]:
+    """Tell a failure of standard output from every other one; nothing is written there then."""
+    try:
+        yield
+    except OutputLost:
+        raise
+    except OSError as error:
+        if error.errno not in (errno.EPIPE, errno.ENOSPC, errno.EIO):
+            raise
+        with contextlib.suppress(OSError, ValueError):  # or the interpreter tries again at its end
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, sys.stdout.fileno())
+            os.close(nowhere)
+        raise OutputLost(error) from error
 
 
 def _conform(
@@ -161,10 +203,11 @@ def _conform(
             _show(engine, is_list, is_json) if is_list or dry_run else _run(engine, is_json, report)
         )
     except ModuleNotFoundError as error:
-        if error.name not in ("rich", "hypothesis", "jinja2"):
+        missing = (error.name or "").partition(".")[0]
+        if missing not in ("rich", "hypothesis", "jinja2"):
             raise
         raise UsageError(
-            f"the suite needs {error.name}: pip install 'axistwin[conformance]'"
+            f"the suite needs {missing}: pip install 'axistwin[conformance]'"
         ) from error
 
 
@@ -192,6 +235,11 @@ def make_options(
     family = find_family(model)
     is_builtin = port is None
     address = family.default_address if address is None else address
+    if port is not None and HOST_AND_PORT.fullmatch(port) and not Path(port).exists():
+        raise UsageError(f"--port {port} is no device; a line over TCP is --port socket://{port}")
+    if is_builtin and baud is not None and baud not in (family.bauds or (baud,)):
+        known = ", ".join(map(str, family.bauds))
+        raise UsageError(f"--baud {baud}: a {model} knows {known}")
     if is_builtin and not neighbours:
         neighbours = (_other_address(family, address),)
     for one in (address, *neighbours):
@@ -306,9 +354,18 @@ def _run(engine: Engine, is_json: bool, report: Path | None) -> int:
                 )
             )
 
+        is_heard = True
+
         def listen(event: Event) -> None:
-            for listener in listeners:
-                listener(event)
+            nonlocal is_heard
+            if is_heard:  # what is told while the device is put back has no reader any more
+                try:
+                    with _output():
+                        for listener in listeners:
+                            listener(event)
+                except OutputLost:
+                    is_heard = False
+                    raise
 
         result = engine.run(listen)
     if folder is not None:

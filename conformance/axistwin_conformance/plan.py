@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import difflib
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from axistwin_conformance.errors import UsageError
@@ -47,7 +47,10 @@ class Options:
     @property
     def url(self) -> str:
         """What to open."""
-        return self.port or self.family.twin_url(self.model, self.address, self.neighbours)
+        if self.port is not None:
+            return self.port
+        url = self.family.twin_url(self.model, self.address, self.neighbours)
+        return url if self.baud == self.family.default_baud else f"{url}&baud={self.baud}"
 
     @property
     def provided(self) -> frozenset[str]:
@@ -71,6 +74,8 @@ class Options:
 
     def _command(self, selected: Sequence[str]) -> str:
         words = ["axistwin", "conform", self.model]
+        if self.port is None and self.baud != self.family.default_baud:
+            words += ["--baud", str(self.baud)]
         if self.port is not None:
             words += ["--port", self.port, "--baud", str(self.baud)]
             granted = sorted(self.allowed - {"passive"})
@@ -132,7 +137,8 @@ def _select(
         matching = {key for key in ledger.requirements if key.startswith(word.upper())}
         exact = {check.name for check in checks if check.name == word}
         if not matching and not exact:
-            raise UsageError(_no_match(word, [*ledger.requirements, *(c.name for c in checks)]))
+            names = [check.name for check in checks]
+            raise UsageError(_no_match(word, tuple(ledger.requirements), names))
         requirements |= matching
         named |= exact
     chosen = tuple(
@@ -144,9 +150,21 @@ def _select(
     return tuple(key for key in ledger.requirements if key in asked), chosen
 
 
-def _no_match(word: str, known: Iterable[str]) -> str:
-    near = difflib.get_close_matches(word, known, n=1) or difflib.get_close_matches(
-        word.upper(), known, n=1
-    )
-    hint = f"; did you mean {near[0]}?" if near else ""
+def _no_match(word: str, ids: Sequence[str], checks: Sequence[str]) -> str:
+    """Say that a word selects nothing, and what it may have been meant to be.
+
+    Ids are compared without the part that is right, or all of them would look alike.
+    """
+    *parts, last = word.upper().split("-")
+    while parts and not any(key.startswith("-".join([*parts, ""])) for key in ids):
+        last = f"{parts.pop()}-{last}"
+    known = "-".join([*parts, ""]) if parts else ""
+    tails = [key.removeprefix(known) for key in ids if key.startswith(known)]
+    below = list(dict.fromkeys(tail.partition("-")[0] for tail in tails))
+    near = difflib.get_close_matches(word, checks, n=1)
+    near += [known + one for one in difflib.get_close_matches(last, [*below, *tails], n=1)]
+    if near:
+        hint = f"; did you mean {near[0]}?"
+    else:
+        hint = f"; they begin with {', '.join(known + one for one in below)}" if known else ""
     return f"{word!r} matches no requirement, prefix or check{hint} (--list shows them all)"

@@ -143,6 +143,7 @@ class Family:
     `restore(session, memory)`: put back what differs; returns a sentence per thing it could not.
     `explain(record)`: the bytes of a record in words.
     `twin_url(model, address, neighbours)`: the URL of the built-in twin.
+    `bauds`: the rates its line can have; none named: any.
     `guard(session, data)`: why these bytes must not be sent to this device (outside the envelope,
         of a class the running check did not declare), or None.
     """
@@ -162,6 +163,7 @@ class Family:
     explain: Callable[[Record], str]
     twin_url: Callable[[str, int, tuple[int, ...]], str]
     guard: Callable[[Session, bytes], str | None] = lambda session, data: None
+    bauds: tuple[int, ...] = ()
 
     def checks(self) -> tuple[Check, ...]:
         """Return the family's checks, in the order of its modules and of their text.

@@ -48,10 +48,18 @@ STYLE = {
 }
 
 
+class _Console(Console):
+    """A console that leaves it to the command what a reader who went away means."""
+
+    def on_broken_pipe(self) -> None:
+        """Pass the error on; rich would end the program as if the device had failed."""
+        raise  # noqa: PLE0704 - rich calls this while it handles the error
+
+
 def make_console() -> Console:
     """A console on standard output that keeps its width in a pipe."""
-    console = Console(highlight=False, soft_wrap=False)
-    return console if console.is_terminal else Console(highlight=False, width=PLAIN_WIDTH)
+    console = _Console(highlight=False, soft_wrap=False)
+    return console if console.is_terminal else _Console(highlight=False, width=PLAIN_WIDTH)
 
 
 class TimeLeftColumn(ProgressColumn):

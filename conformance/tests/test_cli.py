@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import os
 import signal
+import subprocess
 import sys
 import types
 from pathlib import Path
@@ -17,7 +19,7 @@ from rich.console import Console
 
 from axistwin_conformance import engine as engine_module
 from axistwin_conformance import registry
-from axistwin_conformance.cli import conform, make_options, parse_allowed
+from axistwin_conformance.cli import Mistake, conform, make_options, parse_allowed
 from axistwin_conformance.engine import Engine
 from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.report_terminal import TerminalReport
@@ -53,7 +55,7 @@ def bench(toy: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
     package = types.ModuleType("toy_family")
     vars(package)["FAMILY"] = toy.family
     monkeypatch.setitem(sys.modules, "toy_family", package)
-    monkeypatch.setattr(registry, "FAMILY_PACKAGES", ("toy_family",))
+    monkeypatch.setattr(registry, "FAMILY_PACKAGES", ("toy_family", *registry.FAMILY_PACKAGES))
 
     def open_toy(url: str, baud: int, *, is_builtin: bool) -> Target:
         toy.opened.append((url, baud, is_builtin))
@@ -121,6 +123,12 @@ def test_a_failure_is_explained_down_to_the_bytes(bench: Any) -> None:
         (("toy", "--allow", "motoin"), "did you mean motion?"),
         (("toy", "--address", "9"), "address 9 is out of range: choose 0 to 7"),
         (("toy", "--address", "3", "--neighbour", "3"), "must differ"),
+        (("toy", "MACS-ADDR"), "they begin with MACS-LINE, MACS-FRAME, MACS-REPLY"),
+        (("toy", "MACS-CMD-0Z"), "they begin with MACS-CMD-00, MACS-CMD-01"),
+        (("toy", "nonsense"), "(--list shows them all)"),
+        (("toy", "--port", "127.0.0.1:4001"), "--port socket://127.0.0.1:4001"),
+        (("toy", "--port", "[::1]:4001"), "--port socket://[::1]:4001"),
+        (("mac23", "--baud", "12345"), "--baud 12345: a mac23 knows 9600, 19200, 38400"),
     ],
 )
 def test_a_mistake_gets_one_line_and_exit_2(
@@ -170,6 +178,76 @@ def test_an_unsettled_run_exits_4(bench: Any) -> None:
     result = run("toy")
     assert result.exit_code == 4
     assert "3 of 10 times" in result.output
+
+
+class Closed(io.StringIO):
+    """An output that fails once the toy's digit has been changed."""
+
+    def __init__(self, number: int, port: Any) -> None:
+        super().__init__()
+        self.number, self.port = number, port
+
+    def write(self, text: str) -> int:
+        """Take what comes first."""
+        if "P3" in self.port.sent:
+            raise OSError(self.number, os.strerror(self.number))
+        return super().write(text)
+
+
+@pytest.mark.parametrize("words", [(), ("--json",)])
+@pytest.mark.parametrize(
+    ("number", "status", "complaint"),
+    [(errno.EPIPE, 141, ""), (errno.ENOSPC, 2, "cannot write the output: No space left")],
+)
+def test_an_output_nobody_takes_ends_the_run_and_is_no_verdict(
+    bench: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    words: Any,
+    number: int,
+    status: int,
+    complaint: str,
+) -> None:
+    """`| head -1` and a full disk: the device is put back, and the exit status is no verdict's."""
+    monkeypatch.setattr(sys, "stdout", Closed(number, bench.port))
+
+    def stores(session: Session) -> None:
+        """It stores a digit."""
+        session.target.send(b"P3")
+        session.expect(session.target.receive(1, 0.01) == b"p", None, "p", "")
+
+    bench.add(stores, FRAME, safety="stored")
+    try:
+        seen, said = conform.main(["toy", *words], standalone_mode=False), ""
+    except Mistake as mistake:
+        seen, said = mistake.exit_code, mistake.message
+    assert seen == status
+    assert complaint in said
+    assert bench.port.sent.count("P3") == 1
+    assert bench.port.stored == "7"
+    assert not bench.port.is_open
+
+
+def test_a_mistake_points_at_the_help_of_this_command(bench: Any) -> None:
+    """Not at the program's."""
+    with pytest.raises(Mistake) as caught:
+        conform.main(["tyo"], "axistwin conform", standalone_mode=False)
+    assert caught.value.ctx.command_path == "axistwin conform"
+
+
+@pytest.mark.parametrize("name", ["hypothesis", "rich", "jinja2"])
+def test_what_is_not_installed_is_named_with_the_remedy(name: str, tmp_path: Path) -> None:
+    """In one line, in a Python that lacks it."""
+    code = (
+        f"import sys; sys.modules[{name!r}] = None; from axistwin_conformance.cli import conform; "
+        "conform(['mac23', 'MACS-LINE-01', '--report', sys.argv[1]])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert done.stderr.splitlines() == [
+        f"Error: the suite needs {name}: pip install 'axistwin[conformance]'"
+    ]
 
 
 def test_termination_stops_and_puts_back_like_an_interrupt(bench: Any) -> None:

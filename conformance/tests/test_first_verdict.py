@@ -112,3 +112,17 @@ def test_another_model_s_twin_is_refused() -> None:
 def test_nobody_at_the_address_is_unreachable() -> None:
     """Exit 3, in virtual seconds."""
     assert run("mac23", "--port", TWIN, "--address", "5")[0] == 3
+
+
+def test_a_module_at_another_rate_is_unreachable_and_the_rates_are_told() -> None:
+    """Silence may mean the wrong rate: the message names the others."""
+    status, events = run("mac23", "--port", f"{TWIN}&baud=9600")
+    assert status == 3
+    assert "try --baud 9600 or 19200" in events[-1]["sentence"]
+
+
+def test_the_built_in_twin_is_judged_at_every_rate_of_its_model() -> None:
+    """And the command that does it again names the rate."""
+    status, events = run("mac23", "--baud", "9600", "MACS-LINE", "MACS-FRAME-01")
+    assert status == 0
+    assert "--baud 9600" in events[0]["command"]

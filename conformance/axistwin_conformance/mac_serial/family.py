@@ -15,6 +15,7 @@ from axistwin_conformance.registry import SAFETY_CLASSES, Family, Identity, Mode
 from axistwin_conformance.session import Session
 from axistwin_conformance.transcript import Direction, Record
 
+BAUDS: Final = (9600, 19200, 38400)  # MACS-CMD-1B-01
 PROBE_ATTEMPTS: Final = (
     6  # with the reply time-out of 0.5 s: longer than the deaf time after power-up
 )
@@ -75,7 +76,11 @@ def probe(session: Session) -> Identity:
     )
     if release is None:
         last = bench.command(0x24)
-        raise TargetError(f"no module answers at address {bench.address:02X}h: {last.reply}")
+        others = [str(rate) for rate in BAUDS if rate != session.target.baud]
+        raise TargetError(
+            f"no module answers at address {bench.address:02X}h and {session.target.baud} baud:"
+            f" {last.reply}; try --baud {' or '.join(others)}, or another --address"
+        )
     measures = bench.ask(0x27).reply
     if measures.data is None:
         raise WrongDevice(f"query 27h of a {session.model.name} gives an answer, not {measures}")
@@ -294,6 +299,7 @@ FAMILY: Final = Family(
     addresses=range(0x80),
     default_address=0,
     default_baud=38400,
+    bauds=BAUDS,
     probe=probe,
     sanity=sanity,
     stop=stop,
