@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import pty
 import subprocess
 import sys
 import termios
@@ -16,6 +17,7 @@ from echo_line import OWN_FORMAT, EchoLine
 from served import EVERY_BYTE, TIMEOUT_S, Served, eventually
 
 from axistwin.errors import PortError
+from axistwin.ports.link import Link
 from axistwin.ports.pty import PtyPort
 from axistwin.wire.framing import LineFormat
 
@@ -243,6 +245,38 @@ def test_a_link_of_a_dead_process_is_replaced(tmp_path: Path, target: str) -> No
     place.symlink_to(target)
     with Bench(place) as bench:
         assert str(place.readlink()) == bench.pty.device
+
+
+def test_a_link_of_another_program_to_a_living_pty_stays(tmp_path: Path) -> None:
+    """socat and others make such links too: neither replaced now nor removed at the end."""
+    master, slave = pty.openpty()
+    link = tmp_path / "port"
+    link.symlink_to(os.ttyname(slave))
+    with pytest.raises(PortError, match=r"port: another program's link .* choose another --pty"):
+        Bench(link).server.open()
+    assert link.readlink() == Path(os.ttyname(slave))
+    os.close(slave)
+    os.close(master)
+
+
+def test_a_link_that_is_older_than_the_pty_of_that_number_is_replaced(tmp_path: Path) -> None:
+    """Numbers are given again: what a killed process left may name somebody else's terminal."""
+    master, slave = pty.openpty()
+    link = tmp_path / "port"
+    link.symlink_to(os.ttyname(slave))
+    os.utime(link, (0, 0), follow_symlinks=False)
+    (tmp_path / ".port.123").symlink_to("/dev/pts/7")
+    with Bench(link) as bench:
+        assert link.readlink() == Path(bench.pty.device)
+        assert not (tmp_path / ".port.123").is_symlink()
+    os.close(slave)
+    os.close(master)
+
+
+def test_a_link_without_a_name_is_one_clear_line() -> None:
+    """``--pty ""`` is not the current folder."""
+    with pytest.raises(PortError, match="needs a name"):
+        Link("").claim()
 
 
 def test_a_link_that_is_served_is_in_use(bench: Bench) -> None:

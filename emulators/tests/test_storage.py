@@ -241,7 +241,7 @@ def test_an_unreadable_file_is_an_error(folder: Path) -> None:
 def test_a_folder_that_cannot_be_made_is_an_error(tmp_path: Path) -> None:
     """The path and the system's reason are told."""
     (tmp_path / "file").write_text("")
-    with pytest.raises(StateError, match=r"cannot be used.*choose another --state"):
+    with pytest.raises(StateError, match=r"cannot be used.*choose another folder"):
         Storage(tmp_path / "file" / "state")
 
 
@@ -335,3 +335,9 @@ def test_memory_without_a_folder_lives_as_long_as_the_process() -> None:
     assert storage.is_volatile
     assert not storage.slot("mac23-0", "mac23").cells
     storage.close()
+
+
+def test_a_folder_without_a_name_is_not_the_current_one() -> None:
+    """One clear line that no option of any program is named in."""
+    with pytest.raises(StateError, match="needs the name of a folder"):
+        Storage("")

@@ -25,20 +25,28 @@ _HELP_TCP = "Raw TCP, several clients; port 0: any free one.  For socket://HOST:
 _HELP_RFC2217 = "TCP with rate, framing and break, one client.  For rfc2217://HOST:PORT."
 
 
+def _named(_: click.Context, option: click.Parameter, value: Any) -> Any:
+    """A path, or several, none of them empty as an unset variable of a script leaves it."""
+    if "" in ((value,) if isinstance(value, str) else value or ()):
+        raise UsageError(f"{option.opts[0]}: needs a name, such as ./mac23")
+    return value
+
+
 @click.command(
     epilog="Ends on Ctrl-C or SIGTERM, with the link removed and the state saved.  "
     "Quirks: 'axistwin models MODEL'.  This machine: 'axistwin doctor'."
 )
 @click.argument("devices", metavar="MODEL[:ADDRESS]...", nargs=-1)
-@click.option("--pty", "links", metavar="LINK", multiple=True, help=_HELP_PTY)
+@click.option("--pty", "links", callback=_named, metavar="LINK", multiple=True, help=_HELP_PTY)
 @click.option("--tcp", "tcp", metavar="HOST:PORT", multiple=True, help=_HELP_TCP)
 @click.option("--rfc2217", "rfc2217", metavar="HOST:PORT", multiple=True, help=_HELP_RFC2217)
 @click.option(
     "--state",
+    callback=_named,
     metavar="DIR",
     help="Folder that holds what the modules store (default: nothing outlives this run).",
 )
-@click.option("--profile", metavar="FILE", help="Quirks from a TOML file.")
+@click.option("--profile", callback=_named, metavar="FILE", help="Quirks from a TOML file.")
 @click.option(
     "--quirk", "quirks", metavar="NAME=VALUE", multiple=True, help="One quirk; beats --profile."
 )
@@ -63,10 +71,16 @@ _HELP_RFC2217 = "TCP with rate, framing and break, one client.  For rfc2217://HO
     "--cold", is_flag=True, help="Apply the supply now: the modules are deaf for their first 2 s."
 )
 @click.option(
-    "--seed", type=int, default=0, metavar="N", show_default=True, help="Of everything random."
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    metavar="N",
+    show_default=True,
+    help="Of everything random.",
 )
 @click.option(
     "--capture",
+    callback=_named,
     metavar="FILE",
     help="Append what is said on the line: time in ms, > or <, bytes in hex, meaning.",
 )

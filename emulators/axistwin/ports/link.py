@@ -5,13 +5,15 @@ Rules
 1. A link is served by whoever holds its lock, a name in Linux's abstract socket space that is made
    of the link's path.  The kernel drops it with the process, however that ends, and it leaves
    nothing in the folder.
-2. Only a link that points to a pty is ever replaced, and that atomically, so that the name is never
-   missing and a file of the user's is never lost.
+2. Only what a dead process has left is ever replaced: a link to a pty that is gone, or to one that
+   was made after the link, for its number is given again.  It is replaced atomically, so that the
+   name is never missing and a file of the user's is never lost.
 3. It is removed by its owner alone, and only while it still points to the owner's pty.
 """
 
 import contextlib
 import errno
+import glob
 import hashlib
 import os
 import socket
@@ -20,6 +22,9 @@ from pathlib import Path
 from axistwin.errors import PortError
 
 _PTY_FOLDER = "/dev/pts/"
+
+# The kernel's device numbers of Unix98 ptys, client's side.
+_PTY_MAJORS = range(136, 144)
 
 
 class Link:
@@ -32,6 +37,8 @@ class Link:
 
     def claim(self) -> None:
         """Make sure that the path is ours to use.  Raises PortError."""
+        if not self.path.name:
+            raise PortError("pty link: needs a name, such as ./mac23")
         folder = self.path.parent
         if not folder.is_dir():
             raise PortError(f"pty link {self.path}: there is no folder {folder}; create it first")
@@ -49,19 +56,31 @@ class Link:
                 f"pty link {self.path}: in use, another axistwin serves it; choose another --pty"
             ) from None
         self._lock = lock
-        if self.path.is_symlink():
-            target = str(self.path.readlink())
-            if target.startswith(_PTY_FOLDER):
-                return
-            what = f"a link to {target}"
-        elif self.path.exists():
-            what = "a folder" if self.path.is_dir() else "a file"
-        else:
-            return
-        raise PortError(
-            f"pty link {self.path}: {what} is there, which will not be replaced; "
-            "choose another --pty or remove it"
-        )
+        what = self._in_the_way()
+        if what is not None:
+            raise PortError(
+                f"pty link {self.path}: {what} is there, which will not be replaced; "
+                "choose another --pty or remove it"
+            )
+        for leftover in folder.glob(f".{glob.escape(self.path.name)}.[0-9]*"):
+            if leftover.is_symlink():  # of one that was killed in the middle of ``point``
+                leftover.unlink(missing_ok=True)
+
+    def _in_the_way(self) -> str | None:
+        """What is at the path and must stay; None for nothing, or what a dead process has left."""
+        if not self.path.is_symlink():
+            if not self.path.exists():
+                return None
+            return "a folder" if self.path.is_dir() else "a file"
+        target = str(self.path.readlink())
+        if not target.startswith(_PTY_FOLDER):
+            return f"a link to {target}"
+        with contextlib.suppress(OSError):  # the pty, or by now the link, is gone
+            made_ns = self.path.lstat().st_mtime_ns
+            pty = Path(target).stat()
+            if os.major(pty.st_rdev) in _PTY_MAJORS and pty.st_ctime_ns <= made_ns:
+                return f"another program's link to {target}, which is in use,"
+        return None
 
     def point(self, target: str) -> None:
         """Make the link point to ``target``.  Raises PortError."""

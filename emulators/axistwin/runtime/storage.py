@@ -100,16 +100,18 @@ class Storage:
     is_volatile = False
 
     def __init__(self, directory: str | os.PathLike[str]) -> None:
+        if not os.fspath(directory):
+            raise StateError("state: needs the name of a folder, such as ./memory")
         self.directory = Path(directory)
         self._slots: dict[str, FileSlot] = {}
-        with _clear(self.directory, "cannot be used", "choose another --state"):
+        with _clear(self.directory, "cannot be used", "choose another folder"):
             self.directory.mkdir(parents=True, exist_ok=True)
             flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC
             self._lock = os.open(self.directory / "lock", flags, 0o644)
         self._folder = -1
         try:
             self._claim()
-            with _clear(self.directory, "cannot be used", "choose another --state"):
+            with _clear(self.directory, "cannot be used", "choose another folder"):
                 self._folder = os.open(self.directory, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
                 self._remove_leftovers()
         except BaseException:
@@ -143,7 +145,7 @@ class Storage:
             owner = os.pread(self._lock, 32, 0).decode("ascii", "replace").strip()
             raise StateError(
                 f"state {self.directory}: in use by another axistwin (process {owner or 'unknown'})"
-                "; stop it or choose another --state"
+                "; stop it or choose another folder"
             ) from None
         os.ftruncate(self._lock, 0)
         os.pwrite(self._lock, f"{os.getpid()}\n".encode(), 0)
@@ -235,7 +237,7 @@ class FileSlot:
 
     def _read(self, path: Path, decoder: Callable[[bytes], _Result]) -> _Result | None:
         """What ``path`` holds, or None if there is no such file.  Raises StateError."""
-        with _clear(path, "cannot be read", "allow it, or choose another --state"):
+        with _clear(path, "cannot be read", "allow it, or choose another folder"):
             try:
                 data = path.read_bytes()
             except FileNotFoundError:
