@@ -49,6 +49,13 @@ def test_a_naive_driver_fails_with_the_exchange_in_the_failure(project: pytest.P
     )
 
 
+def test_the_example_project_runs_where_it_is() -> None:
+    """``pytest`` inside it finds the driver: it does not take this repository's settings."""
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-q"]
+    result = subprocess.run(command, cwd=EXAMPLE, capture_output=True, text=True, check=False)
+    assert "2 failed, 2 passed" in result.stdout, result.stdout + result.stderr
+
+
 def test_the_exchange_comes_through_xdist(project: pytest.Pytester) -> None:
     """Reports travel from a worker to the terminal."""
     result = run(project, "-k", "naive and virtual", "-n", "1")
