@@ -3,12 +3,13 @@
 import contextlib
 import random
 import time
+from typing import Any
 
 import pytest
 from mac_bench import MS, MacBench, S
 
 from axistwin.devices.mac.framing import request
-from axistwin.devices.mac.quirks import QUIRKS, Value
+from axistwin.devices.mac.quirks import QUIRKS
 from axistwin.devices.mac.serial import MacSerial
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import Effect, Transmit
@@ -114,9 +115,9 @@ class Bounded(MacBench):
         return super().take(effects)
 
 
-def any_quirks(chance: random.Random) -> dict[str, Value]:
+def any_quirks(chance: random.Random) -> dict[str, Any]:
     """A setting with some readings other than the default ones."""
-    chosen: dict[str, Value] = {}
+    chosen: dict[str, Any] = {}
     for name, quirk in QUIRKS.items():
         if quirk.kind in ("choice", "bool") and chance.random() < 0.3:
             chosen[name] = chance.choice(quirk.allowed)

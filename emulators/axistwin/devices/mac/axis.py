@@ -20,12 +20,13 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from axistwin.devices.mac.acceptance import MOVING, State, acceptance_table
-from axistwin.devices.mac.drive import STOP_NAMES, Drive
+from axistwin.devices.mac.drive import Drive
 from axistwin.devices.mac.faults import FAULTS, Faults
 from axistwin.devices.mac.memory_map import eeprom_image, ram_image
 from axistwin.devices.mac.models import MacModel
 from axistwin.devices.mac.parameters import Parameters, Setter, signed_32
 from axistwin.devices.mac.quirks import RANGE_MAX, RANGE_MIN, MacQuirks
+from axistwin.devices.mac.stops import STOP_NAMES
 from axistwin.errors import UsageError, nearest
 from axistwin.kernel.effects import Effect, Trace
 from axistwin.kernel.time import Nanos
@@ -72,8 +73,8 @@ class Axis:
         )
         self._measure_reserved = reserved & ~0x28 & 0xFF, reserved & ~0x60 & 0xFF
         self._ff_shift, self._hh_bit = shift, hh_bit
-        self.drive.set_counter(0, self.stored["position"])
-        self.drive.freeze(0)
+        self.drive.counter.set(0, self.stored["position"])
+        self.drive.counter.freeze(0)
         self._told_faults = 0
 
     # ---- acceptance ----------------------------------------------------------------------------
@@ -213,7 +214,7 @@ class Axis:
         number = signed_32(parameters)
         if not RANGE_MIN <= number <= RANGE_MAX and self.quirks.target_range == "refuse":
             return False
-        if self._refuses_way(number - self.drive.counter_at(now)):
+        if self._refuses_way(number - self.drive.counter.at(now)):
             return False
         return self._held_back(0x13, parameters) or self._start_go_to(now, parameters, start_ns)
 
@@ -291,7 +292,7 @@ class Axis:
         """Whether the sign of ``distance`` leads into an active hardware stop (MACS-AMB-49)."""
         if distance == 0 or self.quirks.hard_stop_command == "accept":
             return False
-        return self.drive.is_blocked_hard(1 if distance > 0 else -1)
+        return self.drive.stops.is_blocked_hard(1 if distance > 0 else -1)
 
     def _ramped_stop(self, now: Nanos, _: int, __: Nanos) -> bool:
         """17h (MACS-CMD-17-01, -02)."""
@@ -343,9 +344,7 @@ class Axis:
     def _read_status(self, now: Nanos) -> int:
         """21h: dd ff gg hh (ledger §5.9)."""
         dd, ff, gg, hh = self._status_reserved
-        stops = self.drive.stop_bits
-        if self.quirks.ff_lifetime == "live":
-            stops = self.drive.live_stop_bits(now)
+        stops = self.drive.stops.bits_at(now)
         seen = self._hh_bit if self.faults.over_voltage_seen else 0
         return (
             (dd | self.faults.word) << 24
@@ -416,23 +415,25 @@ class Axis:
 
     def _save_counter(self, now: Nanos) -> None:
         """Hand on the position whenever it has come to a new rest or was set."""
-        if self.drive.counter_settled:
-            self.drive.counter_settled = False
-            self.parameters.save_position(self.drive.counter_at(now))
+        if self.drive.counter.settled:
+            self.drive.counter.settled = False
+            self.parameters.save_position(self.drive.counter.at(now))
 
     def power_on(self, now: Nanos) -> None:
         """The supply is there: the counter is what was saved (MACS-Q-20-02)."""
-        self.drive.thaw(now)
+        self.drive.counter.thaw(now)
+        self.drive.replan(now)
 
     def power_off(self, now: Nanos) -> None:
         """The supply goes: the position is saved, all else volatile is lost (MACS-PERS-01, -03)."""
         self.shut_down(now)
-        self.drive.freeze(now)
+        self.drive.counter.freeze(now)
+        self.drive.replan(now)
 
     def shut_down(self, now: Nanos) -> None:
         """Back to the state before start-up (MACS-CMD-00-01)."""
         self.drive.power_off(now)
-        self.drive.stop_bits = 0
+        self.drive.stops.bits = 0
         self._armed = self._reference_enabled = False
         self._preload = None
         self.faults.acknowledge()
@@ -458,7 +459,7 @@ class Axis:
             if was != active and active == closing:
                 self._reference_edge(now)
             return
-        self.drive.hard_stops[1 if name == "positive_stop" else -1] = active
+        self.drive.stops.inputs[1 if name == "positive_stop" else -1] = active
         self.drive.replan(now)
 
     def _reference_edge(self, now: Nanos) -> None:
@@ -514,7 +515,7 @@ class Axis:
 
     def counter_at(self, now: Nanos) -> int:
         """The position counter, as a power failure would save it."""
-        return self.drive.counter_at(now)
+        return self.drive.counter.at(now)
 
     def reading_at(self, now: Nanos) -> int:
         """The position counter, as 20h reads it."""
@@ -536,7 +537,7 @@ class Axis:
             "segments_stored": drive.interpolator.stored_at(now),
             "reference_enabled": self._reference_enabled,
             "fault_bits": faults.word,
-            "stop_bits": drive.stop_bits,
+            "stop_bits": drive.stops.bits,
             "supply_millivolts": faults.supply_millivolts,
             "temperature_millidegrees": faults.temperature_millidegrees,
             **self.inputs,

@@ -33,9 +33,11 @@ from fractions import Fraction
 from typing import Final
 
 from axistwin.devices.mac.acceptance import State
+from axistwin.devices.mac.counter import Counter
 from axistwin.devices.mac.faults import Faults
 from axistwin.devices.mac.models import MacModel
-from axistwin.devices.mac.quirks import RANGE_MAX, RANGE_MIN, MacQuirks
+from axistwin.devices.mac.quirks import MacQuirks
+from axistwin.devices.mac.stops import Stops
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.motion.inertia import Mechanics
 from axistwin.motion.interpolator import Interpolator, Segment, Step, Underrun
@@ -52,25 +54,13 @@ from axistwin.motion.ramp import (
     ramp_length,
     stop_pieces,
 )
-from axistwin.motion.spans import Span
 from axistwin.motion.trajectory import Piece, SetPoint, StepPhase
 
 CATCH_UP_TICKS: Final = 1600
 """Ticks of one catch-up increment per unit of 0Eh: 200 µs (MACS-CMD-0E-01)."""
 
-HARDWARE_STOPS, SOFTWARE_STOPS = 0x01, 0x08  # bits of 03h (MACS-CMD-03-01)
-
 SWING_NS: Final = 50 * NS_PER_MS
 """Time between two steps of the swing in standby; no manual gives it (MACS-CMD-02-03)."""
-
-# Bits of ff by cause and direction, in the CAN manual's map (ledger §5.9).
-HARD_BITS: Final = {1: 0x08, -1: 0x04}
-SOFT_BITS: Final = {1: 0x02, -1: 0x01}
-
-STOP_NAMES: Final = {0x08: "hardware +", 0x04: "hardware -", 0x02: "software +", 0x01: "software -"}
-"""What a bit of ff means."""
-
-_SPAN = RANGE_MAX - RANGE_MIN + 1
 
 
 class Drive:
@@ -83,8 +73,7 @@ class Drive:
         self._faults = faults
         self._values = values
         self._torque_max_nm = model.torque_max_nm
-        self._reads_encoder = quirks.position_source == "encoder"
-        self._swings = quirks.standby_swing == "one" and self._reads_encoder
+        self._swings = quirks.standby_swing == "one" and quirks.position_source == "encoder"
         self._inertial = quirks.plant == "inertial"
         mechanics = Mechanics(model.increments_per_turn, model.rotor_inertia_kgcm2)
         self.plant = Plant(
@@ -92,7 +81,8 @@ class Drive:
             torque_nm=model.torque_max_nm,
         )
         self._loaded = self._inertial
-        self._span: Span | None = None
+        self.counter = Counter(self.plant, quirks)
+        self.stops = Stops(quirks, values, self.counter)
         self._rules = RampRules(
             RampLaw(quirks.ramp_law),
             Rounding(quirks.period_rounding),
@@ -111,16 +101,10 @@ class Drive:
         self.powered = False
         self.kind: State | None = None
         """PO, VE or IN while running; None at rest."""
-        self.stop_bits = 0
-        """ff: which stop ended the last motion (MACS-AMB-50)."""
-        self.hard_stops: dict[int, bool] = {1: False, -1: False}
         self._motion: RampedMotion | None = None
         self._target_number = 0
         self._position_mode = False
         self._old_target: int | None = None
-        self._origin = 0
-        self._frozen: int | None = None
-        """What the counter reads while there is no supply to count with."""
         self._next: Nanos | None = None
         self._braking = False
         self._coasting = False
@@ -128,8 +112,6 @@ class Drive:
         self._number_after: int | None = None
         """Where to go when the segments are over."""
         self._accepted: deque[tuple[Segment, tuple[Piece, ...]]] = deque(maxlen=4)
-        self.counter_settled = False
-        """Set when the counter has come to a place worth saving; the axis clears it."""
         self.met_stop = 0
         """The bit of ff of a stop that has ended a motion; the axis clears it."""
 
@@ -137,8 +119,8 @@ class Drive:
 
     def reading_at(self, now: Nanos) -> int:
         """The counter as it is read, the swing in standby included (MACS-Q-20-01)."""
-        number = self.counter_at(now)
-        return self._fold(number + self._swing_at(now)) if self._swings else number
+        number = self.counter.at(now)
+        return self.counter.fold(number + self._swing_at(now)) if self._swings else number
 
     def _swing_at(self, now: Nanos) -> int:
         """Where the shaft swings about the place that is held in standby (MACS-CMD-02-03)."""
@@ -148,54 +130,12 @@ class Drive:
             return 0
         return (0, 1, 0, -1)[now // SWING_NS % 4]
 
-    def counter_at(self, now: Nanos) -> int:
-        """The position counter, from the encoder or the set-point (MACS-AMB-55)."""
-        if self._frozen is not None:
-            return self._frozen
-        if not self._reads_encoder:
-            return self._fold(self.plant.set_point_at(now) + self._origin)
-        span = self._span
-        if span is None or (span.end_ns is not None and now >= span.end_ns):
-            span = self._span = self.plant.span_at(now)
-        return self._fold(span.position_at(now) + self._origin)
-
-    def set_counter(self, now: Nanos, number: int) -> None:
-        """Let the counter read ``number`` without moving the shaft (MACS-CMD-0B-01)."""
-        self._origin += number - self._unfolded(now)
-        self.counter_settled = True
-
-    def freeze(self, now: Nanos) -> None:
-        """The supply is gone: the shaft may turn, nobody counts (MACS-Q-20-02)."""
-        self._frozen = self.counter_at(now)
-        self.counter_settled = False
-        self._plan(now)
-
-    def thaw(self, now: Nanos) -> None:
-        """The supply is back: count on from where the counter stood."""
-        assert self._frozen is not None, "the counter was not frozen"
-        number, self._frozen = self._frozen, None
-        self._origin += number - self._unfolded(now)
-        self._plan(now)
-
-    def _unfolded(self, now: Nanos) -> int:
-        plant = self.plant
-        shaft = plant.position_at(now) if self._reads_encoder else plant.set_point_at(now)
-        return shaft + self._origin
-
-    def _fold(self, number: int) -> int:
-        """``number`` in the counter's 31 bits (MACS-AMB-54)."""
-        if RANGE_MIN <= number <= RANGE_MAX:
-            return number
-        if self._quirks.position_overflow == "saturate":
-            return max(RANGE_MIN, min(RANGE_MAX, number))
-        return (number - RANGE_MIN) % _SPAN + RANGE_MIN
-
     def zero(self, now: Nanos, *, keeps_remaining: bool) -> None:
         """Counter := 0; a 13h under way keeps its number or its way (MACS-AMB-52, -53)."""
-        self.set_counter(now, 0)
+        self.counter.set(now, 0)
         motion = self._motion
         if motion is not None and self.kind is State.PO and not motion.stopping:
-            set_number = self.plant.set_point_at(now) + self._origin
+            set_number = self.counter.of_set_point(now)
             direction = motion.trajectory.direction
             if keeps_remaining:
                 assert motion.target is not None, "a position motion has a target"
@@ -211,9 +151,9 @@ class Drive:
     def _aim_anew(self, now: Nanos, motion: RampedMotion) -> None:
         """The target of a profile that is over has moved (ledger §5.3)."""
         if self._quirks.overshoot_return == "catch_up":
-            self.plant.aim(now, self._target_number - self._origin)
+            self.plant.aim(now, self.counter.place_of(self._target_number))
             return
-        distance = self._target_number - self.counter_at(now)
+        distance = self._target_number - self.counter.at(now)
         direction = -1 if distance < 0 else 1
         self._motion = RampedMotion.to_target(now, direction, abs(distance), motion.ramp)
         self.plant.follow(now, self._motion.trajectory, self._signed_target())
@@ -242,7 +182,7 @@ class Drive:
 
     def go_to(self, now: Nanos, number: int, start_ns: Nanos) -> None:
         """13h, 14h: to counter ``number`` on the trapezoidal profile (MACS-CMD-13-01)."""
-        distance = number - self.counter_at(now)
+        distance = number - self.counter.at(now)
         direction = -1 if distance < 0 else 1
         ramp = self._ramp(self._values["period"])
         motion = RampedMotion.to_target(start_ns, direction, abs(distance), ramp)
@@ -362,7 +302,7 @@ class Drive:
         self._take_shaft(now, keeps_segments=False)
         self.plant.cut_power(now)
         self.powered = self._braking = False
-        self._coasting = self.counter_settled = True
+        self._coasting = self.counter.settled = True
         self._motion, self.kind = None, None
         self._plan(now)
 
@@ -407,7 +347,7 @@ class Drive:
         self._start(now, kind)
         self._motion = motion
         trajectory = motion.trajectory
-        bit = self.blocking_bit(now, trajectory.direction) if trajectory.pieces else 0
+        bit = self.stops.blocking_bit(now, trajectory.direction) if trajectory.pieces else 0
         if bit:
             self._stop_on(now, bit)
             return
@@ -429,7 +369,7 @@ class Drive:
         self._braking = self._coasting = False
         self.powered = True
         if self._quirks.ff_lifetime != "until_reset":
-            self.stop_bits = 0
+            self.stops.bits = 0
         self.apply_torque(now)
 
     def _replan(self, now: Nanos, motion: RampedMotion) -> None:
@@ -454,12 +394,12 @@ class Drive:
         """Do what is due at ``now``."""
         if self.kind is None:
             self._coasting = False
-            self.counter_settled = True
+            self.counter.settled = True
             self._plan(now)
             return
         direction = self._blocked_motion(now)
         if direction:
-            self._stop_on(now, self.blocking_bit(now, direction))
+            self._stop_on(now, self.stops.blocking_bit(now, direction))
         elif self._is_over(now):
             self._finish(now)
         else:
@@ -467,8 +407,8 @@ class Drive:
 
     def _plan(self, now: Nanos) -> None:
         """Find the next event, now that something has changed."""
-        self._span = None
-        if self._frozen is not None:
+        self.counter.look_again()
+        if self.counter.is_frozen:
             self._next = None
         elif self.kind is None:
             # Coasting, lagging behind, or coming back after a push: the counter ends somewhere.
@@ -524,41 +464,11 @@ class Drive:
         self.plant.advance(now)
         self.interpolator.run(now)
         self.kind, self._motion, self._braking = None, None, False
-        if self._quirks.position_overflow == "saturate":
-            self._origin += self.counter_at(now) - self._unfolded(now)
-        self.counter_settled = True
+        self.counter.settle(now)
         self.apply_torque(now)
         self._plan(now)
 
     # ---- stops ---------------------------------------------------------------------------------
-
-    def is_blocked_hard(self, direction: int) -> bool:
-        """Whether the hardware stop of ``direction`` is active and enabled (MACS-STOP-01, -02)."""
-        return bool(self._values["stops"] & HARDWARE_STOPS) and self.hard_stops[direction]
-
-    def is_beyond(self, now: Nanos, direction: int) -> bool:
-        """Whether the counter is beyond the enabled software stop of ``direction``."""
-        if not self._values["stops"] & SOFTWARE_STOPS:
-            return False
-        return direction * (self.counter_at(now) - self._first_forbidden(direction)) >= 0
-
-    def _first_forbidden(self, direction: int) -> int:
-        """The first counter value on which the software stop acts (MACS-AMB-48)."""
-        beyond = 1 if self._quirks.soft_stop_compare == "strict" else 0
-        name = "superior_stop" if direction > 0 else "inferior_stop"
-        return self._values[name] + direction * beyond
-
-    def live_stop_bits(self, now: Nanos) -> int:
-        """ff of a module that shows which stops act now (MACS-AMB-50, live)."""
-        hard = sum(bit for way, bit in HARD_BITS.items() if self.is_blocked_hard(way))
-        return hard | sum(bit for way, bit in SOFT_BITS.items() if self.is_beyond(now, way))
-
-    def blocking_bit(self, now: Nanos, direction: int) -> int:
-        """The bit of ff for what blocks ``direction`` at ``now``; 0: free."""
-        if self.is_blocked_hard(direction):
-            return HARD_BITS[direction]
-        ways = (direction,) if self._quirks.soft_stop_blocks == "same_direction" else (1, -1)
-        return next((SOFT_BITS[way] for way in ways if self.is_beyond(now, way)), 0)
 
     def _set_point(self) -> SetPoint | None:
         """What has the shaft; None at rest and while it runs out."""
@@ -572,47 +482,29 @@ class Drive:
         if set_point is None:
             return 0
         direction = next(set_point.legs(now)).direction or self._catch_up_direction(now)
-        return direction if direction and self.blocking_bit(now, direction) else 0
+        return direction if direction and self.stops.blocking_bit(now, direction) else 0
 
     def _stop_ns(self, now: Nanos) -> Nanos | None:
         """When a stop is met next, at the latest; None: never, as things stand."""
         set_point = self._set_point()
-        if set_point is None or not self._values["stops"]:
+        if set_point is None or not self.stops.are_enabled:
             return None
         times = (self._stop_of_ns(now, set_point, direction) for direction in (1, -1))
         return min((time for time in times if time is not None), default=None)
 
     def _stop_of_ns(self, now: Nanos, set_point: SetPoint, direction: int) -> Nanos | None:
         """When the stop of ``direction`` may be met next."""
-        if self.blocking_bit(now, direction):
+        if self.stops.blocking_bit(now, direction):
             starts = (leg.start_ns for leg in set_point.legs(now) if leg.direction == direction)
             start_ns = next(starts, set_point.end_ns)
             if start_ns is None or start_ns <= now:
                 return now if self._blocked_motion(now) == direction else None
             return start_ns
-        if not self._values["stops"] & SOFTWARE_STOPS:
-            return None
-        ahead = self._ahead(now, direction)
-        if ahead is None:
-            return None
-        if self._reads_encoder:
-            return self.plant.reach_ns(self.plant.position_at(now) + ahead, now)
-        return self.plant.set_point_reach_ns(self.plant.set_point_at(now) + ahead, now)
-
-    def _ahead(self, now: Nanos, direction: int) -> int | None:
-        """Increments to the first count on which a software stop may act; None: there is none.
-
-        A stop outside the counter's range is never met; that the counter wraps may matter.
-        """
-        first = self._first_forbidden(direction)
-        if self._quirks.position_overflow == "saturate":
-            in_range = RANGE_MIN <= first <= RANGE_MAX
-            return first - self._unfolded(now) if in_range else None
-        return max(RANGE_MIN - 1, min(RANGE_MAX + 1, first)) - self.counter_at(now)
+        return self.stops.met_ns(now, direction)
 
     def _stop_on(self, now: Nanos, bit: int) -> None:
         """End the motion at the stop of that ``bit`` of ff (ledger §4.3)."""
-        self.stop_bits |= bit
+        self.stops.bits |= bit
         self.met_stop = bit
         self.hard_stop(now, keeps_segments=not self._quirks.abort_flush)
 
@@ -622,7 +514,7 @@ class Drive:
         """Let the motor give what 0Ch and standby allow (MACS-CMD-0C-01, -19-01)."""
         if self._loaded:
             self.plant.set_torque(now, self.torque_nm)
-            self._span = None
+            self.counter.look_again()
 
     def torque_changed(self, now: Nanos) -> None:
         """0Ch, 02h: effective at once (MACS-CMD-0C-03)."""
@@ -674,7 +566,7 @@ class Drive:
 
     def is_moving(self, now: Nanos) -> bool:
         """Whether the counter changes by itself from ``now`` on."""
-        if self.kind is not None or self._frozen is not None:
+        if self.kind is not None or self.counter.is_frozen:
             return self.kind is not None
         rest_ns = self.plant.rest_ns(now)
         return rest_ns is not None and rest_ns > now

@@ -1,0 +1,81 @@
+"""The end-stops of a MAC axis: which way is barred, and when a stop is met.
+
+Rules
+-----
+1. A direction is blocked by its hardware stop (a level) or beyond its software stop, as far as 03h
+   enables them; the other one is free (MACS-STOP-01, -02, MACS-AMB-48).
+2. Software stops look at the counter, whatever moves the axis (MACS-STOP-03).
+3. ff of 21h tells which stop ended the last motion, or which act now (MACS-AMB-50).
+"""
+
+from collections.abc import Mapping
+from typing import Final
+
+from axistwin.devices.mac.counter import Counter
+from axistwin.devices.mac.quirks import MacQuirks
+from axistwin.kernel.time import Nanos
+
+HARDWARE, SOFTWARE = 0x01, 0x08  # bits of 03h (MACS-CMD-03-01)
+
+# Bits of ff by cause and direction, in the CAN manual's map (ledger §5.9).
+HARD_BITS: Final = {1: 0x08, -1: 0x04}
+SOFT_BITS: Final = {1: 0x02, -1: 0x01}
+
+STOP_NAMES: Final = {0x08: "hardware +", 0x04: "hardware -", 0x02: "software +", 0x01: "software -"}
+"""What a bit of ff means."""
+
+
+class Stops:
+    """Both kinds of stops in both directions.  ``values`` are the parameters in use.
+
+    inputs: which hardware stops are active, by direction.  bits: ff, the stops that were met.
+    """
+
+    def __init__(self, quirks: MacQuirks, values: Mapping[str, int], counter: Counter) -> None:
+        self._values = values
+        self._counter = counter
+        self._beyond = 1 if quirks.soft_stop_compare == "strict" else 0
+        self._blocks_both = quirks.soft_stop_blocks == "both"
+        self._is_live = quirks.ff_lifetime == "live"
+        self.inputs: dict[int, bool] = {1: False, -1: False}
+        self.bits = 0
+
+    @property
+    def are_enabled(self) -> bool:
+        """Whether any stop is."""
+        return bool(self._values["stops"])
+
+    def is_blocked_hard(self, direction: int) -> bool:
+        """Whether the hardware stop of ``direction`` is active and enabled."""
+        return bool(self._values["stops"] & HARDWARE) and self.inputs[direction]
+
+    def blocking_bit(self, now: Nanos, direction: int) -> int:
+        """The bit of ff for what blocks ``direction`` at ``now``; 0: free."""
+        if self.is_blocked_hard(direction):
+            return HARD_BITS[direction]
+        ways = (1, -1) if self._blocks_both else (direction,)
+        return next((SOFT_BITS[way] for way in ways if self._is_beyond(now, way)), 0)
+
+    def met_ns(self, now: Nanos, direction: int) -> Nanos | None:
+        """When the software stop of a free ``direction`` may be met next; None: never."""
+        if not self._values["stops"] & SOFTWARE:
+            return None
+        return self._counter.reach_ns(now, self._first_forbidden(direction))
+
+    def bits_at(self, now: Nanos) -> int:
+        """ff as it is read."""
+        if not self._is_live:
+            return self.bits
+        hard = sum(bit for way, bit in HARD_BITS.items() if self.is_blocked_hard(way))
+        return hard | sum(bit for way, bit in SOFT_BITS.items() if self._is_beyond(now, way))
+
+    def _is_beyond(self, now: Nanos, direction: int) -> bool:
+        """Whether the counter is beyond the enabled software stop of ``direction``."""
+        if not self._values["stops"] & SOFTWARE:
+            return False
+        return direction * (self._counter.at(now) - self._first_forbidden(direction)) >= 0
+
+    def _first_forbidden(self, direction: int) -> int:
+        """The first count on which the software stop acts."""
+        name = "superior_stop" if direction > 0 else "inferior_stop"
+        return self._values[name] + direction * self._beyond
