@@ -101,6 +101,14 @@ def test_acts_are_bracketed_in_time_and_told_in_the_transcript(target: Target) -
     assert "rig: input reference on" in told
 
 
+@pytest.mark.parametrize(("time", "is_exact"), [("virtual", True), ("20", False)])
+def test_only_in_virtual_time_are_the_acts_of_a_twin_exact(time: str, is_exact: bool) -> None:
+    """Elsewhere time passes while the suite is at it."""
+    target = open_target(f"axistwin://mac23?time={time}", 38400)
+    assert TwinRig(target, 0).is_exact is is_exact
+    target.close()
+
+
 def test_a_line_without_that_twin_is_told() -> None:
     """Not a traceback."""
     target = open_target(TWIN, 38400)
@@ -438,8 +446,11 @@ def test_a_rig_check_says_what_it_needs() -> None:
 class SlowRig(TwinRig):
     """As a person or a relay: every act takes a while, and nobody knows when it happened."""
 
-    is_exact = False
     delay_s = 0.4
+
+    def __init__(self, target: Target, address: int) -> None:
+        super().__init__(target, address)
+        self.is_exact = False
 
     def _work(self, act: Act) -> None:
         self._target.wait(self.delay_s)
@@ -547,10 +558,14 @@ def test_another_reading_is_named_and_not_failed(
     "quirks",
     [
         # readings that rig checks look at, as many at once as go together
-        ("hard_stop_command=refuse ff_lifetime=until_reset busy_after_abort=true ref_edge=closing"
-        " disj_refuse_set=starting persist_modes=volatile zero_catchup=refuse running_until=exact"),
-        ("ff_lifetime=live status_ff_layout=shifted ref_retarget=remaining has_reset_input=false"
-        " status_hh_bit=6-0 running_until=profile encoder_fault_locks=false"),
+        (
+            "hard_stop_command=refuse ff_lifetime=until_reset busy_after_abort=true ref_edge=closing"
+            " disj_refuse_set=starting persist_modes=volatile zero_catchup=refuse running_until=exact"
+        ),
+        (
+            "ff_lifetime=live status_ff_layout=shifted ref_retarget=remaining has_reset_input=false"
+            " status_hh_bit=6-0 running_until=profile encoder_fault_locks=false"
+        ),
         "position_source=set_point overshoot_return=fresh_profile boot_time_ms=2300",
         # and others, of which a run of rig checks alone has learnt nothing before
         "vel_f6_direction=positive segment_signed=false cmd_1c_supported=false xonerror_byte=18h",
