@@ -89,3 +89,23 @@ def answer(
     """The answer to a query: ``address`` and ``digit`` as characters, ``data`` unsigned 32 bit."""
     body = b"%b%b%08X" % (address, digit, data)
     return b"\x06\x13\x02%b%b%b\x03%c" % (length, body, HEX[sum(body) & 0xFF], xon)
+
+
+def is_one_frame(data: bytes) -> bool:
+    """Whether ``data`` is a frame and nothing else, what ``next_frame`` would find out too."""
+    return len(data) == REQUEST_BYTES and data.rfind(STX) == 0
+
+
+def next_frame(buffer: bytes, after: int) -> tuple[int, int]:
+    """Start and end of the first whole frame from ``after`` on.
+
+    (-1, n) if there is none: bytes before n can be forgotten, from n on a frame may grow.
+    """
+    start = buffer.find(STX, after)
+    while start >= 0:
+        end = start + REQUEST_BYTES
+        again = buffer.rfind(STX, start + 1, end)
+        if again < 0:
+            return (start, end) if end <= len(buffer) else (-1, start)
+        start = again
+    return -1, len(buffer)

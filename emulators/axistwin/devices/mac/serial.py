@@ -36,10 +36,11 @@ from axistwin.devices.mac.framing import (
     HEX,
     NACK,
     REQUEST_BYTES,
-    STX,
     UPPER,
     Request,
     answer,
+    is_one_frame,
+    next_frame,
     number,
     take_apart,
 )
@@ -139,22 +140,22 @@ class MacSerial:
 
     def quiet_prefix(self, data: bytes) -> int:
         """Everything before the last byte of the first frame that concerns this module."""
-        if not self._partial and _is_one_frame(data):
+        if not self._partial and is_one_frame(data):
             request = take_apart(data, any_case=self._any_case)
             return REQUEST_BYTES - 1 if self._concerns(request) else REQUEST_BYTES
         kept = len(self._partial)
         buffer = self._partial + data
-        start, end = _next_frame(buffer, 0)
+        start, end = next_frame(buffer, 0)
         while start >= 0:
             if self._concerns(take_apart(buffer[start:end], any_case=self._any_case)):
                 return max(0, end - 1 - kept)
-            start, end = _next_frame(buffer, end)
+            start, end = next_frame(buffer, end)
         return len(data)
 
     def receive(self, chunk: Chunk) -> list[Effect]:
         """Take the bytes of ``chunk``; answer the frames they complete."""
         data, first = chunk.data, 0
-        if not self._partial and chunk.start_ns >= self._deaf_until and _is_one_frame(data):
+        if not self._partial and chunk.start_ns >= self._deaf_until and is_one_frame(data):
             self._take(data, chunk, REQUEST_BYTES - 1)  # by far the most common
             first = REQUEST_BYTES
         while first < len(data):
@@ -162,7 +163,7 @@ class MacSerial:
                 first = self._first_heard(chunk, first)
             kept = len(self._partial)
             buffer = self._partial + (data[first:] if first else data)
-            start, end = _next_frame(buffer, 0)
+            start, end = next_frame(buffer, 0)
             if start < 0:
                 self._partial = buffer[end:]
                 break
@@ -580,23 +581,3 @@ def _model(model: str | MacModel) -> MacModel:
     if model not in MODELS:
         raise UsageError(f"unknown model {model!r}: {nearest(model, MODELS)}")
     return MODELS[model]
-
-
-def _is_one_frame(data: bytes) -> bool:
-    """Whether ``data`` is a frame and nothing else, what ``_next_frame`` would find out too."""
-    return len(data) == REQUEST_BYTES and data.rfind(STX) == 0
-
-
-def _next_frame(buffer: bytes, after: int) -> tuple[int, int]:
-    """Start and end of the first whole frame from ``after`` on.
-
-    (-1, n) if there is none: bytes before n can be forgotten, from n on a frame may grow.
-    """
-    start = buffer.find(STX, after)
-    while start >= 0:
-        end = start + REQUEST_BYTES
-        again = buffer.rfind(STX, start + 1, end)
-        if again < 0:
-            return (start, end) if end <= len(buffer) else (-1, start)
-        start = again
-    return -1, len(buffer)
