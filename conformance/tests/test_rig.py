@@ -520,6 +520,31 @@ def test_a_rig_that_is_too_slow_makes_no_verdict(monkeypatch: pytest.MonkeyPatch
     assert verdicts == {Verdict.INCONCLUSIVE}
 
 
+def test_a_rig_that_does_nothing_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Above all not that a disabled input has no effect."""
+    monkeypatch.setattr(SlowRig, "_work", lambda rig, act: None)
+    _, result = judge("mac23", rig=SlowChoice(), max_travel=2000, max_speed=10_000)
+    passed = {one.requirement.id for one in result.requirements if one.verdict is Verdict.PASS}
+    assert (
+        passed
+        & {
+            "MACS-STOP-01",
+            "MACS-STOP-02",
+            "MACS-REF-01",
+            "MACS-CMD-07-01",
+            "MACS-CMD-07-02",
+            "MACS-IO-01",
+            "MACS-Q-27-02",
+            "MACS-PERS-01",
+            "MACS-PERS-03",
+            "MACS-BUSY-02",
+            "MACS-CMD-1A-02",
+            "MACS-STATE-02",
+        }
+        == set()
+    )
+
+
 # switch, reading, model, the check that has to notice
 SEEN = [
     ("hard_stop_command", "refuse", "mac23", "toward_an_active_hardware_stop_nothing_moves"),
@@ -559,8 +584,9 @@ def test_another_reading_is_named_and_not_failed(
     [
         # readings that rig checks look at, as many at once as go together
         (
-            "hard_stop_command=refuse ff_lifetime=until_reset busy_after_abort=true ref_edge=closing"
-            " disj_refuse_set=starting persist_modes=volatile zero_catchup=refuse running_until=exact"
+            "hard_stop_command=refuse ff_lifetime=until_reset busy_after_abort=true"
+            " ref_edge=closing disj_refuse_set=starting persist_modes=volatile"
+            " zero_catchup=refuse running_until=exact"
         ),
         (
             "ff_lifetime=live status_ff_layout=shifted ref_retarget=remaining has_reset_input=false"

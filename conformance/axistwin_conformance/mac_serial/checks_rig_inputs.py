@@ -11,7 +11,7 @@ from typing import Final
 
 from axistwin_conformance.mac_serial.bench import DEAF_SURELY_S, QUIET_S, SLOWEST
 from axistwin_conformance.mac_serial.codec import Kind
-from axistwin_conformance.mac_serial.forecast import Forecast, Window
+from axistwin_conformance.mac_serial.forecast import Forecast
 from axistwin_conformance.mac_serial.motion import TICK_NS
 from axistwin_conformance.mac_serial.rig_bench import (
     HARD_NEGATIVE,
@@ -83,7 +83,7 @@ def _trip(bench: RigBench, side: Side, way: Way, mode: int) -> None:
     bench.accepted(0x03, mode)
     moving = way.begin(bench, start, side.direction * bench.reach)
     bench.wait(0.08)
-    act = Window(*bench.rig.set_input(side.name, True))
+    act = bench.contact(side.name, True)
     bench.in_time(moving, act)
     place = bench.rest()
     bench.judge_place(place, moving.halted(act), side.direction, "MACS-STOP-01")
@@ -93,7 +93,7 @@ def _trip(bench: RigBench, side: Side, way: Way, mode: int) -> None:
     bench.accepted(0x03, mode, requirement="MACS-STOP-01")  # and so no longer running
     bench.finish(bench.go(start), "MACS-STOP-01")
     returned = bench.stopped_on()
-    bench.rig.set_input(side.name, False)
+    bench.contact(side.name, False)
     # On the way back the bit goes, unless it lives as long as the stop, or for ever.
     if returned and way.name == "13h":
         bench.reading("ff_lifetime", 2 if bench.stopped_on() else 1, "MACS-STOP-01")
@@ -110,10 +110,10 @@ def the_hardware_stop_bit_stays_until_the_next_motion(session: Session) -> None:
     bench.accepted(0x03, 1)
     moving = bench.go(start + bench.reach)
     bench.wait(0.08)
-    bench.in_time(moving, Window(*bench.rig.set_input(side.name, True)))
+    bench.in_time(moving, bench.contact(side.name, True))
     bench.rest()
     bench.judge_stop_bit(side.bit, ("MACS-STOP-01", "MACS-Q-21-01"))
-    bench.rig.set_input(side.name, False)
+    bench.contact(side.name, False)
     released = bench.stopped_on()
     bench.accepted(0x18)
     stopped = bench.stopped_on()
@@ -137,7 +137,7 @@ def toward_an_active_hardware_stop_nothing_moves(session: Session) -> None:
                 continue
             start = bench.begin()
             bench.accepted(0x03, 1)
-            bench.rig.set_input(side.name, True)
+            bench.contact(side.name, True)
             kind = _toward(bench, way, start + side.direction * 40)
             moved = (bench.rest() - start) * side.direction
             limit = bench.braking(bench.period)
@@ -151,7 +151,7 @@ def toward_an_active_hardware_stop_nothing_moves(session: Session) -> None:
             if kind is Kind.ACCEPTED:
                 bench.judge_stop_bit(side.bit, None)
             bench.accepted(0x03, 1)
-            bench.rig.set_input(side.name, False)
+            bench.contact(side.name, False)
             again = bench.rest()
             session.expect(again == start + moved * side.direction, None, "nothing resumes", again)
 
@@ -176,9 +176,9 @@ def a_hardware_stop_does_not_touch_the_other_sign(session: Session) -> None:
         bench.accepted(0x03, 1)
         moving = bench.go(start - side.direction * bench.reach)
         bench.wait(0.08)
-        bench.rig.set_input(side.name, True)
+        bench.contact(side.name, True)
         bench.finish(moving)
-        bench.rig.set_input(side.name, False)
+        bench.contact(side.name, False)
         session.expect(bench.stopped_on() == 0, None, "no stop bit", f"{bench.stopped_on():02X}")
 
 
@@ -194,12 +194,12 @@ def disabled_hardware_stops_do_nothing(session: Session) -> None:
             moving = bench.go(target)
             bench.wait(0.08)
             for one in SIDES:
-                bench.rig.set_input(one.name, True)
+                bench.contact(one.name, True)
             bench.finish(moving)
             bench.finish(bench.go(start))
             session.expect(bench.stopped_on() == 0, None, "no stop bit", bench.stopped_on())
             for one in SIDES:
-                bench.rig.set_input(one.name, False)
+                bench.contact(one.name, False)
 
 
 # --- the reference -------------------------------------------------------------------------------
@@ -211,7 +211,7 @@ def _edge(bench: RigBench, moving: Forecast, origin: Origin, active: bool) -> bo
     Counting on and counting from the edge are told apart by one reading; anything else fails.
     """
     bench.wait(0.06)
-    act = Window(*bench.rig.set_input("reference", active))
+    act = bench.contact("reference", active)
     bench.in_time(moving, act)
     steps = moving.bounds(act)
     sample = bench.sample()
@@ -304,7 +304,7 @@ def negative_motion_ignores_the_reference(session: Session) -> None:
             moving = way.begin(bench, 0, -min(bench.room(), 2 * bench.reach))
             for active in (True, False):
                 bench.wait(0.06)
-                bench.in_time(moving, Window(*bench.rig.set_input("reference", active)))
+                bench.in_time(moving, bench.contact("reference", active))
                 bench.follow(moving, None, bench.allowance(bench.period))
             bench.at_rest()
             origin.shift = 0
@@ -320,7 +320,7 @@ def at_rest_the_reference_does_nothing(session: Session) -> None:
         for power in (0x19, 0x1A):
             bench.accepted(power)
             for active in (True, False):
-                bench.rig.set_input("reference", active)
+                bench.contact("reference", active)
                 now = bench.position()
                 session.expect(now == place, None, f"still {place}", now)
 
@@ -335,10 +335,10 @@ def a_zeroed_move_ends_at_its_target_by_the_new_count(session: Session) -> None:
         bench.accepted(0x0E, 0x0100)
         with bench.own_origin() as origin, bench.reference_enabled():
             bench.finish(bench.go(begin))
-            bench.rig.set_input("reference", True)
+            bench.contact("reference", True)
             moving = bench.go(target)
             bench.wait(0.06)
-            act = Window(*bench.rig.set_input("reference", False))
+            act = bench.contact("reference", False)
             bench.in_time(moving, act)
             steps = [place - begin for place in moving.bounds(act)]
             _judge_target(bench, moving, steps, target, begin, origin)

@@ -133,6 +133,17 @@ class RigBench(Bench):
         ff = self.data_bytes(0x21)[1]
         return ff & (0x0F if ff & 0xE0 else 0x1F)
 
+    def contact(self, name: str, active: bool) -> Window:
+        """Work a contact, and see in 27h that it was: otherwise nothing follows from what happens,
+        and least of all from nothing happening."""
+        act = Window(*self.rig.set_input(name, active))
+        if self.inputs()[name] is not active:
+            state = "closed" if active else "open"
+            self.session.inconclusive(
+                None, f"the {name} contact should be {state}, but 27h shows it otherwise"
+            )
+        return act
+
     def judge_stop_bit(self, bit: int, requirement: Part) -> None:
         """ff shows that stop alone, where the CAN manual has it or shifted by one (AMB-12)."""
         ff = self.stopped_on()
