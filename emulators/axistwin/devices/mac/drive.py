@@ -2,28 +2,25 @@
 
 Theory
 ------
-Exactly one of these has the shaft:
+Exactly one of these has the shaft (``owner``):
 
-    rest      nothing moves by itself; after 13h, 14h and 17h the place is held (ledger §5.5)
-    profile   a ``RampedMotion``: PO to a target, VE without end
-    segments  the ``Interpolator``: IN
-    brake     set-point and regulation are gone, the shaft runs out (18h, a stop)
+    Rest      nothing moves by itself; after 13h, 14h and 17h the place is held (ledger §5.5)
+    Profile   a ``RampedMotion``: PO to a target, catch-up included, VE without end
+    Segments  the ``Interpolator``: IN
+    Brake     set-point and regulation are gone, the shaft runs out (18h, a stop)
 
 Everything is closed form in time.  What happens by itself is one of two events, both computed the
 moment something changes: the *end* of what runs, and a *stop* in its way.  (At rest there may be a
 third: the shaft, coasting or pushed, stands still at last.)
 
-Counter = shaft + origin, 31 bits signed (MACS-AMB-54); zeroing moves the origin, never the shaft.
-
 Rules
 -----
 1. A motion starts from where the shaft really is.
-2. A direction is blocked by its hardware stop (level) or beyond its software stop, if enabled; the
-   other one is free (MACS-STOP-01, MACS-AMB-48).  A motion that begins blocked makes no step.
-3. Stops are found on the way by asking when the shaft reaches the first forbidden increment.
-4. The end of a position motion is the end of "running" (MACS-AMB-27).
-5. Segments that arrive during a profile wait for its end (MACS-AMB-31).
-6. A position that is to be gone to after the segments (MACS-AMB-69) is given up with them, unless
+2. A motion that begins blocked (``stops``) makes no step.  Stops are found on the way by asking
+   when the counter reaches the first forbidden increment.
+3. The end of a position motion is the end of "running" (MACS-AMB-27).
+4. Segments that arrive during a profile wait for its end (MACS-AMB-31).
+5. A position that is to be gone to after the segments (MACS-AMB-69) is given up with them, unless
    they end by themselves.
 """
 
@@ -36,6 +33,7 @@ from axistwin.devices.mac.acceptance import State
 from axistwin.devices.mac.counter import Counter
 from axistwin.devices.mac.faults import Faults
 from axistwin.devices.mac.models import MacModel
+from axistwin.devices.mac.owner import Brake, Owner, Profile, Rest, Segments
 from axistwin.devices.mac.quirks import MacQuirks
 from axistwin.devices.mac.stops import Stops
 from axistwin.kernel.time import NS_PER_MS, Nanos
@@ -99,21 +97,20 @@ class Drive:
         brake = quirks.brake_increments
         self._brake_increments = None if brake == "plant" else int(brake)
         self.powered = False
-        self.kind: State | None = None
-        """PO, VE or IN while running; None at rest."""
-        self._motion: RampedMotion | None = None
-        self._target_number = 0
+        self._owner: Owner = Rest()
+        """Who has the shaft."""
         self._position_mode = False
         self._old_target: int | None = None
         self._next: Nanos | None = None
-        self._braking = False
-        self._coasting = False
         self._segments_wait = False
-        self._number_after: int | None = None
-        """Where to go when the segments are over."""
         self._accepted: deque[tuple[Segment, tuple[Piece, ...]]] = deque(maxlen=4)
         self.met_stop = 0
         """The bit of ff of a stop that has ended a motion; the axis clears it."""
+
+    @property
+    def kind(self) -> State | None:
+        """PO, VE or IN while running; None at rest."""
+        return self._owner.kind
 
     # ---- counter -------------------------------------------------------------------------------
 
@@ -133,38 +130,38 @@ class Drive:
     def zero(self, now: Nanos, *, keeps_remaining: bool) -> None:
         """Counter := 0; a 13h under way keeps its number or its way (MACS-AMB-52, -53)."""
         self.counter.set(now, 0)
-        motion = self._motion
-        if motion is not None and self.kind is State.PO and not motion.stopping:
-            set_number = self.counter.of_set_point(now)
+        owner = self._owner
+        if isinstance(owner, Profile) and owner.number is not None and not owner.motion.stopping:
+            motion, set_number = owner.motion, self.counter.of_set_point(now)
             direction = motion.trajectory.direction
             if keeps_remaining:
                 assert motion.target is not None, "a position motion has a target"
                 remaining = motion.target - motion.trajectory.increments_at(now)
-                self._target_number = set_number + direction * remaining
+                owner.number = set_number + direction * remaining
             elif motion.is_over(now):
-                self._aim_anew(now, motion)
+                self._aim_anew(now, owner, owner.number)
             else:
-                remaining = direction * (self._target_number - set_number)
-                self._replan(now, motion.retarget(now, remaining))
+                remaining = direction * (owner.number - set_number)
+                self._replan(now, owner, motion.retarget(now, remaining))
         self._plan(now)
 
-    def _aim_anew(self, now: Nanos, motion: RampedMotion) -> None:
+    def _aim_anew(self, now: Nanos, owner: Profile, number: int) -> None:
         """The target of a profile that is over has moved (ledger §5.3)."""
         if self._quirks.overshoot_return == "catch_up":
-            self.plant.aim(now, self.counter.place_of(self._target_number))
+            self.plant.aim(now, self.counter.place_of(number))
             return
-        distance = self._target_number - self.counter.at(now)
-        direction = -1 if distance < 0 else 1
-        self._motion = RampedMotion.to_target(now, direction, abs(distance), motion.ramp)
-        self.plant.follow(now, self._motion.trajectory, self._signed_target())
+        owner.motion = self._move_to(now, number, now, owner.motion.ramp)
+        self.plant.follow(now, owner.motion.trajectory, owner.signed_target)
 
     def set_point_direction(self, now: Nanos) -> int:
         """Sign of the speed that a new one would take over; 0: the set-point rests."""
-        if self.kind is State.IN:
+        owner = self._owner
+        if isinstance(owner, Segments):
             step = self.interpolator.step_in_progress(now)
             return step.direction if step else 0
-        motion = self._motion
-        return 0 if motion is None or motion.is_over(now) else motion.trajectory.direction
+        if not isinstance(owner, Profile) or owner.motion.is_over(now):
+            return 0
+        return owner.motion.trajectory.direction
 
     def direction_at(self, now: Nanos) -> int:
         """Sign of the motion in progress, the catch-up included (ledger §4.1); 0: none."""
@@ -172,8 +169,10 @@ class Drive:
 
     def _catch_up_direction(self, now: Nanos) -> int:
         """Sign of the way back to the target of a profile that is over; 0: there is none."""
-        motion, target = self._motion, self.plant.target
-        if self.kind is not State.PO or motion is None or target is None or not motion.is_over(now):
+        owner, target = self._owner, self.plant.target
+        if not isinstance(owner, Profile) or owner.number is None or target is None:
+            return 0
+        if not owner.motion.is_over(now):
             return 0
         position = self.plant.position_at(now)
         return (target > position) - (target < position)
@@ -182,33 +181,32 @@ class Drive:
 
     def go_to(self, now: Nanos, number: int, start_ns: Nanos) -> None:
         """13h, 14h: to counter ``number`` on the trapezoidal profile (MACS-CMD-13-01)."""
+        motion = self._move_to(now, number, start_ns, self._ramp(self._values["period"]))
+        self._begin(now, Profile(motion, number))
+
+    def _move_to(self, now: Nanos, number: int, start_ns: Nanos, ramp: Ramp) -> RampedMotion:
+        """The profile from where the counter is to ``number``."""
         distance = number - self.counter.at(now)
-        direction = -1 if distance < 0 else 1
-        ramp = self._ramp(self._values["period"])
-        motion = RampedMotion.to_target(start_ns, direction, abs(distance), ramp)
-        self._target_number = number
-        self._begin(now, State.PO, motion)
+        return RampedMotion.to_target(start_ns, -1 if distance < 0 else 1, abs(distance), ramp)
 
     def go_to_after_segments(self, number: int) -> None:
         """13h, 14h: ``go_to`` when the segments in execution have run out (MACS-AMB-69)."""
-        assert self.kind is State.IN, "there are no segments to wait for"
-        self._number_after = number
+        assert isinstance(self._owner, Segments), "there are no segments to wait for"
+        self._owner.number_after = number
 
     def run_at(self, now: Nanos, period_ticks: int, direction: int, start_ns: Nanos) -> None:
         """15h with a speed: from rest, or out of whatever moves (MACS-CMD-15-01, -02)."""
-        ramp = self._ramp(period_ticks)
-        motion, step = self._motion, None
-        if self.kind is State.IN:
-            step = self._end_segments(now)
+        ramp, owner = self._ramp(period_ticks), self._owner
+        step = self._end_segments(now) if isinstance(owner, Segments) else None
         if step is not None:
             taken = RampedMotion.taking_over(step.start_ns, step.direction, step.period_ticks, ramp)
-            self._begin(now, State.VE, taken)
-        elif self.kind in (State.PO, State.VE) and motion and not motion.is_over(now):
-            self.kind, self._position_mode = State.VE, False
-            self._replan(now, motion.change_speed(now, period_ticks))
+            self._begin(now, Profile(taken, None))
+        elif isinstance(owner, Profile) and not owner.motion.is_over(now):
+            owner.number, self._position_mode = None, False
+            self._replan(now, owner, owner.motion.change_speed(now, period_ticks))
             self._plan(now)
         else:
-            self._begin(now, State.VE, RampedMotion.endless(start_ns, direction, ramp))
+            self._begin(now, Profile(RampedMotion.endless(start_ns, direction, ramp), None))
 
     def offer(self, now: Nanos, segment: Segment, start_ns: Nanos) -> bool:
         """16h, 1Eh: store a segment, or refuse it (MACS-CMD-16-02); False: refused."""
@@ -217,7 +215,7 @@ class Drive:
         interpolator.run(now)
         waits = self.kind in (State.PO, State.VE)
         if waits and self._quirks.interp_during_profile == "preempt":
-            self._motion, self.kind, waits = None, None, False
+            self._owner, waits = Rest(), False
         if waits:
             self._segments_wait = True
             interpolator.hold()
@@ -249,27 +247,28 @@ class Drive:
 
         A catch-up has no ramp: it ends where the shaft is (ledger §4.1, §5.7).
         """
-        motion = self._motion
-        if motion is None:
+        owner = self._owner
+        if not isinstance(owner, Profile):
             return
         self._abandon_target()
+        motion = owner.motion
         if not motion.is_over(now):
-            self._replan(now, motion.stop(now))
-        elif self.kind is State.PO:
-            self._motion = RampedMotion.at_rest(now, motion.trajectory.direction, motion.ramp)
+            self._replan(now, owner, motion.stop(now))
+        elif owner.number is not None:
+            owner.motion = RampedMotion.at_rest(now, motion.trajectory.direction, motion.ramp)
             self.plant.hold(now)
         self._plan(now)
 
     def drop_segments(self, now: Nanos) -> None:
         """Give up all segments at once; the next motion takes the shaft where it is."""
         self._end_segments(now)
-        self.kind = None
+        self._owner = Rest()
 
     def stop_segments(self, now: Nanos) -> None:
         """17h during segments where it stops them: now, or after this one (MACS-AMB-32)."""
+        self._owner = Segments()  # and nothing after them
         if self._quirks.stop17_in_interp == "after_segment":
             self.interpolator.drop_stored(now)
-            self._number_after = None
             self._plan(now)
             return
         step = self._end_segments(now)
@@ -278,14 +277,16 @@ class Drive:
             return
         ramp = self._ramp(step.period_ticks)
         taken = RampedMotion.taking_over(step.start_ns, step.direction, step.period_ticks, ramp)
-        self._begin(now, State.VE, taken.stop(now))
+        self._begin(now, Profile(taken.stop(now), None))
 
     def hard_stop(self, now: Nanos, *, keeps_segments: bool = False) -> None:
         """18h, a stop: set-point frozen, regulation off, maximum braking (MACS-CMD-18-01)."""
         self._abandon_target()
         self._take_shaft(now, keeps_segments=keeps_segments)
-        self.plant.brake(now, self._brake_increments if self.kind is not None else 0)
-        self._braking, self._motion = self.kind is not None, None
+        kind = self.kind
+        self.plant.brake(now, 0 if kind is None else self._brake_increments)
+        if kind is not None:
+            self._owner = Brake(kind)
         self._plan(now)
 
     def power_on(self, now: Nanos) -> None:
@@ -293,7 +294,7 @@ class Drive:
         assert not self._faults.disjuncted, "the motor is powered in spite of a fault"
         self.powered = True
         self.apply_torque(now)
-        if self._coasting:
+        if self._owner == Rest(coasting=True):
             self.plant.brake(now)
         self._plan(now)
 
@@ -301,9 +302,9 @@ class Drive:
         """1Ah, a disjunction: no torque; the shaft coasts and is still counted (MACS-CMD-1A-01)."""
         self._take_shaft(now, keeps_segments=False)
         self.plant.cut_power(now)
-        self.powered = self._braking = False
-        self._coasting = self.counter.settled = True
-        self._motion, self.kind = None, None
+        self.powered = False
+        self.counter.settled = True
+        self._owner = Rest(coasting=True)
         self._plan(now)
 
     def flush_waiting(self, now: Nanos) -> None:
@@ -314,7 +315,6 @@ class Drive:
 
     def _end_segments(self, now: Nanos) -> Step | None:
         """Drop all segments; the step that was in progress, if one was."""
-        self._number_after = None
         self.plant.advance(now)  # while the set-point still knows its past
         step = self.interpolator.step_in_progress(now)
         self.interpolator.flush(now)
@@ -322,7 +322,6 @@ class Drive:
 
     def _take_shaft(self, now: Nanos, *, keeps_segments: bool) -> None:
         """Take the shaft from profile or segments; what is stored is dropped or waits."""
-        self._number_after = None
         self.plant.advance(now)
         interpolator = self.interpolator
         counted = self._quirks.fifo_counts_executing and interpolator.is_executing(now)
@@ -342,47 +341,37 @@ class Drive:
     def _ramp(self, period_ticks: int) -> Ramp:
         return Ramp(period_ticks, self._values["ramp"], self._rules)
 
-    def _begin(self, now: Nanos, kind: State, motion: RampedMotion) -> None:
+    def _begin(self, now: Nanos, owner: Profile) -> None:
         """Give the shaft to a profile; one that begins blocked makes no step (rule 2)."""
-        self._start(now, kind)
-        self._motion = motion
-        trajectory = motion.trajectory
+        self._start(now, owner)
+        trajectory = owner.motion.trajectory
         bit = self.stops.blocking_bit(now, trajectory.direction) if trajectory.pieces else 0
         if bit:
             self._stop_on(now, bit)
             return
-        self.plant.follow(now, trajectory, self._signed_target())
+        self.plant.follow(now, trajectory, owner.signed_target)
         self._plan(now)
 
     def _begin_segments(self, now: Nanos) -> None:
         """Give the shaft to the interpolator."""
-        self._start(now, State.IN)
-        self._motion = None
+        self._start(now, Segments())
         self.plant.follow(now, self.interpolator)
         self._plan(now)
 
-    def _start(self, now: Nanos, kind: State) -> None:
-        assert not self._faults.disjuncted, f"{kind.name} starts in spite of a fault"
-        self.kind = kind
-        self._position_mode = kind is State.PO
+    def _start(self, now: Nanos, owner: Profile | Segments) -> None:
+        assert not self._faults.disjuncted, f"{owner.kind.name} starts in spite of a fault"
+        self._owner = owner
+        self._position_mode = owner.kind is State.PO
         self._old_target = None
-        self._braking = self._coasting = False
         self.powered = True
         if self._quirks.ff_lifetime != "until_reset":
             self.stops.bits = 0
         self.apply_torque(now)
 
-    def _replan(self, now: Nanos, motion: RampedMotion) -> None:
+    def _replan(self, now: Nanos, owner: Profile, motion: RampedMotion) -> None:
         """Go on with the running profile planned anew."""
-        self._motion = motion
-        self.plant.replace(now, motion.trajectory, self._signed_target())
-
-    def _signed_target(self) -> int | None:
-        """Where the profile is to end, as a displacement; None if it has no end."""
-        motion = self._motion
-        if motion is None or motion.target is None:
-            return None
-        return motion.trajectory.direction * motion.target
+        owner.motion = motion
+        self.plant.replace(now, motion.trajectory, owner.signed_target)
 
     # ---- events --------------------------------------------------------------------------------
 
@@ -393,7 +382,7 @@ class Drive:
     def run(self, now: Nanos) -> None:
         """Do what is due at ``now``."""
         if self.kind is None:
-            self._coasting = False
+            self._owner = Rest()
             self.counter.settled = True
             self._plan(now)
             return
@@ -420,19 +409,19 @@ class Drive:
 
     def _end_ns(self, now: Nanos) -> Nanos | None:
         """When what runs is over, as things stand; None: never."""
-        motion = self._motion
-        if self._braking:
-            return self.plant.rest_ns(now)
-        if motion is None:
-            return max(now, self.interpolator.end_ns)
-        end_ns = motion.end_ns
-        if end_ns is None or self.kind is not State.PO:
-            return None if end_ns is None else max(now, end_ns)
-        end_ns = max(now, end_ns)
-        if self._quirks.running_until == "profile" or self._returns_afresh(motion):
+        owner = self._owner
+        if not isinstance(owner, Profile):
+            runs_out = isinstance(owner, Brake)
+            return self.plant.rest_ns(now) if runs_out else max(now, self.interpolator.end_ns)
+        if owner.motion.end_ns is None:
+            return None
+        end_ns = max(now, owner.motion.end_ns)
+        if owner.number is None or self._returns_afresh(owner.motion):
             return end_ns
-        exact = self._quirks.running_until == "exact"
-        return self.plant.settle_ns(end_ns, 0 if exact else self._values["tolerance"])
+        until = self._quirks.running_until
+        if until == "profile":
+            return end_ns
+        return self.plant.settle_ns(end_ns, 0 if until == "exact" else self._values["tolerance"])
 
     def _returns_afresh(self, motion: RampedMotion) -> bool:
         return motion.overshoot > 0 and self._quirks.overshoot_return == "fresh_profile"
@@ -443,27 +432,26 @@ class Drive:
 
     def _finish(self, now: Nanos) -> None:
         """What ran is over: rest, the way back, or the segments that waited."""
-        motion = self._motion
-        if motion is not None and self.kind is State.PO and self._returns_afresh(motion):
-            back = motion.returning()
-            assert back is not None, "an overshoot has a way back"
-            self._motion = back
-            self.plant.follow(now, back.trajectory, self._signed_target())
-            self._plan(now)
-            return
-        aborted, number = self._braking, self._number_after
+        owner = self._owner
+        if isinstance(owner, Profile) and owner.number is not None:
+            back = owner.motion.returning() if self._returns_afresh(owner.motion) else None
+            if back is not None:
+                owner.motion = back
+                self.plant.follow(now, back.trajectory, owner.signed_target)
+                self._plan(now)
+                return
         self._rest(now)
+        number = owner.number_after if isinstance(owner, Segments) else None
         if number is not None:
-            self._number_after = None
             self.go_to(now, number, now)
-        elif self._segments_wait and not aborted:
+        elif self._segments_wait and not isinstance(owner, Brake):
             self._let_segments_go(now)
             self._begin_segments(now)
 
     def _rest(self, now: Nanos) -> None:
         self.plant.advance(now)
         self.interpolator.run(now)
-        self.kind, self._motion, self._braking = None, None, False
+        self._owner = Rest()
         self.counter.settle(now)
         self.apply_torque(now)
         self._plan(now)
@@ -472,9 +460,13 @@ class Drive:
 
     def _set_point(self) -> SetPoint | None:
         """What has the shaft; None at rest and while it runs out."""
-        if self.kind is None or self._braking:
-            return None
-        return self._motion.trajectory if self._motion else self.interpolator
+        match self._owner:
+            case Profile(motion=motion):
+                return motion.trajectory
+            case Segments():
+                return self.interpolator
+            case _:
+                return None
 
     def _blocked_motion(self, now: Nanos) -> int:
         """The direction in which the set-point moves although it is blocked; 0: none."""
