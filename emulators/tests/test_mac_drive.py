@@ -372,6 +372,20 @@ def test_segments_sent_during_a_move_run_after_it() -> None:
     assert bench.now > end
 
 
+@pytest.mark.parametrize("during", ["preempt", "queue"])
+def test_a_segment_refused_after_an_underrun_leaves_the_motion_alone(during: str) -> None:
+    """What is refused has no effect (MACS-REPLY-05, MACS-AMB-40 error, MACS-AMB-31)."""
+    bench = MacBench(fifo_underrun="error", interp_during_profile=during, factory_ramp=0)
+    bench.do(0x16, 0x000A0400)
+    bench.advance(S)
+    bench.do(0x13, 1000)
+    bench.refuse(0x16, 0x000A0400)
+    assert bench.state() == "PO"
+    bench.settle()
+    assert bench.position() == 1000
+    assert bench.state() == "HD"
+
+
 # ---- synchronous mode ----
 
 

@@ -213,6 +213,8 @@ class Drive:
         interpolator = self.interpolator
         self.plant.advance(now)
         interpolator.run(now)
+        if interpolator.has_failed(now):
+            return False
         waits = self.kind in (State.PO, State.VE)
         if waits and self._quirks.interp_during_profile == "preempt":
             self._owner, waits = Rest(), False
