@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from datetime import datetime
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import IO, Any
@@ -72,6 +73,8 @@ class Daemon:
         """The next line as JSON."""
         event = json.loads(self.line())
         assert isinstance(event, dict)
+        age = datetime.now().astimezone() - datetime.fromisoformat(event.pop("time"))
+        assert abs(age.total_seconds()) < TIMEOUT_S
         return event
 
     def end(self, number: signal.Signals = signal.SIGTERM) -> tuple[int, str, str]:
@@ -138,7 +141,7 @@ def test_run_tells_everything_as_json(tmp_path: Path) -> None:
         assert process.event() == {"event": "disconnected", **endpoint, "dropped_bytes": 0}
         status, out, _ = process.end(signal.SIGINT)
         assert status == 0
-        assert json.loads(out) == {"event": "stopped"}
+        assert json.loads(out)["event"] == "stopped"
 
 
 def test_run_serves_several_endpoints_at_once(tmp_path: Path) -> None:
@@ -170,7 +173,58 @@ def test_what_was_stored_is_there_at_the_next_start(tmp_path: Path) -> None:
         with serial.Serial(str(tmp_path / "mac23"), 38400, timeout=TIMEOUT_S) as port:
             assert len(ask(port, request(0x20, address=0x25), 21)) == 21
         status, _, err = process.end()
-        assert (status, err) == (0, "")
+        assert status == 0
+        assert "address 37 (asked for: 0)" in err
+        assert "volatile" not in err
+
+
+def test_the_ready_line_names_the_address_that_is_stored(tmp_path: Path) -> None:
+    """And one warning line each tells what was asked for instead, and of modules that collide."""
+    state = ("--state", "memory", "--pty", "line")
+    with daemon(tmp_path, "mac23", *state) as process:
+        process.line()
+        with serial.Serial(str(tmp_path / "line"), 38400, timeout=TIMEOUT_S) as port:
+            assert ask(port, request(0x08, 5), 3) == ACCEPTED
+        process.end()
+    with daemon(tmp_path, "mac23", "mac34-1:5", "--baud", "9600", *state) as process:
+        assert process.line().startswith("ready mac23:5 pty=line ")
+        assert process.line().startswith("ready mac34-1:5 pty=line ")
+        _, _, err = process.end()
+    memory = "address 5 (asked for: 0) and 38400 baud (asked for: 9600)"
+    assert err.splitlines() == [
+        f"axistwin: mac23:0: its memory has {memory}, and that holds",
+        "axistwin: mac23:0 and mac34-1:5 answer on top of one another: address 5",
+    ]
+
+
+def test_a_client_at_the_wrong_rate_is_told_of_and_seen_in_the_capture(tmp_path: Path) -> None:
+    """One hint and one event for each of its rates; bytes that nobody can understand say so."""
+    with daemon(tmp_path, "mac23", "--json", "--capture", "line.txt") as process:
+        process.event()
+        with serial.Serial(str(tmp_path / "mac23"), 9600, timeout=0.1) as port:
+            assert process.event()["event"] == "connected"
+            for _ in range(2):
+                ask(port, request(0x20), 21)
+            told = process.event()
+            port.baudrate = 38400
+            port.timeout = TIMEOUT_S
+            port.reset_input_buffer()
+            assert len(ask(port, request(0x20), 21)) == 21
+        assert process.event()["event"] == "disconnected"
+        _, _, err = process.end()
+    assert told == {
+        "event": "wrong_rate",
+        "endpoint": "pty",
+        "url": "./mac23",
+        "baud": 9600,
+        "module_bauds": [38400],
+    }
+    assert err.count("./mac23: a client sends at 9600, the module listens at 38400") == 1
+    rows = (tmp_path / "line.txt").read_text("utf-8").splitlines()
+    notes = [row for row in rows if "not understood: sent at 9600, the module listens" in row]
+    assert len(notes) == 2
+    assert all(request(0x20).hex(" ").upper() in row for row in notes)
+    assert "position" in rows[-1]
 
 
 def test_quirks_come_from_a_profile_and_the_command_line(tmp_path: Path) -> None:
@@ -389,6 +443,12 @@ def test_a_state_file_that_cannot_be_read_is_one_clear_line(tmp_path: Path) -> N
     result = invoke("run", "mac23", "--pty", str(tmp_path / "p"), "--state", str(tmp_path))
     assert_one_clear_line(result, "mac23-0.state")
     assert (tmp_path / "mac23-0.state").read_bytes() == b"not ours"
+
+
+def test_an_unknown_host_is_told_apart_from_a_port_in_use() -> None:
+    """Another port would not help."""
+    result = invoke("run", "mac23", "--tcp", "nosuchhost.invalid:5000")
+    assert_one_clear_line(result, "nosuchhost.invalid:5000: no such host", "127.0.0.1")
 
 
 def test_listening_for_other_machines_is_allowed_with_a_warning(

@@ -250,7 +250,7 @@ def test_the_transcript_shows_both_directions_with_times_and_words() -> None:
     rig.ask(b"P", 4)
     assert rig.line.render_transcript().splitlines() == [
         "       0.000 ms > 57  1 B",
-        "       1.521 ms < 4b  1 B",
+        "       1.521 ms < 4B  1 B",
         "       1.521 ms > 50  1 B",
         "       3.823 ms < 00 00 00 00  4 B",
     ]
@@ -264,7 +264,7 @@ def test_a_recording_gets_every_burst_once_it_is_over() -> None:
     rig.ask(b"W", 1)
     assert len(lines) == 1
     rig.line.record(None)
-    assert [line.split()[2:4] for line in lines] == [[">", "57"], ["<", "4b"]]
+    assert [line.split()[2:4] for line in lines] == [[">", "57"], ["<", "4B"]]
     rig.ask(b"W", 1)
     assert len(lines) == 2
 

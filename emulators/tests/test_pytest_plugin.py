@@ -158,8 +158,8 @@ def test_twins_of_a_wider_scope_and_plain_urls_tell_too(pytester: pytest.Pyteste
     )
     result = run(pytester)
     result.assert_outcomes(passed=1, failed=2)
-    result.stdout.fnmatch_lines(["*axistwin mac23:0 mac34-1:5 on *", "* ms > 68 65 6c 6c 6f*"])
-    result.stdout.fnmatch_lines(["*axistwin mac34-2:0 on axistwin://*", "* ms > 68 65 6c 6c 6f*"])
+    result.stdout.fnmatch_lines(["*axistwin mac23:0 mac34-1:5 on *", "* ms > 68 65 6C 6C 6F*"])
+    result.stdout.fnmatch_lines(["*axistwin mac34-2:0 on axistwin://*", "* ms > 68 65 6C 6C 6F*"])
     result.stdout.no_fnmatch_line("*position = 0*")
 
 

@@ -129,7 +129,8 @@ def test_a_second_client_is_refused_and_the_first_goes_on(bench: Bench) -> None:
             assert second.recv(1) == b""
         client.write(b"mine")
         assert client.read(4) == b"mine"
-    assert eventually(lambda: bench.names() == ["connected", "disconnected"])
+    assert eventually(lambda: bench.names() == ["connected", "refused", "disconnected"])
+    assert bench.events[1]["clients_max"] == 1
     with bench.open() as client:
         client.write(b"next")
         assert client.read(4) == b"next"

@@ -254,3 +254,13 @@ def test_the_transcript_is_bounded() -> None:
     assert len(rows) == 151
     assert "850 lines left out" in twin.transcript
     assert os.linesep not in rows[0]
+
+
+def test_a_transcript_tells_of_a_rate_that_nobody_understands() -> None:
+    """A perfect frame at the wrong rate is not shown as one."""
+    with testing.start("mac23", time="virtual") as twin:
+        with serial.serial_for_url(twin.port, baudrate=9600, timeout=0.1) as port:
+            port.write(b"\x0201400200000000000A2\x03")
+            port.read(21)
+        assert "not understood: sent at 9600, the module listens at 38400" in twin.transcript
+        assert "position" not in twin.transcript

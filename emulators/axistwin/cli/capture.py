@@ -50,20 +50,22 @@ class Recorder(Transcript):
         self._has_failed = False
         self._flushing = False
         self._direction: Direction = "host"
+        self._note = ""
         self._begin_ns = self._end_ns = 0
         self._data = bytearray()
 
-    def add(self, time_ns: Nanos, direction: Direction, data: bytes) -> None:
-        """Note ``data``; it joins the last burst unless that went the other way or is over."""
-        super().add(time_ns, direction, data)
+    def add(self, time_ns: Nanos, direction: Direction, data: bytes, note: str = "") -> None:
+        """Keep ``data``; it joins the last burst unless that went the other way or is over."""
+        super().add(time_ns, direction, data, note)
         if (
             direction != self._direction
+            or note != self._note
             or time_ns - self._end_ns > PAUSE_NS
             or len(self._data) > BURST_MAX
         ):
             self.write_burst()
         if not self._data:
-            self._direction, self._begin_ns = direction, time_ns
+            self._direction, self._begin_ns, self._note = direction, time_ns, note
         self._data += data
         self._end_ns = time_ns
         if not self._flushing:
@@ -77,7 +79,7 @@ class Recorder(Transcript):
             self._data.clear()
             arrow = ">" if self._direction == "host" else "<"
             text = f"{self._begin_ns / NS_PER_MS:12.3f} {arrow} {data.hex(' ').upper()}"
-            self._write(f"{text}  {self._explain_bytes(data)}".rstrip() + "\n")
+            self._write(f"{text}  {self._note or self._explain_bytes(data)}".rstrip() + "\n")
 
     def end(self) -> None:
         """Write what is left, and close the file."""

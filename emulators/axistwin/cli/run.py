@@ -7,7 +7,8 @@ import json
 import signal
 import sys
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from datetime import datetime
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 
@@ -137,6 +138,8 @@ def run(
         explain = catalog.find_model(specs[0].model).explain
         with recording(line, capture, explain, server.loop, capture_lost):
             server.open()
+            warn_of_listeners(server.ports)
+            warn_of_surprises(specs, line, options["baud"])
             if line.is_volatile:
                 _warn("memory is volatile and ends with this run; --state DIR keeps it")
 
@@ -197,7 +200,7 @@ def make_line(
 def make_ports(
     line: Line, links: tuple[str, ...], tcp: tuple[str, ...], rfc2217: tuple[str, ...]
 ) -> list[Port]:
-    """The endpoints, not open yet; warns of those that others can reach.  Raises UsageError."""
+    """The endpoints, not open yet.  Raises UsageError."""
     ports: list[Port] = []
     if links:
         from axistwin.ports.pty import PtyPort
@@ -205,17 +208,44 @@ def make_ports(
         ports += [PtyPort(link, line.device_format) for link in links]
     if tcp or rfc2217:
         from axistwin.ports.rfc2217 import Rfc2217Port
+        from axistwin.ports.tcp import TcpPort
+
+        ports += [*map(TcpPort, tcp), *map(Rfc2217Port, rfc2217)]
+    return ports
+
+
+def warn_of_listeners(ports: Sequence[Port]) -> None:
+    """Say which of the open ports others can reach."""
+    for port in ports:
+        if port.kind == "pty":
+            continue
         from axistwin.ports.tcp import TcpPort, is_loopback
 
-        listening = [*map(TcpPort, tcp), *map(Rfc2217Port, rfc2217)]
-        for port in listening:
-            if not is_loopback(port.host):
-                _warn(
-                    f"{port.kind} {port.host}: whoever reaches this address can drive the twin, "
-                    "there is no password"
-                )
-        ports += listening
-    return ports
+        if isinstance(port, TcpPort) and not is_loopback(port.host):
+            _warn(
+                f"{port.kind} {port.host}: whoever reaches this address can drive the twin, "
+                "there is no password"
+            )
+
+
+def warn_of_surprises(specs: Sequence[DeviceSpec], line: Line, baud: int | None) -> None:
+    """Say where the modules' memory differs from what was asked for, and where two collide."""
+    from axistwin import catalog
+
+    found: dict[int, DeviceSpec] = {}
+    for spec, twin in zip(specs, line.twins, strict=True):
+        wanted = baud or catalog.find_model(spec.model).default_baud
+        stored, address = twin.cells["baud"], twin.address
+        differences = []
+        if address != spec.address:
+            differences.append(f"address {address} (asked for: {spec.address})")
+        if stored != wanted:
+            differences.append(f"{stored} baud (asked for: {wanted})")
+        if differences:
+            _warn(f"{spec}: its memory has {' and '.join(differences)}, and that holds")
+        if address in found:
+            _warn(f"{found[address]} and {spec} answer on top of one another: address {address}")
+        found.setdefault(address, spec)
 
 
 def _warn(message: str) -> None:
@@ -240,18 +270,25 @@ class Reporter:
         """One event per device: clients can connect."""
         endpoints = [{"endpoint": port.kind, "url": port.url} for port in ports]
         for twin in line.twins:
+            device = f"{twin.model}:{twin.address}"  # which may have been changed and stored
             if self._as_json:
                 self.event(
-                    {"event": "ready", "device": twin.name, **endpoints[0], "endpoints": endpoints}
+                    {"event": "ready", "device": device, **endpoints[0], "endpoints": endpoints}
                 )
             else:
                 where = " ".join(f"{port.kind}={port.describe()}" for port in ports)
-                self._say(f"ready {twin.name} {where}")
+                self._say(f"ready {device} {where}")
 
     def event(self, event: Mapping[str, object]) -> None:
-        """Tell one event; people are only told when clients can connect."""
+        """Tell one event; people are only told when clients can connect, and of a wrong rate."""
+        if event["event"] == "wrong_rate":
+            from axistwin.runtime.line import listening
+
+            baud, bauds = event["baud"], cast("Sequence[int]", event["module_bauds"])
+            _warn(f"{event['url']}: a client sends at {baud}, {listening(bauds)}: set its rate")
         if self._as_json:
-            self._say(json.dumps(event))
+            now = datetime.now().astimezone().isoformat(timespec="milliseconds")
+            self._say(json.dumps({"event": event["event"], "time": now, **event}))
 
     def _say(self, text: str) -> None:
         """Whoever started us may have stopped listening, which is no reason to end."""

@@ -95,6 +95,7 @@ class PtyPort:
         """Wait for clients."""
         self._server = server
         self._stream = _PtyStream(server, self._master, self._first_format, self._left)
+        self._stream.place = self._place
         server.loop.add_reader(self._inotify, self._opened)
         self._opened()  # somebody may have been faster than we
 
@@ -135,7 +136,11 @@ class PtyPort:
 
     def _tell(self, event: str, **details: object) -> None:
         assert self._server is not None
-        self._server.report({"event": event, "endpoint": self.kind, "url": self.url, **details})
+        self._server.report({"event": event, **self._place, **details})
+
+    @property
+    def _place(self) -> dict[str, object]:
+        return {"endpoint": self.kind, "url": self.url}
 
 
 class _PtyStream(Stream):

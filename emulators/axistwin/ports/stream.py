@@ -10,7 +10,7 @@ Rules
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from axistwin.runtime.server import READ_MAX, Server
 from axistwin.wire.framing import LineFormat
@@ -23,12 +23,14 @@ class Stream:
     """A client on the non-blocking descriptor ``fd``; ``on_end`` is called when it has gone.
 
     ``start`` after which it takes part in the line, and ``stop`` run in the server's loop.
+    place: endpoint and url, for events.
     """
 
     def __init__(self, server: Server, fd: int, on_end: Callable[[], None]) -> None:
         self._server = server
         self._fd = fd
         self._on_end = on_end
+        self.place: Mapping[str, object] = {}
         self._unsent = bytearray()
         self.running = False
         self._dropped_bytes = 0

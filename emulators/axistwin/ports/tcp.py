@@ -169,6 +169,11 @@ class TcpPort:
             if listener is not None:
                 listener.close()
             reason = (error.strerror or str(error)).lower()
+            if isinstance(error, socket.gaierror):
+                raise PortError(
+                    f"{self.kind} {self.host}:{self._port}: no such host ({reason}); "
+                    "give an address of this machine, such as 127.0.0.1"
+                ) from None
             raise PortError(
                 f"{self.kind} {self.host}:{self._port}: cannot listen there ({reason}); "
                 "choose another port, or 0 for a free one"
@@ -211,12 +216,14 @@ class TcpPort:
             return
         if len(self._connections) >= self.clients_max:
             connection.close()
+            self._tell("refused", peer=f"{peer[0]}:{peer[1]}", clients_max=self.clients_max)
             return
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         stream = self.make_stream(self._server, connection, lambda: self._disconnect(connection))
+        stream.place = self._place
         self._connections[connection] = stream
         stream.start()
         self._tell("connected", peer=f"{peer[0]}:{peer[1]}")
@@ -233,4 +240,8 @@ class TcpPort:
 
     def _tell(self, event: str, **details: object) -> None:
         if self._server is not None:
-            self._server.report({"event": event, "endpoint": self.kind, "url": self.url, **details})
+            self._server.report({"event": event, **self._place, **details})
+
+    @property
+    def _place(self) -> dict[str, object]:
+        return {"endpoint": self.kind, "url": self.url}

@@ -217,6 +217,21 @@ class Line:
         """Rate and framing of the first device, as it is now."""
         return self._stations[0].device.line_format
 
+    @property
+    def rate_mismatch(self) -> tuple[int, tuple[int, ...]] | None:
+        """The host's rate and the devices', if none of them understands it; else None."""
+        network = self._network
+        if network.is_host_understood:
+            return None
+        return network.host_format.baud, network.device_bauds
+
+    def _rate_note(self) -> str:
+        """What the transcript says of bytes sent now; nothing if the rates agree."""
+        mismatch = self.rate_mismatch
+        if mismatch is None:
+            return ""
+        return f"not understood: sent at {mismatch[0]}, {listening(mismatch[1])}"
+
     def send(self, data: bytes, backlog_max: int | None = None) -> int:
         """Send ``data`` from the host's end, behind what it still has to send.
 
@@ -227,7 +242,7 @@ class Line:
             now = self.sync()
             if backlog_max is not None:
                 data = data[: max(0, backlog_max - self._network.host_backlog)]
-            self.transcript.add(now, "host", data)
+            self.transcript.add(now, "host", data, self._rate_note())
             self._network.host_send(data)
             self._tell()
             return len(data)
@@ -257,7 +272,7 @@ class Line:
             if self._failure is not None:
                 raise self._failure
             network, now = self._network, self._now_ns()
-            self.transcript.add(now, "host", data)
+            self.transcript.add(now, "host", data, self._rate_note())
             network.host_exchange(now, data)
             self._settle()
             if self._sleepers:
@@ -424,6 +439,12 @@ class Line:
         except StateError as error:
             self._failure = error
             raise
+
+
+def listening(bauds: Sequence[int]) -> str:
+    """At which rates the modules of a line listen, in words."""
+    rates = " and ".join(map(str, bauds))
+    return f"the module{'s listen' if len(bauds) > 1 else ' listens'} at {rates}"
 
 
 def _earliest(first: Nanos | None, second: Nanos | None) -> Nanos | None:

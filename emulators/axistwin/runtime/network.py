@@ -31,6 +31,9 @@ from axistwin.wire.serial_line import HOST, STRETCH_BYTES, SerialLine
 
 HOST_BUFFER_BYTES: Final = 65536
 
+RATE_TOLERANCE_PARTS: Final = 17
+"""Rates may differ by one part in so many: half a bit, when bit 7 is sampled after 8.5 bits."""
+
 
 class _Seat:
     """A device's place in the schedule."""
@@ -283,6 +286,20 @@ class SerialNetwork:
         """Drop the host's bytes whose start bit has not begun."""
         self.settled_ns = None
         self._line.purge(HOST)
+
+    @property
+    def device_bauds(self) -> tuple[int, ...]:
+        """The rates that the devices listen at now, each once, in their order."""
+        return tuple(dict.fromkeys(each.baud for each in self._formats))
+
+    @property
+    def is_host_understood(self) -> bool:
+        """Whether the host's rate is near enough to a device's for its UART to hear the bytes."""
+        rate = self._line.format_of(HOST).baud
+        for each in self._formats:
+            if abs(each.baud - rate) * RATE_TOLERANCE_PARTS <= each.baud:
+                return True
+        return False
 
     @property
     def host_backlog(self) -> int:

@@ -51,6 +51,10 @@ Report: TypeAlias = Callable[[Mapping[str, object]], None]
 class Client(Protocol):
     """A stream of bytes that takes part in the line."""
 
+    @property
+    def place(self) -> Mapping[str, object]:
+        """Where it has come in: ``endpoint`` and ``url``, as in events."""
+
     def line_format(self) -> LineFormat | None:
         """Rate and framing it uses now; None if it has none."""
 
@@ -109,6 +113,7 @@ class Server:
         self._alarm_ns: Nanos | None = None
         self._saves = not line.is_volatile
         self._save_ns: Nanos | None = None
+        self._told_rates: set[tuple[Client, int]] = set()
         self._unweighed = 0
         self._change_pending = False
         self._failure: BaseException | None = None
@@ -222,11 +227,14 @@ class Server:
             self._paused.remove(client)
         if self._talker is client:
             self._talker = None
+        self._told_rates = {told for told in self._told_rates if told[0] is not client}
 
     def input(self, client: Client, data: bytes) -> None:
         """``client`` has sent ``data``."""
         self._talker = client
         self._use_format(client.line_format())
+        if self.line.rate_mismatch is not None:
+            self._tell_mismatch(client)
         answer = self.line.exchange(data)
         self._unweighed += len(data)
         if self._unweighed >= _WEIGHED_BYTES:
@@ -240,6 +248,17 @@ class Server:
         # Last: what follows a write competes with the client for the processor.
         if answer:
             self._hand_out(answer)
+
+    def _tell_mismatch(self, client: Client) -> None:
+        """Report, once for each rate of a client, that no device understands it."""
+        mismatch = self.line.rate_mismatch
+        if mismatch is None or (client, mismatch[0]) in self._told_rates:
+            return
+        baud, device_bauds = mismatch
+        self._told_rates.add((client, baud))
+        self.report(
+            {"event": "wrong_rate", **client.place, "baud": baud, "module_bauds": device_bauds}
+        )
 
     def pump(self) -> None:
         """Do what is due on the line now, and set the alarm for what comes next."""

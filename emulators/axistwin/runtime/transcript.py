@@ -22,12 +22,16 @@ _PIECES_MAX = 1024
 
 @dataclass(slots=True)
 class Burst:
-    """Bytes in one direction without a pause: when its first came, and when its last."""
+    """Bytes in one direction without a pause: when its first came, and when its last.
+
+    note: why nobody understood them, if that is known.
+    """
 
     time_ns: Nanos
     direction: Direction
     data: bytes
     last_ns: Nanos
+    note: str = ""
 
 
 class Transcript:
@@ -40,13 +44,16 @@ class Transcript:
         assert limit > 0
         self._bursts: deque[Burst] = deque(maxlen=limit)
         self._is_open = False
-        self._pieces: list[tuple[Nanos, Direction, bytes]] = []
+        self._pieces: list[tuple[Nanos, Direction, bytes, str]] = []
         self.on_burst: Callable[[Burst], None] | None = None
 
-    def add(self, time_ns: Nanos, direction: Direction, data: bytes) -> None:
-        """Note ``data``; it joins the last burst unless that went the other way or is over."""
+    def add(self, time_ns: Nanos, direction: Direction, data: bytes, note: str = "") -> None:
+        """Keep ``data``; it joins the last burst unless that went the other way or is over.
+
+        note: shown in place of the meaning.
+        """
         if data:
-            self._pieces.append((time_ns, direction, data))
+            self._pieces.append((time_ns, direction, data, note))
             if self.on_burst is not None or len(self._pieces) >= _PIECES_MAX:
                 self._join_pieces()
 
@@ -55,10 +62,10 @@ class Transcript:
         first = 0 if self.on_burst is not None else self._first_kept(pieces)
         if first:
             self._end_burst()
-        for time_ns, direction, data in pieces[first:]:
-            self._join(time_ns, direction, data)
+        for piece in pieces[first:]:
+            self._join(*piece)
 
-    def _first_kept(self, pieces: list[tuple[Nanos, Direction, bytes]]) -> int:
+    def _first_kept(self, pieces: list[tuple[Nanos, Direction, bytes, str]]) -> int:
         """Which piece begins the oldest burst that is not pushed out by those behind it."""
         room = self._bursts.maxlen
         assert room is not None
@@ -69,11 +76,12 @@ class Transcript:
                     return index
         return 0
 
-    def _join(self, time_ns: Nanos, direction: Direction, data: bytes) -> None:
+    def _join(self, time_ns: Nanos, direction: Direction, data: bytes, note: str) -> None:
         last = self._bursts[-1] if self._is_open else None
         if (
             last is not None
             and last.direction == direction
+            and last.note == note
             and time_ns - last.last_ns <= _PAUSE_NS
             and len(last.data) + len(data) <= _BURST_MAX
         ):
@@ -83,7 +91,7 @@ class Transcript:
         for start in range(0, len(data), _BURST_MAX):
             self._end_burst()
             piece = data[start : start + _BURST_MAX]
-            self._bursts.append(Burst(time_ns, direction, piece, time_ns))
+            self._bursts.append(Burst(time_ns, direction, piece, time_ns, note))
             self._is_open = True
 
     def flush(self) -> None:
@@ -119,8 +127,9 @@ class Transcript:
 def render_burst(burst: Burst, explain: Callable[[bytes], str] | None = None) -> str:
     """One line: time in ms, ``>`` from the host or ``<`` to it, hex, meaning."""
     data = burst.data
-    shown = data[:_HEX_MAX].hex(" ")
+    shown = data[:_HEX_MAX].hex(" ").upper()
     if len(data) > _HEX_MAX:
         shown += f" … {len(data)} bytes"
     line = f"{burst.time_ns / NS_PER_MS:12.3f} ms {_ARROWS[burst.direction]} {shown}"
-    return f"{line}  {explain(data)}".rstrip() if explain else line
+    meaning = burst.note or (explain(data) if explain else "")
+    return f"{line}  {meaning}".rstrip()

@@ -15,6 +15,8 @@ class EchoLine:
     ``is_blocked``: keeps what is sent to it, as a line does that is slower than its host.
     """
 
+    rate_mismatch = None
+
     def __init__(self, line_format: LineFormat = OWN_FORMAT) -> None:
         self.own_format = line_format
         self.host_format = line_format
