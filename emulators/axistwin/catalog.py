@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
 from axistwin.devices.base import MotionDevice
-from axistwin.errors import StateError, UsageError, nearest
+from axistwin.errors import StateError, UsageError, nearest, suggestion
 from axistwin.kernel.seed import derive_seed
 from axistwin.kernel.time import NS_PER_US, Nanos
 from axistwin.runtime.clock import Clock, PacedClock
@@ -143,7 +143,11 @@ def find_model(name: str) -> Model:
     try:
         return _MODELS[name]
     except KeyError:
-        raise UsageError(f"unknown model {name!r}: {nearest(name, _MODELS)}") from None
+        hint = suggestion(name, _MODELS)
+        models_known = f"known: {', '.join(_MODELS)}"
+        raise UsageError(
+            f"unknown model {name!r}: {f'{hint} ' if hint else ''}{models_known}"
+        ) from None
 
 
 def parse_device(text: str) -> DeviceSpec:
@@ -191,17 +195,16 @@ def read_profile(path: str | Path, known_models: Iterable[str]) -> dict[str, Val
     if model not in names:
         raise UsageError(
             f"profile {path}: key 'model' is {model!r}, but the line has {', '.join(names)}; "
-            "give another --profile"
+            "give another profile"
         )
     quirks = profile.get("quirks", {})
     if not isinstance(quirks, dict):
         raise UsageError(f"profile {path}: key 'quirks' is no table; write [quirks]")
-    known = _MODELS[model].quirks
     for name, value in quirks.items():
         if not isinstance(value, str | int):
             raise UsageError(f"profile {path}: quirk {name} is {value!r}; write a text or a number")
         try:
-            _check_quirk(known, name, value)
+            _check_quirk(_MODELS[model], name, value)
         except UsageError as error:
             raise UsageError(f"profile {path}: {error}") from None
     return quirks
@@ -301,14 +304,16 @@ def _skew_ns(seed: int, spec: DeviceSpec, index: int) -> Nanos:
 def _check_quirks(used: Sequence[Model], settings: Mapping[str, Value]) -> None:
     """Every setting is known to a model of the line and has a value it allows."""
     for name, value in settings.items():
-        knowing = [model.quirks for model in used if name in model.quirks]
-        for known in knowing or [used[0].quirks]:
-            _check_quirk(known, name, value)
+        knowing = [model for model in used if name in model.quirks]
+        for model in knowing or used[:1]:
+            _check_quirk(model, name, value)
 
 
-def _check_quirk(known: Mapping[str, Quirk], name: str, value: Value) -> None:
+def _check_quirk(model: Model, name: str, value: Value) -> None:
+    known = model.quirks
     if name not in known:
-        raise UsageError(f"unknown quirk {name!r}: {nearest(name, known)}")
+        remedy = nearest(name, known, lister=f"axistwin models {model.name}")
+        raise UsageError(f"unknown quirk {name!r}: {remedy}")
     known[name].parse(value)
 
 

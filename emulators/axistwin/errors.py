@@ -7,6 +7,10 @@ is allowed, and the remedy.
 
 from collections.abc import Iterable
 
+_LISTED_MAX = 12
+_OFFERED_MAX = 3
+_PREFIX_MIN = 3
+
 
 class AxistwinError(Exception):
     """Base of all errors meant for the user's eyes; the message is one complete line."""
@@ -24,10 +28,29 @@ class PortError(AxistwinError):
     """A port, link or address cannot be opened (exit status 2)."""
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
-    """The remedy for a misspelt ``name``: the nearest known one, else the list of all."""
+def nearest(name: str, known: Iterable[str], lister: str = "") -> str:
+    """The remedy for a misspelt ``name``: the nearest known ones, else the list of all.
+
+    lister: the command that lists them, named instead of more than a few.
+    """
+    names = sorted(known)
+    hint = suggestion(name, names)
+    if hint:
+        return hint
+    if lister and len(names) > _LISTED_MAX:
+        return f"see '{lister}'"
+    return f"known: {', '.join(names)}"
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """``did you mean`` those of ``known`` that begin with or resemble ``name``; "" for none."""
     import difflib
 
-    names = sorted(known)
-    close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
-    return f"did you mean {close[0]}?" if close else f"known: {', '.join(names)}"
+    folded = {each.lower(): each for each in known}
+    wanted = name.lower()
+    close = [each for each in folded if len(wanted) >= _PREFIX_MIN and each.startswith(wanted)]
+    if wanted in folded:
+        close = [wanted]
+    elif not 0 < len(close) <= _OFFERED_MAX:
+        close = difflib.get_close_matches(wanted, folded, n=1, cutoff=0.5)
+    return f"did you mean {' or '.join(folded[each] for each in close)}?" if close else ""

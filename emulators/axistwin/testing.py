@@ -28,7 +28,7 @@ from axistwin.errors import UsageError, nearest
 from axistwin.kernel.time import NS_PER_S
 from axistwin.runtime.transcript import Transcript
 from axistwin.urlhandler import lines
-from axistwin.urlhandler.url import SCHEME, LineOptions, addressed, parse_speed
+from axistwin.urlhandler.url import SCHEME, SPEED, LineOptions, addressed, parse_speed
 
 if TYPE_CHECKING:
     from axistwin.runtime.line import Line
@@ -236,14 +236,16 @@ class StartedTwin(_LineAndTwin):
 def _line_options(devices: Sequence[str], **options: Unpack[Options]) -> LineOptions:
     """``options`` as the value that lines are made from.  Raises UsageError."""
     if not devices:
-        raise UsageError('axistwin: which devices? name one or more, such as "mac23:0"')
+        raise UsageError('which devices? name one or more, such as "mac23:0"')
     names = list(devices)
     if "address" in options:
         names = addressed(names, str(options["address"]))
     for name in options:
         if name not in Options.__annotations__:
             remedy = nearest(name, Options.__annotations__)
-            raise UsageError(f"axistwin: unknown option {name}: {remedy}")
+            if name == SPEED:
+                remedy = f"write time={dict(options)[name]}"
+            raise UsageError(f"unknown option {name}: {remedy}")
     given: dict[str, Any] = {
         name: value for name, value in options.items() if name not in ("time", "address")
     }

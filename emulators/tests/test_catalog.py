@@ -76,7 +76,7 @@ def test_a_device_is_named_by_model_and_address(text: str, spec: DeviceSpec) -> 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("mac24", "unknown model 'mac24': did you mean mac23?"),
+        ("mac24", "unknown model 'mac24': did you mean mac23? known: mac23, mac34-1, mac34-2"),
         ("", "unknown model '': known: mac23, mac34-1, mac34-2"),
         ("mac23:80h", "address 80h (128) is out of range for mac23: 0..7Fh (0..127)"),
         ("mac23:128", "address 128 is out of range for mac23: 0..7Fh (0..127)"),

@@ -417,7 +417,12 @@ def test_the_daemon_is_ready_soon(tmp_path: Path) -> None:
         (("run", "mac23", "--seed", "-1"), ["--seed", "-1", "x>=0"]),
         (("run", "mac23", "--frobnicate"), ["--frobnicate", "axistwin run --help"]),
         (("rnu", "mac23"), ["rnu", "run"]),
-        (("models", "mac233"), ["mac233", "mac23"]),
+        (("models", "mac233"), ["mac233", "did you mean mac23? known: mac23, mac34-1, mac34-2"]),
+        (("run", "MAC23"), ["'MAC23'", "did you mean mac23?"]),
+        (("run", "mac34"), ["'mac34'", "did you mean mac34-1 or mac34-2?"]),
+        (("run", "zzz"), ["'zzz': known: mac23, mac34-1, mac34-2"]),
+        (("run", "mac23", "--quirk", "zzz=1"), ["'zzz': see 'axistwin models mac23'"]),
+        (("run", "mac23", "--quirk", "XON_BYTE=11h"), ["did you mean xon_byte?"]),
         ((), ["axistwin --help"]),
     ],
 )

@@ -180,6 +180,21 @@ def test_an_error_in_a_callback_comes_out_of_run(loop: Loop) -> None:
         loop.run()
 
 
+def test_the_wake_up_of_another_loop_is_put_back() -> None:
+    """As asyncio's, when a server runs in its thread for a while."""
+    near, far = socket.socketpair()
+    near.setblocking(False)
+    with near, far:
+        before = signal.set_wakeup_fd(near.fileno())
+        try:
+            loop = Loop()
+            loop.on_signal(signal.SIGUSR1, loop.stop)
+            loop.close()
+            assert signal.set_wakeup_fd(before) == near.fileno()
+        finally:
+            signal.set_wakeup_fd(before)
+
+
 def test_signals_are_heeded_while_it_waits_and_forgotten_when_it_is_closed() -> None:
     """The callback runs in the loop, and the old handler comes back."""
     before = signal.getsignal(signal.SIGUSR1)

@@ -75,3 +75,11 @@ def test_a_mistake_is_one_line_with_the_allowed_values(name: str, value: str, wo
     with pytest.raises(UsageError, match=words) as told:
         parse_quirks({name: value})
     assert "\n" not in str(told.value)
+
+
+def test_a_value_that_is_not_allowed_is_told_once_what_is() -> None:
+    """The list of all is not given twice."""
+    with pytest.raises(UsageError) as told:
+        parse_quirks({"fifo_counts_executing": "qqq"})
+    assert str(told.value).count("false, true") == 1
+    assert "known:" not in str(told.value)

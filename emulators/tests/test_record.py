@@ -124,3 +124,10 @@ def _written(form: str):  # type: ignore[no-untyped-def]
     data = encode_entry(RECORD)
     assert data is not None
     return data, lambda data: decode_entry(data, "mac23")
+
+
+def test_a_version_changed_by_hand_is_named() -> None:
+    """The checksum may be made in another way by then: it may be newer, or damaged."""
+    data = encode(Record("mac23", 1, {"a": 1})).replace(b'"version": 1', b'"version": 2')
+    with pytest.raises(RecordError, match=r"says version 2.* knows version 1: a newer axistwin"):
+        decode(data, "mac23")

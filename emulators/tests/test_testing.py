@@ -210,6 +210,7 @@ def test_options_reach_the_twin(tmp_path: Path) -> None:
         ([], {}, "which devices"),
         (["mac24"], {}, "did you mean mac23"),
         (["mac23"], {"tim": "virtual"}, "unknown option tim: did you mean time"),
+        (["mac23"], {"speed": 3}, "unknown option speed: write time=3"),
         (["mac23"], {"time": "later"}, "use virtual, real, or a speed"),
         (["mac23:1"], {"address": 2}, "for one device without an address"),
         (["mac23"], {"quirks": {"xon_bite": 1}}, "unknown quirk 'xon_bite'"),

@@ -290,6 +290,8 @@ def test_quirks_come_from_the_url_and_from_a_profile(tmp_path: Path) -> None:
         ("axistwin://mac23:x", "address 'x' of mac23 is no number"),
         ("axistwin://mac23:1?address=2", "address=2: is for one device without an address"),
         ("axistwin://mac23,mac23?address=2", "address=2: is for one device without an address"),
+        ("axistwin://mac23,?time=virtual", "a device is missing at a comma"),
+        ("axistwin://mac23?speed=20", "unknown parameter speed: write time=20"),
         ("axistwin://mac23?tim=virtual", "unknown parameter tim: did you mean time"),
         ("axistwin://mac23?time=later", "time=later: use virtual, real, or a speed"),
         ("axistwin://mac23?time=0", "time=0: use virtual, real, or a speed"),

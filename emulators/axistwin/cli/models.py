@@ -6,7 +6,6 @@ import click
 
 from axistwin import catalog
 from axistwin.catalog import Model
-from axistwin.errors import UsageError, nearest
 
 
 @click.command()
@@ -27,9 +26,7 @@ def models(name: str | None, as_json: bool) -> None:
     if name is None:
         click.echo(json.dumps(_summaries(known)) if as_json else _table(known))
         return
-    if name not in known:
-        raise UsageError(f"unknown model {name!r}; {nearest(name, known)}")
-    model = known[name]
+    model = catalog.find_model(name)
     click.echo(json.dumps(_summary(model, with_quirks=True)) if as_json else _details(model))
 
 

@@ -95,8 +95,14 @@ def _parse(data: bytes, model: str) -> Record:
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise RecordError("it is no axistwin state")
     version, found = content.get("version"), content.get("model")
-    if type(version) is int and version != VERSION and _is_whole(content):
-        raise RecordError(f"it has version {version}, this program knows version {VERSION}")
+    if type(version) is int and version != VERSION:
+        if _is_whole(content):
+            raise RecordError(f"it has version {version}, this program knows version {VERSION}")
+        if version > VERSION:
+            raise RecordError(
+                f"it says version {version}, this program knows version {VERSION}: "
+                "a newer axistwin has written it, or it is damaged"
+            )
     sequence, cells = content.get("sequence"), content.get("cells")
     if (
         version != VERSION

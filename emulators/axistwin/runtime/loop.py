@@ -44,6 +44,7 @@ class Loop:
         self._numbers = count()
         self._is_stopped = False
         self._signals: dict[signal.Signals, Any] = {}
+        self._wakeup_before = -1
         # A pipe and not an eventfd, since that is what ``set_wakeup_fd`` can write to.
         self._woken, self._wake = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         self.add_reader(self._woken, self._drain)
@@ -111,7 +112,7 @@ class Loop:
         """Call ``callback`` for a signal, until ``close``; only in the main thread."""
         if not self._signals:
             # Also wakes for a signal that comes between the last instruction and the wait.
-            signal.set_wakeup_fd(self._wake, warn_on_full_buffer=False)
+            self._wakeup_before = signal.set_wakeup_fd(self._wake, warn_on_full_buffer=False)
         previous = signal.signal(number, lambda *_: self.call_soon(callback))
         self._signals.setdefault(number, previous)
 
@@ -145,7 +146,7 @@ class Loop:
     def close(self) -> None:
         """Give everything back.  Only when it does not run; the descriptors stay open."""
         if self._signals:
-            signal.set_wakeup_fd(-1)
+            signal.set_wakeup_fd(self._wakeup_before)
         for number, previous in self._signals.items():
             signal.signal(number, previous)
         self._signals.clear()

@@ -32,6 +32,9 @@ QUIRK_PREFIX = "quirk."
 VIRTUAL = "virtual"
 REAL = "real"
 
+SPEED = "speed"
+"""What ``time=20`` is called on the command line, and asked for by mistake elsewhere."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LineOptions:
@@ -97,7 +100,13 @@ def parse_url(url: str) -> TwinUrl:
     if url[: len(SCHEME)].lower() != SCHEME:
         raise UsageError(f"{url}: expected {SCHEME}MODEL[:ADDRESS][?PARAMETER=VALUE...]")
     place, _, query = url[len(SCHEME) :].partition("?")
-    devices = [unquote(device) for device in place.removesuffix("/").split(",") if device]
+    devices = (
+        [unquote(device) for device in place.removesuffix("/").split(",")]
+        if place.strip("/")
+        else []
+    )
+    if "" in devices:
+        raise UsageError(f"{url}: a device is missing at a comma; remove it, or name one")
     values: dict[str, Any] = {}
     quirks: dict[str, str] = {}
     line = None
@@ -132,6 +141,8 @@ def _parameters(query: str) -> list[tuple[str, str]]:
         name, equals, value = (unquote(piece) for piece in part.partition("="))
         if name not in known and not name.startswith(QUIRK_PREFIX):
             remedy = nearest(name, (*known, QUIRK_PREFIX + "NAME"))
+            if name == SPEED:
+                remedy = f"write time={value or 20}"
             raise UsageError(f"unknown parameter {name}: {remedy}")
         if not equals or not value:
             raise UsageError(f"{name}: no value given; write {name}=VALUE")

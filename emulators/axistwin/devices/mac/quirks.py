@@ -17,7 +17,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal, TypeAlias, get_args, get_origin, get_type_hints
 
-from axistwin.errors import UsageError, nearest
+from axistwin.errors import UsageError, nearest, suggestion
 
 Value: TypeAlias = str | int | bool
 
@@ -356,10 +356,10 @@ class Quirk:
         """
         parsed: Value | None = _PARSERS[self.kind](self, value)
         if parsed is None:
-            remedy = f"; {nearest(str(value), self.allowed)}" if len(self.allowed) > 1 else ""
+            hint = suggestion(str(value), self.allowed) if len(self.allowed) > 1 else ""
             raise UsageError(
                 f"quirk {self.name}: {value!r} is not allowed; "
-                f"allowed: {', '.join(self.allowed)}{remedy}"
+                f"allowed: {', '.join(self.allowed)}{hint and f'; {hint}'}"
             )
         return parsed
 
