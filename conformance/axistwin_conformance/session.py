@@ -201,14 +201,30 @@ class Session:
     ) -> None:
         """Judge: `condition` holds, or the requirement fails and the check ends.
 
-        `requirement`: an id, several, or None for all the check names.  `expected`: what is
-        admissible, one thing or a list or tuple of them; `actual`: what came.
+        `requirement`: an id, several, or None for the one the check names.  `expected`: what is
+        admissible, one thing or a list or tuple of them; `actual`: what came.  Raises TypeError
+        for None in a check that names several: what it shows of which must be said (our mistake).
         """
+        if requirement is None and self.check is not None and len(self.check.requirements) > 1:
+            raise TypeError(f"{self.check.name} names several requirements: say which is judged")
         names = self._names(requirement)
         if condition:
             for name in names:
                 self.passed[name] = self.passed.get(name, 0) + 1
             return
+        self.fail(requirement, expected, actual, text)
+
+    def step(self, condition: bool, expected: object, actual: object, text: str = "") -> None:
+        """Go on only if a step on the way has worked: one that fails leaves all that the check
+        names unmet, one that works proves none of it."""
+        if not condition:
+            self.fail(None, expected, actual, text)
+
+    def fail(
+        self, requirement: Requirements, expected: object, actual: object, text: str = ""
+    ) -> NoReturn:
+        """Judge that something came which is not admissible; None blames all the check names."""
+        names = self._names(requirement)
         admissible = tuple(
             str(item) for item in (expected if isinstance(expected, list | tuple) else (expected,))
         )
@@ -216,13 +232,6 @@ class Session:
             raise TargetError(f"expected {' or '.join(admissible)}, got {actual}")
         for name in names:
             self._record(name, Verdict.FAIL, text, admissible, str(actual))
-        raise Stop
-
-    def fail(
-        self, requirement: Requirements, expected: object, actual: object, text: str = ""
-    ) -> NoReturn:
-        """Judge: the requirement fails, whatever else."""
-        self.expect(False, requirement, expected, actual, text)
         raise Stop
 
     def info(self, requirement: Requirements, text: str) -> None:

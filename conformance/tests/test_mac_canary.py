@@ -54,6 +54,20 @@ def little_endian_stops(reply: Reply) -> Reply:
     return replace(reply, data=int.from_bytes(reply.data.to_bytes(4, "big"), "little"))
 
 
+def ramp_kept_by_a_factory_reset() -> Lie:
+    """A module whose 01h writes everything but the ramp: 26h goes on showing the one before."""
+    kept = [0x0A]
+
+    def lie(reply: Reply) -> Reply:
+        if reply.digit != 6 or reply.data is None:
+            return reply
+        if reply.data >> 24 != 0x0A:  # the twin's factory value
+            kept[0] = reply.data >> 24
+        return replace(reply, data=reply.data & 0x00FFFFFF | kept[0] << 24)
+
+    return lie
+
+
 @pytest.mark.parametrize(
     ("lie", "check", "requirement"),
     [
@@ -62,6 +76,11 @@ def little_endian_stops(reply: Reply) -> Reply:
         (positions_doubled, "moves_take_the_time_of_the_closed_form", "MACS-CMD-13-01"),
         (busy_not_inverted, "busy_ends_within_the_tolerance", "MACS-BUSY-01"),
         (stops_one_bit_off_in_26h, "the_tolerance_reads_back", "MACS-CMD-1C-01"),
+        (
+            ramp_kept_by_a_factory_reset(),
+            "a_factory_reset_brings_the_factory_values",
+            "MACS-CMD-01-01",
+        ),
         (little_endian_stops, "the_superior_stop_reads_back", "MACS-CMD-09-01"),
     ],
 )

@@ -52,10 +52,27 @@ def verdicts(findings: tuple[Finding, ...]) -> dict[str, Verdict]:
 def test_a_judgement_that_holds_is_counted(session: Session) -> None:
     """Each named requirement passes by what was judged of it."""
     session.expect(True, LINE, "a", "a")
-    session.expect(True, None, "b", "b")
+    session.expect(True, (LINE, FRAME), "b", "b")
     findings = session.conclude("")
     assert verdicts(findings) == {LINE: Verdict.PASS, FRAME: Verdict.PASS}
     assert findings[0].text == "2 judgements held"
+
+
+def test_a_check_of_several_requirements_says_which_one_it_judges(session: Session) -> None:
+    """What proves one of them must not be counted for the others."""
+    with pytest.raises(TypeError, match="several requirements: say which is judged"):
+        session.expect(True, None, "a", "a")
+    with pytest.raises(TypeError, match="several requirements: say which is judged"):
+        session.quirk(None, "xon_byte", "11h")
+
+
+def test_a_step_that_works_proves_nothing(session: Session) -> None:
+    """One that fails leaves all that the check names unmet."""
+    session.step(True, "a", "a")
+    assert verdicts(session.conclude("")) == {LINE: Verdict.NOT_RUN, FRAME: Verdict.NOT_RUN}
+    with pytest.raises(Stop):
+        session.step(False, "a", "b")
+    assert verdicts(session.conclude("")) == {LINE: Verdict.FAIL, FRAME: Verdict.FAIL}
 
 
 def test_a_judgement_that_does_not_hold_ends_the_check(session: Session) -> None:

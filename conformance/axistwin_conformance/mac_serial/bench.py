@@ -182,16 +182,21 @@ class Bench:
         Without a requirement it is a step on the way: a wrong reply fails all the check names, but
         a right one proves none of them when there are several.
         """
-        check = self.session.check
-        if exchange.kind is kind and requirement is None and check and len(check.requirements) > 1:
-            return exchange
-        self.session.expect(
+        self._judge(
             exchange.kind is kind,
             requirement,
             f"{kind.value} to {codec.explain(exchange.request)}",
             exchange.reply,
         )
         return exchange
+
+    def _judge(self, condition: bool, requirement: Part, expected: str, actual: object) -> None:
+        """Judge a requirement; without one, in a check that names several, it is a step."""
+        check = self.session.check
+        if requirement is None and check is not None and len(check.requirements) > 1:
+            self.session.step(condition, expected, actual)
+        else:
+            self.session.expect(condition, requirement, expected, actual)
 
     def accepted(
         self, index: int, parameter: int = 0, sub_index: int = 0, requirement: Part = None
@@ -427,7 +432,7 @@ class Bench:
         sample = self.sample()
         lowest, highest = forecast.bounds(self._widened(sample.taken, forecast))
         self._plot(forecast, sample, allowance)
-        self.session.expect(
+        self._judge(
             lowest - allowance <= sample.position <= highest + allowance,
             requirement,
             f"position {lowest}..{highest}",
@@ -489,7 +494,7 @@ class Bench:
         lowest, highest = forecast.final
         sample = self.sample()
         self._plot(forecast, sample, 0)
-        self.session.expect(
+        self._judge(
             lowest <= sample.position <= highest,
             requirement,
             f"at rest at {lowest}" if lowest == highest else f"at rest in {lowest}..{highest}",

@@ -196,8 +196,31 @@ def a_factory_reset_brings_the_factory_values(session: Session) -> None:
         bench.alive("MACS-CMD-01-02")
         bench.reading("factory_reset_scope", int(not is_deaf), "MACS-CMD-01-03")
         _judge_factory_values(bench, changed)
+        _judge_again(bench)
         kept = bench.position()
         session.expect(kept == place, "MACS-CMD-01-01", f"position {place} kept", kept)
+
+
+def _judge_again(bench: Bench) -> None:
+    """From other values a second 01h must come to the same: what it does not write shows."""
+    found = {index: bench.value(index) for index in FACTORY_ANSWERS}
+    for index, parameter in (
+        (0x02, 1), (0x03, 8), (0x09, 2000), (0x0A, -2000), (0x0C, 0x33), (0x0D, 0x0888),
+        (0x0E, 0x3300), (0x0F, 0x33), (0x1C, 0x33),
+    ):  # fmt: skip
+        bench.command(index, parameter)
+    for index, value in found.items():
+        changed = bench.value(index)
+        bench.session.step(
+            changed != value, f"{index:02X}h other than {value:08X}", f"{changed:08X}"
+        )
+    bench.send(bench.frame(0x01), QUIET_S * 2)
+    bench.wait(AWAKE_SURELY_S)
+    for index, value in found.items():
+        again = bench.value(index)
+        bench.session.expect(
+            again == value, "MACS-CMD-01-01", f"{index:02X}h {value:08X} again", f"{again:08X}"
+        )
 
 
 def _judge_factory_values(bench: Bench, changed: dict[int, int]) -> None:

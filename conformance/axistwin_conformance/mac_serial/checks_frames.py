@@ -56,7 +56,12 @@ def xoff_and_xon_arrive_as_bytes_of_the_reply(session: Session) -> None:
     """Every answer carries 13h as its second byte and Xon as its last."""
     bench = Bench(session)
     reply = bench.must(Kind.ANSWER, bench.ask(0x20)).reply
-    session.expect(reply.raw[:3] == b"\x06\x13\x02", None, "06 13 02", reply.raw[:3].hex(" "))
+    session.expect(
+        reply.raw[:3] == b"\x06\x13\x02",
+        ("MACS-LINE-02", "MACS-REPLY-07"),
+        "06 13 02",
+        reply.raw[:3].hex(" "),
+    )
     spelled = reply.xon_spelling
     assert spelled is not None, "an answer ends with one of the two"
     session.quirk("MACS-LINE-02", "xon_byte", spelled)
@@ -102,6 +107,7 @@ def another_length_field_drops_the_frame(session: Session) -> None:
     bench = Bench(session)
     for length in WRONG_LENGTH_FIELDS:
         _is_dropped(bench, replace(bench.frame(0x20), length=length))
+        session.expect(True, "MACS-FRAME-02", "", "")
 
 
 @check("MACS-FRAME-12")
@@ -120,8 +126,10 @@ def another_byte_for_etx_drops_the_frame(session: Session) -> None:
 def _is_dropped(bench: Bench, frame: Request) -> None:
     kind = bench.send(frame, QUIET_S + bench.target.uncertainty_ns / 1e9).kind
     readings = {Kind.SILENCE: 0, Kind.NACK: 1}
-    bench.reading("bad_frame_reply", readings.get(kind, f"{kind.value} to a malformed frame"))
-    bench.alive()
+    bench.reading(
+        "bad_frame_reply", readings.get(kind, f"{kind.value} to a malformed frame"), "MACS-FRAME-12"
+    )
+    bench.alive("MACS-FRAME-12")
 
 
 @check("MACS-FRAME-03", "MACS-REPLY-02", "MACS-REPLY-11")
@@ -197,7 +205,7 @@ def queries_end_at_29h(session: Session) -> None:
         bench.must(Kind.ANSWER, bench.ask(index), "MACS-FRAME-08")
     above = range(0x30, 0x100) if session.target.is_virtual else (0x30, 0x40, 0x80, 0xFF)
     for index in (*range(0x2A, 0x30), *above):
-        bench.reading("unknown_index", unassigned(bench, index))
+        bench.reading("unknown_index", unassigned(bench, index), ("MACS-FRAME-08", "MACS-Q-XX-02"))
 
 
 @check("MACS-CMD-XX-01", "MACS-FRAME-08")
@@ -206,7 +214,11 @@ def unassigned_commands_are_refused(session: Session) -> None:
     bench = Bench(session)
     for index in (0x04, 0x05, 0x06, 0x12, 0x1D, 0x1F):
         for parameter in (0, 1, 0xFFFFFFFF):
-            bench.reading("unknown_index", unassigned(bench, index, parameter))
+            bench.reading(
+                "unknown_index",
+                unassigned(bench, index, parameter),
+                ("MACS-CMD-XX-01", "MACS-FRAME-08"),
+            )
 
 
 def unassigned(bench: Bench, index: int, parameter: int = 0) -> int | str:

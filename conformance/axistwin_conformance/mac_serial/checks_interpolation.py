@@ -71,12 +71,12 @@ def back(bench: Bench, steps: int) -> int:
     return steps if bench.known("segment_signed") else -steps
 
 
-@check("MACS-CMD-16-02", "MACS-CMD-1E-01", safety=MOVES)
+@check("MACS-CMD-16-02", safety=MOVES)
 def the_fifo_has_three_stages(session: Session) -> None:
     """Of five long segments in a burst the first three are accepted and the fifth is refused."""
     bench = Bench(session)
     bench.ready()
-    bench.reading("fifo_counts_executing", fifo_depth(bench))
+    bench.reading("fifo_counts_executing", fifo_depth(bench), "MACS-CMD-16-02")
 
 
 @check("MACS-CMD-16-02", "MACS-CMD-1E-01", "MACS-REPLY-05", safety=MOVES)
@@ -109,7 +109,7 @@ def a_refused_segment_is_accepted_when_a_stage_frees(session: Session) -> None:
     )  # fmt: skip
 
 
-@check("MACS-CMD-16-01", "MACS-CMD-16-03", "MACS-CMD-1E-01", safety=MOVES)
+@check("MACS-CMD-16-01", "MACS-CMD-16-03", safety=MOVES)
 def segments_run_at_their_own_constant_speed(session: Session) -> None:
     """A segment takes exactly |DDDD|·VVVV ticks, relative, whatever 0Dh and 0Fh say."""
     bench = plain(session)
@@ -120,7 +120,11 @@ def segments_run_at_their_own_constant_speed(session: Session) -> None:
     ):
         start = bench.ready(0x4000, coefficient)
         exchange = bench.must(Kind.ACCEPTED, put(bench, Segment(steps, period)))
-        bench.watch(bench.to_segments(exchange, start, Segment(steps, period)), None, samples=5)
+        bench.watch(
+            bench.to_segments(exchange, start, Segment(steps, period)),
+            ("MACS-CMD-16-01", "MACS-CMD-16-03"),
+            samples=5,
+        )
 
 
 @check("MACS-CMD-16-01", "MACS-FRAME-05", safety=MOVES, level="full")
@@ -128,13 +132,13 @@ def segment_steps_are_signed(session: Session) -> None:
     """DDDD is a signed number of steps: FFFFh is one back and 8000h goes backward; or unsigned."""
     bench = Bench(session)
     outcome = segment_sign(bench)
-    bench.reading("segment_signed", outcome)
+    bench.reading("segment_signed", outcome, ("MACS-CMD-16-01", "MACS-FRAME-05"))
     if outcome == 0:
         start = bench.ready()
         exchange = bench.must(Kind.ACCEPTED, put(bench, Segment(-0x8000, 0x1000)))
         forecast = bench.to_segments(exchange, start, Segment(-0x8000, 0x1000))
         bench.wait(0.1)
-        bench.follow(forecast, None, bench.allowance(0x1000))
+        bench.follow(forecast, ("MACS-CMD-16-01", "MACS-FRAME-05"), bench.allowance(0x1000))
         bench.at_rest()
 
 
@@ -147,7 +151,11 @@ def virtual_segments_wait_as_long_as_real_ones_move(session: Session) -> None:
         Segment(40, 0x3000), Segment(60, 0x3000, moves=False), Segment(back(bench, 25), 0x4000),
     ]  # fmt: skip
     exchanges = [bench.must(Kind.ACCEPTED, put(bench, one)) for one in row]
-    bench.watch(bench.to_segments(exchanges[0], start, *row), None, samples=10)
+    bench.watch(
+        bench.to_segments(exchanges[0], start, *row),
+        ("MACS-CMD-1E-01", "MACS-CMD-16-01"),
+        samples=10,
+    )
     place = bench.position()
     bench.must(
         Kind.ACCEPTED, put(bench, Segment(back(bench, 30), 0x4000, moves=False)), "MACS-CMD-1E-01"
@@ -176,9 +184,9 @@ def segments_follow_one_another_without_a_gap(session: Session) -> None:
     forecast = bench.to_segments(first, start, *row)
     for one in row[1:]:
         while (exchange := put(bench, one)).kind is Kind.REFUSED:
-            bench.follow(forecast, None, bench.allowance(0x0C00))
+            bench.follow(forecast, ("MACS-CMD-16-01", "MACS-CMD-1E-01"), bench.allowance(0x0C00))
         bench.must(Kind.ACCEPTED, exchange, "MACS-CMD-16-02")
-    bench.watch(forecast, None, samples=3)
+    bench.watch(forecast, ("MACS-CMD-16-01", "MACS-CMD-1E-01"), samples=3)
 
 
 @check("MACS-CMD-16-01", "MACS-STATE-01", safety=MOVES, level="full")
@@ -193,7 +201,7 @@ def when_the_fifo_runs_empty_the_axis_rests(session: Session) -> None:
     for _ in range(0 if outcome else 3):
         exchange = bench.must(Kind.ACCEPTED, put(bench, one))
         forecast = bench.to_segments(exchange, start, one)
-        place = bench.watch(forecast, None, samples=2)
+        place = bench.watch(forecast, "MACS-CMD-16-01", samples=2)
         bench.accepted(0x0F, 0, requirement="MACS-STATE-01")
         start = place
 
@@ -212,17 +220,17 @@ def segments_of_zero_period_or_zero_steps(session: Session) -> None:
         outcome = 0
     elif kind is Kind.ACCEPTED:
         outcome = 2 if is_running else 1
-    bench.reading("segment_zero_period", outcome)
+    bench.reading("segment_zero_period", outcome, "MACS-CMD-1E-01")
     for index in (0x16, 0x1E):
         kind = bench.command(index, segment(0, 0x1000)).kind
         if kind is not Kind.ACCEPTED:
             session.fail(None, "accepted", kind.value)
         outcome = int(bench.command(0x02, 0).kind is Kind.REFUSED)
         bench.at_rest()
-        bench.reading("segment_zero_steps", outcome)
+        bench.reading("segment_zero_steps", outcome, f"MACS-CMD-{index:02X}-01")
         if outcome:
             start = bench.position()
-    session.expect(bench.position() == start, None, start, bench.position())
+    session.expect(bench.position() == start, "MACS-CMD-16-01", start, bench.position())
 
 
 def learn_stop_in_segments(bench: Bench) -> int | str:
@@ -267,7 +275,9 @@ def a_hard_stop_empties_the_fifo(session: Session) -> None:
     bench.accepted(0x0F, 0, requirement="MACS-CMD-18-01")
     start = bench.position()
     exchange = bench.must(Kind.ACCEPTED, put(bench, Segment(10, 0x2000)), "MACS-CMD-18-03")
-    bench.watch(bench.to_segments(exchange, start, Segment(10, 0x2000)), None, samples=2)
+    bench.watch(
+        bench.to_segments(exchange, start, Segment(10, 0x2000)), "MACS-CMD-18-03", samples=2
+    )
 
 
 def learn_segments_in_profile(bench: Bench) -> int | str:

@@ -229,10 +229,14 @@ def the_general_address_is_answered_by_module_00(session: Session) -> None:
 @check("MACS-MULTI-01", "MACS-REPLY-13", "MACS-FRAME-07", needs=("neighbour",))
 def modules_with_distinct_addresses_answer_for_themselves(session: Session) -> None:
     """Each module on the line answers its own address, and only that."""
+    session.info("MACS-MULTI-01", "why one has to be 00 shows in frames to all (MACS-MULTI-03)")
     for bench in _everybody(session):
         reply = bench.must(Kind.ANSWER, bench.ask(0x24)).reply
         session.expect(
-            reply.address == bench.address, None, f"{bench.address:02X}", f"{reply.address:02X}"
+            reply.address == bench.address,
+            ("MACS-MULTI-01", "MACS-REPLY-13", "MACS-FRAME-07"),
+            f"{bench.address:02X}",
+            f"{reply.address:02X}",
         )
 
 
@@ -310,9 +314,11 @@ def one_11h_starts_all_preloaded_axes_together(session: Session) -> None:
         sync = general(everybody[0], 0x11)
         for bench, start in zip(everybody, starts, strict=True):
             forecast = bench.to_position(sync, start, start + 200)
-            bench.follow(forecast, None, bench.allowance(0x2000))
+            bench.follow(forecast, ("MACS-MULTI-02", "MACS-CMD-11-01"), bench.allowance(0x2000))
         for bench, start in zip(everybody, starts, strict=True):
-            bench.finish(bench.to_position(sync, start, start + 200))
+            bench.finish(
+                bench.to_position(sync, start, start + 200), ("MACS-MULTI-02", "MACS-CMD-11-01")
+            )
     finally:
         _all_back(everybody, starts)
 
@@ -334,9 +340,13 @@ def axes_keep_step_through_virtual_segments(session: Session) -> None:
             forecasts.append(bench.to_segments(exchanges[0], start, *row))
         for _ in range(6):
             for bench, forecast in zip(everybody, forecasts, strict=True):
-                bench.follow(forecast, None, bench.allowance(0x2000))
+                bench.follow(
+                    forecast,
+                    ("MACS-MULTI-02", "MACS-CMD-1E-01", "MACS-CMD-16-01"),
+                    bench.allowance(0x2000),
+                )
         for bench, forecast in zip(everybody, forecasts, strict=True):
-            bench.finish(forecast)
+            bench.finish(forecast, ("MACS-MULTI-02", "MACS-CMD-1E-01", "MACS-CMD-16-01"))
     finally:
         _all_back(everybody, starts)
 

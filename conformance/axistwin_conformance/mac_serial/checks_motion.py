@@ -54,7 +54,9 @@ def learnt(session: Session) -> Bench:
 def the_ramp_has_120_increments_per_unit(session: Session) -> None:
     """A move of twice 120·AA increments follows the 16 levels of the ramp, up and down."""
     bench = Bench(session)
-    bench.reading("ramp_law", learn_ramp_law(bench))
+    bench.reading(
+        "ramp_law", learn_ramp_law(bench), ("MACS-CMD-0F-01", "MACS-CMD-13-01", "MACS-CMD-13-05")
+    )
 
 
 @check("MACS-CMD-13-01", "MACS-CMD-13-05", "MACS-CMD-0D-01", "MACS-CMD-0F-01", safety=MOVES)
@@ -65,7 +67,11 @@ def moves_take_the_time_of_the_closed_form(session: Session) -> None:
         for direction in (1, -1) if session.target.is_virtual else (1 if distance & 1 else -1,):
             start = bench.ready(slow(session), coefficient)
             forecast = bench.go(start + direction * distance)
-            bench.watch(forecast, None, samples=4)
+            bench.watch(
+                forecast,
+                ("MACS-CMD-13-01", "MACS-CMD-13-05", "MACS-CMD-0D-01", "MACS-CMD-0F-01"),
+                samples=4,
+            )
 
 
 @check("MACS-CMD-13-01", "MACS-CMD-13-05", safety=MOVES, level="full")
@@ -76,8 +82,8 @@ def long_moves_take_the_time_of_the_closed_form(session: Session) -> None:
         if distance > bench.room():
             continue
         start = bench.ready(800, coefficient)
-        bench.watch(bench.go(start + distance), None, samples=12)
-        bench.watch(bench.go(start), None, samples=12)
+        bench.watch(bench.go(start + distance), ("MACS-CMD-13-01", "MACS-CMD-13-05"), samples=12)
+        bench.watch(bench.go(start), ("MACS-CMD-13-01", "MACS-CMD-13-05"), samples=12)
 
 
 @check("MACS-CMD-0D-01", "MACS-CMD-13-01", safety=MOVES, level="full")
@@ -86,7 +92,7 @@ def a_larger_period_is_a_slower_move(session: Session) -> None:
     bench = Bench(session)
     for period in (0x0400, 0x1000, 0x4000):
         start = bench.ready(period)
-        bench.watch(bench.go(start + 60), None, samples=3)
+        bench.watch(bench.go(start + 60), ("MACS-CMD-0D-01", "MACS-CMD-13-01"), samples=3)
 
 
 @check("MACS-CMD-0F-03", "MACS-CMD-13-01", safety=MOVES, level="full")
@@ -100,7 +106,9 @@ def without_ramp_the_move_is_monotone_and_not_too_fast(session: Session) -> None
     last = start
     while True:
         sample = bench.sample()
-        session.expect(sample.position >= last, None, f"{last} or more", sample.position)
+        session.expect(
+            sample.position >= last, "MACS-CMD-13-01", f"{last} or more", sample.position
+        )
         last = sample.position
         elapsed_ns = sample.taken.latest_ns - exchange.taken.earliest_ns
         most = elapsed_ns // (bench.period * TICK_NS) + 1 + bench.allowance(bench.period)
@@ -109,9 +117,11 @@ def without_ramp_the_move_is_monotone_and_not_too_fast(session: Session) -> None
         )
         if last == start + distance or elapsed_ns > 2 * least_ns + 1_000_000_000:
             break
-    session.expect(last == start + distance, None, start + distance, last)
+    session.expect(last == start + distance, "MACS-CMD-13-01", start + distance, last)
     bench.wait(0.1)
-    session.expect(bench.position() == last, None, f"at rest at {last}", bench.position())
+    session.expect(
+        bench.position() == last, "MACS-CMD-13-01", f"at rest at {last}", bench.position()
+    )
 
 
 @check("MACS-CMD-13-04", "MACS-BUSY-01", safety=MOVES)
@@ -121,7 +131,7 @@ def a_move_to_where_it_is_does_nothing(session: Session) -> None:
     for coefficient in (0, 5):
         start = bench.ready(SLOWEST, coefficient)
         bench.accepted(0x13, start, requirement="MACS-CMD-13-04")
-        session.expect(not bench.is_busy(), None, "not busy", "busy")
+        session.expect(not bench.is_busy(), "MACS-BUSY-01", "not busy", "busy")
         bench.accepted(0x0F, coefficient, requirement="MACS-CMD-13-04")
         session.expect(bench.position() == start, "MACS-CMD-13-04", start, bench.position())
 
@@ -197,11 +207,13 @@ def busy_ends_within_the_tolerance(session: Session) -> None:
             }
             # An increment more or less (AMB-41) is no fault of the busy line.
             session.expect(
-                is_busy in admissible, None,
+                is_busy in admissible, ("MACS-BUSY-01", "MACS-Q-27-03", "MACS-CMD-1C-01"),
                 f"busy with {target - highest}..{target - lowest} left of TT {tolerance}", is_busy,
             )  # fmt: skip
         bench.finish(forecast, "MACS-BUSY-01")
-        session.expect(not bench.is_busy(), None, "not busy at the target", "busy")
+        session.expect(
+            not bench.is_busy(), ("MACS-BUSY-01", "MACS-Q-27-03"), "not busy at the target", "busy"
+        )
 
 
 # --- stops ---------------------------------------------------------------------------------------
@@ -287,7 +299,7 @@ def a_hard_stop_stops_where_the_axis_is(session: Session) -> None:
         )  # fmt: skip
         bench.wait(0.3)
         again = bench.position()
-        session.expect(again == place, None, f"at rest at {place}", again)
+        session.expect(again == place, "MACS-CMD-18-03", f"at rest at {place}", again)
         bench.reading("busy_after_abort", int(bench.is_busy()), "MACS-CMD-18-03")
         bench.accepted(0x0F, coefficient, requirement="MACS-CMD-18-01")
         bench.finish(bench.go(start), "MACS-CMD-18-01")

@@ -123,7 +123,7 @@ def positions_are_signed_and_big_endian(session: Session) -> None:
     near_zero = abs(start) <= bench.room()
     targets += [-1, 1, 0x101, -0x101, 0] if near_zero else []
     for target in targets:
-        bench.finish(bench.go(target))
+        bench.finish(bench.go(target), ("MACS-Q-20-01", "MACS-FRAME-05", "MACS-CMD-13-01"))
 
 
 @check("MACS-Q-XX-01", "MACS-CMD-13-01", safety=("motion", "stored"), level="full")
@@ -137,8 +137,8 @@ def queries_disturb_nothing(session: Session) -> None:
     while session.target.now_ns < end.earliest_ns - 150_000_000:
         for index in range(0x20, 0x2A):
             bench.must(Kind.ANSWER, bench.ask(index), "MACS-Q-XX-01")
-        bench.follow(forecast, None, bench.allowance(bench.period))
-    bench.finish(forecast)
+        bench.follow(forecast, ("MACS-Q-XX-01", "MACS-CMD-13-01"), bench.allowance(bench.period))
+    bench.finish(forecast, ("MACS-Q-XX-01", "MACS-CMD-13-01"))
 
 
 @check("MACS-Q-XX-01", safety=("motion", "stored"), level="full")

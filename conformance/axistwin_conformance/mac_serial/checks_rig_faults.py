@@ -120,12 +120,17 @@ def a_missing_encoder_locks_motion(session: Session) -> None:
     bench = RigBench(session)
     start = bench.begin()
     bench.rig.fault("encoder", True)
-    session.expect(bench.faults() == ENCODER.bit, None, "dd 02", f"{bench.faults():02X}")
+    session.expect(
+        bench.faults() == ENCODER.bit,
+        ("MACS-STATE-03", "MACS-Q-21-02"),
+        "dd 02",
+        f"{bench.faults():02X}",
+    )
     kind = bench.command(0x13, start + 5).kind
     bench.at_rest()
     bench.rig.fault("encoder", False)
     outcome = {Kind.REFUSED: 0, Kind.ACCEPTED: 1}.get(kind, kind.value)
-    bench.reading("encoder_fault_locks", outcome)
+    bench.reading("encoder_fault_locks", outcome, "MACS-STATE-02")
     bench.restart()
     if outcome == 0:
         walk_through(bench, ENCODER)
@@ -249,14 +254,14 @@ def _cut_down(bench: RigBench, cause: Cause, way: Way) -> None:
     act = Window(*cause.begin(bench.rig))
     bench.in_time(moving, act)
     place = bench.rest()
-    bench.judge_place(place, moving.halted(act), 1, None, coasts=True)
+    bench.judge_place(place, moving.halted(act), 1, ("MACS-STATE-02", "MACS-Q-20-01"), coasts=True)
     _judge_bits(bench, cause, "MACS-STATE-02")
     bench.refused(0x13, start, requirement="MACS-STATE-02")
     bench.refused(0x16, segment(5, bench.period), requirement="MACS-STATE-02")
     cause.end(bench.rig)
     _clear(bench)
     again = bench.rest()
-    session.expect(again == place, None, f"nothing resumes: still {place}", again)
+    session.expect(again == place, "MACS-STATE-02", f"nothing resumes: still {place}", again)
     bench.finish(bench.go(start), "MACS-STATE-02")
 
 

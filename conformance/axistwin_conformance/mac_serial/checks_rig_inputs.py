@@ -59,7 +59,7 @@ def the_inputs_show_whatever_is_enabled(session: Session) -> None:
                     bench.rig.set_input(name, active)
                     seen = [one for one, is_set in bench.inputs().items() if is_set]
                     session.expect(
-                        seen == ([name] if active else []), None,
+                        seen == ([name] if active else []), ("MACS-Q-27-02", "MACS-Q-27-01"),
                         f"active: {name if active else 'none'}", f"active: {seen}",
                     )  # fmt: skip
 
@@ -195,9 +195,14 @@ def disabled_hardware_stops_do_nothing(session: Session) -> None:
             bench.wait(0.08)
             for one in SIDES:
                 bench.contact(one.name, True)
-            bench.finish(moving)
+            bench.finish(moving, ("MACS-STOP-02", "MACS-CMD-03-01"))
             bench.finish(bench.go(start))
-            session.expect(bench.stopped_on() == 0, None, "no stop bit", bench.stopped_on())
+            session.expect(
+                bench.stopped_on() == 0,
+                ("MACS-STOP-02", "MACS-CMD-03-01"),
+                "no stop bit",
+                bench.stopped_on(),
+            )
             for one in SIDES:
                 bench.contact(one.name, False)
 
@@ -244,7 +249,7 @@ def opening_the_reference_contact_zeroes_the_counter(session: Session) -> None:
             outcome: int | str = f"zeroed at closing, opening...: {zeroed}"
             if zeroed in ([False, True] * half, [True, False] * half):
                 outcome = int(zeroed[0])
-            bench.reading("ref_edge", outcome)
+            bench.reading("ref_edge", outcome, ("MACS-REF-01", "MACS-CMD-07-01"))
             if way.is_endless:
                 bench.accepted(0x18)
                 bench.rest()

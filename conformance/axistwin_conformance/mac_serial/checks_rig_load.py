@@ -179,19 +179,31 @@ def endless_motion_and_segments_are_busy_while_held(session: Session) -> None:
         distance = bench.room() if bench.rig.is_exact else bench.reach
         moving = way.begin(bench, start, distance)
         bench.wait(0.1)
-        session.expect(not bench.is_busy(), None, f"{way.name}: following, not busy", "busy")
+        session.expect(
+            not bench.is_busy(),
+            ("MACS-BUSY-02", "MACS-Q-27-03"),
+            f"{way.name}: following, not busy",
+            "busy",
+        )
         held = Window(*bench.rig.hold_shaft(True))
         bench.in_time(moving, held)
         bench.wait(LAG_SHOWS_S)
-        session.expect(bench.is_busy(), None, f"{way.name}: held, busy", "not busy")
+        session.expect(
+            bench.is_busy(), ("MACS-BUSY-02", "MACS-Q-27-03"), f"{way.name}: held, busy", "not busy"
+        )
         free = Window(*bench.rig.hold_shaft(False))
         bench.in_time(moving, free)
         if way.is_endless:
             bench.wait(LAG_SHOWS_S)
             before = bench.position()
             bench.wait(0.1)
-            session.expect(bench.position() > before, None, "turning again", "at rest")
-            session.expect(not bench.is_busy(), None, "following again, not busy", "busy")
+            session.expect(bench.position() > before, "MACS-BUSY-02", "turning again", "at rest")
+            session.expect(
+                not bench.is_busy(),
+                ("MACS-BUSY-02", "MACS-Q-27-03"),
+                "following again, not busy",
+                "busy",
+            )
         bench.at_rest()
 
 
@@ -206,8 +218,12 @@ def a_stopped_move_does_not_catch_up(session: Session) -> None:
     bench.rig.hold_shaft(False)
     bench.wait(0.3)
     again, slack = bench.position(), bench.allowance(bench.period)
-    session.expect(abs(again - place) <= slack, None, f"still {place}", again)
-    session.expect(not _is_locked(bench), None, "no longer running", "locked")
+    session.expect(
+        abs(again - place) <= slack, ("MACS-CMD-18-01", "MACS-CMD-18-03"), f"still {place}", again
+    )
+    session.expect(
+        not _is_locked(bench), ("MACS-CMD-18-01", "MACS-CMD-18-03"), "no longer running", "locked"
+    )
 
 
 # --- turned by hand ------------------------------------------------------------------------------

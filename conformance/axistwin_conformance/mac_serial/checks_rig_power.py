@@ -173,9 +173,19 @@ def a_latched_fault_ends_with_the_supply(session: Session) -> None:
     MICRO_CUT.begin(bench.rig)
     MICRO_CUT.end(bench.rig)
     bench.refused(0x13, start + 5)
-    session.expect(bench.faults() == MICRO_CUT.bit, None, "dd 01", f"{bench.faults():02X}")
+    session.expect(
+        bench.faults() == MICRO_CUT.bit,
+        ("MACS-Q-21-02", "MACS-STATE-02"),
+        "dd 01",
+        f"{bench.faults():02X}",
+    )
     bench.power_cycle()
-    session.expect(bench.faults() == 0, None, "dd 00 after a power cycle", f"{bench.faults():02X}")
+    session.expect(
+        bench.faults() == 0,
+        ("MACS-PERS-03", "MACS-Q-21-02"),
+        "dd 00 after a power cycle",
+        f"{bench.faults():02X}",
+    )
     bench.finish(bench.go(start + 20), "MACS-STATE-02")
 
 
@@ -195,7 +205,12 @@ def the_over_voltage_memory_ends_with_the_supply(session: Session) -> None:
     judge_memory(bench, idle)
     bench.power_cycle()
     hh = bench.memories()
-    session.expect(hh == idle, None, f"hh {idle:02X} after a power cycle", f"{hh:02X}")
+    session.expect(
+        hh == idle,
+        ("MACS-PERS-03", "MACS-Q-21-03"),
+        f"hh {idle:02X} after a power cycle",
+        f"{hh:02X}",
+    )
 
 
 # --- rate and address ----------------------------------------------------------------------------

@@ -108,7 +108,7 @@ def the_stop_bit_stays_until_the_next_motion(session: Session) -> None:
         outcome = 0
     elif after == before:
         outcome = 2
-    bench.reading("ff_lifetime", outcome)
+    bench.reading("ff_lifetime", outcome, "MACS-Q-21-01")
 
 
 @check("MACS-CMD-09-02", "MACS-CMD-0A-02", "MACS-STOP-03", safety=MOVES)
@@ -149,8 +149,18 @@ def a_software_stop_drops_the_stored_segments(session: Session) -> None:
     bench.wait(0.2)
     second = bench.position() - start
     most = 21 + bench.braking(PERIOD)
-    session.expect(20 <= first <= most, None, f"at rest 20..{most} increments on", first)
-    session.expect(first == second, None, "at rest", f"{second - first} more increments")
+    session.expect(
+        20 <= first <= most,
+        ("MACS-STOP-03", "MACS-CMD-09-02"),
+        f"at rest 20..{most} increments on",
+        first,
+    )
+    session.expect(
+        first == second,
+        ("MACS-STOP-03", "MACS-CMD-09-02"),
+        "at rest",
+        f"{second - first} more increments",
+    )
     bench.accepted(0x16, segment(1, PERIOD))
     bench.accepted(0x02, 0)
 
@@ -180,7 +190,12 @@ def software_stops_work_only_when_enabled(session: Session) -> None:
             start = fence(bench, side, 20, mode)
             bench.finish(bench.go(start + 60 * side.direction))
             ff = bench.stopped_on() & (SUPERIOR | INFERIOR)
-            session.expect(ff == 0, None, "no software stop in ff", f"{ff:02X}")
+            session.expect(
+                ff == 0,
+                ("MACS-CMD-03-01", side.requirements[0]),
+                "no software stop in ff",
+                f"{ff:02X}",
+            )
 
 
 @check("MACS-CMD-09-02", "MACS-CMD-0A-02", "MACS-STOP-03", safety=MOVES, level="full")
@@ -229,6 +244,11 @@ def software_stops_watch_the_counter(session: Session) -> None:
     place = _rest(bench)
     bench.accepted(0x03, 0)
     most = 31 + bench.braking(PERIOD)
-    session.expect(30 <= place <= most, None, f"30..{most} of the new count", place)
+    session.expect(
+        30 <= place <= most,
+        ("MACS-CMD-09-02", "MACS-STOP-03", "MACS-CMD-0B-01"),
+        f"30..{most} of the new count",
+        place,
+    )
     bench.finish(bench.go(-(start + 15)))
     bench.accepted(0x0B)

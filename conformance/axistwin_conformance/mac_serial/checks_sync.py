@@ -101,7 +101,9 @@ def without_a_preloaded_motion_11h_moves_nothing(session: Session) -> None:
                 outcome = {Kind.ACCEPTED: 0, Kind.REFUSED: 1}.get(reply.kind, str(reply))
                 bench.reading("sync_without_preload", outcome, "MACS-CMD-11-02")
         held = _is_held(bench, start + 20)
-        session.expect(held, None, f"at {start + 20}", bench.position())
+        session.expect(
+            held, ("MACS-CMD-11-02", "MACS-CMD-11-01"), f"at {start + 20}", bench.position()
+        )
         bench.at_rest()
 
 
@@ -136,13 +138,13 @@ def a_second_motion_replaces_the_preloaded_one(session: Session) -> None:
     if second.kind is Kind.ACCEPTED:
         session.expect(
             moved == -60 or (moved == 60 and bench.known("preload_policy") == 2),
-            None, "the second target, -60", f"{moved:+d}",
+            "MACS-CMD-10-02", "the second target, -60", f"{moved:+d}",
         )  # fmt: skip
     else:
         bench.must(Kind.REFUSED, second, "MACS-CMD-10-02")
         if not bench.known("preload_locks"):
             bench.reading("preload_policy", 1, "MACS-CMD-10-02")
-        session.expect(moved == 60, None, "the first target, +60", f"{moved:+d}")
+        session.expect(moved == 60, "MACS-CMD-10-02", "the first target, +60", f"{moved:+d}")
 
 
 @check("MACS-CMD-18-03", "MACS-CMD-10-02", safety=MOVES, level="full")
@@ -150,7 +152,7 @@ def stops_and_power_off_drop_a_preloaded_motion(session: Session) -> None:
     """17h, 18h and 1Ah drop preload and arm, or are refused, or leave them: one and the same."""
     bench = Bench(session)
     bench.ready(0x1000)
-    bench.reading("preload_policy", preload_policy(bench))
+    bench.reading("preload_policy", preload_policy(bench), "MACS-CMD-18-03")
     for index in (0x17, 0x18, 0x1A):
         start = bench.ready(0x1000)
         bench.accepted(0x10)
@@ -162,7 +164,7 @@ def stops_and_power_off_drop_a_preloaded_motion(session: Session) -> None:
         moved = bench.position() != start
         bench.must(Kind.ACCEPTED, stop)
         if moved or bench.known("preload_policy") != 1:
-            bench.reading("preload_policy", 2 if moved else 0)
+            bench.reading("preload_policy", 2 if moved else 0, "MACS-CMD-18-03")
         if not moved:
             start = bench.position()
             bench.finish(bench.go(start + 10), "MACS-CMD-10-02")
@@ -182,7 +184,7 @@ def velocity_0_while_armed_at_rest(session: Session) -> None:
         outcome = 2
     elif zero is Kind.ACCEPTED:
         outcome = 0 if held else 1
-    bench.reading("armed_zero_velocity", outcome)
+    bench.reading("armed_zero_velocity", outcome, ("MACS-CMD-15-04", "MACS-CMD-10-01"))
     bench.command(0x11)
     bench.wait(0.1)
 

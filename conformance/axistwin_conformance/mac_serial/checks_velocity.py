@@ -95,7 +95,7 @@ def the_direction_stays_whatever_the_next_15h_says(session: Session) -> None:
             forecast = forecast.changed(exchange.taken, 0x4000)
         for _ in range(3):
             bench.wait(0.1)
-            bench.follow(forecast, None, bench.allowance(0x4000))
+            bench.follow(forecast, ("MACS-CMD-15-02", "MACS-CMD-15-03"), bench.allowance(0x4000))
         bench.at_rest()
 
 

@@ -160,7 +160,7 @@ class RigBench(Bench):
         place = self.position()
         self.wait(0.2)
         again = self.position()
-        self.session.expect(again == place, None, f"at rest at {place}", f"then at {again}")
+        self.session.step(again == place, f"at rest at {place}", f"then at {again}")
         return place
 
     def judge_place(
