@@ -14,13 +14,14 @@ from axistwin_conformance.targets import Target
 
 TWIN = "axistwin://mac23:0,mac23:1?time=virtual"
 Wire = list[tuple[int, bytes]]
-# 00h to 03h, 08h to 0Ah, 0Ch to 10h, 13h to 1Ch, 1Eh: all that move, store or re-initialise.
-# How much the motor pulls is not on the wire; a MAC34 warns of no supply and keeps no over-voltage in mind.
+# How much the motor pulls is not on the wire; a MAC34 warns of no supply and keeps no over-voltage
+# in mind.
 UNPROVEN = {
     ("mac23", "full"): {"MACS-CMD-0C-03"},
     ("mac34-1", "quick"): {"MACS-Q-21-03", "MACS-STATE-04"},
     ("mac34-2", "quick"): {"MACS-Q-21-03", "MACS-STATE-04"},
 }
+# 00h to 03h, 08h to 0Ah, 0Ch to 10h, 13h to 1Ch, 1Eh: all that move, store or re-initialise.
 ACTING = {*range(0x04), 0x08, 0x09, 0x0A, *range(0x0C, 0x11), *range(0x13, 0x1D), 0x1E}
 
 
