@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -97,6 +100,15 @@ def test_the_same_seed_gives_the_same_bytes_at_the_same_times(wire: Wire) -> Non
 
     assert sent(7) == sent(7)
     assert sent(7) != sent(8)
+
+
+def test_a_run_leaves_nothing_in_the_folder_it_is_started_in(tmp_path: Path) -> None:
+    """Hypothesis would keep a folder of notes there."""
+    words = ["mac23", "--level", "quick", "some_mixed_sequences_agree_with_the_model"]
+    command = [sys.executable, "-m", "axistwin_conformance", *words]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_passive_run_sends_no_command_that_acts(wire: Wire) -> None:
