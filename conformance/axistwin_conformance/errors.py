@@ -30,6 +30,10 @@ class WrongDevice(SuiteError):  # noqa: N818 - a finding about the device, not a
     """Something answers, but not as the model named on the command line would."""
 
 
+class OutsideEnvelope(AssertionError):  # noqa: N818 - names what was about to happen
+    """The suite was about to ask an axis to leave the envelope: held back, a mistake of ours."""
+
+
 class RigError(SuiteError):
     """The rig did not do what it said it could, or could not be brought back to rest."""
 

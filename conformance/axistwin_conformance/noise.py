@@ -144,7 +144,7 @@ class Replays:
         is_strict = False
         while len(self._all) < self._most:
             if self._all and not self._tidy():
-                break
+                return self._all[-1].result  # the device is lost: the engine finds out and says so
             one = self._attempt(is_strict)
             self._all.append(one)
             if not one.is_void and (one.result.outcome is not Outcome.DONE or one.result.trouble):

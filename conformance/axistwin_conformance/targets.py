@@ -25,7 +25,7 @@ from typing import Any, Protocol, cast
 
 import serial
 
-from axistwin_conformance.errors import TargetError
+from axistwin_conformance.errors import OutsideEnvelope, TargetError
 from axistwin_conformance.transcript import Direction, Record, Transcript
 
 TWIN_SCHEME = "axistwin://"
@@ -36,6 +36,7 @@ SLICE_S = (
 WRITE_TIMEOUT_S = 3.0
 SILENCE_NOTED_S = 0.05  # shorter waits without a byte are not worth a line in the transcript
 DRAIN_BYTES = 65_536
+STOP_HEARD_NS = 50_000_000  # the reply to a stop takes 3 ms at 9600 baud
 
 
 class SerialPort(Protocol):
@@ -56,6 +57,26 @@ class SerialPort(Protocol):
     @property
     def in_waiting(self) -> int:
         """How many bytes `read` would return at once."""
+
+
+class Fence(Protocol):
+    """What keeps the axes on a line inside the envelope; it hears everything, either way."""
+
+    def sending(self, data: bytes, now_ns: int, /) -> None:
+        """Raise OutsideEnvelope if these bytes must not be sent."""
+
+    def received(self, data: bytes, now_ns: int, /) -> None:
+        """Learn from what the device says."""
+
+    @property
+    def deadline_ns(self) -> int | None:
+        """When endless motion has to be stopped at the latest; None while there is none."""
+
+    def stop(self) -> tuple[bytes, ...]:
+        """The frames that end it."""
+
+    def forget(self) -> None:
+        """Take the next place an axis is seen at for where it was found."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +110,7 @@ class Target:
         self.round_trip = RoundTrip()
         self.last_sent = b""
         self.gate: Callable[[bytes], None] | None = None  # sees every byte before it is sent
+        self.fence: Fence | None = None
         if not self.is_virtual:
             port.timeout = SLICE_S
 
@@ -125,8 +147,10 @@ class Target:
         """Send the bytes and return the time at which that began."""
         if self.gate is not None:
             self.gate(data)
-        self.last_sent = bytes(data)
         started_ns = self.now_ns
+        if self.fence is not None:
+            self.fence.sending(data, started_ns)
+        self.last_sent = bytes(data)
         self.transcript.add(Record(started_ns, Direction.HOST, bytes(data)))
         with _port_trouble("sending"):
             self._port.write(bytes(data))
@@ -138,7 +162,7 @@ class Target:
         deadline_ns = started_ns + round(timeout_s * 1e9)
         while len(self._pending) < count:
             left_ns = deadline_ns - self.now_ns
-            arrived = self._read(count - len(self._pending), max(left_ns, 0))
+            arrived = self._read(count - len(self._pending), self._fenced(max(left_ns, 0)))
             if not arrived and left_ns <= 0:
                 break
         taken = bytes(self._pending[:count])
@@ -152,6 +176,7 @@ class Target:
         started_ns = self.now_ns
         deadline_ns = started_ns + round(seconds * 1e9)
         while (left_ns := deadline_ns - self.now_ns) > 0:
+            left_ns = self._fenced(left_ns)
             if self.is_virtual or left_ns > SLICE_S * 1e9:
                 self._read(1, left_ns)
             else:
@@ -190,6 +215,20 @@ class Target:
         with contextlib.suppress(TargetError), _port_trouble("closing"):
             self._port.close()
 
+    def _fenced(self, left_ns: int) -> int:
+        """How long may be waited; stops endless motion that nobody has stopped in time."""
+        deadline_ns = None if self.fence is None else self.fence.deadline_ns
+        if self.fence is None or deadline_ns is None:
+            return left_ns
+        spare_ns = deadline_ns - self.now_ns
+        if spare_ns > 0:
+            return min(left_ns, spare_ns)
+        self.mark("endless motion has come near the edge of the envelope: stopped")
+        for frame in self.fence.stop():
+            self.send(frame)
+            self._read(DRAIN_BYTES, STOP_HEARD_NS)
+        raise OutsideEnvelope("endless motion was not stopped before the edge of the envelope")
+
     def _read(self, count: int, left_ns: int) -> bool:
         with _port_trouble("receiving"):
             if self.is_virtual:
@@ -197,7 +236,10 @@ class Target:
             data = bytes(self._port.read(count))
         if data:
             self._pending += data
-            self.transcript.add(Record(self.now_ns, Direction.DEVICE, data))
+            now_ns = self.now_ns
+            self.transcript.add(Record(now_ns, Direction.DEVICE, data))
+            if self.fence is not None:
+                self.fence.received(data, now_ns)
         return bool(data)
 
     def _waiting(self) -> int:

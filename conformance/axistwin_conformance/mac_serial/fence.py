@@ -1,0 +1,382 @@
+"""The fence: no frame leaves the suite that asks an axis to leave the envelope.
+
+It reads every byte either way, below checks, hooks and shrinking alike, and keeps for each axis on
+the line an interval of where the shaft may be or may still go (`Axis.reach`), in increments from
+where the run found it.  The counter may be cleared under it (0Bh, the reference input): `offset`
+is what has to be added to the counter to get the shaft, an interval as well.
+
+    frame sent ──▶ what would follow, all readings of a doubt joined ──▶ outside? not sent
+    reply heard ─▶ refused or Nack: nothing followed; none: both remain possible
+
+Endless motion has no asked-for position.  It is bounded by time: `deadline_ns` is when the stop
+must be on its way, and who lets time pass (`Target`) sends it then, whatever the check is about.
+
+A request that is held back is a mistake of the suite (`OutsideEnvelope`): the check ends as an
+error.  Judged is what a device does that follows the manual in the readings known of it; nothing
+can be said of one that obeys frames with wrong checksums.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Final, NoReturn
+
+from axistwin_conformance.errors import OutsideEnvelope
+from axistwin_conformance.mac_serial import codec
+from axistwin_conformance.mac_serial.codec import Kind
+from axistwin_conformance.mac_serial.motion import TICKS_PER_SECOND, ramp_increments
+
+MARGIN_NS: Final = 30_000_000  # a frame at 9600 baud takes 22 ms; the rest is our own reaction
+FACTORY_PERIOD: Final = 0x0320
+# The readings that matter here, as the ledger names them (MACS-AMB-07, -36, -38, -51).
+F6_TURNS: Final = "negative"
+REPLACES: Final = "replace"
+SEGMENTS_UNSIGNED: Final = "false"
+FLUSHES: Final = "true"
+GENTLE_BRAKING: Final = 1_000_000  # inc/s²: a tenth of what an unloaded MAC23 does (§5.4)
+HALTING: Final = frozenset({0x00, 0x01, 0x18, 0x1A})
+MOTIONS: Final = frozenset({0x13, 0x14, 0x15, 0x16})
+Interval = tuple[int, int]
+
+
+def join(*intervals: Interval) -> Interval:
+    """The smallest interval around all of them."""
+    return min(low for low, _ in intervals), max(high for _, high in intervals)
+
+
+def shift(one: Interval, by: Interval) -> Interval:
+    """Add two intervals."""
+    return one[0] + by[0], one[1] + by[1]
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """What may be true of one axis.  Places are of the shaft, from where it was found.
+
+    `reach`: where it is or may still go.  `seen`: where it was at `seen_ns`.  `tip`: where the last
+    stored segment ends.  `target`: the counter a lone move goes to.  `speed`: of an endless motion
+    (increments per second, 0: none) that may be running since `since_ns`, in the directions `ways`.
+    `held`: an endless motion that waits for 11h.  `may_move`: something may still be under way or
+    stored.
+    """
+
+    reach: Interval = (0, 0)
+    seen: Interval = (0, 0)
+    seen_ns: int = 0
+    tip: Interval = (0, 0)
+    offset: Interval = (0, 0)
+    target: int | None = None
+    period: int = FACTORY_PERIOD
+    coefficient: int = 0
+    speed: int = 0
+    since_ns: int = 0
+    ways: Interval = (0, 0)
+    held: tuple[int, Interval] | None = None
+    is_armed: bool = False
+    may_move: bool = False
+    has_segments: bool = False
+    has_reference: bool = False
+
+    def grown(self, now_ns: int) -> Axis:
+        """The same with endless motion accounted for up to now."""
+        if not self.speed:
+            return self
+        far = self.speed * max(0, now_ns - self.since_ns) // 1_000_000_000 + 1
+        reach = (self.reach[0] + self.ways[0] * far, self.reach[1] + self.ways[1] * far)
+        return replace(self, reach=reach, since_ns=now_ns)
+
+    def joined(self, other: Axis) -> Axis:
+        """Either of two; nobody knows which."""
+        ways = join(self.ways, other.ways)
+        return replace(
+            other,
+            reach=join(self.reach, other.reach),
+            tip=join(self.tip, other.tip),
+            offset=join(self.offset, other.offset),
+            target=self.target if self.target == other.target else None,
+            period=min(self.period, other.period),
+            coefficient=max(self.coefficient, other.coefficient),
+            speed=max(self.speed, other.speed),
+            since_ns=min(self.since_ns, other.since_ns) if self.speed else other.since_ns,
+            ways=ways,
+            held=self.held or other.held,
+            is_armed=self.is_armed or other.is_armed,
+            may_move=self.may_move or other.may_move,
+            has_segments=self.has_segments or other.has_segments,
+        )
+
+
+class Fence:
+    """The envelope of one line.
+
+    `own`: the address under test.  `readings`: what is known of the device, as the run learns it.
+    """
+
+    def __init__(
+        self, max_travel: int, max_speed: int, own: int, readings: Mapping[str, str]
+    ) -> None:
+        self.max_travel, self.max_speed, self.own = max_travel, max_speed, own
+        self.readings = readings
+        self.axes: dict[int, Axis] = {}
+        self._found_periods: dict[int, int] = {}
+        self._before: dict[int, Axis] = {}
+        self._after: dict[int, Axis] = {}
+        self._asked = b""  # the last whole frame sent
+        self._asked_ns = 0
+        self._heard = b""
+
+    def forget(self) -> None:
+        """Take the next counter reading for where an axis was found: before anything has moved, and
+        after a rig has turned the shaft or had the counter cleared."""
+        self.axes.clear()
+        self._found_periods.clear()
+
+    # --- what is sent -----------------------------------------------------------------------------
+
+    def sending(self, data: bytes, now_ns: int) -> None:
+        """Account for bytes about to be sent; raises OutsideEnvelope if they must not be."""
+        before = {address: axis.grown(now_ns) for address, axis in self.axes.items()}
+        after = dict(before)
+        frames = [frame for frame in _frames(data) if _is_obeyed(frame)]
+        for frame in frames:
+            self._tell(after, frame, now_ns)
+        self._before, self._after = before, after
+        # Until the reply comes, the frame may have been obeyed or not.
+        self.axes = {
+            address: before[address].joined(axis) if address in before else axis
+            for address, axis in after.items()
+        }
+        self._asked = frames[-1] if frames else b""
+        self._asked_ns, self._heard = now_ns, b""
+
+    def _tell(self, axes: dict[int, Axis], frame: bytes, now_ns: int) -> None:
+        address, index = int(frame[4:6], 16), int(frame[6:8], 16)
+        parameter = int(frame[10:18], 16)
+        if index in MOTIONS and address not in axes and address != codec.GENERAL_ADDRESS:
+            self._refuse(frame, f"nobody knows where the axis at {address:02X}h is")
+        for one in tuple(axes) if address == codec.GENERAL_ADDRESS else (address,):
+            if one not in axes:
+                continue
+            after = self._obeyed(axes[one], index, parameter, now_ns, frame)
+            low, high = after.reach
+            if low < -self.max_travel or high > self.max_travel:
+                self._refuse(frame, f"it could bring the axis to {low:+}..{high:+}")
+            if after.speed and self._deadline_of(after) <= now_ns:
+                self._refuse(frame, "there is no room for endless motion at that speed")
+            axes[one] = after
+            if index == 0x08:  # the same axis may answer there from now on
+                axes.setdefault(parameter & 0x7F, after)
+
+    def _refuse(self, frame: bytes, reason: str) -> NoReturn:
+        raise OutsideEnvelope(
+            f"held back {codec.explain_request(frame)}: {reason}; the envelope is"
+            f" {self.max_travel} increments either way, {self.max_speed} per second"
+        )
+
+    def _obeyed(self, axis: Axis, index: int, parameter: int, now_ns: int, frame: bytes) -> Axis:
+        """What may be true once the axis has obeyed."""
+        low_byte, half = parameter & 0xFF, parameter & 0xFFFF
+        if index in (0x13, 0x14):
+            return self._sent_to(axis, codec.signed(parameter) if index == 0x13 else 0, frame)
+        if index == 0x15:
+            return self._endless(axis, parameter >> 16 & 0xFF, half, now_ns, frame)
+        if index == 0x16 and half:
+            return self._stepped(axis, parameter >> 16, half, frame)
+        if index == 0x11 and axis.held is not None:
+            speed, ways = axis.held
+            return replace(
+                axis, speed=speed, ways=ways, since_ns=now_ns, held=None, may_move=True, target=None
+            )
+        if index == 0x17:
+            return replace(self._run_out(axis), held=None, is_armed=False)
+        if index in HALTING:
+            return self._halted(axis, index)
+        if index == 0x0D and half:
+            if half != self._found_periods.get(self.own):  # what was found may be put back
+                self._judge_period(half, frame)
+            return replace(axis, period=half)
+        changes: dict[int, dict[str, Any]] = {
+            0x10: {"is_armed": True},
+            0x0B: {"offset": self._whereabouts(axis, now_ns), "target": None},
+            0x07: {"has_reference": bool(low_byte)},
+            0x0F: {"coefficient": low_byte},
+        }
+        return replace(axis, **changes.get(index, {}))
+
+    def _whereabouts(self, axis: Axis, now_ns: int) -> Interval:
+        """Where the axis is now: within its reach, and not further from where it was seen than it
+        can have come since."""
+        far = self.max_speed * max(0, now_ns - axis.seen_ns) // 1_000_000_000 + 2
+        if axis.may_move and not axis.has_segments:
+            fastest = max(axis.speed, TICKS_PER_SECOND // axis.period + 1)
+            far = fastest * max(0, now_ns - axis.seen_ns) // 1_000_000_000 + 2
+        low, high = max(axis.reach[0], axis.seen[0] - far), min(axis.reach[1], axis.seen[1] + far)
+        return (low, high) if low <= high else axis.reach
+
+    def _judge_period(self, period: int, frame: bytes) -> None:
+        if self.max_speed * period < TICKS_PER_SECOND:
+            self._refuse(frame, f"period {period:04X}h is {TICKS_PER_SECOND // period} per second")
+
+    def _sent_to(self, axis: Axis, counter: int, frame: bytes) -> Axis:
+        self._judge_period(axis.period, frame)
+        goal = shift(axis.offset, (counter, counter))
+        return replace(
+            axis, reach=join(axis.reach, goal), tip=join(axis.tip, goal), may_move=True,
+            target=None if axis.may_move else counter,
+        )  # fmt: skip
+
+    def _stepped(self, axis: Axis, digits: int, period: int, frame: bytes) -> Axis:
+        self._judge_period(period, frame)
+        is_signed = self.readings.get("segment_signed") != SEGMENTS_UNSIGNED
+        steps = codec.signed(digits, 16) if is_signed else digits
+        tip = shift(axis.tip, (steps, steps))
+        return replace(
+            axis, reach=join(axis.reach, tip), tip=tip, target=None, may_move=True,
+            has_segments=True,
+        )  # fmt: skip
+
+    def _endless(self, axis: Axis, selector: int, period: int, now_ns: int, frame: bytes) -> Axis:
+        if not period:
+            return self._run_out(axis)
+        self._judge_period(period, frame)
+        speed = max(TICKS_PER_SECOND // period + 1, axis.speed)
+        if axis.may_move:  # a move may be taken over at its own speed, in its own direction
+            speed = max(speed, TICKS_PER_SECOND // axis.period + 1)
+        is_known = "vel_f6_direction" in self.readings and not axis.may_move
+        way = -1 if selector == 0xF6 and self.readings.get("vel_f6_direction") == F6_TURNS else 1
+        ways = (min(way, 0), max(way, 0)) if is_known else (-1, 1)
+        if axis.is_armed:
+            return replace(axis, held=(speed, ways))
+        return replace(axis, speed=speed, ways=ways, since_ns=now_ns, may_move=True, target=None)
+
+    def _run_out(self, axis: Axis) -> Axis:
+        """17h, or 15h with period 0: what is left is the ramp."""
+        if not axis.speed:
+            return axis
+        far = ramp_increments(axis.coefficient) + _braking(axis.speed)
+        reach = (axis.reach[0] + axis.ways[0] * far, axis.reach[1] + axis.ways[1] * far)
+        return replace(axis, reach=reach, speed=0, target=None)
+
+    def _halted(self, axis: Axis, index: int) -> Axis:
+        """18h, 1Ah, 00h, 01h: at rest at once, nothing stored; unless the device reads it else."""
+        far = _braking(axis.speed) if axis.speed else 0
+        reach = (axis.reach[0] + axis.ways[0] * far, axis.reach[1] + axis.ways[1] * far)
+        is_factory = index == 0x01
+        keeps = index in (0x18, 0x1A) and (
+            self.readings.get("abort_flush", FLUSHES) != FLUSHES
+            or self.readings.get("preload_policy", REPLACES) != REPLACES
+        )
+        return replace(
+            axis,
+            reach=reach,
+            tip=axis.tip if keeps else reach,
+            speed=0,
+            target=None,
+            held=axis.held if keeps else None,
+            is_armed=axis.is_armed and keeps,
+            may_move=axis.may_move and keeps,
+            has_segments=axis.has_segments and keeps,
+            period=FACTORY_PERIOD if is_factory else axis.period,
+        )
+
+    # --- what is heard ----------------------------------------------------------------------------
+
+    def received(self, data: bytes, now_ns: int) -> None:
+        """Learn from the reply what became of the frame."""
+        self._heard += data
+        if not self._asked or codec.missing_bytes(self._heard):
+            return
+        reply, self._heard = codec.parse(self._heard), b""
+        if reply.kind in (Kind.REFUSED, Kind.NACK):
+            self.axes = {address: self._before.get(address, self._after[address])
+                         for address in self._after}  # fmt: skip
+        elif reply.kind is Kind.ACCEPTED:
+            self.axes = dict(self._after)
+        elif reply.kind is Kind.ANSWER and reply.data is not None and reply.address is not None:
+            self._learn(int(self._asked[4:6], 16), int(self._asked[6:8], 16), reply.data)
+        self._asked = b""
+
+    def _learn(self, address: int, index: int, data: int) -> None:
+        axis = self.axes.get(address)
+        if index == 0x20:
+            counter = codec.signed(data)
+            if axis is None:
+                self.axes[address] = Axis(offset=(-counter, -counter), seen_ns=self._asked_ns)
+            else:
+                self.axes[address] = self._located(axis, counter)
+        elif axis is not None and index == 0x25:
+            self._found_periods.setdefault(address, data & 0xFFFF)
+            self.axes[address] = replace(axis, period=data & 0xFFFF or 1)
+        elif axis is not None and index == 0x26:
+            self.axes[address] = replace(axis, coefficient=data >> 24)
+
+    def _located(self, axis: Axis, counter: int) -> Axis:
+        """Narrow down by a counter reading."""
+        here = shift(axis.offset, (counter, counter))
+        is_outside = here[1] < axis.reach[0] or here[0] > axis.reach[1]
+        if axis.has_reference and is_outside:  # the counter was cleared on the way
+            here = axis.reach
+            axis = replace(axis, offset=shift(axis.reach, (-counter, -counter)))
+        axis = replace(axis, seen=here, seen_ns=self._asked_ns)
+        if axis.speed:
+            return replace(axis, reach=here, since_ns=self._asked_ns)
+        if not axis.may_move:
+            return replace(axis, reach=here, tip=here)
+        if axis.target is None:
+            return replace(axis, reach=join(axis.reach, here))
+        goal = shift(axis.offset, (axis.target, axis.target))
+        return replace(axis, reach=join(here, goal), tip=goal, may_move=counter != axis.target)
+
+    # --- endless motion ---------------------------------------------------------------------------
+
+    @property
+    def deadline_ns(self) -> int | None:
+        """When the stop has to be on its way; None while nothing moves without an end."""
+        moving = [self._deadline_of(axis) for axis in self.axes.values() if axis.speed]
+        if not moving:
+            return None
+        is_stopping = self._asked and int(self._asked[6:8], 16) in HALTING
+        return max(min(moving), self._asked_ns + 2 * MARGIN_NS) if is_stopping else min(moving)
+
+    def _deadline_of(self, axis: Axis) -> int:
+        rooms = []
+        if axis.ways[0] < 0:
+            rooms.append(self.max_travel + axis.reach[0])
+        if axis.ways[1] > 0:
+            rooms.append(self.max_travel - axis.reach[1])
+        room = min(rooms) - _braking(axis.speed) - 1
+        return axis.since_ns + room * 1_000_000_000 // axis.speed - MARGIN_NS
+
+    def stop(self) -> tuple[bytes, ...]:
+        """The frames that end what may be running, to each axis."""
+        return tuple(
+            codec.request(address, 0x18).encode()
+            for address, axis in self.axes.items()
+            if axis.speed
+        )
+
+
+def _braking(speed: int) -> int:
+    """Increments a real axis may need to stop without ramp."""
+    return 2 + speed * speed // (2 * GENTLE_BRAKING)
+
+
+def _frames(data: bytes) -> list[bytes]:
+    """Every 21 bytes that begin and end like a frame, wherever they stand."""
+    return [
+        data[at : at + codec.REQUEST_BYTES]
+        for at in range(len(data) - codec.REQUEST_BYTES + 1)
+        if data[at] == codec.STX and data[at + codec.REQUEST_BYTES - 1] == codec.ETX
+    ]
+
+
+def _is_obeyed(frame: bytes) -> bool:
+    """True if a module would execute it; lower-case digits count, since a device may take them."""
+    summed = frame[4:18]
+    is_hex = all(character in b"0123456789ABCDEFabcdef" for character in frame[4:20])
+    return (
+        is_hex
+        and frame[1:4] == codec.REQUEST_LENGTH_FIELD
+        and int(frame[18:20], 16) == codec.checksum(summed)
+    )
