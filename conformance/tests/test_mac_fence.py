@@ -1,0 +1,217 @@
+"""The fence: nothing that is sent asks an axis to leave the envelope, and endless motion ends in
+time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from axistwin_conformance.errors import OutsideEnvelope
+from axistwin_conformance.mac_serial import codec
+from axistwin_conformance.mac_serial.fence import Fence
+
+ACCEPTED, REFUSED, NACK = b"\x06\x13\x1a", b"\x06\x13\x17", b"\x15"
+SECOND = 1_000_000_000
+F6 = 0xF60000
+
+
+def answer(index: int, data: int, address: int = 0) -> bytes:
+    """The answer to a query."""
+    summed = b"%02X%X%08X" % (address, index & 0xF, data & 0xFFFFFFFF)
+    return b"\x06\x13\x02011" + summed + codec.two_digits(codec.checksum(summed)) + b"\x03\x1a"
+
+
+class Line:
+    """A host and a module that says what the test tells it to, behind the fence."""
+
+    def __init__(self, **readings: str) -> None:
+        self.fence = Fence(2000, 10_000, 0, readings)
+        self.now_ns = 0
+
+    def say(
+        self, index: int, parameter: int = 0, reply: bytes = ACCEPTED, address: int = 0
+    ) -> None:
+        """Send a frame; the reply comes 10 ms later."""
+        frame = codec.request(address, index, parameter).encode()
+        self.fence.sending(frame, self.now_ns)
+        self.now_ns += SECOND // 100
+        if reply:
+            self.fence.received(reply, self.now_ns)
+
+    def at(self, position: int, address: int = 0) -> None:
+        """A counter reading."""
+        self.say(0x20, 0, answer(0x20, position, address), address)
+
+    def refuses(self, index: int, parameter: int = 0, address: int = 0) -> bool:
+        """True if the frame is held back."""
+        frame = codec.request(address, index, parameter).encode()
+        try:
+            self.fence.sending(frame, self.now_ns)
+        except OutsideEnvelope:
+            return True
+        self.fence.received(NACK, self.now_ns)  # as if never said
+        return False
+
+
+@pytest.fixture
+def line() -> Line:
+    """A line whose axis was found at 500, with known readings."""
+    line = Line(vel_f6_direction="negative", segment_signed="true")
+    line.at(500)
+    line.say(0x0D, 0x1000)
+    return line
+
+
+def test_targets_are_counted_from_where_the_axis_was_found(line: Line) -> None:
+    """500 ± 2000, to the increment."""
+    assert not line.refuses(0x13, 2500)
+    assert line.refuses(0x13, 2501)
+    assert not line.refuses(0x13, -1500)
+    assert line.refuses(0x13, -1501)
+
+
+def test_an_axis_nobody_has_looked_at_is_not_moved() -> None:
+    """Neither ours before its counter was read, nor a module that nobody named."""
+    line = Line()
+    assert line.refuses(0x13, 10)
+    line.at(0)
+    assert line.refuses(0x16, 0x00011000, address=7)
+    assert not line.refuses(0x20, 0, address=7)
+
+
+def test_a_general_command_moves_only_who_is_known_and_all_of_them(line: Line) -> None:
+    """A neighbour found at 3000 must not be sent to 600."""
+    assert not line.refuses(0x13, 600, address=0xFF)
+    line.at(3000, address=1)
+    assert line.refuses(0x13, 600, address=0xFF)
+    assert not line.refuses(0x13, 1500, address=0xFF)
+
+
+def test_segments_add_up_until_the_axis_is_known_to_rest(line: Line) -> None:
+    """Three of 900 are too many; a stop and a reading begin anew."""
+    line.say(0x16, 900 << 16 | 0x1000)
+    line.say(0x16, 900 << 16 | 0x1000)
+    assert line.refuses(0x16, 900 << 16 | 0x1000)
+    line.say(0x18)
+    line.at(700)
+    assert not line.refuses(0x16, 900 << 16 | 0x1000)
+
+
+def test_a_refused_segment_does_not_count_and_an_unanswered_one_may(line: Line) -> None:
+    """What was not obeyed leads nowhere; what may have been obeyed does."""
+    for _ in range(5):
+        line.say(0x16, 900 << 16 | 0x1000, REFUSED)
+    line.say(0x16, 900 << 16 | 0x1000, b"")
+    line.say(0x16, 900 << 16 | 0x1000, b"")
+    assert line.refuses(0x16, 900 << 16 | 0x1000)
+
+
+def test_clearing_the_counter_does_not_move_the_envelope(line: Line) -> None:
+    """0Bh at 1500 makes 1000 the last place up and -3000 the last down."""
+    line.say(0x13, 1500)
+    line.at(1500)
+    line.say(0x0B)
+    assert not line.refuses(0x13, 1000)
+    assert line.refuses(0x13, 1001)
+    assert line.refuses(0x14) is False
+    line.say(0x0B, 0, b"")  # heard or not: 0 is here either way
+    assert line.refuses(0x13, 1001)
+
+
+def test_too_fast_a_period_is_held_back_wherever_it_stands(line: Line) -> None:
+    """0Dh, 15h and 16h alike; 1Eh moves nothing."""
+    assert line.refuses(0x0D, 0x031F)
+    assert line.refuses(0x15, 0x031F)
+    assert line.refuses(0x16, 0x0001031F)
+    assert not line.refuses(0x1E, 0x0001031F)
+    assert not line.refuses(0x0D, 0x0320)
+
+
+def test_a_move_at_the_speed_that_was_found_is_held_back_if_that_is_too_fast() -> None:
+    """The stored period counts, and what was found may be put back."""
+    line = Line()
+    line.at(0)
+    line.say(0x25, 0, answer(0x25, 0x0100))
+    assert line.refuses(0x13, 10)
+    line.say(0x0D, 0x1000)
+    assert not line.refuses(0x13, 10)
+    assert not line.refuses(0x0D, 0x0100)
+
+
+def test_endless_motion_has_to_be_stopped_before_the_edge(line: Line) -> None:
+    """1953 increments per second over 2000 of room: a good second, less what braking takes."""
+    line.say(0x15, 0x1000)
+    deadline_ns = line.fence.deadline_ns
+    assert deadline_ns is not None
+    assert 0.9 * SECOND < deadline_ns < 2000 / 1953 * SECOND
+    line.say(0x18)
+    assert line.fence.deadline_ns is None
+
+
+def test_a_stop_that_was_not_answered_does_not_lift_the_deadline(line: Line) -> None:
+    """It may not have been heard."""
+    line.say(0x15, 0x1000)
+    before = line.fence.deadline_ns
+    line.say(0x18, 0, b"")
+    line.say(0x21, 0, answer(0x21, 0))
+    after = line.fence.deadline_ns
+    assert before is not None
+    assert after is not None
+    assert before - SECOND // 100 < after <= before
+
+
+def test_a_reading_moves_the_deadline(line: Line) -> None:
+    """From where the axis is known to be, there is more or less time left."""
+    line.say(0x15, F6 | 0x1000)
+    first = line.fence.deadline_ns
+    assert first is not None
+    line.now_ns += SECOND // 2
+    line.at(400)
+    later = line.fence.deadline_ns
+    assert later is not None
+    assert later > first + SECOND // 4
+
+
+def test_near_the_edge_endless_motion_does_not_begin(line: Line) -> None:
+    """There must be time to stop it."""
+    line.say(0x13, 2490)
+    line.at(2490)
+    assert line.refuses(0x15, 0x1000)
+    assert not line.refuses(0x15, F6 | 0x1000)
+
+
+def test_while_nobody_knows_which_way_f6_turns_both_ways_count() -> None:
+    """The probe that finds out stays inside, too."""
+    line = Line()
+    line.at(0)
+    line.say(0x0D, 0x1000)
+    line.say(0x13, 1990)
+    line.at(1990)
+    assert line.refuses(0x15, F6 | 0x1000)
+
+
+def test_a_preloaded_endless_motion_begins_with_11h(line: Line) -> None:
+    """Held, it needs no stop; started, it does; 18h forgets it."""
+    line.say(0x10)
+    line.say(0x15, 0x1000)
+    assert line.fence.deadline_ns is None
+    line.say(0x11)
+    assert line.fence.deadline_ns is not None
+    line.say(0x18)
+    line.say(0x11)
+    assert line.fence.deadline_ns is None
+
+
+def test_a_frame_with_a_wrong_checksum_asks_for_nothing(line: Line) -> None:
+    """It is how Nacks are provoked."""
+    frame = codec.request(0, 0x13, 100_000).with_wrong_checksum().encode()
+    line.fence.sending(frame, line.now_ns)
+
+
+def test_frames_hidden_in_noise_or_in_lower_case_are_seen(line: Line) -> None:
+    """Some device might obey them."""
+    frame: Any = codec.request(0, 0x13, 0x00ABCDEF)
+    for data in (b"\x02\x02" + frame.encode() + b"\x03", frame.in_lower_case().encode()):
+        with pytest.raises(OutsideEnvelope, match=r"00ABCDEF|00abcdef"):
+            line.fence.sending(data, line.now_ns)
