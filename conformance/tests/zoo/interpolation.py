@@ -1,0 +1,178 @@
+"""Faults in segments and their FIFO."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from axistwin.devices.mac.acceptance import State
+from axistwin.devices.mac.axis import Axis
+from axistwin.motion.interpolator import Interpolator, Segment
+from zoo.mutant import Any_, MonkeyPatch, mutant, on, wrap
+
+REAL, VIRTUAL = 0x16, 0x1E
+
+
+def _word(steps: int, period: int) -> int:
+    return (steps & 0xFFFF) << 16 | period & 0xFFFF
+
+
+def _steps(n: int) -> int:
+    return (n >> 16) - (0x10000 if n >> 31 else 0)
+
+
+@mutant("MACS-CMD-16-01", traps=(15,))
+def a_segment_is_absolute(patch: MonkeyPatch) -> None:
+    """16h goes to the position DDDD."""
+
+    def act(go: Any_, axis: Axis, now: int, n: int) -> bool:
+        distance = _steps(n) - axis.counter_at(now)
+        return bool(go(_word(max(-0x7FFF, min(0x7FFF, distance)), n)))
+
+    on(patch, REAL, act)
+
+
+@mutant("MACS-CMD-16-01", "MACS-CMD-1E-01", traps=(25,))
+def segments_have_gaps(patch: MonkeyPatch) -> None:
+    """Between two segments the axis rests for 20 µs."""
+
+    def make(place: Any_) -> Any_:
+        def placing(one: Interpolator, now_ns: int, *rest: Any) -> None:
+            place(one, max(now_ns, one.end_ns + 20_000) if one._runs else now_ns, *rest)
+
+        return placing
+
+    wrap(patch, Interpolator, "_place", make)
+
+
+@mutant("MACS-CMD-16-01")
+def the_last_step_of_a_segment_is_missing(patch: MonkeyPatch) -> None:
+    """A segment stops one step short."""
+
+    def act(go: Any_, _: Axis, __: int, n: int) -> bool:
+        steps = _steps(n)
+        return bool(go(_word(steps - (steps > 1) + (steps < -1), n)))
+
+    on(patch, REAL, act)
+
+
+@mutant("MACS-CMD-16-03", traps=(26,))
+def segments_obey_the_speed_limit(patch: MonkeyPatch) -> None:
+    """A segment is not faster than 0Dh allows."""
+    on(
+        patch,
+        REAL,
+        lambda go, axis, now, n: go(
+            _word(_steps(n), max(n & 0xFFFF, axis.values["period"])) if n & 0xFFFF else n
+        ),
+    )
+
+
+@mutant("MACS-CMD-16-03", traps=(26,))
+def segments_are_ramped(patch: MonkeyPatch) -> None:
+    """With AA above 0 a segment is the slower for it."""
+    on(
+        patch,
+        REAL,
+        lambda go, axis, now, n: go(
+            _word(_steps(n), min(0xFFFF, (n & 0xFFFF) * 5 // 4)) if axis.values["ramp"] else n
+        ),
+    )
+
+
+def _depth(patch: MonkeyPatch, depth: int) -> None:
+    def make(init: Any_) -> Any_:
+        def initialising(one: Interpolator, **options: Any) -> None:
+            init(one, **{**options, "depth": depth})
+
+        return initialising
+
+    wrap(patch, Interpolator, "__init__", make)
+
+
+@mutant("MACS-CMD-16-02", traps=(24,))
+def the_fifo_has_one_stage(patch: MonkeyPatch) -> None:
+    """The third segment of a burst is refused."""
+    _depth(patch, 1)
+
+
+@mutant("MACS-CMD-16-02", traps=(24,))
+def the_fifo_has_four_stages(patch: MonkeyPatch) -> None:
+    """The fifth segment of a burst is accepted."""
+    _depth(patch, 4)
+
+
+@mutant("MACS-CMD-16-02")
+def a_full_fifo_swallows(patch: MonkeyPatch) -> None:
+    """A segment for which there is no room is accepted and lost."""
+    on(patch, REAL, lambda go, axis, now, n: bool(go()) or axis.drive.kind is State.IN)
+
+
+@mutant("MACS-CMD-16-02", traps=(18,))
+def a_refused_segment_is_stored_all_the_same(patch: MonkeyPatch) -> None:
+    """A segment for which there is no room is refused, and runs."""
+
+    def make(offer: Any_) -> Any_:
+        def offering(one: Interpolator, now_ns: int, segment: Segment, *rest: Any) -> bool:
+            accepted = bool(offer(one, now_ns, segment, *rest))
+            if not accepted and segment.steps:
+                one._place(now_ns, segment, ())
+            return accepted
+
+        return offering
+
+    wrap(patch, Interpolator, "offer", make)
+
+
+@mutant("MACS-CMD-1E-01", traps=(25,))
+def virtual_segments_are_one_period_longer(patch: MonkeyPatch) -> None:
+    """1Eh waits DDDD + 1 periods."""
+    on(patch, VIRTUAL, lambda go, axis, now, n: go(_word(abs(_steps(n)) + 1, n) if n >> 16 else n))
+
+
+@mutant("MACS-CMD-1E-01")
+def virtual_segments_move(patch: MonkeyPatch) -> None:
+    """1Eh is 16h, as its printed frame line has it."""
+    on(patch, VIRTUAL, lambda go, axis, now, n: axis.execute(now, REAL, n, now))
+
+
+@mutant("MACS-CMD-1E-01", "MACS-CMD-16-02")
+def virtual_segments_need_no_stage(patch: MonkeyPatch) -> None:
+    """1Eh is never refused."""
+
+    def make(offer: Any_) -> Any_:
+        def offering(one: Interpolator, now_ns: int, segment: Segment, *rest: Any) -> bool:
+            if not offer(one, now_ns, segment, *rest):
+                if not segment.virtual:
+                    return False
+                one._place(now_ns, segment, ())
+            return True
+
+        return offering
+
+    wrap(patch, Interpolator, "offer", make)
+
+
+@mutant("MACS-CMD-17-02", traps=(30,))
+def a_ramped_stop_cuts_what_is_stored(patch: MonkeyPatch) -> None:
+    """17h lets the segment in execution end and runs half of the one behind it."""
+
+    def act(go: Any_, axis: Axis, now: int, _: int) -> bool:
+        interpolator = axis.drive.interpolator
+        if axis.drive.kind is State.IN and interpolator.stored_at(now):
+            interpolator.drop_stored(now)
+            axis.drive.offer(now, Segment(15, 0x2000), now)
+        return bool(go())
+
+    on(patch, 0x17, act)
+
+
+@mutant("MACS-CMD-16-01")
+def an_empty_fifo_loses_a_step(patch: MonkeyPatch) -> None:
+    """The first segment after the FIFO ran empty starts with a step less."""
+
+    def act(go: Any_, axis: Axis, _: int, n: int) -> bool:
+        has_run = axis.drive.interpolator._end_ns > 0 and axis.drive.kind is None
+        steps = _steps(n)
+        return bool(go(_word(steps - 1, n) if has_run and steps > 1 else n))
+
+    on(patch, REAL, act)

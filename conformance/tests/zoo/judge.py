@@ -1,0 +1,83 @@
+"""The judge: the black-box suite in virtual time, check by check, until every claim is refuted."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from functools import cache
+from types import FrameType
+
+from axistwin_conformance.cli import make_options
+from axistwin_conformance.engine import Engine, Result
+from axistwin_conformance.events import Outcome
+from axistwin_conformance.registry import Check, find_family
+from axistwin_conformance.verdicts import Verdict
+from zoo.mutant import Mutant
+
+# The random sequences come last: they name nearly everything and cost more than all the others.
+LAST = "some_mixed_sequences_agree_with_the_model"
+NEVER = "many_mixed_sequences_agree_with_the_model"
+LIMIT_S = 10.0  # of one check; a twin that never comes to an end is not killed by that
+
+
+class Overrun(BaseException):
+    """A check took too long; no Exception, so that the engine does not take it for a crash."""
+
+
+@contextmanager
+def limited(seconds: float) -> Iterator[None]:
+    """Raise Overrun in this (the main) thread after so many seconds."""
+
+    def ring(number: int, frame: FrameType | None) -> None:
+        raise Overrun
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+@cache
+def checks_of(requirement: str, model: str = "mac23") -> tuple[Check, ...]:
+    """The checks that name a requirement, in the order in which they are tried."""
+    naming = [
+        check
+        for check in find_family(model).checks()
+        if requirement in check.requirements and check.name != NEVER
+    ]
+    # The more a check is about this requirement alone, the sooner it tells.
+    return tuple(sorted(naming, key=lambda check: (check.name == LAST, len(check.requirements))))
+
+
+def run(check: str, model: str = "mac23") -> Result:
+    """Judge the built-in twin, as this process has it now, by one check."""
+    return Engine(make_options(model=model, ids=(check,))).run(lambda event: None)
+
+
+def failed(result: Result) -> frozenset[str]:
+    """The requirements on which the checks of a run have failed, by their own judgement."""
+    return frozenset(
+        finding.requirement
+        for ran in result.checks
+        if ran.outcome is Outcome.DONE
+        for finding in ran.findings
+        if finding.verdict is Verdict.FAIL and finding.requirement in ran.check.requirements
+    )
+
+
+def kills(mutant: Mutant) -> Mapping[str, str]:
+    """Claimed requirement → the check that failed it; a claim that nobody refuted is missing."""
+    found: dict[str, str] = {}
+    with mutant.plant():
+        for claim in mutant.claims:
+            for check in checks_of(claim, mutant.model):
+                if claim in found:
+                    break
+                with suppress(Overrun), limited(LIMIT_S):
+                    fallen = failed(run(check.name, mutant.model)) & set(mutant.claims)
+                    found |= dict.fromkeys(fallen - found.keys(), check.name)
+    return found

@@ -1,0 +1,88 @@
+"""Faults in what is kept over power-off and a restart."""
+
+from __future__ import annotations
+
+from axistwin.devices.mac.axis import Axis
+from axistwin.devices.mac.parameters import Parameters
+from zoo.mutant import Any_, MonkeyPatch, mutant, wrap
+
+
+def _volatile(patch: MonkeyPatch, *names: str) -> None:
+    """Let these parameters be in use only, never stored."""
+
+    def make(store: Any_) -> Any_:
+        def storing(parameters: Parameters, name: str, value: int) -> None:
+            if name not in names:
+                store(parameters, name, value)
+
+        return storing
+
+    wrap(patch, Parameters, "store", make)
+
+
+@mutant("MACS-PERS-01")
+def the_ramp_is_not_stored(patch: MonkeyPatch) -> None:
+    """0Fh is forgotten over power-off."""
+    _volatile(patch, "ramp")
+
+
+@mutant("MACS-PERS-01")
+def the_period_is_not_stored(patch: MonkeyPatch) -> None:
+    """0Dh is forgotten over power-off."""
+    _volatile(patch, "period")
+
+
+@mutant("MACS-PERS-01")
+def the_stops_are_not_stored(patch: MonkeyPatch) -> None:
+    """09h and 0Ah are forgotten over power-off."""
+    _volatile(patch, "superior_stop", "inferior_stop")
+
+
+@mutant("MACS-PERS-02", traps=(38,))
+def one_mode_is_volatile(patch: MonkeyPatch) -> None:
+    """02h is forgotten over power-off, 03h and 1Ch are not."""
+    _volatile(patch, "standby")
+
+
+@mutant("MACS-Q-20-02", "MACS-PERS-01", traps=(34,))
+def the_position_is_lost_at_power_off(patch: MonkeyPatch) -> None:
+    """The counter starts from 0."""
+
+    def make(power_on: Any_) -> Any_:
+        def powering_on(axis: Axis, now: int) -> None:
+            power_on(axis, now)
+            axis.drive.counter.set(now, 0)
+
+        return powering_on
+
+    wrap(patch, Axis, "power_on", make)
+
+
+@mutant("MACS-PERS-03", "MACS-CMD-07-02", traps=(22,))
+def the_reference_enable_survives(patch: MonkeyPatch) -> None:
+    """07h is stored like the others."""
+
+    def make(shut_down: Any_) -> Any_:
+        def shutting_down(axis: Axis, now: int) -> None:
+            enabled = axis._reference_enabled
+            shut_down(axis, now)
+            axis._reference_enabled = enabled
+
+        return shutting_down
+
+    wrap(patch, Axis, "shut_down", make)
+
+
+@mutant("MACS-PERS-03", "MACS-CMD-00-01")
+def arm_and_preload_survive_a_restart(patch: MonkeyPatch) -> None:
+    """A preloaded motion is still there after 00h and after power-on."""
+
+    def make(shut_down: Any_) -> Any_:
+        def shutting_down(axis: Axis, now: int) -> None:
+            armed, preload = axis._armed, axis._preload
+            shut_down(axis, now)
+            axis._armed, axis._preload = armed, preload
+
+        return shutting_down
+
+    wrap(patch, Axis, "shut_down", make)
