@@ -1,7 +1,9 @@
 """The engine: runs a plan safely against a target and says what it means.
 
-    open → probe (identity) → sanity → round trip → checks, each followed by
-    [stop, put back] and sanity → sanity → stop, put back → close
+    open → probe (identity) → sanity → round trip → detection (of the readings) → checks, each
+    followed by [stop, put back] and sanity → sanity → stop, put back → close
+
+What detection must do destructively comes right before the first check of that class.
 
 Rules.
 
@@ -17,6 +19,7 @@ Rules.
 from __future__ import annotations
 
 import contextlib
+import itertools
 import signal
 import threading
 import time
@@ -28,11 +31,15 @@ from importlib import metadata
 
 from axistwin_conformance import events
 from axistwin_conformance.armed import load_armed
+from axistwin_conformance.budget import WriteBudget
+from axistwin_conformance.detection import detect, leave_out
 from axistwin_conformance.errors import CannotDo, RigError, TargetError, WrongDevice
 from axistwin_conformance.events import Listener, Outcome
 from axistwin_conformance.judgement import CheckResult, RequirementResult, conclude
 from axistwin_conformance.ledger import load_ledger
+from axistwin_conformance.noise import Attempt, Disturbed, Replays
 from axistwin_conformance.plan import Options, Plan, make_plan
+from axistwin_conformance.profile import Detection, Probe, deviations
 from axistwin_conformance.registry import Check
 from axistwin_conformance.session import Envelope, Run, Session, Stop
 from axistwin_conformance.targets import Target, open_target
@@ -56,6 +63,8 @@ class Result:
     requirements: tuple[RequirementResult, ...] = ()
     problems: list[str] = field(default_factory=list)
     readings: Mapping[str, str] = field(default_factory=dict)  # switch → the reading seen
+    detections: Mapping[str, Detection] = field(default_factory=dict)  # what the probes told
+    deviations: list[str] = field(default_factory=list)  # from the profile the user gave
     refusal: str = ""  # why the device was not judged at all: unreachable, or not the model
     is_interrupted: bool = False
     exit_status: int = 0
@@ -72,11 +81,12 @@ class Engine:
         self._opener = opener or self._open
         self._emit: Listener = lambda event: None
         self._blocked = ""
+        self._budget = WriteBudget(options.eeprom_budget)
         self._result = Result(options, self.plan())
 
     def plan(self) -> Plan:
         """Return what will run and what will not; raises UsageError for a word without a match."""
-        return make_plan(self.options, self.ledger, self.family.checks())
+        return make_plan(self.options, self.ledger, self.family.checks(), self.family.probes())
 
     def run(self, on_event: Listener) -> Result:
         """Run the plan.  Never raises for what the device, the port or a check does."""
@@ -84,8 +94,12 @@ class Engine:
         result = self._result
         started = time.monotonic()
         self._announce()
-        if result.plan.to_run:
+        if result.plan.to_run or self.options.is_only_detection:
             self._run_on_target()
+        if self.options.expected is not None:
+            result.deviations = deviations(self.options.expected, result.detections, self.ledger)
+        if self._budget.spent:
+            self._emit(events.Note(f"stored memory: {self._budget}"))
         conclude(result, self.ledger)
         self._tell_readings()
         armed = load_armed(self.family.ledger)
@@ -127,11 +141,18 @@ class Engine:
         """Emit what the device was seen to make of the manual's open questions."""
         for switch, reading in sorted(self._result.readings.items()):
             one = self.ledger.ambiguity_of(switch)
+            detection = self._result.detections.get(switch)
+            evidence = detection.evidence if detection and detection.reading else "seen by a check"
             self._emit(
                 events.ReadingSeen(
-                    switch, reading, one.default_of(switch), one.id, one.question, one.departs
+                    switch, reading, one.default_of(switch), one.id, one.question, one.departs,
+                    evidence,
                 )
-            )
+            )  # fmt: skip
+        for switch, detection in sorted(self._result.detections.items()):
+            if switch not in self._result.readings:
+                one = self.ledger.ambiguity_of(switch)
+                self._emit(events.ReadingUnknown(switch, one.id, one.question, detection.evidence))
 
     # The target's life.
 
@@ -144,6 +165,11 @@ class Engine:
         try:
             with self._opened(self.options.neighbours) as run:
                 self._identify(run)
+                for probe, reason in result.plan.unprobed:
+                    leave_out(run, probe, reason)
+                self._detect(run, is_destructive=False)
+                if self.options.is_only_detection:
+                    self._detect(run, is_destructive=True)
                 self._run_checks(run)
                 self._last_words(run)
         except WrongDevice as error:
@@ -174,7 +200,7 @@ class Engine:
         except RigError as error:
             target.close()
             raise TargetError(str(error)) from error
-        return Run(
+        run = Run(
             target=target,
             family=self.family,
             model=self.family.models[options.model],
@@ -186,13 +212,19 @@ class Engine:
             seed=options.seed,
             rig=rig,
         )
+        run.budget = self._budget
+        target.meter = lambda data: self._budget.note(self.family.writes(data))
+        if self.family.fence is not None and options.envelope.is_fenced:
+            target.fence = self.family.fence(run)
+        return run
 
     def _tell_question(self, is_open: bool, text: str) -> None:
         self._emit(events.RigQuestion(is_open, text))
 
     def _identify(self, run: Run) -> None:
         target, session = run.target, Session(run)
-        self._result.readings = run.readings  # what is learnt from here on, kept on any way out
+        # What is learnt from here on, kept on any way out.
+        self._result.readings, self._result.detections = run.readings, run.detections
         run.identity = self.family.probe(session)
         if not self.family.sanity(session):
             raise TargetError("it answered once and then no more")
@@ -205,9 +237,50 @@ class Engine:
             events.Identified(identity.summary, identity.values, trip.median_ns, trip.max_ns)
         )
 
+    # Detection.
+
+    def _detect(self, run: Run, *, is_destructive: bool) -> None:
+        """Ask the probes that are (not) destructive; those that need the module alone on its line
+        get a line of their own where that is possible (built-in twin)."""
+        mine = [
+            probe
+            for probe in self._result.plan.probes
+            if ("destructive" in probe.check.safety) is is_destructive
+        ]
+        for is_alone, row in itertools.groupby(mine, lambda one: "alone" in one.check.needs):
+            if is_alone and run.neighbours:
+                with self._opened(()) as other:
+                    self._inherit(other, run)
+                    self._ask(other, list(row))
+            else:
+                self._ask(run, list(row))
+
+    def _detect_late(self, run: Run) -> None:
+        """Ask the destructive probes amid the checks: what is lost there, ends no run."""
+        try:
+            self._detect(run, is_destructive=True)
+        except TargetError as error:
+            self._block(str(error))
+
+    def _ask(self, run: Run, probes: list[Probe]) -> None:
+        if run.memory is None and any(probe.check.danger > 0 for probe in probes):
+            run.memory = self.family.remember(Session(run))
+        detect(run, probes, self._guard, self._is_sane, self._trouble)
+        if run.memory is not None:
+            self._settle(run)
+
+    @staticmethod
+    def _inherit(other: Run, run: Run) -> None:
+        """Let a run on another line know, and tell, what is known on this one."""
+        other.identity, other.target.round_trip = run.identity, run.target.round_trip
+        other.quality = run.quality
+        other.readings, other.detections = run.readings, run.detections
+
     def _last_words(self, run: Run) -> None:
         if not self._blocked and not self._is_sane(run):
             self._trouble("the device did not answer the closing sanity exchange")
+        if run.quality.spoilt:
+            self._emit(events.Note(f"noise on the line: {run.quality}"))
 
     def _make_safe(self, run: Run) -> None:
         """Stop and put back on the way out, whichever it is, once anything but passive has run."""
@@ -224,7 +297,11 @@ class Engine:
 
     def _run_checks(self, run: Run) -> None:
         checks = self._result.plan.to_run
+        is_detected = False
         for number, check in enumerate(checks, 1):
+            if "destructive" in check.safety and not is_detected and not self._blocked:
+                is_detected = True
+                self._detect_late(run)
             self._emit(
                 events.CheckStarted(
                     number, len(checks), check.name, check.behaviour, check.requirements
@@ -246,7 +323,9 @@ class Engine:
             except TargetError as error:
                 self._block(f"the parameters to put back could not be read: {error}")
                 return self._blocked_result(check)
-        result = self._attempt(run, check)
+        if "destructive" in check.safety and run.quality.is_noisy and not run.target.is_lossless:
+            return self._left_out(check, f"too risky on a noisy line: {run.quality}")
+        result = self._believed_result(run, check)
         try:
             if check.danger > 0:
                 self._settle(run)
@@ -259,19 +338,41 @@ class Engine:
             return result
         if not is_sane:
             self._block(f"the device no longer answers after {check.name}")
-            result = result if run.target.is_virtual else result.withdrawn(self._blocked)
+            result = result if run.target.is_lossless else result.withdrawn(self._blocked)
         return result
 
     def _run_alone(self, run: Run, check: Check) -> CheckResult:
         """Run a check that needs the module alone on a line of its own (built-in twin only)."""
         with self._opened(()) as other:
-            other.identity, other.readings = run.identity, run.readings
-            other.target.round_trip = run.target.round_trip
+            self._inherit(other, run)
             return self._run_one(other, check)
 
-    def _attempt(self, run: Run, check: Check) -> CheckResult:
+    def _believed_result(self, run: Run, check: Check) -> CheckResult:
+        """Run a check, where noise is possible as often as its result needs to be believed."""
+        if run.target.is_lossless:
+            return self._attempt(run, check).result
+        known = dict(run.readings)
+
+        def attempt(is_strict: bool) -> Attempt:
+            run.readings.clear()
+            run.readings.update(known)
+            return self._attempt(run, check, is_strict=is_strict)
+
+        def tidy() -> bool:
+            try:
+                if check.danger > 0:
+                    self._settle(run)
+                return self._is_sane(run)
+            except TargetError:
+                return False  # found again, and told, when the check is over
+
+        return Replays(attempt, tidy, run.quality).settle()
+
+    def _attempt(self, run: Run, check: Check, *, is_strict: bool = False) -> Attempt:
         """Run the check's function; whatever it does becomes a result."""
         session = Session(run, check)
+        session.is_strict |= is_strict
+        known, disturbance = dict(run.readings), ""
         run.target.drain()
         run.target.mark(f"check {check.name}")
         run.target.gate = lambda data: self._guard(session, data)
@@ -285,6 +386,8 @@ class Engine:
             pass
         except CannotDo as error:
             outcome, trouble, verdict = Outcome.LEFT_OUT, str(error), Verdict.NOT_RUN
+        except Disturbed as error:
+            outcome, trouble, disturbance = Outcome.TROUBLE, f"spoilt: {error}", str(error)
         except (TargetError, RigError) as error:
             outcome, trouble = Outcome.TROUBLE, str(error)
         except Exception as error:  # rule 3: a mistake of the suite must not stop the run
@@ -295,20 +398,34 @@ class Engine:
             self._emit(motion)
         findings = session.conclude(trouble, verdict)
         seconds = time.monotonic() - started
-        return CheckResult(check, outcome, findings, tuple(session.retries), seconds, trouble)
+        result = CheckResult(check, outcome, findings, tuple(session.retries), seconds, trouble)
+        learnt = {
+            switch: reading
+            for switch, reading in run.readings.items()
+            if switch not in known
+            and reading != self.ledger.ambiguity_of(switch).default_of(switch)
+        }
+        return Attempt(
+            result, disturbance, learnt, session.is_strict, tuple(session.spoilt),
+            session.failed_after,
+        )  # fmt: skip
 
     def _guard(self, session: Session, data: bytes) -> None:
         reason = self.family.guard(session, data)
         assert reason is None, f"held back {data.hex(' ')}: {reason}"
+        self._budget.allow(self.family.writes(data))
 
     # Between checks.
 
     def _settle(self, run: Run) -> None:
         """Stop, then put back, also if stopping went wrong; raises TargetError for a lost port."""
         session = Session(run)
+        was_disturbed = run.rig is not None and run.rig.is_disturbed
         self._release_rig(run)
         try:
             self.family.stop(session)
+            if was_disturbed and run.target.fence is not None:
+                run.target.fence.forget()
         finally:
             for sentence in self.family.restore(session, run.memory):
                 self._trouble(f"not put back: {sentence}")
@@ -347,6 +464,10 @@ class Engine:
             for name in check.requirements
         )
         return CheckResult(check, Outcome.BLOCKED, findings, (), 0.0, self._blocked)
+
+    def _left_out(self, check: Check, reason: str) -> CheckResult:
+        findings = tuple(Finding(name, Verdict.NOT_RUN, reason) for name in check.requirements)
+        return CheckResult(check, Outcome.LEFT_OUT, findings, (), 0.0, reason)
 
     def _trouble(self, text: str) -> None:
         self._result.problems.append(text)

@@ -1,7 +1,7 @@
 """What a run tells while it goes: plain values, consumed by reporters and nobody else.
 
 Order: RunStarted, [Identified], (CheckStarted, MotionSampled*, CheckFinished)*, ReadingSeen*,
-RequirementJudged*, RunFinished; Note and RigQuestion anywhere between.
+ReadingUnknown*, RequirementJudged*, RunFinished; Note and RigQuestion anywhere between.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ class Note:
 @dataclass(frozen=True, slots=True)
 class ReadingSeen:
     """The reading of an ambiguity that the device follows; `departs`: requirements it goes against
-    if the reading is not the default."""
+    if the reading is not the default; `evidence`: what was done and came."""
 
     switch: str
     reading: str
@@ -116,6 +116,17 @@ class ReadingSeen:
     ambiguity: str
     question: str
     departs: tuple[str, ...]
+    evidence: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ReadingUnknown:
+    """An ambiguity of which nobody knows how the device reads it, and why."""
+
+    switch: str
+    ambiguity: str
+    question: str
+    reason: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,6 +177,7 @@ Event = (
     | Note
     | RigQuestion
     | ReadingSeen
+    | ReadingUnknown
     | RequirementJudged
     | RunFinished
 )

@@ -96,7 +96,7 @@ def conclude(result: Result, ledger: Ledger) -> None:
             judged.append(one)
     result.requirements = tuple(judged)
     result.exit_status = _exit_status(result)
-    result.sentence = _sentence(result)
+    result.sentence = _sentence(result, ledger)
 
 
 def _unstarted(result: Result) -> dict[Check, str]:
@@ -151,17 +151,31 @@ def _exit_status(result: Result) -> int:
     verdicts = [one.verdict for one in result.requirements]
     if result.refusal:
         return UNREACHABLE
-    if Verdict.FAIL in verdicts:
+    if Verdict.FAIL in verdicts or result.deviations:
         return FAILS
     if result.is_interrupted:
         return INTERRUPTED
     has_error = any(one.outcome is Outcome.ERROR for one in result.checks)
     if Verdict.INCONCLUSIVE in verdicts or result.problems or has_error:
         return UNSETTLED
+    if result.options.is_only_detection and result.readings:
+        return CONFORMS
     return CONFORMS if any(one.is_judgement for one in verdicts) else USAGE
 
 
-def _sentence(result: Result) -> str:
+def _profile_sentence(result: Result, ledger: Ledger) -> str:
+    """What detection alone found out."""
+    others = [
+        f"{switch}={reading}"
+        for switch, reading in sorted(result.readings.items())
+        if reading != ledger.ambiguity_of(switch).default_of(switch)
+    ]
+    unknown = sum(switch not in result.readings for switch in result.detections)
+    named = f"other than the default: {', '.join(others)}" if others else "all of them the default"
+    return f"{len(result.readings)} readings detected, {named}; {unknown} not known."
+
+
+def _sentence(result: Result, ledger: Ledger) -> str:
     """The closing sentence, fit to be quoted alone."""
     model, total = result.options.model, len(result.requirements)
     count = dict.fromkeys(Verdict, 0)
@@ -171,6 +185,8 @@ def _sentence(result: Result) -> str:
     scope = f"{judged} of {total} requirements judged"
     if result.refusal:
         return f"Not judged: {result.refusal}."
+    if result.deviations and not count[Verdict.FAIL]:
+        return f"The device is not what its profile says: {'; '.join(result.deviations)}."
     if result.exit_status == FAILS:
         return f"The device does not conform to {model}: {count[Verdict.FAIL]} failed, {scope}."
     if result.exit_status == INTERRUPTED:
@@ -179,6 +195,8 @@ def _sentence(result: Result) -> str:
         open_ends = count[Verdict.INCONCLUSIVE]
         why = f"{open_ends} stayed inconclusive" if open_ends else "; ".join(result.problems)
         return f"No verdict on {model}: nothing failed, but {why or 'a check crashed'}; {scope}."
+    if result.options.is_only_detection and result.exit_status == CONFORMS:
+        return _profile_sentence(result, ledger)
     if result.exit_status == USAGE:
         return "Nothing was judged: every check was left out (see the reasons above)."
     quirks = f", {count[Verdict.QUIRK]} of them with a quirk" if count[Verdict.QUIRK] else ""

@@ -76,6 +76,7 @@ class Ledger:
     name: str
     requirements: Mapping[str, Requirement]
     ambiguities: Mapping[str, Ambiguity]
+    configuration: frozenset[str] = frozenset()  # what a profile may hold and nobody judges
 
     def ambiguity_of(self, switch: str) -> Ambiguity:
         """Return the ambiguity a switch belongs to; raises ValueError for an unknown switch."""
@@ -105,7 +106,7 @@ def parse_ledger(name: str, text: str) -> Ledger:
         for departed in ambiguity.departs:
             if departed not in requirements:
                 raise ValueError(f"{ambiguity.id}: unknown requirement {departed}")
-    return Ledger(name, requirements, ambiguities)
+    return Ledger(name, requirements, ambiguities, frozenset(_words(data.get("configuration", []))))
 
 
 def _requirement(key: str, row: Mapping[str, object]) -> Requirement:

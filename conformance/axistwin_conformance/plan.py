@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import difflib
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from axistwin_conformance.errors import UsageError
 from axistwin_conformance.ledger import Ledger
-from axistwin_conformance.registry import LEVELS, NEEDS, RIG, Check, Family
+from axistwin_conformance.profile import Probe
+from axistwin_conformance.registry import LEVELS, NEEDS, RIG, SAFETY_CLASSES, Check, Family
 from axistwin_conformance.rig import CAPABILITIES, RigChoice
 from axistwin_conformance.session import Envelope
 from axistwin_conformance.targets import TWIN_SCHEME
@@ -23,7 +24,9 @@ class Options:
     """What the user asked for.
 
     `port`: a pyserial URL or device, None for the built-in twin.  `words`: requirement ids,
-    prefixes of them, or names of checks; none means everything.
+    prefixes of them, or names of checks; none means everything.  `is_detection`: ask for the
+    profile with all that is allowed; `is_only_detection`: and judge nothing else.  `expected`: the
+    readings of a profile file, None without one.
     """
 
     family: Family
@@ -37,7 +40,12 @@ class Options:
     level: str
     seed: int
     words: tuple[str, ...] = ()
+    eeprom_budget: int | None = None
     rig: RigChoice = field(default_factory=RigChoice)
+    is_detection: bool = False
+    is_only_detection: bool = False
+    expected: Mapping[str, str] | None = None
+    profile: str = ""  # the file they come from
 
     @property
     def is_builtin(self) -> bool:
@@ -82,33 +90,60 @@ class Options:
             words += ["--allow", ",".join(granted)] if granted else []
             words += ["--max-travel", str(self.envelope.max_travel)]
             words += ["--max-speed", str(self.envelope.max_speed)]
+            if self.eeprom_budget is not None:
+                words += ["--eeprom-budget", str(self.eeprom_budget)]
             words += [text for one in self.neighbours for text in ("--neighbour", str(one))]
         words += self.rig.words(is_default=self.url.startswith(TWIN_SCHEME))
         if self.address != self.family.default_address:
             words += ["--address", str(self.address)]
+        words += ["--profile", self.profile] if self.profile else []
         words += ["--level", self.level] if self.level != LEVELS[-1] else []
         return shlex.join([*words, "--seed", str(self.seed), *selected])
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What will be run, in order, what will not and why; and the requirements asked about."""
+    """What will be run, in order, what will not and why; and the requirements asked about.
+
+    `probes`: what the detection phase will ask; `unprobed`: what it will not, and why.
+    """
 
     requirements: tuple[str, ...]
     to_run: tuple[Check, ...]
     left_out: tuple[tuple[Check, str], ...]
+    probes: tuple[Probe, ...] = ()
+    unprobed: tuple[tuple[Probe, str], ...] = ()
 
 
-def make_plan(options: Options, ledger: Ledger, checks: Sequence[Check]) -> Plan:
+def make_plan(
+    options: Options, ledger: Ledger, checks: Sequence[Check], probes: Sequence[Probe] = ()
+) -> Plan:
     """Plan a run; raises UsageError for a word that selects nothing."""
     requirements, chosen = _select(options.words, ledger, checks)
+    if options.is_only_detection:
+        requirements, chosen = (), ()
     ordered = sorted(chosen, key=lambda check: check.danger)  # stable: the family's order stays
     reasons = [(check, _obstacle(check, options)) for check in ordered]
+    to_run = tuple(check for check, reason in reasons if not reason)
+    asked = [(probe, _obstacle_of_probe(probe, options, to_run)) for probe in probes]
     return Plan(
         requirements,
-        tuple(check for check, reason in reasons if not reason),
+        to_run,
         tuple((check, reason) for check, reason in reasons if reason),
+        tuple(probe for probe, reason in asked if not reason),
+        tuple((probe, reason) for probe, reason in asked if reason),
     )
+
+
+def _obstacle_of_probe(probe: Probe, options: Options, to_run: Sequence[Check]) -> str:
+    """Say why a switch is not asked for.  Unless the profile itself is wanted, detection does
+    nothing to the device that the checks to be run do not do as well."""
+    obstacle = _obstacle(probe.check, options)
+    if obstacle or options.is_detection:
+        return obstacle
+    done = {"passive"}.union(*(check.safety for check in to_run))
+    beyond = [name for name in SAFETY_CLASSES if name in probe.check.safety and name not in done]
+    return f"no check of this run is of class {', '.join(beyond)}" if beyond else ""
 
 
 def _obstacle(check: Check, options: Options) -> str:

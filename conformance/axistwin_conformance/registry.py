@@ -27,7 +27,9 @@ from axistwin_conformance.rig import CAPABILITIES
 from axistwin_conformance.transcript import Record
 
 if TYPE_CHECKING:
-    from axistwin_conformance.session import Session
+    from axistwin_conformance.profile import Probe
+    from axistwin_conformance.session import Run, Session
+    from axistwin_conformance.targets import Fence
 
 SAFETY_CLASSES = ("passive", "motion", "stored", "rig", "destructive")  # in the order they run
 LEVELS = ("quick", "full")
@@ -144,8 +146,12 @@ class Family:
     `explain(record)`: the bytes of a record in words.
     `twin_url(model, address, neighbours)`: the URL of the built-in twin.
     `bauds`: the rates its line can have; none named: any.
+    `fence(run)`: what keeps the axes inside the envelope, whatever is sent.
+    `writes(data)`: how many writes to nonvolatile memory these bytes ask for.
     `guard(session, data)`: why these bytes must not be sent to this device (outside the envelope,
         of a class the running check did not declare), or None.
+    `probe_modules`: the modules that hold its quirk probes; they run in the order of these modules
+        and of their text, so what later probes rest on comes first.
     """
 
     name: str
@@ -164,6 +170,21 @@ class Family:
     twin_url: Callable[[str, int, tuple[int, ...]], str]
     guard: Callable[[Session, bytes], str | None] = lambda session, data: None
     bauds: tuple[int, ...] = ()
+    fence: Callable[[Run], Fence] | None = None
+    writes: Callable[[bytes], int] = lambda data: 0
+    probe_modules: tuple[str, ...] = ()
+
+    def probes(self) -> tuple[Probe, ...]:
+        """Return the family's quirk probes, in the order in which they have to run.
+
+        Raises TypeError if two of them share a name.
+        """
+        found: dict[str, Probe] = {}
+        for name in self.probe_modules:
+            for probe in importlib.import_module(name).PROBES:
+                if found.setdefault(probe.check.name, probe) is not probe:
+                    raise TypeError(f"two probes are named {probe.check.name}; rename one")
+        return tuple(found.values())
 
     def checks(self) -> tuple[Check, ...]:
         """Return the family's checks, in the order of its modules and of their text.

@@ -13,9 +13,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
+from axistwin_conformance.budget import WriteBudget
 from axistwin_conformance.errors import TargetError
 from axistwin_conformance.events import MotionSampled
 from axistwin_conformance.ledger import Ledger
+from axistwin_conformance.noise import Disturbed, LineQuality
+from axistwin_conformance.profile import Detection
 from axistwin_conformance.registry import Check, Family, Identity, Model
 from axistwin_conformance.rig import Rig
 from axistwin_conformance.targets import Target
@@ -23,9 +26,11 @@ from axistwin_conformance.verdicts import Finding, Verdict
 
 REPLY_TIMEOUT_S = 0.5  # MACS-REPLY-16: no reply time is specified; the ledger sets this for suites
 # With one byte in 50 lost, an exchange of 42 bytes fails as often as not: 24 attempts leave 1 in
-# 1 000 000 unsettled, and 8 times the same bad reply (mostly: silence) is the device, not the line.
+# 1 000 000 unsettled.
 ATTEMPTS = 24
-ATTEMPTS_ALIKE = 8
+HUSH_S = 0.1  # how long a line must be quiet before a request is sent again
+DRAINED_BYTES = 4096
+MOST_HUSHES = 20  # a device that never stops talking is not waited for
 MOTIONS_KEPT = 8  # per check: the first ones and the last, which is the one that failed, if any did
 EXCERPT_RECORDS = 60  # of the transcript with a finding: enough for a sequence, still readable
 
@@ -33,7 +38,7 @@ Requirements = str | Sequence[str] | None
 
 
 class Stop(Exception):  # noqa: N818 - control flow of a check, not an error
-    """Ends a check whose findings are recorded already."""
+    """Ends a check whose findings are recorded already; its text is for whoever has no findings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +48,7 @@ class Envelope:
 
     max_travel: int
     max_speed: int
+    is_fenced: bool = True  # False: nobody holds back what asks for more (built-in twin)
 
 
 @dataclass(slots=True)
@@ -62,6 +68,9 @@ class Run:
     rig: Rig | None = None
     memory: Any = None  # what the family's `remember` read; None in a run that is passive only
     readings: dict[str, str] = field(default_factory=dict)  # switch → the reading seen in this run
+    detections: dict[str, Detection] = field(default_factory=dict)  # what the probes found out
+    budget: WriteBudget = field(default_factory=WriteBudget)
+    quality: LineQuality = field(default_factory=LineQuality)
 
 
 class Session:
@@ -75,9 +84,13 @@ class Session:
         self.random = random.Random(run.seed << 32 | zlib.crc32(name.encode()))
         self.findings: list[Finding] = []
         self.retries: list[str] = []
+        self.is_strict = run.target.is_lossless  # True: replies are handed on as they come
+        self.spoilt: list[str] = []  # what came wrong and was handed on all the same
+        self.failed_after = b""  # what was sent last before the first failure
         self.passed: dict[str, int] = {}
         self.motion_count = 0  # sampled so far, kept or not
         self._motions: dict[str, MotionSampled] = {}
+        self._named: set[tuple[str, str]] = set()  # requirement, switch: said already
         self._started_at = run.target.transcript.position
 
     @property
@@ -177,17 +190,40 @@ class Session:
         replies: list[bytes] = []
         for _ in range(ATTEMPTS):
             reply = self.transact(request, missing, timeout_s)
-            replies.append(reply)
-            # In virtual time there is no noise: what came is what the device said.
-            if is_good(reply) or self.target.is_virtual or _is_settled(replies):
+            if self.is_believed(replies, reply, is_good=is_good(reply)):
                 return reply
             self.record_retry(f"{request.hex(' ')} got {reply.hex(' ') or 'nothing'}")
         return self.inconclusive(None, f"{ATTEMPTS} attempts, differing replies: noise on the line")
 
+    def is_believed(self, bad: list[bytes], reply: bytes, *, is_good: bool) -> bool:
+        """True if the reply is the device's own: good, or bad too often for noise.
+
+        `bad`: the earlier bad replies to the same request; this one is added.  Without noise
+        (`is_strict`) every reply is the device's own.
+        """
+        quality = self.run.quality
+        if self.target.is_lossless:
+            return True
+        if not bad:  # a device that never answers right must not make the line look noisy
+            quality.note(is_spoilt=not is_good)
+        bad.append(reply)
+        if self.is_strict and not is_good:
+            self.spoilt.append(f"{self.target.last_sent.hex()}: {reply.hex()}")
+        return is_good or self.is_strict or quality.is_settled(bad)
+
+    def disturbed(self, text: str) -> NoReturn:
+        """Give the attempt up: what was spoilt must not be repeated; the check is replayed."""
+        self.target.mark(f"given up: {text}")
+        raise Disturbed(text)
+
     def record_retry(self, text: str) -> None:
-        """Record trouble on the way that was overcome by asking again."""
+        """Record trouble on the way that is overcome by asking again, once the line is quiet:
+        a reply that comes late must not be taken for the next one."""
         self.retries.append(text)
         self.target.mark(f"asked again: {text}")
+        for _ in range(MOST_HUSHES):
+            if not self.target.receive(DRAINED_BYTES, HUSH_S):
+                break
 
     # Judgements.
 
@@ -232,32 +268,57 @@ class Session:
             raise TargetError(f"expected {' or '.join(admissible)}, got {actual}")
         for name in names:
             self._record(name, Verdict.FAIL, text, admissible, str(actual))
-        raise Stop
+        raise Stop(f"expected {' or '.join(admissible)}, got {actual}")
 
     def info(self, requirement: Requirements, text: str) -> None:
         """Record a value that nobody prescribes; it is reported, not judged."""
         for name in self._names(requirement):
             self._record(name, Verdict.INFO, text)
 
-    def quirk(self, requirement: Requirements, name: str, reading: str) -> None:
-        """Record which admissible reading of ambiguity switch `name` the device follows.
+    def reading(self, switch: str) -> str:
+        """The reading of an ambiguity this device is held to: the detected one, or the default."""
+        default = self.run.ledger.ambiguity_of(switch).default_of(switch)
+        return self.run.readings.get(switch, default)
 
-        The default reading passes; another one is a quirk.  A device that shows two readings in
-        one run follows none: that fails.  Raises ValueError for a switch or reading the ledger
+    def quirk(self, requirement: Requirements, name: str, reading: str | Sequence[str]) -> None:
+        """Judge which admissible reading of ambiguity switch `name` the device follows here.
+
+        `reading`: the one seen, or all that explain what was seen.  It must be the one detected
+        at the beginning of the run, or, if none was, the first one a check saw: a device that
+        shows two readings follows none, and that fails.  Another reading than the default is named
+        as a quirk, once per requirement.  Raises ValueError for a switch or reading the ledger
         does not know (our mistake).
         """
         ambiguity = self.run.ledger.ambiguity_of(name)
-        ambiguity.check_reading(name, reading)
-        before = self.run.readings.setdefault(name, reading)
+        seen = (reading,) if isinstance(reading, str) else tuple(reading)
+        for one in seen:
+            ambiguity.check_reading(name, one)
+        held = self._held(name, seen)
         self.expect(
-            before == reading, requirement, f"{name}={before}, as seen earlier in this run",
-            f"{name}={reading}", f"{ambiguity.id}: one reading, held for the whole run",
+            bool(set(held) & set(seen)), requirement,
+            [f"{name}={one}, as seen earlier in this run" for one in held],
+            f"{name}={' or '.join(seen)}", f"{ambiguity.id}: one reading, held for the whole run",
         )  # fmt: skip
-        if reading != ambiguity.default_of(name):
-            departs = f", against {', '.join(ambiguity.departs)}" if ambiguity.departs else ""
-            text = f"{name}={reading} ({ambiguity.id}: {ambiguity.question}{departs})"
-            for one in self._names(requirement):
+        if ambiguity.default_of(name) in held:
+            return
+        departs = f", against {', '.join(ambiguity.departs)}" if ambiguity.departs else ""
+        text = f"{name}={' or '.join(held)} ({ambiguity.id}: {ambiguity.question}{departs})"
+        for one in self._names(requirement):
+            if (one, name) not in self._named:
+                self._named.add((one, name))
                 self._record(one, Verdict.QUIRK, text)
+
+    def _held(self, switch: str, seen: tuple[str, ...]) -> tuple[str, ...]:
+        """The readings the device may still follow; what is seen first is held from then on."""
+        known = self.run.readings.get(switch)
+        if known is not None:
+            return (known,)
+        detection = self.run.detections.get(switch)
+        left = tuple(detection.candidates) if detection else ()
+        fitting = tuple(one for one in left if one in seen) if left else seen
+        if len(fitting) == 1:
+            self.run.readings[switch] = fitting[0]
+        return fitting or left
 
     def inconclusive(self, requirement: Requirements, text: str) -> NoReturn:
         """Give up: what was seen neither proves nor refutes; the check ends."""
@@ -265,7 +326,7 @@ class Session:
             raise TargetError(text)
         for name in self._names(requirement):
             self._record(name, Verdict.INCONCLUSIVE, text)
-        raise Stop
+        raise Stop(text)
 
     def not_run(self, requirement: Requirements, reason: str) -> None:
         """Say that this part cannot be shown here and why; the check goes on."""
@@ -275,7 +336,7 @@ class Session:
     def skip(self, reason: str) -> NoReturn:
         """Say that nothing of this check can be shown here and why; the check ends."""
         self.not_run(None, reason)
-        raise Stop
+        raise Stop(reason)
 
     def note(self, text: str) -> None:
         """Write a line into the transcript, for the reader of a failure."""
@@ -355,11 +416,9 @@ class Session:
         actual: str | None = None,
     ) -> None:
         excerpt = self.target.transcript.since(self._started_at, EXCERPT_RECORDS)
+        if verdict is Verdict.FAIL and not self.failed_after:
+            self.failed_after = self.target.last_sent
         wanted = verdict in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.QUIRK)
         self.findings.append(
             Finding(requirement, verdict, text, expected, actual, excerpt if wanted else ())
         )
-
-
-def _is_settled(replies: Sequence[bytes]) -> bool:
-    return len(replies) >= ATTEMPTS_ALIKE and len(set(replies[-ATTEMPTS_ALIKE:])) == 1

@@ -8,18 +8,29 @@ the same arithmetic holds in virtual time, over a pty and over a real adapter.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.codec import Kind, Reply, Request
 from axistwin_conformance.mac_serial.forecast import Forecast, Segment, Timeline, Window
 from axistwin_conformance.mac_serial.motion import TICKS_PER_SECOND, Course, Law
-from axistwin_conformance.session import Session
+from axistwin_conformance.profile import Probe
+from axistwin_conformance.session import ATTEMPTS, Session
 
 BITS_PER_BYTE: Final = 10
 QUIET_S: Final = 0.05  # ten times any reply seen; silence is proven by the next exchange, not by it
-NACK_RETRIES: Final = 8
+SPELLINGS_ALIKE: Final = 3
+QUERIES: Final = range(0x20, 0x30)
+ANSWERED: Final = range(0x20, 0x2A)
+# What a module may be told twice and does the same, with the same reply: the queries, every setting
+# but the counter reset, the end of a motion and of powering (§4.2).  A second 13h is refused and a
+# second segment runs; both leave the check in doubt about the first.
+REPEATABLE: Final = frozenset(
+    {*QUERIES, 0x02, 0x03, 0x07, 0x09, 0x0A, 0x0C, 0x0D, 0x0E, 0x0F, 0x18, 0x19, 0x1A, 0x1C,
+     0x04, 0x05, 0x06, 0x12, 0x1D, 0x1F}
+)  # fmt: skip
+MAY_BE_SILENT: Final = frozenset({0x00, 0x01, 0x08, 0x1B})  # MACS-AMB-20, §6
 DEAF_S: Final = 2.0  # MACS-CMD-00-02
 DEAF_SURELY_S: Final = 1.5
 AWAKE_SURELY_S: Final = 2.5
@@ -84,13 +95,48 @@ class Bench:
         again: a module does nothing with a frame it Nacks (MACS-REPLY-04)."""
         data = frame if isinstance(frame, bytes) else frame.encode()
         exchange = self._once(data, timeout_s)
-        is_intact = isinstance(frame, Request) and frame.check is None
-        for _ in range(NACK_RETRIES):
-            if self.target.is_virtual or not is_intact or exchange.kind is not Kind.NACK:
+        if self.target.is_lossless or not isinstance(frame, Request) or not frame.is_well_formed:
+            return exchange
+        return self._undisturbed(data, int(frame.index, 16), exchange, timeout_s)
+
+    def _undisturbed(
+        self, data: bytes, index: int, exchange: Exchange, timeout_s: float | None
+    ) -> Exchange:
+        """Send again until noise is not the reason for the reply; only what may be sent twice."""
+        bad: list[bytes] = []
+        since_ns: int | None = None  # the first sending that may have been obeyed
+        for _ in range(ATTEMPTS):
+            if self._is_good(index, exchange.reply, may_be_silent=timeout_s is not None):
+                self.session.is_believed(bad, exchange.reply.raw, is_good=True)
                 break
-            self.session.record_retry(f"{codec.explain(data)}: Nack for an intact frame")
+            if self.session.is_believed(bad, exchange.reply.raw, is_good=False):
+                break
+            words = f"{codec.explain(data)}: {exchange.reply}"
+            if exchange.kind is not Kind.NACK:
+                if index not in REPEATABLE and self.session.check is not None:
+                    self.session.disturbed(words)
+                if index not in REPEATABLE:
+                    break
+                since_ns = exchange.taken.earliest_ns if since_ns is None else since_ns
+            self.session.record_retry(words)
             exchange = self._once(data, timeout_s)
-        return exchange
+        if since_ns is None or index in QUERIES:
+            return exchange
+        return replace(exchange, taken=Window(since_ns, exchange.taken.latest_ns))
+
+    def _is_good(self, index: int, reply: Reply, *, may_be_silent: bool) -> bool:
+        """True if a module could say that, as far as is known of this one."""
+        if reply.kind is Kind.SILENCE:
+            return may_be_silent or index in MAY_BE_SILENT
+        seen = self.session.readings
+        spelling, error = reply.xon_spelling, reply.xonerror_spelling
+        if spelling != seen.get("xon_byte", spelling) and spelling is not None:
+            return False
+        if error != seen.get("xonerror_byte", error) and error is not None:
+            return False
+        if index in ANSWERED:
+            return reply.kind is Kind.ANSWER
+        return reply.kind in (Kind.ACCEPTED, Kind.REFUSED, Kind.ANSWER)
 
     def _once(self, data: bytes, timeout_s: float | None) -> Exchange:
         self.target.drain()
@@ -115,12 +161,20 @@ class Bench:
         return Exchange(data, reply, Window(earliest, latest))
 
     def _note_spelling(self, reply: Reply) -> None:
-        """Remember how this device spells Xon and Xonerror; a check of its own judges it."""
-        readings = self.session.run.readings
-        if reply.xon_spelling is not None:
-            readings.setdefault("xon_byte", reply.xon_spelling)
-        if reply.xonerror_spelling is not None:
-            readings.setdefault("xonerror_byte", reply.xonerror_spelling)
+        """Remember how this device spells Xon and Xonerror; a check of its own judges it.  Noise
+        can turn one spelling into the other, so there it takes some that agree."""
+        for switch, seen in (
+            ("xon_byte", reply.xon_spelling),
+            ("xonerror_byte", reply.xonerror_spelling),
+        ):
+            if seen is None or switch in self.session.readings:
+                continue
+            if not self.target.is_lossless:
+                votes = self.session.run.quality.votes
+                votes[switch, seen] += 1
+                if votes[switch, seen] < SPELLINGS_ALIKE:
+                    continue
+            self.session.run.readings.setdefault(switch, seen)
 
     def frame(
         self, index: int, parameter: int = 0, sub_index: int = 0, address: int | None = None
@@ -134,14 +188,8 @@ class Bench:
         return self.send(self.frame(index, parameter, sub_index))
 
     def ask(self, index: int, sub_index: int = 0) -> Exchange:
-        """Send a query; repeated on a line that is not exact until an answer comes."""
-        exchange = self.command(index, 0, sub_index)
-        for _ in range(NACK_RETRIES):
-            if self.target.is_virtual or exchange.kind in (Kind.ANSWER, Kind.REFUSED):
-                break
-            self.session.record_retry(f"query {index:02X}h: {exchange.reply}")
-            exchange = self.command(index, 0, sub_index)
-        return exchange
+        """Send a query."""
+        return self.command(index, 0, sub_index)
 
     def value(self, index: int, sub_index: int = 0) -> int:
         """The 32-bit number a query answers; no answer fails the check."""
@@ -221,16 +269,26 @@ class Bench:
         exchange = self.ask(0x20)
         self.must(Kind.ANSWER, exchange, requirement)
 
-    def reading(self, switch: str, outcome: int | str, requirement: Part = None) -> None:
-        """Judge an ambiguity: `outcome` is the number of the reading seen, 0 the default, or a
-        sentence about what came if it is none of them."""
-        ambiguity = self.session.run.ledger.ambiguity_of(switch)
-        readings = ambiguity.switches[switch]
-        if isinstance(outcome, int):
-            self.session.quirk(requirement, switch, readings[outcome])
-            self.session.expect(True, requirement, readings, readings[outcome])
-        else:
+    def reading(
+        self, switch: str, outcome: int | tuple[int, ...] | str, requirement: Part = None
+    ) -> None:
+        """Judge an ambiguity: `outcome` is the number of the reading seen, 0 the default, or the
+        numbers of those that explain what was seen, or a sentence about what came if none does."""
+        readings = self.session.run.ledger.ambiguity_of(switch).switches[switch]
+        if isinstance(outcome, str):
             self.session.fail(requirement, [f"{switch}={one}" for one in readings], outcome)
+        numbers = (outcome,) if isinstance(outcome, int) else outcome
+        self.session.quirk(requirement, switch, [readings[number] for number in numbers])
+        self.session.expect(True, requirement, readings, "one of them")
+
+    def again(self, probe: Probe, requirement: Part = None) -> None:
+        """Ask a probe's question again and judge that the device reads it as it did."""
+        seen = probe.look(self.session)
+        if not seen.readings:
+            readings = self.session.run.ledger.ambiguity_of(probe.switch).switches[probe.switch]
+            self.session.fail(requirement, readings, seen.evidence)
+        self.session.quirk(requirement, probe.switch, seen.readings)
+        self.session.expect(True, requirement, seen.readings, "one of them")
 
     def known(self, switch: str, look: Callable[[Bench], int | str] | None = None) -> int:
         """The number of the reading this device follows, as far as known, asking by `look` if it
@@ -281,7 +339,30 @@ class Bench:
             ramp=seen.get("ramp_law", "equal_time"),
             change=seen.get("vel_change_law", "ramp_length"),
             stop=seen.get("stop_ramp_law", "climbed"),
+            triangle=seen.get("triangle_law", "mirror"),
         )
+
+    @property
+    def frame_ns(self) -> int:
+        """The time a request takes on the line."""
+        return codec.REQUEST_BYTES * self.byte_ns
+
+    def may(self, safety: str) -> bool:
+        """True if the running check, or probe, has declared that it does such things."""
+        check = self.session.check
+        return check is not None and safety in check.safety
+
+    def wait_awake(self) -> None:
+        """Wait until the module surely listens after a restart, as long as this one is deaf."""
+        deaf = self.session.reading("boot_time_ms")
+        known_s = int(deaf) / 1000 if deaf.isdigit() else DEAF_S
+        self.wait(known_s + AWAKE_SURELY_S - DEAF_S)
+
+    def reinitialise(self) -> Exchange:
+        """Send 00h and wait until the module surely listens again."""
+        exchange = self.send(self.frame(0x00), QUIET_S)
+        self.wait_awake()
+        return exchange
 
     @property
     def fastest(self) -> int:
@@ -294,8 +375,6 @@ class Bench:
         No sync, no stops, nominal torque (an axis in standby may swing by one increment, so exact
         places could not be judged), tolerance 0, the given period and ramp.
         """
-        self.known("abort_flush", abort_flush)
-        self.known("preload_policy", preload_policy)
         self.at_rest()
         self.period, self.coefficient = max(period, self.fastest), coefficient
         speeds, modes = self.value(0x25), self.value(0x26)
@@ -331,8 +410,7 @@ class Bench:
         """End motion and synchronous mode, whatever the device's reading of either."""
         reply = self.command(0x18)
         if self.known("abort_flush"):
-            for _ in range(FIFO_STAGES):  # on this device 18h ends one segment at a time
-                self.command(0x18)
+            self.command(0x1A)  # what 18h leaves in the FIFO and preloaded, goes with the power
         if reply.kind is Kind.REFUSED or self.known("preload_policy"):
             # A preloaded motion survives 18h on this device: let it start, and stop it.
             self.command(0x11)
@@ -341,6 +419,19 @@ class Bench:
     def room(self) -> int:
         """Increments a check may use up in one direction: half of the envelope."""
         return self.session.envelope.max_travel // 2
+
+    def fits(self, *targets: int) -> bool:
+        """True if these counters lie in the envelope, or nobody enforces one."""
+        home, envelope = self.home or 0, self.session.envelope
+        inside = all(abs(target - home) <= envelope.max_travel for target in targets)
+        return inside or not envelope.is_fenced
+
+    def gentle(self, period: int, seconds: float) -> int:
+        """The period, or a slower one with which the axis stays inside for so long."""
+        if not self.session.envelope.is_fenced:
+            return max(period, self.fastest)
+        room = max(1, self.session.envelope.max_travel // 2)
+        return max(period, self.fastest, round(seconds * TICKS_PER_SECOND / room) + 1)
 
     def go(self, target: int) -> Forecast:
         """Send 13h to a target in the envelope; it must be accepted.  Give what to expect."""
@@ -511,35 +602,3 @@ def velocity(direction: int, period: int) -> int:
 def segment(steps: int, period: int) -> int:
     """The parameter of 16h and 1Eh: DDDD and VVVV."""
     return (steps & 0xFFFF) << 16 | period
-
-
-def abort_flush(bench: Bench) -> int | str:
-    """MACS-AMB-51: whether 18h drops the segments that wait in the FIFO."""
-    for _ in range(FIFO_STAGES):
-        bench.command(0x18)
-    for _ in range(2):
-        bench.command(0x16, segment(10, 0x1000))
-    bench.command(0x18)
-    place = bench.position()
-    bench.wait(PRELOAD_SHOWS_S)
-    flushed = bench.position() == place
-    for _ in range(FIFO_STAGES):
-        bench.command(0x18)
-    return 0 if flushed else 1
-
-
-def preload_policy(bench: Bench) -> int | str:
-    """MACS-AMB-36: whether a second motion is refused, and whether 18h leaves a preloaded one."""
-    bench.command(0x18)
-    start = bench.position()
-    bench.command(0x10)
-    bench.command(0x13, start + 1000)
-    second = bench.command(0x15, velocity(1, 0x2000))  # never locked, as 13h may be
-    bench.command(0x18)
-    bench.command(0x11)
-    bench.wait(PRELOAD_SHOWS_S)
-    bench.command(0x18)
-    moved = bench.position() != start
-    if second.kind is Kind.REFUSED:
-        return 1
-    return 2 if moved else 0

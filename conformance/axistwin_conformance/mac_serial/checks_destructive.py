@@ -3,82 +3,61 @@ module alone on the line, and is put back at once (CMD-01, CMD-08, CMD-1B)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
 
 from axistwin_conformance.mac_serial.bench import AWAKE_SURELY_S, DEAF_SURELY_S, QUIET_S, Bench
-from axistwin_conformance.mac_serial.checks_parameters import param_range_policy
-from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS, Kind
+from axistwin_conformance.mac_serial.codec import Kind
+from axistwin_conformance.mac_serial.probes_destructive import (
+    DESTRUCTIVE,
+    FACTORY_BAUD,
+    RATES,
+    address_put_back,
+    answers,
+    other_address,
+    program_address,
+    set_rate,
+)
 from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
-DESTRUCTIVE: Final = ("motion", "stored", "destructive")
-FACTORY_BAUD: Final = 38400
-RATES: Final = {0x01: 9600, 0x02: 19200, 0x03: 38400}
+OTHER_RATE: Final = 0x02  # of 1Bh: not the factory's
 NEW_ADDRESSES: Final = (0x2A, 0x7F, 0x01)
 
 # §5.10; only the address, the rate and the tolerance are the manual's, the rest is the ledger's.
 FACTORY_ANSWERS: Final = {0x22: 0x3FFFFFFF, 0x23: 0xC0000000, 0x25: 0x05000320, 0x26: 0x0A601000}
 
 
-def _program_address(bench: Bench, new: int, to: int = GENERAL_ADDRESS) -> Kind:
-    """Send 08h; a module that is not 00 may obey without a word (§6)."""
-    return bench.send(bench.frame(0x08, new, address=to), QUIET_S * 2).kind
-
-
-def _answers(bench: Bench, address: int) -> bool:
-    exchange = bench.send(bench.frame(0x20, address=address), QUIET_S * 2)
-    return exchange.kind is Kind.ANSWER and exchange.reply.address == address
-
-
-@contextmanager
-def _address_put_back(bench: Bench) -> Iterator[None]:
-    own = bench.address
-    try:
-        yield
-    finally:
-        bench.wait(QUIET_S)
-        if bench.known("addr_effective") == 1 and _answers(bench, own):
-            _program_address(bench, own)  # or the next restart brings the other address
-        elif not _answers(bench, own):
-            _program_address(bench, own)
-            bench.send(bench.frame(0x00, address=own), QUIET_S)  # if it takes a restart
-            bench.send(bench.frame(0x00, address=bench.address), QUIET_S)
-            bench.wait(AWAKE_SURELY_S)
-        bench.address = own
-
-
 @check("MACS-CMD-08-01", "MACS-CMD-08-02", safety=DESTRUCTIVE, needs=("alone",))
 def the_address_can_be_programmed(session: Session) -> None:
     """08h to FF gives the only module a new address, from the next frame on, and for good."""
     bench = Bench(session)
-    with _address_put_back(bench):
+    with address_put_back(bench):
         for new in NEW_ADDRESSES:
             old = bench.address
             if new == old:
                 continue
-            kind = _program_address(bench, new)
+            kind = program_address(bench, new)
             session.expect(
                 kind in (Kind.ACCEPTED, Kind.SILENCE), "MACS-CMD-08-01",
                 ["accepted", "silence"], kind.value,
             )  # fmt: skip
-            if not _answers(bench, new):
+            if not answers(bench, new):
                 bench.send(bench.frame(0x00), QUIET_S)
                 bench.wait(AWAKE_SURELY_S)
-                bench.reading(
-                    "addr_effective", 1 if _answers(bench, new) else "never", "MACS-CMD-08-02"
-                )
+                outcome: int | str = 1 if answers(bench, new) else "never"
+                bench.reading("addr_effective", outcome, ("MACS-CMD-08-01", "MACS-CMD-08-02"))
             else:
                 bench.reading("addr_effective", 0, "MACS-CMD-08-02")
             bench.address = new
             session.expect(
-                not _answers(bench, old), "MACS-CMD-08-01", f"silence at {old:02X}", "an answer"
+                not answers(bench, old), "MACS-CMD-08-01", f"silence at {old:02X}", "an answer"
             )
         bench.command(0x00)
         bench.wait(AWAKE_SURELY_S)
         session.expect(
-            _answers(bench, bench.address), "MACS-CMD-08-02",
+            answers(bench, bench.address), "MACS-CMD-08-02",
             f"still at {bench.address:02X} after 00h", "silence",
         )  # fmt: skip
 
@@ -88,20 +67,20 @@ def addresses_from_80_up_are_refused(session: Session) -> None:
     """08h with 80h..FFh is refused and the address kept, or only its low bits count."""
     bench = Bench(session)
     for new in (0x80, 0xAA, 0xFE, 0xFF):
-        with _address_put_back(bench):
-            kind = _program_address(bench, new)
+        with address_put_back(bench):
+            kind = program_address(bench, new)
             outcome: int | str = f"{kind.value} to address {new:02X}"
-            if _answers(bench, bench.address):
+            if answers(bench, bench.address):
                 if kind in (Kind.REFUSED, Kind.SILENCE):
                     outcome = 0
                 elif new & 0x7F == bench.address or bench.known("addr_effective") == 1:
                     outcome = 1
-            elif _answers(bench, new & 0x7F):
+            elif answers(bench, new & 0x7F):
                 outcome = 1
             bench.reading("addr_range", outcome, "MACS-CMD-08-03")
-    with _address_put_back(bench):
-        kind = _program_address(bench, 0x11, to=bench.address)
-        is_obeyed = _answers(bench, 0x11)
+    with address_put_back(bench):
+        kind = program_address(bench, 0x11, to=bench.address)
+        is_obeyed = answers(bench, 0x11)
         outcome = {(Kind.ACCEPTED, True): 0, (Kind.REFUSED, False): 1}.get(
             (kind, is_obeyed), f"{kind.value} to 08h at its own address"
         )
@@ -118,9 +97,9 @@ def the_rate_can_be_programmed(session: Session) -> None:
     bench = Bench(session)
     for value in (0x00, 0x04, 0xFF):
         kind = bench.command(0x1B, value).kind
-        policy = bench.known("param_range_policy", param_range_policy)
+        policy = bench.known("param_range_policy")
         if kind is not Kind.REFUSED:
-            _set_rate(bench, bench.target.baud, FACTORY_BAUD)
+            set_rate(bench, bench.target.baud, FACTORY_BAUD)
             bench.reading("param_range_policy", max(1, policy), "MACS-CMD-XX-02")
         # Masked, a value may still be none of the three, and then is refused all the same.
         session.expect(True, "MACS-CMD-XX-02", "", "")
@@ -130,7 +109,7 @@ def the_rate_can_be_programmed(session: Session) -> None:
             _judge_rate(bench, value)
     finally:
         if session.target.baud != own:
-            _set_rate(bench, session.target.baud, own)
+            set_rate(bench, session.target.baud, own)
     bench.alive("MACS-LINE-01")
 
 
@@ -161,16 +140,6 @@ def _judge_rate(bench: Bench, value: int) -> None:
         bench.wait(QUIET_S)
 
 
-def _set_rate(bench: Bench, now: int, wanted: int) -> None:
-    """Bring module and host to a rate, whatever rate the module talks."""
-    value = next(one for one, rate in RATES.items() if rate == wanted)
-    for rate in (now, *RATES.values()):
-        bench.target.baud = rate
-        bench.send(bench.frame(0x1B, value), QUIET_S * 2)
-        bench.wait(AWAKE_SURELY_S)
-    bench.target.baud = wanted
-
-
 @check("MACS-CMD-01-01", "MACS-CMD-01-02", "MACS-CMD-01-03", "MACS-CMD-1C-01",
        safety=DESTRUCTIVE, needs=("alone",))  # fmt: skip
 def a_factory_reset_brings_the_factory_values(session: Session) -> None:
@@ -183,22 +152,55 @@ def a_factory_reset_brings_the_factory_values(session: Session) -> None:
     ):  # fmt: skip
         bench.command(index, parameter)
     changed = {index: bench.value(index) for index in FACTORY_ANSWERS}
-    with _address_put_back(bench):
+    with address_put_back(bench), _other_address_and_rate(bench):
         exchange = bench.send(bench.frame(0x01), QUIET_S * 2)
         session.expect(
             exchange.kind in (Kind.ACCEPTED, Kind.SILENCE), "MACS-CMD-01-01",
             ["accepted", "silence"], exchange.kind.value,
         )  # fmt: skip
-        bench.address = 0
+        bench.address, session.target.baud = 0, FACTORY_BAUD
         is_deaf = bench.send(bench.frame(0x20), QUIET_S).kind is Kind.SILENCE
-        bench.wait(AWAKE_SURELY_S)
-        session.target.baud = FACTORY_BAUD
+        bench.wait(DEAF_SURELY_S - QUIET_S * 5)
+        if is_deaf:  # deaf at all is deaf as long as after 00h
+            late = bench.send(bench.frame(0x20), QUIET_S)
+            bench.must(Kind.SILENCE, late, "MACS-CMD-01-03")
+        bench.wait(AWAKE_SURELY_S - DEAF_SURELY_S + QUIET_S * 5)
         bench.alive("MACS-CMD-01-02")
         bench.reading("factory_reset_scope", int(not is_deaf), "MACS-CMD-01-03")
         _judge_factory_values(bench, changed)
         _judge_again(bench)
         kept = bench.position()
         session.expect(kept == place, "MACS-CMD-01-01", f"position {place} kept", kept)
+
+
+@contextmanager
+def _other_address_and_rate(bench: Bench) -> Iterator[None]:
+    """Give the module another address and rate, so that 01h has something to undo, as far as it
+    takes them; should it not undo them, they are put back."""
+    own, new, own_baud = bench.address, other_address(bench), bench.target.baud
+    program_address(bench, new)
+    if not bench.target.description.startswith("socket:"):  # that carries bytes, not a rate
+        bench.address = new if answers(bench, new) else own
+        bench.send(bench.frame(0x1B, OTHER_RATE), QUIET_S * 2)
+        bench.wait_awake()
+    _find(bench, (new, own), (RATES[OTHER_RATE], own_baud))
+    try:
+        yield
+    finally:
+        if not answers(bench, bench.address):
+            _find(bench, (new, 0, own), (RATES[OTHER_RATE], own_baud))
+            set_rate(bench, bench.target.baud, own_baud)
+            program_address(bench, own)
+
+
+def _find(bench: Bench, addresses: Sequence[int], rates: Sequence[int]) -> None:
+    """Talk to the module as it answers; as at the end of the lists if it does not."""
+    for rate in rates:
+        bench.target.baud = rate
+        for address in addresses:
+            bench.address = address
+            if answers(bench, address):
+                return
 
 
 def _judge_again(bench: Bench) -> None:

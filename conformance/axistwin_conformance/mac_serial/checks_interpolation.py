@@ -4,71 +4,32 @@ from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance.mac_serial.bench import SLOWEST, Bench, Exchange, segment
-from axistwin_conformance.mac_serial.checks_motion import MOVES
+from axistwin_conformance.mac_serial.bench import SLOWEST, Bench, segment
 from axistwin_conformance.mac_serial.codec import Kind
 from axistwin_conformance.mac_serial.forecast import Segment
+from axistwin_conformance.mac_serial.probes import MOVES
+from axistwin_conformance.mac_serial.probes_sync import (
+    WAIT_STEPS,
+    back,
+    fifo_counts_executing,
+    fifo_underrun,
+    interp_during_profile,
+    put,
+    segment_signed,
+    stop17_in_interp,
+)
 from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
 SETTLE_NS: Final = 2_000_000  # of a time that two exchanges straddle
-WAIT_STEPS: Final = 0x20  # of a virtual segment at the slowest period: 262 ms
-
-
-def put(bench: Bench, one: Segment) -> Exchange:
-    """Send a segment, real or virtual."""
-    return bench.command(0x16 if one.moves else 0x1E, segment(one.steps, one.period))
-
-
-def fifo_depth(bench: Bench) -> int | str:
-    """MACS-AMB-37: whether the executing segment takes one of the three stages."""
-    bench.at_rest()
-    kinds = [put(bench, Segment(WAIT_STEPS, SLOWEST, moves=False)).kind for _ in range(5)]
-    bench.at_rest()
-    depths: dict[tuple[Kind, ...], int] = {
-        (Kind.ACCEPTED,) * 4 + (Kind.REFUSED,): 0,
-        (Kind.ACCEPTED,) * 3 + (Kind.REFUSED,) * 2: 1,
-    }
-    return depths.get(tuple(kinds), ", ".join(kind.value for kind in kinds))
-
-
-def segment_sign(bench: Bench) -> int | str:
-    """MACS-AMB-38: FFFFh steps are one step back, or a long way forward."""
-    start = bench.ready(SLOWEST)
-    put(bench, Segment(0xFFFF, 0x1000))
-    bench.wait(0.05)
-    bench.command(0x18)
-    moved = bench.position() - start
-    return 0 if moved == -1 else 1 if moved > 10 else f"{moved:+d} increments"
-
-
-def underrun(bench: Bench) -> int | str:
-    """MACS-AMB-40: what the axis does when the FIFO runs empty; AA = 1 lets a ramp show."""
-    start = bench.ready(coefficient=1)
-    exchange = put(bench, Segment(30, 0x2000))
-    end = bench.to_segments(exchange, start, Segment(30, 0x2000)).end
-    assert end is not None
-    bench.wait_until(end.latest_ns + 300_000_000)
-    moved = bench.position() - start
-    again = put(bench, Segment(1, 0x2000)).kind
-    bench.at_rest()
-    if moved == 30 and again is Kind.ACCEPTED:
-        return 0
-    return 1 if again is Kind.ACCEPTED and moved > 30 else 2
 
 
 def plain(session: Session) -> Bench:
     """A bench for a device whose segments end as the ledger takes them to; skips for others."""
     bench = Bench(session)
-    if bench.known("fifo_underrun", underrun):
+    if bench.known("fifo_underrun"):
         session.skip("this device does something else than halt when the FIFO runs empty")
-    bench.known("segment_signed", segment_sign)
     return bench
-
-
-def back(bench: Bench, steps: int) -> int:
-    """So many steps backward, where segments can go backward."""
-    return steps if bench.known("segment_signed") else -steps
 
 
 @check("MACS-CMD-16-02", safety=MOVES)
@@ -76,14 +37,13 @@ def the_fifo_has_three_stages(session: Session) -> None:
     """Of five long segments in a burst the first three are accepted and the fifth is refused."""
     bench = Bench(session)
     bench.ready()
-    bench.reading("fifo_counts_executing", fifo_depth(bench), "MACS-CMD-16-02")
+    bench.again(fifo_counts_executing)
 
 
 @check("MACS-CMD-16-02", "MACS-CMD-1E-01", "MACS-REPLY-05", safety=MOVES)
 def a_refused_segment_is_accepted_when_a_stage_frees(session: Session) -> None:
     """A full FIFO refuses until the interpolator takes the next segment, then accepts one."""
     bench = plain(session)
-    bench.known("fifo_counts_executing", fifo_depth)
     start = bench.ready()
     one = Segment(WAIT_STEPS, SLOWEST)
     first = bench.must(Kind.ACCEPTED, put(bench, one))
@@ -131,10 +91,9 @@ def segments_run_at_their_own_constant_speed(session: Session) -> None:
 def segment_steps_are_signed(session: Session) -> None:
     """DDDD is a signed number of steps: FFFFh is one back and 8000h goes backward; or unsigned."""
     bench = Bench(session)
-    outcome = segment_sign(bench)
-    bench.reading("segment_signed", outcome, ("MACS-CMD-16-01", "MACS-FRAME-05"))
-    if outcome == 0:
-        start = bench.ready()
+    bench.again(segment_signed, ("MACS-CMD-16-01", "MACS-FRAME-05"))
+    start = bench.ready()
+    if not bench.known("segment_signed") and bench.fits(start - 0x8000):
         exchange = bench.must(Kind.ACCEPTED, put(bench, Segment(-0x8000, 0x1000)))
         forecast = bench.to_segments(exchange, start, Segment(-0x8000, 0x1000))
         bench.wait(0.1)
@@ -195,10 +154,9 @@ def when_the_fifo_runs_empty_the_axis_rests(session: Session) -> None:
     bench = Bench(session)
     start = bench.ready()
     one = Segment(30, 0x2000)
-    outcome = underrun(bench)
-    bench.reading("fifo_underrun", outcome, "MACS-CMD-16-01")
+    bench.again(fifo_underrun, "MACS-CMD-16-01")
     start = bench.position()
-    for _ in range(0 if outcome else 3):
+    for _ in range(0 if bench.known("fifo_underrun") else 3):
         exchange = bench.must(Kind.ACCEPTED, put(bench, one))
         forecast = bench.to_segments(exchange, start, one)
         place = bench.watch(forecast, "MACS-CMD-16-01", samples=2)
@@ -233,28 +191,11 @@ def segments_of_zero_period_or_zero_steps(session: Session) -> None:
     session.expect(bench.position() == start, "MACS-CMD-16-01", start, bench.position())
 
 
-def learn_stop_in_segments(bench: Bench) -> int | str:
-    """MACS-AMB-32: what 17h does while segments run."""
-    start = bench.ready(0x1000, 1)
-    row = [Segment(30, 0x2000), Segment(30, 0x2000)]
-    exchanges = [bench.must(Kind.ACCEPTED, put(bench, one)) for one in row]
-    end = bench.to_segments(exchanges[0], start, *row).end
-    stop = bench.command(0x17)
-    assert end is not None
-    bench.wait_until(end.latest_ns + 50_000_000)
-    moved = bench.position() - start
-    if moved == 60 and stop.kind in (Kind.ACCEPTED, Kind.REFUSED):
-        return 0 if stop.kind is Kind.ACCEPTED else 1
-    if stop.kind is Kind.ACCEPTED:
-        return 2 if moved == 30 else 3
-    return f"{stop.kind.value}, {moved} of 60 increments"
-
-
 @check("MACS-CMD-17-02", safety=MOVES)
 def a_ramped_stop_does_not_interrupt_segments(session: Session) -> None:
     """17h during segments: they run to their end.  Other readings are named quirks."""
     bench = plain(session)
-    bench.reading("stop17_in_interp", learn_stop_in_segments(bench))
+    bench.again(stop17_in_interp)
 
 
 @check("MACS-CMD-18-03", "MACS-CMD-18-01", safety=MOVES, level="full")
@@ -280,25 +221,8 @@ def a_hard_stop_empties_the_fifo(session: Session) -> None:
     )
 
 
-def learn_segments_in_profile(bench: Bench) -> int | str:
-    """MACS-AMB-31: what 16h does during 13h."""
-    start = bench.ready(0x2000)
-    exchange = bench.accepted(0x13, start + 100)
-    one = Segment(back(bench, 40), 0x1000)
-    second = put(bench, one)
-    end = bench.to_position(exchange, start, start + 100).end
-    assert end is not None
-    if second.kind is Kind.REFUSED:
-        return 1
-    bench.wait_until(end.latest_ns + one.duration_ns + 50_000_000)
-    moved, total = bench.position() - start, 100 + one.steps
-    if second.kind is Kind.ACCEPTED and moved <= total:
-        return 0 if moved == total else 2
-    return f"{second.kind.value}, {moved:+d} increments"
-
-
 @check("MACS-CMD-16-02", safety=MOVES, level="full")
 def segments_sent_during_a_move(session: Session) -> None:
     """16h during 13h is stored and runs when the axis rests, or is refused, or takes over."""
     bench = plain(session)
-    bench.reading("interp_during_profile", learn_segments_in_profile(bench))
+    bench.again(interp_during_profile)

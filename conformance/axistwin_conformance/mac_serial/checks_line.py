@@ -16,9 +16,9 @@ from axistwin_conformance.mac_serial.bench import (
     segment,
     velocity,
 )
-from axistwin_conformance.mac_serial.checks_motion import MOVES
 from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS, Kind
 from axistwin_conformance.mac_serial.forecast import Segment
+from axistwin_conformance.mac_serial.probes import MOVES
 from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 

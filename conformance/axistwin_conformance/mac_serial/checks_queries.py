@@ -7,13 +7,17 @@ from typing import Final
 from axistwin_conformance.mac_serial.bench import SLOWEST, Bench
 from axistwin_conformance.mac_serial.codec import Kind
 from axistwin_conformance.mac_serial.family import PLAUSIBLE_CELSIUS, facts_of
+from axistwin_conformance.mac_serial.probes import (
+    IMAX_ADDRESS,
+    MEASURES_RESERVED,
+    STATUS_RESERVED,
+    imax_value,
+    mem_wrap,
+)
 from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
-IMAX_ADDRESS: Final = 0xAF  # MACS-Q-28-01
 PLAUSIBLE_VOLTS: Final = (5.0, 150.0)
-STATUS_RESERVED: Final = 0x80F0FF7F  # bits of dd ff gg hh without a meaning (§5.9)
-MEASURES_RESERVED: Final = 0x0000D79F  # bits of cc dd without a meaning
 STOPPED_ON: Final = 0x000F0000
 FAULTS: Final = 0x7F000000
 STATUS_READS: Final = 20
@@ -57,8 +61,9 @@ def _judge_reserved(bench: Bench, bits: int, what: str) -> None:
     """Reserved bits may hold anything (MACS-AMB-59); that they do is worth knowing."""
     bench.session.expect(True, "MACS-Q-XX-03", "any value", bits)
     if bits:
-        bench.session.quirk("MACS-Q-XX-03", "reserved_bits", "1")
         bench.session.note(f"reserved bits set: {what}")
+        held = bench.session.reading("reserved_bits")
+        bench.session.quirk("MACS-Q-XX-03", "reserved_bits", "1" if held == "0" else held)
 
 
 @check("MACS-Q-24-01")
@@ -76,13 +81,16 @@ def ram_is_read_from_the_sub_index_upward(session: Session) -> None:
     """28h gives four bytes from address ss: windows that overlap agree; AFh holds Imax."""
     bench = Bench(session)
     _windows_agree(bench, 0x28)
+    seen = mem_wrap.look(session)
+    if seen.readings:  # zeros on both sides of the end tell nothing
+        session.quirk(None, "mem_wrap", seen.readings)
     imax = bench.data_bytes(0x28, IMAX_ADDRESS)[0]
     expected = facts_of(session).imax
     if expected is None:
         session.info(None, f"Imax {imax:02X}h")
         session.expect(imax > 0, None, "an Imax above 0", imax)
         return
-    session.quirk(None, "imax_value", f"{imax:02X}h")
+    bench.again(imax_value)
     session.expect(imax > 0, None, "an Imax above 0", imax)
 
 
@@ -107,11 +115,6 @@ def _windows_agree(bench: Bench, index: int) -> None:
                 f"{index:02X}h {first + shift:02X} to begin with {bytes(low[shift:]).hex()}",
                 bytes(high).hex(),
             )
-    top, bottom = bench.data_bytes(index, 0xFE), bench.data_bytes(index, 0x00)
-    if top[2:] == bottom[:2] and any(bottom[:2]):
-        bench.session.quirk(None, "mem_wrap", "wrap")
-    elif top[2:] != bottom[:2]:
-        bench.session.quirk(None, "mem_wrap", "other" if any(top[2:]) else "zero")
 
 
 @check("MACS-Q-20-01", "MACS-FRAME-05", "MACS-CMD-13-01", safety=("motion", "stored"), level="full")

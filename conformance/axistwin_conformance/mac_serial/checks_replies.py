@@ -11,12 +11,14 @@ from typing import Final
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.bench import QUIET_S, SLOWEST, Bench, velocity
 from axistwin_conformance.mac_serial.codec import Kind
+from axistwin_conformance.mac_serial.probes import nack_readings, rx_during_xoff
 from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
 LISTEN_S: Final = 60.0  # the ledger's minute; on a real line the waits of all other checks add up
 LISTEN_REAL_S: Final = 0.3
 ACKNOWLEDGED_WITHIN_S: Final = 0.5
+LONG: Final = 100  # increments at the slowest speed: longer than that
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,13 +132,7 @@ def a_wrong_checksum_for_somebody_else_is_not_nacked(session: Session) -> None:
     bench = Bench(session)
     taken = {session.address, *session.neighbours}
     other = next(address for address in (0x55, 0x2A, 0x15) if address not in taken)
-    frame = bench.frame(0x20, address=other).with_wrong_checksum()
-    kind = bench.send(frame, QUIET_S).kind
-    outcome: int | str = f"{kind.value} to a wrong checksum for address {other:02X}"
-    if kind is Kind.SILENCE:
-        outcome = 0
-    elif kind is Kind.NACK:
-        outcome = 1 if 0 in taken and not session.neighbours else 2
+    outcome = nack_readings(bench, other)
     bench.reading("nack_scope", outcome, "MACS-REPLY-02")
     bench.alive("MACS-FRAME-07")
 
@@ -155,7 +151,9 @@ def refusals_change_nothing(session: Session) -> None:
     spelled = refusal.reply.xonerror_spelling
     assert spelled is not None
     session.quirk("MACS-REPLY-03", "xonerror_byte", spelled)
-    lock = bench.command(0x0D, 0x0123)
+    bench.wait(0.1)
+    bench.follow(forecast, ("MACS-REPLY-05", "MACS-CMD-13-02"), bench.allowance(SLOWEST))
+    lock = bench.command(0x0D, 0x2123)
     if lock.kind is Kind.ACCEPTED:
         bench.reading("motion_lock_set", 1, "MACS-CMD-0D-02")
         bench.at_rest()
@@ -199,12 +197,12 @@ def nothing_is_said_that_was_not_asked(session: Session) -> None:
     bench = Bench(session)
     start = bench.ready(SLOWEST)
     sent_ns = session.target.now_ns
-    exchange = bench.accepted(0x13, start + 30, requirement=("MACS-REPLY-14", "MACS-CMD-13-01"))
+    exchange = bench.accepted(0x13, start + LONG, requirement=("MACS-REPLY-14", "MACS-CMD-13-01"))
     took_s = (session.target.now_ns - sent_ns) / 1e9
     session.expect(
         took_s < ACKNOWLEDGED_WITHIN_S, "MACS-REPLY-14", "06 13 1A at once", f"{took_s:.3f} s"
     )
-    end = bench.to_position(exchange, start, start + 30).end
+    end = bench.to_position(exchange, start, start + LONG).end
     assert end is not None
     listen_s = LISTEN_S if session.target.is_virtual else LISTEN_REAL_S
     extra = session.target.receive(1, (end.latest_ns - session.target.now_ns) / 1e9 + listen_s)
@@ -229,7 +227,10 @@ def frames_for_another_module_do_nothing(session: Session) -> None:
     before = [bench.value(index) for index in (0x20, 0x25, 0x26)]
     taken = {session.address, *session.neighbours}
     other = next(address for address in (0x33, 0x4C, 0x5A) if address not in taken)
-    for index, parameter in ((0x13, start + 300), (0x0D, 0x0456), (0x0F, 0x21), (0x0B, 0)):
+    cases = [(0x0D, 0x1456), (0x0F, 0x21), (0x0B, 0)]
+    if not session.envelope.is_fenced:  # or a module that nobody has named might be there and move
+        cases.insert(0, (0x13, start + 300))
+    for index, parameter in cases:
         exchange = bench.send(bench.frame(index, parameter, address=other), QUIET_S)
         bench.must(Kind.SILENCE, exchange)
     after = [bench.value(index) for index in (0x20, 0x25, 0x26)]
@@ -241,17 +242,8 @@ def what_comes_during_a_reply_is_kept_or_lost(session: Session) -> None:
     """A second query sent on top of the first one's answer is answered too, or lost; no harm."""
     bench = Bench(session)
     if not session.target.is_virtual:
-        session.skip("needs exact timing: only virtual time puts a byte inside a reply")
-    frame = bench.frame(0x20).encode()
-    session.target.drain()
-    session.target.send(frame)
-    session.target.wait((len(frame) + 8) * bench.byte_ns / 1e9)
-    session.target.send(frame)
-    heard = session.target.receive(2 * codec.ANSWER_BYTES + 1, QUIET_S)
-    replies = heard.count(bytes([codec.ACK, codec.XOFF, codec.STX]))
-    session.info("MACS-REPLY-15", f"{replies} of 2 overlapping queries answered")
-    if replies >= 1:
-        session.quirk("MACS-REPLY-15", "rx_during_xoff", "kept" if replies == 2 else "lost")
+        session.skip("needs exact timing: only virtual time puts a byte between Etx and a reply")
+    bench.again(rx_during_xoff)
     bench.alive()
 
 

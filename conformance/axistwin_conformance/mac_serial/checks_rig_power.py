@@ -12,11 +12,6 @@ from axistwin_conformance.mac_serial.bench import (
     QUIET_S,
     segment,
 )
-from axistwin_conformance.mac_serial.checks_destructive import (
-    DESTRUCTIVE,
-    FACTORY_BAUD,
-    RATES,
-)
 from axistwin_conformance.mac_serial.checks_rig_faults import (
     MICRO_CUT,
     NO_THRESHOLDS,
@@ -25,6 +20,7 @@ from axistwin_conformance.mac_serial.checks_rig_faults import (
 )
 from axistwin_conformance.mac_serial.checks_rig_inputs import judge_no_edge
 from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS, Kind
+from axistwin_conformance.mac_serial.probes_destructive import DESTRUCTIVE, FACTORY_BAUD, RATES
 from axistwin_conformance.mac_serial.rig_bench import OVER_VOLTAGE, WORKED, RigBench
 from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
@@ -119,7 +115,8 @@ def modes_outlive_the_supply_or_all_do_not(session: Session) -> None:
     bench.reading("persist_modes", outcome)
 
 
-@check("MACS-PERS-03", "MACS-CMD-07-02", safety=WORKED, needs=("rig:power", "rig:reference"))
+@check("MACS-PERS-03", "MACS-CMD-07-02", "MACS-REF-01",
+       safety=WORKED, needs=("rig:power", "rig:reference"))  # fmt: skip
 def the_reference_is_disabled_at_power_up(session: Session) -> None:
     """07h 1 is forgotten without the supply: no edge zeroes afterwards."""
     bench = RigBench(session)

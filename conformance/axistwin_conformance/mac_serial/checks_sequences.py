@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
@@ -12,28 +12,9 @@ from hypothesis import strategies as st
 from hypothesis.errors import FlakyFailure
 
 from axistwin_conformance.mac_serial.bench import Bench
-from axistwin_conformance.mac_serial.checks_interpolation import (
-    fifo_depth,
-    learn_segments_in_profile,
-    learn_stop_in_segments,
-    segment_sign,
-    underrun,
-)
-from axistwin_conformance.mac_serial.checks_motion import (
-    MOVES,
-    learn_ramp_law,
-    learn_stop_law,
-    learnt,
-)
-from axistwin_conformance.mac_serial.checks_parameters import param_range_policy
-from axistwin_conformance.mac_serial.checks_velocity import (
-    learn_change_law,
-    learn_direction,
-    learn_reversal,
-    learn_takeover,
-)
 from axistwin_conformance.mac_serial.forecast import Forecast
 from axistwin_conformance.mac_serial.model import AxisModel
+from axistwin_conformance.mac_serial.probes import MOVES
 from axistwin_conformance.mac_serial.sequences import (
     BLAME,
     BLAME_MODE,
@@ -52,23 +33,6 @@ EXAMPLES: Final = {"quick": 25, "full": 300}
 REAL_EXAMPLES: Final = {"quick": 1, "full": 10}
 REAL_OPERATIONS: Final = 30
 SEQUENCE_ATTEMPTS: Final = 4  # further ones, on a noisy line
-
-# What the model must know of the device before it can judge, and how to find out.  Readings that
-# other checks have seen in this run are known as well.
-LOOKS: Final[Mapping[str, Callable[[Bench], int | str]]] = {
-    "ramp_law": learn_ramp_law,
-    "stop_ramp_law": learn_stop_law,
-    "vel_f6_direction": learn_direction,
-    "vel_change_law": learn_change_law,
-    "vel_reverse_cmd": learn_reversal,
-    "vel_during_position": learn_takeover,
-    "segment_signed": segment_sign,
-    "fifo_underrun": underrun,
-    "fifo_counts_executing": fifo_depth,
-    "interp_during_profile": learn_segments_in_profile,
-    "stop17_in_interp": learn_stop_in_segments,
-    "param_range_policy": param_range_policy,
-}
 
 JUDGED: Final = tuple(
     dict.fromkeys(
@@ -91,9 +55,7 @@ def many_mixed_sequences_agree_with_the_model(session: Session) -> None:
 
 
 def _play(session: Session, level: str) -> None:
-    bench = learnt(session)
-    for switch, look in LOOKS.items():
-        bench.known(switch, look)
+    bench = Bench(session)
     home = bench.ready()
     try:
         if session.target.is_lossless:

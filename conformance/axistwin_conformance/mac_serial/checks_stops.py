@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from axistwin_conformance.mac_serial.bench import AWAKE_SURELY_S, Bench, segment, velocity
-from axistwin_conformance.mac_serial.checks_motion import MOVES
 from axistwin_conformance.mac_serial.codec import Kind
+from axistwin_conformance.mac_serial.probes import MOVES
 from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
@@ -96,6 +96,7 @@ def the_stop_bit_stays_until_the_next_motion(session: Session) -> None:
     _judge_bits(bench, side, "superior")
     bench.accepted(0x18)
     before = bench.stopped_on()
+    session.expect(before != 0, "MACS-Q-21-01", "the bit still there after 21h and 18h", "ff 00")
     bench.accepted(0x03, 0)
     live = bench.stopped_on() != before
     bench.accepted(0x13, start)
@@ -236,9 +237,9 @@ def software_stops_watch_the_counter(session: Session) -> None:
     if abs(start) > bench.room():
         session.skip("the counter's origin could not be put back: it is outside the envelope")
     bench.finish(bench.go(start + 15))
-    bench.accepted(0x0B)
     bench.accepted(0x09, 30)
     bench.accepted(0x0A, -FAR)
+    bench.accepted(0x0B)
     bench.accepted(0x03, 8)
     bench.accepted(0x13, 90)
     place = _rest(bench)

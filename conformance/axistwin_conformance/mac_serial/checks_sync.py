@@ -5,33 +5,31 @@ from __future__ import annotations
 from axistwin_conformance.mac_serial.bench import (
     SLOWEST,
     Bench,
-    preload_policy,
     segment,
     velocity,
 )
-from axistwin_conformance.mac_serial.checks_motion import MOVES, learnt
 from axistwin_conformance.mac_serial.codec import Kind
+from axistwin_conformance.mac_serial.probes import MOVES
+from axistwin_conformance.mac_serial.probes_motion import preload_policy
+from axistwin_conformance.mac_serial.probes_sync import (
+    armed_zero_velocity,
+    is_held,
+    sync_during_interp,
+)
 from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
-
-HELD_S = 0.15
-
-
-def _is_held(bench: Bench, place: int) -> bool:
-    bench.wait(HELD_S)
-    return bench.position() == place
 
 
 @check("MACS-CMD-10-01", "MACS-CMD-11-01", "MACS-STATE-01", safety=MOVES)
 def a_preloaded_move_waits_for_11h(session: Session) -> None:
     """After 10h, 13h is acknowledged and nothing moves or locks; 11h starts it, on time."""
-    bench = learnt(session)
+    bench = Bench(session)
     for distance in (120, -75):
         start = bench.ready(0x1000, 1)
         bench.accepted(0x10, requirement="MACS-CMD-10-01")
         bench.accepted(0x13, start + distance, requirement="MACS-CMD-10-01")
         session.expect(
-            _is_held(bench, start), "MACS-CMD-10-01", f"at {start} until 11h", bench.position()
+            is_held(bench, start), "MACS-CMD-10-01", f"at {start} until 11h", bench.position()
         )
         session.expect(not bench.is_busy(), "MACS-STATE-01", "not busy", "busy")
         lock = bench.command(0x0F, 1).kind
@@ -43,12 +41,12 @@ def a_preloaded_move_waits_for_11h(session: Session) -> None:
 @check("MACS-CMD-10-01", "MACS-CMD-11-01", "MACS-CMD-14-01", safety=MOVES, level="full")
 def velocity_and_14h_can_be_preloaded_too(session: Session) -> None:
     """15h and 14h after 10h wait for 11h just so."""
-    bench = learnt(session)
+    bench = Bench(session)
     start = bench.ready(0x1000, 1)
     bench.accepted(0x10)
     bench.accepted(0x15, velocity(-1, 0x1800))
     session.expect(
-        _is_held(bench, start), "MACS-CMD-10-01", f"at {start} until 11h", bench.position()
+        is_held(bench, start), "MACS-CMD-10-01", f"at {start} until 11h", bench.position()
     )
     exchange = bench.accepted(0x11)
     forecast = bench.to_velocity(exchange, start, -1, 0x1800)
@@ -62,7 +60,7 @@ def velocity_and_14h_can_be_preloaded_too(session: Session) -> None:
     bench.accepted(0x10)
     bench.accepted(0x14, requirement="MACS-CMD-14-01")
     session.expect(
-        _is_held(bench, start), "MACS-CMD-10-01", f"at {start} until 11h", bench.position()
+        is_held(bench, start), "MACS-CMD-10-01", f"at {start} until 11h", bench.position()
     )
     exchange = bench.accepted(0x11)
     bench.watch(bench.to_position(exchange, start, 0), ("MACS-CMD-14-01", "MACS-CMD-11-01"))
@@ -79,7 +77,7 @@ def arming_concerns_one_motion(session: Session) -> None:
     exchange = bench.accepted(0x11)
     place = bench.finish(bench.to_position(exchange, start, start + 30))
     bench.reading("sync_without_preload", _without_preload(bench), "MACS-CMD-11-02")
-    session.expect(_is_held(bench, place), "MACS-CMD-11-02", f"at {place}", bench.position())
+    session.expect(is_held(bench, place), "MACS-CMD-11-02", f"at {place}", bench.position())
     bench.finish(bench.go(start), "MACS-CMD-10-02")
 
 
@@ -100,7 +98,7 @@ def without_a_preloaded_motion_11h_moves_nothing(session: Session) -> None:
             if index == 0x11:
                 outcome = {Kind.ACCEPTED: 0, Kind.REFUSED: 1}.get(reply.kind, str(reply))
                 bench.reading("sync_without_preload", outcome, "MACS-CMD-11-02")
-        held = _is_held(bench, start + 20)
+        held = is_held(bench, start + 20)
         session.expect(
             held, ("MACS-CMD-11-02", "MACS-CMD-11-01"), f"at {start + 20}", bench.position()
         )
@@ -118,7 +116,7 @@ def segments_are_not_held_by_10h(session: Session) -> None:
     place = bench.position()
     session.expect(place == start + 25, "MACS-CMD-10-03", start + 25, place)
     bench.accepted(0x13, start)
-    outcome = 0 if _is_held(bench, place) else 1
+    outcome = 0 if is_held(bench, place) else 1
     bench.reading("sync_arm_lifetime", outcome, "MACS-CMD-10-01")
     bench.command(0x11)
     bench.wait(0.1)
@@ -152,7 +150,7 @@ def stops_and_power_off_drop_a_preloaded_motion(session: Session) -> None:
     """17h, 18h and 1Ah drop preload and arm, or are refused, or leave them: one and the same."""
     bench = Bench(session)
     bench.ready(0x1000)
-    bench.reading("preload_policy", preload_policy(bench), "MACS-CMD-18-03")
+    bench.again(preload_policy, ("MACS-CMD-18-03", "MACS-CMD-10-02"))
     for index in (0x17, 0x18, 0x1A):
         start = bench.ready(0x1000)
         bench.accepted(0x10)
@@ -173,20 +171,7 @@ def stops_and_power_off_drop_a_preloaded_motion(session: Session) -> None:
 @check("MACS-CMD-15-04", "MACS-CMD-10-01", safety=MOVES, level="full")
 def velocity_0_while_armed_at_rest(session: Session) -> None:
     """10h, then 15h with 0000, then 13h: whether 13h is held tells what became of the arm."""
-    bench = Bench(session)
-    start = bench.ready(0x1000)
-    bench.accepted(0x10)
-    zero = bench.command(0x15, 0).kind
-    bench.accepted(0x13, start + 30)
-    held = _is_held(bench, start)
-    outcome: int | str = zero.value
-    if zero is Kind.REFUSED:
-        outcome = 2
-    elif zero is Kind.ACCEPTED:
-        outcome = 0 if held else 1
-    bench.reading("armed_zero_velocity", outcome, ("MACS-CMD-15-04", "MACS-CMD-10-01"))
-    bench.command(0x11)
-    bench.wait(0.1)
+    Bench(session).again(armed_zero_velocity, ("MACS-CMD-15-04", "MACS-CMD-10-01"))
 
 
 @check("MACS-CMD-11-01", "MACS-CMD-10-03", safety=MOVES, level="full")
@@ -195,22 +180,7 @@ def a_preloaded_move_started_during_segments(session: Session) -> None:
     bench = Bench(session)
     if bench.known("sync_arm_lifetime"):
         session.skip("segments disarm this device: nothing is left to start")
-    start = bench.ready(0x4000)
-    bench.accepted(0x10)
-    bench.accepted(0x13, start - 100)
-    for _ in range(2):
-        bench.accepted(0x16, segment(20, 0x4000), requirement="MACS-CMD-10-03")
-    # The segments take 82 ms; a move that does not wait for them turns back before their end.
-    sync = bench.command(0x11)
-    places = [one.position - start for one in bench.sampled(0.6, 36)]
-    outcome: int | str = f"{sync.kind.value}, places {places}"
-    if places[-1] == -100 and max(places) >= 30:
-        outcome = 0
-    elif places[-1] == -100:
-        outcome = 1
-    elif places[-1] == 40:
-        outcome = 2
-    bench.reading("sync_during_interp", outcome, "MACS-CMD-11-01")
+    bench.again(sync_during_interp, ("MACS-CMD-11-01", "MACS-CMD-10-03"))
 
 
 @check("MACS-CMD-10-01", safety=MOVES, level="full")
@@ -222,7 +192,7 @@ def arming_in_motion_concerns_the_next_motion(session: Session) -> None:
     bench.accepted(0x10)
     place = bench.watch(forecast, samples=2)
     bench.accepted(0x13, start)
-    held = _is_held(bench, place)
+    held = is_held(bench, place)
     bench.reading("sync_arm_lifetime", 0 if held else 1)
     if held:
         exchange = bench.accepted(0x11)

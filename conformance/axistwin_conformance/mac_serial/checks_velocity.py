@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Final
 
 from axistwin_conformance.mac_serial.bench import SLOWEST, Bench, velocity
-from axistwin_conformance.mac_serial.checks_motion import MOVES, learnt
 from axistwin_conformance.mac_serial.codec import Kind
 from axistwin_conformance.mac_serial.motion import TICK_NS, TICKS_PER_SECOND
+from axistwin_conformance.mac_serial.probes import MOVES
+from axistwin_conformance.mac_serial.probes_motion import (
+    vel_change_law,
+    vel_f6_direction,
+    vel_reverse_cmd,
+)
 from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
@@ -20,7 +24,7 @@ def f6_turns_counter_clockwise(session: Session) -> None:
     """15h with SS = F6h counts down, with any other SS up."""
     bench = Bench(session)
     bench.ready(0x2000)
-    bench.reading("vel_f6_direction", learn_direction(bench))
+    bench.again(vel_f6_direction)
     edges = (0x00, 0x01, 0x06, 0x7F, 0x80, 0xF5, 0xF7, 0xFF)
     for selector in range(0x100) if session.target.is_virtual else edges:
         if selector == F6:
@@ -28,12 +32,6 @@ def f6_turns_counter_clockwise(session: Session) -> None:
         moved = _moved(bench, selector << 16 | 0x2000)
         session.expect(moved > 0, None, f"SS {selector:02X}h counts up", f"{moved:+d}")
         bench.come_home()
-
-
-def learn_direction(bench: Bench) -> int | str:
-    """MACS-AMB-07: which way F6h turns."""
-    moved = _moved(bench, F6 << 16 | 0x2000)
-    return 0 if moved < 0 else 1 if moved > 0 else "no motion at all"
 
 
 def _moved(bench: Bench, parameter: int, seconds: float = 0.02) -> int:
@@ -48,11 +46,10 @@ def _moved(bench: Bench, parameter: int, seconds: float = 0.02) -> int:
 @check("MACS-CMD-15-01", "MACS-CMD-15-05", safety=MOVES)
 def velocity_climbs_and_cruises_on_time(session: Session) -> None:
     """From rest 15h climbs the ramp built from its own period, then holds it; 0Dh stays."""
-    bench = learnt(session)
-    bench.known("vel_f6_direction", learn_direction)
+    bench = Bench(session)
     for direction, period, coefficient in ((1, 0x1000, 1), (-1, 0x0640, 2), (1, 0x4000, 0)):
         bench.ready(0x0777, coefficient)
-        period = max(period, bench.fastest)
+        period = bench.gentle(period, 0.4)
         forecast = bench.turn(direction, period)
         for _ in range(6 if session.target.is_virtual else 3):
             bench.wait(0.06)
@@ -63,29 +60,11 @@ def velocity_climbs_and_cruises_on_time(session: Session) -> None:
         bench.at_rest()
 
 
-def learn_reversal(bench: Bench) -> int | str:
-    """MACS-AMB-28: 15h with the other direction during the motion."""
-    bench.ready(SLOWEST)
-    bench.command(0x15, velocity(1, SLOWEST))
-    reply = bench.command(0x15, velocity(-1, SLOWEST)).reply
-    bench.at_rest()
-    return {Kind.ACCEPTED: 0, Kind.REFUSED: 1}.get(reply.kind, str(reply))
-
-
-def learn_takeover(bench: Bench) -> int | str:
-    """MACS-AMB-29: 15h during a move."""
-    start = bench.ready(SLOWEST)
-    bench.command(0x13, start + 100)
-    reply = bench.command(0x15, velocity(1, SLOWEST)).reply
-    bench.at_rest()
-    return {Kind.ACCEPTED: 0, Kind.REFUSED: 1}.get(reply.kind, str(reply))
-
-
 @check("MACS-CMD-15-02", "MACS-CMD-15-03", safety=MOVES, level="full")
 def the_direction_stays_whatever_the_next_15h_says(session: Session) -> None:
     """In motion, 15h with the other direction is accepted with SS ignored, or refused."""
-    bench = learnt(session)
-    bench.reading("vel_reverse_cmd", learn_reversal(bench), "MACS-CMD-15-03")
+    bench = Bench(session)
+    bench.again(vel_reverse_cmd, "MACS-CMD-15-03")
     for direction in (1, -1):
         bench.ready(SLOWEST)
         forecast = bench.turn(direction, SLOWEST)
@@ -99,50 +78,20 @@ def the_direction_stays_whatever_the_next_15h_says(session: Session) -> None:
         bench.at_rest()
 
 
-def learn_change_law(bench: Bench) -> int | str:
-    """MACS-AMB-44: how 15h in motion goes from one speed to the next."""
-    if bench.known("ramp_law"):
-        return 0  # the ledger's formula belongs to the ramp of equal times; nothing to compare
-    bench.ready(0x0800, 2)
-    before, after = 0x1000, max(0x0A00, bench.fastest)
-    origin = bench.position()
-    start = bench.accepted(0x15, velocity(1, before))
-    bench.wait(240 * 2 * before * TICK_NS / 1e9 + 0.03)
-    change = bench.accepted(0x15, velocity(1, after))
-    forecasts = [
-        bench.to_velocity(start, origin, 1, before, replace(bench.law, change=name))
-        .changed(change.taken, after)
-        for name in ("ramp_length", "step")
-    ]  # fmt: skip
-    samples = bench.sampled(0.4, 12)
-    bench.command(0x18)
-    fitting = bench.fit(samples, forecasts)
-    if fitting:
-        return 0 if fitting[0] == 0 else 2
-    # The ledger gives no formula for the third: it must end at the new speed all the same.
-    first, last = samples[-3], samples[-1]
-    least, most = (
-        (last.taken.earliest_ns - first.taken.latest_ns) // (after * TICK_NS) - 2,
-        (last.taken.latest_ns - first.taken.earliest_ns) // (after * TICK_NS) + 2,
-    )
-    moved = last.position - first.position
-    return 1 if least <= moved <= most else f"{moved} increments where {least}..{most} are due"
-
-
 @check("MACS-CMD-15-02", safety=MOVES, level="full")
 def a_speed_change_takes_one_ramp(session: Session) -> None:
     """15h in motion leads to the new period on a ramp of 120·AA increments."""
-    bench = learnt(session)
+    bench = Bench(session)
     if bench.known("ramp_law"):
         session.skip("the ledger gives no formula for speed changes on such a ramp")
-    bench.reading("vel_change_law", learn_change_law(bench))
+    bench.again(vel_change_law)
 
 
 @check("MACS-CMD-15-02", "MACS-CMD-15-04", safety=MOVES, level="full")
 def speed_changes_follow_the_closed_form(session: Session) -> None:
     """Faster, slower and faster again, then 0000: every leg is where the formula puts it."""
-    bench = learnt(session)
-    if bench.known("vel_change_law", learn_change_law) == 1 or bench.known("ramp_law"):
+    bench = Bench(session)
+    if bench.known("vel_change_law") == 1 or bench.known("ramp_law"):
         session.skip("the ledger gives no formula for speed changes on such a ramp")
     if bench.known("stop_ramp_law"):
         session.skip("the ledger gives no formula for stops on such a ramp")
@@ -163,7 +112,7 @@ def speed_changes_follow_the_closed_form(session: Session) -> None:
 @check("MACS-CMD-15-04", "MACS-CMD-17-01", safety=MOVES, level="full")
 def velocity_0_and_17h_stop_on_the_ramp(session: Session) -> None:
     """15h with 0000, and 17h, bring endless motion to rest one ramp further on."""
-    bench = learnt(session)
+    bench = Bench(session)
     for index, name in ((0x15, "MACS-CMD-15-04"), (0x17, "MACS-CMD-17-01")):
         for direction, coefficient in ((1, 1), (-1, 2)):
             bench.ready(0x0800, coefficient)
@@ -212,8 +161,7 @@ def the_first_parameter_byte_of_15h_is_ignored(session: Session) -> None:
 @check("MACS-CMD-15-02", "MACS-STATE-01", safety=MOVES, level="full")
 def velocity_takes_over_from_a_move(session: Session) -> None:
     """15h during 13h is accepted: endless motion on past the target; or refused."""
-    bench = learnt(session)
-    bench.known("vel_change_law", learn_change_law)
+    bench = Bench(session)
     start = bench.ready(0x1000, 1)
     forecast = bench.go(start + 400)
     bench.wait(0.15)
@@ -235,7 +183,7 @@ def velocity_takes_over_from_a_move(session: Session) -> None:
 @check("MACS-CMD-15-02", safety=MOVES, level="full")
 def velocity_takes_over_from_a_segment(session: Session) -> None:
     """15h during a segment is accepted and empties the FIFO, or is refused."""
-    bench = learnt(session)
+    bench = Bench(session)
     start = bench.ready(0x1000)
     bench.accepted(0x16, 100 << 16 | SLOWEST)
     bench.accepted(0x1E, 0x0010FFFF)

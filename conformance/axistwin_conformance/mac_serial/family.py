@@ -11,8 +11,10 @@ from axistwin_conformance.errors import TargetError, WrongDevice
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.bench import AWAKE_SURELY_S, Bench
 from axistwin_conformance.mac_serial.codec import Kind
+from axistwin_conformance.mac_serial.fence import Fence
+from axistwin_conformance.mac_serial.motion import TICK_NS
 from axistwin_conformance.registry import SAFETY_CLASSES, Family, Identity, Model
-from axistwin_conformance.session import Session
+from axistwin_conformance.session import Run, Session
 from axistwin_conformance.transcript import Direction, Record
 
 BAUDS: Final = (9600, 19200, 38400)  # MACS-CMD-1B-01
@@ -66,6 +68,7 @@ def facts_of(session: Session) -> Facts:
 def probe(session: Session) -> Identity:
     """Ask release and measures: the only things on the wire that tell one model from another."""
     bench = Bench(session)
+    session.is_strict = True  # the attempts are counted here
     release = next(
         (
             exchange.reply.data
@@ -81,6 +84,7 @@ def probe(session: Session) -> Identity:
             f"no module answers at address {bench.address:02X}h and {session.target.baud} baud:"
             f" {last.reply}; try --baud {' or '.join(others)}, or another --address"
         )
+    session.is_strict = session.target.is_lossless
     measures = bench.ask(0x27).reply
     if measures.data is None:
         raise WrongDevice(f"query 27h of a {session.model.name} gives an answer, not {measures}")
@@ -112,11 +116,15 @@ def sanity(session: Session) -> bool:
 
 
 def stop(session: Session) -> None:
-    """Stop without ramp, twice: a lost first one must not leave the axis running."""
+    """Stop without ramp, again until the module says it has heard it."""
     bench = Bench(session)
+    was_strict, session.is_strict = session.is_strict, True  # the attempts are counted here
     for _ in range(PROBE_ATTEMPTS):
         if bench.command(0x18).kind in (Kind.ACCEPTED, Kind.REFUSED):
-            return
+            break
+    session.is_strict = was_strict
+    if bench.known("abort_flush"):  # what waits in its FIFO must not run with the next segment
+        bench.command(0x1A)
 
 
 # --- what to put back ----------------------------------------------------------------------------
@@ -138,17 +146,25 @@ class Memory:
 
 
 def remember(session: Session) -> Memory:
-    """Read the position and all parameters."""
-    return _read(Bench(session))
+    """Read the position and all parameters; on a line that may be noisy until two readings agree.
+
+    Raises TargetError if the device does not answer them.
+    """
+    bench = Bench(session)
+    memory = _read(bench)
+    for _ in range(PROBE_ATTEMPTS):
+        if session.target.is_lossless or memory == (again := _read(bench)):
+            return memory
+        memory = again
+    raise TargetError("the parameters read differently each time; is the axis at rest?")
 
 
 def _read(bench: Bench) -> Memory:
-    speeds = bench.ask(0x25).reply.data or 0
-    modes = bench.ask(0x26).reply.data or 0
+    speeds, modes = _read_one(bench, 0x25), _read_one(bench, 0x26)
     return Memory(
-        position=codec.signed(bench.ask(0x20).reply.data or 0),
-        superior=bench.ask(0x22).reply.data or 0,
-        inferior=bench.ask(0x23).reply.data or 0,
+        position=codec.signed(_read_one(bench, 0x20)),
+        superior=_read_one(bench, 0x22),
+        inferior=_read_one(bench, 0x23),
         catch_up=speeds >> 24,
         period=speeds & 0xFFFF,
         coefficient=modes >> 24,
@@ -156,6 +172,13 @@ def _read(bench: Bench) -> Memory:
         modes=modes >> 8 & 0xFF,
         tolerance=modes & 0xFF,
     )
+
+
+def _read_one(bench: Bench, index: int) -> int:
+    reply = bench.ask(index).reply
+    if reply.data is None:  # nothing may be put back as 0 because an answer was lost
+        raise TargetError(f"no answer to query {index:02X}h: {reply}")
+    return reply.data
 
 
 def restore(session: Session, memory: Memory) -> tuple[str, ...]:
@@ -209,15 +232,16 @@ def _drive_back(bench: Bench, position: int) -> None:
     distance = abs(bench.ready() - position)
     if distance > 2 * bench.session.envelope.max_travel:
         return
-    forecast = bench.go(position)
-    end = forecast.end
-    assert end is not None
-    bench.wait_until(end.latest_ns)
-    for _ in range(20):
-        if bench.position() == position:
-            break
-        bench.wait(0.1)
-    bench.command(0x18)
+    seconds = 2 * distance * bench.period * TICK_NS / 1e9
+    for _ in range(PROBE_ATTEMPTS):  # noise may have kept 13h from the module, or its reply from us
+        bench.command(0x13, position)
+        deadline_ns = bench.target.now_ns + round((seconds + 0.5) * 1e9)
+        while bench.target.now_ns < deadline_ns:
+            if bench.position() == position:
+                bench.command(0x18)
+                return
+            bench.wait(0.1)
+        bench.command(0x18)
 
 
 # --- which frame may do what ---------------------------------------------------------------------
@@ -227,6 +251,7 @@ _CLASS_OF: Final[Mapping[str, tuple[int, ...]]] = {
     "motion": (0x00, 0x10, 0x13, 0x14, 0x15, 0x16, 0x17, 0x18, 0x19, 0x1A, 0x1E),
     "destructive": (0x01, 0x08, 0x1B),
 }
+STORING: Final = frozenset(_CLASS_OF["stored"] + _CLASS_OF["destructive"])
 SAFETY_OF: Final = {index: name for name, indices in _CLASS_OF.items() for index in indices}
 
 
@@ -243,6 +268,16 @@ def guard(session: Session, data: bytes) -> str | None:
         assert needed in SAFETY_CLASSES
         return f"{index:02X}h is {needed}, which this check does not declare"
     return None
+
+
+def fence(run: Run) -> Fence:
+    """What keeps the axes of a line inside the envelope."""
+    return Fence(run.envelope.max_travel, run.envelope.max_speed, run.address, run.readings)
+
+
+def writes(data: bytes) -> int:
+    """How many commands that write to the EEPROM these bytes hold."""
+    return sum(index in STORING for index in _indices(data))
 
 
 def _indices(data: bytes) -> list[int]:
@@ -308,4 +343,18 @@ FAMILY: Final = Family(
     explain=explain,
     twin_url=twin_url,
     guard=guard,
+    fence=fence,
+    writes=writes,
+    probe_modules=tuple(
+        f"axistwin_conformance.mac_serial.{name}"
+        for name in (
+            "probes",
+            "probes_parameters",
+            "probes_motion",
+            "probes_sync",
+            "probes_stops",
+            "probes_rig",
+            "probes_destructive",
+        )
+    ),
 )

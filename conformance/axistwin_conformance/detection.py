@@ -1,0 +1,110 @@
+"""The detection phase: the family's probes asked one after another, before what rests on them.
+
+Rules.
+
+1. A probe does no more to the device than its safety classes say, which the plan has checked; the
+   family's guard holds it to that, byte by byte.
+2. After a probe that moves, the axis is stopped.  What probes store is put back once, at the end.
+3. Where bytes may get lost, a probe is asked until two answers in a row agree.
+4. A second probe of a switch is asked only if the first left something open, and narrows it.
+5. A probe without a result is followed by a sanity exchange: a device that is gone ends the phase
+   at once, whatever else would still be asked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from axistwin_conformance.errors import CannotDo, RigError, TargetError
+from axistwin_conformance.noise import MOST_ATTEMPTS, Disturbed
+from axistwin_conformance.profile import Detection, Probe
+from axistwin_conformance.session import Run, Session, Stop
+
+Guard = Callable[[Session, bytes], None]
+Trouble = Callable[[str], None]
+
+
+def detect(
+    run: Run,
+    probes: Iterable[Probe],
+    guard: Guard,
+    is_sane: Callable[[Run], bool],
+    trouble: Trouble,
+) -> None:
+    """Ask the probes and put what they tell into `run`; raises TargetError for a lost device."""
+    for probe in probes:
+        before = run.detections.get(probe.switch)
+        if before is not None and before.reading is not None:
+            continue
+        detection = _ask_until_believed(run, probe, guard, trouble)
+        if before is not None and before.candidates:
+            detection = _narrowed(run, before, detection)
+        run.detections[probe.switch] = detection
+        if detection.reading is not None:
+            run.readings.setdefault(probe.switch, detection.reading)
+        elif not is_sane(run):
+            raise TargetError(f"it no longer answers after it was asked for {probe.switch}")
+
+
+def _ask_until_believed(run: Run, probe: Probe, guard: Guard, trouble: Trouble) -> Detection:
+    """Ask once, on a noisy line until two answers agree."""
+    known = dict(run.readings)
+    told: list[tuple[str, ...]] = []
+    for _ in range(MOST_ATTEMPTS):
+        try:
+            one = _ask(run, probe, guard, trouble)
+        except Disturbed:
+            continue
+        if run.target.is_lossless or not run.quality.is_noisy or one.candidates in told:
+            return one
+        told.append(one.candidates)
+        run.readings.clear()
+        run.readings.update(known)
+    text = f"the line is too noisy to tell ({run.quality})"
+    return Detection(probe.switch, None, text)
+
+
+def _narrowed(run: Run, before: Detection, after: Detection) -> Detection:
+    """What two looks at the same switch tell together."""
+    left = tuple(one for one in before.candidates if one in after.candidates)
+    if not left:
+        return before
+    reading = left[0] if len(left) == 1 else None
+    return Detection(before.switch, reading, f"{before.evidence}; {after.evidence}", left)
+
+
+def leave_out(run: Run, probe: Probe, reason: str) -> None:
+    """Record a switch that is not asked for, and why."""
+    run.detections[probe.switch] = Detection(probe.switch, None, reason)
+
+
+def _ask(run: Run, probe: Probe, guard: Guard, trouble: Trouble) -> Detection:
+    session = Session(run, probe.check)
+    run.target.drain()
+    run.target.mark(f"detecting {probe.switch}")
+    run.target.gate = lambda data: guard(session, data)
+    try:
+        for capability in probe.check.rig_needs:
+            session.rig.require(capability)
+        seen = probe.look(session)
+    except (Stop, CannotDo, RigError) as reason:
+        return Detection(probe.switch, None, str(reason))
+    except (TargetError, Disturbed):
+        raise
+    except Exception as error:  # a mistake of the suite must not stop the run
+        text = f"error in the suite while detecting {probe.switch}: {type(error).__name__}: {error}"
+        trouble(text)
+        return Detection(probe.switch, None, text)
+    finally:
+        run.target.gate = None
+        if probe.check.danger > 0:
+            run.family.stop(Session(run))
+    ambiguity = run.ledger.ambiguity_of(probe.switch)
+    for reading in seen.readings:
+        ambiguity.check_reading(probe.switch, reading)
+    if len(seen.readings) == 1:
+        return Detection(probe.switch, seen.readings[0], seen.evidence, seen.readings)
+    if not seen.readings:
+        return Detection(probe.switch, None, f"fits no reading: {seen.evidence}")
+    told = f"{' or '.join(seen.readings)}: {seen.evidence}"
+    return Detection(probe.switch, None, told, seen.readings)

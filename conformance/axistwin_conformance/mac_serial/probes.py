@@ -1,0 +1,325 @@
+"""Which readings a module follows, asked on the line alone: replies, frames, addresses, memory.
+
+Each function asks the device one question of chapter 7 of the ledger and is named after the switch
+that it tells; its docstring is the evidence.  It returns
+
+    a number     the reading seen, 0 the default, in the order of the ledger
+    numbers      the readings that explain what came, where this look cannot tell them apart
+    Measured     the value of a reading that is a number of the unit's own
+    a sentence   what came, if it fits no reading
+
+The probes run in the order of `Family.probe_modules` and of their text: spelling of replies first,
+since everything is heard through it; then what commands of any kind do; then what ends motions;
+then how they are shaped; last what re-addresses or re-initialises a module.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+from axistwin_conformance.mac_serial import codec
+from axistwin_conformance.mac_serial.bench import QUIET_S, Bench
+from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS, Kind
+from axistwin_conformance.profile import Probe, Seen
+from axistwin_conformance.registry import Check
+from axistwin_conformance.session import Session
+
+MOVES: Final = ("motion", "stored")
+EARLY_BYTES: Final = 3  # 0.8 ms at 38400 baud: a reply does not come sooner
+IMAX_ADDRESS: Final = 0xAF  # MACS-Q-28-01
+STATUS_RESERVED: Final = 0x80F0FF7F  # bits of dd ff gg hh without a meaning (§5.9)
+MEASURES_RESERVED: Final = 0x0000D79F  # bits of cc dd without a meaning
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """A reading that is a value of the unit's own, spelled as the ledger spells it."""
+
+    value: str
+
+
+Outcome = int | tuple[int, ...] | Measured | str
+
+
+def probe(
+    *,
+    safety: str | Sequence[str] = "passive",
+    needs: Sequence[str] = (),
+    switch: str | None = None,
+) -> Callable[[Callable[[Bench], Outcome]], Probe]:
+    """Declare the function below as the probe of `switch`, or of the one it is named after."""
+    classes = (safety,) if isinstance(safety, str) else tuple(safety)
+
+    def declare(function: Callable[[Bench], Outcome]) -> Probe:
+        told = switch or function.__name__
+        question = " ".join((function.__doc__ or "").split()).rstrip(".")
+
+        def look(session: Session) -> Seen:
+            return _seen(session, told, question, function(Bench(session)))
+
+        check = Check(
+            f"detect_{function.__name__}", lambda session: None, (), classes, "quick", tuple(needs),
+            question, function.__module__,
+        )  # fmt: skip
+        return Probe(told, look, check)
+
+    return declare
+
+
+def _seen(session: Session, switch: str, question: str, outcome: Outcome) -> Seen:
+    readings = session.run.ledger.ambiguity_of(switch).switches[switch]
+    if isinstance(outcome, str):
+        return Seen((), f"{question}: {outcome}")
+    if isinstance(outcome, Measured):
+        return Seen((outcome.value,), f"{question}: {outcome.value}")
+    numbers = (outcome,) if isinstance(outcome, int) else outcome
+    return Seen(tuple(readings[number] for number in numbers), question)
+
+
+def reply_of(exchange_kind: Kind, readings: Mapping[Kind, int], what: str = "the reply") -> Outcome:
+    """The reading a kind of reply stands for, or what came instead."""
+    return readings.get(exchange_kind, f"{what} is {exchange_kind.value}")
+
+
+ACCEPTED_OR_REFUSED: Final = {Kind.ACCEPTED: 0, Kind.REFUSED: 1}
+
+
+# --- spelling ------------------------------------------------------------------------------------
+
+
+@probe()
+def xon_byte(bench: Bench) -> Outcome:
+    """The last byte of an answer to 20h."""
+    spelling = bench.ask(0x20).reply.xon_spelling
+    return "no answer" if spelling is None else Measured(spelling)
+
+
+def refusals(bench: Bench) -> list[codec.Request]:
+    """Frames that a module refuses at rest, by one requirement or another, and that do nothing."""
+    no_digit = replace(bench.frame(0x20), index=b"2G")
+    return [bench.frame(0x12), bench.frame(0x2A), no_digit]
+
+
+@probe()
+def xonerror_byte(bench: Bench) -> Outcome:
+    """The last byte of the reply to a frame that is refused at rest."""
+    for frame in refusals(bench):
+        spelling = bench.send(frame, QUIET_S).reply.xonerror_spelling
+        if spelling is not None:
+            return Measured(spelling)
+    if bench.may("motion"):  # or, as the ledger puts it, a move during a move
+        start = bench.ready()
+        bench.command(0x13, start + 100)
+        spelling = bench.command(0x13, start).reply.xonerror_spelling
+        bench.command(0x18)
+    return "nothing was refused" if spelling is None else Measured(spelling)
+
+
+@probe()
+def status_reply_digit(bench: Bench) -> Outcome:
+    """Byte 8 of the answer to 21h."""
+    return _digit(bench, 0x21, {1: 0, 2: 1})
+
+
+@probe()
+def reply23_digit(bench: Bench) -> Outcome:
+    """Byte 8 of the answer to 23h."""
+    return _digit(bench, 0x23, {3: 0, 2: 1})
+
+
+def _digit(bench: Bench, index: int, readings: Mapping[int, int]) -> Outcome:
+    reply = bench.ask(index).reply
+    return readings.get(-1 if reply.digit is None else reply.digit, str(reply))
+
+
+@probe()
+def reply28_length(bench: Bench) -> Outcome:
+    """Bytes 3 to 5 of the answer to 28h."""
+    reply = bench.ask(0x28).reply
+    return {b"011": 0, b"014": 1}.get(reply.length, str(reply))
+
+
+# --- frames --------------------------------------------------------------------------------------
+
+
+@probe()
+def lowercase_hex(bench: Bench) -> Outcome:
+    """28h at AFh spelled af, under the checksum of that."""
+    reply = bench.send(bench.frame(0x28, 0, IMAX_ADDRESS).in_lower_case(), QUIET_S).reply
+    if reply.kind is Kind.ANSWER:
+        return 1 if reply.data == bench.value(0x28, IMAX_ADDRESS) else str(reply)
+    return 0 if reply.kind in (Kind.REFUSED, Kind.SILENCE, Kind.NACK) else str(reply)
+
+
+@probe()
+def bad_frame_reply(bench: Bench) -> Outcome:
+    """A query with length field 015, and one with another byte for Etx."""
+    whole = bench.frame(0x20)
+    kinds = {bench.send(frame, QUIET_S + bench.target.uncertainty_ns / 1e9).kind
+             for frame in (replace(whole, length=b"015"), replace(whole, end=b"\r"))}  # fmt: skip
+    if len(kinds) > 1:
+        return "now silence, now a reply"
+    return reply_of(kinds.pop(), {Kind.SILENCE: 0, Kind.NACK: 1})
+
+
+@probe(needs=("virtual",))
+def rx_during_xoff(bench: Bench) -> Outcome:
+    """A second query whose first bytes come before the first one's answer, the rest behind it."""
+    frame = bench.frame(0x20).encode()
+    early = frame[:EARLY_BYTES]
+    bench.target.drain()
+    bench.target.send(frame + early)
+    first = codec.parse(bench.target.receive(codec.ANSWER_BYTES, QUIET_S))
+    if first.kind is not Kind.ANSWER:
+        return f"{first} to the first query"
+    second = bench.send(frame[EARLY_BYTES:], QUIET_S).kind
+    return reply_of(second, {Kind.SILENCE: 0, Kind.ANSWER: 1})
+
+
+@probe()
+def subindex_policy(bench: Bench) -> Outcome:
+    """22h with sub-index 01."""
+    reply = bench.ask(0x22, 0x01).reply
+    if reply.kind is Kind.ANSWER:
+        return 0 if reply.data == bench.value(0x22) else str(reply)
+    return reply_of(reply.kind, {Kind.REFUSED: 1})
+
+
+@probe()
+def dont_care_digits(bench: Bench) -> Outcome:
+    """24h with FFFFFFFF for the parameter digits that do not matter."""
+    reply = bench.send(bench.frame(0x24, 0xFFFFFFFF)).reply
+    if reply.kind is Kind.ANSWER:
+        return 0 if reply.data == bench.value(0x24) else str(reply)
+    return reply_of(reply.kind, {Kind.REFUSED: 1})
+
+
+@probe()
+def unknown_index(bench: Bench) -> Outcome:
+    """12h and 2Ah at rest."""
+    command, query = (bench.send(bench.frame(index), QUIET_S).reply for index in (0x12, 0x2A))
+    if query.kind is Kind.ANSWER and query.data == 0 and command.kind is Kind.ACCEPTED:
+        return 2
+    both = {Kind.REFUSED: 0, Kind.ACCEPTED: 1, Kind.SILENCE: 3}
+    told = f"{command} to 12h, {query} to 2Ah"
+    return both.get(command.kind, told) if command.kind is query.kind else told
+
+
+# --- what queries show ---------------------------------------------------------------------------
+
+
+@probe()
+def reserved_bits(bench: Bench) -> Outcome:
+    """Reserved bits of 21h and 27h."""
+    bits = bench.value(0x21) & STATUS_RESERVED, bench.value(0x27) & MEASURES_RESERVED
+    if bits == (STATUS_RESERVED, MEASURES_RESERVED):
+        return Measured("1")
+    return Measured("mixed") if any(bits) else 0
+
+
+@probe()
+def mem_wrap(bench: Bench) -> Outcome:
+    """28h and 29h at FEh beside those at 00h."""
+    kinds = {_beyond_the_end(bench, index) for index in (0x28, 0x29)} - {None}
+    if not kinds:
+        return "only zeros on both sides of the end"
+    return Measured(kinds.pop() or "") if len(kinds) == 1 else "28h and 29h differ"
+
+
+def _beyond_the_end(bench: Bench, index: int) -> str | None:
+    top, bottom = bench.data_bytes(index, 0xFE), bench.data_bytes(index, 0x00)
+    if not any(top[2:]) and not any(bottom[:2]):
+        return None
+    if top[2:] == bottom[:2]:
+        return "wrap"
+    return "other" if any(top[2:]) else "zero"
+
+
+@probe()
+def imax_value(bench: Bench) -> Outcome:
+    """28h at AFh."""
+    return Measured(f"{bench.data_bytes(0x28, IMAX_ADDRESS)[0]:02X}h")
+
+
+@probe()
+def version_word(bench: Bench) -> Outcome:
+    """24h."""
+    return Measured(f"{bench.value(0x24):08X}h")
+
+
+# --- who answers ---------------------------------------------------------------------------------
+
+
+def answers_to_all(bench: Bench) -> tuple[Kind, int | None]:
+    """What a query to the general address gets: the kind, GARBAGE if several speak, and whose
+    address an answer carries."""
+    reply = bench.send(bench.frame(0x20, address=GENERAL_ADDRESS), QUIET_S * 2).reply
+    extra = bench.target.receive(1, QUIET_S)
+    bench.target.drain()
+    return (Kind.GARBAGE if extra else reply.kind), reply.address
+
+
+def general_replies(bench: Bench, kind: Kind) -> int | tuple[int, ...] | str:
+    """The readings of MACS-AMB-16 (00 only, all, none, or a lone one too) that explain a reply to
+    a frame to FF on this line."""
+    others = bench.session.neighbours
+    is_lone, has_00 = not others, 0 in (bench.session.address, *others)
+    if kind is Kind.SILENCE:
+        return 2 if has_00 else (2,) if is_lone else (0, 2, 3)
+    if kind is Kind.GARBAGE:
+        return 1 if others else "garbage"
+    if has_00:
+        return (0, 3) if others else (0, 1, 3)
+    return (1, 3) if is_lone else 1
+
+
+@probe()
+def general_reply_policy(bench: Bench) -> Outcome:
+    """20h to FF, and who is heard."""
+    kind, _ = answers_to_all(bench)
+    return general_replies(bench, kind)
+
+
+@probe()
+def general_echo(bench: Bench) -> Outcome:
+    """The address in the answer to 20h sent to FF."""
+    kind, address = answers_to_all(bench)
+    if kind is not Kind.ANSWER:
+        return "nobody is heard alone, so the address cannot be read"
+    own = (bench.session.address, *bench.session.neighbours)
+    return 0 if address == GENERAL_ADDRESS else 1 if address in own else f"address {address:02X}"
+
+
+@probe()
+def nack_scope(bench: Bench) -> Outcome:
+    """A wrong checksum to an address nobody has, and to a neighbour."""
+    taken = (bench.session.address, *bench.session.neighbours)
+    nobody = next(address for address in (0x55, 0x2A, 0x15, 0x66) if address not in taken)
+    return nack_readings(bench, nobody)
+
+
+def nack_readings(bench: Bench, address: int) -> int | tuple[int, ...] | str:
+    """The readings of MACS-AMB-19 that explain the reply to a wrong checksum for nobody."""
+    heard = _spoilt(bench, address)
+    taken = (bench.session.address, *bench.session.neighbours)
+    if not heard:
+        return 0 if 0 in taken else (0, 1)
+    if set(heard) != {codec.NACK} and len(taken) == 1:
+        return f"{heard.hex(' ')} to a wrong checksum for address {address:02X}"
+    if 0 not in taken or len(heard) > 1 or heard[0] != codec.NACK:
+        return 2  # several spoke, or one that is not 00
+    if len(taken) == 1:
+        return 1, 2
+    return 1
+
+
+def _spoilt(bench: Bench, address: int) -> bytes:
+    bench.target.drain()
+    bench.target.send(bench.frame(0x20, address=address).with_wrong_checksum().encode())
+    bench.wait(0)
+    return bench.target.receive(codec.ANSWER_BYTES, QUIET_S * 2)
+
+
+PROBES: Final = tuple(one for one in vars().values() if isinstance(one, Probe))

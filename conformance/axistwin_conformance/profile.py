@@ -1,0 +1,150 @@
+"""Profiles: which reading of each of the manual's open questions a device follows.
+
+The detection phase asks them one by one (`Probe`), after the identity and before the checks.  What
+came of each is a `Detection`; together they are the device's profile, to which every check holds it
+for the rest of the run.  As a file (TOML) a profile makes a twin of that very device, or is what a
+later run expects:
+
+    model = "mac23"
+
+    [quirks]
+    xon_byte = "11h"          # MACS-AMB-01: an answer to 20h ends with 11h
+    # xonerror_byte = "17h"   # MACS-AMB-02: ...   (the default, confirmed)
+"""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from axistwin_conformance.errors import UsageError
+from axistwin_conformance.registry import Check
+
+if TYPE_CHECKING:
+    from axistwin_conformance.ledger import Ledger
+    from axistwin_conformance.session import Session
+
+Look = Callable[["Session"], "Seen"]
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What a look at the device showed: the readings that explain it (one: it is known; several:
+    this look cannot tell them apart; none: it fits no reading), and what came, in words."""
+
+    readings: tuple[str, ...]
+    evidence: str
+
+
+@dataclass(frozen=True, slots=True)
+class Probe:
+    """A short question to the device that tells one switch.
+
+    Two probes may tell the same switch: the second then narrows down what the first leaves open.
+    `check` carries name, safety classes and needs, and is what the run attempts; `look` asks.
+    """
+
+    switch: str
+    look: Look
+    check: Check
+
+
+@dataclass(frozen=True, slots=True)
+class Detection:
+    """What is known of one switch: its reading, or None and in `evidence` why not."""
+
+    switch: str
+    reading: str | None
+    evidence: str
+    candidates: tuple[str, ...] = ()  # not told apart; empty: nothing is excluded
+
+
+def as_toml(model: str, ledger: Ledger, detections: Iterable[Detection], heading: str) -> str:
+    """Return the profile of a device as the text of a file; defaults and what is not known are
+    comments, so that a twin made from it follows its own defaults there."""
+    lines = [f"# {line}" for line in heading.splitlines()]
+    lines += [f'model = "{model}"', "", "[quirks]"]
+    unknown = []
+    for one in detections:
+        ambiguity = ledger.ambiguity_of(one.switch)
+        words = _one_line(f"{ambiguity.id}: {one.evidence}")
+        if one.reading is None:
+            unknown.append(f"# {one.switch}: {words}")
+            continue
+        hidden = "# " if one.reading == ambiguity.default_of(one.switch) else ""
+        lines.append(f'{hidden}{one.switch} = "{one.reading}"  # {words}')
+    return "\n".join([*lines, *(["", "# Not known:", *unknown] if unknown else []), ""])
+
+
+def _one_line(text: str) -> str:
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())
+
+
+def load_profile(path: Path, model: str, ledger: Ledger) -> dict[str, str]:
+    """Read the readings a profile names; raises UsageError in one line for what cannot be meant.
+
+    Configuration (factory values and the like) is passed over: nothing can be expected of it.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UsageError(f"cannot read the profile {path}: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UsageError(f"the profile {path} is not TOML: {error}") from error
+    named = data.get("model", model)
+    if named != model:
+        raise UsageError(f"the profile {path} is of a {named}, not of a {model}")
+    quirks = data.get("quirks", {})
+    if not isinstance(quirks, dict):
+        raise UsageError(f"the profile {path}: quirks must be a table of name = value")
+    known = known_switches(ledger)
+    return {
+        switch: _reading(path, ledger, known, switch, value)
+        for switch, value in quirks.items()
+        if switch not in ledger.configuration
+    }
+
+
+def known_switches(ledger: Ledger) -> Mapping[str, Sequence[str]]:
+    """Every switch of the ledger with its readings, the default first."""
+    return {
+        switch: readings
+        for ambiguity in ledger.ambiguities.values()
+        for switch, readings in ambiguity.switches.items()
+    }
+
+
+def _reading(
+    path: Path, ledger: Ledger, known: Mapping[str, Sequence[str]], switch: str, value: Any
+) -> str:
+    reading = str(value).lower() if isinstance(value, bool) else str(value)
+    if switch not in known:
+        near = difflib.get_close_matches(switch, known, n=1)
+        hint = f"; did you mean {near[0]}?" if near else ""
+        raise UsageError(f"the profile {path} names {switch!r}, which is no switch{hint}")
+    try:
+        ledger.ambiguity_of(switch).check_reading(switch, reading)
+    except ValueError:
+        admissible = " or ".join(known[switch])
+        raise UsageError(
+            f"the profile {path}: {switch} = {reading!r} is no reading; write {admissible}"
+        ) from None
+    return reading
+
+
+def deviations(
+    expected: Mapping[str, str], detections: Mapping[str, Detection], ledger: Ledger
+) -> list[str]:
+    """Say in which detected readings the device is not what a profile expects; a switch that the
+    profile does not name is expected to follow the default."""
+    told = []
+    for switch, one in detections.items():
+        wanted = expected.get(switch, ledger.ambiguity_of(switch).default_of(switch))
+        seen = one.candidates if one.reading is None else (one.reading,)
+        if seen and wanted not in seen:
+            told.append(f"{switch} is {' or '.join(seen)}, the profile says {wanted}")
+    return told
