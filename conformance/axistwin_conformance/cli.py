@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from axistwin_conformance.budget import DEFAULT_BUDGET
 from axistwin_conformance.errors import UsageError
 from axistwin_conformance.registry import LEVELS, SAFETY_CLASSES, Family, families, find_family
 
@@ -105,6 +106,13 @@ class OutputLost(BaseException):
     help="Never move faster than this.",
 )
 @click.option(
+    "--eeprom-budget",
+    type=click.IntRange(min=0),
+    metavar="N",
+    help=f"Ask for no more than N EEPROM writes. Default: {DEFAULT_BUDGET} on a port, any number"
+    " on a twin; what has to be put back is written all the same.",
+)
+@click.option(
     "--rig",
     type=click.Choice(("twin", "prompt", "command")),
     help="What works inputs, supply and shaft; needs --allow rig on a port. A twin is its own.",
@@ -114,13 +122,27 @@ class OutputLost(BaseException):
     metavar="COMMAND",
     help="For --rig command: run per act with {verb}, {name} and {value} filled in.",
 )
-@click.option("--level", type=click.Choice(LEVELS), default=LEVELS[-1], show_default=True)
+@click.option("--level", type=click.Choice(LEVELS), help=f"How much to run. Default: {LEVELS[-1]}.")
 @click.option(
     "--seed",
     type=click.IntRange(min=0),
     default=0,
     show_default=True,
     help="Decides every random choice of the run.",
+)
+@click.option(
+    "--detect",
+    "detect",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="OUT.toml",
+    help="Write the readings the device follows there; with neither ID nor --level, do only that.",
+)
+@click.option(
+    "--profile",
+    "profile",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE.toml",
+    help="The readings to expect of the device; another one is a failure.",
 )
 @click.option(
     "--report",
@@ -147,6 +169,8 @@ def conform(ctx: click.Context, /, **given: Any) -> None:  # fmt: skip
     axistwin conform mac23 --port /dev/ttyUSB0           a real one, passive tests only
     axistwin conform mac23 --port ./mac --allow motion   ... which may move
     axistwin conform mac23 MACS-FRAME MACS-CMD-13-01     some requirements
+    axistwin conform mac23 --port ./mac --allow motion --detect mac.toml
+                                                         its profile, for axistwin run --profile
     axistwin conform --compare old/report.json new/report.json
 
     ID is a requirement, the beginning of some, or the name of a check.
@@ -187,6 +211,7 @@ def _conform(
     dry_run: bool,
     is_json: bool,
     report: Path | None,
+    detect: Path | None,
     compare: tuple[Path, Path] | None,
     **given: Any,
 ) -> int:
@@ -198,10 +223,15 @@ def _conform(
             raise UsageError(f"name a MODEL to judge: {', '.join(known)}")
         from axistwin_conformance.engine import Engine
 
-        engine = Engine(make_options(**given))
-        return (
-            _show(engine, is_list, is_json) if is_list or dry_run else _run(engine, is_json, report)
-        )
+        engine = Engine(make_options(is_detection=detect is not None, **given))
+        if is_list or dry_run:
+            return _show(engine, is_list, is_json)
+        if detect is not None and not detect.parent.is_dir():  # before a long run, not after it
+            raise UsageError(f"--detect {detect}: there is no folder {detect.parent}")
+        status = _run(engine, is_json, report)
+        if detect is not None:
+            _write_profile(engine, detect, is_json)
+        return status
     except ModuleNotFoundError as error:
         missing = (error.name or "").partition(".")[0]
         if missing not in ("rich", "hypothesis", "jinja2"):
@@ -222,18 +252,23 @@ def make_options(
     allow: str | None = None,
     max_travel: int | None = None,
     max_speed: int | None = None,
+    eeprom_budget: int | None = None,
     rig: str | None = None,
     rig_command: str | None = None,
-    level: str = LEVELS[-1],
+    level: str | None = None,
     seed: int = 0,
+    is_detection: bool = False,
+    profile: Path | None = None,
 ) -> Options:
     """Turn what was typed into options; raises UsageError in one line for what cannot be meant."""
     from axistwin_conformance.plan import Options
     from axistwin_conformance.rig import choose_rig
     from axistwin_conformance.session import Envelope
+    from axistwin_conformance.targets import TWIN_SCHEME
 
     family = find_family(model)
     is_builtin = port is None
+    is_twin = port is None or port.startswith(TWIN_SCHEME)
     address = family.default_address if address is None else address
     if port is not None and HOST_AND_PORT.fullmatch(port) and not Path(port).exists():
         raise UsageError(f"--port {port} is no device; a line over TCP is --port socket://{port}")
@@ -258,13 +293,45 @@ def make_options(
         envelope=Envelope(
             max_travel or (TWIN_TRAVEL if is_builtin else BENCH_TRAVEL),
             max_speed or (TWIN_SPEED if is_builtin else BENCH_SPEED),
+            is_fenced=bool(max_travel or max_speed) or not is_twin,
         ),
-        level=level,
+        level=level or LEVELS[-1],
         seed=seed,
         words=ids,
+        is_detection=is_detection,
+        is_only_detection=is_detection and not ids and level is None,
+        expected=None if profile is None else _expected(profile, family, model),
+        profile="" if profile is None else str(profile),
+        eeprom_budget=DEFAULT_BUDGET if eeprom_budget is None and not is_twin else eeprom_budget,
     )
     choice = choose_rig(rig, rig_command, options.url, is_allowed="rig" in allowed)
     return replace(options, rig=choice)
+
+
+def _expected(path: Path, family: Family, model: str) -> dict[str, str]:
+    from axistwin_conformance.ledger import load_ledger
+    from axistwin_conformance.profile import load_profile
+
+    return load_profile(path, model, load_ledger(family.ledger))
+
+
+def _write_profile(engine: Engine, path: Path, is_json: bool) -> None:
+    """Write what was detected; nothing where there was no device to ask."""
+    from axistwin_conformance.profile import as_toml
+
+    detections = engine.detections
+    if not detections:
+        return
+    options = engine.options
+    heading = (
+        f"Readings of a {options.model} as detected by\n{options.command}\n"
+        "What is a comment is the default, confirmed, or not known."
+    )
+    try:
+        path.write_text(as_toml(options.model, engine.ledger, detections, heading), "utf-8")
+    except OSError as error:
+        raise UsageError(f"cannot write the profile {path}: {error.strerror}") from error
+    click.echo(f"profile: {path}", err=is_json)
 
 
 def parse_allowed(text: str | None, *, is_builtin: bool) -> frozenset[str]:
@@ -386,7 +453,7 @@ def _report_trouble() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _termination_interrupts() -> Iterator[None]:
-    """Make SIGTERM end the run as Ctrl-C does: stopped, put back, reported."""
+    """Make SIGTERM and SIGHUP end the run as Ctrl-C does: stopped, put back, reported."""
 
     def interrupt(number: int, frame: object) -> None:
         raise KeyboardInterrupt
@@ -394,8 +461,10 @@ def _termination_interrupts() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGTERM, interrupt)
+    ending = (signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, interrupt) for number in ending}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)

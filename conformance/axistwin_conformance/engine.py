@@ -47,6 +47,7 @@ from axistwin_conformance.verdicts import Finding, Verdict
 
 __all__ = ["Engine", "Envelope", "Options", "Result", "Session"]
 
+ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 SANITY_PAUSES_S = (0.0, 1.0, 1.5)  # together longer than the 2 s for which a module may be deaf
 ROUND_TRIPS = 20
 
@@ -238,6 +239,18 @@ class Engine:
         )
 
     # Detection.
+
+    @property
+    def detections(self) -> tuple[Detection, ...]:
+        """What is known of every switch after the run, what checks have seen included."""
+        result = self._result
+        told = []
+        for one in result.detections.values():
+            seen = result.readings.get(one.switch)
+            if one.reading is None and seen is not None:
+                one = replace(one, reading=seen, evidence="seen by a check")
+            told.append(one)
+        return tuple(told)
 
     def _detect(self, run: Run, *, is_destructive: bool) -> None:
         """Ask the probes that are (not) destructive; those that need the module alone on its line
@@ -491,7 +504,7 @@ def _uninterrupted() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.getsignal(number) for number in ENDING_SIGNALS}
     for number in before:
         signal.signal(number, signal.SIG_IGN)
     try:

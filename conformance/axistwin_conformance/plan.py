@@ -53,6 +53,11 @@ class Options:
         return self.port is None
 
     @property
+    def is_twin(self) -> bool:
+        """True if what is judged cannot be harmed: a twin made for this run."""
+        return self.url.startswith(TWIN_SCHEME)
+
+    @property
     def url(self) -> str:
         """What to open."""
         if self.port is not None:
@@ -153,12 +158,21 @@ def _obstacle(check: Check, options: Options) -> str:
         return f"not allowed: {', '.join(forbidden)} (--allow {','.join(forbidden)})"
     if LEVELS.index(check.level) > LEVELS.index(options.level):
         return f"only at --level {check.level}"
+    if "destructive" in check.safety and not options.is_twin and not _is_named(check, options):
+        return "destructive: only if named, by its name or by the whole ID of a requirement"
     missing = [name for name in check.needs if name not in options.provided]
     reasons = [NEEDS[name] for name in missing if not name.startswith(RIG)]
     rig = [CAPABILITIES[name.removeprefix(RIG)] for name in missing if name.startswith(RIG)]
     if rig:
         reasons.append(f"needs a rig that {' and '.join(rig)} (--rig)")
     return "; ".join(reasons)
+
+
+def _is_named(check: Check, options: Options) -> bool:
+    """True if the user asked for this very check, not for a group of them."""
+    return not {check.name, *check.requirements}.isdisjoint(
+        {*options.words, *(word.upper() for word in options.words)}
+    )
 
 
 def _select(

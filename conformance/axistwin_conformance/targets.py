@@ -111,6 +111,7 @@ class Target:
         self.last_sent = b""
         self.gate: Callable[[bytes], None] | None = None  # sees every byte before it is sent
         self.fence: Fence | None = None
+        self.meter: Callable[[bytes], None] | None = None  # counts what is really sent
         if not self.is_virtual:
             port.timeout = SLICE_S
 
@@ -150,6 +151,8 @@ class Target:
         started_ns = self.now_ns
         if self.fence is not None:
             self.fence.sending(data, started_ns)
+        if self.meter is not None:
+            self.meter(data)
         self.last_sent = bytes(data)
         self.transcript.add(Record(started_ns, Direction.HOST, bytes(data)))
         with _port_trouble("sending"):

@@ -29,6 +29,7 @@ from axistwin_conformance.mac_serial.model import (
     AxisModel,
     Parameters,
 )
+from axistwin_conformance.mac_serial.motion import TICKS_PER_SECOND
 
 Choices = tuple[int, ...]
 
@@ -223,8 +224,22 @@ class Sequence:
         lowest, highest = self.model.forecast.bounds(Window(later_ns, later_ns))
         margin = 120 * max(COEFFICIENTS)
         room = self.bench.session.envelope.max_travel - margin
-        if max(self.home - self.shaft(lowest), self.shaft(highest) - self.home) > room:
+        is_outside = max(self.home - self.shaft(lowest), self.shaft(highest) - self.home) > room
+        fence = self.bench.target.fence
+        deadline_ns = None if fence is None else fence.deadline_ns
+        if is_outside or (deadline_ns is not None and deadline_ns < later_ns):
             self.command(0x18)
+
+    def has_room(self, period: int) -> bool:
+        """True if endless motion can go on until after the next operation."""
+        envelope = self.bench.session.envelope
+        if not envelope.is_fenced:
+            return True
+        lowest, highest = self.model.forecast.bounds(self._now())
+        gone = max(abs(self.shaft(lowest) - self.home), abs(self.shaft(highest) - self.home))
+        fastest = min(period, self.model.parameters.period or period, PERIODS[0])
+        room = envelope.max_travel - gone - 120 * max(COEFFICIENTS)
+        return room * fastest > TICKS_PER_SECOND * AHEAD_NS // 1_000_000_000
 
     def shaft(self, counter: int) -> int:
         """Where the shaft is, in increments of the counter as it was at the start."""
@@ -310,10 +325,10 @@ def _turn(run: Sequence, first: int, second: int) -> None:
     if run.has_segments or not (run.is_resting or run.follows(*UNRULED_CHANGES)):
         run.command(0x18)
         return
-    if not run.may_change():
+    period = max(PERIODS[second % len(PERIODS)], run.bench.fastest)
+    if not run.may_change() or not run.has_room(period):
         run.command(0x18)
         return
-    period = max(PERIODS[second % len(PERIODS)], run.bench.fastest)
     run.command(0x15, velocity(run.way(first), period))
 
 
@@ -366,6 +381,8 @@ def _set(index: int, value: Callable[[Sequence, int], int]) -> Callable[[Sequenc
 
 
 def _clear(run: Sequence, first: int, second: int) -> None:
+    if run.bench.session.envelope.is_fenced:
+        run.command(0x18)  # so that the place is known exactly, and the envelope stays where it is
     run.query(0x20)
     if not run.is_resting or abs(run.home) > run.bench.room():
         return
@@ -402,6 +419,8 @@ def _astray(run: Sequence, first: int, second: int) -> None:
     taken = {session.address, *session.neighbours}
     other = next(one for one in range(first % 0x70, 0x80) if one not in taken)
     index = (*DROPPING, 0x13, 0x20)[second % 5]
+    if session.envelope.is_fenced and index == 0x13:
+        index = 0x20  # a module that nobody has named might be there and move
     run.lost(run.bench.frame(index, 0, address=other), Kind.SILENCE)
 
 
