@@ -363,6 +363,41 @@ def test_the_end_of_the_terminal_ends_it_cleanly(tmp_path: Path) -> None:
         assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "place", ["axistwin.runtime.storage.Storage.slot", "axistwin.ports.link.Path.replace"]
+)
+def test_a_signal_during_the_start_ends_it_cleanly(
+    tmp_path: Path, number: signal.Signals, place: str
+) -> None:
+    """While the memory is read, or the link just made: status 0, no traceback, nothing left."""
+    owner, method = place.rsplit(".", 1)
+    module, name = owner.rsplit(".", 1)
+    script = (
+        f"import os, sys, time\nfrom {module} import {name} as owner\n"
+        f"from axistwin.cli.main import main\nwhole = owner.{method}\n"
+        f"def stopped(*arguments):\n    os.kill(os.getpid(), {int(number)})\n"
+        f"    time.sleep(0.01)\n    return whole(*arguments)\n"
+        f"owner.{method} = stopped\nmain()\n"
+    )
+    with daemon(tmp_path, "mac23", "--state", "memory", program=("-c", script)) as process:
+        _, err = process.process.communicate(timeout=TIMEOUT_S)
+    assert process.process.returncode == 0
+    assert "Traceback" not in err
+    assert [path.name for path in tmp_path.iterdir()] == ["memory"]
+
+
+def test_a_signal_at_any_moment_of_the_start_leaves_nothing(tmp_path: Path) -> None:
+    """Whenever it comes, from the first millisecond on."""
+    for delay_ms in range(0, 200, 20):
+        with daemon(tmp_path, "mac23") as process:
+            time.sleep(delay_ms / 1000)
+            status, _, err = process.end(signal.SIGTERM)
+            assert status in (0, -signal.SIGTERM)
+            assert "Traceback" not in err
+            assert list(tmp_path.iterdir()) == []
+
+
 def test_a_second_daemon_on_the_same_link_or_memory_is_refused(tmp_path: Path) -> None:
     """Each says what is in use; the first goes on."""
     with daemon(tmp_path, "mac23", "--state", "memory") as process:

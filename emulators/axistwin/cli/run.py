@@ -6,8 +6,9 @@ import contextlib
 import json
 import signal
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
+from threading import Event
 from typing import TYPE_CHECKING, Any, cast
 
 import click
@@ -130,6 +131,7 @@ def run(
         )
 
     with (
+        ending_early() as signals_are_heeded,
         make_line(specs, **options) as line,
         contextlib.closing(
             Server(line, make_ports(line, links, tcp, rfc2217), report=reporter.event)
@@ -137,6 +139,8 @@ def run(
     ):
         explain = catalog.find_model(specs[0].model).explain
         with recording(line, capture, explain, server.loop, capture_lost):
+            server.heed(_stop_signals())
+            signals_are_heeded.set()
             server.open()
             warn_of_listeners(server.ports)
             warn_of_surprises(specs, line, options["baud"])
@@ -148,11 +152,32 @@ def run(
                 systemd.notify("READY=1")
 
             try:
-                server.run(stop_on=_stop_signals(), on_ready=on_ready)
+                server.run(on_ready=on_ready)
             finally:
                 systemd.notify("STOPPING=1")
     reporter.event({"event": "stopped"})
     return EXIT_USAGE if reporter.has_lost else 0
+
+
+@contextlib.contextmanager
+def ending_early() -> Iterator[Event]:
+    """In the block a stop signal ends the program at once, with all closed that was opened.
+
+    When the event that is given is set, something else heeds the signals, and what is done
+    afterwards (saving) is not disturbed by another one.
+    """
+    is_heeded = Event()
+
+    def end(*_: object) -> None:
+        if not is_heeded.is_set():
+            raise SystemExit(0)
+
+    previous = {number: signal.signal(number, end) for number in _stop_signals()}
+    try:
+        yield is_heeded
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
 
 
 def _stop_signals() -> list[signal.Signals]:

@@ -132,19 +132,23 @@ class Server:
             self.close()
             raise
 
+    def heed(self, stop_on: Sequence[signal.Signals]) -> None:
+        """From now on these signals make ``run`` return, also before it is called."""
+        for number in stop_on:
+            self.loop.on_signal(number, self.loop.stop)
+
     def run(
         self,
         *,
-        stop_on: Sequence[signal.Signals] = (),
         on_ready: Callable[[], None] = lambda: None,
     ) -> None:
-        """Serve until ``request_stop`` or one of the signals; close everything.
+        """Serve until ``request_stop`` or a signal that is heeded; close everything.
 
-        on_ready: called once clients are served and the signals are heeded.
+        on_ready: called once clients are served.
         Raises what made it stop, if that was an error.
         """
         try:
-            self._serve(stop_on, on_ready)
+            self._serve(on_ready)
         finally:
             self.close()
 
@@ -193,10 +197,8 @@ class Server:
             self._failure = error
             ready.set()
 
-    def _serve(self, stop_on: Sequence[signal.Signals], on_ready: Callable[[], None]) -> None:
+    def _serve(self, on_ready: Callable[[], None]) -> None:
         loop = self.loop
-        for number in stop_on:
-            loop.on_signal(number, loop.stop)
         self._thread_id = threading.get_ident()
         self.line.on_change(self._changed)
         loop.add_reader(self._alarm.fileno(), self.pump)
