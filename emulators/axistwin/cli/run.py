@@ -22,7 +22,10 @@ if TYPE_CHECKING:
     from axistwin.runtime.line import Line
     from axistwin.runtime.server import Port
 
-_HELP_PTY = "Pseudo terminal behind the symbolic link LINK (default: ./MODEL of the first device)."
+_HELP_PTY = (
+    "Pseudo terminal behind the symbolic link LINK (default: ./MODEL of the first device, "
+    "and none with --tcp or --rfc2217 alone)."
+)
 _HELP_TCP = "Raw TCP, several clients; port 0: any free one.  For socket://HOST:PORT."
 _HELP_RFC2217 = "TCP with rate, framing and break, one client.  For rfc2217://HOST:PORT."
 
