@@ -12,6 +12,7 @@ from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
 OTHER_RATES: Final = (9600, 19200, 57600)
+IMAX_ADDRESS: Final = 0xAF  # MACS-Q-28-01: the one byte of RAM that is known not to change
 SLOW_TYPING_GAP_S: Final = 0.03
 VERY_SLOW_TYPING_GAP_S: Final = 20.0  # costs nothing in virtual time
 
@@ -53,8 +54,12 @@ def it_talks_38400_baud_and_no_other_rate(session: Session) -> None:
 
 @check("MACS-LINE-02", "MACS-REPLY-07")
 def xoff_and_xon_arrive_as_bytes_of_the_reply(session: Session) -> None:
-    """Every answer carries 13h as its second byte and Xon as its last."""
+    """Every answer and every refusal carries 13h as its second byte, an answer Xon as its last."""
     bench = Bench(session)
+    refusal = bench.send(bench.frame(0x12), QUIET_S).reply.raw
+    session.expect(
+        refusal[1:2] in (b"", b"\x13"), "MACS-LINE-02", "06 13 17", refusal.hex(" ")
+    )  # silence is a reading of MACS-AMB-58
     reply = bench.must(Kind.ANSWER, bench.ask(0x20)).reply
     session.expect(
         reply.raw[:3] == b"\x06\x13\x02",
@@ -106,8 +111,8 @@ def another_length_field_drops_the_frame(session: Session) -> None:
     """A frame whose length field is not 014 is dropped without a reply."""
     bench = Bench(session)
     for length in WRONG_LENGTH_FIELDS:
-        _is_dropped(bench, replace(bench.frame(0x20), length=length))
-        session.expect(True, "MACS-FRAME-02", "", "")
+        frame = replace(bench.frame(0x20), length=length)
+        _is_dropped(bench, frame, ("MACS-FRAME-02", "MACS-FRAME-12"))
 
 
 @check("MACS-FRAME-12")
@@ -123,11 +128,11 @@ def another_byte_for_etx_drops_the_frame(session: Session) -> None:
         _is_dropped(bench, replace(bench.frame(0x20), end=end))
 
 
-def _is_dropped(bench: Bench, frame: Request) -> None:
+def _is_dropped(bench: Bench, frame: Request, names: tuple[str, ...] = ("MACS-FRAME-12",)) -> None:
     kind = bench.send(frame, QUIET_S + bench.target.uncertainty_ns / 1e9).kind
     readings = {Kind.SILENCE: 0, Kind.NACK: 1}
     bench.reading(
-        "bad_frame_reply", readings.get(kind, f"{kind.value} to a malformed frame"), "MACS-FRAME-12"
+        "bad_frame_reply", readings.get(kind, f"{kind.value} to a malformed frame"), names
     )
     bench.alive("MACS-FRAME-12")
 
@@ -246,6 +251,11 @@ def the_sub_index_matters_only_to_memory_queries(session: Session) -> None:
             elif reply.kind is Kind.ANSWER and reply.data == plain:
                 outcome = 0
             bench.reading("subindex_policy", outcome)
+    before, at = bench.data_bytes(0x28, IMAX_ADDRESS - 1), bench.data_bytes(0x28, IMAX_ADDRESS)
+    session.expect(
+        before[1:] == at[:3], None,
+        f"28h AF to begin with {bytes(before[1:]).hex()}", bytes(at).hex(),
+    )  # fmt: skip
 
 
 @check("MACS-FRAME-10")

@@ -124,7 +124,7 @@ def the_reference_is_disabled_at_power_up(session: Session) -> None:
     with bench.own_origin() as origin, bench.reference_enabled():
         bench.power_cycle()
         judge_no_edge(bench, origin, "MACS-PERS-03")
-        session.expect(True, "MACS-CMD-07-02", "", "")
+        session.expect(True, ("MACS-CMD-07-02", "MACS-REF-01"), "", "")
 
 
 @check("MACS-PERS-03", safety=WORKED, needs=POWER)

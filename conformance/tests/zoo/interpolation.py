@@ -135,7 +135,7 @@ def virtual_segments_move(patch: MonkeyPatch) -> None:
     on(patch, VIRTUAL, lambda go, axis, now, n: axis.execute(now, REAL, n, now))
 
 
-@mutant("MACS-CMD-1E-01", "MACS-CMD-16-02")
+@mutant("MACS-CMD-16-02")
 def virtual_segments_need_no_stage(patch: MonkeyPatch) -> None:
     """1Eh is never refused."""
 

@@ -78,7 +78,7 @@ def sync_moves_without_a_motion(patch: MonkeyPatch) -> None:
     on(patch, START, act)
 
 
-@mutant("MACS-CMD-11-01", "MACS-CMD-10-02")
+@mutant("MACS-CMD-10-02")
 def both_preloaded_targets_add_up(patch: MonkeyPatch) -> None:
     """A second motion while one is preloaded shifts its target by one."""
 
