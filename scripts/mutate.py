@@ -30,6 +30,8 @@ SOURCES = ("devices/mac", "motion")
 LEFT_OUT = ("devices/mac/decode.py",)  # words for people: nothing of it reaches the wire
 SURVIVORS = ROOT / "conformance" / "tests" / "zoo" / "survivors.toml"
 LIMIT_S = 120.0
+# What judges, one after the other, until something fails: model and level.
+STAGES = (("mac23", "quick"), ("mac23", "full"), ("mac34-1", "quick"))
 
 COMPARISONS: Mapping[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
     ast.Lt: (ast.LtE, ast.GtE),
@@ -198,14 +200,14 @@ def _column(line: str, offset: int) -> int:
 # --- judging -------------------------------------------------------------------------------------
 
 
-def judge(mutation: Mutation | None, folder: Path, level: str) -> str:
+def judge(mutation: Mutation | None, folder: Path, model: str, level: str) -> str:
     """Judge a mutated copy of the twins in `folder`: killed, crash, time-out or survived."""
     copied = folder / "axistwin"
     shutil.rmtree(copied, ignore_errors=True)
     shutil.copytree(PACKAGE, copied, ignore=shutil.ignore_patterns("__pycache__"))
     if mutation is not None:
         (copied / mutation.path).write_text(mutation.source, encoding="utf-8")
-    command = [sys.executable, "-m", "axistwin_conformance", "mac23", "--level", level, "--json"]
+    command = [sys.executable, "-m", "axistwin_conformance", model, "--level", level, "--json"]
     environment = {**os.environ, "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
     try:
         done = subprocess.run(
@@ -227,9 +229,12 @@ def judge(mutation: Mutation | None, folder: Path, level: str) -> str:
 
 
 def verdict(mutation: Mutation, folder: Path) -> str:
-    """Quick first, full if that saw nothing."""
-    first = judge(mutation, folder, "quick")
-    return judge(mutation, folder, "full") if first == "survived" else first
+    """The cheapest first; the others only if that saw nothing."""
+    outcome = "survived"
+    for stage in STAGES:
+        if outcome == "survived":
+            outcome = judge(mutation, folder, *stage)
+    return outcome
 
 
 def sample(seed: int, count: int) -> list[Mutation]:
@@ -286,10 +291,10 @@ def run(seed: int, count: int, skip: int, limit_s: float) -> int:
     started = time.monotonic()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        healthy = judge(None, folder, "quick")
-        if healthy != "survived":
-            print(f"the healthy twin does not pass: {healthy}", file=sys.stderr)
-            return 2
+        for model, level in STAGES:
+            if (healthy := judge(None, folder, model, level)) != "survived":
+                print(f"the healthy {model} does not pass {level}: {healthy}", file=sys.stderr)
+                return 2
         chosen = sample(seed, count)[skip:]
         for number, one in enumerate(chosen, 1 + skip):
             if limit_s and time.monotonic() - started > limit_s:

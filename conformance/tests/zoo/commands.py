@@ -66,9 +66,17 @@ def it_listens_while_it_starts(patch: MonkeyPatch) -> None:
 
 
 @mutant("MACS-CMD-00-02")
-def starting_takes_four_seconds(patch: MonkeyPatch) -> None:
-    """After 00h the module is deaf for 4 s."""
-    _boots_in(patch, 4_000_000_000)
+def every_second_start_takes_longer(patch: MonkeyPatch) -> None:
+    """After 00h the module is deaf for 2 s or for 4 s in turn, which is no reading of the 2 s."""
+
+    def make(restart: Any_) -> Any_:
+        def restarting(module: MacSerial, *args: Any, **options: Any) -> Any:
+            module._boot_ns = 6_000_000_000 - module._boot_ns
+            return restart(module, *args, **options)
+
+        return restarting
+
+    wrap(patch, MacSerial, "_restart", make)
 
 
 def _boots_in(patch: MonkeyPatch, boot_ns: int) -> None:

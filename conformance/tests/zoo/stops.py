@@ -99,14 +99,14 @@ def software_stops_are_always_on(patch: MonkeyPatch) -> None:
     patch.setattr(stops_module, "SOFTWARE", 0x09)
 
 
-@mutant("MACS-CMD-09-02")
-def on_a_software_stop_it_goes_three_increments_further(patch: MonkeyPatch) -> None:
-    """The stop is noticed three increments late."""
+@mutant("MACS-STOP-03")
+def the_superior_stop_is_noticed_late(patch: MonkeyPatch) -> None:
+    """The superior stop is noticed three increments late, the inferior one at once."""
     wrap(
         patch,
         Stops,
         "_first_forbidden",
-        lambda first: lambda stops, way: first(stops, way) + 3 * way,
+        lambda first: lambda stops, way: first(stops, way) + 3 * (way > 0),
     )
 
 
