@@ -36,7 +36,7 @@ def detect(
         before = run.detections.get(probe.switch)
         if before is not None and before.reading is not None:
             continue
-        detection = _ask_until_believed(run, probe, guard, trouble)
+        detection = _ask_until_believed(run, probe, guard, is_sane, trouble)
         if before is not None and before.candidates:
             detection = _narrowed(run, before, detection)
         run.detections[probe.switch] = detection
@@ -46,16 +46,22 @@ def detect(
             raise TargetError(f"it no longer answers after it was asked for {probe.switch}")
 
 
-def _ask_until_believed(run: Run, probe: Probe, guard: Guard, trouble: Trouble) -> Detection:
-    """Ask once, on a noisy line until two answers agree."""
+def _ask_until_believed(
+    run: Run, probe: Probe, guard: Guard, is_sane: Callable[[Run], bool], trouble: Trouble
+) -> Detection:
+    """Ask once; where noise is possible, what is unusual counts when two answers agree."""
     known = dict(run.readings)
     told: list[tuple[str, ...]] = []
     for _ in range(MOST_ATTEMPTS):
         try:
             one = _ask(run, probe, guard, trouble)
-        except Disturbed:
+        except Disturbed as error:
+            if not is_sane(run):
+                raise TargetError(f"it was lost while asked for {probe.switch}: {error}") from error
             continue
-        if run.target.is_lossless or not run.quality.is_noisy or one.candidates in told:
+        is_usual = one.reading == run.ledger.ambiguity_of(probe.switch).default_of(probe.switch)
+        is_quiet = run.target.is_lossless or (is_usual and not run.quality.is_noisy)
+        if is_quiet or one.candidates in told:
             return one
         told.append(one.candidates)
         run.readings.clear()

@@ -55,7 +55,7 @@ class Options:
     @property
     def is_twin(self) -> bool:
         """True if what is judged cannot be harmed: a twin made for this run."""
-        return self.url.startswith(TWIN_SCHEME)
+        return self.is_builtin or self.url.startswith(TWIN_SCHEME)
 
     @property
     def url(self) -> str:

@@ -149,7 +149,9 @@ def test_a_healthy_twin_never_fails_behind_a_noisy_line(every: int, least_judged
         result = noisy_run(every, seed)
         verdicts = [one.verdict for one in result.requirements]
         assert Verdict.FAIL not in verdicts
-        assert Verdict.QUIRK not in verdicts
+        quirks = [one.reason for one in result.requirements if one.verdict is Verdict.QUIRK]
+        # The time to start is measured by polling, and told as measured.
+        assert all(reason.startswith("boot_time_ms=") for reason in quirks)
         assert verdicts.count(Verdict.PASS) >= least_judged
         assert result.exit_status in (0, 4)
 

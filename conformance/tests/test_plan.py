@@ -77,7 +77,7 @@ def test_a_missing_neighbour_is_named(bench: Any) -> None:
     """A check for two modules waits for --neighbour."""
     plan = plan_of(bench, port="/dev/null", neighbours=())
     assert "--neighbour" in reasons(plan)["moving"]
-    assert "destroying" in names(plan)
+    assert "alone" not in reasons(plan)["destroying"]
 
 
 def test_a_check_that_must_be_alone_does_not_run_beside_a_neighbour(bench: Any) -> None:
@@ -127,3 +127,12 @@ def test_the_replay_command_repeats_port_bounds_and_seed(bench: Any) -> None:
 def test_virtual_time_is_a_matter_of_the_url(bench: Any, port: str, is_met: bool) -> None:
     """A twin named by URL counts as one too."""
     assert ("virtual" in bench.options(port=port).provided) is is_met
+
+
+def test_on_a_port_destructive_checks_run_only_if_named(bench: Any) -> None:
+    """Allowing the class is not enough, nor is a prefix: the check's name, or a whole ID."""
+    given = {"port": "/dev/null", "neighbours": ()}
+    for words in ((), ("MACS-CMD",)):
+        assert "only if named" in reasons(plan_of(bench, words=words, **given))["destroying"]
+    for words in (("destroying",), ("MACS-CMD-08-01",)):
+        assert names(plan_of(bench, words=words, **given)) == ["destroying"]
