@@ -260,6 +260,10 @@ class Engine:
             for probe in self._result.plan.probes
             if ("destructive" in probe.check.safety) is is_destructive
         ]
+        if is_destructive and run.quality.is_noisy and not run.target.is_lossless:
+            for probe in mine:
+                leave_out(run, probe, f"too risky on a noisy line: {run.quality}")
+            return
         for is_alone, row in itertools.groupby(mine, lambda one: "alone" in one.check.needs):
             if is_alone and run.neighbours:
                 with self._opened(()) as other:

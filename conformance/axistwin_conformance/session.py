@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import random
 import zlib
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NoReturn
@@ -86,6 +87,7 @@ class Session:
         self.retries: list[str] = []
         self.is_strict = run.target.is_lossless  # True: replies are handed on as they come
         self.spoilt: list[str] = []  # what came wrong and was handed on all the same
+        self._asked: Counter[bytes] = Counter()
         self.failed_after = b""  # what was sent last before the first failure
         self.passed: dict[str, int] = {}
         self.motion_count = 0  # sampled so far, kept or not
@@ -207,8 +209,12 @@ class Session:
         if not bad:  # a device that never answers right must not make the line look noisy
             quality.note(is_spoilt=not is_good)
         bad.append(reply)
+        asked = self.target.last_sent
+        self._asked[asked] += 1
         if self.is_strict and not is_good:
-            self.spoilt.append(f"{self.target.last_sent.hex()}: {reply.hex()}")
+            # With its number: what is polled all the time is hit by noise now and then, but a
+            # device is wrong the same time again.
+            self.spoilt.append(f"{asked.hex()}, time {self._asked[asked]}: {reply.hex()}")
         return is_good or self.is_strict or quality.is_settled(bad)
 
     def disturbed(self, text: str) -> NoReturn:

@@ -272,6 +272,12 @@ def test_a_void_attempt_is_replayed() -> None:
     assert settled(VOID, VOID, PASSES)[:2] == (Verdict.PASS, 3)
 
 
+def test_what_is_polled_all_the_time_is_not_wrong_the_same_time_twice_by_noise() -> None:
+    """The same frame spoilt in each strict attempt, but another time: the pass stands."""
+    hits = [attempt(Verdict.FAIL, spoilt=(f"20h, time {number}: ",)) for number in (7, 90, 31)]
+    assert settled(RETRIED, *hits)[0] is Verdict.PASS
+
+
 def test_what_breaks_off_at_one_place_every_time_is_then_judged_as_it_comes() -> None:
     """A device that never answers 13h is no noisy line."""
     strictly_silent = attempt(Verdict.FAIL, spoilt=("13h: ",))
