@@ -1,9 +1,11 @@
 """Samples automatic mutants of the twin's device code; the black-box suite alone judges each.
 
 A mutant is one small change of the source: a comparison or an operator replaced, a constant one
-more or less, a condition negated, a statement left out.  It is killed by a failed judgement; a
-crash or a time-out is counted apart.  What survives is written down with its line and its change;
-a reason written beside one that reading has shown to be equivalent is kept when it comes again.
+more or less, a condition negated, a statement left out.  It is killed by a failed judgement.
+Counted apart are a crash or a time-out, and a quirk: a change that makes another admissible
+reading of the manual, which the suite has named.  What survives is written down with its line and
+its change; a reason, written beside one that reading has shown to be equivalent, is kept when that
+mutation comes again.
 """
 
 from __future__ import annotations
@@ -201,7 +203,7 @@ def _column(line: str, offset: int) -> int:
 
 
 def judge(mutation: Mutation | None, folder: Path, model: str, level: str) -> str:
-    """Judge a mutated copy of the twins in `folder`: killed, crash, time-out or survived."""
+    """Judge a mutated copy of the twins in `folder`: killed, quirk, crash, time-out, survived."""
     copied = folder / "axistwin"
     shutil.rmtree(copied, ignore_errors=True)
     shutil.copytree(PACKAGE, copied, ignore=shutil.ignore_patterns("__pycache__"))
@@ -225,7 +227,10 @@ def judge(mutation: Mutation | None, folder: Path, model: str, level: str) -> st
     ]
     if fails:
         return "killed"
-    return "survived" if done.returncode == 0 else f"crash ({done.returncode})"
+    if done.returncode:
+        return f"crash ({done.returncode})"
+    told = '"verdict": "quirk"' in done.stdout or '"verdict":"quirk"' in done.stdout
+    return "quirk" if told else "survived"
 
 
 def verdict(mutation: Mutation, folder: Path) -> str:
@@ -237,8 +242,45 @@ def verdict(mutation: Mutation, folder: Path) -> str:
     return outcome
 
 
+# Runs the stages in one process and prints the lines of the twins that were executed.
+TRACER = """
+import json, sys
+root, stages = sys.argv[1], json.loads(sys.argv[2])
+reached = {}
+
+def trace(frame, event, arg):
+    name = frame.f_code.co_filename
+    if not name.startswith(root):
+        return None
+    lines = reached.setdefault(name[len(root) + 1:], set())
+    def follow(frame, event, arg):
+        lines.add(frame.f_lineno)
+        return follow
+    return follow(frame, event, arg)
+
+sys.settrace(trace)
+from axistwin_conformance.cli import make_options
+from axistwin_conformance.engine import Engine
+for model, level in stages:
+    Engine(make_options(model=model, level=level)).run(lambda event: None)
+sys.settrace(None)
+print(json.dumps({name: sorted(lines) for name, lines in reached.items()}))
+"""
+
+
+def reached_lines() -> dict[str, set[int]]:
+    """The lines that the suite has the default twins execute; the others are code of other readings
+    of the manual, of other plants, or for panels, and no judgement of these twins can see them."""
+    stages = json.dumps([stage for stage in STAGES if stage[1] != "full"])
+    command = [sys.executable, "-c", TRACER, str(PACKAGE), stages]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    table = json.loads(done.stdout.splitlines()[-1])
+    return {name: set(lines) for name, lines in table.items()}
+
+
 def sample(seed: int, count: int) -> list[Mutation]:
-    """So many mutations of the twin's code, drawn by the seed."""
+    """So many mutations of the code that the default twins execute, drawn by the seed."""
+    reached = reached_lines()
     files = sorted(path for name in SOURCES for path in (PACKAGE / name).glob("*.py"))
     found = [
         one
@@ -246,8 +288,9 @@ def sample(seed: int, count: int) -> list[Mutation]:
         if str(path.relative_to(PACKAGE)) not in LEFT_OUT
         for one in mutations(path)
     ]
-    print(f"{len(found)} mutations of {len(files)} files", flush=True)
-    return random.Random(seed).sample(found, min(count, len(found)))
+    seen = [one for one in found if one.line in reached.get(one.path, ())]
+    print(f"{len(found)} mutations of {len(files)} files, {len(seen)} of them reached", flush=True)
+    return random.Random(seed).sample(seen, min(count, len(seen)))
 
 
 def known_reasons() -> dict[str, str]:
