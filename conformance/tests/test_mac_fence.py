@@ -43,6 +43,10 @@ class Line:
         """A counter reading."""
         self.say(0x20, 0, answer(0x20, position, address), address)
 
+    def has_deadline(self) -> bool:
+        """Whether the fence will stop the axis by itself."""
+        return self.fence.deadline_ns is not None
+
     def refuses(self, index: int, parameter: int = 0, address: int = 0) -> bool:
         """True if the frame is held back."""
         frame = codec.request(address, index, parameter).encode()
@@ -195,12 +199,12 @@ def test_a_preloaded_endless_motion_begins_with_11h(line: Line) -> None:
     """Held, it needs no stop; started, it does; 18h forgets it."""
     line.say(0x10)
     line.say(0x15, 0x1000)
-    assert line.fence.deadline_ns is None
+    assert not line.has_deadline()
     line.say(0x11)
-    assert line.fence.deadline_ns is not None
+    assert line.has_deadline()
     line.say(0x18)
     line.say(0x11)
-    assert line.fence.deadline_ns is None
+    assert not line.has_deadline()
 
 
 def test_a_frame_with_a_wrong_checksum_asks_for_nothing(line: Line) -> None:

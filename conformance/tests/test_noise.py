@@ -126,7 +126,7 @@ def noisy_run(every: int, seed: int, *words: str, level: str = "quick", **quirks
     if TWIN_HANDLER not in serial.protocol_handler_packages:
         serial.protocol_handler_packages.append(TWIN_HANDLER)
     options = make_options(model="mac23", ids=words, level=level, seed=seed)
-    ports = []
+    ports: list[NoisyPort] = []
 
     def open_noisy(neighbours: tuple[int, ...]) -> Target:
         url = options.family.twin_url(options.model, options.address, neighbours)
