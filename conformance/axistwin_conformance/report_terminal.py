@@ -25,6 +25,7 @@ from rich.table import Table
 from rich.text import Text
 
 from axistwin_conformance import events
+from axistwin_conformance.armed import load_armed
 from axistwin_conformance.events import Outcome
 from axistwin_conformance.judgement import UNREACHABLE
 from axistwin_conformance.ledger import Ledger
@@ -304,6 +305,10 @@ def print_plan(console: Console, plan: Plan) -> None:
     for check, reason in plan.left_out:
         text = f"left out: {check.name}: {reason}"
         console.print(text, style="dim", markup=False, soft_wrap=True)
+    for probe, reason in plan.unprobed:
+        text = f"not detected: {probe.switch}: {reason}"
+        console.print(text, style="dim", markup=False, soft_wrap=True)
+    console.print(f"First, {len(plan.probes)} questions would tell how it reads the manual.")
     console.print(f"{len(plan.to_run)} checks would run, {len(plan.left_out)} would not.")
 
 
@@ -314,11 +319,14 @@ def print_ledger(
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
     for title in ("requirement", "kind", "safety", "what is asked, and by which checks"):
         table.add_column(title, no_wrap=not title.startswith("what"))
+    armed = load_armed(ledger.name)
     for key in requirements:
         one = ledger.requirements[key]
         words = Text(one.text)
         names = [check.name for check in checks if key in check.requirements]
         reason = f"not on the wire: {one.not_on_wire}" if one.not_on_wire else "no check"
         words.append(f"\n→ {', '.join(names) or reason}", style="dim")
+        if names and armed is not None and key not in armed:
+            words.append("  (not armed)", style="yellow")
         table.add_row(key, one.kind.value, "+".join(sorted(one.safety)), words)
     console.print(table)

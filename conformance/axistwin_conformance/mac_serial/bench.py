@@ -31,9 +31,8 @@ REPEATABLE: Final = frozenset(
      0x04, 0x05, 0x06, 0x12, 0x1D, 0x1F}
 )  # fmt: skip
 MAY_BE_SILENT: Final = frozenset({0x00, 0x01, 0x08, 0x1B})  # MACS-AMB-20, §6
+NACKED_BY_MANY: Final = "every module of the line Nacks here, all at once: ask it alone"
 DEAF_S: Final = 2.0  # MACS-CMD-00-02
-DEAF_SURELY_S: Final = 1.5
-AWAKE_SURELY_S: Final = 2.5
 FIFO_STAGES: Final = 3
 PRELOAD_SHOWS_S: Final = 0.2
 CLOCK_ERROR: Final = 0.002  # a real module's quartz against ours; none in virtual time
@@ -340,6 +339,7 @@ class Bench:
             change=seen.get("vel_change_law", "ramp_length"),
             stop=seen.get("stop_ramp_law", "climbed"),
             triangle=seen.get("triangle_law", "mirror"),
+            step=seen.get("step_phase", "end"),
         )
 
     @property
@@ -347,16 +347,38 @@ class Bench:
         """The time a request takes on the line."""
         return codec.REQUEST_BYTES * self.byte_ns
 
+    @property
+    def is_nacked_by_many(self) -> bool:
+        """True where every module on this line Nacks every wrong checksum (MACS-AMB-19)."""
+        return bool(self.session.neighbours) and self.known("nack_scope") == 2
+
+    def nacked_alone(self, frame: Request) -> list[Request]:
+        """The frame under a wrong checksum, where only the module it is for could Nack it."""
+        return [] if self.is_nacked_by_many else [frame.with_wrong_checksum()]
+
     def may(self, safety: str) -> bool:
         """True if the running check, or probe, has declared that it does such things."""
         check = self.session.check
         return check is not None and safety in check.safety
 
+    @property
+    def deaf_s(self) -> float:
+        """How long this module is deaf after a restart (MACS-AMB-21)."""
+        return int(self.session.reading("boot_time_ms")) / 1000
+
+    @property
+    def deaf_surely_s(self) -> float:
+        """For how long after a restart it surely hears nothing."""
+        return self.deaf_s - min(0.5, self.deaf_s / 2)
+
+    @property
+    def awake_surely_s(self) -> float:
+        """How long after a restart it surely listens."""
+        return self.deaf_s + 0.5
+
     def wait_awake(self) -> None:
         """Wait until the module surely listens after a restart, as long as this one is deaf."""
-        deaf = self.session.reading("boot_time_ms")
-        known_s = int(deaf) / 1000 if deaf.isdigit() else DEAF_S
-        self.wait(known_s + AWAKE_SURELY_S - DEAF_S)
+        self.wait(self.awake_surely_s)
 
     def reinitialise(self) -> Exchange:
         """Send 00h and wait until the module surely listens again."""
@@ -492,7 +514,8 @@ class Bench:
     def to_segments(self, exchange: Exchange, origin: int, *segments: Segment) -> Forecast:
         """What to expect of segments of which the first was taken over at rest."""
         return Forecast.of(
-            Timeline("IN", origin, edge, segments=segments) for edge in exchange.taken.edges
+            Timeline("IN", origin, edge, segments=segments, leads=self.law.step == "start")
+            for edge in exchange.taken.edges
         )
 
     def wait(self, seconds: float) -> None:
@@ -510,10 +533,18 @@ class Bench:
             return 0
         return 2 + TICKS_PER_SECOND // max(1, period) // 200  # 5 ms of motion
 
+    @property
+    def has_ideal_plant(self) -> bool:
+        """True if the axis is always where its set-point is, as far as is known."""
+        return not self.known("plant")
+
     def braking(self, period: int) -> int:
         """Increments a real axis may need to stop without ramp; none in virtual time, where the
         built-in twin's plant is ideal (§5.7)."""
-        if self.target.is_virtual:
+        number = self.session.reading("brake_increments")
+        if number.isdigit():
+            return int(number)
+        if self.target.is_virtual and self.has_ideal_plant:
             return 0
         speed = TICKS_PER_SECOND // max(1, period)
         return 2 + speed * speed // (2 * GENTLE_BRAKING)

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
 
-from axistwin_conformance.mac_serial.bench import AWAKE_SURELY_S, DEAF_SURELY_S, QUIET_S, Bench
+from axistwin_conformance.mac_serial.bench import QUIET_S, Bench
 from axistwin_conformance.mac_serial.codec import Kind
 from axistwin_conformance.mac_serial.probes_destructive import (
     DESTRUCTIVE,
@@ -45,7 +45,7 @@ def the_address_can_be_programmed(session: Session) -> None:
             )  # fmt: skip
             if not answers(bench, new):
                 bench.send(bench.frame(0x00), QUIET_S)
-                bench.wait(AWAKE_SURELY_S)
+                bench.wait_awake()
                 outcome: int | str = 1 if answers(bench, new) else "never"
                 bench.reading("addr_effective", outcome, ("MACS-CMD-08-01", "MACS-CMD-08-02"))
             else:
@@ -55,7 +55,7 @@ def the_address_can_be_programmed(session: Session) -> None:
                 not answers(bench, old), "MACS-CMD-08-01", f"silence at {old:02X}", "an answer"
             )
         bench.command(0x00)
-        bench.wait(AWAKE_SURELY_S)
+        bench.wait_awake()
         session.expect(
             answers(bench, bench.address), "MACS-CMD-08-02",
             f"still at {bench.address:02X} after 00h", "silence",
@@ -125,10 +125,10 @@ def _judge_rate(bench: Bench, value: int) -> None:
         outcome = 0 if exchange.kind is Kind.ACCEPTED else 1  # at the new rate we hear garbage
         bench.reading("baud_reply_rate", outcome, "MACS-CMD-1B-01")
     bench.target.baud = rate
-    bench.wait(DEAF_SURELY_S - QUIET_S * 4)
+    bench.wait(bench.deaf_surely_s - QUIET_S * 4)
     early = bench.send(bench.frame(0x20), QUIET_S)
     bench.must(Kind.SILENCE, early, "MACS-CMD-1B-01")
-    bench.wait(AWAKE_SURELY_S - DEAF_SURELY_S + QUIET_S)
+    bench.wait(bench.awake_surely_s - bench.deaf_surely_s + QUIET_S)
     bench.alive("MACS-CMD-1B-01")
     if rate != old:
         bench.target.baud = old
@@ -160,11 +160,11 @@ def a_factory_reset_brings_the_factory_values(session: Session) -> None:
         )  # fmt: skip
         bench.address, session.target.baud = 0, FACTORY_BAUD
         is_deaf = bench.send(bench.frame(0x20), QUIET_S).kind is Kind.SILENCE
-        bench.wait(DEAF_SURELY_S - QUIET_S * 5)
+        bench.wait(bench.deaf_surely_s - QUIET_S * 5)
         if is_deaf:  # deaf at all is deaf as long as after 00h
             late = bench.send(bench.frame(0x20), QUIET_S)
             bench.must(Kind.SILENCE, late, "MACS-CMD-01-03")
-        bench.wait(AWAKE_SURELY_S - DEAF_SURELY_S + QUIET_S * 5)
+        bench.wait(bench.awake_surely_s - bench.deaf_surely_s + QUIET_S * 5)
         bench.alive("MACS-CMD-01-02")
         bench.reading("factory_reset_scope", int(not is_deaf), "MACS-CMD-01-03")
         _judge_factory_values(bench, changed)
@@ -217,7 +217,7 @@ def _judge_again(bench: Bench) -> None:
             changed != value, f"{index:02X}h other than {value:08X}", f"{changed:08X}"
         )
     bench.send(bench.frame(0x01), QUIET_S * 2)
-    bench.wait(AWAKE_SURELY_S)
+    bench.wait_awake()
     for index, value in found.items():
         again = bench.value(index)
         bench.session.expect(
@@ -239,5 +239,3 @@ def _judge_factory_values(bench: Bench, changed: dict[int, int]) -> None:
     limit = found[0x26] >> 16 & 0xFF
     session.expect(limit <= imax, "MACS-CMD-01-01", f"torque 00..{imax:02X}", f"{limit:02X}")
     session.info("MACS-CMD-01-01", f"factory values: {words}")
-    is_ledger = found == FACTORY_ANSWERS
-    session.quirk("MACS-CMD-01-01", "factory_values", "ledger" if is_ledger else words)

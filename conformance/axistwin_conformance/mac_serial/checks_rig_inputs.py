@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from axistwin_conformance.mac_serial.bench import AWAKE_SURELY_S, QUIET_S, SLOWEST
+from axistwin_conformance.mac_serial.bench import QUIET_S, SLOWEST
 from axistwin_conformance.mac_serial.codec import Kind
 from axistwin_conformance.mac_serial.forecast import Forecast
 from axistwin_conformance.mac_serial.motion import TICK_NS
@@ -391,7 +391,7 @@ def held_in_reset_the_module_is_deaf(session: Session) -> None:
             bench.reading("has_reset_input", 1)
             return
         bench.reading("has_reset_input", 0)
-        bench.wait(AWAKE_SURELY_S)
+        bench.wait_awake()
         if _answers_in_reset(bench, start):
             session.fail(None, "silence for as long as it is held", "an answer")
         bench.rig.set_input("reset", False)
@@ -408,7 +408,7 @@ def _answers_in_reset(bench: RigBench, start: int) -> bool:
     """Send what would be answered, Nacked, executed; True if anything comes."""
     frames = (
         bench.frame(0x20),
-        bench.frame(0x20).with_wrong_checksum(),
+        *bench.nacked_alone(bench.frame(0x20)),
         bench.frame(0x0F, 0x55),
         bench.frame(0x13, start - 40),
     )

@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from typing import Final
 
 from axistwin_conformance.mac_serial.bench import (
-    AWAKE_SURELY_S,
     PRELOAD_SHOWS_S,
     QUIET_S,
     segment,
@@ -226,7 +225,7 @@ def _rate_put_back(bench: RigBench) -> Iterator[None]:
             if bench.send(bench.frame(0x20), QUIET_S * 2).kind is Kind.ANSWER:
                 if rate != own:
                     bench.send(bench.frame(0x1B, value), QUIET_S * 2)
-                    bench.wait(AWAKE_SURELY_S)
+                    bench.wait_awake()
                 break
         bench.target.baud = own
 
@@ -245,7 +244,7 @@ def the_rate_outlives_the_supply(session: Session) -> None:
             session.not_run("MACS-PERS-01", "the rate cannot be changed on this device")
             return
         bench.target.baud = rate
-        bench.wait(AWAKE_SURELY_S)
+        bench.wait_awake()
         bench.alive("MACS-CMD-1B-01")
         bench.power_cycle()
         session.expect(
@@ -264,7 +263,7 @@ def the_address_outlives_the_supply(session: Session) -> None:
         bench.rig.power_off()
         bench.wait(1.0)
         bench.rig.power_on()
-        bench.wait(AWAKE_SURELY_S)
+        bench.wait_awake()
         bench.address = new
         bench.alive(("MACS-PERS-02", "MACS-CMD-08-02"))
     finally:
@@ -273,5 +272,5 @@ def the_address_outlives_the_supply(session: Session) -> None:
             bench.send(bench.frame(0x08, own, address=GENERAL_ADDRESS), QUIET_S * 2)
             bench.send(bench.frame(0x00), QUIET_S)  # if it takes a restart
             bench.send(bench.frame(0x00, address=own), QUIET_S)
-            bench.wait(AWAKE_SURELY_S)
+            bench.wait_awake()
         bench.address = own

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, Phase, configuration, given, seed, settings
 from hypothesis import strategies as st
 from hypothesis.errors import FlakyFailure
 
-from axistwin_conformance.mac_serial.bench import Bench
+from axistwin_conformance.mac_serial.bench import SAFE_PERIOD, Bench
 from axistwin_conformance.mac_serial.forecast import Forecast
 from axistwin_conformance.mac_serial.model import AxisModel
 from axistwin_conformance.mac_serial.probes import MOVES
@@ -56,6 +56,8 @@ def many_mixed_sequences_agree_with_the_model(session: Session) -> None:
 
 def _play(session: Session, level: str) -> None:
     bench = Bench(session)
+    if bench.braking(SAFE_PERIOD) and session.target.is_virtual:
+        session.skip("the ledger gives no exact rule for an axis with inertia")
     home = bench.ready()
     try:
         if session.target.is_lossless:

@@ -9,7 +9,7 @@ from typing import Final
 
 from axistwin_conformance.errors import TargetError, WrongDevice
 from axistwin_conformance.mac_serial import codec
-from axistwin_conformance.mac_serial.bench import AWAKE_SURELY_S, Bench
+from axistwin_conformance.mac_serial.bench import Bench
 from axistwin_conformance.mac_serial.codec import Kind
 from axistwin_conformance.mac_serial.fence import Fence
 from axistwin_conformance.mac_serial.motion import TICK_NS
@@ -208,7 +208,7 @@ def _clear_fault(bench: Bench) -> None:
     faults = bench.ask(0x21).reply.data or 0
     if faults >> 24 & DISJUNCTIONS:
         bench.command(0x00)
-        bench.wait(AWAKE_SURELY_S)
+        bench.wait_awake()
 
 
 def _repairs(now: Memory, memory: Memory) -> list[tuple[int, int]]:

@@ -84,7 +84,7 @@ class Timeline:
     `mode`: "HD" at rest, "PO", "VE" or "IN".  `course` belongs to PO and VE.  `segments`: of IN the
     row being executed, of PO and VE what waits for the axis to come to rest (MACS-AMB-31).
     `stops`: the software stops (inferior, superior) if enabled.  `ff`: what 21h told of stops
-    before this motion.
+    before this motion.  `leads`: an increment counts when it begins (MACS-AMB-41).
     """
 
     mode: str
@@ -95,6 +95,7 @@ class Timeline:
     segments: tuple[Segment, ...] = ()
     stops: tuple[int, int] | None = None
     ff: int = 0
+    leads: bool = False
 
     @cached_property
     def legs(self) -> tuple[Leg, ...]:
@@ -160,6 +161,8 @@ class Timeline:
             if leg.start_ns > now_ns:
                 break
             place = leg.position_at(now_ns)
+        if self.leads and self.start_ns <= now_ns and self.is_running(now_ns):
+            place += _heading(self, now_ns)
         return place
 
     def is_running(self, now_ns: int) -> bool:
@@ -224,6 +227,7 @@ class Forecast:
                 direction,
                 course(replace(law, rounding=rounding)),
                 stops=stops,
+                leads=law.step == "start",
             )
             for edge in window.edges
             for rounding in ROUNDINGS

@@ -107,6 +107,11 @@ class AxisModel:
     preloaded: int | None = None  # index of the motion held back
     preload_parameter: int = 0
 
+    @property
+    def leads(self) -> bool:
+        """True if an increment counts when it begins."""
+        return self.law.step == "start"
+
     # --- what may be said -------------------------------------------------------------------------
 
     def states(self, window: Window) -> frozenset[str]:
@@ -234,7 +239,8 @@ class AxisModel:
             ]
         mode = "VE" if index == 0x15 else "PO"
         return [
-            Timeline(mode, origin, edge, direction, course, stops=one.limits) for course in courses
+            Timeline(mode, origin, edge, direction, course, stops=one.limits, leads=self.leads)
+            for course in courses
         ]
 
     def _segment(
@@ -244,7 +250,8 @@ class AxisModel:
         one = Segment(steps, parameter & 0xFFFF, moves=index == 0x16)
         if is_resting:
             origin = now.position_at(edge)
-            return Timeline("IN", origin, edge, segments=(one,), stops=self.parameters.limits)
+            stops = self.parameters.limits
+            return Timeline("IN", origin, edge, segments=(one,), stops=stops, leads=self.leads)
         return replace(now, segments=(*now.segments, one))
 
     # --- learning ---------------------------------------------------------------------------------

@@ -38,6 +38,7 @@ class Law:
     triangle: str = "mirror"  # or "shared_peak", §5.11
     change: str = "ramp_length"  # or "constant_acceleration", "step", MACS-AMB-44
     stop: str = "climbed"  # or "ramp_length", MACS-AMB-45
+    step: str = "end"  # or "start": when an increment counts, MACS-AMB-41
     rounding: str = "half_up"  # or "down", "up", MACS-AMB-43
 
 

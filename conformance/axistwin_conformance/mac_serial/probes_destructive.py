@@ -93,7 +93,7 @@ def general_reply_of_a_lone_module(bench: Bench) -> Outcome:
             bench.send(bench.frame(0x00), QUIET_S)
             bench.wait_awake()
         if not answers(bench, new):
-            return "it cannot be given another address"
+            bench.session.skip("it cannot be given another address")
         bench.address = new
         kind, _ = answers_to_all(bench)
     return (1, 3) if kind is Kind.ANSWER else (0, 2)
@@ -124,7 +124,7 @@ def lock_08_1b(bench: Bench) -> Outcome:
     kind = program_address(bench, bench.address, to)
     bench.at_rest()
     if kind is Kind.SILENCE and to == GENERAL_ADDRESS:
-        return "it keeps silent to general frames, and takes 08h by no other"
+        bench.session.skip("it keeps silent to general frames, and takes 08h by no other")
     return reply_of(kind, ACCEPTED_OR_REFUSED)
 
 
@@ -141,9 +141,9 @@ def cmd_1b_supported(bench: Bench) -> Outcome:
 def baud_reply_rate(bench: Bench) -> Outcome:
     """1Bh with another rate: whether its reply can be read at the old one."""
     if bench.known("cmd_1b_supported"):
-        return "this device has no 1Bh"
+        bench.session.skip("this device has no 1Bh")
     if bench.target.description.startswith("socket:"):
-        return "a plain socket carries bytes, not a rate"
+        bench.session.skip("a plain socket carries bytes, not a rate")
     own = bench.target.baud
     value = next(one for one, rate in RATES.items() if rate != own)
     kind = bench.send(bench.frame(0x1B, value), QUIET_S * 2).kind

@@ -35,6 +35,7 @@ from axistwin_conformance.profile import Probe
 RAMP_LAWS: Final = ("equal_time", "equal_increments")
 TARGET_OUT_OF_RANGE: Final = 0x40000000
 ROUNDINGS: Final = {"half_up": 0, "down": 1, "up": 2}
+SWING_READS: Final = 12
 LONGEST_RAMP: Final = 0xFF
 ROUNDING_PERIOD: Final = 0x07F1  # the three roundings of its levels lie evenly apart, 3.3 ms
 STOP_PERIOD: Final = 0x1000
@@ -49,6 +50,7 @@ def abort_flush(bench: Bench) -> Outcome:
     """Two segments, 18h during the first, a third of 5 steps: whether the second runs too."""
     for _ in range(FIFO_STAGES):
         bench.command(0x18)
+    bench.command(0x0F, 0)  # no ramp behind the last segment, whatever MACS-AMB-40 is read as
     for _ in range(2):
         bench.command(0x16, segment(40, 0x4000))
     bench.command(0x18)
@@ -56,9 +58,10 @@ def abort_flush(bench: Bench) -> Outcome:
     bench.command(0x16, segment(5, 0x1000))
     bench.wait(PRELOAD_SHOWS_S)
     moved = bench.position() - place
-    if moved != 5:
-        bench.reinitialise()  # whatever is still stored
-    return 0 if moved == 5 else 1
+    if moved < 40:
+        return 0
+    bench.reinitialise()  # whatever is still stored
+    return 1
 
 
 @probe(safety=MOVES)
@@ -143,7 +146,7 @@ def motion_start_ref(bench: Bench) -> Outcome:
     sample = bench.sample()
     bench.at_rest()
     if sample.taken.latest_ns >= exchange.taken.latest_ns + first_ns:
-        return "its replies take too long to tell"
+        bench.session.skip("its replies take too long to tell")
     moved = sample.position - start
     return {steps: 0, steps - 1: 1}.get(moved, f"{moved} increments")
 
@@ -181,7 +184,7 @@ def period_rounding(bench: Bench) -> Outcome:
     """A long move with AA = FFh: the rounding of 61200 periods adds up to milliseconds."""
     distance = 2 * ramp_increments(LONGEST_RAMP)
     if distance > bench.room():
-        return f"needs {2 * distance} increments of travel"
+        bench.session.skip(f"needs {2 * distance} increments of travel")
     start = bench.ready(ROUNDING_PERIOD, LONGEST_RAMP)
     exchange = bench.accepted(0x13, start + distance)
     edges = exchange.taken.edges
@@ -218,13 +221,29 @@ def plant(bench: Bench) -> Outcome:
     """Without ramp to 80000 inc/s: whether the axis is there at once."""
     period = max(100, bench.fastest)
     if period > 100 or bench.room() < 4000:
-        return "needs 80000 inc/s and 8000 increments of travel"
+        bench.session.skip("needs 80000 inc/s and 8000 increments of travel")
     start = bench.ready(period, 0)
     exchange = bench.accepted(0x15, velocity(1, period))
     samples = bench.sampled(0.02, 2)
     bench.command(0x18)
     ideal = bench.to_velocity(exchange, start, 1, period)
     return 0 if bench.fit(samples, [ideal]) else 1
+
+
+@probe(safety=MOVES)
+def standby_swing(bench: Bench) -> Outcome:
+    """20h a few times in standby after a move."""
+    start = bench.ready()
+    bench.accepted(0x02, 1)
+    end = bench.go(start + 50).end
+    assert end is not None
+    bench.wait_until(end.latest_ns + 100_000_000)
+    places = {bench.position() - start for _ in range(SWING_READS)}
+    bench.accepted(0x18)
+    bench.command(0x02, 0)
+    if places == {50}:
+        return 0
+    return 1 if places <= {49, 50, 51} else f"{sorted(places)} where 50 is the place held"
 
 
 @probe(safety=MOVES)
@@ -341,7 +360,7 @@ def cleared_in_a_move(bench: Bench) -> tuple[Outcome, int]:
     """
     start = bench.ready(0x4000, 0)
     if abs(start) > bench.room() // 2:
-        return f"counter 0 is {abs(start)} increments away, outside the envelope", 0
+        bench.session.skip(f"counter 0 is {abs(start)} increments away")
     distance = 150
     target = start + distance
     forecast = bench.go(target)

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Final
 
 from axistwin_conformance.mac_serial.bench import (
-    AWAKE_SURELY_S,
     QUIET_S,
     SLOWEST,
     Bench,
@@ -97,11 +96,11 @@ class RigBench(Bench):
         """00h, and wait until it surely listens again (MACS-CMD-00-02)."""
         self.at_rest()
         self.command(0x00)
-        self.wait(AWAKE_SURELY_S)
+        self.wait_awake()
 
     def awake(self, requirement: Part = None) -> None:
         """Wait for the end of the deafness, then judge that it answers."""
-        self.wait(AWAKE_SURELY_S)
+        self.wait_awake()
         self.alive(requirement)
 
     def power_cycle(self, requirement: Part = None) -> Window:

@@ -13,7 +13,6 @@ from typing import Final
 
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.bench import (
-    AWAKE_SURELY_S,
     QUIET_S,
     Bench,
     Exchange,
@@ -193,7 +192,7 @@ class Sequence:
     def restart(self) -> None:
         """00h, and the deaf time after it."""
         self.command(0x00)
-        self._pause(AWAKE_SURELY_S)
+        self._pause(self.bench.awake_surely_s)
 
     def _pause(self, seconds: float) -> None:
         self.story.append(f"wait {seconds * 1000:.0f} ms")
