@@ -141,7 +141,7 @@ def noisy_run(every: int, seed: int, *words: str, level: str = "quick", **quirks
 
 
 @pytest.mark.parametrize(
-    ("every", "least_judged"), [(5000, 100), pytest.param(500, 60, marks=pytest.mark.slow)]
+    ("every", "least_judged"), [(5000, 100), pytest.param(500, 60, marks=pytest.mark.soak)]
 )
 def test_a_healthy_twin_never_fails_behind_a_noisy_line(every: int, least_judged: int) -> None:
     """Lost, late and corrupted bytes cost time and certainty, never a verdict."""
@@ -156,7 +156,7 @@ def test_a_healthy_twin_never_fails_behind_a_noisy_line(every: int, least_judged
         assert result.exit_status in (0, 4)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_line_that_spoils_every_other_exchange_still_gets_an_honest_end() -> None:
     """One byte in 50: the run ends, what could not be settled is inconclusive, k of n is told."""
     for seed in (1, 2):

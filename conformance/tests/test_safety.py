@@ -150,7 +150,7 @@ def test_a_quick_run_never_leaves_the_envelope() -> None:
     judge_travel(0, "quick")
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", range(20))
 def test_a_full_run_never_leaves_the_envelope(seed: int) -> None:
     """Twenty seeds, everything but the rig."""
@@ -191,7 +191,7 @@ def test_an_interrupt_at_any_moment_leaves_the_axis_at_rest_and_its_memory_as_it
     assert any(hits)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.parametrize("part", range(10))
 def test_an_interrupt_at_two_hundred_random_moments(part: int) -> None:
     """Twenty of them here; all over a run of everything."""

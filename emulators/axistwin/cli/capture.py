@@ -24,7 +24,8 @@ from axistwin.runtime.line import Line
 from axistwin.runtime.loop import Loop
 from axistwin.runtime.transcript import Direction, Transcript
 
-PAUSE_NS: Nanos = 5 * NS_PER_MS
+# A reply may reach us in pieces, late when the machine is busy; the other direction ends it anyway.
+PAUSE_NS: Nanos = 50 * NS_PER_MS
 BURST_MAX = 256
 _FLUSH_S = 0.05
 
@@ -52,6 +53,7 @@ class Recorder(Transcript):
         self._direction: Direction = "host"
         self._note = ""
         self._begin_ns = self._end_ns = 0
+        self._added_s = 0.0
         self._data = bytearray()
 
     def add(self, time_ns: Nanos, direction: Direction, data: bytes, note: str = "") -> None:
@@ -68,6 +70,7 @@ class Recorder(Transcript):
             self._direction, self._begin_ns, self._note = direction, time_ns, note
         self._data += data
         self._end_ns = time_ns
+        self._added_s = time.monotonic()
         if not self._flushing:
             self._flushing = True
             self._loop.call_later(_FLUSH_S, self._flush_later)
@@ -89,8 +92,11 @@ class Recorder(Transcript):
             self._file.close()
 
     def _flush_later(self) -> None:
-        self._flushing = False
-        self.write_burst()
+        self._flushing = time.monotonic() - self._added_s < _FLUSH_S
+        if self._flushing:  # the burst may go on
+            self._loop.call_later(_FLUSH_S, self._flush_later)
+        else:
+            self.write_burst()
         self._flush()
 
     def _flush(self) -> None:
