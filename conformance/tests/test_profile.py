@@ -136,7 +136,7 @@ def conforms_with(readings: Readings, level: str) -> None:
     assert (result.exit_status, named(result)) == (0, dict(readings))
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.parametrize(("switch", "reading"), OTHERS, ids=IDS)
 def test_a_twin_of_each_reading_conforms_with_that_quirk_named(switch: str, reading: str) -> None:
     """Doubt has a name: another reading is neither failed nor overlooked, at level quick."""
@@ -157,7 +157,7 @@ def sample(count: int, size: int, seed: int) -> list[dict[str, str]]:
     return sets
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.parametrize("readings", sample(4, 1, seed=3), ids=str)
 def test_a_sample_conforms_at_full_too(readings: Readings) -> None:
     """The whole suite on a twin of another reading."""
@@ -233,7 +233,7 @@ def test_configuration_in_a_profile_is_passed_over(tmp_path: Path) -> None:
     assert load_profile(path, "mac23", LEDGER) == {"abort_flush": "false"}
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.parametrize("readings", sample(5, 3, seed=11), ids=str)
 def test_three_readings_at_once_conform_with_those_three_named(readings: Readings) -> None:
     """A device that differs in three ways is told in three names."""
