@@ -37,6 +37,8 @@ from axistwin.motion.inertia import Chase, Mechanics, leg_speed, nearest_increme
 from axistwin.motion.spans import Arc, Following, Span, Stepping, Still
 from axistwin.motion.trajectory import TICK_NS, Piece, SetPoint, Trajectory
 
+_DENOMINATOR_BITS = 128
+
 
 def exact_number(name: str, value: Fraction | float | str) -> Fraction:
     """``value`` as the decimal number it is written as; UsageError if it is negative or none."""
@@ -87,6 +89,16 @@ class _Shaft(NamedTuple):
     speed: Fraction
     offset: int | None = None
     step_due_ns: Nanos | None = None
+
+
+def _bounded(value: Fraction) -> Fraction:
+    """``value``, with a long denominator rounded to 2**-128.
+
+    Each order to brake squares the speed that the last one left; a row of them would not end.
+    """
+    if value.denominator.bit_length() <= _DENOMINATOR_BITS:
+        return value
+    return Fraction(round(value * (1 << _DENOMINATOR_BITS)), 1 << _DENOMINATOR_BITS)
 
 
 class Plant:
@@ -415,6 +427,7 @@ class Plant:
         """
         self.advance(now_ns)
         shaft = self._shaft
+        shaft = shaft._replace(exact=_bounded(shaft.exact), speed=_bounded(shaft.speed))
         self._set_point = self._target = self._run_out = None
         if increments is None:
             increments = 0 if self._is_ideal else ceil(shaft.speed**2 / (2 * slowing))
