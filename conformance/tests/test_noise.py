@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 import serial
+from port_in_front import PortInFront
 
 from axistwin_conformance import noise
 from axistwin_conformance.cli import make_options
@@ -22,34 +23,15 @@ from axistwin_conformance.verdicts import Finding, Verdict
 LATEST_NS = 60_000_000  # a byte may come that late: more than the pause after a forbidden frame
 
 
-class NoisyPort:
+class NoisyPort(PortInFront):
     """The built-in twin's port with one byte in `every` lost, corrupted or late, both ways."""
 
     def __init__(self, port: Any, every: int, seed: int) -> None:
-        self.port, self.every = port, every
+        super().__init__(port)
+        self.every = every
         self.random = random.Random(seed)
-        self.timeout: float | None = 0.0
         self.hits = 0
         self._arrived: deque[tuple[int, int]] = deque()  # from when on, byte
-
-    @property
-    def virtual_time_ns(self) -> int:
-        """The twin's clock."""
-        return int(self.port.virtual_time_ns)
-
-    @property
-    def twins(self) -> Any:
-        """The twins behind it."""
-        return self.port.twins
-
-    @property
-    def baudrate(self) -> int:
-        """The rate of our end."""
-        return int(self.port.baudrate)
-
-    @baudrate.setter
-    def baudrate(self, rate: int) -> None:
-        self.port.baudrate = rate
 
     def _spoil(self, byte: int) -> tuple[bytes, int]:
         """What becomes of a byte, and how late (ns)."""

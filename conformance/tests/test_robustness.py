@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 import serial
+from port_in_front import PortInFront
 
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine, Result
@@ -21,33 +22,19 @@ SOON_REAL_S = 60.0
 Answers = Callable[[bytes], bytes]
 
 
-class Peer:
+class Peer(PortInFront):
     """A port in virtual time: the built-in twin up to a number of requests, then something else."""
 
     def __init__(self, port: Any, good: int, answers: Answers) -> None:
-        self.port, self.good, self.answers = port, good, answers
-        self.timeout: float | None = 0.0
+        super().__init__(port)
+        self.good, self.answers = good, answers
         self._extra_ns = 0
         self._waiting = b""
 
     @property
     def virtual_time_ns(self) -> int:
         """The twin's clock, and what has passed since it was replaced."""
-        return int(self.port.virtual_time_ns) + self._extra_ns
-
-    @property
-    def twins(self) -> Any:
-        """The twins behind the port."""
-        return self.port.twins
-
-    @property
-    def baudrate(self) -> int:
-        """The rate of our end."""
-        return int(self.port.baudrate)
-
-    @baudrate.setter
-    def baudrate(self, rate: int) -> None:
-        self.port.baudrate = rate
+        return super().virtual_time_ns + self._extra_ns
 
     @property
     def in_waiting(self) -> int:
