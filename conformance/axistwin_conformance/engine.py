@@ -23,7 +23,6 @@ import itertools
 import signal
 import threading
 import time
-import traceback
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -31,17 +30,17 @@ from importlib import metadata
 
 from axistwin_conformance import events
 from axistwin_conformance.armed import load_armed
+from axistwin_conformance.attempts import Attempts, describe
 from axistwin_conformance.budget import WriteBudget
 from axistwin_conformance.detection import detect, leave_out
-from axistwin_conformance.errors import CannotDo, RigError, TargetError, WrongDevice
+from axistwin_conformance.errors import RigError, TargetError, WrongDevice
 from axistwin_conformance.events import Listener, Outcome
 from axistwin_conformance.judgement import CheckResult, RequirementResult, conclude
 from axistwin_conformance.ledger import load_ledger
-from axistwin_conformance.noise import Attempt, Disturbed, Replays
 from axistwin_conformance.plan import Options, Plan, make_plan
 from axistwin_conformance.profile import Detection, Probe, deviations
 from axistwin_conformance.registry import Check
-from axistwin_conformance.session import Envelope, Run, Session, Stop
+from axistwin_conformance.session import Envelope, Run, Session
 from axistwin_conformance.targets import Target, open_target
 from axistwin_conformance.verdicts import Finding, Verdict
 
@@ -83,6 +82,7 @@ class Engine:
         self._emit: Listener = lambda event: None
         self._blocked = ""
         self._budget = WriteBudget(options.eeprom_budget)
+        self._attempts = Attempts(self._tell, self._budget, self._settle, self._is_sane)
         self._result = Result(options, self.plan())
 
     def plan(self) -> Plan:
@@ -115,6 +115,9 @@ class Engine:
             events.RunFinished(result.exit_status, result.sentence, counts, problems, seconds)
         )
         return result
+
+    def _tell(self, event: events.Event) -> None:
+        self._emit(event)
 
     def _announce(self) -> None:
         options, plan = self.options, self._result.plan
@@ -180,7 +183,7 @@ class Engine:
         except KeyboardInterrupt:
             result.is_interrupted = True
         except Exception as error:  # in a hook of the family; checks are caught one by one
-            self._trouble(_describe(error))
+            self._trouble(describe(error))
 
     @contextlib.contextmanager
     def _opened(self, neighbours: tuple[int, ...]) -> Iterator[Run]:
@@ -282,7 +285,7 @@ class Engine:
     def _ask(self, run: Run, probes: list[Probe]) -> None:
         if run.memory is None and any(probe.check.danger > 0 for probe in probes):
             run.memory = self.family.remember(Session(run))
-        detect(run, probes, self._guard, self._is_sane, self._trouble)
+        detect(run, probes, self._attempts.guard, self._is_sane, self._trouble)
         if run.memory is not None:
             self._settle(run)
 
@@ -308,7 +311,7 @@ class Engine:
         except TargetError as error:
             self._trouble(f"could not stop the axis or put its parameters back: {error}")
         except Exception as error:  # nothing may keep the port from being closed
-            self._trouble(f"could not stop the axis or put its parameters back: {_describe(error)}")
+            self._trouble(f"could not stop the axis or put its parameters back: {describe(error)}")
 
     # Checks.
 
@@ -342,7 +345,7 @@ class Engine:
                 return self._blocked_result(check)
         if "destructive" in check.safety and run.quality.is_noisy and not run.target.is_lossless:
             return self._left_out(check, f"too risky on a noisy line: {run.quality}")
-        result = self._believed_result(run, check)
+        result = self._attempts.believed(run, check)
         try:
             if check.danger > 0:
                 self._settle(run)
@@ -351,7 +354,7 @@ class Engine:
             is_sane = False
             result = replace(result, trouble=result.trouble or str(error))
         except Exception as error:  # what cannot be put back must not be followed by more
-            self._block(_describe(error))
+            self._block(describe(error))
             return result
         if not is_sane:
             self._block(f"the device no longer answers after {check.name}")
@@ -363,74 +366,6 @@ class Engine:
         with self._opened(()) as other:
             self._inherit(other, run)
             return self._run_one(other, check)
-
-    def _believed_result(self, run: Run, check: Check) -> CheckResult:
-        """Run a check, where noise is possible as often as its result needs to be believed."""
-        if run.target.is_lossless:
-            return self._attempt(run, check).result
-        known = dict(run.readings)
-
-        def attempt(is_strict: bool) -> Attempt:
-            run.readings.clear()
-            run.readings.update(known)
-            return self._attempt(run, check, is_strict=is_strict)
-
-        def tidy() -> bool:
-            try:
-                if check.danger > 0:
-                    self._settle(run)
-                return self._is_sane(run)
-            except TargetError:
-                return False  # found again, and told, when the check is over
-
-        return Replays(attempt, tidy, run.quality).settle()
-
-    def _attempt(self, run: Run, check: Check, *, is_strict: bool = False) -> Attempt:
-        """Run the check's function; whatever it does becomes a result."""
-        session = Session(run, check)
-        session.is_strict |= is_strict
-        known, disturbance = dict(run.readings), ""
-        run.target.drain()
-        run.target.mark(f"check {check.name}")
-        run.target.gate = lambda data: self._guard(session, data)
-        started = time.monotonic()
-        outcome, trouble, verdict = Outcome.DONE, "", Verdict.INCONCLUSIVE
-        try:
-            for capability in check.rig_needs:  # it may have turned out since that it cannot
-                session.rig.require(capability)
-            check(session)
-        except Stop:
-            pass
-        except CannotDo as error:
-            outcome, trouble, verdict = Outcome.LEFT_OUT, str(error), Verdict.NOT_RUN
-        except Disturbed as error:
-            outcome, trouble, disturbance = Outcome.TROUBLE, f"spoilt: {error}", str(error)
-        except (TargetError, RigError) as error:
-            outcome, trouble = Outcome.TROUBLE, str(error)
-        except Exception as error:  # rule 3: a mistake of the suite must not stop the run
-            outcome, trouble = Outcome.ERROR, _describe(error)
-        finally:
-            run.target.gate = None
-        for motion in session.motions:
-            self._emit(motion)
-        findings = session.conclude(trouble, verdict)
-        seconds = time.monotonic() - started
-        result = CheckResult(check, outcome, findings, tuple(session.retries), seconds, trouble)
-        learnt = {
-            switch: reading
-            for switch, reading in run.readings.items()
-            if switch not in known
-            and reading != self.ledger.ambiguity_of(switch).default_of(switch)
-        }
-        return Attempt(
-            result, disturbance, learnt, session.is_strict, tuple(session.spoilt),
-            session.failed_after,
-        )  # fmt: skip
-
-    def _guard(self, session: Session, data: bytes) -> None:
-        reason = self.family.guard(session, data)
-        assert reason is None, f"held back {data.hex(' ')}: {reason}"
-        self._budget.allow(self.family.writes(data))
 
     # Between checks.
 
@@ -493,13 +428,6 @@ class Engine:
     def _note_retries(self, session: Session) -> None:
         for text in session.retries:
             self._emit(events.Note(f"between checks, asked again: {text}"))
-
-
-def _describe(error: Exception) -> str:
-    """The crash in one line: what, and the place in the suite where it happened."""
-    frames = traceback.extract_tb(error.__traceback__)
-    place = f" ({frames[-1].name}, line {frames[-1].lineno})" if frames else ""
-    return f"error in the suite: {type(error).__name__}: {error}{place}"
 
 
 @contextlib.contextmanager

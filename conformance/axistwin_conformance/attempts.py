@@ -1,0 +1,123 @@
+"""One check: run, and where noise is possible run again, until its result can be believed.
+
+Rules.
+
+1. Whatever a check does becomes a result; none of it ends the run.
+2. A check that crashes is an error of the suite: inconclusive for all that it names.
+3. Nothing leaves the suite that the check has not declared, or for which no EEPROM write is left.
+"""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Callable
+
+from axistwin_conformance.budget import WriteBudget
+from axistwin_conformance.errors import CannotDo, RigError, TargetError
+from axistwin_conformance.events import Listener, Outcome
+from axistwin_conformance.judgement import CheckResult
+from axistwin_conformance.noise import Attempt, Disturbed, Replays
+from axistwin_conformance.registry import Check
+from axistwin_conformance.session import Run, Session, Stop
+from axistwin_conformance.verdicts import Verdict
+
+
+class Attempts:
+    """Runs checks.
+
+    `emit`: who is told of sampled motion.  `settle`: brings the device to rest and puts back what
+    was changed.  `is_sane`: tells whether it still answers.
+    """
+
+    def __init__(
+        self,
+        emit: Listener,
+        budget: WriteBudget,
+        settle: Callable[[Run], None],
+        is_sane: Callable[[Run], bool],
+    ) -> None:
+        self._emit, self._budget = emit, budget
+        self._settle, self._is_sane = settle, is_sane
+
+    def believed(self, run: Run, check: Check) -> CheckResult:
+        """Run a check, where noise is possible as often as its result needs to be believed."""
+        if run.target.is_lossless:
+            return self._attempt(run, check).result
+        known = dict(run.readings)
+
+        def attempt(is_strict: bool) -> Attempt:
+            run.readings.clear()
+            run.readings.update(known)
+            return self._attempt(run, check, is_strict=is_strict)
+
+        def tidy() -> bool:
+            try:
+                if check.danger > 0:
+                    self._settle(run)
+                return self._is_sane(run)
+            except TargetError:
+                return False  # found again, and told, when the check is over
+
+        return Replays(attempt, tidy, run.quality).settle()
+
+    def _attempt(self, run: Run, check: Check, *, is_strict: bool = False) -> Attempt:
+        """Run the check's function; whatever it does becomes a result."""
+        session = Session(run, check)
+        session.is_strict |= is_strict
+        known = dict(run.readings)
+        started = time.monotonic()
+        outcome, trouble, verdict, disturbance = self._run(session, check)
+        for motion in session.motions:
+            self._emit(motion)
+        findings = session.conclude(trouble, verdict)
+        seconds = time.monotonic() - started
+        result = CheckResult(check, outcome, findings, tuple(session.retries), seconds, trouble)
+        learnt = {
+            switch: reading
+            for switch, reading in run.readings.items()
+            if switch not in known and reading != run.ledger.ambiguity_of(switch).default_of(switch)
+        }
+        return Attempt(
+            result, disturbance, learnt, session.is_strict, tuple(session.spoilt),
+            session.failed_after,
+        )  # fmt: skip
+
+    def _run(self, session: Session, check: Check) -> tuple[Outcome, str, Verdict, str]:
+        """Run the check; give how it ended, what befell it, what is then said of all that it has
+        not judged, and what was spoilt on the way."""
+        target, disturbance = session.target, ""
+        outcome, trouble, verdict = Outcome.DONE, "", Verdict.INCONCLUSIVE
+        target.gate = lambda data: self.guard(session, data)
+        try:
+            target.drain()
+            target.mark(f"check {check.name}")
+            for capability in check.rig_needs:  # it may have turned out since that it cannot
+                session.rig.require(capability)
+            check(session)
+        except Stop:
+            pass
+        except CannotDo as error:
+            outcome, trouble, verdict = Outcome.LEFT_OUT, str(error), Verdict.NOT_RUN
+        except Disturbed as error:
+            outcome, trouble, disturbance = Outcome.TROUBLE, f"spoilt: {error}", str(error)
+        except (TargetError, RigError) as error:
+            outcome, trouble = Outcome.TROUBLE, str(error)
+        except Exception as error:  # rule 2: a mistake of the suite must not stop the run
+            outcome, trouble = Outcome.ERROR, describe(error)
+        finally:
+            target.gate = None
+        return outcome, trouble, verdict, disturbance
+
+    def guard(self, session: Session, data: bytes) -> None:
+        """Raise AssertionError for what the check has not declared, CannotDo without a budget."""
+        reason = session.run.family.guard(session, data)
+        assert reason is None, f"held back {data.hex(' ')}: {reason}"
+        self._budget.allow(session.run.family.writes(data))
+
+
+def describe(error: Exception) -> str:
+    """The crash in one line: what, and the place in the suite where it happened."""
+    frames = traceback.extract_tb(error.__traceback__)
+    place = f" ({frames[-1].name}, line {frames[-1].lineno})" if frames else ""
+    return f"error in the suite: {type(error).__name__}: {error}{place}"
