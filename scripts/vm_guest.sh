@@ -1,0 +1,95 @@
+# Read by process 1 of the virtual machine that scripts/vm starts: builds the guest's root from the
+# host's, runs the command, hands its output and its status out, and switches the machine off.
+#
+# The caller has set:
+#   BUSYBOX  a static busybox             RUN       the host's folder for this run
+#   LOWER    where the host's root is     TOP       an empty folder for the guest's own root
+#   OUT ERR  the streams' devices in /dev  FSTYPE    the file system type that shares host folders
+# and has defined share_options NUMBER FOLDER, which prints the mount options of a shared folder.
+# Shared folders are in $RUN/shares, one a line; $RUN is the first of them.
+
+b() { "$BUSYBOX" "$@"; }
+
+# The host's files, read-only, under a memory file system that takes what the command writes.
+make_root() {
+    b mount -t tmpfs -o mode=755,size=75% upper "$TOP"
+    b mkdir "$TOP/upper" "$TOP/work" "$TOP/root"
+    b mount -t overlay -o "lowerdir=$LOWER,upperdir=$TOP/upper,workdir=$TOP/work,xino=off" root "$TOP/root"
+    ROOT=$TOP/root
+}
+
+make_system_folders() {
+    for folder in dev proc sys run; do b mkdir -p "$ROOT/$folder"; done
+    b mount -t devtmpfs dev "$ROOT/dev"
+    b mkdir -p "$ROOT/dev/pts" "$ROOT/dev/shm"
+    b mount -t devpts -o ptmxmode=666,gid=5,mode=620 pts "$ROOT/dev/pts"
+    b mount -t tmpfs -o mode=1777 shm "$ROOT/dev/shm"
+    b mount -t tmpfs -o mode=755 run "$ROOT/run"
+    b mkdir "$ROOT/run/lock"
+    b mount -t proc proc "$ROOT/proc"
+    b mount -t sysfs sys "$ROOT/sys"
+    b ln -sfn pts/ptmx "$ROOT/dev/ptmx"
+    b ln -sfn /proc/self/fd "$ROOT/dev/fd"
+    for stream in 0:stdin 1:stdout 2:stderr; do
+        b ln -sfn "/proc/self/fd/${stream%:*}" "$ROOT/dev/${stream#*:}"
+    done
+}
+
+share_folders() {
+    number=0
+    while IFS= read -r folder; do
+        b mkdir -p "$ROOT$folder"
+        b mount -t "$FSTYPE" -o "$(share_options $number "$folder")" "share$number" "$ROOT$folder" || return 1
+        number=$((number + 1))
+    done <"$LOWER$RUN/shares"
+}
+
+make_buses() {
+    b ip link set lo up
+    for bus in vcan0 vcan1; do
+        b ip link add "$bus" type vcan && b ip link set "$bus" mtu 72 && b ip link set "$bus" up || return 1
+    done
+    b hostname axistwin-vm
+}
+
+# The command's streams are pipes, as under any other program: were they the devices themselves,
+# the command would think that it talks to a terminal.
+start_relays() {
+    b stty -F "$ROOT/dev/$OUT" raw -echo
+    b stty -F "$ROOT/dev/$ERR" raw -echo
+    b mkfifo "$ROOT/run/out" "$ROOT/run/err"
+    b cat "$ROOT/run/out" >"$ROOT/dev/$OUT" &
+    relay_out=$!
+    b cat "$ROOT/run/err" >"$ROOT/dev/$ERR" &
+    relay_err=$!
+}
+
+# What the command left in the background would keep its streams open for ever.
+end_leftovers() {
+    for pass in 1 2; do
+        for process in "$ROOT"/proc/[0-9]*; do
+            process=${process##*/}
+            case " 1 $relay_out $relay_err " in
+                *" $process "*) ;;
+                *) kill -KILL "$process" 2>/dev/null ;;
+            esac
+        done
+    done
+}
+
+run_command() {
+    : >"$ROOT$RUN/started"
+    b setsid "$BUSYBOX" chroot "$ROOT" /bin/sh "$RUN/command" \
+        <"$ROOT/dev/null" >"$ROOT/run/out" 2>"$ROOT/run/err"
+    status=$?
+    end_leftovers
+    wait "$relay_out" "$relay_err"
+    # A change of settings waits until the device has sent everything.
+    b stty -F "$ROOT/dev/$OUT" raw
+    b stty -F "$ROOT/dev/$ERR" raw
+    echo "$status" >"$ROOT$RUN/status"
+    b sync
+}
+
+make_root && make_system_folders && share_folders && make_buses && start_relays && run_command
+b poweroff -f
