@@ -37,17 +37,20 @@ class Record:
 
 
 class Transcript:
-    """A bounded log of records; older ones fall out, positions stay valid."""
+    """A bounded log of records; older ones fall out, positions stay valid.
+
+    Most of what is said is never looked at: a `Record` is made of it when somebody does.
+    """
 
     def __init__(self, kept: int = RECORDS_KEPT) -> None:
-        self._records: deque[Record] = deque(maxlen=kept)
+        self._records: deque[tuple[int, Direction, bytes, str]] = deque(maxlen=kept)
         self._count = 0
 
     def __len__(self) -> int:
         return len(self._records)
 
     def __iter__(self) -> Iterator[Record]:
-        return iter(self._records)
+        return (Record(*one) for one in self._records)
 
     @property
     def position(self) -> int:
@@ -56,7 +59,11 @@ class Transcript:
 
     def add(self, record: Record) -> None:
         """Append a record."""
-        self._records.append(record)
+        self.note(record.time_ns, record.direction, record.data, record.text)
+
+    def note(self, time_ns: int, direction: Direction, data: bytes = b"", text: str = "") -> None:
+        """Append what would make a record."""
+        self._records.append((time_ns, direction, data, text))
         self._count += 1
 
     def since(self, position: int, limit: int | None = None) -> tuple[Record, ...]:
@@ -67,7 +74,7 @@ class Transcript:
         wanted = min(self._count - position, len(self._records))
         pieces = islice(self._records, len(self._records) - wanted, None)
         whole: list[Record] = []
-        for one in pieces:
+        for one in (Record(*piece) for piece in pieces):
             if whole and _belong_together(whole[-1], one):
                 one = replace(one, data=whole.pop().data + one.data)
             whole.append(one)

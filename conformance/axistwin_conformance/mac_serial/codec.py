@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from functools import lru_cache
 from typing import Final
 
 STX: Final = 0x02
@@ -38,7 +39,8 @@ SHORT_REPLY_BYTES: Final = 3
 ANSWER_BYTES: Final = 21
 GENERAL_ADDRESS: Final = 0xFF
 
-_DIGITS: Final = frozenset(b"0123456789ABCDEF")
+_DIGIT_CHARACTERS: Final = b"0123456789ABCDEF"
+_DIGITS: Final = frozenset(_DIGIT_CHARACTERS)
 
 
 def checksum(characters: bytes) -> int:
@@ -117,6 +119,12 @@ def request(address: int, index: int, parameter: int = 0, sub_index: int = 0) ->
         sub_index=two_digits(sub_index),
         parameters=eight_digits(parameter),
     )
+
+
+def frame(address: int, index: int, parameter: int = 0) -> bytes:
+    """What `request(...).encode()` gives, at a fraction of its cost."""
+    summed = b"%02X%02X00%08X" % (address & 0xFF, index & 0xFF, parameter & 0xFFFF_FFFF)
+    return b"\x02014%b%02X\x03" % (summed, checksum(summed))
 
 
 class Kind(Enum):
@@ -201,6 +209,7 @@ def parse(received: bytes) -> Reply:
     return Reply(Kind.GARBAGE, received, flaws=("fits no reply of the manual",))
 
 
+@lru_cache(maxsize=256)
 def _parse_short(received: bytes) -> Reply:
     final = received[2]
     if final in XON_SPELLINGS:
@@ -216,7 +225,7 @@ def _parse_answer(received: bytes) -> Reply:
     flaws = []
     if length not in ANSWER_LENGTH_FIELDS:
         flaws.append(f"length field {_text(length)} is not 011")
-    if any(character not in _DIGITS for character in summed + received[17:19]):
+    if received[6:19].translate(None, _DIGIT_CHARACTERS):
         flaws.append("a field holds something else than the digits 0-9 A-F")
     elif received[17:19] != two_digits(checksum(summed)):
         expected = two_digits(checksum(summed))

@@ -12,15 +12,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 from axistwin_conformance.mac_serial.motion import TICK_NS, Course, Law, Profile, Run
 
 ROUNDINGS: Final = ("down", "up")
 
 
-@dataclass(frozen=True, slots=True)
-class Window:
+class Window(NamedTuple):
     """An instant known to lie in [earliest_ns, latest_ns] of the target's clock."""
 
     earliest_ns: int
@@ -29,7 +28,7 @@ class Window:
     @property
     def edges(self) -> tuple[int, int]:
         """Both ends."""
-        return self.earliest_ns, self.latest_ns
+        return self
 
     def __str__(self) -> str:
         return f"{self.earliest_ns / 1e6:.3f}..{self.latest_ns / 1e6:.3f} ms"
