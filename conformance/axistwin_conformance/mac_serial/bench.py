@@ -103,7 +103,7 @@ class Bench(Talk):
             ):
                 fitting.append(number)
         for one in samples:
-            self._plot(forecasts[fitting[0] if fitting else 0], one, slack)
+            self.plot(forecasts[fitting[0] if fitting else 0], one, slack)
         return fitting
 
     def sampled(self, seconds: float, count: int) -> list[Sample]:
@@ -182,6 +182,11 @@ class Bench(Talk):
         No sync, no stops, nominal torque (an axis in standby may swing by one increment, so exact
         places could not be judged), tolerance 0, the given period and ramp.
         """
+        self.settle(period, coefficient)
+        return self.come_home()
+
+    def settle(self, period: int = SAFE_PERIOD, coefficient: int = 0) -> None:
+        """The same, wherever the axis then stands."""
         self.at_rest()
         self.period, self.coefficient = max(period, self.fastest), coefficient
         speeds, modes = self.value(0x25), self.value(0x26)
@@ -194,7 +199,6 @@ class Bench(Talk):
         ):
             if present != wanted:  # an EEPROM bears only so many writes
                 self.command(index, wanted)
-        return self.come_home()
 
     def come_home(self) -> int:
         """Go back to where the run found the axis if it has come far; give the position."""
@@ -296,6 +300,24 @@ class Bench(Talk):
         exchange = self.accepted(0x15, velocity(direction, period))
         return self.to_velocity(exchange, origin, direction, period)
 
+    def feed(self, origin: int, *row: Segment) -> Forecast:
+        """Send a row of segments from rest, each of which must be accepted; what to expect."""
+        first = self.put(row[0])
+        for number, one in enumerate(row[1:], 1):
+            self.unbroken(first, row[:number], self.put(one))
+        return self.to_segments(first, origin, *row)
+
+    def put(self, one: Segment) -> Exchange:
+        """Send a segment, real or virtual, that must be accepted."""
+        return self.accepted(0x16 if one.moves else 0x1E, segment(one.steps, one.period))
+
+    def unbroken(self, first: Exchange, before: Sequence[Segment], exchange: Exchange) -> None:
+        """Give the attempt up if the row begun in `first` may have run out before the module took
+        over one more: then the axis has halted in between, rightly, nobody knows for how long."""
+        runs_out_ns = first.taken.earliest_ns + sum(one.duration_ns for one in before)
+        if exchange.taken.latest_ns > runs_out_ns:
+            self.session.disturbed("a segment came after the row before it may have run out")
+
     def to_segments(self, exchange: Exchange, origin: int, *segments: Segment) -> Forecast:
         """What to expect of segments of which the first was taken over at rest."""
         return Forecast.of(
@@ -338,7 +360,7 @@ class Bench(Talk):
         """Judge one counter reading against what is expected."""
         sample = self.sample()
         lowest, highest = forecast.bounds(self._widened(sample.taken, forecast))
-        self._plot(forecast, sample, allowance)
+        self.plot(forecast, sample, allowance)
         self._judge(
             lowest - allowance <= sample.position <= highest + allowance,
             requirement,
@@ -355,7 +377,7 @@ class Bench(Talk):
         error_ns = round(max(0, window.latest_ns - start_ns) * CLOCK_ERROR)
         return Window(window.earliest_ns - error_ns, window.latest_ns + error_ns)
 
-    def _plot(self, forecast: Forecast, sample: Sample, allowance: int) -> None:
+    def plot(self, forecast: Forecast, sample: Sample, allowance: int) -> None:
         """Keep a reading for the report, with the band it was judged by since the one before."""
         first = min(forecast.timelines, key=lambda timeline: timeline.start_ns)
         start_ns, taken = first.start_ns, sample.taken
@@ -400,7 +422,7 @@ class Bench(Talk):
         self.wait_until(end.latest_ns + settle_ns)
         lowest, highest = forecast.final
         sample = self.sample()
-        self._plot(forecast, sample, 0)
+        self.plot(forecast, sample, 0)
         self._judge(
             lowest <= sample.position <= highest,
             requirement,

@@ -7,6 +7,7 @@ scaled into it, and before each operation an axis on its way out is stopped inst
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Final
@@ -16,6 +17,7 @@ from axistwin_conformance.mac_serial.bench import (
     QUIET_S,
     Bench,
     Exchange,
+    Sample,
     segment,
     velocity,
 )
@@ -75,13 +77,22 @@ class Mismatch(Exception):  # noqa: N818 - a finding, not an error
 
 @dataclass
 class Sequence:
-    """One run of one byte string against one module."""
+    """One run of one byte string against one module.
+
+    `judged`: requirement → how many replies were held against it.  `covered`: state of the model
+    and index → how many frames were answered there.  `marks`: where in the story each operation
+    begins.  `watch`: told of each position judged: what was expected, what came, the slack.
+    """
 
     bench: Bench
     model: AxisModel
     home: int
     release: int
     story: list[str] = field(default_factory=list)
+    judged: Counter[str] = field(default_factory=Counter)
+    covered: Counter[tuple[str, int]] = field(default_factory=Counter)
+    marks: list[int] = field(default_factory=list)
+    watch: Callable[[Forecast, Sample, int], None] | None = None
     offset: int = 0  # of the shaft: what 0Bh has taken off the counter
     changes: int = 0
 
@@ -96,6 +107,7 @@ class Sequence:
         try:
             for at in range(0, len(data) - BYTES_PER_OPERATION + 1, BYTES_PER_OPERATION):
                 what, first, second, pause = data[at : at + BYTES_PER_OPERATION]
+                self.marks.append(len(self.story))
                 self._settle_doubt()
                 self._keep_inside()
                 OPERATIONS[what % len(OPERATIONS)](self, first, second)
@@ -133,6 +145,7 @@ class Sequence:
                 " or ".join(kind.value for kind in admissible) + f" to {index:02X}h in {states}",
                 str(exchange.reply),
             )
+        self.judged[BLAME.get(index, BLAME_OTHERWISE)] += 1
         self.model.learn(index, parameter & 0xFFFFFFFF, exchange.kind, admissible[exchange.kind])
 
     def query(self, index: int) -> None:
@@ -141,6 +154,7 @@ class Sequence:
         reply, taken = exchange.reply, exchange.taken
         if reply.data is None or reply.digit is None:
             raise Mismatch("MACS-Q-XX-01", f"an answer to {index:02X}h", str(reply))
+        self.judged["MACS-Q-XX-01"] += 1
         if index == 0x20:
             self._judge_position(codec.signed(reply.data), taken)
         elif index == 0x21:
@@ -164,30 +178,36 @@ class Sequence:
     def _judge(self, index: int, holds: bool, expected: str, actual: str) -> None:
         if not holds:
             raise Mismatch(BLAME.get(index, BLAME_OTHERWISE), expected, actual)
+        self.judged[BLAME.get(index, BLAME_OTHERWISE)] += 1
 
     def _judge_position(self, position: int, taken: Window) -> None:
         lowest, highest = self.model.bounds(taken)
         slack = self.bench.allowance(PERIODS[0])
+        if self.watch is not None:
+            self.watch(self.model.forecast, Sample(position, taken), slack)
+        modes = self.model.forecast.modes(taken)
+        names = [BLAME_MODE[mode] for mode in sorted(modes) if mode in BLAME_MODE]
+        name = names[0] if names else "MACS-Q-20-01"
         if not lowest - slack <= position <= highest + slack:
-            modes = self.model.forecast.modes(taken)
-            names = [BLAME_MODE[mode] for mode in sorted(modes) if mode in BLAME_MODE]
-            name = names[0] if names else "MACS-Q-20-01"
             raise Mismatch(name, f"position {lowest}..{highest}", f"position {position}")
+        self.judged[name] += 1
         self.model.learn_position(position, taken)
 
     def _tell(self, index: int, parameter: int = 0) -> Exchange:
         frame = self.bench.frame(index, parameter)
         exchange = self.bench.send(frame)
         self.story.append(f"{codec.explain(frame.encode())} → {exchange.reply}")
+        self.covered["/".join(sorted(self.model.states(exchange.taken))), index] += 1
         return exchange
 
     def lost(self, frame: codec.Request, wanted: Kind) -> None:
         """Send a frame that must not be executed and gets just that reply."""
         exchange = self.bench.send(frame, QUIET_S)
         self.story.append(f"{codec.explain(frame.encode())} → {exchange.reply}")
+        name = "MACS-REPLY-02" if wanted is Kind.NACK else "MACS-FRAME-07"
         if exchange.kind is not wanted:
-            name = "MACS-REPLY-02" if wanted is Kind.NACK else "MACS-FRAME-07"
             raise Mismatch(name, wanted.value, str(exchange.reply))
+        self.judged[name] += 1
 
     def restart(self) -> None:
         """00h, and the deaf time after it."""
