@@ -109,12 +109,8 @@ def virtual_segments_wait_as_long_as_real_ones_move(session: Session) -> None:
     row = [
         Segment(40, 0x3000), Segment(60, 0x3000, moves=False), Segment(back(bench, 25), 0x4000),
     ]  # fmt: skip
-    exchanges = [bench.must(Kind.ACCEPTED, put(bench, one)) for one in row]
-    bench.watch(
-        bench.to_segments(exchanges[0], start, *row),
-        ("MACS-CMD-1E-01", "MACS-CMD-16-01"),
-        samples=10,
-    )
+    forecast = bench.feed(start, *row)
+    bench.watch(forecast, ("MACS-CMD-1E-01", "MACS-CMD-16-01"), samples=10)
     place = bench.position()
     bench.must(
         Kind.ACCEPTED, put(bench, Segment(back(bench, 30), 0x4000, moves=False)), "MACS-CMD-1E-01"
@@ -141,10 +137,11 @@ def segments_follow_one_another_without_a_gap(session: Session) -> None:
     ]
     first = bench.must(Kind.ACCEPTED, put(bench, row[0]))
     forecast = bench.to_segments(first, start, *row)
-    for one in row[1:]:
+    for number, one in enumerate(row[1:], 1):
         while (exchange := put(bench, one)).kind is Kind.REFUSED:
             bench.follow(forecast, ("MACS-CMD-16-01", "MACS-CMD-1E-01"), bench.allowance(0x0C00))
         bench.must(Kind.ACCEPTED, exchange, "MACS-CMD-16-02")
+        bench.unbroken(first, row[:number], exchange)
     bench.watch(forecast, ("MACS-CMD-16-01", "MACS-CMD-1E-01"), samples=3)
 
 
@@ -204,9 +201,8 @@ def a_hard_stop_empties_the_fifo(session: Session) -> None:
     bench = plain(session)
     start = bench.ready()
     one = Segment(40, 0x4000)
-    exchanges = [bench.must(Kind.ACCEPTED, put(bench, one)) for _ in range(3)]
+    forecast = bench.feed(start, one, one, one)
     bench.wait(0.1)
-    forecast = bench.to_segments(exchanges[0], start, one, one, one)
     halted = forecast.halted(bench.accepted(0x18).taken)
     place = bench.finish(halted, "MACS-CMD-18-01")
     bench.wait(0.5)

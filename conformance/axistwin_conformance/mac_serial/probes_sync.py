@@ -127,8 +127,7 @@ def stop17_in_interp(bench: Bench) -> Outcome:
     """17h during the first of two segments: the reply, and how many steps are done."""
     start = bench.ready(0x1000)  # AA = 0: to stop now takes one increment
     row = [Segment(30, 0x2000), Segment(30, 0x2000)]
-    exchanges = [bench.must(Kind.ACCEPTED, put(bench, one)) for one in row]
-    forecast = bench.to_segments(exchanges[0], start, *row)
+    forecast = bench.feed(start, *row)
     stop = bench.command(0x17)
     most = forecast.bounds(stop.taken)[1] - start + 2 + bench.allowance(0x2000)
     assert forecast.end is not None

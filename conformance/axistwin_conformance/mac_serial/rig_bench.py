@@ -261,10 +261,7 @@ def _interpolate(bench: RigBench, start: int, distance: int) -> Forecast:
     """Two segments; only one where stops do not drop the second (MACS-AMB-51)."""
     count = 1 if bench.known("abort_flush") else 2
     steps = distance // count
-    exchange = bench.accepted(0x16, segment(steps, bench.period))
-    for _ in range(count - 1):
-        bench.accepted(0x16, segment(steps, bench.period))
-    return bench.to_segments(exchange, start, *[Segment(steps, bench.period)] * count)
+    return bench.feed(start, *[Segment(steps, bench.period)] * count)
 
 
 WAYS: Final = (Way("13h", _move), Way("16h", _interpolate), Way("15h", _turn, is_endless=True))
