@@ -8,6 +8,7 @@
 # and has defined share_options NUMBER FOLDER, which prints the mount options of a shared folder.
 # Shared folders are in $RUN/shares, one a line; $RUN is the first of them.
 
+# Every call of a program costs some 10 ms in there: the fewer, the sooner the command starts.
 b() { "$BUSYBOX" "$@"; }
 
 # The host's files, read-only, under a memory file system that takes what the command writes.
@@ -19,20 +20,19 @@ make_root() {
 }
 
 make_system_folders() {
-    for folder in dev proc sys run; do b mkdir -p "$ROOT/$folder"; done
+    b mkdir -p "$ROOT/dev" "$ROOT/proc" "$ROOT/sys" "$ROOT/run"
     b mount -t devtmpfs dev "$ROOT/dev"
-    b mkdir -p "$ROOT/dev/pts" "$ROOT/dev/shm"
+    b mount -t tmpfs -o mode=755 run "$ROOT/run"
+    b mkdir -p "$ROOT/dev/pts" "$ROOT/dev/shm" "$ROOT/run/lock"
     b mount -t devpts -o ptmxmode=666,gid=5,mode=620 pts "$ROOT/dev/pts"
     b mount -t tmpfs -o mode=1777 shm "$ROOT/dev/shm"
-    b mount -t tmpfs -o mode=755 run "$ROOT/run"
-    b mkdir "$ROOT/run/lock"
     b mount -t proc proc "$ROOT/proc"
     b mount -t sysfs sys "$ROOT/sys"
     b ln -sfn pts/ptmx "$ROOT/dev/ptmx"
     b ln -sfn /proc/self/fd "$ROOT/dev/fd"
-    for stream in 0:stdin 1:stdout 2:stderr; do
-        b ln -sfn "/proc/self/fd/${stream%:*}" "$ROOT/dev/${stream#*:}"
-    done
+    b ln -sfn fd/0 "$ROOT/dev/stdin"
+    b ln -sfn fd/1 "$ROOT/dev/stdout"
+    b ln -sfn fd/2 "$ROOT/dev/stderr"
 }
 
 share_folders() {
