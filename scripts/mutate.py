@@ -1,39 +1,61 @@
 """Samples automatic mutants of the twin's device code; the black-box suite alone judges each.
 
 A mutant is one small change of the source: a comparison or an operator replaced, a constant one
-more or less, a condition negated, a statement left out.  It is killed by a failed judgement.
-Counted apart are a crash or a time-out, and a quirk: a change that makes another admissible
-reading of the manual, which the suite has named.  What survives is written down with its line and
-its change; a reason, written beside one that reading has shown to be equivalent, is kept when that
-mutation comes again.
+more or less, a condition negated, a statement left out.  Drawn are changes of code that the suite
+has the default twins execute; the seed decides which, in an order that stays when code elsewhere
+changes.  Outcomes:
+
+- killed: a check has failed a requirement, by its own judgement.
+- quirk: nothing failed, but the run names a reading of the manual that the default twin does not
+  have.  The change makes that reading and the suite has told the difference: as good as killed.
+- refused: the suite has said that this is no device of that model, and why, and judged no more.
+- equivalent: nothing was seen, and somebody has read the change and written down why nothing of it
+  can be seen (survivors.toml).
+- survived: nothing was seen, and nobody knows why; also what was left inconclusive.
+- crash, time-out: the twin raised an exception, or would not end.  That is no judgement, whatever
+  was judged after it; these are counted apart, and others are drawn instead.
+
+A run that was cut goes on where it was: what is known stands in build/mutants, one line each.
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
+import compileall
 import copy
+import hashlib
 import json
 import os
-import random
 import shutil
 import subprocess
 import sys
 import tempfile
+import time
 import tomllib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "emulators" / "axistwin"
+SUITE = ROOT / "conformance" / "axistwin_conformance"
+JUDGE = ROOT / "scripts" / "mutate_judge.py"
 SOURCES = ("devices/mac", "motion")
 LEFT_OUT = ("devices/mac/decode.py",)  # words for people: nothing of it reaches the wire
 SURVIVORS = ROOT / "conformance" / "tests" / "zoo" / "survivors.toml"
-LIMIT_S = 120.0
-# What judges, one after the other, until something fails: model and level.
+KNOWN = ROOT / "build" / "mutants"
+# What judges, one after the other, until something is said: model and level.
 STAGES = (("mac23", "quick"), ("mac23", "full"), ("mac34-1", "quick"))
+LIMIT_S = 45  # of processor time for all stages, some times what a healthy twin needs
+WAIT_S = 600  # of real time, however busy the machine is
+
+UNJUDGED = ("crash", "time-out")
+SEEN = ("killed", "quirk", "refused", "equivalent")
 
 COMPARISONS: Mapping[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
     ast.Lt: (ast.LtE, ast.GtE),
@@ -70,12 +92,14 @@ class Mutation:
     line: int
     before: str
     after: str
-    source: str  # the whole mutated file
+    source: str = field(repr=False)  # the whole mutated file
+    number: int = 1  # of the changes of this file that read alike
 
     @property
     def name(self) -> str:
         """What stays the same while lines above move."""
-        return f"{self.path}: {self.before}  =>  {self.after}"
+        often = f" ({self.number})" if self.number > 1 else ""
+        return f"{self.path}: {self.before}  =>  {self.after}{often}"
 
 
 # --- changes -------------------------------------------------------------------------------------
@@ -100,7 +124,7 @@ def changed(node: ast.AST) -> Iterator[ast.AST]:
         yield _with(node, test=ast.UnaryOp(ast.Not(), node.test))
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not | ast.USub):
         yield node.operand
-    if isinstance(node, DROPPED) and not _is_docstring(node):
+    if isinstance(node, DROPPED) and not _says_nothing(node):
         yield ast.Return(ast.Constant(None)) if isinstance(node, ast.Return) else ast.Pass()
 
 
@@ -111,19 +135,26 @@ def _with(node: ast.AST, **fields: object) -> ast.AST:
     return other
 
 
-def _is_docstring(node: ast.AST) -> bool:
-    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+def _says_nothing(node: ast.AST) -> bool:
+    """A docstring, or a `return` of nothing: without it all is as it was."""
+    value = getattr(node, "value", None)
+    if isinstance(node, ast.Return):
+        return value is None or (isinstance(value, ast.Constant) and value.value is None)
+    return isinstance(node, ast.Expr) and isinstance(value, ast.Constant)
 
 
-def mutations(path: Path) -> list[Mutation]:
-    """Every mutation of the functions and tables of one file."""
-    text = path.read_text(encoding="utf-8")
+def mutations(package: Path, path: str) -> list[Mutation]:
+    """Every mutation of the functions and tables of one file of a package."""
+    text = (package / path).read_text(encoding="utf-8")
     tree = ast.parse(text)
     found: list[Mutation] = []
+    alike = Counter[str]()
     for statement in _statements(tree):
         for site in _sites(statement):
             for instead in changed(site):
-                found += _applied(path, text, statement, site, instead)
+                for one in _applied(path, text, statement, site, instead):
+                    alike[one.name] += 1
+                    found.append(replace(one, number=alike[one.name]))
     return found
 
 
@@ -133,7 +164,7 @@ def _statements(tree: ast.Module) -> Iterator[ast.stmt]:
         is_plain = isinstance(node, ast.stmt) and not isinstance(
             node, ast.FunctionDef | ast.ClassDef | ast.Import | ast.ImportFrom | ast.Assert
         )
-        if is_plain and not _is_docstring(node):
+        if is_plain and not _says_nothing(node):
             assert isinstance(node, ast.stmt)
             yield node
 
@@ -169,7 +200,7 @@ class _Replace(ast.NodeTransformer):
 
 
 def _applied(
-    path: Path, text: str, statement: ast.stmt, site: ast.AST, instead: ast.AST
+    path: str, text: str, statement: ast.stmt, site: ast.AST, instead: ast.AST
 ) -> list[Mutation]:
     """The mutation as text: only the lines of the innermost piece are written anew."""
     where = site if isinstance(site, ast.stmt | ast.expr) else statement
@@ -187,11 +218,11 @@ def _applied(
     after = lines[first][:start] + piece + lines[last][end:]
     source = "".join([*lines[:first], after, *lines[last + 1 :]])
     try:
-        compile(source, str(path), "exec")
+        compile(source, path, "exec")
     except (SyntaxError, ValueError):
         return []
     told = " ".join(before.split()), " ".join(after.split())
-    return [Mutation(str(path.relative_to(PACKAGE)), first + 1, *told, source)]
+    return [Mutation(path, first + 1, *told, source)]
 
 
 def _column(line: str, offset: int) -> int:
@@ -199,98 +230,150 @@ def _column(line: str, offset: int) -> int:
     return len(line.encode()[:offset].decode())
 
 
-# --- judging -------------------------------------------------------------------------------------
+# --- the sample ----------------------------------------------------------------------------------
 
 
-def judge(mutation: Mutation | None, folder: Path, model: str, level: str) -> str:
-    """Judge a mutated copy of the twins in `folder`: killed, quirk, crash, time-out, survived."""
-    copied = folder / "axistwin"
-    shutil.rmtree(copied, ignore_errors=True)
-    shutil.copytree(PACKAGE, copied, ignore=shutil.ignore_patterns("__pycache__"))
-    if mutation is not None:
-        (copied / mutation.path).write_text(mutation.source, encoding="utf-8")
-    command = [sys.executable, "-m", "axistwin_conformance", model, "--level", level, "--json"]
-    environment = {**os.environ, "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
-    try:
-        done = subprocess.run(
-            command, cwd=folder, env=environment, capture_output=True, text=True,
-            timeout=LIMIT_S, check=False,
-        )  # fmt: skip
-    except subprocess.TimeoutExpired:
-        return "time-out"
-    fails = [
-        finding["requirement"]
-        for event in map(json.loads, done.stdout.splitlines())
-        if event["event"] == "check_finished"
-        for finding in event["findings"]
-        if finding["verdict"] == "fail"
-    ]
-    if fails:
-        return "killed"
-    if done.returncode:
-        return f"crash ({done.returncode})"
-    told = '"verdict": "quirk"' in done.stdout or '"verdict":"quirk"' in done.stdout
-    return "quirk" if told else "survived"
-
-
-def verdict(mutation: Mutation, folder: Path) -> str:
-    """The cheapest first; the others only if that saw nothing."""
-    outcome = "survived"
-    for stage in STAGES:
-        if outcome == "survived":
-            outcome = judge(mutation, folder, *stage)
-    return outcome
-
-
-# Runs the stages in one process and prints the lines of the twins that were executed.
-TRACER = """
-import json, sys
-root, stages = sys.argv[1], json.loads(sys.argv[2])
-reached = {}
-
-def trace(frame, event, arg):
-    name = frame.f_code.co_filename
-    if not name.startswith(root):
-        return None
-    lines = reached.setdefault(name[len(root) + 1:], set())
-    def follow(frame, event, arg):
-        lines.add(frame.f_lineno)
-        return follow
-    return follow(frame, event, arg)
-
-sys.settrace(trace)
-from axistwin_conformance.cli import make_options
-from axistwin_conformance.engine import Engine
-for model, level in stages:
-    Engine(make_options(model=model, level=level)).run(lambda event: None)
-sys.settrace(None)
-print(json.dumps({name: sorted(lines) for name, lines in reached.items()}))
-"""
-
-
-def reached_lines() -> dict[str, set[int]]:
+def reached_lines(folder: Path) -> dict[str, set[int]]:
     """The lines that the suite has the default twins execute; the others are code of other readings
     of the manual, of other plants, or for panels, and no judgement of these twins can see them."""
-    stages = json.dumps([stage for stage in STAGES if stage[1] != "full"])
-    command = [sys.executable, "-c", TRACER, str(PACKAGE), stages]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    table = json.loads(done.stdout.splitlines()[-1])
+    sources = sorted(folder.rglob("*.py"))
+    state = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:16]
+    kept = KNOWN / f"reached-{state}.json"
+    if not kept.is_file():
+        package = str(folder / PACKAGE.name)
+        command = [sys.executable, str(JUDGE), "reach", json.dumps(STAGES), package]
+        environment = {**os.environ, "PYTHONPATH": str(folder)}
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        kept.write_text(done.stdout.splitlines()[-1], encoding="utf-8")
+    table = json.loads(kept.read_text(encoding="utf-8"))
     return {name: set(lines) for name, lines in table.items()}
 
 
-def sample(seed: int, count: int) -> list[Mutation]:
-    """So many mutations of the code that the default twins execute, drawn by the seed."""
-    reached = reached_lines()
-    files = sorted(path for name in SOURCES for path in (PACKAGE / name).glob("*.py"))
-    found = [
-        one
-        for path in files
-        if str(path.relative_to(PACKAGE)) not in LEFT_OUT
-        for one in mutations(path)
-    ]
+def sample(folder: Path, seed: int) -> list[Mutation]:
+    """All mutations of the code that the default twins execute, in the order of the seed."""
+    package = folder / PACKAGE.name
+    reached = reached_lines(folder)
+    paths = sorted(
+        str(path.relative_to(package)) for name in SOURCES for path in (package / name).glob("*.py")
+    )
+    found = [one for path in paths if path not in LEFT_OUT for one in mutations(package, path)]
     seen = [one for one in found if one.line in reached.get(one.path, ())]
-    print(f"{len(found)} mutations of {len(files)} files, {len(seen)} of them reached", flush=True)
-    return random.Random(seed).sample(seen, min(count, len(seen)))
+    print(f"{len(found)} mutations of {len(paths)} files, {len(seen)} of them reached", flush=True)
+    return sorted(seen, key=lambda one: hashlib.sha256(f"{seed} {one.name}".encode()).digest())
+
+
+# --- judging -------------------------------------------------------------------------------------
+
+
+class Bench:
+    """A copy of twins and suite, in which one mutation after the other is planted and judged."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def judge(self, mutation: Mutation | None) -> dict[str, Any]:
+        """Return what is said about a mutation, or about the healthy twins."""
+        if mutation is None:
+            return self._run()
+        path = self._folder / PACKAGE.name / mutation.path
+        healthy = path.read_bytes()
+        for compiled in (path.parent / "__pycache__").glob(f"{path.stem}.*"):
+            compiled.unlink()  # it is told from a stale one by the second and the size only
+        path.write_text(mutation.source, encoding="utf-8")
+        try:
+            return self._run()
+        finally:
+            path.write_bytes(healthy)
+
+    def _run(self) -> dict[str, Any]:
+        limited = f'ulimit -t {LIMIT_S}; exec nice -n 10 "$@"'
+        command = ["sh", "-c", limited, "sh", sys.executable, str(JUDGE), "judge"]
+        environment = {
+            **os.environ, "PYTHONPATH": str(self._folder), "PYTHONDONTWRITEBYTECODE": "1",
+        }  # fmt: skip
+        try:
+            done = subprocess.run(
+                [*command, json.dumps(STAGES)], cwd=self._folder, env=environment,
+                capture_output=True, text=True, timeout=WAIT_S, check=False,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            return {"outcome": "time-out"}
+        if done.stdout:
+            said: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+            return said
+        if done.returncode < 0:
+            return {"outcome": "time-out"}
+        return {"outcome": "crash", "text": done.stderr.strip().splitlines()[-1]}
+
+
+def copy_sources(folder: Path) -> Path:
+    """Copy twins and suite, as they are now: a run must not see them change."""
+    for package in (PACKAGE, SUITE):
+        pattern = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(package, folder / package.name, ignore=pattern)
+    compileall.compile_dir(folder, quiet=2)
+    return folder
+
+
+def outcome_of(said: Mapping[str, Any], reason: str) -> str:
+    """What an opinion counts as (see the top)."""
+    outcome = str(said["outcome"])
+    if outcome in ("killed", "refused", *UNJUDGED):
+        return outcome
+    if said.get("readings"):
+        return "quirk"
+    return "equivalent" if reason else "survived"
+
+
+class Sampler:
+    """Judges the sample, mutation after mutation, and remembers what came of each."""
+
+    def __init__(self, seed: int, reasons: Mapping[str, str]) -> None:
+        self._path = KNOWN / f"seed-{seed}.jsonl"
+        self._reasons = reasons
+        self.said: dict[str, dict[str, Any]] = {}
+        if self._path.is_file():
+            for line in self._path.read_text(encoding="utf-8").splitlines():
+                one = json.loads(line)
+                self.said[one["mutation"]] = one
+
+    def outcome(self, mutation: Mutation) -> str:
+        """What came of it; empty if it has not been judged."""
+        said = self.said.get(mutation.name)
+        return outcome_of(said, self._reasons.get(mutation.name, "")) if said else ""
+
+    def forget(self, outcomes: Sequence[str], chosen: Sequence[Mutation]) -> None:
+        """Let all that came out like this be judged again."""
+        for one in chosen:
+            if self.outcome(one) in outcomes:
+                del self.said[one.name]
+
+    def keep(self, mutation: Mutation, said: Mapping[str, Any]) -> None:
+        """Remember, and tell."""
+        at = f"{mutation.path}:{mutation.line}"
+        entry = {"mutation": mutation.name, "at": at, **said}
+        self.said[mutation.name] = entry
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        with self._path.open("a", encoding="utf-8") as out:
+            out.write(json.dumps(entry, ensure_ascii=False) + "\n")
+        by = said.get("check") or "; ".join(said.get("readings", ())) or said.get("text", "")
+        print(f"{self.outcome(mutation):10} {at} {mutation.after}  [{by}]", flush=True)
+
+    def judged(self, ordered: Sequence[Mutation], count: int) -> list[Mutation]:
+        """The first of the sample, up to so many that were really judged; the others between them
+        belong to it as well.  It ends where something is not known yet."""
+        taken: list[Mutation] = []
+        for one in ordered:
+            outcome = self.outcome(one)
+            if not count or not outcome:
+                break
+            taken.append(one)
+            count -= outcome not in UNJUDGED
+        return taken
+
+
+# --- the table of survivors ----------------------------------------------------------------------
 
 
 def known_reasons() -> dict[str, str]:
@@ -301,58 +384,105 @@ def known_reasons() -> dict[str, str]:
     return {one["mutation"]: one["reason"] for one in table.get("survivor", []) if one["reason"]}
 
 
-def write(survivors: Sequence[tuple[Mutation, str]], reasons: Mapping[str, str], head: str) -> None:
+def write(taken: Sequence[Mutation], sampler: Sampler, reasons: Mapping[str, str]) -> None:
     """Write survivors.toml: one entry each, with the reason if there is one."""
-    rows = [f"# Written by scripts/mutate; only the reasons are written by hand.\n# {head}\n"]
-    for one, outcome in survivors:
-        rows.append(
-            "\n[[survivor]]\n"
-            f"mutation = {json.dumps(one.name, ensure_ascii=False)}\n"
-            f'at = "{one.path}:{one.line}"\noutcome = "{outcome}"\n'
-            f"reason = {json.dumps(reasons.get(one.name, ''), ensure_ascii=False)}\n"
-        )
+    rows = ["# Written by scripts/mutate; only the reasons are written by hand.\n"]
+    rows += ["# What the black-box suite does not see; without a reason: a hole of the suite.\n"]
+    for one in taken:
+        if (outcome := sampler.outcome(one)) in ("equivalent", "survived"):
+            rows.append(
+                "\n[[survivor]]\n"
+                f"mutation = {json.dumps(one.name, ensure_ascii=False)}\n"
+                f'at = "{one.path}:{one.line}"\noutcome = "{outcome}"\n'
+                f"reason = {json.dumps(reasons.get(one.name, ''), ensure_ascii=False)}\n"
+            )
     SURVIVORS.write_text("".join(rows), encoding="utf-8")
 
 
+def summary(outcomes: Counter[str]) -> str:
+    """The counts in one line, and the share of what was judged that was seen or cannot be."""
+    judged = sum(number for name, number in outcomes.items() if name not in UNJUDGED)
+    seen = sum(outcomes[name] for name in SEEN)
+    told = ", ".join(f"{outcomes[name]} {name}" for name in (*SEEN, "survived"))
+    apart = ", ".join(f"{outcomes[name]} {name}" for name in UNJUDGED)
+    share = f"{100 * seen / judged:.1f} %" if judged else "nothing"
+    return f"{judged} judged: {told}: {share} seen or shown equivalent; apart from these {apart}"
+
+
+# --- the command ---------------------------------------------------------------------------------
+
+
 def main() -> int:
-    """Sample, judge, tell, write."""
+    """Sample, judge, tell, write; 1 if something survives that nobody has explained."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--count", type=int, default=200, help="how many (default 200)")
+    parser.add_argument("--count", type=int, default=200, help="how many to judge (default 200)")
     parser.add_argument("--seed", type=int, default=1, help="of the sample (default 1)")
-    parser.add_argument("--skip", type=int, default=0, help="leave out so many of the sample")
     parser.add_argument("--minutes", type=float, default=0, help="end early after so many")
+    parser.add_argument("--jobs", type=int, default=1, help="how many at a time (default 1)")
+    parser.add_argument("--again", default="", help="judge again: outcomes, such as survived,crash")
     options = parser.parse_args()
-    return run(options.seed, options.count, options.skip, options.minutes * 60)
-
-
-def run(seed: int, count: int, skip: int, limit_s: float) -> int:
-    """Judge the sample; 1 if something survives that nobody has explained."""
-    import time
-
-    reasons, outcomes = known_reasons(), Counter[str]()
-    left: list[tuple[Mutation, str]] = []
-    started = time.monotonic()
+    reasons = known_reasons()
+    sampler = Sampler(options.seed, reasons)
+    until = time.monotonic() + 60 * options.minutes if options.minutes else float("inf")
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        for model, level in STAGES:
-            if (healthy := judge(None, folder, model, level)) != "survived":
-                print(f"the healthy {model} does not pass {level}: {healthy}", file=sys.stderr)
-                return 2
-        chosen = sample(seed, count)[skip:]
-        for number, one in enumerate(chosen, 1 + skip):
-            if limit_s and time.monotonic() - started > limit_s:
-                break
-            outcome = verdict(one, folder)
-            if outcome == "survived" and one.name in reasons:
-                outcome = "equivalent"
-            outcomes[outcome.partition(" ")[0]] += 1
-            if outcome != "killed":
-                left.append((one, outcome))
-            print(f"{number:4} {outcome:11} {one.path}:{one.line} {one.after}", flush=True)
-    head = f"seed {seed}: " + ", ".join(f"{n} {word}" for word, n in sorted(outcomes.items()))
-    print(head)
-    write(left, reasons, head)
+        folder = copy_sources(Path(name) / "sources")
+        ordered = sample(folder, options.seed)
+        if options.again:
+            taken = sampler.judged(ordered, options.count)
+            sampler.forget(options.again.split(","), taken)
+        copies = [folder, *(Path(name) / str(number) for number in range(1, options.jobs))]
+        for other in copies[1:]:
+            shutil.copytree(folder, other)
+        if problem := run(sampler, ordered, options.count, copies, until):
+            print(problem, file=sys.stderr)
+            return 2
+    taken = sampler.judged(ordered, options.count)
+    outcomes = Counter(sampler.outcome(one) for one in taken)
+    write(taken, sampler, reasons)
+    print(f"seed {options.seed}: {summary(outcomes)}")
     return int(outcomes["survived"] > 0)
+
+
+def run(
+    sampler: Sampler, ordered: Sequence[Mutation], count: int, copies: Sequence[Path], until: float
+) -> str | None:
+    """Judge until so many of the sample are judged or the time is over, as many at a time as there
+    are copies of the sources; return a problem in one line."""
+    benches: SimpleQueue[Bench] = SimpleQueue()
+    for folder in copies:
+        benches.put(Bench(folder))
+
+    def judge(mutation: Mutation | None) -> dict[str, Any]:
+        if mutation is not None and time.monotonic() > until:
+            return {}
+        bench = benches.get()
+        try:
+            return bench.judge(mutation)
+        finally:
+            benches.put(bench)
+
+    healthy = judge(None)
+    if healthy["outcome"] != "passed" or healthy["readings"]:
+        return f"the healthy twins do not pass: {healthy}"
+    with ThreadPoolExecutor(len(copies)) as pool:
+        while time.monotonic() < until and (missing := _missing(sampler, ordered, count)):
+            for one, said in zip(missing, pool.map(judge, missing), strict=True):
+                if said:
+                    sampler.keep(one, said)
+    return None
+
+
+def _missing(sampler: Sampler, ordered: Sequence[Mutation], count: int) -> list[Mutation]:
+    """What has to be judged so that, if nothing crashes, `count` of the sample are judged."""
+    missing: list[Mutation] = []
+    for one in ordered:
+        if not count:
+            break
+        outcome = sampler.outcome(one)
+        if not outcome:
+            missing.append(one)
+        count -= outcome not in UNJUDGED
+    return missing
 
 
 if __name__ == "__main__":

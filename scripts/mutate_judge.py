@@ -1,0 +1,156 @@
+"""The judge of automatic mutants: runs the black-box suite on the twins that PYTHONPATH offers.
+
+Started by scripts/mutate in a process of its own, which a mutant may crash or keep busy for ever.
+Arguments: what to do (`judge` or `reach`), the stages as JSON, for `reach` the folder of the twins.
+Prints one line of JSON: for `judge` what was said first, for `reach` the executed lines per file.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+import resource
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from types import FrameType
+from typing import Any
+
+Stages = Sequence[tuple[str, str]]
+
+CRASHED = "the built-in twin crashed"  # how the suite words it
+MEMORY_BYTES = 4 << 30
+
+crashes: list[str] = []  # exceptions that have left the twins
+
+
+def watch(owner: type) -> None:
+    """Note every exception that leaves a public method or property of a class of the twins."""
+    for name, value in list(vars(owner).items()):
+        if name.startswith("_") and name != "__init__":
+            continue
+        if isinstance(value, property):
+            get, put = (part and _watched(part) for part in (value.fget, value.fset))
+            setattr(owner, name, property(get, put))
+        elif callable(value) and not isinstance(value, type):
+            setattr(owner, name, _watched(value))
+
+
+def _watched(function: Callable[..., Any]) -> Callable[..., Any]:
+    @functools.wraps(function)
+    def watched(*args: Any, **named: Any) -> Any:
+        try:
+            return function(*args, **named)
+        except Exception as error:
+            crashes.append(f"{type(error).__name__}: {error}")
+            raise
+
+    return watched
+
+
+def say(outcome: str, **more: Any) -> None:
+    """Print the opinion and end the process: what is said first counts."""
+    print(json.dumps({"outcome": outcome, **more}), flush=True)
+    os._exit(0)
+
+
+def judge(stages: Stages) -> None:
+    """Run stage after stage until something is said; `passed` if nothing is."""
+    from axistwin.devices.mac.serial import MacSerial
+    from axistwin.runtime.line import Line
+    from axistwin_conformance.cli import make_options
+    from axistwin_conformance.engine import Engine
+
+    for owner in (MacSerial, Line):
+        watch(owner)
+    readings: list[str] = []
+    for model, level in stages:
+        listener = _Listener(f"{model} {level}")
+        result = Engine(make_options(model=model, level=level)).run(listener.hear)
+        listener.heed_crash(result.refusal)
+        if result.refusal:
+            say("refused", stage=listener.stage, text=result.refusal)
+        if result.exit_status:
+            say("unsettled", stage=listener.stage, text=result.sentence)
+        readings += [f"{model}: {reading}" for reading in listener.readings]
+        if listener.readings:  # another reading in one stage is enough
+            break
+    say("passed", readings=readings)
+
+
+class _Listener:
+    """Hears the events of one run."""
+
+    def __init__(self, stage: str) -> None:
+        self.stage = stage
+        self.readings: list[str] = []  # other than the default
+
+    def hear(self, event: Any) -> None:
+        """Take an event of the suite."""
+        from axistwin_conformance.events import CheckFinished, Outcome, ReadingSeen
+        from axistwin_conformance.verdicts import Verdict
+
+        if isinstance(event, ReadingSeen) and event.reading != event.default:
+            self.readings.append(f"{event.switch}={event.reading}")
+        if not isinstance(event, CheckFinished):
+            return
+        said = {"stage": self.stage, "check": event.name}
+        self.heed_crash(event.trouble, **said)
+        for one in event.findings:
+            if one.verdict is Verdict.FAIL:
+                self.heed_crash(one.text, **said)
+                came = "" if one.actual is None else f" (came: {one.actual})"
+                say("killed", **said, requirement=one.requirement, text=one.text + came)
+        if event.outcome is Outcome.ERROR:
+            say("suite error", **said, text=event.trouble)
+
+    def heed_crash(self, text: str, **said: str) -> None:
+        """A crash of the twins counts apart, whatever is judged after it."""
+        if crashes or CRASHED in text:
+            say("crash", **({"stage": self.stage} | said), text=crashes[0] if crashes else text)
+
+
+def reach(stages: Stages, root: str) -> None:
+    """Print which lines of the twins the stages have them execute."""
+    reached: dict[str, set[int]] = {}
+    followers: dict[str, Callable[..., Any]] = {}
+
+    def follower(name: str) -> Callable[..., Any]:
+        lines = reached.setdefault(name, set())
+
+        def follow(frame: FrameType, event: str, arg: object) -> Callable[..., Any]:
+            lines.add(frame.f_lineno)
+            return follow
+
+        return follow
+
+    def trace(frame: FrameType, event: str, arg: object) -> Callable[..., Any] | None:
+        name = frame.f_code.co_filename
+        if not name.startswith(root):
+            return None
+        if name not in followers:
+            followers[name] = follower(name[len(root) + 1 :])
+        return followers[name](frame, event, arg)  # type: ignore[no-any-return]
+
+    sys.settrace(trace)
+    from axistwin_conformance.cli import make_options
+    from axistwin_conformance.engine import Engine
+
+    for model, level in stages:
+        Engine(make_options(model=model, level=level)).run(lambda event: None)
+    sys.settrace(None)
+    print(json.dumps({name: sorted(lines) for name, lines in reached.items()}))
+
+
+def main(arguments: Iterable[str]) -> None:
+    """Do what the arguments say."""
+    what, stages, *rest = arguments
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+    if what == "reach":
+        reach(json.loads(stages), *rest)
+    else:
+        judge(json.loads(stages))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
