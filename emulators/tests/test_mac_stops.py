@@ -1,7 +1,7 @@
 """Stops, the reference input and the counter of a MAC axis (ledger §5.8)."""
 
 import pytest
-from mac_bench import FREE, HELD, MS, PERIOD, MacBench, S, moving
+from mac_bench import ACCEPTED, FREE, HELD, MS, PERIOD, REFUSED, MacBench, S, moving
 
 from axistwin.devices.mac.framing import request
 from axistwin.wire.framing import Chunk
@@ -54,6 +54,31 @@ def test_segments_meet_the_software_stop_too_and_the_fifo_is_emptied() -> None:
     bench.settle()
     assert bench.position() == 51
     assert bench.read(0x21) == 0x00020000
+
+
+@pytest.mark.parametrize("counts_executing", [True, False])
+def test_segments_that_a_stop_leaves_stored_wait_for_the_next_one(counts_executing: bool) -> None:
+    """MACS-AMB-51, FIFO kept: the executing one is lost; no stage is free until they go on."""
+    bench = MacBench(
+        factory_stops=1, abort_flush=False, fifo_counts_executing=counts_executing, factory_ramp=0
+    )
+    bench.do(0x15, 0x320)
+    for _ in range(3):
+        bench.do(0x16, 0xFFF60320)  # they wait for the end of the velocity motion
+    bench.input("positive_stop", True)
+    bench.settle()
+    rest = bench.position()
+    bench.advance(100 * MS)
+    assert (bench.position(), bench.state()) == (rest, "HD")
+    reply = bench.ask(0x16, 0xFFF60320)
+    bench.settle()
+    if counts_executing:
+        assert (reply, bench.position()) == (REFUSED, rest)
+        bench.do(0x14)
+        bench.settle()
+        assert bench.position() == -30
+    else:
+        assert (reply, bench.position()) == (ACCEPTED, rest - 40)
 
 
 def test_a_stop_drops_the_preload_and_what_waits_for_the_segments() -> None:

@@ -27,7 +27,7 @@ from fractions import Fraction
 from math import ceil, floor
 
 from axistwin.kernel.time import NS_PER_S, Nanos
-from axistwin.motion.spans import Arc, Following, Span, Still
+from axistwin.motion.spans import Arc, Following, Span, Still, nearest_increment
 from axistwin.motion.trajectory import TICK_NS, Leg, SetPoint
 
 TWO_PI = Fraction(2 * 355, 113)  # 2π to 1 part in 10^7
@@ -57,11 +57,6 @@ class Mechanics:
 def cut(value: Fraction, grid: int, direction: int) -> Fraction:
     """``value`` on a grid of 1/``grid``, rounded backward as seen in ``direction``."""
     return Fraction(direction * floor(direction * value * grid), grid)
-
-
-def nearest_increment(exact: Fraction, direction: int) -> int:
-    """Where a shaft that moved in ``direction`` settles: the nearest increment, halves forward."""
-    return direction * floor(direction * exact + Fraction(1, 2))
 
 
 def leg_speed(leg: Leg) -> Fraction:

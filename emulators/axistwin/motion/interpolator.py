@@ -124,7 +124,7 @@ class Interpolator:
 
         ``descent`` is how the axis slows down if nothing follows (``Underrun.DECELERATE``).
         """
-        if self.has_failed(now_ns) or self.stored_at(now_ns) >= self.depth:
+        if not self.has_room(now_ns):
             return False
         if self._underrun is not Underrun.DECELERATE or segment.virtual:
             descent = ()
@@ -133,6 +133,13 @@ class Interpolator:
         else:
             self._place(now_ns, segment, descent)
         return True
+
+    def has_room(self, now_ns: Nanos, *, released: bool = False) -> bool:
+        """Whether ``offer`` would accept a segment; ``released``: after ``release`` at once."""
+        stored = self.stored_at(now_ns)
+        if released and self._pending and not self._counts_executing:
+            stored -= 1  # the first is taken
+        return not self.has_failed(now_ns) and stored < self.depth
 
     def stored_at(self, now_ns: Nanos) -> int:
         """Occupied stages at ``now_ns``."""
@@ -152,6 +159,17 @@ class Interpolator:
     def is_executing(self, now_ns: Nanos) -> bool:
         """Whether a segment (or the slowing down after the last) runs at ``now_ns``."""
         return any(run.start_ns <= now_ns < run.end_ns for run in self._runs)
+
+    def sets_out_at(self, now_ns: Nanos) -> bool:
+        """Whether the axis starts to move at ``now_ns``, or turns round."""
+        direction, ended_ns = 0, -1
+        for run in self._runs:
+            if run.trajectory is not None:
+                goes_on = run.start_ns == ended_ns and run.trajectory.direction == direction
+                if run.start_ns == now_ns:
+                    return not goes_on
+                direction, ended_ns = run.trajectory.direction, run.end_ns
+        return False
 
     def step_in_progress(self, now_ns: Nanos) -> Step | None:
         """The step that runs at ``now_ns``; None at rest and during a virtual segment."""

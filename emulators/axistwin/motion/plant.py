@@ -33,7 +33,7 @@ from typing import NamedTuple
 
 from axistwin.errors import UsageError
 from axistwin.kernel.time import NS_PER_S, Nanos
-from axistwin.motion.inertia import Chase, Mechanics, leg_speed, nearest_increment
+from axistwin.motion.inertia import Chase, Mechanics, leg_speed
 from axistwin.motion.spans import Arc, Following, Span, Stepping, Still
 from axistwin.motion.trajectory import TICK_NS, Piece, SetPoint, Trajectory
 
@@ -131,15 +131,19 @@ class Plant:
 
     # ---- what happens to the shaft ----
 
-    def follow(self, now_ns: Nanos, set_point: SetPoint, target: int | None = None) -> None:
+    def follow(
+        self, now_ns: Nanos, set_point: SetPoint, target: int | None = None, counted: int = 0
+    ) -> None:
         """Follow ``set_point`` from where the shaft is: a new motion, lags are forgotten.
 
         ``target``: position mode; the set-point's displacement at which to be in the end.
+        ``counted``: the displacement at which it is taken over; a step that is counted at
+        ``now_ns`` already (``StepPhase.START``) is still to be made, unless it is in here.
         """
         self.advance(now_ns)
-        position = self.position_at(now_ns)
-        self._base = position - set_point.displacement_at(now_ns - 1)
         shaft = self._shaft
+        position = _whole(shaft)
+        self._base = position - counted
         exact = shaft.exact if shaft.speed else Fraction(position)
         offset = self._base if self._is_ideal else None
         self._shaft = _Shaft(now_ns, exact, shaft.speed, offset)
@@ -173,9 +177,15 @@ class Plant:
         """Give up set-point and regulation and brake as hard as possible (MACS-CMD-18-01).
 
         The shaft rests ⌈v²/2a⌉ increments further on, at once if it is ideal; or after exactly
-        ``increments`` (>= 0).
+        ``increments`` (>= 0).  One that runs out already rests no later for it.
         """
+        running_out = self._run_out
         self._let_run(now_ns, increments, self._slowing(self._torque_nm))
+        if running_out is None or running_out.end_ns is None or running_out.end_ns <= now_ns:
+            return
+        anew = self._run_out
+        if anew is not None and anew.direction * (anew.rest - running_out.rest) >= 0:
+            self._run_out = running_out
 
     def hold(self, now_ns: Nanos) -> None:
         """Give up the set-point, brake as hard as possible, and hold the place of rest."""
@@ -184,8 +194,7 @@ class Plant:
         rest, rest_ns = _whole(shaft), now_ns
         if run_out is not None:
             assert run_out.end_ns is not None, "a run-out ends"
-            rest_ns = run_out.end_ns
-            rest = nearest_increment(run_out.exact_at(rest_ns), run_out.direction)
+            rest, rest_ns = run_out.rest, run_out.end_ns
         self._set_point = Trajectory(rest_ns, 1, ())
         self._base = self._target = rest
         if run_out is None and self._is_ideal:
@@ -222,8 +231,13 @@ class Plant:
     def advance(self, now_ns: Nanos) -> None:
         """Make ``now_ns`` the present: earlier times can no longer be asked for.
 
-        Changes no answer about later ones.  To be called before the set-point forgets its past.
+        Changes no answer about later ones.  To be called before the set-point forgets its past, or
+        is given a new future: what the shaft was by then, it is, however often this is called.
         """
+        if now_ns != self._shaft.now_ns:
+            self._look_at_shaft(now_ns)
+
+    def _look_at_shaft(self, now_ns: Nanos) -> None:
         span = self._span_at(now_ns)
         offset: int | None = None
         if self._set_point is not None and (self._is_ideal or isinstance(span, Following)):
@@ -343,9 +357,8 @@ class Plant:
         if self._run_out is not None and self._run_out.end_ns is not None:
             rest_ns = self._run_out.end_ns
             if now_ns < rest_ns:
-                rest = nearest_increment(self._run_out.exact_at(rest_ns), self._run_out.direction)
                 yield self._run_out
-                yield from self._at_rest(rest_ns, rest)
+                yield from self._at_rest(rest_ns, self._run_out.rest)
                 return
         if self._set_point is None or self._is_blocked():
             yield Still(now_ns, None, _whole(self._shaft))
@@ -448,6 +461,7 @@ class Plant:
         self._load, self._torque_nm = load, torque_nm
         if load.held:
             self._run_out = None
+            self._look_at_shaft(now_ns)  # it has no speed any more
 
     def _is_blocked(self) -> bool:
         """Whether the load keeps the drive from turning the shaft."""

@@ -15,6 +15,11 @@ from axistwin.kernel.time import Nanos
 from axistwin.motion.trajectory import TICK_NS, SetPoint, Trajectory
 
 
+def nearest_increment(exact: Fraction, direction: int) -> int:
+    """Where a shaft that moved in ``direction`` settles: the nearest increment, halves forward."""
+    return direction * floor(direction * exact + Fraction(1, 2))
+
+
 class Span(Protocol):
     """What all spans offer; times given lie inside the span."""
 
@@ -151,6 +156,12 @@ class Arc:
     def speed_at(self, now_ns: Nanos) -> Fraction:
         """v + a·t."""
         return self.speed + self.acceleration * (now_ns - self.start_ns)
+
+    @property
+    def rest(self) -> int:
+        """Where a shaft settles that comes to rest at the end; there must be one."""
+        assert self.end_ns is not None, "an endless arc has no place of rest"
+        return nearest_increment(self.exact_at(self.end_ns), self.direction)
 
     def reach_ns(self, position: int, after_ns: Nanos) -> Nanos | None:
         """The first whole nanosecond at or beyond ``position``; None also if that is at the end."""

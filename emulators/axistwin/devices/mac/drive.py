@@ -26,6 +26,7 @@ Rules
 
 from collections import deque
 from collections.abc import Mapping
+from dataclasses import replace
 from fractions import Fraction
 from typing import Final
 
@@ -35,7 +36,7 @@ from axistwin.devices.mac.faults import Faults
 from axistwin.devices.mac.models import MacModel
 from axistwin.devices.mac.owner import Brake, Owner, Profile, Rest, Segments
 from axistwin.devices.mac.quirks import MacQuirks
-from axistwin.devices.mac.stops import Stops
+from axistwin.devices.mac.stops import Heading, Stops
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.motion.inertia import Mechanics
 from axistwin.motion.interpolator import Interpolator, Segment, Step, Underrun
@@ -200,7 +201,7 @@ class Drive:
         step = self._end_segments(now) if isinstance(owner, Segments) else None
         if step is not None:
             taken = RampedMotion.taking_over(step.start_ns, step.direction, step.period_ticks, ramp)
-            self._begin(now, Profile(taken, None))
+            self._begin(now, Profile(taken, None), taken.trajectory.displacement_at(now))
         elif isinstance(owner, Profile) and not owner.motion.is_over(now):
             owner.number, self._position_mode = None, False
             self._replan(now, owner, owner.motion.change_speed(now, period_ticks))
@@ -213,22 +214,23 @@ class Drive:
         interpolator = self.interpolator
         self.plant.advance(now)
         interpolator.run(now)
-        if interpolator.has_failed(now):
+        owner = self._owner
+        waits = isinstance(owner, Profile | Brake)
+        if self.kind is not State.IN and self._quirks.interp_during_profile == "preempt":
+            waits = False
+        if not interpolator.has_room(now, released=not waits):
             return False
-        waits = self.kind in (State.PO, State.VE)
-        if waits and self._quirks.interp_during_profile == "preempt":
-            self._owner, waits = Rest(), False
         if waits:
             self._segments_wait = True
             interpolator.hold()
-        elif self._segments_wait:
-            self._let_segments_go(now)
-        descent = self._descent(segment)
-        if not interpolator.offer(start_ns, segment, descent):
-            return False
-        self._accepted.append((segment, descent))
-        if self.kind is None:
+            if isinstance(owner, Brake):
+                self._owner = replace(owner, segments_follow=True)
+        elif not isinstance(owner, Segments):
             self._begin_segments(now)
+        descent = self._descent(segment)
+        accepted = interpolator.offer(start_ns, segment, descent)
+        assert accepted, "there was room"
+        self._accepted.append((segment, descent))
         self._plan(now)
         return True
 
@@ -238,11 +240,6 @@ class Drive:
             return ()
         aa = self._values["ramp"]
         return stop_pieces(ramp_length(aa), segment.period_ticks, aa, self._rules)
-
-    def _let_segments_go(self, now: Nanos) -> None:
-        """Segments that waited are executed from ``now`` on."""
-        self._segments_wait = False
-        self.interpolator.release(now)
 
     def ramped_stop(self, now: Nanos) -> None:
         """17h, 15h 0000: ramp down; the place of rest is held (MACS-CMD-17-01).
@@ -279,14 +276,23 @@ class Drive:
             return
         ramp = self._ramp(step.period_ticks)
         taken = RampedMotion.taking_over(step.start_ns, step.direction, step.period_ticks, ramp)
-        self._begin(now, Profile(taken.stop(now), None))
+        motion = taken.stop(now)
+        self._begin(now, Profile(motion, None), motion.trajectory.displacement_at(now))
 
-    def hard_stop(self, now: Nanos, *, keeps_segments: bool = False) -> None:
-        """18h, a stop: set-point frozen, regulation off, maximum braking (MACS-CMD-18-01)."""
+    def hard_stop(
+        self, now: Nanos, *, keeps_segments: bool = False, is_standing: bool = False
+    ) -> None:
+        """18h, a stop: set-point frozen, regulation off, maximum braking (MACS-CMD-18-01).
+
+        keeps_segments: what is stored waits for the next segment, or for the end of the next
+        profile (MACS-AMB-51).  is_standing: the motion has not made a step yet.
+        """
         self._abandon_target()
         self._take_shaft(now, keeps_segments=keeps_segments)
-        kind = self.kind
-        self.plant.brake(now, 0 if kind is None else self._brake_increments)
+        kind, increments = self.kind, self._brake_increments
+        if kind is None or (is_standing and increments is not None):
+            increments = 0
+        self.plant.brake(now, increments)
         if kind is not None:
             self._owner = Brake(kind)
         self._plan(now)
@@ -343,21 +349,28 @@ class Drive:
     def _ramp(self, period_ticks: int) -> Ramp:
         return Ramp(period_ticks, self._values["ramp"], self._rules)
 
-    def _begin(self, now: Nanos, owner: Profile) -> None:
-        """Give the shaft to a profile; one that begins blocked makes no step (rule 2)."""
+    def _begin(self, now: Nanos, owner: Profile, counted: int = 0) -> None:
+        """Give the shaft to a profile; one that begins blocked makes no step (rule 2).
+
+        counted: the signed steps of it that were counted before, by whom it takes over.
+        """
         self._start(now, owner)
         trajectory = owner.motion.trajectory
         bit = self.stops.blocking_bit(now, trajectory.direction) if trajectory.pieces else 0
         if bit:
             self._stop_on(now, bit)
             return
-        self.plant.follow(now, trajectory, owner.signed_target)
+        self.plant.follow(now, trajectory, owner.signed_target, counted)
         self._plan(now)
 
     def _begin_segments(self, now: Nanos) -> None:
-        """Give the shaft to the interpolator."""
+        """Give the shaft to the interpolator, which then goes on with what waited."""
         self._start(now, Segments())
-        self.plant.follow(now, self.interpolator)
+        interpolator = self.interpolator
+        self.plant.follow(now, interpolator, counted=interpolator.displacement_at(now))
+        if self._segments_wait:
+            self._segments_wait = False
+            interpolator.release(now)
         self._plan(now)
 
     def _start(self, now: Nanos, owner: Profile | Segments) -> None:
@@ -388,9 +401,11 @@ class Drive:
             self.counter.settled = True
             self._plan(now)
             return
-        direction = self._blocked_motion(now)
-        if direction:
-            self._stop_on(now, self.stops.blocking_bit(now, direction))
+        heading = self._heading(now)
+        if bit := self.stops.barring_bit(now, heading):
+            self._bar(now, bit, heading.begun or 0)
+        elif bit := self.stops.blocking_bit(now, heading.direction):
+            self._stop_on(now, bit)
         elif self._is_over(now):
             self._finish(now)
         else:
@@ -446,8 +461,7 @@ class Drive:
         number = owner.number_after if isinstance(owner, Segments) else None
         if number is not None:
             self.go_to(now, number, now)
-        elif self._segments_wait and not isinstance(owner, Brake):
-            self._let_segments_go(now)
+        elif self._segments_wait and (not isinstance(owner, Brake) or owner.segments_follow):
             self._begin_segments(now)
 
     def _rest(self, now: Nanos) -> None:
@@ -470,37 +484,42 @@ class Drive:
             case _:
                 return None
 
-    def _blocked_motion(self, now: Nanos) -> int:
-        """The direction in which the set-point moves although it is blocked; 0: none."""
-        set_point = self._set_point()
+    def _heading(self, now: Nanos) -> Heading:
+        """Where the set-point, or the catch-up, is going at ``now``."""
+        owner, set_point = self._owner, self._set_point()
         if set_point is None:
-            return 0
-        direction = next(set_point.legs(now)).direction or self._catch_up_direction(now)
-        return direction if direction and self.stops.blocking_bit(now, direction) else 0
+            return Heading(0)
+        leg = next(set_point.legs(now))
+        if not leg.direction:
+            return Heading(self._catch_up_direction(now))
+        if isinstance(owner, Profile):
+            sets_out = leg.start_ns >= now and not owner.motion.trajectory.before
+        else:
+            sets_out = self.interpolator.sets_out_at(now)
+        begun = set_point.displacement_at(now) - leg.displacement if sets_out else None
+        return Heading(leg.direction, begun)
 
     def _stop_ns(self, now: Nanos) -> Nanos | None:
         """When a stop is met next, at the latest; None: never, as things stand."""
         set_point = self._set_point()
         if set_point is None or not self.stops.are_enabled:
             return None
-        times = (self._stop_of_ns(now, set_point, direction) for direction in (1, -1))
-        return min((time for time in times if time is not None), default=None)
+        return self.stops.next_ns(now, self._heading(now), set_point)
 
-    def _stop_of_ns(self, now: Nanos, set_point: SetPoint, direction: int) -> Nanos | None:
-        """When the stop of ``direction`` may be met next."""
-        if self.stops.blocking_bit(now, direction):
-            starts = (leg.start_ns for leg in set_point.legs(now) if leg.direction == direction)
-            start_ns = next(starts, set_point.end_ns)
-            if start_ns is None or start_ns <= now:
-                return now if self._blocked_motion(now) == direction else None
-            return start_ns
-        return self.stops.met_ns(now, direction)
-
-    def _stop_on(self, now: Nanos, bit: int) -> None:
+    def _stop_on(self, now: Nanos, bit: int, *, is_standing: bool = False) -> None:
         """End the motion at the stop of that ``bit`` of ff (ledger §4.3)."""
         self.stops.bits |= bit
         self.met_stop = bit
-        self.hard_stop(now, keeps_segments=not self._quirks.abort_flush)
+        keeps = not self._quirks.abort_flush
+        self.hard_stop(now, keeps_segments=keeps, is_standing=is_standing)
+
+    def _bar(self, now: Nanos, bit: int, begun: int) -> None:
+        """Let a stretch that sets out now, on its step ``begun``, make no step (MACS-AMB-49)."""
+        plant = self.plant
+        place = plant.position_at(now) - (0 if plant.is_held_back(now) else begun)
+        self._stop_on(now, bit, is_standing=True)
+        plant.push(now, place - plant.position_at(now))
+        self._plan(now)
 
     # ---- torque, load, busy --------------------------------------------------------------------
 

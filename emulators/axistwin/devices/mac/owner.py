@@ -44,9 +44,10 @@ class Segments:
 
 @dataclass(frozen=True, slots=True)
 class Brake:
-    """The shaft runs out, in the state ``kind`` until it rests."""
+    """The shaft runs out, in the state ``kind`` until it rests; then segments may follow."""
 
     kind: State
+    segments_follow: bool = False
 
 
 Owner: TypeAlias = Rest | Profile | Segments | Brake

@@ -242,7 +242,9 @@ class MacQuirks:
         False, "MACS-AMB-51", "after 17h, 18h or a stop busy until the old target is reached"
     )
     abort_flush: bool = _quirk(
-        True, "MACS-AMB-51", "18h and stops empty the FIFO and drop a preload"
+        True,
+        "MACS-AMB-51",
+        "18h and stops drop preload and FIFO (false: what is stored runs with the next segment)",
     )
 
     # Synchronous mode

@@ -9,11 +9,12 @@ Rules
 """
 
 from collections.abc import Mapping
-from typing import Final
+from typing import Final, NamedTuple
 
 from axistwin.devices.mac.counter import Counter
 from axistwin.devices.mac.quirks import MacQuirks
 from axistwin.kernel.time import Nanos
+from axistwin.motion.trajectory import SetPoint
 
 HARDWARE, SOFTWARE = 0x01, 0x08  # bits of 03h (MACS-CMD-03-01)
 
@@ -23,6 +24,17 @@ SOFT_BITS: Final = {1: 0x02, -1: 0x01}
 
 STOP_NAMES: Final = {0x08: "hardware +", 0x04: "hardware -", 0x02: "software +", 0x01: "software -"}
 """What a bit of ff means."""
+
+
+class Heading(NamedTuple):
+    """Where a motion is going: +1, -1, or 0 nowhere.
+
+    begun: of one that sets out at this instant, the signed step that is counted already although
+    it only begins (``step_phase``); None for any other.
+    """
+
+    direction: int
+    begun: int | None = None
 
 
 class Stops:
@@ -49,15 +61,37 @@ class Stops:
         """Whether the hardware stop of ``direction`` is active and enabled."""
         return bool(self._values["stops"] & HARDWARE) and self.inputs[direction]
 
-    def blocking_bit(self, now: Nanos, direction: int) -> int:
-        """The bit of ff for what blocks ``direction`` at ``now``; 0: free."""
+    def blocking_bit(self, now: Nanos, direction: int, begun: int = 0) -> int:
+        """The bit of ff for what blocks ``direction`` at ``now``; 0: free, or nowhere to go.
+
+        begun: the signed step that is part of the count, and is only to be begun.
+        """
+        if not direction:
+            return 0
         if self.is_blocked_hard(direction):
             return HARD_BITS[direction]
         ways = (1, -1) if self._blocks_both else (direction,)
-        return next((SOFT_BITS[way] for way in ways if self._is_beyond(now, way)), 0)
+        return next((SOFT_BITS[way] for way in ways if self._is_beyond(now, way, begun)), 0)
 
-    def met_ns(self, now: Nanos, direction: int) -> Nanos | None:
-        """When the software stop of a free ``direction`` may be met next; None: never."""
+    def barring_bit(self, now: Nanos, heading: Heading) -> int:
+        """The bit of ff for what lets a motion that sets out now make no step; 0: none."""
+        if heading.begun is None:
+            return 0
+        return self.blocking_bit(now, heading.direction, heading.begun)
+
+    def next_ns(self, now: Nanos, heading: Heading, set_point: SetPoint) -> Nanos | None:
+        """When ``set_point``, which is ``heading`` somewhere, may meet a stop; None: never."""
+        if self.barring_bit(now, heading) or self.blocking_bit(now, heading.direction):
+            return now
+        times = (self._next_of_ns(now, way, set_point) for way in (1, -1))
+        return min((time for time in times if time is not None), default=None)
+
+    def _next_of_ns(self, now: Nanos, direction: int, set_point: SetPoint) -> Nanos | None:
+        """When the stop of ``direction``, in which nothing is going the barred way, may be met."""
+        if self.blocking_bit(now, direction):
+            starts = (leg.start_ns for leg in set_point.legs(now) if leg.direction == direction)
+            start_ns = next(starts, set_point.end_ns)
+            return None if start_ns is None or start_ns <= now else start_ns
         if not self._values["stops"] & SOFTWARE:
             return None
         return self._counter.reach_ns(now, self._first_forbidden(direction))
@@ -69,11 +103,11 @@ class Stops:
         hard = sum(bit for way, bit in HARD_BITS.items() if self.is_blocked_hard(way))
         return hard | sum(bit for way, bit in SOFT_BITS.items() if self._is_beyond(now, way))
 
-    def _is_beyond(self, now: Nanos, direction: int) -> bool:
-        """Whether the counter is beyond the enabled software stop of ``direction``."""
+    def _is_beyond(self, now: Nanos, direction: int, begun: int = 0) -> bool:
+        """Whether the counter, less ``begun``, is beyond the enabled software stop."""
         if not self._values["stops"] & SOFTWARE:
             return False
-        return direction * (self._counter.at(now) - self._first_forbidden(direction)) >= 0
+        return direction * (self._counter.at(now) - begun - self._first_forbidden(direction)) >= 0
 
     def _first_forbidden(self, direction: int) -> int:
         """The first count on which the software stop acts."""
