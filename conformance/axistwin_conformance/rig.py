@@ -183,7 +183,10 @@ class Rig(ABC):
         if act.is_at_rest:
             self._disturbed.pop((act.verb, act.name), None)
         self._target.mark(f"rig: {act.verb} {act.name} {act.text}")
-        return before_ns, self._target.now_ns
+        window = before_ns, self._target.now_ns
+        if self._target.fence is not None:  # the counter may not be what it was
+            self._target.fence.worked(act.capability, window)
+        return window
 
 
 class TwinRig(Rig):

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Final
 
+from axistwin_conformance.errors import OutsideEnvelope
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.codec import Kind, Request
 from axistwin_conformance.mac_serial.forecast import Forecast, Segment, Timeline, Window
@@ -171,10 +172,34 @@ class Bench(Talk):
         self.wait_awake()
         return exchange
 
+    def command(self, index: int, parameter: int = 0, sub_index: int = 0) -> Exchange:
+        """Send a command; before the counter is cleared the place is read, where the envelope
+        counts: how far the axis may have come since it was read last is lost to it for ever."""
+        if index == 0x0B and self.session.envelope.is_fenced:
+            self.ask(0x20)
+        return super().command(index, parameter, sub_index)
+
     @property
     def fastest(self) -> int:
-        """The shortest period the envelope allows."""
+        """The shortest period the envelope allows; one beyond SLOWEST allows no motion at all."""
         return max(1, -(-TICKS_PER_SECOND // self.session.envelope.max_speed))
+
+    @property
+    def can_move(self) -> bool:
+        """False if the slowest motion there is would be too fast for the envelope."""
+        return self.fastest <= SLOWEST or not self.session.envelope.is_fenced
+
+    def needs_speed(self, period: int) -> None:
+        """Leave the check, or the probe, if that period is too fast for the envelope."""
+        if self.session.envelope.is_fenced and period < self.fastest:
+            speed = -(-TICKS_PER_SECOND // period)
+            raise OutsideEnvelope(f"period {period:04X}h is not to be had", "--max-speed", speed)
+
+    def needs_travel(self, increments: int, reason: str) -> None:
+        """Leave the check, or the probe, if so many increments are too many for the envelope."""
+        envelope = self.session.envelope
+        if envelope.is_fenced and increments > envelope.max_travel:
+            raise OutsideEnvelope(reason, "--max-travel", increments)
 
     def ready(self, period: int = SAFE_PERIOD, coefficient: int = 0) -> int:
         """Bring the module to rest with plain settings; give its position.
@@ -188,8 +213,9 @@ class Bench(Talk):
     def settle(self, period: int = SAFE_PERIOD, coefficient: int = 0) -> None:
         """The same, wherever the axis then stands."""
         self.at_rest()
-        self.period, self.coefficient = max(period, self.fastest), coefficient
         speeds, modes = self.value(0x25), self.value(0x26)
+        self.period = max(period, self.fastest) if self.can_move else speeds & 0xFFFF
+        self.coefficient = coefficient
         for index, present, wanted in (
             (0x02, modes >> 12 & 0xF, 0),
             (0x03, modes >> 8 & 0xF, 0),
@@ -203,7 +229,7 @@ class Bench(Talk):
     def come_home(self) -> int:
         """Go back to where the run found the axis if it has come far; give the position."""
         position, home = self.position(), self.home
-        if home is None or abs(position - home) <= self.room() // 4:
+        if home is None or abs(position - home) <= self.room() // 4 or not self.can_move:
             return position
         end = self.go(home).end
         assert end is not None
@@ -249,7 +275,9 @@ class Bench(Talk):
         origin = self.position()
         home = origin if self.home is None else self.home
         limit = self.session.envelope.max_travel
-        assert abs(target - home) <= max(limit, abs(origin - home)), "outside the envelope"
+        far = abs(target - home)
+        if far > max(limit, abs(origin - home)):
+            raise OutsideEnvelope(f"{target} is outside", "--max-travel", far)
         exchange = self.accepted(0x13, target)
         return self.to_position(exchange, origin, target)
 

@@ -11,9 +11,17 @@ is what has to be added to the counter to get the shaft, an interval as well.
 Endless motion has no asked-for position.  It is bounded by time: `deadline_ns` is when the stop
 must be on its way, and who lets time pass (`Target`) sends it then, whatever the check is about.
 
-A request that is held back is a mistake of the suite (`OutsideEnvelope`): the check ends as an
-error.  Judged is what a device does that follows the manual in the readings known of it; nothing
-can be said of one that obeys frames with wrong checksums.
+The counter is an encoder's and tells of a shaft that was turned by hand, too.  It does not tell
+where the shaft is once it has been cleared: by 0Bh, by the reference input in motion (07h), or by a
+supply that was cut on a device that forgets.  The rig says when it does such things (`worked`), and
+all places that then are possible are kept (`_origin_seen`): nothing the run does gives back travel
+that is used up.  A reference contact may open again and again: a move it can prolong is treated
+like endless motion until its target is seen.
+
+18h is never held back.  Any other request may be (`OutsideEnvelope`, which names what it would
+take): `foresee` asks beforehand, so that a check can be left out instead.  Judged is what a device
+does that follows the manual in the readings known of it; nothing can be said of one that obeys
+frames with wrong checksums.
 """
 
 from __future__ import annotations
@@ -36,6 +44,9 @@ SEGMENTS_UNSIGNED: Final = "false"
 FLUSHES: Final = "true"
 GENTLE_BRAKING: Final = 1_000_000  # inc/s²: a tenth of what an unloaded MAC23 does (§5.4)
 HALTING: Final = frozenset({0x00, 0x01, 0x18, 0x1A})
+STOP: Final = 0x18
+CUTTING: Final = frozenset({"power", "micro_cut", "supply"})  # a device may forget its place then
+ZERO_SLACK: Final = 2  # increments by which a cleared counter may swing
 MOTIONS: Final = frozenset({0x13, 0x14, 0x15, 0x16})
 Interval = tuple[int, int]
 
@@ -58,7 +69,8 @@ class Axis:
     stored segment ends.  `target`: the counter a lone move goes to.  `speed`: of an endless motion
     (increments per second, 0: none) that may be running since `since_ns`, in the directions `ways`.
     `held`: an endless motion that waits for 11h.  `may_move`: something may still be under way or
-    stored.
+    stored.  `edge`: where the reference contact was worked since the counter was read; `is_cut`:
+    the supply was cut since then.
     """
 
     reach: Interval = (0, 0)
@@ -77,6 +89,8 @@ class Axis:
     may_move: bool = False
     has_segments: bool = False
     has_reference: bool = False
+    edge: Interval | None = None
+    is_cut: bool = False
 
     def grown(self, now_ns: int) -> Axis:
         """The same with endless motion accounted for up to now."""
@@ -125,23 +139,29 @@ class Fence:
         self._asked = b""  # the last whole frame sent
         self._asked_ns = 0
         self._heard = b""
-
-    def forget(self) -> None:
-        """Take the next counter reading for where an axis was found: before anything has moved, and
-        after a rig has turned the shaft or had the counter cleared."""
-        self.axes.clear()
-        self._found_periods.clear()
+        self._tail = b""  # of what was sent, for frames sent in pieces
 
     # --- what is sent -----------------------------------------------------------------------------
+
+    def foresee(self, data: bytes, now_ns: int) -> OutsideEnvelope | None:
+        """Why these bytes would be held back now; None if they would not be."""
+        after = {address: axis.grown(now_ns) for address, axis in self.axes.items()}
+        try:
+            for frame in _frames(self._tail, data):
+                self._tell(after, frame, now_ns)
+        except OutsideEnvelope as error:
+            return error
+        return None
 
     def sending(self, data: bytes, now_ns: int) -> None:
         """Account for bytes about to be sent; raises OutsideEnvelope if they must not be."""
         before = {address: axis.grown(now_ns) for address, axis in self.axes.items()}
         after = dict(before)
-        frames = [frame for frame in _frames(data) if _is_obeyed(frame)]
+        frames = _frames(self._tail, data)
         for frame in frames:
             self._tell(after, frame, now_ns)
         self._before, self._after = before, after
+        self._tail = (self._tail + data)[1 - codec.REQUEST_BYTES :]
         # Until the reply comes, the frame may have been obeyed or not.
         self.axes = {
             address: before[address].joined(axis) if address in before else axis
@@ -154,31 +174,57 @@ class Fence:
         address, index = int(frame[4:6], 16), int(frame[6:8], 16)
         parameter = int(frame[10:18], 16)
         if index in MOTIONS and address not in axes and address != codec.GENERAL_ADDRESS:
-            self._refuse(frame, f"nobody knows where the axis at {address:02X}h is")
+            self._refuse(
+                frame,
+                f"nobody knows where the axis at {address:02X}h is",
+                "--neighbour",
+                address,
+            )
         for one in tuple(axes) if address == codec.GENERAL_ADDRESS else (address,):
             if one not in axes:
                 continue
             after = self._obeyed(axes[one], index, parameter, now_ns, frame)
-            low, high = after.reach
-            if low < -self.max_travel or high > self.max_travel:
-                self._refuse(frame, f"it could bring the axis to {low:+}..{high:+}")
-            if after.speed and self._deadline_of(after) <= now_ns:
-                self._refuse(frame, "there is no room for endless motion at that speed")
+            if index != STOP:
+                self._judge_reach(axes[one], after, now_ns, frame)
             axes[one] = after
             if index == 0x08:  # the same axis may answer there from now on
-                axes.setdefault(parameter & 0x7F, after)
+                new = parameter & 0x7F
+                axes[new] = axes[new].joined(after) if new in axes else after
 
-    def _refuse(self, frame: bytes, reason: str) -> NoReturn:
+    def _judge_reach(self, before: Axis, after: Axis, now_ns: int, frame: bytes) -> None:
+        """Hold back what leads out, or further out for an axis that was turned out by hand."""
+        (low, high), (lowest, highest) = after.reach, before.reach
+        if low < min(-self.max_travel, lowest) or high > max(self.max_travel, highest):
+            self._refuse(
+                frame,
+                f"it could bring the axis to {low:+}..{high:+} from where it was found",
+                "--max-travel",
+                max(-low, high),
+            )
+        is_begun = after.speed > before.speed or after.ways != before.ways
+        if after.speed and is_begun and self._deadline_of(after) <= now_ns:
+            room = _braking(after.speed) + after.speed * 2 * MARGIN_NS // 1_000_000_000 + 2
+            self._refuse(
+                frame,
+                "there is no room for motion without an end at that speed",
+                "--max-travel",
+                room + max(abs(low), abs(high)),
+            )
+
+    def _refuse(self, frame: bytes, reason: str, option: str, needed: int) -> NoReturn:
         raise OutsideEnvelope(
             f"held back {codec.explain_request(frame)}: {reason}; the envelope is"
-            f" {self.max_travel} increments either way, {self.max_speed} per second"
+            f" {self.max_travel} increments either way, {self.max_speed} per second",
+            option,
+            needed,
         )
 
     def _obeyed(self, axis: Axis, index: int, parameter: int, now_ns: int, frame: bytes) -> Axis:
         """What may be true once the axis has obeyed."""
         low_byte, half = parameter & 0xFF, parameter & 0xFFFF
         if index in (0x13, 0x14):
-            return self._sent_to(axis, codec.signed(parameter) if index == 0x13 else 0, frame)
+            counter = codec.signed(parameter) if index == 0x13 else 0
+            return self._sent_to(axis, counter, now_ns, frame)
         if index == 0x15:
             return self._endless(axis, parameter >> 16 & 0xFF, half, now_ns, frame)
         if index == 0x16 and half:
@@ -216,15 +262,23 @@ class Fence:
 
     def _judge_period(self, period: int, frame: bytes) -> None:
         if self.max_speed * period < TICKS_PER_SECOND:
-            self._refuse(frame, f"period {period:04X}h is {TICKS_PER_SECOND // period} per second")
+            speed = -(-TICKS_PER_SECOND // period)
+            self._refuse(frame, f"period {period:04X}h is too fast", "--max-speed", speed)
 
-    def _sent_to(self, axis: Axis, counter: int, frame: bytes) -> Axis:
+    def _sent_to(self, axis: Axis, counter: int, now_ns: int, frame: bytes) -> Axis:
         self._judge_period(axis.period, frame)
         goal = shift(axis.offset, (counter, counter))
-        return replace(
+        moved = replace(
             axis, reach=join(axis.reach, goal), tip=join(axis.tip, goal), may_move=True,
             target=None if axis.may_move else counter,
         )  # fmt: skip
+        if not axis.has_reference or goal[1] <= axis.reach[0]:
+            return moved
+        if axis.is_armed:  # 11h starts it; the deadline is checked then
+            return replace(moved, held=(TICKS_PER_SECOND // axis.period + 1, (0, 1)))
+        # Cleared on the way, the counter has as far to go again from there.
+        speed = max(axis.speed, TICKS_PER_SECOND // axis.period + 1)
+        return replace(moved, speed=speed, ways=join(axis.ways, (0, 1)), since_ns=now_ns)
 
     def _stepped(self, axis: Axis, digits: int, period: int, frame: bytes) -> Axis:
         self._judge_period(period, frame)
@@ -256,7 +310,7 @@ class Fence:
             return axis
         far = ramp_increments(axis.coefficient) + _braking(axis.speed)
         reach = (axis.reach[0] + axis.ways[0] * far, axis.reach[1] + axis.ways[1] * far)
-        return replace(axis, reach=reach, speed=0, target=None)
+        return replace(axis, reach=reach, speed=0, ways=(0, 0), target=None)
 
     def _halted(self, axis: Axis, index: int) -> Axis:
         """18h, 1Ah, 00h, 01h: at rest at once, nothing stored; unless the device reads it else."""
@@ -272,6 +326,7 @@ class Fence:
             reach=reach,
             tip=axis.tip if keeps else reach,
             speed=0,
+            ways=(0, 0),
             target=None,
             held=axis.held if keeps else None,
             is_armed=axis.is_armed and keeps,
@@ -279,6 +334,16 @@ class Fence:
             has_segments=axis.has_segments and keeps,
             period=FACTORY_PERIOD if is_factory else axis.period,
         )
+
+    def worked(self, name: str, window: tuple[int, int]) -> None:
+        """The rig has worked `name` (of `rig.CAPABILITIES`) in this window of the clock, ns."""
+        for address, axis in self.axes.items():
+            if name == "reference":
+                places = [self._whereabouts(axis.grown(now_ns), now_ns) for now_ns in window]
+                edge = join(*places, axis.edge or places[0])
+                self.axes[address] = replace(axis, edge=edge)
+            elif name in CUTTING:
+                self.axes[address] = replace(axis, is_cut=True)
 
     # --- what is heard ----------------------------------------------------------------------------
 
@@ -292,33 +357,45 @@ class Fence:
             self.axes = {address: self._before.get(address, self._after[address])
                          for address in self._after}  # fmt: skip
         elif reply.kind is Kind.ACCEPTED:
-            self.axes = dict(self._after)
+            self.axes = {
+                address: self._ended(self._before.get(address, axis), axis, now_ns)
+                for address, axis in self._after.items()
+            }
         elif reply.kind is Kind.ANSWER and reply.data is not None and reply.address is not None:
-            self._learn(int(self._asked[4:6], 16), int(self._asked[6:8], 16), reply.data)
+            asked = self._asked
+            self._learn(int(asked[4:6], 16), int(asked[6:8], 16), reply.data, now_ns)
         self._asked = b""
 
-    def _learn(self, address: int, index: int, data: int) -> None:
+    @staticmethod
+    def _ended(before: Axis, after: Axis, now_ns: int) -> Axis:
+        """An axis whose endless motion was ended somewhere between request and reply."""
+        if not before.speed or after.speed:
+            return after
+        grown = before.grown(now_ns).reach
+        far = shift(grown, (after.reach[0] - before.reach[0], after.reach[1] - before.reach[1]))
+        return replace(after, reach=far, tip=join(after.tip, far))
+
+    def _learn(self, address: int, index: int, data: int, now_ns: int) -> None:
         axis = self.axes.get(address)
         if index == 0x20:
             counter = codec.signed(data)
             if axis is None:
                 self.axes[address] = Axis(offset=(-counter, -counter), seen_ns=self._asked_ns)
             else:
-                self.axes[address] = self._located(axis, counter)
+                self.axes[address] = self._located(axis, counter, now_ns)
         elif axis is not None and index == 0x25:
             self._found_periods.setdefault(address, data & 0xFFFF)
             self.axes[address] = replace(axis, period=data & 0xFFFF or 1)
         elif axis is not None and index == 0x26:
             self.axes[address] = replace(axis, coefficient=data >> 24)
 
-    def _located(self, axis: Axis, counter: int) -> Axis:
+    def _located(self, axis: Axis, counter: int, now_ns: int) -> Axis:
         """Narrow down by a counter reading."""
+        axis = self._origin_seen(axis, counter, now_ns)
         here = shift(axis.offset, (counter, counter))
-        is_outside = here[1] < axis.reach[0] or here[0] > axis.reach[1]
-        if axis.has_reference and is_outside:  # the counter was cleared on the way
-            here = axis.reach
-            axis = replace(axis, offset=shift(axis.reach, (-counter, -counter)))
         axis = replace(axis, seen=here, seen_ns=self._asked_ns)
+        if axis.speed and counter == axis.target:  # a move that the reference could have prolonged
+            axis = replace(axis, speed=0, ways=(0, 0), may_move=False, target=None)
         if axis.speed:
             return replace(axis, reach=here, since_ns=self._asked_ns)
         if not axis.may_move:
@@ -327,6 +404,23 @@ class Fence:
             return replace(axis, reach=join(axis.reach, here))
         goal = shift(axis.offset, (axis.target, axis.target))
         return replace(axis, reach=join(here, goal), tip=goal, may_move=counter != axis.target)
+
+    def _origin_seen(self, axis: Axis, counter: int, now_ns: int) -> Axis:
+        """Account for a counter that may have been cleared since it was read last."""
+        now = self._whereabouts(axis, now_ns)
+        possible = []
+        if _meet(shift(axis.offset, (counter, counter)), now):
+            possible.append(axis.offset)
+        elif axis.is_cut and abs(counter) <= ZERO_SLACK:
+            possible += [axis.offset, shift(now, (-counter, -counter))]
+        if axis.edge is not None and _meet(shift(axis.edge, (counter, counter)), now):
+            possible.append(axis.edge)
+        if not possible and axis.has_reference:  # a contact of the machine's own
+            passed = join(axis.seen, now)
+            low, high = max(passed[0], now[0] - counter), min(passed[1], now[1] - counter)
+            possible.append((low, high) if low <= high else passed)
+        offset = join(*possible) if possible else axis.offset  # else: turned by hand
+        return replace(axis, offset=offset, edge=None, is_cut=False)
 
     # --- endless motion ---------------------------------------------------------------------------
 
@@ -357,17 +451,26 @@ class Fence:
         )
 
 
+def _meet(one: Interval, other: Interval) -> bool:
+    """Whether two intervals have a place in common."""
+    return one[0] <= other[1] and one[1] >= other[0]
+
+
 def _braking(speed: int) -> int:
     """Increments a real axis may need to stop without ramp."""
     return 2 + speed * speed // (2 * GENTLE_BRAKING)
 
 
-def _frames(data: bytes) -> list[bytes]:
-    """Every 21 bytes that begin and end like a frame, wherever they stand."""
+def _frames(tail: bytes, data: bytes) -> list[bytes]:
+    """Every frame that would be executed and ends in `data`, which follows `tail`."""
+    stream = tail + data
     return [
-        data[at : at + codec.REQUEST_BYTES]
-        for at in range(len(data) - codec.REQUEST_BYTES + 1)
-        if data[at] == codec.STX and data[at + codec.REQUEST_BYTES - 1] == codec.ETX
+        frame
+        for at in range(max(0, len(tail) - codec.REQUEST_BYTES + 1), len(stream))
+        if len(frame := stream[at : at + codec.REQUEST_BYTES]) == codec.REQUEST_BYTES
+        and (frame[0], frame[-1]) == (codec.STX, codec.ETX)
+        and at + codec.REQUEST_BYTES > len(tail)
+        and _is_obeyed(frame)
     ]
 
 

@@ -135,6 +135,8 @@ class RigBench(Bench):
     def contact(self, name: str, active: bool) -> Window:
         """Work a contact, and see in 27h that it was: otherwise nothing follows from what happens,
         and least of all from nothing happening."""
+        if self.session.envelope.is_fenced:  # an edge may clear the counter: here, to be told by it
+            self.ask(0x20)
         act = Window(*self.rig.set_input(name, active))
         if self.inputs()[name] is not active:
             state = "closed" if active else "open"
