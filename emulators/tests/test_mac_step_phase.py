@@ -115,6 +115,22 @@ def test_a_software_stop_is_met_one_beyond_between_segments_too(phase: str, step
 
 
 @PHASES
+@pytest.mark.parametrize("brake", ["plant", "0", "7"])
+@pytest.mark.parametrize(("index", "parameters"), [(0x13, 50), (0x15, 0x320), (0x16, 0x00320320)])
+def test_a_motion_out_of_a_software_stop_itself_makes_one_step(
+    phase: str, brake: str, index: int, parameters: int
+) -> None:
+    """§5.8, strict: on the stop is legal, so the axis rests one beyond, and its way to brake."""
+    bench = MacBench(
+        step_phase=phase, factory_stops=8, factory_superior_stop=0, brake_increments=brake
+    )
+    bench.do(index, parameters)
+    bench.settle()
+    assert bench.position() == (8 if brake == "7" else 1)
+    assert bench.read(0x21) == 0x00020000
+
+
+@PHASES
 @pytest.mark.parametrize("late_ns", [-1, 0, 1])
 def test_a_velocity_takes_over_the_step_of_a_segment_once(phase: str, late_ns: int) -> None:
     """MACS-AMB-30: the same count before and after, whatever instant of the step it is."""

@@ -141,9 +141,9 @@ class Plant:
         ``now_ns`` already (``StepPhase.START``) is still to be made, unless it is in here.
         """
         self.advance(now_ns)
-        shaft = self._shaft
-        position = _whole(shaft)
+        position = self.position_at(now_ns)
         self._base = position - counted
+        shaft = self._shaft
         exact = shaft.exact if shaft.speed else Fraction(position)
         offset = self._base if self._is_ideal else None
         self._shaft = _Shaft(now_ns, exact, shaft.speed, offset)
@@ -439,12 +439,14 @@ class Plant:
         An ideal shaft that is given no way rests at once.
         """
         self.advance(now_ns)
-        shaft = self._shaft
+        shaft, position = self._shaft, self.position_at(now_ns)
+        if position != _whole(shaft):  # a set-point has begun a step at this very instant
+            exact, speed = Fraction(position), self.speed_at(now_ns)
+            shaft = shaft._replace(exact=exact, speed=speed)
         shaft = shaft._replace(exact=_bounded(shaft.exact), speed=_bounded(shaft.speed))
         self._set_point = self._target = self._run_out = None
         if increments is None:
             increments = 0 if self._is_ideal else ceil(shaft.speed**2 / (2 * slowing))
-        position = _whole(shaft)
         if shaft.speed == 0 or increments == 0:
             self._shaft = _Shaft(now_ns, Fraction(position), Fraction(0))
             return

@@ -288,11 +288,11 @@ class Drive:
         profile (MACS-AMB-51).  is_standing: the motion has not made a step yet.
         """
         self._abandon_target()
-        self._take_shaft(now, keeps_segments=keeps_segments)
         kind, increments = self.kind, self._brake_increments
         if kind is None or (is_standing and increments is not None):
             increments = 0
         self.plant.brake(now, increments)
+        self._take_segments(now, keeps_segments=keeps_segments)
         if kind is not None:
             self._owner = Brake(kind)
         self._plan(now)
@@ -308,8 +308,8 @@ class Drive:
 
     def power_off(self, now: Nanos) -> None:
         """1Ah, a disjunction: no torque; the shaft coasts and is still counted (MACS-CMD-1A-01)."""
-        self._take_shaft(now, keeps_segments=False)
         self.plant.cut_power(now)
+        self._take_segments(now, keeps_segments=False)
         self.powered = False
         self.counter.settled = True
         self._owner = Rest(coasting=True)
@@ -328,9 +328,8 @@ class Drive:
         self.interpolator.flush(now)
         return step
 
-    def _take_shaft(self, now: Nanos, *, keeps_segments: bool) -> None:
-        """Take the shaft from profile or segments; what is stored is dropped or waits."""
-        self.plant.advance(now)
+    def _take_segments(self, now: Nanos, *, keeps_segments: bool) -> None:
+        """The interpolator has lost the shaft: what is stored is dropped or waits."""
         interpolator = self.interpolator
         counted = self._quirks.fifo_counts_executing and interpolator.is_executing(now)
         stored = interpolator.stored_at(now) - counted
