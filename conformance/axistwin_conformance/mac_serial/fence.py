@@ -65,16 +65,17 @@ def shift(one: Interval, by: Interval) -> Interval:
 class Axis:
     """What may be true of one axis.  Places are of the shaft, from where it was found.
 
-    `reach`: where it is or may still go.  `seen`: where it was at `seen_ns`.  `tip`: where the last
-    stored segment ends.  `target`: the counter a lone move goes to.  `speed`: of an endless motion
-    (increments per second, 0: none) that may be running since `since_ns`, in the directions `ways`.
-    `held`: an endless motion that waits for 11h.  `may_move`: something may still be under way or
-    stored.  `edge`: where the reference contact was worked since the counter was read; `is_cut`:
-    the supply was cut since then.
+    `reach`: where it is or may still go.  `counter`: what the counter was at `seen_ns`.  `tip`:
+    where the last stored segment ends.  `target`: the counter a lone move goes to.  `speed`: of an
+    endless motion (increments per second, 0: none) that may be running since `since_ns`, in the
+    directions `ways`.  `held`: an endless motion that waits for 11h.  `may_move`: something may
+    still be under way or stored; `segment_speed`: of the fastest segment among it.  `edge`: the
+    counter where the reference contact was worked since it was read; `is_cut`: the supply was cut
+    since then.
     """
 
     reach: Interval = (0, 0)
-    seen: Interval = (0, 0)
+    counter: Interval = (0, 0)
     seen_ns: int = 0
     tip: Interval = (0, 0)
     offset: Interval = (0, 0)
@@ -87,7 +88,7 @@ class Axis:
     held: tuple[int, Interval] | None = None
     is_armed: bool = False
     may_move: bool = False
-    has_segments: bool = False
+    segment_speed: int = 0
     has_reference: bool = False
     edge: Interval | None = None
     is_cut: bool = False
@@ -107,6 +108,8 @@ class Axis:
             other,
             reach=join(self.reach, other.reach),
             tip=join(self.tip, other.tip),
+            counter=join(self.counter, other.counter),
+            seen_ns=min(self.seen_ns, other.seen_ns),
             offset=join(self.offset, other.offset),
             target=self.target if self.target == other.target else None,
             period=min(self.period, other.period),
@@ -117,7 +120,7 @@ class Axis:
             held=self.held or other.held,
             is_armed=self.is_armed or other.is_armed,
             may_move=self.may_move or other.may_move,
-            has_segments=self.has_segments or other.has_segments,
+            segment_speed=max(self.segment_speed, other.segment_speed),
         )
 
 
@@ -237,28 +240,32 @@ class Fence:
         if index == 0x17:
             return replace(self._run_out(axis), held=None, is_armed=False)
         if index in HALTING:
-            return self._halted(axis, index)
+            return self._halted(axis, index, now_ns)
         if index == 0x0D and half:
             if half != self._found_periods.get(self.own):  # what was found may be put back
                 self._judge_period(half, frame)
             return replace(axis, period=half)
+        if index == 0x0B:
+            return self._cleared(axis, now_ns, now_ns + 2 * MARGIN_NS)
         changes: dict[int, dict[str, Any]] = {
             0x10: {"is_armed": True},
-            0x0B: {"offset": self._whereabouts(axis, now_ns), "target": None},
             0x07: {"has_reference": bool(low_byte)},
             0x0F: {"coefficient": low_byte},
         }
         return replace(axis, **changes.get(index, {}))
 
-    def _whereabouts(self, axis: Axis, now_ns: int) -> Interval:
-        """Where the axis is now: within its reach, and not further from where it was seen than it
-        can have come since."""
-        far = self.max_speed * max(0, now_ns - axis.seen_ns) // 1_000_000_000 + 2
-        if axis.may_move and not axis.has_segments:
-            fastest = max(axis.speed, TICKS_PER_SECOND // axis.period + 1)
-            far = fastest * max(0, now_ns - axis.seen_ns) // 1_000_000_000 + 2
-        low, high = max(axis.reach[0], axis.seen[0] - far), min(axis.reach[1], axis.seen[1] + far)
-        return (low, high) if low <= high else axis.reach
+    def _cleared(self, axis: Axis, since_ns: int, now_ns: int) -> Axis:
+        """0Bh, between two instants: the counter is 0, where the shaft is known no better."""
+        offset = shift(axis.offset, self._counter_at(axis, now_ns))
+        return replace(axis, offset=offset, counter=(0, 0), seen_ns=since_ns, target=None)
+
+    def _counter_at(self, axis: Axis, now_ns: int) -> Interval:
+        """What the counter may be now, if nothing has cleared it since it was read."""
+        if not axis.may_move:
+            return axis.counter
+        speed = max(axis.speed, axis.segment_speed, TICKS_PER_SECOND // axis.period + 1)
+        far = speed * max(0, now_ns - axis.seen_ns) // 1_000_000_000 + ZERO_SLACK
+        return axis.counter[0] - far, axis.counter[1] + far
 
     def _judge_period(self, period: int, frame: bytes) -> None:
         if self.max_speed * period < TICKS_PER_SECOND:
@@ -287,7 +294,7 @@ class Fence:
         tip = shift(axis.tip, (steps, steps))
         return replace(
             axis, reach=join(axis.reach, tip), tip=tip, target=None, may_move=True,
-            has_segments=True,
+            segment_speed=max(axis.segment_speed, TICKS_PER_SECOND // period + 1),
         )  # fmt: skip
 
     def _endless(self, axis: Axis, selector: int, period: int, now_ns: int, frame: bytes) -> Axis:
@@ -312,8 +319,9 @@ class Fence:
         reach = (axis.reach[0] + axis.ways[0] * far, axis.reach[1] + axis.ways[1] * far)
         return replace(axis, reach=reach, speed=0, ways=(0, 0), target=None)
 
-    def _halted(self, axis: Axis, index: int) -> Axis:
+    def _halted(self, axis: Axis, index: int, now_ns: int) -> Axis:
         """18h, 1Ah, 00h, 01h: at rest at once, nothing stored; unless the device reads it else."""
+        counter = self._counter_at(axis, now_ns + 2 * MARGIN_NS)  # at rest, until it is read
         far = _braking(axis.speed) if axis.speed else 0
         reach = (axis.reach[0] + axis.ways[0] * far, axis.reach[1] + axis.ways[1] * far)
         is_factory = index == 0x01
@@ -325,13 +333,14 @@ class Fence:
             axis,
             reach=reach,
             tip=axis.tip if keeps else reach,
+            counter=counter,
             speed=0,
             ways=(0, 0),
             target=None,
             held=axis.held if keeps else None,
             is_armed=axis.is_armed and keeps,
             may_move=axis.may_move and keeps,
-            has_segments=axis.has_segments and keeps,
+            segment_speed=axis.segment_speed if keeps else 0,
             period=FACTORY_PERIOD if is_factory else axis.period,
         )
 
@@ -339,9 +348,8 @@ class Fence:
         """The rig has worked `name` (of `rig.CAPABILITIES`) in this window of the clock, ns."""
         for address, axis in self.axes.items():
             if name == "reference":
-                places = [self._whereabouts(axis.grown(now_ns), now_ns) for now_ns in window]
-                edge = join(*places, axis.edge or places[0])
-                self.axes[address] = replace(axis, edge=edge)
+                edge = self._counter_at(axis, window[1])
+                self.axes[address] = replace(axis, edge=join(edge, axis.edge or edge))
             elif name in CUTTING:
                 self.axes[address] = replace(axis, is_cut=True)
 
@@ -358,7 +366,7 @@ class Fence:
                          for address in self._after}  # fmt: skip
         elif reply.kind is Kind.ACCEPTED:
             self.axes = {
-                address: self._ended(self._before.get(address, axis), axis, now_ns)
+                address: self._heeded(self._before.get(address, axis), axis, now_ns)
                 for address, axis in self._after.items()
             }
         elif reply.kind is Kind.ANSWER and reply.data is not None and reply.address is not None:
@@ -366,9 +374,10 @@ class Fence:
             self._learn(int(asked[4:6], 16), int(asked[6:8], 16), reply.data, now_ns)
         self._asked = b""
 
-    @staticmethod
-    def _ended(before: Axis, after: Axis, now_ns: int) -> Axis:
-        """An axis whose endless motion was ended somewhere between request and reply."""
+    def _heeded(self, before: Axis, after: Axis, now_ns: int) -> Axis:
+        """An axis that has obeyed somewhere between request and reply."""
+        if after is not before and int(self._asked[6:8], 16) == 0x0B:
+            return self._cleared(before, self._asked_ns, now_ns)
         if not before.speed or after.speed:
             return after
         grown = before.grown(now_ns).reach
@@ -393,7 +402,7 @@ class Fence:
         """Narrow down by a counter reading."""
         axis = self._origin_seen(axis, counter, now_ns)
         here = shift(axis.offset, (counter, counter))
-        axis = replace(axis, seen=here, seen_ns=self._asked_ns)
+        axis = replace(axis, counter=(counter, counter), seen_ns=self._asked_ns)
         if axis.speed and counter == axis.target:  # a move that the reference could have prolonged
             axis = replace(axis, speed=0, ways=(0, 0), may_move=False, target=None)
         if axis.speed:
@@ -406,21 +415,19 @@ class Fence:
         return replace(axis, reach=join(here, goal), tip=goal, may_move=counter != axis.target)
 
     def _origin_seen(self, axis: Axis, counter: int, now_ns: int) -> Axis:
-        """Account for a counter that may have been cleared since it was read last."""
-        now = self._whereabouts(axis, now_ns)
-        possible = []
-        if _meet(shift(axis.offset, (counter, counter)), now):
-            possible.append(axis.offset)
-        elif axis.is_cut and abs(counter) <= ZERO_SLACK:
-            possible += [axis.offset, shift(now, (-counter, -counter))]
-        if axis.edge is not None and _meet(shift(axis.edge, (counter, counter)), now):
-            possible.append(axis.edge)
-        if not possible and axis.has_reference:  # a contact of the machine's own
-            passed = join(axis.seen, now)
-            low, high = max(passed[0], now[0] - counter), min(passed[1], now[1] - counter)
-            possible.append((low, high) if low <= high else passed)
-        offset = join(*possible) if possible else axis.offset  # else: turned by hand
-        return replace(axis, offset=offset, edge=None, is_cut=False)
+        """Account for a counter that may have been cleared since it was read last: it then counts
+        from a place `zero` of the old count."""
+        low, high = self._counter_at(axis, now_ns)
+        is_plain = low <= counter <= high
+        zeros = [(0, 0)] if is_plain else []
+        if axis.is_cut and not is_plain and abs(counter) <= ZERO_SLACK:
+            zeros = [(0, 0), (low, high)]
+        if axis.edge is not None:
+            zeros.append((max(axis.edge[0], low - counter), min(axis.edge[1], high - counter)))
+        if axis.has_reference and not is_plain and axis.edge is None:  # a contact of the machine's
+            zeros.append((max(low, low - counter), min(high, high - counter)))
+        zeros = [zero for zero in zeros if zero[0] <= zero[1]] or [(0, 0)]  # turned by hand
+        return replace(axis, offset=shift(axis.offset, join(*zeros)), edge=None, is_cut=False)
 
     # --- endless motion ---------------------------------------------------------------------------
 
@@ -449,11 +456,6 @@ class Fence:
             for address, axis in self.axes.items()
             if axis.speed
         )
-
-
-def _meet(one: Interval, other: Interval) -> bool:
-    """Whether two intervals have a place in common."""
-    return one[0] <= other[1] and one[1] >= other[0]
 
 
 def _braking(speed: int) -> int:
