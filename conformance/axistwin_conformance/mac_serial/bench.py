@@ -267,8 +267,12 @@ class Bench(Talk):
         """The period, or a slower one with which the axis stays inside for so long."""
         if not self.session.envelope.is_fenced:
             return max(period, self.fastest)
-        room = max(1, self.session.envelope.max_travel // 2)
-        return max(period, self.fastest, round(seconds * TICKS_PER_SECOND / room) + 1)
+        self.needs_speed(SLOWEST)
+        gentle = round(seconds * TICKS_PER_SECOND / max(1, self.room())) + 1
+        if gentle > SLOWEST:
+            travel = 2 * (round(seconds * TICKS_PER_SECOND / (SLOWEST - 1)) + 1)
+            self.needs_travel(travel, f"the slowest endless motion, for {seconds:.1f} s")
+        return min(SLOWEST, max(period, self.fastest, gentle))
 
     def go(self, target: int) -> Forecast:
         """Send 13h to a target in the envelope; it must be accepted.  Give what to expect."""

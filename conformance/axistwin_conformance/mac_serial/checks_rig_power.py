@@ -61,7 +61,9 @@ def a_power_cut_ends_a_motion_for_good(session: Session) -> None:
     """Cut in motion, the position is where the axis then was; nothing resumes, nothing is said."""
     bench = RigBench(session)
     for way in bench.ways:
-        start = bench.begin()
+        # Nothing tells the envelope that an endless motion has ended with the supply.
+        slow = bench.gentle(bench.pace, bench.away_s + LISTEN_S) if way.is_endless else None
+        start = bench.begin(slow)
         moving = way.begin(bench, start, bench.reach)
         bench.wait(0.08)
         cut = bench.power_cycle("MACS-PERS-03")

@@ -103,6 +103,11 @@ class RigBench(Bench):
         self.wait_awake()
         self.alive(requirement)
 
+    @property
+    def away_s(self) -> float:
+        """How long a power cycle takes, until the module surely answers again."""
+        return OFF_S + self.awake_surely_s + QUIET_S
+
     def power_cycle(self, requirement: Part = None) -> Window:
         """Cut the supply and apply it again; judge the silence between.  Give when it was cut."""
         cut = Window(*self.rig.power_off())
