@@ -226,6 +226,24 @@ def a_stopped_move_does_not_catch_up(session: Session) -> None:
     )
 
 
+@check("MACS-CMD-17-01", "MACS-STATE-01", safety=WORKED, needs=HOLD, level="full")
+def an_endless_motion_ends_with_its_ramp_though_the_shaft_is_held(session: Session) -> None:
+    """17h ends velocity mode when the ramp is over: not busy, not locked, whatever holds the shaft;
+    there is no target to wait for."""
+    bench = RigBench(session)
+    if not bench.rig.is_exact:
+        session.skip("endless motion is left to a rig that acts at once")
+    bench.begin()
+    bench.turn(1, bench.period)
+    bench.rig.hold_shaft(True)
+    bench.wait(LAG_SHOWS_S)
+    bench.accepted(0x17, requirement="MACS-CMD-17-01")
+    bench.wait(LAG_SHOWS_S)
+    session.expect(not bench.is_busy(), "MACS-CMD-17-01", "stopped, not busy", "busy")
+    session.expect(not _is_locked(bench), "MACS-STATE-01", "no longer running", "locked")
+    bench.accepted(0x18)
+
+
 # --- turned by hand ------------------------------------------------------------------------------
 
 

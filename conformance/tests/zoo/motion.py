@@ -424,3 +424,19 @@ def the_lock_ends_early(patch: MonkeyPatch) -> None:
         return bool(axis.parameters.set_standby(n))
 
     on(patch, 0x02, act)
+
+
+@mutant("MACS-STATE-01")
+def a_stopped_endless_motion_waits_for_its_shaft(patch: MonkeyPatch) -> None:
+    """After 17h in velocity mode a held axis stays locked until it is where its ramp has ended."""
+
+    def make(end: Any_) -> Any_:
+        def ending(drive: Drive, now: int) -> int | None:
+            end_ns: int | None = end(drive, now)
+            if end_ns is None or drive.kind is not State.VE or drive.plant.target is None:
+                return end_ns
+            return drive.plant.settle_ns(end_ns, drive._values["tolerance"])
+
+        return ending
+
+    wrap(patch, Drive, "_end_ns", make)
