@@ -7,13 +7,15 @@
               |   o      o      o
               +-------------------------> ms
 
-Colours come from the page: classes `band`, `reading`, `reading off`, `grid`, `axis`.
+Colours come from the page: classes `band`, `reading`, `reading off`, `grid`, `axis`.  A report may
+hold hundreds of these: one path for all that looks alike, relative coordinates, no point on a line
+between its neighbours.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -21,9 +23,12 @@ from markupsafe import Markup, escape
 
 WIDTH: Final = 560
 LEFT, RIGHT, TOP = 62, 12, 10
-HEIGHT_POSITION, GAP, HEIGHT_DEVIATION, BOTTOM = 150, 20, 64, 36
+HEIGHT_POSITION, GAP, HEIGHT_DEVIATION, BOTTOM = 150, 20, 64, 22
 HEIGHT: Final = TOP + HEIGHT_POSITION + GAP + HEIGHT_DEVIATION + BOTTOM
 BAND_POINTS: Final = 48  # drawn of the predicted band, at most
+STRAIGHT: Final = 0.3  # closer than that to the line between its neighbours, a point adds nothing
+
+Point = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,10 +40,10 @@ class Scale:
     start: float
     end: float
 
-    def __call__(self, value: float) -> str:
-        """The coordinate, short."""
+    def __call__(self, value: float) -> float:
+        """The coordinate, to a tenth."""
         share = (value - self.low) / (self.high - self.low)
-        return f"{self.start + share * (self.end - self.start):.1f}".removesuffix(".0")
+        return round(self.start + share * (self.end - self.start), 1)
 
 
 def is_inside(motion: Mapping[str, Any]) -> bool:
@@ -62,27 +67,28 @@ def plot(motion: Mapping[str, Any]) -> Markup:
     bottom = floor + GAP + HEIGHT_DEVIATION
     aside = _scale([one for pair in wide for one in pair] + offs, bottom, floor + GAP)
 
-    def at(time_ns: int) -> str:
+    def at(time_ns: int) -> float:
         return across((time_ns - origin_ns) / 1e6)
 
     assert len(middles) == len(band)
     parts = [
-        *_grid(up, across, floor, "increments"),
-        *_grid(aside, across, bottom, "deviation"),
-        *_time_axis(across, bottom),
-        _polygon(
+        *_axes(across, up, aside),
+        _area(
             [(at(time), up(high)) for time, _, high in band],
             [(at(time), up(low)) for time, low, _ in band],
         ),
-        _polygon(
+        _area(
             [(at(one[0]), aside(top)) for one, (top, _) in zip(band, wide, strict=True)],
             [(at(one[0]), aside(low)) for one, (_, low) in zip(band, wide, strict=True)],
         ),
+        *_dots(
+            [
+                ((at(time_ns), y), is_off)
+                for (time_ns, place, _, is_off), off in zip(readings, offs, strict=True)
+                for y in (up(place), aside(off))
+            ]
+        ),
     ]
-    for (time_ns, place, _, is_off), off in zip(readings, offs, strict=True):
-        name = "reading off" if is_off else "reading"
-        for y in (up(place), aside(off)):
-            parts.append(f'<circle class="{name}" cx="{at(time_ns)}" cy="{y}" r="3.5"/>')
     words = f"{motion['name']}: {_count(readings)}"
     return Markup(  # numbers of ours, and one word, which is escaped
         f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(words)}">'
@@ -93,7 +99,8 @@ def plot(motion: Mapping[str, Any]) -> Markup:
 
 def _count(readings: Sequence[tuple[int, int, float, bool]]) -> str:
     outside = sum(is_off for *_, is_off in readings)
-    return f"{len(readings)} readings, {outside or 'none'} outside the predicted band"
+    many = "1 reading" if len(readings) == 1 else f"{len(readings)} readings"
+    return f"{many}, {outside or 'none'} outside the predicted band"
 
 
 def _readings(motion: Mapping[str, Any]) -> list[tuple[int, int, float, bool]]:
@@ -135,29 +142,74 @@ def _scale(values: Sequence[float], start: float, end: float) -> Scale:
     return Scale(low - margin, high + margin, start, end)
 
 
-def _polygon(upper: list[tuple[str, str]], lower: list[tuple[str, str]]) -> str:
-    points = " ".join(f"{x},{y}" for x, y in [*upper, *reversed(lower)])
-    return f'<polygon class="band" points="{points}"/>'
+def _area(upper: list[Point], lower: list[Point]) -> str:
+    """The band between two lines over the same times."""
+    outline = [*_straightened(upper), *reversed(_straightened(lower))]
+    return f'<path class="band" d="{_line(outline)}z"/>'
 
 
-def _grid(vertical: Scale, across: Scale, floor: float, title: str) -> Iterable[str]:
-    x1, x2 = across(across.low), across(across.high)
-    for tick in ticks(vertical.low, vertical.high, 4 if vertical.start - vertical.end > 100 else 2):
-        y = vertical(tick)
-        yield f'<path class="grid" d="M{x1} {y}H{x2}"/>'
-        yield f'<text class="y" x="{LEFT - 6}" y="{y}" dy=".35em">{_number(tick)}</text>'
-    middle = (vertical.start + vertical.end) / 2
-    yield f'<text class="title" transform="translate(12 {middle:.0f}) rotate(-90)">{title}</text>'
-    yield f'<path class="axis" d="M{x1} {floor:.0f}H{x2}"/>'
+def _straightened(line: list[Point]) -> list[Point]:
+    """The line without the points that lie on it anyway."""
+    kept, since = line[:1], 0
+    for number in range(1, len(line) - 1):
+        between = line[since + 1 : number + 1]
+        if any(_distance(one, line[since], line[number + 1]) > STRAIGHT for one in between):
+            kept.append(line[number])
+            since = number
+    return kept + line[max(1, len(line) - 1) :]
 
 
-def _time_axis(across: Scale, floor: float) -> Iterable[str]:
-    for tick in ticks(across.low, across.high, 6):
-        x = across(tick)
-        yield f'<path class="axis" d="M{x} {floor:.0f}v4"/>'
-        yield f'<text class="x" x="{x}" y="{floor + 16:.0f}">{_number(tick)}</text>'
-    x, y = across((across.low + across.high) / 2), f"{floor + 31:.0f}"
-    yield f'<text class="title" x="{x}" y="{y}">ms since the start of the motion</text>'
+def _distance(point: Point, first: Point, last: Point) -> float:
+    """How far, upward or downward, a point is from the line through two others."""
+    (x, y), (x1, y1), (x2, y2) = point, first, last
+    return abs(y - (y1 + y2) / 2) if x1 == x2 else abs(y - y1 - (y2 - y1) * (x - x1) / (x2 - x1))
+
+
+def _dots(places: Sequence[tuple[Point, bool]]) -> list[str]:
+    """All readings inside, then, on top of them, those outside; a dot is a line of no length."""
+    return [
+        f'<path class="{name}" d="{"".join(f"M{_short(x)} {_short(y)}h0" for x, y in chosen)}"/>'
+        for name, wanted in (("reading", False), ("reading off", True))
+        if (chosen := [place for place, is_off in places if is_off is wanted])
+    ]
+
+
+def _axes(across: Scale, up: Scale, aside: Scale) -> list[str]:
+    """Grid, axes, numbers and titles of both panels."""
+    left, right, bottom = across.start, across.end, aside.start
+    grid, labels = "", ""
+    for scale, count in ((up, 4), (aside, 2)):
+        for tick in ticks(scale.low, scale.high, count):
+            y = _short(scale(tick))
+            grid += f"M{left:g} {y}H{right:g}"
+            labels += f'<text class="y" x="{left - 6:g}" y="{y}">{_number(tick)}</text>'
+    axis = f"M{left:g} {up.start:g}H{right:g}M{left:g} {bottom:g}H{right:g}"
+    times = ticks(across.low, across.high, 6)
+    for tick in times:
+        x, unit = _short(across(tick)), " ms" if tick == times[-1] else ""
+        axis += f"M{x} {bottom:g}v4"
+        labels += f'<text class="x" x="{x}" y="{bottom + 16:g}">{_number(tick)}{unit}</text>'
+    for scale, title in ((up, "increments"), (aside, "deviation")):
+        middle = (scale.start + scale.end) / 2
+        labels += f'<text class="title" transform="translate(12 {middle:g})rotate(-90)">'
+        labels += f"{title}</text>"
+    return [f'<path class="grid" d="{grid}"/><path class="axis" d="{axis}"/>', labels]
+
+
+def _line(points: Sequence[Point]) -> str:
+    """A path through the points: the first where it is, the others from the one before."""
+    tenths = [(round(x * 10), round(y * 10)) for x, y in points]
+    (x, y), parts = tenths[0], [f"M{_short(points[0][0])} {_short(points[0][1])}l"]
+    for next_x, next_y in tenths[1:]:
+        across, up = _short((next_x - x) / 10), _short((next_y - y) / 10)
+        parts.append(f"{across}{'' if up.startswith('-') else ' '}{up} ")
+        x, y = next_x, next_y
+    return "".join(parts).rstrip()
+
+
+def _short(value: float) -> str:
+    """A coordinate in as few characters as it takes."""
+    return f"{value + 0.0:.1f}".removesuffix(".0").replace("-0.", "-.").removeprefix("0") or "0"
 
 
 def ticks(low: float, high: float, about: int) -> list[float]:

@@ -6,16 +6,20 @@ holds what was asked, what was admissible, what came, the exchange, and the comm
 
 from __future__ import annotations
 
+import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import jinja2
 
 from axistwin_conformance.judgement import CONFORMS
 from axistwin_conformance.plot import is_inside, plot
+from axistwin_conformance.recording import FOLDER
 from axistwin_conformance.report_json import Report
 
 # In the order of urgency; the sign says the same as the colour.
@@ -28,7 +32,9 @@ SIGNS = {
     "not run": "–",
 }
 SHOWN_RECORDS = 16  # of a transcript at once; what came before is folded away
-REPEATED_RECORDS = 8  # of a transcript that an earlier article shows whole
+REPEATED_RECORDS = 3  # of a transcript that an earlier article shows whole
+
+NOT_COVERED, NOT_ON_WIRE, NOT_ARMED = "not covered", "not on the wire", "not armed"
 
 HEADLINES = {
     0: "conforms",
@@ -53,7 +59,12 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What one check said about one requirement; `whole_at`: where the exchange is shown whole."""
+    """What one check said about one requirement.
+
+    `whole_at`: where the exchange is shown whole.  `motion`: drawn there and only there.
+    `has_plot`: it is drawn somewhere, at least with the other motions of the check.
+    `operations`: the file beside the page that plays the failure again, if there is one.
+    """
 
     anchor: str
     check: Mapping[str, Any]
@@ -63,6 +74,8 @@ class Evidence:
     left_out: int = 0
     whole_at: str = ""
     motion: Mapping[str, Any] | None = None
+    has_plot: bool = False
+    operations: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +110,11 @@ def render(report: Report) -> str:
         others=[one for one in articles if one.slug not in ("fail", "inconclusive")],
         covered=sum(bool(one.judged["checks"]) for one in articles),
         armed=None if any(one.judged["armed"] is None for one in articles) else len(armed),
+        gaps={
+            "not covered": [one.id for one in articles if one.coverage == NOT_COVERED],
+            "not armed": [one.id for one in articles if one.armed == NOT_ARMED],
+            "not on the wire": [one.id for one in articles if one.coverage == NOT_ON_WIRE],
+        },
         quirks=[one for one in report["readings"] if one["reading"] != one["default"]],
         followed=[one for one in report["readings"] if one["reading"] == one["default"]],
         moved=[check for check in report["checks"] if check["motions"]],
@@ -114,7 +132,7 @@ def _template() -> jinja2.Template:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(slug=slug, plot=plot, duration=duration)
+    environment.filters.update(slug=slug, plot=plot, duration=duration, thousands=thousands)
     environment.tests["inside"] = is_inside
     return environment.get_template("report.html.j2")
 
@@ -122,6 +140,11 @@ def _template() -> jinja2.Template:
 def slug(verdict: str) -> str:
     """A verdict as a name for styles and anchors."""
     return verdict.replace(" ", "-")
+
+
+def thousands(number: int) -> str:
+    """A number of many digits in groups that do not break."""
+    return f"{number:,}".replace(",", "\N{NARROW NO-BREAK SPACE}")
 
 
 def duration(seconds: float) -> str:
@@ -162,14 +185,14 @@ def _coverage(judged: Mapping[str, Any]) -> str:
     if judged["checks"]:
         count = len(judged["checks"])
         return f"{count} check{'s' if count > 1 else ''}"
-    return "not on the wire" if judged["not_on_wire"] else "not covered"
+    return NOT_ON_WIRE if judged["not_on_wire"] else NOT_COVERED
 
 
 def _armed(judged: Mapping[str, Any]) -> str:
     if judged["armed"] is None:
         return "unknown"
     count = len(judged["armed"])
-    return f"{count} fault{'s' if count > 1 else ''} caught" if count else "not armed"
+    return f"{count} fault{'s' if count > 1 else ''} caught" if count else NOT_ARMED
 
 
 def _evidence(
@@ -182,12 +205,27 @@ def _evidence(
     motion = check["motions"][-1] if is_failing and check["motions"] else None
     if motion is not None and is_inside(motion):
         motion = None  # it failed on something else
-    if whole_at != anchor:
-        kept = rows[-REPEATED_RECORDS:]
-        return Evidence(anchor, check, finding, (), kept, len(rows) - len(kept), whole_at, motion)
+    is_whole, kept = whole_at == anchor, rows[-REPEATED_RECORDS:]
     return Evidence(
-        anchor, check, finding, rows[:-SHOWN_RECORDS], rows[-SHOWN_RECORDS:], motion=motion
+        anchor,
+        check,
+        finding,
+        earlier=rows[:-SHOWN_RECORDS] if is_whole else (),
+        rows=rows[-SHOWN_RECORDS:] if is_whole else kept,
+        left_out=0 if is_whole else len(rows) - len(kept),
+        whole_at=whole_at,
+        motion=motion if is_whole else None,
+        has_plot=motion is not None,
+        operations=_operations(check["replay"]),
     )
+
+
+def _operations(replay: str) -> str:
+    """The file of operations that the command plays, as seen from the page; empty if none."""
+    words = shlex.split(replay)
+    files = [word for option, word in pairwise(words) if option == "--replay"]
+    name = Path(files[0]).name if files else ""
+    return f"{FOLDER}/{name}" if name.endswith(".toml") else ""
 
 
 def _rows(records: Sequence[Mapping[str, Any]]) -> list[Row]:

@@ -19,11 +19,25 @@ def motion(*measured: tuple[int, int], band: list[tuple[int, int, int]] | None =
     return {"name": "move 1", "measured": list(measured), "predicted": band}
 
 
+def places(shown: str, kind: str) -> list[tuple[float, float]]:
+    """Where the lines of one class of a drawing go."""
+    found: list[tuple[float, float]] = []
+    for path in ElementTree.fromstring(shown).iter("path"):
+        if path.attrib["class"] != kind:
+            continue
+        for letter, rest in re.findall(r"([a-zA-Z])([^a-zA-Z]*)", path.attrib["d"]):
+            numbers = [float(one) for one in re.findall(r"-?[0-9]*\.?[0-9]+", rest)]
+            assert letter in "Mlhz"
+            for x, y in zip(numbers[::2], numbers[1::2], strict=letter != "h"):
+                found.append((x, y) if letter == "M" else (found[-1][0] + x, found[-1][1] + y))
+    return found
+
+
 def test_readings_outside_their_band_are_red() -> None:
     """In both drawings, position and deviation; the edge still belongs to the band."""
     shown = plot(motion((1 * MS, 11), (2 * MS, 20), (4 * MS, 42)))
-    assert shown.count('class="reading"') == 4
-    assert shown.count('class="reading off"') == 2
+    assert len(places(shown, "reading")) == 4
+    assert len(places(shown, "reading off")) == 2
     assert "3 readings, 1 outside the predicted band" in shown
 
 
@@ -42,14 +56,10 @@ def test_a_reading_between_two_points_has_the_wider_of_both() -> None:
 def test_everything_lies_inside_the_drawing() -> None:
     """Whatever is measured; and the drawing is well-formed."""
     shown = str(plot(motion((1 * MS, -4000), (4 * MS, 900))))
-    root = ElementTree.fromstring(shown)
-    for circle in root.iter("circle"):
-        assert 0 <= float(circle.attrib["cx"]) <= WIDTH
-        assert 0 <= float(circle.attrib["cy"]) <= HEIGHT
-    for polygon in root.iter("polygon"):
-        for x, y in (point.split(",") for point in polygon.attrib["points"].split()):
-            assert 0 <= float(x) <= WIDTH
-            assert 0 <= float(y) <= HEIGHT
+    for kind in ("band", "reading", "reading off"):
+        for x, y in places(shown, kind):
+            assert 0 <= x <= WIDTH
+            assert 0 <= y <= HEIGHT
 
 
 def test_a_motion_of_one_reading_at_rest_can_be_drawn() -> None:
@@ -61,9 +71,17 @@ def test_a_long_band_is_thinned_but_not_where_it_was_measured() -> None:
     """The page stays light; a reading stays in its own band."""
     band = [(MS * n, n - (n % 100 == 7), n + (n % 100 == 7)) for n in range(5000)]
     shown = str(plot(motion((1007 * MS, 1006), band=band)))
-    points = re.findall(r'points="([^"]+)"', shown)[0].split()
-    assert len(points) <= 2 * (BAND_POINTS + 3)
+    assert len(places(shown, "band")) <= 4 * (BAND_POINTS + 3)
     assert "off" not in shown
+
+
+def test_what_lies_on_a_line_is_left_out_and_what_does_not_stays() -> None:
+    """A cruise is two points however long; a bend of one increment in it shows."""
+    straight = [(MS * n, 10 * n, 10 * n + 4) for n in range(40)]
+    bent = [*straight[:20], (MS * 20, 240, 244), *straight[21:]]
+    assert len(places(plot(motion((0, 0), band=straight)), "band")) == 8
+    # Three more points on either edge of the band of positions; its width is the same all along.
+    assert len(places(plot(motion((0, 0), band=bent)), "band")) == 8 + 2 * 3
 
 
 def test_a_name_cannot_break_out() -> None:

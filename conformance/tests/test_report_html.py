@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from zoo import ZOO
 
 from axistwin_conformance import report_json
 from axistwin_conformance.cli import conform
@@ -139,7 +140,7 @@ def test_a_wrong_mac_leads_to_its_bytes(wrong_mac: Path) -> None:
     report = load(wrong_mac / "report.json")
     text = (wrong_mac / "report.html").read_text()
     assert_one_click_to_the_bytes(text, report)
-    assert '<circle class="reading off"' in text, "the motion that failed shows where"
+    assert '<path class="reading off"' in text, "the motion that failed shows where"
     assert {one.name for one in wrong_mac.iterdir()} == {
         "report.html", "report.json", "junit.xml", "events.jsonl",
     }  # fmt: skip
@@ -173,7 +174,7 @@ def test_the_head_tells_what_was_judged_and_how(report: Report) -> None:
     text = render(report)
     for part in (
         "a toy", "Does not conform.", "built-in twin (toy://toy:0)", "0, 9600 baud",
-        "full, 5", "axistwin 0.", "±1000 increments", "axistwin conform toy --seed 5",
+        "full, 5", "axistwin 0.", "±1\u202f000 increments", "axistwin conform toy --seed 5",
     ):  # fmt: skip
         assert part in text
 
@@ -219,7 +220,39 @@ def test_an_exchange_that_broke_several_requirements_is_whole_once(report: Repor
     second = page.text_of["MACS-FRAME-02"]
     assert "word 0" not in second
     assert "word 39" in second
-    assert "32 lines before that" in second
+    assert "37 lines before that" in second
+
+
+def test_a_motion_that_broke_several_requirements_is_drawn_once_among_them(report: Report) -> None:
+    """The other articles lead to it; a drawing weighs more than the exchange."""
+    [check] = [one for one in report["checks"] if one["name"] == "_drifting"]
+    [other] = [one for one in report["checks"] if one["name"] == "_wrong"]
+    other["motions"] = check["motions"]
+    page = render(report)
+    assert page.count("<figure>") - page.count('class="plots"') == 2  # one article for each check
+    second = page[page.index('id="MACS-FRAME-02--_wrong"') :]
+    assert '<a href="#motion-_wrong">' in second[: second.index("</section>")]
+
+
+def test_the_operations_of_a_failure_are_one_click_away(report: Report) -> None:
+    """The file lies beside the page; operations given in hex have none."""
+    replays = {"_wrong": "out/operations/_wrong-5.toml", "_drifting": "01ff0000"}
+    for check in report["checks"]:
+        if check["name"] in replays:
+            check["replay"] = f"axistwin conform toy --replay {replays[check['name']]}"
+    links = {to for *_, to in Page(render(report)).links if not to.startswith("#")}
+    assert links == {"operations/_wrong-5.toml"}
+
+
+def test_wear_and_gaps_are_told(report: Report) -> None:
+    """EEPROM writes with their budget; what is not covered, and what is not armed, by name."""
+    report["finished"] |= {"eeprom_writes": 1234, "eeprom_budget": 2000}
+    for one in report["requirements"]:
+        one["armed"] = [] if one["id"] == "MACS-LINE-02" else ["deaf"]
+    text = render(report)
+    assert "1\u202f234 of 2\u202f000 allowed" in text
+    assert re.search(r"1 not armed</summary><p><a href=\"#MACS-LINE-02\">", text)
+    assert "not covered</summary>" in text
 
 
 @pytest.mark.parametrize(
@@ -264,6 +297,19 @@ def test_a_full_run_makes_a_light_page(tmp_path: Path) -> None:
     assert text.count("<svg") > 20
     assert len(text.encode()) < 1_000_000
     Page(text)
+
+
+@pytest.mark.slow
+def test_a_device_that_is_wrong_all_over_makes_a_light_page_too(tmp_path: Path) -> None:
+    """Every move goes somewhere else, dozens of requirements fail: still under a megabyte."""
+    [mutant] = [one for one in ZOO if one.name == "a_move_is_relative"]
+    with mutant.plant():
+        CliRunner().invoke(conform, ["mac23", "--report", str(tmp_path)])
+    report = load(tmp_path / "report.json")
+    text = (tmp_path / "report.html").read_text()
+    assert len(failed(report)) > 30
+    assert_one_click_to_the_bytes(text, report)
+    assert len(text.encode()) < 1_000_000
 
 
 @pytest.mark.parametrize(
