@@ -177,6 +177,8 @@ class Bench(Talk):
         counts: how far the axis may have come since it was read last is lost to it for ever."""
         if index == 0x0B and self.session.envelope.is_fenced:
             self.ask(0x20)
+        if index in (0x13, 0x14):
+            self.needs_speed(SLOWEST)
         return super().command(index, parameter, sub_index)
 
     @property
@@ -193,7 +195,8 @@ class Bench(Talk):
         """Leave the check, or the probe, if that period is too fast for the envelope."""
         if self.session.envelope.is_fenced and period < self.fastest:
             speed = -(-TICKS_PER_SECOND // period)
-            raise OutsideEnvelope(f"period {period:04X}h is not to be had", "--max-speed", speed)
+            slow = "no motion is slow enough" if period == SLOWEST else "it is a matter of speed"
+            raise OutsideEnvelope(slow, "--max-speed", speed)
 
     def needs_travel(self, increments: int, reason: str) -> None:
         """Leave the check, or the probe, if so many increments are too many for the envelope."""

@@ -361,7 +361,12 @@ class Fence:
         if not self._asked or codec.missing_bytes(self._heard):
             return
         reply, self._heard = codec.parse(self._heard), b""
-        if reply.kind in (Kind.REFUSED, Kind.NACK):
+        if reply.kind is Kind.REFUSED and int(self._asked[6:8], 16) == STOP:
+            self.axes = {
+                address: self._unpowered(self._before.get(address, axis), axis, now_ns)
+                for address, axis in self._after.items()
+            }
+        elif reply.kind in (Kind.REFUSED, Kind.NACK):
             self.axes = {address: self._before.get(address, self._after[address])
                          for address in self._after}  # fmt: skip
         elif reply.kind is Kind.ACCEPTED:
@@ -373,6 +378,12 @@ class Fence:
             asked = self._asked
             self._learn(int(asked[4:6], 16), int(asked[6:8], 16), reply.data, now_ns)
         self._asked = b""
+
+    def _unpowered(self, before: Axis, after: Axis, now_ns: int) -> Axis:
+        """An axis that refuses to stop: after a fault nothing drives it (MACS-STATE-02).  What is
+        preloaded stays where that is the reason (MACS-AMB-36)."""
+        ended = self._heeded(before, after, now_ns)
+        return replace(ended, held=before.held, is_armed=before.is_armed)
 
     def _heeded(self, before: Axis, after: Axis, now_ns: int) -> Axis:
         """An axis that has obeyed somewhere between request and reply."""
