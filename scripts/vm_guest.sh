@@ -53,14 +53,15 @@ make_buses() {
 }
 
 # The command's streams are pipes, as under any other program: were they the devices themselves,
-# the command would think that it talks to a terminal.
+# the command would think that it talks to a terminal.  ("b cat &" would be a shell with a child, and
+# end_leftovers needs the number of the child.)
 start_relays() {
     b stty -F "$ROOT/dev/$OUT" raw -echo
     b stty -F "$ROOT/dev/$ERR" raw -echo
     b mkfifo "$ROOT/run/out" "$ROOT/run/err"
-    b cat "$ROOT/run/out" >"$ROOT/dev/$OUT" &
+    "$BUSYBOX" cat "$ROOT/run/out" >"$ROOT/dev/$OUT" &
     relay_out=$!
-    b cat "$ROOT/run/err" >"$ROOT/dev/$ERR" &
+    "$BUSYBOX" cat "$ROOT/run/err" >"$ROOT/dev/$ERR" &
     relay_err=$!
 }
 
