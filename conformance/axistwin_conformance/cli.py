@@ -25,11 +25,20 @@ import click
 
 from axistwin_conformance.budget import DEFAULT_BUDGET
 from axistwin_conformance.errors import UsageError
-from axistwin_conformance.registry import LEVELS, SAFETY_CLASSES, Family, families, find_family
+from axistwin_conformance.registry import (
+    FULL,
+    LEVELS,
+    SAFETY_CLASSES,
+    SOAK,
+    Family,
+    families,
+    find_family,
+)
 
 if TYPE_CHECKING:
     from axistwin_conformance.engine import Engine
     from axistwin_conformance.plan import Options
+    from axistwin_conformance.recording import Recording
 
 BENCH_TRAVEL = 2000  # increments: one turn of a MAC23, a fifth of a MAC34
 BENCH_SPEED = 10_000  # increments per second: 300 rpm on a MAC23
@@ -37,6 +46,8 @@ TWIN_TRAVEL = 1_000_000
 TWIN_SPEED = 1_000_000
 TWIN_NEIGHBOUR_STEP = 1  # the built-in twin gets a neighbour at the next address
 UNHEARD = 141  # what a shell tells of a program that a closed pipe has ended: 128 + SIGPIPE
+MOST_SOAK_S = 366 * 24 * 3600.0
+DEFAULT_SOAK_S = 2 * 3600.0
 HOST_AND_PORT = re.compile(r"[\w.-]+:\d+|\[[0-9a-fA-F:]+\]:\d+")
 
 
@@ -52,6 +63,24 @@ class Address(click.ParamType[int]):
             return int(text[:-1], 16) if text.endswith("h") else int(text, 0)
         except ValueError:
             self.fail(f"{value!r} is no address: write 5, 0x05 or 05h", param, ctx)
+
+
+class Duration(click.ParamType[float]):
+    """A duration: 2h, 30m, 45s; a number alone means hours.  Its value is in seconds."""
+
+    name = "duration"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Read it; nothing, less than nothing and more than a year are mistakes."""
+        from axistwin_conformance.plan import UNITS
+
+        match = re.fullmatch(r"(\d{1,9}(?:\.\d{1,9})?)([hms]?)", str(value).strip().lower())
+        seconds = float(match[1]) * UNITS[match[2] or "h"] if match else 0.0
+        if not 0 < seconds <= MOST_SOAK_S:
+            self.fail(f"{value!r} is no duration: write 2h, 30m or 45s", param, ctx)
+        return seconds
 
 
 class Mistake(click.ClickException):
@@ -122,7 +151,18 @@ class OutputLost(BaseException):
     metavar="COMMAND",
     help="For --rig command: run per act with {verb}, {name} and {value} filled in.",
 )
-@click.option("--level", type=click.Choice(LEVELS), help=f"How much to run. Default: {LEVELS[-1]}.")
+@click.option(
+    "--level",
+    type=click.Choice(LEVELS),
+    help=f"How much to run. Default: {FULL}. soak: then random sequences for --duration.",
+)
+@click.option(
+    "--duration",
+    type=Duration(),
+    metavar="TIME",
+    help="Of a soak, in real time: 45s, 30m, 2h, or hours. Default: 2h.",
+)
+@click.option("-x", "--exitfirst", is_flag=True, help="End after the first check that fails.")
 @click.option(
     "--seed",
     type=click.IntRange(min=0),
@@ -145,10 +185,16 @@ class OutputLost(BaseException):
     help="The readings to expect of the device; another one is a failure.",
 )
 @click.option(
+    "--replay",
+    metavar="FILE|HEX",
+    help="Play just the operations of a failure again; 0 if it does not come again.",
+)
+@click.option(
     "--report",
     type=click.Path(file_okay=False, path_type=Path),
     metavar="DIR",
-    help="Write report.html, report.json, junit.xml and events.jsonl there.",
+    help="Write report.html, report.json, junit.xml and events.jsonl there, and the operations"
+    " of failures.",
 )
 @click.option(
     "--compare",
@@ -169,6 +215,8 @@ def conform(ctx: click.Context, /, **given: Any) -> None:  # fmt: skip
     axistwin conform mac23 --port /dev/ttyUSB0           a real one, passive tests only
     axistwin conform mac23 --port ./mac --allow motion   ... which may move
     axistwin conform mac23 MACS-FRAME MACS-CMD-13-01     some requirements
+    axistwin conform mac23 --level soak --duration 8h    random sequences, over night
+    axistwin conform mac23 --replay out/operations/...   one failure again
     axistwin conform mac23 --port ./mac --allow motion --detect mac.toml
                                                          its profile, for axistwin run --profile
     axistwin conform --compare old/report.json new/report.json
@@ -223,6 +271,7 @@ def _conform(
             raise UsageError(f"name a MODEL to judge: {', '.join(known)}")
         from axistwin_conformance.engine import Engine
 
+        given["report"] = "" if report is None else str(report)
         engine = Engine(make_options(is_detection=detect is not None, **given))
         if is_list or dry_run:
             return _show(engine, is_list, is_json)
@@ -259,6 +308,10 @@ def make_options(
     seed: int = 0,
     is_detection: bool = False,
     profile: Path | None = None,
+    exitfirst: bool = False,
+    duration: float | None = None,
+    replay: str | None = None,
+    report: str = "",
 ) -> Options:
     """Turn what was typed into options; raises UsageError in one line for what cannot be meant."""
     from axistwin_conformance.plan import Options
@@ -281,6 +334,11 @@ def make_options(
         _check_address(family, one)
     if len({address, *neighbours}) <= len(neighbours):
         raise UsageError("--address and every --neighbour must differ from one another")
+    if duration is not None and level != SOAK:
+        raise UsageError(f"--duration is how long a soak takes: add --level {SOAK}")
+    recording = None
+    if replay is not None:
+        recording = _recording(family, model, replay, ids, level, is_detection)
     allowed = parse_allowed(allow, is_builtin=is_builtin)
     options = Options(
         family=family,
@@ -295,17 +353,39 @@ def make_options(
             max_speed or (TWIN_SPEED if is_builtin else BENCH_SPEED),
             is_fenced=bool(max_travel or max_speed) or not is_twin,
         ),
-        level=level or LEVELS[-1],
+        level=level or FULL,
         seed=seed,
         words=ids,
         is_detection=is_detection,
         is_only_detection=is_detection and not ids and level is None,
         expected=None if profile is None else _expected(profile, family, model),
         profile="" if profile is None else str(profile),
+        is_exitfirst=exitfirst,
+        duration_s=(duration or DEFAULT_SOAK_S) if level == SOAK else None,
+        recording=recording,
+        replay_word=replay or "",
+        report=report,
         eeprom_budget=DEFAULT_BUDGET if eeprom_budget is None and not is_twin else eeprom_budget,
     )
     choice = choose_rig(rig, rig_command, options.url, is_allowed="rig" in allowed)
     return replace(options, rig=choice)
+
+
+def _recording(
+    family: Family,
+    model: str,
+    word: str,
+    ids: tuple[str, ...],
+    level: str | None,
+    is_detection: bool,
+) -> Recording:
+    """Read what to replay; raises UsageError for that, and for what does not go with it."""
+    from axistwin_conformance.recording import load_recording
+
+    for other, name in ((ids, "an ID"), (level, "--level"), (is_detection, "--detect")):
+        if other:
+            raise UsageError(f"--replay plays its operations and nothing else: leave out {name}")
+    return load_recording(word, model, family.operation_bytes)
 
 
 def _expected(path: Path, family: Family, model: str) -> dict[str, str]:
@@ -416,7 +496,15 @@ def _run(engine: Engine, is_json: bool, report: Path | None) -> int:
             listeners.append(
                 stack.enter_context(
                     report_terminal.TerminalReport(
-                        console, engine.ledger, explain, Pace(weigh(engine.plan()), past)
+                        console,
+                        engine.ledger,
+                        explain,
+                        Pace(
+                            weigh(engine.plan()),
+                            past,
+                            afterwards_s=engine.options.duration_s or 0.0,
+                        ),
+                        engine.options.report,
                     )
                 )
             )

@@ -1,7 +1,10 @@
 """What a run tells while it goes: plain values, consumed by reporters and nobody else.
 
-Order: RunStarted, [Identified], (CheckStarted, MotionSampled*, CheckFinished)*, ReadingSeen*,
-ReadingUnknown*, RequirementJudged*, RunFinished; Note and RigQuestion anywhere between.
+Order: RunStarted, [Identified], (CheckStarted, FailureStored*, MotionSampled*, CheckFinished)*,
+ReadingSeen*, ReadingUnknown*, RequirementJudged*, RunFinished; Note, RigQuestion, StatesCovered and
+SoakProgress anywhere between.  In a soak a round that finds nothing has no CheckFinished.
+A check numbered 0 is none of the plan: it tells what the device failed while no check was judging,
+and may stand before `Identified` and between two others.
 """
 
 from __future__ import annotations
@@ -10,6 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
+from axistwin_conformance.recording import Recording
 from axistwin_conformance.verdicts import Finding, Verdict
 
 
@@ -80,6 +84,45 @@ class MotionSampled:
     name: str
     measured: tuple[tuple[int, int], ...]
     predicted: tuple[tuple[int, int, int], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FailureStored:
+    """Operations after which a device failed, told at once; told again when they are fewer."""
+
+    check: str
+    recording: Recording
+
+
+@dataclass(frozen=True, slots=True)
+class StatesCovered:
+    """What random operations have met: state of the model → index → how many frames were answered
+    in it."""
+
+    check: str
+    sequences: int
+    operations: int
+    counts: Mapping[str, Mapping[str, int]]
+
+    @property
+    def text(self) -> str:
+        """That in a line."""
+        states = [f"{state} {sum(one.values())}" for state, one in sorted(self.counts.items())]
+        pairs = sum(map(len, self.counts.values()))
+        return (
+            f"{self.check}: {self.operations} operations in {self.sequences} sequences; frames"
+            f" answered in {', '.join(states)}; {pairs} pairs of state and index"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class SoakProgress:
+    """A round of a soak begins."""
+
+    round: int
+    seed: int
+    elapsed_s: float
+    duration_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,13 +202,19 @@ class RequirementJudged:
 
 @dataclass(frozen=True, slots=True)
 class RunFinished:
-    """The run is over; `problems` are reasons not to trust it that belong to no requirement."""
+    """The run is over; `problems` are reasons not to trust it that belong to no requirement.
+
+    `eeprom_writes`: how many the run asked for, all it put back included; `eeprom_budget`: how many
+    it was given, None for any number.
+    """
 
     exit_status: int
     sentence: str
     counts: Mapping[Verdict, int]
     problems: tuple[str, ...]
     seconds: float
+    eeprom_writes: int = 0
+    eeprom_budget: int | None = None
 
 
 Event = (
@@ -173,6 +222,9 @@ Event = (
     | Identified
     | CheckStarted
     | MotionSampled
+    | FailureStored
+    | StatesCovered
+    | SoakProgress
     | CheckFinished
     | Note
     | RigQuestion

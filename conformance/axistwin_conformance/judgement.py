@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from axistwin_conformance import events
 from axistwin_conformance.events import Outcome
 from axistwin_conformance.ledger import Ledger, Requirement
+from axistwin_conformance.recording import Recording
 from axistwin_conformance.registry import Check
 from axistwin_conformance.verdicts import Finding, Verdict, merge
 
@@ -31,6 +32,7 @@ class CheckResult:
     retries: tuple[str, ...]
     seconds: float
     trouble: str
+    recording: Recording | None = None  # the operations that failed, if it plays any
 
     @property
     def verdict(self) -> Verdict:
@@ -105,6 +107,8 @@ def _unstarted(result: Result) -> dict[Check, str]:
     reason = result.refusal or "; ".join(result.problems)
     if result.is_interrupted:
         reason = "the run was interrupted"
+    elif result.has_ended_early:
+        reason = "not started: ended after the first failure"
     reasons = dict(result.plan.left_out)
     reasons.update({check: reason for check in result.plan.to_run if check not in started})
     return reasons
@@ -175,6 +179,17 @@ def _profile_sentence(result: Result, ledger: Ledger) -> str:
     return f"{len(result.readings)} readings detected, {named}; {unknown} not known."
 
 
+def _replay_sentence(result: Result, recording: Recording) -> str:
+    """Whether recorded operations fail again."""
+    many = f"{len(recording.operations)} recorded operation{'s'[: len(recording.operations) != 1]}"
+    failed = [one.requirement.id for one in result.requirements if one.verdict is Verdict.FAIL]
+    if not failed:
+        return f"Not reproduced: after {many} every reply is admissible."
+    named = recording.requirement
+    also = f" (recorded: {named})" if named and named not in failed else ""
+    return f"Reproduced: {many} fail {', '.join(failed)}{also}."
+
+
 def _sentence(result: Result, ledger: Ledger) -> str:
     """The closing sentence, fit to be quoted alone."""
     model, total = result.options.model, len(result.requirements)
@@ -185,14 +200,20 @@ def _sentence(result: Result, ledger: Ledger) -> str:
     scope = f"{judged} of {total} requirements judged"
     if result.refusal:
         return f"Not judged: {result.refusal}."
+    if result.options.recording is not None and result.exit_status in (CONFORMS, FAILS):
+        return _replay_sentence(result, result.options.recording)
     if result.deviations and not count[Verdict.FAIL]:
         return f"The device is not what its profile says: {'; '.join(result.deviations)}."
     if result.exit_status == FAILS:
-        return f"The device does not conform to {model}: {count[Verdict.FAIL]} failed, {scope}."
+        lost = f"; then it was lost: {result.lost}" if result.lost else ""
+        failed = f"{count[Verdict.FAIL]} failed, {scope}{lost}"
+        return f"The device does not conform to {model}: {failed}."
     if result.exit_status == INTERRUPTED:
         return f"Interrupted; nothing failed so far, {scope}."
     if result.exit_status == UNSETTLED:
         open_ends = count[Verdict.INCONCLUSIVE]
+        if result.lost:
+            return f"No verdict on {model}: {result.lost}; nothing failed before, {scope}."
         why = f"{open_ends} stayed inconclusive" if open_ends else "; ".join(result.problems)
         return f"No verdict on {model}: nothing failed, but {why or 'a check crashed'}; {scope}."
     if result.options.is_only_detection and result.exit_status == CONFORMS:

@@ -35,6 +35,7 @@ class Pace:
         weights: Mapping[str, float],
         past: Mapping[str, float] | None = None,
         clock: Callable[[], float] = time.monotonic,
+        afterwards_s: float = 0.0,
     ) -> None:
         self._left = dict(weights)
         self._past = past or {}
@@ -42,6 +43,8 @@ class Pace:
         self._done: list[tuple[str, float, float]] = []  # name, weight, seconds
         self._running = ""
         self._since = clock()
+        self._afterwards_s = afterwards_s  # what comes after the checks takes so long, from then on
+        self._ends: float | None = None
 
     def begin(self, name: str) -> None:
         """A check begins."""
@@ -52,9 +55,16 @@ class Pace:
         self._running = ""
         self._done.append((name, self._left.pop(name, 1.0), seconds))
 
+    def soak(self, seconds: float) -> None:
+        """The checks are over; what is left is known."""
+        self._left.clear()
+        self._ends = self._clock() + seconds
+
     @property
     def remaining_s(self) -> float | None:
         """Seconds the run still takes, from now on; None while nobody can say."""
+        if self._ends is not None:
+            return max(0.0, self._ends - self._clock())
         known = [
             (self._past[name], seconds) for name, _, seconds in self._done if name in self._past
         ]
@@ -67,7 +77,7 @@ class Pace:
             guess = self._past[name] * factor if name in self._past else weight * (per_weight or 0)
             passed = self._clock() - self._since if name == self._running else 0.0
             total += max(0.0, guess - passed)
-        return total
+        return total + self._afterwards_s
 
     def _per_weight(self) -> float | None:
         """Seconds per unit of weight: of this run, or of the past as long as this run is young."""

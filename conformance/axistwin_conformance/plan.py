@@ -13,7 +13,17 @@ from dataclasses import dataclass, field
 from axistwin_conformance.errors import UsageError
 from axistwin_conformance.ledger import Ledger
 from axistwin_conformance.profile import Probe
-from axistwin_conformance.registry import LEVELS, NEEDS, RIG, SAFETY_CLASSES, Check, Family
+from axistwin_conformance.recording import Recording
+from axistwin_conformance.registry import (
+    FULL,
+    LEVELS,
+    NEEDS,
+    RIG,
+    SAFETY_CLASSES,
+    SOAK,
+    Check,
+    Family,
+)
 from axistwin_conformance.rig import CAPABILITIES, RigChoice
 from axistwin_conformance.session import Envelope
 from axistwin_conformance.targets import TWIN_SCHEME
@@ -26,7 +36,8 @@ class Options:
     `port`: a pyserial URL or device, None for the built-in twin.  `words`: requirement ids,
     prefixes of them, or names of checks; none means everything.  `is_detection`: ask for the
     profile with all that is allowed; `is_only_detection`: and judge nothing else.  `expected`: the
-    readings of a profile file, None without one.
+    readings of a profile file, None without one.  `duration_s`: of a soak.  `recording`: play just
+    that, given as `replay_word`.  `report`: the folder of the report, empty without one.
     """
 
     family: Family
@@ -46,6 +57,11 @@ class Options:
     is_only_detection: bool = False
     expected: Mapping[str, str] | None = None
     profile: str = ""  # the file they come from
+    is_exitfirst: bool = False
+    duration_s: float | None = None
+    recording: Recording | None = None
+    replay_word: str = ""
+    report: str = ""
 
     @property
     def is_builtin(self) -> bool:
@@ -79,13 +95,21 @@ class Options:
     @property
     def command(self) -> str:
         """The command that does this run again."""
-        return self._command(self.words)
+        if self.recording is not None:
+            return self._command((), replay=self.replay_word)
+        return self._command(self.words, self.level)
 
-    def replay(self, check: Check) -> str:
-        """Return the command that runs one check as this run did."""
-        return self._command((check.name,))
+    def replay(self, check: Check, recording: Recording | None = None) -> str:
+        """Return the command that plays again the operations that failed in a check; that runs the
+        check as this run did where there are none."""
+        if self.recording is not None:
+            return self.command
+        if recording is not None:
+            return self._command((), replay=recording.word(self.report))
+        # The rounds of a soak are runs of the full level, each with a seed of its own.
+        return self._command((check.name,), FULL if self.level == SOAK else self.level)
 
-    def _command(self, selected: Sequence[str]) -> str:
+    def _command(self, selected: Sequence[str], level: str = FULL, replay: str = "") -> str:
         words = ["axistwin", "conform", self.model]
         if self.port is None and self.baud != self.family.default_baud:
             words += ["--baud", str(self.baud)]
@@ -102,7 +126,10 @@ class Options:
         if self.address != self.family.default_address:
             words += ["--address", str(self.address)]
         words += ["--profile", self.profile] if self.profile else []
-        words += ["--level", self.level] if self.level != LEVELS[-1] else []
+        words += ["--level", level] if level != FULL else []
+        if level == SOAK and self.duration_s is not None:
+            words += ["--duration", duration_word(self.duration_s)]
+        words += ["--replay", replay] if replay else []
         return shlex.join([*words, "--seed", str(self.seed), *selected])
 
 
@@ -127,9 +154,15 @@ def make_plan(
     requirements, chosen = _select(options.words, ledger, checks)
     if options.is_only_detection:
         requirements, chosen = (), ()
+    if options.recording is not None:
+        one = options.family.replay_check(options.recording)
+        requirements = tuple(key for key in ledger.requirements if key in one.requirements)
+        chosen = (one,)
     ordered = sorted(chosen, key=lambda check: check.danger)  # stable: the family's order stays
     reasons = [(check, _obstacle(check, options)) for check in ordered]
     to_run = tuple(check for check, reason in reasons if not reason)
+    if options.level == SOAK and not any(check.soaks for check in to_run):
+        raise UsageError(_nothing_to_soak(reasons))
     asked = [(probe, _obstacle_of_probe(probe, options, to_run)) for probe in probes]
     return Plan(
         requirements,
@@ -138,6 +171,21 @@ def make_plan(
         tuple(probe for probe, reason in asked if not reason),
         tuple((probe, reason) for probe, reason in asked if reason),
     )
+
+
+def _nothing_to_soak(reasons: Sequence[tuple[Check, str]]) -> str:
+    why = {reason for check, reason in reasons if check.soaks}
+    told = "; ".join(sorted(why)) or "the IDs select no random sequences"
+    return f"--level {SOAK} repeats the random sequences, and none will run: {told}"
+
+
+UNITS = {"h": 3600.0, "m": 60.0, "s": 1.0}
+
+
+def duration_word(seconds: float) -> str:
+    """A duration as it is typed: in the largest unit of which it is a whole number."""
+    unit = next((name for name, one in UNITS.items() if seconds >= one and not seconds % one), "s")
+    return f"{seconds / UNITS[unit]:g}{unit}"
 
 
 def _obstacle_of_probe(probe: Probe, options: Options, to_run: Sequence[Check]) -> str:

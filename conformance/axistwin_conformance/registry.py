@@ -28,11 +28,13 @@ from axistwin_conformance.transcript import Record
 
 if TYPE_CHECKING:
     from axistwin_conformance.profile import Probe
+    from axistwin_conformance.recording import Recording
     from axistwin_conformance.session import Run, Session
     from axistwin_conformance.targets import Fence
 
 SAFETY_CLASSES = ("passive", "motion", "stored", "rig", "destructive")  # in the order they run
-LEVELS = ("quick", "full")
+LEVELS = ("quick", "full", "soak")
+FULL, SOAK = LEVELS[1:]  # full: what is run unless the user says otherwise
 RIG = "rig:"  # what a need of a rig's capability begins with
 
 # What a check may need beside the device itself, and what to tell who does not have it.
@@ -58,6 +60,7 @@ class Check:
     needs: tuple[str, ...]
     behaviour: str
     module: str
+    soaks: bool = False
 
     def __call__(self, session: Session) -> None:
         """Run the check."""
@@ -79,11 +82,13 @@ def check(
     safety: str | Sequence[str] = "passive",
     level: str = "quick",
     needs: Sequence[str] = (),
+    soaks: bool = False,
 ) -> Callable[[CheckFunction], Check]:
     """Declare the function below as the check of these requirements.
 
     `safety`: one class or several of `SAFETY_CLASSES`; all of them must be allowed for the check to
     run.  `level`: "quick" runs always, "full" only in full runs.  `needs`: names of `NEEDS`.
+    `soaks`: it draws from its seed, and a soak repeats it with fresh ones until the time is over.
     Raises TypeError for a declaration that cannot be meant.
     """
     classes = (safety,) if isinstance(safety, str) else tuple(safety)
@@ -104,7 +109,7 @@ def check(
             raise TypeError(f"{name}: safety 'rig' and a need of 'rig:...' go together")
         return Check(
             name, function, requirements, classes, level, tuple(needs), behaviour,
-            function.__module__,
+            function.__module__, soaks,
         )  # fmt: skip
 
     return declare
@@ -134,6 +139,15 @@ class Model:
 
 
 @dataclass(frozen=True, slots=True)
+class Breach:
+    """What a reply to a question of the engine's own breaks; see `Family.blame`."""
+
+    requirement: str
+    expected: str
+    actual: str
+
+
+@dataclass(frozen=True, slots=True)
 class Family:
     """What the engine must know about a kind of device beside its checks.
 
@@ -150,8 +164,12 @@ class Family:
     `writes(data)`: how many writes to nonvolatile memory these bytes ask for.
     `guard(session, data)`: why these bytes must not be sent to this device (outside the envelope,
         of a class the running check did not declare), or None.
+    `blame(session, request, reply)`: which requirement a reply to these bytes breaks, if it is one
+        that no device of the family gives; `reply` None: there was none, the twin had crashed.
     `probe_modules`: the modules that hold its quirk probes; they run in the order of these modules
         and of their text, so what later probes rest on comes first.
+    `replay_module`: the module whose `replay_check(recording)` is the check that plays recorded
+        operations, each of `operation_bytes` bytes; empty: the family has none.
     """
 
     name: str
@@ -173,6 +191,11 @@ class Family:
     fence: Callable[[Run], Fence] | None = None
     writes: Callable[[bytes], int] = lambda data: 0
     probe_modules: tuple[str, ...] = ()
+    replay_module: str = ""
+    operation_bytes: int = 0
+    blame: Callable[[Session, bytes, bytes | None], Breach | None] = (
+        lambda session, request, reply: None
+    )
 
     def probes(self) -> tuple[Probe, ...]:
         """Return the family's quirk probes, in the order in which they have to run.
@@ -185,6 +208,14 @@ class Family:
                 if found.setdefault(probe.check.name, probe) is not probe:
                     raise TypeError(f"two probes are named {probe.check.name}; rename one")
         return tuple(found.values())
+
+    def replay_check(self, recording: Recording) -> Check:
+        """Return the check that plays recorded operations; raises UsageError without any."""
+        if not self.replay_module:
+            raise UsageError(f"--replay: nothing records operations of a {recording.model}")
+        made = importlib.import_module(self.replay_module).replay_check(recording)
+        assert isinstance(made, Check)
+        return made
 
     def checks(self) -> tuple[Check, ...]:
         """Return the family's checks, in the order of its modules and of their text.

@@ -77,7 +77,7 @@ def fold(told: Iterable[Mapping[str, Any]]) -> Report:
     """Put the event objects of one run, in their order, together into its report."""
     report: Report = {
         "format": FORMAT, "run": {}, "device": {}, "checks": [], "readings": [],
-        "unknown_readings": [], "requirements": [], "notes": [], "finished": {},
+        "unknown_readings": [], "coverage": [], "requirements": [], "notes": [], "finished": {},
     }  # fmt: skip
     started: dict[str, Any] = {}
     motions: list[dict[str, Any]] = []
@@ -92,6 +92,8 @@ def fold(told: Iterable[Mapping[str, Any]]) -> Report:
                 started, motions = body, []
             case "motion_sampled":
                 motions.append({key: body[key] for key in ("name", "measured", "predicted")})
+            case "states_covered":
+                report["coverage"].append(body)
             case "check_finished":
                 report["checks"].append({**started, **body, "motions": motions})
             case "note":

@@ -85,9 +85,11 @@ class TerminalReport:
         ledger: Ledger,
         explain: Callable[[Record], str],
         pace: Pace | None = None,
+        folder: str = "",
     ) -> None:
         self._console = console
         self._pace = pace or Pace({})
+        self._folder = folder  # of the report, empty if there is none
         self._told_left_at = time.monotonic()
         self._ledger = ledger
         self._explain = explain
@@ -125,6 +127,12 @@ class TerminalReport:
                 self._progress.update(self._task, description=event.name, total=event.total)
             case events.CheckFinished():
                 self._check(event)
+            case events.FailureStored():
+                self._stored(event)
+            case events.StatesCovered():
+                self._print(event.text, style="dim")
+            case events.SoakProgress():
+                self._soak(event)
             case events.Note():
                 self._print(f"note: {event.text}", style="yellow")
             case events.RigQuestion():  # a bar must not be drawn over the question
@@ -166,6 +174,22 @@ class TerminalReport:
             line = Text(f"[{event.number:{width}}/{event.total}] {event.name}  ")
             self._print(line.append(f"{word}{retries}", style=STYLE[event.verdict]))
         self._time_left()
+
+    def _stored(self, event: events.FailureStored) -> None:
+        one = event.recording
+        count = f"{len(one.operations)} operation{'s'[: len(one.operations) != 1]}"
+        words = f"{one.requirement} failed in {event.check} after {count}"
+        self._print(f"stored: {words}: {one.word(self._folder)}", style="yellow")
+
+    def _soak(self, event: events.SoakProgress) -> None:
+        left_s = max(0.0, event.duration_s - event.elapsed_s)
+        self._pace.soak(left_s)
+        words = f"soak round {event.round}, seed {event.seed}"
+        self._progress.update(self._task, description=words)
+        now = time.monotonic()
+        if not self._console.is_terminal and now - self._told_left_at >= LEFT_TOLD_EVERY_S:
+            self._told_left_at = now
+            self._print(f"… {words}, {event.elapsed_s:.0f} s over, {in_words(left_s)}", style="dim")
 
     def _time_left(self) -> None:
         """Into a log the guess goes now and then; on a terminal it stands beside the bar."""

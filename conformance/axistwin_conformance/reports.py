@@ -26,6 +26,8 @@ def past_seconds(directory: Path, url: str) -> dict[str, float]:
 class ReportFolder:
     """Listens to a run and fills a folder; the folder is made at once.  Raises OSError.
 
+    The operations of a failure go into a file of their own as soon as they are known.
+
     `events.jsonl` grows while the run goes, so that a run that is cut off leaves its traces.
     """
 
@@ -38,6 +40,8 @@ class ReportFolder:
 
     def __call__(self, event: events.Event) -> None:
         """Take an event."""
+        if isinstance(event, events.FailureStored):
+            event.recording.write(self.directory)
         told = report_json.event_object(event, self._explain)
         self._told.append(told)
         report_json.write_line(self._stream, told)

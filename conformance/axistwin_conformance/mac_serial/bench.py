@@ -52,6 +52,7 @@ class Bench(Talk):
         super().__init__(session, address)
         self.period = SAFE_PERIOD
         self.coefficient = 0
+        self.is_plotting = True  # False: what moves is not what is judged
         self._plotted: tuple[int, str, int] | None = None  # start of a motion, its plot, how far
 
     def reading(
@@ -414,6 +415,8 @@ class Bench(Talk):
 
     def plot(self, forecast: Forecast, sample: Sample, allowance: int) -> None:
         """Keep a reading for the report, with the band it was judged by since the one before."""
+        if not self.is_plotting:
+            return
         first = min(forecast.timelines, key=lambda timeline: timeline.start_ns)
         start_ns, taken = first.start_ns, sample.taken
         middle_ns = (taken.earliest_ns + taken.latest_ns) // 2

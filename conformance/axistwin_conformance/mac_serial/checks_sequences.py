@@ -11,9 +11,9 @@ from hypothesis import HealthCheck, Phase, configuration, given, seed, settings
 from hypothesis import strategies as st
 from hypothesis.errors import FlakyFailure
 
+from axistwin_conformance import events
 from axistwin_conformance.mac_serial.bench import SAFE_PERIOD, Bench
-from axistwin_conformance.mac_serial.forecast import Forecast
-from axistwin_conformance.mac_serial.model import AxisModel
+from axistwin_conformance.mac_serial.failures import REPLAYS, Failure, Played, Player, split
 from axistwin_conformance.mac_serial.probes import MOVES
 from axistwin_conformance.mac_serial.sequences import (
     BLAME,
@@ -21,18 +21,15 @@ from axistwin_conformance.mac_serial.sequences import (
     BLAME_OTHERWISE,
     BYTES_PER_OPERATION,
     Mismatch,
-    begin,
-    read_parameters,
 )
-from axistwin_conformance.noise import Disturbed
-from axistwin_conformance.registry import check
+from axistwin_conformance.recording import Recording
+from axistwin_conformance.registry import Check, check
 from axistwin_conformance.session import Session
 
 SEQUENCE_BYTES: Final = 40 * BYTES_PER_OPERATION
 EXAMPLES: Final = {"quick": 25, "full": 300}
 REAL_EXAMPLES: Final = {"quick": 1, "full": 10}
 REAL_OPERATIONS: Final = 30
-SEQUENCE_ATTEMPTS: Final = 4  # further ones, on a noisy line
 
 JUDGED: Final = tuple(
     dict.fromkeys(
@@ -48,46 +45,34 @@ def some_mixed_sequences_agree_with_the_model(session: Session) -> None:
     _play(session, "quick")
 
 
-@check(*JUDGED, safety=MOVES, level="full")
+@check(*JUDGED, safety=MOVES, level="full", soaks=True)
 def many_mixed_sequences_agree_with_the_model(session: Session) -> None:
     """Every reply of many random sequences is one that the model admits."""
     _play(session, "full")
 
 
-def _play(session: Session, level: str) -> None:
+def player_of(session: Session) -> Player:
+    """Somebody who plays on the module under test; ends the check where nobody can judge that."""
     bench = Bench(session)
     if bench.braking(SAFE_PERIOD) and session.target.is_virtual:
         session.skip("the ledger gives no exact rule for an axis with inertia")
-    home = bench.ready()
-    try:
-        if session.target.is_lossless:
-            _search(bench, home, EXAMPLES[level])
-        else:
-            for _ in range(REAL_EXAMPLES[level]):
-                data = session.random.randbytes(REAL_OPERATIONS * BYTES_PER_OPERATION)
-                _once_undisturbed(bench, home, data)
-    except Mismatch as mismatch:
-        for line in mismatch.story:
-            session.note(line)
-        session.fail(
-            mismatch.requirement,
-            mismatch.expected,
-            mismatch.actual,
-            "after: " + "; ".join(mismatch.story),
+    return Player(bench, bench.ready())
+
+
+def _play(session: Session, level: str) -> None:
+    player = player_of(session)
+    if session.target.is_lossless:
+        failed = _searched(player, EXAMPLES[level])
+    else:
+        lists = (
+            split(session.random.randbytes(REAL_OPERATIONS * BYTES_PER_OPERATION))
+            for _ in range(REAL_EXAMPLES[level])
         )
-    session.expect(True, JUDGED, "", "")
-
-
-def _once_undisturbed(bench: Bench, home: int, data: bytes) -> None:
-    """Play a sequence; one that noise broke off begins anew, so that the others are not lost."""
-    for number in range(SEQUENCE_ATTEMPTS, -1, -1):
-        try:
-            _one(bench, home, data)
-            return
-        except Disturbed:
-            if not number:
-                raise
-            bench.session.retries.append("a sequence was broken off by noise and begins anew")
+        played = (player.play(one, is_counted=True) for one in lists)
+        failed = next((one for one in played if one.mismatch), None)
+    if failed is not None:
+        Failure(player, failed).settle()
+    player.credit()
 
 
 @contextmanager
@@ -103,12 +88,12 @@ def _no_folder() -> Iterator[None]:
 
 
 @_no_folder()
-def _search(bench: Bench, home: int, examples: int) -> None:
-    """Let Hypothesis draw.  Its shrinker knows nothing of operations and would need thousands of
-    runs; leaving out operations one by one needs forty."""
-    failing: list[tuple[bytes, Mismatch]] = []
+def _searched(player: Player, examples: int) -> Played | None:
+    """Let Hypothesis draw; give the first list that fails.  Its shrinker knows nothing of
+    operations and would need thousands of runs where `shrink` needs some dozens."""
+    failing: list[Played] = []
 
-    @seed(bench.session.random.getrandbits(32))
+    @seed(player.bench.session.random.getrandbits(32))
     @settings(
         max_examples=examples,
         database=None,
@@ -120,47 +105,65 @@ def _search(bench: Bench, home: int, examples: int) -> None:
     )
     @given(st.binary(min_size=SEQUENCE_BYTES, max_size=SEQUENCE_BYTES))
     def example(data: bytes) -> None:
-        try:
-            _one(bench, home, data)
-        except Mismatch as mismatch:
-            failing.append((data, mismatch))
-            raise
+        played = player.play(split(data), is_counted=True)
+        if played.mismatch is not None:
+            failing.append(played)
+            raise played.mismatch
 
     try:
         example()
     except (Mismatch, FlakyFailure):
-        data, mismatch = failing[-1]
-        raise _shortened(bench, home, data, mismatch) from None
+        return failing[-1]
+    return None
 
 
-def _shortened(bench: Bench, home: int, data: bytes, mismatch: Mismatch) -> Mismatch:
-    """Leave out every operation, then every pause, that the mismatch does not need."""
-    operations = [
-        data[at : at + BYTES_PER_OPERATION] for at in range(0, len(data), BYTES_PER_OPERATION)
-    ]
-    for number in reversed(range(len(operations))):
-        for instead in ([], [operations[number][:-1] + b"\0"]):
-            fewer = operations[:number] + instead + operations[number + 1 :]
+# --- recorded ones -------------------------------------------------------------------------------
+
+
+def replay_check(recording: Recording) -> Check:
+    """The check that plays recorded operations, as safely as those of any other check."""
+
+    def play(session: Session) -> None:
+        _replay(session, recording)
+
+    behaviour = "Every reply to the recorded operations is one that the model admits."
+    return Check("the_recorded_operations", play, JUDGED, MOVES, "quick", (), behaviour, __name__)
+
+
+def _replay(session: Session, recording: Recording) -> None:
+    for text in _circumstances(session, recording):
+        session.run.tell(events.Note(text))
+    player = player_of(session)
+    operations = split(b"".join(recording.operations))
+    session.is_replayed = True  # as often as it takes is the business of this check
+    times = 1 if session.target.is_lossless else REPLAYS
+    failed: list[Mismatch] = []
+    for _ in range(times):
+        played = player.play(operations, is_counted=True, is_plotted=not failed)
+        if played.mismatch is not None:
+            failed.append(played.mismatch)
+    if not failed:
+        player.credit()
+        return
+    mismatch = failed[-1]
+    player.credit(mismatch.requirement)
+    session.fail(
+        mismatch.requirement,
+        mismatch.expected,
+        mismatch.actual,
+        f"failed {len(failed)} of {times} times; after: {'; '.join(mismatch.story)}",
+    )
+
+
+def _circumstances(session: Session, recording: Recording) -> Iterator[str]:
+    """What is different from when it was recorded."""
+    if recording.check:  # otherwise nothing is known of that
+        for switch in sorted({*recording.readings, *session.readings}):
             try:
-                _one(bench, home, b"".join(fewer))
-            except Mismatch as again:
-                if again.requirement == mismatch.requirement:
-                    operations, mismatch = fewer, again
-                    break
-    return mismatch
-
-
-def _one(bench: Bench, home: int, data: bytes) -> None:
-    for index, parameter in ((0x09, 0x3FFFFFFF), (0x0A, 0xC0000000), (0x0E, 0x0500), (0x0C, 0x40)):
-        bench.command(index, parameter)
-    begin(bench, home, _model).play(data)
-
-
-def _model(bench: Bench) -> AxisModel:
-    ledger, seen = bench.session.run.ledger, bench.session.readings
-    readings = {
-        switch: ledger.ambiguity_of(switch).switches[switch].index(reading)
-        for switch, reading in seen.items()
-        if reading in ledger.ambiguity_of(switch).switches[switch]
-    }
-    return AxisModel(read_parameters(bench), Forecast.rest(0), readings, bench.law)
+                default = session.run.ledger.ambiguity_of(switch).default_of(switch)
+            except ValueError:  # a switch of another version of the ledger
+                continue
+            then = recording.readings.get(switch, default)
+            now = session.readings.get(switch, default)
+            if then != now:
+                yield f"recorded on a device with {switch}={then}; this one has {now}"
