@@ -22,7 +22,7 @@ from typing import Any, Final
 from markupsafe import Markup, escape
 
 WIDTH: Final = 560
-LEFT, RIGHT, TOP = 62, 12, 10
+LEFT, RIGHT, TOP = 62, 26, 10
 HEIGHT_POSITION, GAP, HEIGHT_DEVIATION, BOTTOM = 150, 20, 64, 22
 HEIGHT: Final = TOP + HEIGHT_POSITION + GAP + HEIGHT_DEVIATION + BOTTOM
 BAND_POINTS: Final = 48  # drawn of the predicted band, at most

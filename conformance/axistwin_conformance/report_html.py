@@ -9,7 +9,7 @@ from __future__ import annotations
 import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -35,6 +35,9 @@ SHOWN_RECORDS = 16  # of a transcript at once; what came before is folded away
 REPEATED_RECORDS = 3  # of a transcript that an earlier article shows whole
 
 NOT_COVERED, NOT_ON_WIRE, NOT_ARMED = "not covered", "not on the wire", "not armed"
+
+WHOLE_EXCHANGES = 24  # with their beginnings; of a device that is wrong all over more is too much
+WHOLE_CHECKS = 2  # of a requirement with an exchange each; more only if shown nowhere else
 
 HEADLINES = {
     0: "conforms",
@@ -62,7 +65,9 @@ class Evidence:
     """What one check said about one requirement.
 
     `whole_at`: where the exchange is shown whole.  `motion`: drawn there and only there.
-    `has_plot`: it is drawn somewhere, at least with the other motions of the check.
+    `has_plot`: it is drawn somewhere, at least with the other motions of the check.  `is_brief`:
+    only said in a line that leads to the exchange.  `cut`: how many records of a beginning are in
+    the report's other files only.
     `operations`: the file beside the page that plays the failure again, if there is one.
     """
 
@@ -76,6 +81,8 @@ class Evidence:
     motion: Mapping[str, Any] | None = None
     has_plot: bool = False
     operations: str = ""
+    is_brief: bool = False
+    cut: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +183,11 @@ def _articles(report: Report) -> list[Article]:
             if finding["verdict"] == "pass":
                 article.held.append((check["name"], finding["text"]))
             else:
-                article.evidence.append(_evidence(check, finding, shown))
+                number = sum(one.check is check for one in article.evidence)
+                anchor = f"{judged['id']}--{check['name']}{f'-{number + 1}' if number else ''}"
+                one = _evidence(anchor, check, finding, shown)
+                is_brief = len(article.evidence) >= WHOLE_CHECKS and one.whole_at != one.anchor
+                article.evidence.append(replace(one, is_brief=is_brief))
         articles.append(article)
     return articles
 
@@ -196,9 +207,11 @@ def _armed(judged: Mapping[str, Any]) -> str:
 
 
 def _evidence(
-    check: Mapping[str, Any], finding: Mapping[str, Any], shown: dict[object, str]
+    anchor: str,
+    check: Mapping[str, Any],
+    finding: Mapping[str, Any],
+    shown: dict[object, str],
 ) -> Evidence:
-    anchor = f"{finding['requirement']}--{check['name']}"
     rows = _rows(finding["transcript"])
     whole_at = shown.setdefault((check["name"], tuple(rows)), anchor) if rows else anchor
     is_failing = finding["verdict"] == "fail"
@@ -206,17 +219,20 @@ def _evidence(
     if motion is not None and is_inside(motion):
         motion = None  # it failed on something else
     is_whole, kept = whole_at == anchor, rows[-REPEATED_RECORDS:]
+    earlier = rows[:-SHOWN_RECORDS] if is_whole else []
+    is_cut = len(shown) > WHOLE_EXCHANGES
     return Evidence(
         anchor,
         check,
         finding,
-        earlier=rows[:-SHOWN_RECORDS] if is_whole else (),
+        earlier=() if is_cut else earlier,
         rows=rows[-SHOWN_RECORDS:] if is_whole else kept,
         left_out=0 if is_whole else len(rows) - len(kept),
         whole_at=whole_at,
         motion=motion if is_whole else None,
         has_plot=motion is not None,
         operations=_operations(check["replay"]),
+        cut=len(earlier) if is_cut else 0,
     )
 
 
