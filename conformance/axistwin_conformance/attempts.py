@@ -4,17 +4,25 @@ Rules.
 
 1. Whatever a check does becomes a result; none of it ends the run.
 2. A check that crashes is an error of the suite: inconclusive for all that it names.
-3. Nothing leaves the suite that the check has not declared, or for which no EEPROM write is left.
+3. A twin that crashes in this process is a device that died: all that the check names has failed,
+   as far as nothing else was said of it, since nothing but the device can have been the reason.
+4. What the fence holds back has not been sent: what it was to show is not run.
+5. Nothing leaves the suite that the check has not declared, or for which no EEPROM write is left.
 """
 
 from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Callable
+from typing import Protocol
 
-from axistwin_conformance.budget import WriteBudget
-from axistwin_conformance.errors import CannotDo, RigError, TargetError
+from axistwin_conformance.errors import (
+    CannotDo,
+    OutsideEnvelope,
+    RigError,
+    TargetError,
+    TwinCrashed,
+)
 from axistwin_conformance.events import Listener, Outcome
 from axistwin_conformance.judgement import CheckResult
 from axistwin_conformance.noise import Attempt, Disturbed, Replays
@@ -23,22 +31,27 @@ from axistwin_conformance.session import Run, Session, Stop
 from axistwin_conformance.verdicts import Verdict
 
 
+class Keeper(Protocol):
+    """Who looks after the device between attempts."""
+
+    def guard(self, session: Session, data: bytes) -> None:
+        """Raise for bytes that must not be sent."""
+
+    def settle(self, run: Run) -> None:
+        """Bring the device to rest and put back what was changed."""
+
+    def is_sane(self, run: Run) -> bool:
+        """Whether the device still answers."""
+
+
 class Attempts:
     """Runs checks.
 
-    `emit`: who is told of sampled motion.  `settle`: brings the device to rest and puts back what
-    was changed.  `is_sane`: tells whether it still answers.
+    `emit`: who is told of sampled motion.  `keeper`: who looks after the device.
     """
 
-    def __init__(
-        self,
-        emit: Listener,
-        budget: WriteBudget,
-        settle: Callable[[Run], None],
-        is_sane: Callable[[Run], bool],
-    ) -> None:
-        self._emit, self._budget = emit, budget
-        self._settle, self._is_sane = settle, is_sane
+    def __init__(self, emit: Listener, keeper: Keeper) -> None:
+        self._emit, self._keeper = emit, keeper
 
     def believed(self, run: Run, check: Check) -> CheckResult:
         """Run a check, where noise is possible as often as its result needs to be believed."""
@@ -54,8 +67,8 @@ class Attempts:
         def tidy() -> bool:
             try:
                 if check.danger > 0:
-                    self._settle(run)
-                return self._is_sane(run)
+                    self._keeper.settle(run)
+                return self._keeper.is_sane(run)
             except TargetError:
                 return False  # found again, and told, when the check is over
 
@@ -72,7 +85,9 @@ class Attempts:
             self._emit(motion)
         findings = session.conclude(trouble, verdict)
         seconds = time.monotonic() - started
-        result = CheckResult(check, outcome, findings, tuple(session.retries), seconds, trouble)
+        result = CheckResult(
+            check, outcome, findings, tuple(session.retries), seconds, trouble, session.recording
+        )
         learnt = {
             switch: reading
             for switch, reading in run.readings.items()
@@ -80,7 +95,7 @@ class Attempts:
         }
         return Attempt(
             result, disturbance, learnt, session.is_strict, tuple(session.spoilt),
-            session.failed_after,
+            session.failed_after, session.is_replayed,
         )  # fmt: skip
 
     def _run(self, session: Session, check: Check) -> tuple[Outcome, str, Verdict, str]:
@@ -88,7 +103,7 @@ class Attempts:
         not judged, and what was spoilt on the way."""
         target, disturbance = session.target, ""
         outcome, trouble, verdict = Outcome.DONE, "", Verdict.INCONCLUSIVE
-        target.gate = lambda data: self.guard(session, data)
+        target.gate = lambda data: self._keeper.guard(session, data)
         try:
             target.drain()
             target.mark(f"check {check.name}")
@@ -101,6 +116,10 @@ class Attempts:
             outcome, trouble, verdict = Outcome.LEFT_OUT, str(error), Verdict.NOT_RUN
         except Disturbed as error:
             outcome, trouble, disturbance = Outcome.TROUBLE, f"spoilt: {error}", str(error)
+        except OutsideEnvelope as error:
+            outcome, trouble, verdict = Outcome.LEFT_OUT, error.told, Verdict.NOT_RUN
+        except TwinCrashed as error:
+            outcome, trouble, verdict = Outcome.TROUBLE, str(error), Verdict.FAIL
         except (TargetError, RigError) as error:
             outcome, trouble = Outcome.TROUBLE, str(error)
         except Exception as error:  # rule 2: a mistake of the suite must not stop the run
@@ -108,12 +127,6 @@ class Attempts:
         finally:
             target.gate = None
         return outcome, trouble, verdict, disturbance
-
-    def guard(self, session: Session, data: bytes) -> None:
-        """Raise AssertionError for what the check has not declared, CannotDo without a budget."""
-        reason = session.run.family.guard(session, data)
-        assert reason is None, f"held back {data.hex(' ')}: {reason}"
-        self._budget.allow(session.run.family.writes(data))
 
 
 def describe(error: Exception) -> str:

@@ -9,54 +9,75 @@ Rules.
 4. A second probe of a switch is asked only if the first left something open, and narrows it.
 5. A probe without a result is followed by a sanity exchange: a device that is gone ends the phase
    at once, whatever else would still be asked.
+6. A reply that no reading admits is told to the keeper, who judges it; the next probe is asked.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
+from typing import Protocol
 
-from axistwin_conformance.errors import CannotDo, RigError, TargetError
+from axistwin_conformance.errors import (
+    CannotDo,
+    OutsideEnvelope,
+    RigError,
+    TargetError,
+    TwinCrashed,
+)
 from axistwin_conformance.noise import MOST_ATTEMPTS, Disturbed
-from axistwin_conformance.profile import Detection, Probe
+from axistwin_conformance.profile import Detection, Probe, Seen
 from axistwin_conformance.session import Run, Session, Stop
 
-Guard = Callable[[Session, bytes], None]
-Trouble = Callable[[str], None]
+
+class Keeper(Protocol):
+    """Who looks after the device, and after what the run says of it, while probes ask."""
+
+    def guard(self, session: Session, data: bytes) -> None:
+        """Raise for bytes that must not be sent."""
+
+    def is_sane(self, run: Run) -> bool:
+        """Whether the device still answers."""
+
+    def trouble(self, text: str) -> None:
+        """Take note of a mistake of the suite."""
+
+    def accuse(self, session: Session, act: str, behaviour: str) -> bool:
+        """Judge the last reply of a session; True if the device has failed by it."""
+
+    def revive(self, run: Run) -> bool:
+        """Put a fresh twin in the place of one that crashed; False where there is none."""
 
 
-def detect(
-    run: Run,
-    probes: Iterable[Probe],
-    guard: Guard,
-    is_sane: Callable[[Run], bool],
-    trouble: Trouble,
-) -> None:
+def detect(run: Run, probes: Iterable[Probe], keeper: Keeper) -> None:
     """Ask the probes and put what they tell into `run`; raises TargetError for a lost device."""
     for probe in probes:
         before = run.detections.get(probe.switch)
         if before is not None and before.reading is not None:
             continue
-        detection = _ask_until_believed(run, probe, guard, is_sane, trouble)
+        try:
+            detection = _ask_until_believed(run, probe, keeper)
+        except TwinCrashed as error:
+            if not keeper.revive(run):
+                raise
+            detection = Detection(probe.switch, None, str(error))
         if before is not None and before.candidates:
             detection = _narrowed(run, before, detection)
         run.detections[probe.switch] = detection
         if detection.reading is not None:
             run.readings.setdefault(probe.switch, detection.reading)
-        elif not is_sane(run):
+        elif not keeper.is_sane(run):
             raise TargetError(f"it no longer answers after it was asked for {probe.switch}")
 
 
-def _ask_until_believed(
-    run: Run, probe: Probe, guard: Guard, is_sane: Callable[[Run], bool], trouble: Trouble
-) -> Detection:
+def _ask_until_believed(run: Run, probe: Probe, keeper: Keeper) -> Detection:
     """Ask once; where noise is possible, what is unusual counts when two answers agree."""
     known = dict(run.readings)
     told: list[tuple[str, ...]] = []
     for _ in range(MOST_ATTEMPTS):
         try:
-            one = _ask(run, probe, guard, trouble)
+            one = _ask(run, probe, keeper)
         except Disturbed as error:
-            if not is_sane(run):
+            if not keeper.is_sane(run):
                 raise TargetError(f"it was lost while asked for {probe.switch}: {error}") from error
             continue
         is_usual = one.reading == run.ledger.ambiguity_of(probe.switch).default_of(probe.switch)
@@ -84,27 +105,52 @@ def leave_out(run: Run, probe: Probe, reason: str) -> None:
     run.detections[probe.switch] = Detection(probe.switch, None, reason)
 
 
-def _ask(run: Run, probe: Probe, guard: Guard, trouble: Trouble) -> Detection:
+def _ask(run: Run, probe: Probe, keeper: Keeper) -> Detection:
+    """Ask once.  What is no answer at all is judged before anything else is said."""
     session = Session(run, probe.check)
-    run.target.drain()
-    run.target.mark(f"detecting {probe.switch}")
-    run.target.gate = lambda data: guard(session, data)
     try:
+        seen = _look(session, probe, keeper)
+    finally:
+        run.target.gate = None
+        if probe.check.danger > 0 and not run.target.crash:
+            run.family.stop(Session(run))
+    return seen if isinstance(seen, Detection) else _told(run, probe, seen)
+
+
+def _look(session: Session, probe: Probe, keeper: Keeper) -> Seen | Detection:
+    """What the probe saw, or why it saw nothing."""
+    target, act = session.target, (probe.check.name, probe.check.behaviour)
+    target.gate = lambda data: keeper.guard(session, data)
+    try:
+        target.drain()
+        target.mark(f"detecting {probe.switch}")
         for capability in probe.check.rig_needs:
             session.rig.require(capability)
         seen = probe.look(session)
-    except (Stop, CannotDo, RigError) as reason:
+        if not seen.readings:
+            keeper.accuse(session, *act)
+        return seen
+    except Stop as reason:
+        if session.has_failed:
+            keeper.accuse(session, *act)
         return Detection(probe.switch, None, str(reason))
+    except (CannotDo, RigError) as reason:
+        return Detection(probe.switch, None, str(reason))
+    except OutsideEnvelope as error:
+        return Detection(probe.switch, None, error.told)
+    except TwinCrashed:
+        keeper.accuse(session, *act)
+        raise
     except (TargetError, Disturbed):
         raise
     except Exception as error:  # a mistake of the suite must not stop the run
         text = f"error in the suite while detecting {probe.switch}: {type(error).__name__}: {error}"
-        trouble(text)
+        keeper.trouble(text)
         return Detection(probe.switch, None, text)
-    finally:
-        run.target.gate = None
-        if probe.check.danger > 0:
-            run.family.stop(Session(run))
+
+
+def _told(run: Run, probe: Probe, seen: Seen) -> Detection:
+    """What a look tells of the switch."""
     ambiguity = run.ledger.ambiguity_of(probe.switch)
     for reading in seen.readings:
         ambiguity.check_reading(probe.switch, reading)

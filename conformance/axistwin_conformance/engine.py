@@ -11,19 +11,19 @@ Rules.
 2. Whatever happens (a crash of a check, a lost port, Ctrl-C), the device is stopped and its
    parameters are put back before the port is closed; further interrupts wait for that.
 3. A check that crashes is an error of the suite: reported, counted as inconclusive, the others run.
-4. When the device does not answer a sanity exchange, not even after the longest deafness it is
+   A twin of this process that crashes fails what was asked of it; the run goes on with a fresh one.
+4. A device that answers wrongly while nobody judges (who are you, which reading, what is to be put
+   back) fails the requirement it breaks, and the run goes on as far as it can (`keeper`).
+5. When the device does not answer a sanity exchange, not even after the longest deafness it is
    entitled to, the rest is blocked.  What the last check said is withdrawn, since a lost device
    and a wrong one look the same; in virtual time nothing gets lost by itself, so there it stands.
 """
 
 from __future__ import annotations
 
-import contextlib
 import itertools
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from importlib import metadata
@@ -33,24 +33,22 @@ from axistwin_conformance.armed import load_armed
 from axistwin_conformance.attempts import Attempts, describe
 from axistwin_conformance.budget import WriteBudget
 from axistwin_conformance.detection import detect, leave_out
-from axistwin_conformance.errors import RigError, TargetError, WrongDevice
+from axistwin_conformance.errors import TargetError, TwinCrashed, WrongDevice
 from axistwin_conformance.events import Listener, Outcome
 from axistwin_conformance.judgement import CheckResult, RequirementResult, conclude
+from axistwin_conformance.keeper import Keeper, Opener
 from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.plan import Options, Plan, make_plan
 from axistwin_conformance.profile import Detection, Probe, deviations
 from axistwin_conformance.registry import Check
 from axistwin_conformance.session import Envelope, Run, Session
+from axistwin_conformance.soak import Soak
 from axistwin_conformance.targets import Target, open_target
 from axistwin_conformance.verdicts import Finding, Verdict
 
 __all__ = ["Engine", "Envelope", "Options", "Result", "Session"]
 
-ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-SANITY_PAUSES_S = (0.0, 1.0, 1.5)  # together longer than the 2 s for which a module may be deaf
 ROUND_TRIPS = 20
-
-Opener = Callable[[tuple[int, ...]], Target]  # neighbours on the line → an open target
 
 
 @dataclass(slots=True)
@@ -65,10 +63,17 @@ class Result:
     readings: Mapping[str, str] = field(default_factory=dict)  # switch → the reading seen
     detections: Mapping[str, Detection] = field(default_factory=dict)  # what the probes told
     deviations: list[str] = field(default_factory=list)  # from the profile the user gave
+    lost: str = ""  # why nothing more was asked of the device before the plan was through
     refusal: str = ""  # why the device was not judged at all: unreachable, or not the model
     is_interrupted: bool = False
     exit_status: int = 0
     sentence: str = ""
+
+    @property
+    def has_ended_early(self) -> bool:
+        """True if the user wants no more than one failure, and there is one."""
+        failed = any(one.verdict is Verdict.FAIL for one in self.checks)
+        return failed and self.options.is_exitfirst
 
 
 class Engine:
@@ -78,12 +83,12 @@ class Engine:
         self.options = options
         self.family = options.family
         self.ledger = load_ledger(options.family.ledger)
-        self._opener = opener or self._open
         self._emit: Listener = lambda event: None
-        self._blocked = ""
         self._budget = WriteBudget(options.eeprom_budget)
-        self._attempts = Attempts(self._tell, self._budget, self._settle, self._is_sane)
-        self._result = Result(options, self.plan())
+        self._keeper = Keeper(options, self.ledger, opener or self._open, self._tell, self._budget)
+        self._is_identified = False
+        self._attempts = Attempts(self._tell, self._keeper)
+        self._result = Result(options, self.plan(), problems=self._keeper.problems)
 
     def plan(self) -> Plan:
         """Return what will run and what will not; raises UsageError for a word without a match."""
@@ -99,22 +104,25 @@ class Engine:
             self._run_on_target()
         if self.options.expected is not None:
             result.deviations = deviations(self.options.expected, result.detections, self.ledger)
-        if self._budget.spent:
-            self._emit(events.Note(f"stored memory: {self._budget}"))
+        result.checks[:0] = self._keeper.accusations
+        result.lost = self._keeper.blocked
         conclude(result, self.ledger)
         self._tell_readings()
         armed = load_armed(self.family.ledger)
         for one in result.requirements:
             self._emit(one.as_event(armed))
-        counts = dict.fromkeys(Verdict, 0)
+        self._finish(time.monotonic() - started)
+        return result
+
+    def _finish(self, seconds: float) -> None:
+        result, counts = self._result, dict.fromkeys(Verdict, 0)
         for one in result.requirements:
             counts[one.verdict] += 1
-        problems = tuple(result.problems)
-        seconds = time.monotonic() - started
-        self._emit(
-            events.RunFinished(result.exit_status, result.sentence, counts, problems, seconds)
-        )
-        return result
+        finished = events.RunFinished(
+            result.exit_status, result.sentence, counts, tuple(result.problems), seconds,
+            self._budget.spent, self._budget.limit,
+        )  # fmt: skip
+        self._emit(finished)
 
     def _tell(self, event: events.Event) -> None:
         self._emit(event)
@@ -167,76 +175,51 @@ class Engine:
     def _run_on_target(self) -> None:
         result = self._result
         try:
-            with self._opened(self.options.neighbours) as run:
-                self._identify(run)
-                for probe, reason in result.plan.unprobed:
-                    leave_out(run, probe, reason)
-                self._detect(run, is_destructive=False)
-                if self.options.is_only_detection:
-                    self._detect(run, is_destructive=True)
+            with self._keeper.opened(self.options.neighbours) as run:
+                self._prepare(run)
                 self._run_checks(run)
+                self._soak(run)
                 self._last_words(run)
         except WrongDevice as error:
             result.refusal = str(error)
         except TargetError as error:
-            result.refusal = f"device unreachable: {error}"
+            told = "lost before anything was judged" if self._is_identified else "unreachable"
+            result.refusal = f"device {told}: {error}"
         except KeyboardInterrupt:
             result.is_interrupted = True
         except Exception as error:  # in a hook of the family; checks are caught one by one
-            self._trouble(describe(error))
+            self._keeper.trouble(describe(error))
 
-    @contextlib.contextmanager
-    def _opened(self, neighbours: tuple[int, ...]) -> Iterator[Run]:
-        """An open target; on the way out it is made safe and closed (rule 2)."""
-        run = self._start(neighbours)
+    def _prepare(self, run: Run) -> None:
+        """Identity and readings; a device that fails and is lost by it, is judged all the same."""
         try:
-            yield run
-        finally:
-            with _uninterrupted():
-                self._make_safe(run)
-                run.target.close()
-
-    def _start(self, neighbours: tuple[int, ...]) -> Run:
-        target = self._opener(neighbours)
-        options = self.options
-        try:
-            rig = options.rig.open(target, options.address, self._tell_question)
-        except RigError as error:
-            target.close()
-            raise TargetError(str(error)) from error
-        run = Run(
-            target=target,
-            family=self.family,
-            model=self.family.models[options.model],
-            ledger=self.ledger,
-            address=options.address,
-            neighbours=neighbours,
-            allowed=options.allowed,
-            envelope=options.envelope,
-            seed=options.seed,
-            rig=rig,
-        )
-        run.budget = self._budget
-        target.meter = lambda data: self._budget.note(self.family.writes(data))
-        if self.family.fence is not None and options.envelope.is_fenced:
-            target.fence = self.family.fence(run)
-        return run
-
-    def _tell_question(self, is_open: bool, text: str) -> None:
-        self._emit(events.RigQuestion(is_open, text))
+            self._identify(run)
+            for probe, reason in self._result.plan.unprobed:
+                leave_out(run, probe, reason)
+            self._detect(run, is_destructive=False)
+            if self.options.is_only_detection:
+                self._detect(run, is_destructive=True)
+        except TargetError as error:
+            if not self._keeper.accusations:
+                raise
+            self._keeper.block(str(error))
 
     def _identify(self, run: Run) -> None:
         target, session = run.target, Session(run)
         # What is learnt from here on, kept on any way out.
         self._result.readings, self._result.detections = run.readings, run.detections
-        run.identity = self.family.probe(session)
-        if not self.family.sanity(session):
+        try:
+            run.identity = self.family.probe(session)
+        except TwinCrashed:
+            self._keeper.accuse(session, "identity")
+            raise
+        if not self._keeper.is_sane(run):
             raise TargetError("it answered once and then no more")
         # Virtual time has no jitter: three exchanges show what twenty would.
         samples = 3 if target.is_virtual else ROUND_TRIPS
         trip = target.measure_round_trip(lambda: self.family.sanity(session), samples)
-        self._note_retries(session)
-        identity = run.identity
+        self._keeper.note_retries(session)
+        identity, self._is_identified = run.identity, True
         self._emit(
             events.Identified(identity.summary, identity.values, trip.median_ns, trip.max_ns)
         )
@@ -269,7 +252,7 @@ class Engine:
             return
         for is_alone, row in itertools.groupby(mine, lambda one: "alone" in one.check.needs):
             if is_alone and run.neighbours:
-                with self._opened(()) as other:
+                with self._keeper.opened(()) as other:
                     self._inherit(other, run)
                     self._ask(other, list(row))
             else:
@@ -280,14 +263,22 @@ class Engine:
         try:
             self._detect(run, is_destructive=True)
         except TargetError as error:
-            self._block(str(error))
+            self._keeper.block(str(error))
 
     def _ask(self, run: Run, probes: list[Probe]) -> None:
-        if run.memory is None and any(probe.check.danger > 0 for probe in probes):
-            run.memory = self.family.remember(Session(run))
-        detect(run, probes, self._attempts.guard, self._is_sane, self._trouble)
-        if run.memory is not None:
-            self._settle(run)
+        if any(probe.check.danger > 0 for probe in probes) and not self._keeper.remember(run):
+            for probe in probes:
+                if probe.check.danger > 0:
+                    leave_out(run, probe, self._keeper.unremembered)
+            probes = [probe for probe in probes if probe.check.danger == 0]
+        detect(run, probes, self._keeper)
+        if run.memory is None:
+            return
+        try:
+            self._keeper.settle(run)
+        except TwinCrashed:
+            if not self._keeper.revive(run):
+                raise
 
     @staticmethod
     def _inherit(other: Run, run: Run) -> None:
@@ -297,21 +288,10 @@ class Engine:
         other.readings, other.detections = run.readings, run.detections
 
     def _last_words(self, run: Run) -> None:
-        if not self._blocked and not self._is_sane(run):
-            self._trouble("the device did not answer the closing sanity exchange")
+        if not self._keeper.blocked and not self._keeper.is_sane(run):
+            self._keeper.trouble("the device did not answer the closing sanity exchange")
         if run.quality.spoilt:
             self._emit(events.Note(f"noise on the line: {run.quality}"))
-
-    def _make_safe(self, run: Run) -> None:
-        """Stop and put back on the way out, whichever it is, once anything but passive has run."""
-        if run.memory is None:
-            return
-        try:
-            self._settle(run)
-        except TargetError as error:
-            self._trouble(f"could not stop the axis or put its parameters back: {error}")
-        except Exception as error:  # nothing may keep the port from being closed
-            self._trouble(f"could not stop the axis or put its parameters back: {describe(error)}")
 
     # Checks.
 
@@ -319,7 +299,7 @@ class Engine:
         checks = self._result.plan.to_run
         is_detected = False
         for number, check in enumerate(checks, 1):
-            if "destructive" in check.safety and not is_detected and not self._blocked:
+            if "destructive" in check.safety and not is_detected and not self._keeper.blocked:
                 is_detected = True
                 self._detect_late(run)
             self._emit(
@@ -327,120 +307,95 @@ class Engine:
                     number, len(checks), check.name, check.behaviour, check.requirements
                 )
             )
-            if self._blocked:
-                result = self._blocked_result(check)
+            if self._keeper.blocked:
+                result = self._blocked_result(check, self._keeper.blocked)
             else:
                 result = self._run_one(run, check)
-            self._result.checks.append(result)
-            self._emit(result.as_event(number, len(checks), self.options.replay(check)))
+            self._keep(result, number, self.options.replay(check, result.recording))
+            if self._result.has_ended_early:
+                break
+
+    def _keep(self, result: CheckResult, number: int, replay: str) -> None:
+        self._result.checks.append(result)
+        self._emit(result.as_event(number, len(self._result.plan.to_run), replay))
+
+    def _soak(self, run: Run) -> None:
+        """Repeat what draws at random; ended by an interrupt, it tells what it has found."""
+        options, checks = self.options, self._result.plan.to_run
+        if options.duration_s is None or self._result.has_ended_early or self._keeper.blocked:
+            return
+        repeated = [check for check in checks if check.soaks]
+        soak = Soak(repeated, options.seed, options.duration_s, self._tell)
+        run.tell = soak.hear
+        try:
+            for check, run.seed in soak.rounds():
+                total = len(checks)
+                self._emit(
+                    events.CheckStarted(
+                        total, total, check.name, check.behaviour, check.requirements
+                    )
+                )
+                result = self._run_one(run, check)
+                seeded = replace(options, seed=run.seed)
+                if kept := soak.add(result, run.seed):
+                    self._keep(kept, total, seeded.replay(check, result.recording))
+                if self._keeper.blocked or self._result.has_ended_early:
+                    break
+        finally:
+            run.tell, run.seed = self._tell, options.seed
+            for result in soak.summary():
+                self._keep(result, len(checks), options.command)
 
     def _run_one(self, run: Run, check: Check) -> CheckResult:
         if "alone" in check.needs and run.neighbours:
             return self._run_alone(run, check)
-        if check.danger > 0 and run.memory is None:
-            try:
-                run.memory = self.family.remember(Session(run))
-            except TargetError as error:
-                self._block(f"the parameters to put back could not be read: {error}")
-                return self._blocked_result(check)
+        if check.danger > 0 and not self._keeper.remember(run):
+            return self._blocked_result(check, self._keeper.unremembered)
         if "destructive" in check.safety and run.quality.is_noisy and not run.target.is_lossless:
             return self._left_out(check, f"too risky on a noisy line: {run.quality}")
-        result = self._attempts.believed(run, check)
+        return self._after(run, check, self._attempts.believed(run, check))
+
+    def _after(self, run: Run, check: Check, result: CheckResult) -> CheckResult:
+        """Bring the device to rest after a check and see whether it is still there (rule 5)."""
+        keeper, why = self._keeper, f": {result.trouble}" if result.trouble else ""
         try:
-            if check.danger > 0:
-                self._settle(run)
-            is_sane = self._is_sane(run)
+            is_sane = self._is_back(run, check)
         except TargetError as error:
-            is_sane = False
+            is_sane, why = False, f": {error}"
             result = replace(result, trouble=result.trouble or str(error))
         except Exception as error:  # what cannot be put back must not be followed by more
-            self._block(describe(error))
+            keeper.block(describe(error))
             return result
-        if not is_sane:
-            self._block(f"the device no longer answers after {check.name}")
-            result = result if run.target.is_lossless else result.withdrawn(self._blocked)
+        if run.target.crash:
+            crash = run.target.crash
+            if not keeper.revive(run):
+                keeper.block(f"{crash}; no fresh one could take its place")
+        elif not is_sane:
+            keeper.block(f"the device no longer answers after {check.name}{why}")
+            result = result if run.target.is_lossless else result.withdrawn(keeper.blocked)
         return result
+
+    def _is_back(self, run: Run, check: Check) -> bool:
+        """Bring the device to rest; whether it then answers."""
+        if run.target.crash:
+            return False
+        if check.danger > 0:
+            self._keeper.settle(run)
+        return self._keeper.is_sane(run)
 
     def _run_alone(self, run: Run, check: Check) -> CheckResult:
         """Run a check that needs the module alone on a line of its own (built-in twin only)."""
-        with self._opened(()) as other:
+        with self._keeper.opened(()) as other:
             self._inherit(other, run)
             return self._run_one(other, check)
 
-    # Between checks.
-
-    def _settle(self, run: Run) -> None:
-        """Stop, then put back, also if stopping went wrong; raises TargetError for a lost port."""
-        session = Session(run)
-        was_disturbed = run.rig is not None and run.rig.is_disturbed
-        self._release_rig(run)
-        try:
-            self.family.stop(session)
-            if was_disturbed and run.target.fence is not None:
-                run.target.fence.forget()
-        finally:
-            for sentence in self.family.restore(session, run.memory):
-                self._trouble(f"not put back: {sentence}")
-        self._note_retries(session)
-
-    def _release_rig(self, run: Run) -> None:
-        """Bring the rig to rest, the axis before it: what is let go must not drive on."""
-        if run.rig is None or not run.rig.is_disturbed:
-            return
-        try:
-            with contextlib.suppress(TargetError):
-                self.family.stop(Session(run))
-        finally:
-            try:
-                run.rig.reset()
-            except RigError as error:
-                self._block(str(error))
-
-    def _is_sane(self, run: Run) -> bool:
-        session = Session(run)
-        for pause_s in SANITY_PAUSES_S:
-            run.target.wait(pause_s)
-            run.target.drain()
-            if self.family.sanity(session):
-                self._note_retries(session)
-                return True
-        return False
-
-    def _block(self, reason: str) -> None:
-        self._blocked = reason
-        self._trouble(reason)
-
-    def _blocked_result(self, check: Check) -> CheckResult:
+    def _blocked_result(self, check: Check, reason: str) -> CheckResult:
         findings = tuple(
-            Finding(name, Verdict.INCONCLUSIVE, f"not started: {self._blocked}")
+            Finding(name, Verdict.INCONCLUSIVE, f"not started: {reason}")
             for name in check.requirements
         )
-        return CheckResult(check, Outcome.BLOCKED, findings, (), 0.0, self._blocked)
+        return CheckResult(check, Outcome.BLOCKED, findings, (), 0.0, reason)
 
     def _left_out(self, check: Check, reason: str) -> CheckResult:
         findings = tuple(Finding(name, Verdict.NOT_RUN, reason) for name in check.requirements)
         return CheckResult(check, Outcome.LEFT_OUT, findings, (), 0.0, reason)
-
-    def _trouble(self, text: str) -> None:
-        self._result.problems.append(text)
-        self._emit(events.Note(text))
-
-    def _note_retries(self, session: Session) -> None:
-        for text in session.retries:
-            self._emit(events.Note(f"between checks, asked again: {text}"))
-
-
-@contextlib.contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """Hold back Ctrl-C and termination while the device is made safe (bounded by time-outs)."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = {number: signal.getsignal(number) for number in ENDING_SIGNALS}
-    for number in before:
-        signal.signal(number, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -3,9 +3,13 @@
     SuiteError
      ├─ UsageError    the person at the terminal: one line naming the value and the remedy, exit 2
      ├─ TargetError   the port: closed, vanished, stuck; becomes verdicts, never a traceback
+     │   └─ TwinCrashed   the twin behind it fell over a mistake of its own
      ├─ RigError      the rig went wrong: what was being judged stays inconclusive
      ├─ CannotDo      the rig cannot do something: what was to be judged is not run
      └─ WrongDevice   somebody answers, but it is not the model named, exit 3
+
+`OutsideEnvelope` is raised below checks for what they must not send; it was not sent, and what they
+wanted to show with it is not run.
 
 A mistake of the suite itself (an unknown requirement id, a check that never judges) is an ordinary
 `AssertionError`, `TypeError` or `ValueError`: it is reported as an error of the check.
@@ -26,12 +30,32 @@ class TargetError(SuiteError):
     """The port cannot be opened, is gone, or does not take bytes any more."""
 
 
+class TwinCrashed(TargetError):  # noqa: N818 - a finding about the twin
+    """A twin in this process raised an exception: a device that died in the middle of the run."""
+
+
 class WrongDevice(SuiteError):  # noqa: N818 - a finding about the device, not an error of ours
     """Something answers, but not as the model named on the command line would."""
 
 
 class OutsideEnvelope(AssertionError):  # noqa: N818 - names what was about to happen
-    """The suite was about to ask an axis to leave the envelope: held back, a mistake of ours."""
+    """The suite was about to ask an axis to leave the envelope, and was held back.
+
+    `option`: the one that sets the bound in the way; `needed`: the least value of it that would do,
+    None if nobody knows.
+    """
+
+    def __init__(self, text: str, option: str = "", needed: int | None = None) -> None:
+        super().__init__(text)
+        self.option, self.needed = option, needed
+
+    @property
+    def told(self) -> str:
+        """Why it was held back, after what would let it through if anybody knows."""
+        if not self.option:
+            return str(self)
+        value = f" {self.needed}" if self.needed else ", nobody knows how much"
+        return f"needs {'' if self.needed else 'more '}{self.option}{value}: {self}"
 
 
 class RigError(SuiteError):

@@ -16,13 +16,16 @@ from typing import Any, NoReturn
 
 from axistwin_conformance.budget import WriteBudget
 from axistwin_conformance.errors import TargetError
-from axistwin_conformance.events import MotionSampled
+from axistwin_conformance.events import FailureStored, Listener, MotionSampled
 from axistwin_conformance.ledger import Ledger
 from axistwin_conformance.noise import Disturbed, LineQuality
+from axistwin_conformance.patience import Patience
 from axistwin_conformance.profile import Detection
+from axistwin_conformance.recording import Recording
 from axistwin_conformance.registry import Check, Family, Identity, Model
 from axistwin_conformance.rig import Rig
 from axistwin_conformance.targets import Target
+from axistwin_conformance.transcript import Direction, Record
 from axistwin_conformance.verdicts import Finding, Verdict
 
 REPLY_TIMEOUT_S = 0.5  # MACS-REPLY-16: no reply time is specified; the ledger sets this for suites
@@ -72,6 +75,9 @@ class Run:
     detections: dict[str, Detection] = field(default_factory=dict)  # what the probes found out
     budget: WriteBudget = field(default_factory=WriteBudget)
     quality: LineQuality = field(default_factory=LineQuality)
+    patience: Patience = field(default_factory=Patience)
+    tell: Listener = lambda event: None  # who is told of what cannot wait for a check's end
+    shrunk: set[str] = field(default_factory=set)  # requirements of which a short failure is known
 
 
 class Session:
@@ -89,6 +95,10 @@ class Session:
         self.spoilt: list[str] = []  # what came wrong and was handed on all the same
         self._asked: Counter[bytes] = Counter()
         self.failed_after = b""  # what was sent last before the first failure
+        self.has_failed = False
+        self.recording: Recording | None = None  # the operations that failed, if the check has any
+        self.is_replayed = False  # True: the check itself has found out how often they fail
+        self.is_settled = False  # True: the last reply was wrong, and too often so for noise
         self.passed: dict[str, int] = {}
         self.motion_count = 0  # sampled so far, kept or not
         self._motions: dict[str, MotionSampled] = {}
@@ -201,11 +211,17 @@ class Session:
         """True if the reply is the device's own: good, or bad too often for noise.
 
         `bad`: the earlier bad replies to the same request; this one is added.  Without noise
-        (`is_strict`) every reply is the device's own.
+        (`is_strict`) every reply is the device's own.  Raises TargetError for a device that has
+        said nothing right for too long.
         """
         quality = self.run.quality
+        self.is_settled = False
         if self.target.is_lossless:
             return True
+        if not is_good:
+            self.run.patience.tried(self.target.now_ns, quality.alike_needed, is_silence=not reply)
+        elif reply:
+            self.run.patience.good()
         if not bad:  # a device that never answers right must not make the line look noisy
             quality.note(is_spoilt=not is_good)
         bad.append(reply)
@@ -215,7 +231,26 @@ class Session:
             # With its number: what is polled all the time is hit by noise now and then, but a
             # device is wrong the same time again.
             self.spoilt.append(f"{asked.hex()}, time {self._asked[asked]}: {reply.hex()}")
-        return is_good or self.is_strict or quality.is_settled(bad)
+        self.is_settled = not is_good and quality.is_settled(bad)
+        return is_good or self.is_strict or self.is_settled
+
+    def last_exchange(self) -> tuple[bytes, bytes]:
+        """What was sent last in this session, and what came since; nothing sent: empty."""
+        request, reply = b"", b""
+        for one in self.said():
+            if one.direction is Direction.HOST:
+                request, reply = one.data, b""
+            elif one.direction is Direction.DEVICE:
+                reply += one.data
+        return request, reply
+
+    def said(self) -> tuple[Record, ...]:
+        """All that was said in this session."""
+        return self.target.transcript.since(self._started_at)
+
+    def excerpt(self) -> tuple[Record, ...]:
+        """The end of what was said in this session, for a reader who wants to follow."""
+        return self.target.transcript.since(self._started_at, EXCERPT_RECORDS)
 
     def disturbed(self, text: str) -> NoReturn:
         """Give the attempt up: what was spoilt must not be repeated; the check is replayed."""
@@ -266,6 +301,7 @@ class Session:
         self, requirement: Requirements, expected: object, actual: object, text: str = ""
     ) -> NoReturn:
         """Judge that something came which is not admissible; None blames all the check names."""
+        self.has_failed = True
         names = self._names(requirement)
         admissible = tuple(
             str(item) for item in (expected if isinstance(expected, list | tuple) else (expected,))
@@ -348,6 +384,11 @@ class Session:
         """Write a line into the transcript, for the reader of a failure."""
         self.target.mark(text)
 
+    def record(self, recording: Recording) -> None:
+        """Keep the operations after which the device failed, and tell them at once."""
+        self.recording = recording
+        self.run.tell(FailureStored(recording.check, recording))
+
     def sample(
         self,
         name: str,
@@ -384,11 +425,17 @@ class Session:
         counts as passed: the judgements that were still to come might have failed; `verdict` is
         what is said instead.
         """
-        said = [finding.requirement for finding in self.findings]
+        # A pass is taken back by any trouble, a quirk only by a failure.
+        said = [
+            one.requirement
+            for one in self.findings
+            if verdict is not Verdict.FAIL or one.verdict is Verdict.FAIL
+        ]
+        transcript = self.excerpt() if verdict is Verdict.FAIL and trouble else ()
         named = self.check.requirements if self.check else ()
         if trouble:
             rest = [
-                Finding(name, verdict, trouble)
+                Finding(name, verdict, trouble, transcript=transcript)
                 for name in dict.fromkeys([*named, *self.passed])
                 if name not in said
             ]
@@ -421,7 +468,7 @@ class Session:
         expected: tuple[str, ...] = (),
         actual: str | None = None,
     ) -> None:
-        excerpt = self.target.transcript.since(self._started_at, EXCERPT_RECORDS)
+        excerpt = self.excerpt()
         if verdict is Verdict.FAIL and not self.failed_after:
             self.failed_after = self.target.last_sent
         wanted = verdict in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.QUIRK)

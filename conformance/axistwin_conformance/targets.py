@@ -9,6 +9,8 @@ instant that the device fixes while it handles an exchange lies somewhere betwee
 its last, so the slowest exchange seen on the idle line bounds it.
 
 Trouble.  A port that is closed, vanished or does not take bytes raises `TargetError`, nothing else.
+A twin in this process may also fall over a mistake of its own: whatever comes out of its port and
+is no trouble of a port is `TwinCrashed`, and from then on no byte goes to that port or comes back.
 """
 
 from __future__ import annotations
@@ -19,13 +21,15 @@ import os
 import statistics
 import termios
 import time
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol, cast
 
 import serial
 
-from axistwin_conformance.errors import OutsideEnvelope, TargetError
+from axistwin_conformance.errors import OutsideEnvelope, TargetError, TwinCrashed
 from axistwin_conformance.transcript import Direction, Transcript
 
 TWIN_SCHEME = "axistwin://"
@@ -75,8 +79,8 @@ class Fence(Protocol):
     def stop(self) -> tuple[bytes, ...]:
         """The frames that end it."""
 
-    def forget(self) -> None:
-        """Take the next place an axis is seen at for where it was found."""
+    def worked(self, name: str, window: tuple[int, int], /) -> None:
+        """Learn what the rig has done, and between which instants."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +105,7 @@ class Target:
     ) -> None:
         self._port = port
         self._pending = bytearray()
+        self._clock_ns: int | None = None  # in virtual time, as long as nothing has let it pass
         self.description = description
         self.is_builtin = is_builtin
         self.is_virtual = getattr(port, "virtual_time_ns", None) is not None
@@ -112,6 +117,7 @@ class Target:
         self.gate: Callable[[bytes], None] | None = None  # sees every byte before it is sent
         self.fence: Fence | None = None
         self.meter: Callable[[bytes], None] | None = None  # counts what is really sent
+        self.crash = ""  # of the twin behind the port, once it has fallen over
         if not self.is_virtual:
             port.timeout = SLICE_S
 
@@ -120,10 +126,12 @@ class Target:
         """The target's clock, ns from an arbitrary origin."""
         if not self.is_virtual:
             return time.monotonic_ns()
+        if self._clock_ns is not None:
+            return self._clock_ns
         try:
             return self._port.virtual_time_ns  # type: ignore[attr-defined,no-any-return]
-        except PORT_TROUBLE as error:
-            raise _trouble("asking the time", error) from error
+        except Exception as error:
+            raise self._trouble("asking the time", error) from error
 
     @property
     def is_direct(self) -> bool:
@@ -147,7 +155,7 @@ class Target:
 
     @baud.setter
     def baud(self, rate: int) -> None:
-        with _port_trouble(f"setting {rate} baud"):
+        with self._port_trouble(f"setting {rate} baud"):
             self._port.baudrate = rate
         self.mark(f"our end of the line now talks {rate} baud")
 
@@ -161,8 +169,9 @@ class Target:
         if self.meter is not None:
             self.meter(data)
         self.last_sent = bytes(data)
+        self._clock_ns = None
         self.transcript.note(started_ns, Direction.HOST, bytes(data))
-        with _port_trouble("sending"):
+        with self._port_trouble("sending"):
             self._port.write(bytes(data))
         return started_ns
 
@@ -176,6 +185,7 @@ class Target:
         if self._pending:
             self.drain()
         port, note = self._port, self.transcript.note
+        self._refuse_the_dead()
         try:
             started_ns: int = port.virtual_time_ns  # type: ignore[attr-defined]
             self.last_sent = data
@@ -185,8 +195,8 @@ class Target:
                 port.timeout = timeout_s
             reply = port.read(size)
             done_ns: int = port.virtual_time_ns  # type: ignore[attr-defined]
-        except PORT_TROUBLE as error:
-            raise _trouble("exchanging", error) from error
+        except Exception as error:
+            raise self._trouble("exchanging", error) from error
         if reply:
             note(done_ns, Direction.DEVICE, reply)
         elif timeout_s >= SILENCE_NOTED_S:
@@ -251,7 +261,7 @@ class Target:
 
     def close(self) -> None:
         """Close the port; a port that is gone already is fine."""
-        with contextlib.suppress(TargetError), _port_trouble("closing"):
+        with contextlib.suppress(Exception):
             self._port.close()
 
     def _fenced(self, left_ns: int) -> int:
@@ -263,18 +273,27 @@ class Target:
         if spare_ns > 0:
             return min(left_ns, spare_ns)
         self.mark("endless motion has come near the edge of the envelope: stopped")
-        for frame in self.fence.stop():
-            self.send(frame)
-            self._read(DRAIN_BYTES, STOP_HEARD_NS)
-        raise OutsideEnvelope("endless motion was not stopped before the edge of the envelope")
+        gate, self.gate = self.gate, None  # a stop is not held back
+        try:
+            for frame in self.fence.stop():
+                self.send(frame)
+                self._read(DRAIN_BYTES, STOP_HEARD_NS)
+        finally:
+            self.gate = gate
+        if gate is None:  # between checks there is no one to tell; until heard it is sent again
+            return min(left_ns, STOP_HEARD_NS)
+        raise OutsideEnvelope(
+            "endless motion was not stopped before the edge of the envelope", "--max-travel"
+        )
 
     def _read(self, count: int, left_ns: int) -> bool:
+        self._refuse_the_dead()
         try:
             if self.is_virtual:
                 self._port.timeout = left_ns / 1e9
             data = bytes(self._port.read(count))
-        except PORT_TROUBLE as error:
-            raise _trouble("receiving", error) from error
+        except Exception as error:
+            raise self._trouble("receiving", error) from error
         if data:
             self._pending += data
             now_ns = self.now_ns
@@ -284,7 +303,8 @@ class Target:
         return bool(data)
 
     def _waiting(self) -> int:
-        with _port_trouble("receiving"):
+        self._clock_ns = None
+        with self._port_trouble("receiving"):
             return self._port.in_waiting
 
     def _note_silence(self, started_ns: int) -> None:
@@ -292,28 +312,39 @@ class Target:
         text = f"nothing for {passed_ms:.0f} ms"
         self.transcript.note(started_ns, Direction.SILENCE, text=text)
 
+    def _refuse_the_dead(self) -> None:
+        """Raise TwinCrashed if the twin has crashed: nobody knows what is left of it."""
+        if self.crash:
+            raise TwinCrashed(self.crash)
 
-# What ports raise; SerialException is an OSError.  pyserial's own ports fall over a file descriptor
-# that somebody else has closed with one of the last two.
-PORT_TROUBLE = (OSError, termios.error, TypeError, AttributeError)
+    @contextlib.contextmanager
+    def _port_trouble(self, doing: str) -> Iterator[None]:
+        """Turn whatever a port raises into a TargetError."""
+        self._refuse_the_dead()
+        try:
+            yield
+        except Exception as error:
+            raise self._trouble(doing, error) from error
 
-
-def _trouble(doing: str, error: BaseException) -> TargetError:
-    """What a port has raised, as a TargetError that says what was being done."""
-    if isinstance(error, serial.SerialTimeoutException):
-        return TargetError(f"the port does not take bytes any more ({doing})")
-    if isinstance(error, TypeError | AttributeError):
+    def _trouble(self, doing: str, error: Exception) -> TargetError:
+        """What a port has raised, as a TargetError that says what was being done."""
+        if isinstance(error, serial.SerialTimeoutException):
+            return TargetError(f"the port does not take bytes any more ({doing})")
+        if isinstance(error, OSError | termios.error):  # SerialException is an OSError
+            return TargetError(f"the port failed while {doing}: {_one_line(error)}")
+        if self.is_virtual or hasattr(self._port, "twins"):
+            self.crash = self.crash or crash_of(error)
+            return TwinCrashed(self.crash)
+        # pyserial's own ports fall over a file descriptor that somebody else has closed.
         return TargetError(f"the port was closed while {doing}: {_one_line(error)}")
-    return TargetError(f"the port failed while {doing}: {_one_line(error)}")
 
 
-@contextlib.contextmanager
-def _port_trouble(doing: str) -> Iterator[None]:
-    """Turn whatever a port raises into a TargetError."""
-    try:
-        yield
-    except PORT_TROUBLE as error:
-        raise _trouble(doing, error) from error
+def crash_of(error: Exception) -> str:
+    """What a twin fell over, in a line: the exception and the place where it was raised."""
+    frames = traceback.extract_tb(error.__traceback__)
+    place = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
+    text = " ".join(str(error).split())
+    return f"the built-in twin crashed: {type(error).__name__}: {text}{place}"
 
 
 def open_target(url: str, baud: int, *, is_builtin: bool = False) -> Target:
@@ -330,6 +361,10 @@ def open_target(url: str, baud: int, *, is_builtin: bool = False) -> Target:
         port = serial.serial_for_url(url, baudrate=baud, **options)  # type: ignore[arg-type]
     except (OSError, ValueError, termios.error) as error:
         raise TargetError(f"cannot open {url}: {_one_line(error)}") from error
+    except Exception as error:
+        if not url.startswith(TWIN_SCHEME):
+            raise
+        raise TwinCrashed(f"cannot open {url}: {crash_of(error)}") from error
     return Target(port, url, is_builtin=is_builtin)
 
 

@@ -15,8 +15,7 @@ from typing import Any
 import pytest
 import serial
 
-from axistwin_conformance import engine as engine_module
-from axistwin_conformance import registry, report_json
+from axistwin_conformance import keeper, registry, report_json
 from axistwin_conformance.engine import Engine, Envelope, Options, Result
 from axistwin_conformance.errors import TargetError, WrongDevice
 from axistwin_conformance.events import Event
@@ -195,7 +194,7 @@ def toy(monkeypatch: pytest.MonkeyPatch) -> Toy:
     """A toy bench without checks."""
     module = types.ModuleType("toy_checks")
     monkeypatch.setitem(sys.modules, "toy_checks", module)
-    monkeypatch.setattr(engine_module, "SANITY_PAUSES_S", (0.0,))
+    monkeypatch.setattr(keeper, "SANITY_PAUSES_S", (0.0,))
     return Toy(module)
 
 

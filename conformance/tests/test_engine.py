@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from axistwin_conformance import engine as engine_module
-from axistwin_conformance import events
+from axistwin_conformance import events, keeper
 from axistwin_conformance.errors import TargetError
 from axistwin_conformance.events import Outcome
 from axistwin_conformance.judgement import RequirementResult
@@ -294,7 +294,7 @@ def test_a_port_that_vanishes_becomes_verdicts(toy: Any) -> None:
 
 def test_a_deaf_device_is_waited_for(toy: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """A module that re-initialises is silent for 2 s and is not lost."""
-    monkeypatch.setattr(engine_module, "SANITY_PAUSES_S", (0.0, 1.0, 1.5))
+    monkeypatch.setattr(keeper, "SANITY_PAUSES_S", (0.0, 1.0, 1.5))
     original = toy.port.pass_time
 
     def pass_time(duration_ns: int) -> None:

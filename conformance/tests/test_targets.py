@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 import serial
 
-from axistwin_conformance.errors import TargetError
+from axistwin_conformance.errors import TargetError, TwinCrashed
 from axistwin_conformance.targets import Target, open_target
 from axistwin_conformance.transcript import Direction
 
@@ -108,17 +108,41 @@ def test_nothing_passes_a_closed_gate(toy: Any) -> None:
         TypeError("'NoneType' object cannot be interpreted as an integer"),
     ],
 )
-def test_whatever_a_port_raises_becomes_one_line(toy: Any, error: Exception) -> None:
+def test_whatever_a_port_raises_becomes_one_line(real_toy: Any, error: Exception) -> None:
     """Closed, vanished or stuck: TargetError, nothing else."""
+    target = real_toy.open(())
+
+    def fail(data: bytes) -> int:
+        raise error
+
+    real_toy.port.write = fail
+    with pytest.raises(TargetError, match="sending") as caught:
+        target.send(b"Q")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("error", [ZeroDivisionError("oops"), TypeError("a\nb")])
+def test_a_twin_that_falls_over_is_told_from_a_port_that_fails(toy: Any, error: Exception) -> None:
+    """One line with exception and place; nothing goes to it any more, closing it is fine."""
     target = toy.open(())
 
     def fail(data: bytes) -> int:
         raise error
 
     toy.port.write = fail
-    with pytest.raises(TargetError, match="sending") as caught:
+    with pytest.raises(TwinCrashed) as caught:
         target.send(b"Q")
-    assert "\n" not in str(caught.value)
+    name, text = type(error).__name__, " ".join(str(error).split())
+    told = f"the built-in twin crashed: {name}: {text} (test_targets.py:"
+    assert str(caught.value).startswith(told)
+    assert target.crash == str(caught.value)
+    del toy.port.write
+    for act in (lambda: target.send(b"Q"), target.drain, lambda: target.receive(1, 0.1)):
+        with pytest.raises(TwinCrashed, match="crashed"):
+            act()
+    assert toy.port.sent == []
+    target.mark("still with a clock")
+    target.close()
 
 
 def test_closing_a_port_that_is_gone_is_fine(toy: Any) -> None:

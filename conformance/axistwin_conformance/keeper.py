@@ -1,0 +1,286 @@
+"""Who looks after the device during a run: opens it, holds it to what was allowed, brings it to
+rest, puts back what was changed, asks whether it is still there, and judges what it says meanwhile.
+
+Rules.
+
+1. What a run may change is read first; where that fails, nothing but passive is done (`remember`).
+2. The device is brought to rest and put back on every way out, and interrupts wait for that.
+3. The device is judged by what it answers here as well (`accuse`): in virtual time, where nothing
+   gets lost by itself, by every reply; on a real line by the same wrong bytes time after time, from
+   a device that otherwise still answers.  Silence, and garbage that never settles, may be the line.
+4. A twin in this process that crashed has failed what it was asked for; a fresh one takes its place
+   (`revive`), so that one mistake of a twin does not hide the next.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+
+from axistwin_conformance import events
+from axistwin_conformance.attempts import describe
+from axistwin_conformance.budget import WriteBudget
+from axistwin_conformance.errors import RigError, TargetError, TwinCrashed
+from axistwin_conformance.events import Listener, Outcome
+from axistwin_conformance.judgement import CheckResult
+from axistwin_conformance.ledger import Ledger
+from axistwin_conformance.plan import Options
+from axistwin_conformance.registry import Breach, Check
+from axistwin_conformance.session import Run, Session
+from axistwin_conformance.targets import Target
+from axistwin_conformance.verdicts import Finding, Verdict
+
+ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+SANITY_PAUSES_S = (0.0, 1.0, 1.5)  # together longer than the 2 s for which a module may be deaf
+
+Opener = Callable[[tuple[int, ...]], Target]  # neighbours on the line → an open target
+
+# What the engine itself asks a device for, beside the probes, and what a sound device does then.
+ACTS = {
+    "identity": "It says who it is.",
+    "sanity": "It answers a known-good question between checks.",
+    "remember": "It tells what has to be put back after the run.",
+    "put_back": "It can be brought to rest, and takes back what was changed.",
+}
+
+
+@dataclass(slots=True)
+class Keeper:
+    """Looks after the device of one run.
+
+    `tell`: takes events.  `blocked`: why nothing more is asked of the device; `unremembered`: why
+    nothing but passive is; both empty at first.  `accusations`: what the device has failed beside
+    the checks.
+    """
+
+    options: Options
+    ledger: Ledger
+    opener: Opener
+    tell: Listener
+    budget: WriteBudget
+    blocked: str = ""
+    unremembered: str = ""
+    problems: list[str] = field(default_factory=list)
+    accusations: list[CheckResult] = field(default_factory=list)
+    _accused: set[object] = field(default_factory=set)
+
+    # --- open and close --------------------------------------------------------------------------
+
+    @contextlib.contextmanager
+    def opened(self, neighbours: tuple[int, ...]) -> Iterator[Run]:
+        """An open target; on the way out it is made safe and closed (rule 2)."""
+        run = self._start(neighbours)
+        try:
+            yield run
+        finally:
+            with _uninterrupted():
+                self._make_safe(run)
+                run.target.close()
+
+    def _start(self, neighbours: tuple[int, ...]) -> Run:
+        options = self.options
+        run = Run(
+            target=self.opener(neighbours),
+            family=options.family,
+            model=options.family.models[options.model],
+            ledger=self.ledger,
+            address=options.address,
+            neighbours=neighbours,
+            allowed=options.allowed,
+            envelope=options.envelope,
+            seed=options.seed,
+            budget=self.budget,
+            tell=self.tell,
+        )
+        self._equip(run)
+        return run
+
+    def _equip(self, run: Run) -> None:
+        """Put rig, meter and fence to the run's target; raises TargetError without its rig."""
+        family, target = run.family, run.target
+        try:
+            run.rig = self.options.rig.open(target, run.address, self._tell_question)
+        except RigError as error:
+            target.close()
+            raise TargetError(str(error)) from error
+        target.meter = lambda data: self.budget.note(family.writes(data))
+        if family.fence is not None and run.envelope.is_fenced:
+            target.fence = family.fence(run)
+
+    def _tell_question(self, is_open: bool, text: str) -> None:
+        self.tell(events.RigQuestion(is_open, text))
+
+    def _make_safe(self, run: Run) -> None:
+        """Stop and put back on the way out, whichever it is, once anything but passive has run."""
+        if run.memory is None or run.target.crash:
+            return
+        try:
+            self.settle(run)
+        except TargetError as error:
+            self.trouble(f"could not stop the axis or put its parameters back: {error}")
+        except Exception as error:  # nothing may keep the port from being closed
+            self.trouble(f"could not stop the axis or put its parameters back: {describe(error)}")
+
+    # --- between checks --------------------------------------------------------------------------
+
+    def guard(self, session: Session, data: bytes) -> None:
+        """Raise AssertionError for what the check has not declared, CannotDo without a budget."""
+        family = session.run.family
+        reason = family.guard(session, data)
+        assert reason is None, f"held back {data.hex(' ')}: {reason}"
+        self.budget.allow(family.writes(data))
+
+    def remember(self, run: Run) -> bool:
+        """Read what has to be put back, once; False if that cannot be (rule 1)."""
+        if run.memory is not None or self.unremembered:
+            return not self.unremembered
+        session = Session(run)
+        try:
+            run.memory = run.family.remember(session)
+        except TargetError as error:
+            self.unremembered = f"the parameters to put back could not be read: {error}"
+            self.trouble(self.unremembered)
+            self.accuse(session, "remember")
+            if run.target.crash and not self.revive(run):
+                raise
+        return not self.unremembered
+
+    def settle(self, run: Run) -> None:
+        """Stop, then put back, also if stopping went wrong; raises TargetError for a lost port."""
+        session = Session(run)
+        self._release_rig(run)
+        try:
+            self._put_back(run, session)
+        except TargetError:
+            if run.target.is_lossless:
+                self.accuse(session, "put_back")
+            raise
+        self.note_retries(session)
+
+    def _put_back(self, run: Run, session: Session) -> None:
+        try:
+            run.family.stop(session)
+        finally:
+            if not run.target.crash:
+                for sentence in run.family.restore(session, run.memory):
+                    self.trouble(f"not put back: {sentence}")
+
+    def _release_rig(self, run: Run) -> None:
+        """Bring the rig to rest, the axis before it: what is let go must not drive on."""
+        if run.rig is None or not run.rig.is_disturbed:
+            return
+        try:
+            with contextlib.suppress(TargetError):
+                run.family.stop(Session(run))
+        finally:
+            try:
+                run.rig.reset()
+            except RigError as error:
+                self.block(str(error))
+
+    def is_sane(self, run: Run) -> bool:
+        """Whether the device still answers, after the longest deafness it is entitled to."""
+        session = Session(run)
+        try:
+            for pause_s in SANITY_PAUSES_S:
+                run.target.wait(pause_s)
+                run.target.drain()
+                if run.family.sanity(session):
+                    self.note_retries(session)
+                    return True
+        except TwinCrashed:
+            self.accuse(session, "sanity")
+            raise
+        if run.target.is_lossless:
+            self.accuse(session, "sanity")
+        return False
+
+    def revive(self, run: Run) -> bool:
+        """Put a fresh twin in the place of one that crashed; False where there is none (rule 4)."""
+        if not self.options.is_twin:
+            return False
+        crashed = run.target
+        crashed.close()
+        try:
+            run.target = self.opener(run.neighbours)
+            self._equip(run)
+            run.target.round_trip = crashed.round_trip
+            if run.memory is not None:
+                run.memory = run.family.remember(Session(run))
+            is_back = self.is_sane(run)
+        except TargetError:
+            return False
+        if is_back:
+            self.tell(events.Note(f"{crashed.crash}; a fresh twin takes its place"))
+        return is_back
+
+    # --- what is told ----------------------------------------------------------------------------
+
+    def accuse(self, session: Session, act: str, behaviour: str = "") -> bool:
+        """Judge the last reply of a session beside the checks; True if the device failed by it
+        (rule 3).  `act`: what it was asked for, one of `ACTS` or the name of a probe."""
+        run = session.run
+        request, reply = session.last_exchange()
+        is_surely_its_own = run.target.crash or run.target.is_lossless
+        if not is_surely_its_own and not (reply and session.is_settled and self.is_sane(run)):
+            return False
+        breach = run.family.blame(session, request, None if run.target.crash else reply)
+        if breach is None:
+            if run.target.crash:
+                self.trouble(run.target.crash)
+            return False
+        if run.target.crash:
+            breach = replace(breach, actual=run.target.crash)
+        if breach not in self._accused and act not in self._accused:
+            self._accused |= {breach, act}
+            self._record(session, act, behaviour or ACTS[act], breach)
+        return True
+
+    def _record(self, session: Session, act: str, behaviour: str, breach: Breach) -> None:
+        """Tell it as what a check numbered 0 has found: before, between or after the others."""
+        check = Check(
+            act, lambda session: None, (breach.requirement,), ("passive",), "quick", (), behaviour,
+            __name__,
+        )  # fmt: skip
+        finding = Finding(
+            breach.requirement, Verdict.FAIL, "beside the checks", (breach.expected,),
+            breach.actual, session.excerpt(),
+        )  # fmt: skip
+        result = CheckResult(check, Outcome.DONE, (finding,), tuple(session.retries), 0.0, "")
+        self.accusations.append(result)
+        self.tell(events.CheckStarted(0, 0, act, behaviour, check.requirements))
+        self.tell(result.as_event(0, 0, self.options.command))
+
+    def block(self, reason: str) -> None:
+        """Ask nothing more of the device in this run."""
+        self.blocked = reason
+        self.trouble(reason)
+
+    def trouble(self, text: str) -> None:
+        """Take note of a reason not to trust the run that belongs to no requirement."""
+        self.problems.append(text)
+        self.tell(events.Note(text))
+
+    def note_retries(self, session: Session) -> None:
+        """Tell what had to be asked again beside the checks."""
+        for text in session.retries:
+            self.tell(events.Note(f"between checks, asked again: {text}"))
+
+
+@contextlib.contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Hold back Ctrl-C and termination while the device is made safe (bounded by time-outs)."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in ENDING_SIGNALS}
+    for number in before:
+        signal.signal(number, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,88 @@
+"""What a module breaks by a reply that no module gives, whoever asked: the engine's own questions,
+the probes, what is remembered and put back.
+
+Judged is only what every reading of the manual leaves out.  A frame that is not well-formed, not
+for a module on this line, or of an index whose reply is open, may be answered by anything; silence
+is nobody's fault once something was sent that makes a module deaf.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from axistwin_conformance.mac_serial import codec
+from axistwin_conformance.mac_serial.codec import Kind, Reply
+from axistwin_conformance.mac_serial.talk import ANSWERED, MAY_BE_SILENT
+from axistwin_conformance.registry import Breach
+from axistwin_conformance.session import Session
+from axistwin_conformance.transcript import Direction
+
+PLAIN: Final = b"00" + b"00000000"  # sub-index and parameter nobody can object to
+OBEYED: Final = frozenset(codec.COMMAND_NAMES)
+OTHER_DIGITS: Final = {0x21: 2, 0x23: 2}  # MACS-AMB-03, -04
+LONG_LENGTH: Final = (0x28, b"014")  # MACS-AMB-05
+
+
+def blame(session: Session, request: bytes, reply: bytes | None) -> Breach | None:
+    """Which requirement a reply to these bytes breaks, if it is one that no module gives.
+
+    `reply` None: there was none, the twin had crashed.
+    """
+    index = _asked(session, request)
+    if index is None:
+        return None
+    if reply is None:
+        return _promised(index, "the twin crashed")
+    seen = codec.parse(reply)
+    if seen.kind is Kind.SILENCE and _may_be_deaf(session):
+        return None
+    judge = _judge_answer if index in ANSWERED else _judge_short
+    return judge(request, index, seen)
+
+
+def _asked(session: Session, request: bytes) -> int | None:
+    """The index of a frame that a module on this line must answer in a known way, or None."""
+    if len(request) != codec.REQUEST_BYTES or request[:4] != b"\x02014" or request[20] != codec.ETX:
+        return None
+    summed = request[4:18]
+    if not set(summed) <= set(b"0123456789ABCDEF"):
+        return None
+    address, index = int(summed[:2], 16), int(summed[2:4], 16)
+    is_whole = request[18:20] == codec.two_digits(codec.checksum(summed))
+    is_ours = address in (session.address, *session.neighbours)
+    is_known = index in ANSWERED or index in OBEYED
+    return index if is_whole and is_ours and is_known else None
+
+
+def _promised(index: int, came: str) -> Breach:
+    if index in ANSWERED:
+        return Breach("MACS-REPLY-07", f"an answer to query {index:02X}h", came)
+    return Breach("MACS-REPLY-01", f"06 13 1A or 06 13 17 to {index:02X}h", came)
+
+
+def _may_be_deaf(session: Session) -> bool:
+    """True if something was sent here after which a module may say nothing for a while."""
+    sent = (one.data for one in session.said() if one.direction is Direction.HOST)
+    return any(_asked(session, data) in MAY_BE_SILENT for data in sent)
+
+
+def _judge_short(request: bytes, index: int, seen: Reply) -> Breach | None:
+    is_open = index in MAY_BE_SILENT and seen.kind is Kind.SILENCE
+    if is_open or seen.kind in (Kind.ACCEPTED, Kind.REFUSED):
+        return None
+    return _promised(index, str(seen))
+
+
+def _judge_answer(request: bytes, index: int, seen: Reply) -> Breach | None:
+    if seen.kind is Kind.REFUSED and request[8:18] != PLAIN:  # MACS-AMB-62 and the like
+        return None
+    if seen.kind is not Kind.ANSWER:
+        return _promised(index, str(seen))
+    query = int(request[4:6], 16)
+    if seen.address != query:
+        return Breach("MACS-REPLY-08", f"address {query:02X} in the answer", str(seen))
+    if seen.digit not in (index & 0xF, OTHER_DIGITS.get(index)):
+        return Breach("MACS-REPLY-09", f"digit {index & 0xF} in the answer", str(seen))
+    if seen.length != b"011" and (index, seen.length) != LONG_LENGTH:
+        return Breach("MACS-REPLY-10", "length field 011", str(seen))
+    return None
