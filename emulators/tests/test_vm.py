@@ -219,7 +219,7 @@ for name in ("vcan0", "vcan1", "lo"):
 def test_cansend_reaches_candump() -> None:
     """can-utils are there and use the kernel's bus."""
     script = """
-candump -L -n 2 vcan0 >/tmp/seen & 
+candump -L -n 2 vcan0 >/tmp/seen &
 until grep -q "^ *vcan0 " /proc/net/can/rcvlist_all; do sleep 0.05; done
 cansend vcan1 7FF#00; cansend vcan0 601#4000100000000000; cansend vcan0 00000123#R; wait $!
 sed 's/^[^ ]* //' /tmp/seen
@@ -293,7 +293,7 @@ daemon.terminate()
 def test_machines_beside_each_other_have_buses_of_their_own() -> None:
     """Three at once: each sees its own frames only, and gives back its own output."""
     script = """
-candump -L -n 5 vcan0 >/tmp/seen & 
+candump -L -n 5 vcan0 >/tmp/seen &
 until grep -q "^ *vcan0 " /proc/net/can/rcvlist_all; do sleep 0.05; done
 for i in 1 2 3 4 5; do cansend vcan0 $1#0$i; sleep 0.1; done; wait $!
 cut -d ' ' -f 3 /tmp/seen
