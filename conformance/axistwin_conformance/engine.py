@@ -319,10 +319,13 @@ class Engine:
         self._result.checks.append(result)
         self._emit(result.as_event(number, len(self._result.plan.to_run), replay))
 
+    def _is_over(self) -> bool:
+        return bool(self._keeper.blocked) or self._result.has_ended_early
+
     def _soak(self, run: Run) -> None:
         """Repeat what draws at random; ended by an interrupt, it tells what it has found."""
         options, checks = self.options, self._result.plan.to_run
-        if options.duration_s is None or self._result.has_ended_early or self._keeper.blocked:
+        if options.duration_s is None or self._is_over():
             return
         repeated = [check for check in checks if check.soaks]
         soak = Soak(repeated, options.seed, options.duration_s, self._tell)
@@ -339,7 +342,7 @@ class Engine:
                 seeded = replace(options, seed=run.seed)
                 if kept := soak.add(result, run.seed):
                     self._keep(kept, total, seeded.replay(check, result.recording))
-                if self._keeper.blocked or self._result.has_ended_early:
+                if self._is_over():
                     break
         finally:
             run.tell, run.seed = self._tell, options.seed
