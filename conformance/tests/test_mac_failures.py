@@ -22,7 +22,8 @@ from axistwin_conformance.mac_serial.checks_sequences import (
     many_mixed_sequences_agree_with_the_model,
 )
 from axistwin_conformance.mac_serial.failures import Failure, Player, split
-from axistwin_conformance.mac_serial.operations import WHAT
+from axistwin_conformance.mac_serial.operations import OPERATIONS, WHAT
+from axistwin_conformance.mac_serial.sequences import Mismatch
 from axistwin_conformance.noise import Disturbed
 from axistwin_conformance.session import Run, Session, Stop
 from axistwin_conformance.shrink import Budget
@@ -375,14 +376,10 @@ def test_shrinking_never_leaves_the_envelope(seed: int) -> None:
 
 def a_mismatch() -> Any:
     """Some failure."""
-    from axistwin_conformance.mac_serial.sequences import Mismatch
-
     return Mismatch(REPLY, "this", "that")
 
 
 def test_operations_are_told_by_their_lowest_number() -> None:
     """So that a recording keeps its meaning when there are more kinds of operations."""
-    from axistwin_conformance.mac_serial.operations import OPERATIONS
-
     count = len(OPERATIONS)
     assert split(bytes([count + 3, 1, 2, 3, 5])) == (bytes([3, 1, 2, 3]),)
