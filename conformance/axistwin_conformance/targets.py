@@ -79,6 +79,9 @@ class Fence(Protocol):
     def stop(self) -> tuple[bytes, ...]:
         """The frames that end it."""
 
+    def needed(self, wait_ns: int, /) -> int:
+        """How large the envelope would have to be for endless motion to go on for so long."""
+
     def worked(self, name: str, window: tuple[int, int], /) -> None:
         """Learn what the rig has done, and between which instants."""
 
@@ -273,6 +276,7 @@ class Target:
         if spare_ns > 0:
             return min(left_ns, spare_ns)
         self.mark("endless motion has come near the edge of the envelope: stopped")
+        needed = self.fence.needed(left_ns)
         gate, self.gate = self.gate, None  # a stop is not held back
         try:
             for frame in self.fence.stop():
@@ -283,7 +287,7 @@ class Target:
         if gate is None:  # between checks there is no one to tell; until heard it is sent again
             return min(left_ns, STOP_HEARD_NS)
         raise OutsideEnvelope(
-            "endless motion was not stopped before the edge of the envelope", "--max-travel"
+            "endless motion had come near the edge of the envelope", "--max-travel", needed
         )
 
     def _read(self, count: int, left_ns: int) -> bool:

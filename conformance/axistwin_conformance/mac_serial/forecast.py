@@ -11,12 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Final, NamedTuple
 
 from axistwin_conformance.mac_serial.motion import TICK_NS, Course, Law, Profile, Run
 
 ROUNDINGS: Final = ("down", "up")
+NEVER_NS: Final = 1 << 62
+RESTING: Final = frozenset({"HD"})
 
 
 class Window(NamedTuple):
@@ -83,7 +85,7 @@ class Timeline:
     `mode`: "HD" at rest, "PO", "VE" or "IN".  `course` belongs to PO and VE.  `segments`: of IN the
     row being executed, of PO and VE what waits for the axis to come to rest (MACS-AMB-31).
     `stops`: the software stops (inferior, superior) if enabled.  `ff`: what 21h told of stops
-    before this motion.  `leads`: an increment counts when it begins (MACS-AMB-41).
+    before this motion, `doubt` the bits of it that nobody can tell.  `leads`: an increment counts when it begins (MACS-AMB-41).
     """
 
     mode: str
@@ -95,6 +97,10 @@ class Timeline:
     stops: tuple[int, int] | None = None
     ff: int = 0
     leads: bool = False
+    doubt: int = 0
+
+    def __hash__(self) -> int:
+        return hash((self.mode, self.origin, self.start_ns, self.direction, self.ff))
 
     @cached_property
     def legs(self) -> tuple[Leg, ...]:
@@ -108,9 +114,7 @@ class Timeline:
                 return tuple(legs)
             place, now_ns = leg.final, leg.end_ns
         for segment in self.segments:
-            direction = (segment.steps > 0) - (segment.steps < 0) if segment.moves else 0
-            profile = Profile((Run(abs(segment.steps), segment.period),) if segment.steps else ())
-            leg, hit = self._cut(Leg(now_ns, place, direction, profile))
+            leg, hit = self._cut(_leg(segment, now_ns, place))
             legs.append(leg)
             if hit:
                 break
@@ -135,7 +139,7 @@ class Timeline:
     @cached_property
     def hit(self) -> int:
         """The direction in which a software stop ends this motion; 0 if none does."""
-        if not self.legs or self.stops is None:
+        if self.stops is None or not self.legs:
             return 0
         last = self.legs[-1]
         if last.final is None or last.direction == 0:
@@ -148,51 +152,119 @@ class Timeline:
         """When the axis comes to rest; None if only a command can stop it."""
         return self.legs[-1].end_ns if self.legs else self.start_ns
 
-    @property
+    @cached_property
     def final(self) -> int | None:
         """Where it comes to rest."""
         return self.legs[-1].final if self.legs else self.origin
 
+    @cached_property
+    def over_ns(self) -> int:
+        """From when on the axis is at rest: `end_ns` as a number."""
+        if self.mode == "HD":
+            return -NEVER_NS
+        end_ns = self.end_ns
+        return NEVER_NS if end_ns is None else end_ns
+
+    @cached_property
+    def _segments_from_ns(self) -> int:
+        """When the interpolator takes over what waits for the end of a 13h, 14h or 15h."""
+        end_ns = self.legs[0].end_ns if self.course is not None and self.segments else None
+        return NEVER_NS if end_ns is None else end_ns
+
+    def _leg_at(self, now_ns: int) -> Leg | None:
+        """The last leg that has begun."""
+        for leg in reversed(self.legs):
+            if leg.start_ns <= now_ns:
+                return leg
+        return None
+
     def position_at(self, now_ns: int) -> int:
         """The counter at that time."""
-        place = self.origin
-        for leg in self.legs:
-            if leg.start_ns > now_ns:
-                break
-            place = leg.position_at(now_ns)
-        if self.leads and self.start_ns <= now_ns and self.is_running(now_ns):
-            place += _heading(self, now_ns)
-        return place
+        leg = self._leg_at(now_ns)
+        if leg is None:
+            return self.origin
+        place = leg.position_at(now_ns)
+        return place + leg.direction if self.leads and now_ns < self.over_ns else place
+
+    def places_at(self, now_ns: int) -> tuple[int, int]:
+        """The counter at that time, if an increment counts at its end and if at its beginning."""
+        place = self.position_at(now_ns)
+        if now_ns >= self.over_ns:
+            return place, place
+        leg = self._leg_at(now_ns)
+        return place, place if leg is None else place + leg.direction
 
     def is_running(self, now_ns: int) -> bool:
         """True before the end of the motion (MACS-STATE-01)."""
-        end_ns = self.end_ns
-        return self.mode != "HD" and (end_ns is None or now_ns < end_ns)
+        return now_ns < self.over_ns
 
     def mode_at(self, now_ns: int) -> str:
         """PO, VE or IN while running, else HD."""
-        if not self.is_running(now_ns):
+        if now_ns >= self.over_ns:
             return "HD"
-        if self.course is not None and self.segments:
-            end_ns = self.legs[0].end_ns
-            return self.mode if end_ns is None or now_ns < end_ns else "IN"
-        return self.mode
+        return self.mode if now_ns < self._segments_from_ns else "IN"
 
     def waiting(self, now_ns: int) -> int:
         """How many segments are stored and not yet taken by the interpolator."""
         first = 1 if self.course is not None else 0
-        begun = sum(leg.start_ns <= now_ns for leg in self.legs[first:])
-        return len(self.segments) - begun
+        begun = len(self.legs)
+        while begun > first and self.legs[begun - 1].start_ns > now_ns:
+            begun -= 1
+        return len(self.segments) - max(0, begun - first)
+
+    def followed_by(self, segment: Segment) -> Timeline:
+        """This motion with a segment more at the end of the row."""
+        longer = replace(self, segments=(*self.segments, segment))
+        legs, end_ns, place = self.legs, self._row_end_ns, self.final
+        if not self.hit and end_ns is not None and place is not None:  # the legs so far stay
+            vars(longer)["legs"] = (*legs, longer._cut(_leg(segment, end_ns, place))[0])
+        return longer
+
+    @property
+    def _row_end_ns(self) -> int | None:
+        """When a further segment would begin; None if unknown."""
+        if not self.segments or not self.legs:
+            return self.end_ns if self.course is not None else None
+        return self.legs[-1].start_ns + self.segments[-1].duration_ns
 
     def at_rest(self, now_ns: int) -> Timeline:
         """This history, abandoned now: at rest where the axis is, everything dropped."""
-        return Timeline("HD", self.position_at(now_ns), ff=self.stopped_on(now_ns))
+        if self.mode == "HD":
+            return self
+        ff, doubt = self.stopped_on(now_ns)
+        return Timeline("HD", self.position_at(now_ns), ff=ff, doubt=doubt)
 
-    def stopped_on(self, now_ns: int) -> int:
-        """The byte ff of 21h: bit 1 superior, bit 0 inferior software stop (§5.9)."""
-        if self.mode == "HD" or self.is_running(now_ns):
-            return self.ff
-        return self.ff | {1: 0x02, -1: 0x01, 0: 0}[self.hit]
+    @cached_property
+    def _is_tied(self) -> bool:
+        """True if the motion would have been over with the very increment that led beyond a stop:
+        what ended it is not said."""
+        legs, has_course = self.legs, self.course is not None
+        if not legs or len(legs) < has_course + len(self.segments):
+            return False
+        course = self.course.profile.steps if self.course is not None else None
+        asked = abs(self.segments[-1].steps) if self.segments else course
+        return asked == legs[-1].profile.steps
+
+    def stopped_on(self, now_ns: int) -> tuple[int, int]:
+        """The byte ff of 21h, bit 1 superior, bit 0 inferior software stop (§5.9), and the bits
+        that may be set as well."""
+        if now_ns < self.over_ns or self.mode == "HD":
+            return self.ff, self.doubt
+        bit = {1: 0x02, -1: 0x01, 0: 0}[self.hit]
+        if bit and self._is_tied:
+            return self.ff, self.doubt | bit
+        return self.ff | bit, self.doubt
+
+
+def _leg(segment: Segment, start_ns: int, origin: int) -> Leg:
+    direction = (segment.steps > 0) - (segment.steps < 0) if segment.moves else 0
+    return Leg(start_ns, origin, direction, _evenly(abs(segment.steps), segment.period))
+
+
+@lru_cache(maxsize=1024)
+def _evenly(steps: int, period: int) -> Profile:
+    """The profile of one segment."""
+    return Profile((Run(steps, period),) if steps else ())
 
 
 @dataclass(frozen=True)
@@ -237,6 +309,23 @@ class Forecast:
         """Collect timelines, each once."""
         return cls(tuple(dict.fromkeys(timelines)))
 
+    @cached_property
+    def over_ns(self) -> int:
+        """From when on the axis is at rest for certain."""
+        return max([timeline.over_ns for timeline in self.timelines])
+
+    @cached_property
+    def is_in_one_place(self) -> bool:
+        """True if all histories come to rest at the same place."""
+        return len({timeline.final for timeline in self.timelines}) == 1
+
+    @cached_property
+    def rested(self) -> Forecast:
+        """What is left of it from `over_ns` on."""
+        if self.over_ns == -NEVER_NS:
+            return self
+        return Forecast.of([timeline.at_rest(self.over_ns) for timeline in self.timelines])
+
     def map(self, window: Window, change: Callable[[Timeline, int], Timeline]) -> Forecast:
         """Apply something that happened in the window to every timeline, at both edges."""
         return Forecast.of(
@@ -261,12 +350,12 @@ class Forecast:
         One step more than done is admissible: whether an increment counts at its beginning or at
         its end cannot be told on a serial line (MACS-AMB-41).
         """
-        seen = []
+        earliest_ns, latest_ns = window
+        seen: list[int] = []
         for timeline in self.timelines:
-            for edge in window.edges:
-                seen.append(timeline.position_at(edge))
-                if timeline.is_running(edge):
-                    seen.append(timeline.position_at(edge) + _heading(timeline, edge))
+            seen += timeline.places_at(earliest_ns)
+            if earliest_ns < timeline.over_ns and latest_ns != earliest_ns:
+                seen += timeline.places_at(latest_ns)
         return min(seen), max(seen)
 
     @property
@@ -284,19 +373,18 @@ class Forecast:
         assert len(known) == len(finals), "an endless motion has no final place"
         return min(known), max(known)
 
+    def ends_after(self, now_ns: int) -> list[int]:
+        """When motions, and stages of motions, will be over."""
+        ends = {leg.end_ns for timeline in self.timelines for leg in timeline.legs}
+        return sorted(end for end in ends if end is not None and end > now_ns)
+
     def modes(self, window: Window) -> frozenset[str]:
         """The states the axis may be in within the window."""
+        if window.earliest_ns >= self.over_ns:
+            return RESTING
         return frozenset(
-            timeline.mode_at(edge) for timeline in self.timelines for edge in window.edges
+            [timeline.mode_at(edge) for timeline in self.timelines for edge in window.edges]
         )
-
-
-def _heading(timeline: Timeline, now_ns: int) -> int:
-    heading = 0
-    for leg in timeline.legs:
-        if leg.start_ns <= now_ns:
-            heading = leg.direction
-    return heading
 
 
 def _ticks(timeline: Timeline, now_ns: int) -> int:

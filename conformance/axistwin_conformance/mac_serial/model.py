@@ -19,6 +19,8 @@ from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.acceptance import ACCEPTANCE, RUNNING, outcome_of
 from axistwin_conformance.mac_serial.codec import Kind
 from axistwin_conformance.mac_serial.forecast import (
+    NEVER_NS,
+    RESTING,
     ROUNDINGS,
     Forecast,
     Segment,
@@ -33,6 +35,9 @@ MOTIONS: Final = (0x13, 0x14, 0x15)
 SEGMENTS: Final = (0x16, 0x1E)
 DROPPING: Final = (0x17, 0x18, 0x1A)
 REINITIALISE: Final = 0x00
+NOT_BUSY: Final = frozenset({False})
+STOPPING: Final = frozenset(DROPPING)
+ACTING: Final = frozenset({*MOTIONS, *SEGMENTS, *DROPPING, REINITIALISE, 0x0B, 0x11})  # on the axis
 
 
 @dataclass(slots=True)
@@ -106,6 +111,8 @@ class AxisModel:
     is_armed: bool = False
     preloaded: int | None = None  # index of the motion held back
     preload_parameter: int = 0
+    _cells: dict[tuple[int, str], str] = field(default_factory=dict)
+    _rounded: tuple[Law, ...] | None = None
 
     @property
     def leads(self) -> bool:
@@ -118,6 +125,12 @@ class AxisModel:
         """The states of the acceptance table the module may be in."""
         return frozenset(self._state(mode) for mode in self.forecast.modes(window))
 
+    def name_of(self, modes: frozenset[str]) -> str:
+        """What the states that the axis may be in are called in reports."""
+        if modes is RESTING:
+            return self._state("HD")
+        return "/".join(sorted([self._state(mode) for mode in modes]))
+
     def _state(self, mode: str) -> str:
         if mode != "HD":
             return mode
@@ -125,45 +138,68 @@ class AxisModel:
 
     def outcomes(self, index: int, parameter: int, window: Window) -> dict[Kind, Forecast]:
         """Every admissible reply to a command taken over in the window, with what follows."""
+        if window.earliest_ns >= self.forecast.over_ns:
+            return self._outcomes_at_rest(index, parameter, window)
         branches: dict[Kind, list[Timeline]] = {}
         for timeline in self.forecast.timelines:
             for edge in window.edges:
-                kind, successors = self._branch(timeline, edge, index, parameter)
-                branches.setdefault(kind, []).extend(successors)
+                mode = timeline.mode_at(edge)
+                now = timeline.at_rest(edge) if mode == "HD" else timeline
+                kind = self._reply(now, edge, index, parameter, self._state(mode))
+                followers = branches.setdefault(kind, [])
+                if kind is Kind.ACCEPTED and index in ACTING:
+                    followers += self._effect(now, edge, index, parameter)
+                elif not followers or followers[-1] is not now:
+                    followers.append(now)
         return {kind: Forecast.of(timelines) for kind, timelines in branches.items()}
 
-    def _branch(
-        self, timeline: Timeline, edge: int, index: int, parameter: int
-    ) -> tuple[Kind, list[Timeline]]:
-        mode = timeline.mode_at(edge)
-        now = timeline if mode != "HD" else timeline.at_rest(edge)
-        kind = self._reply(now, edge, index, parameter, self._state(mode))
-        if kind is not Kind.ACCEPTED:
-            return kind, [now]
-        return kind, self._effect(now, edge, index, parameter)
+    def _outcomes_at_rest(self, index: int, parameter: int, window: Window) -> dict[Kind, Forecast]:
+        """The same for an axis at rest: there is one reply, and only a start needs both edges."""
+        rested, earliest_ns = self.forecast.rested, window.earliest_ns
+        kind = self._reply(rested.timelines[0], earliest_ns, index, parameter, self._state("HD"))
+        if kind is not Kind.ACCEPTED or index not in ACTING or index in STOPPING:
+            return {kind: rested}
+        return {
+            kind: Forecast.of(
+                [
+                    follower
+                    for timeline in rested.timelines
+                    for edge in window.edges
+                    for follower in self._effect(timeline, edge, index, parameter)
+                ]
+            )
+        }
+
+    def _content(self, index: int, state: str) -> str:
+        """The cell of the acceptance table, in the readings of this device."""
+        content = self._cells.get((index, state))
+        if content is None:
+            content = ACCEPTANCE[index].cell(state)
+            for other, switch, number in ACCEPTANCE[index].readings(state):
+                if self.readings.get(switch) == number:
+                    content = other
+            self._cells[index, state] = content
+        return content
 
     def _reply(self, now: Timeline, edge: int, index: int, parameter: int, state: str) -> Kind:
-        content = ACCEPTANCE[index].cell(state)
-        for other, switch, number in ACCEPTANCE[index].readings(state):
-            if self.readings.get(switch) == number:
-                content = other
+        content = self._content(index, state)
         if index == 0x03 and parameter & 0xFF == 1 and state in RUNNING:
             content = "R"  # the one value that both lists mark
         if index == 0x15 and self._is_reversal(now, state, parameter):
             content = "R"
         if content == "R":
             return Kind.REFUSED
-        if index in SETTINGS:
-            setting = SETTINGS[index]
+        setting = SETTINGS.get(index)
+        if setting is not None:
             if not setting.is_valid(setting.value(parameter), self.parameters):
                 return Kind.REFUSED
-        if index in SEGMENTS and not parameter & 0xFFFF:
-            return Kind.REFUSED
-        if index in SEGMENTS and self._is_full(now, edge):
-            return Kind.REFUSED
-        if index == 0x13 and not -TARGET_EDGE <= codec.signed(parameter) < TARGET_EDGE:
-            return Kind.REFUSED
-        if index == 0x07 and parameter & 0xFF > 1:
+        elif index in SEGMENTS:
+            if not parameter & 0xFFFF or self._is_full(now, edge):
+                return Kind.REFUSED
+        elif index == 0x13:
+            if not -TARGET_EDGE <= codec.signed(parameter) < TARGET_EDGE:
+                return Kind.REFUSED
+        elif index == 0x07 and parameter & 0xFF > 1:
             return Kind.REFUSED
         return outcome_of(content)
 
@@ -184,7 +220,8 @@ class AxisModel:
     def _effect(self, now: Timeline, edge: int, index: int, parameter: int) -> list[Timeline]:
         is_resting = now.mode_at(edge) == "HD"
         if index in MOTIONS and is_resting and self.is_armed:
-            return [now, replace(now, ff=0)]  # accepted now, or when 11h comes: ff may stay so long
+            # Accepted now, or when 11h comes: ff may stay so long.
+            return [now, replace(now, ff=0, doubt=0)]
         if index in MOTIONS:
             return self._motion(now, edge, index, parameter, is_resting)
         if index in SEGMENTS:
@@ -195,7 +232,7 @@ class AxisModel:
             return list(Forecast((now,)).stopped(Window(edge, edge)).timelines)
         if index in (0x18, 0x1A, REINITIALISE):
             rest = now.at_rest(edge)
-            return [replace(rest, ff=0) if index == REINITIALISE else rest]
+            return [replace(rest, ff=0, doubt=0) if index == REINITIALISE else rest]
         if index == 0x0B:
             return [replace(now, origin=now.origin - now.position_at(edge))]
         return [now]
@@ -219,29 +256,29 @@ class AxisModel:
         if index == 0x15:
             period = parameter & 0xFFFF
             if not period:
-                return [now, replace(now, ff=0)]
+                return [now, replace(now, ff=0, doubt=0)]
             direction = _way(parameter)
             courses = [
-                Course.endless(period, one.coefficient, replace(self.law, rounding=rounding))
-                for rounding in ROUNDINGS
+                Course.endless(period, one.coefficient, law) for law in self._laws(one.coefficient)
             ]
         else:
             target = 0 if index == 0x14 else codec.signed(parameter)
             direction = (target > origin) - (target < origin)
             courses = [
-                Course.to_position(
-                    abs(target - origin),
-                    one.period,
-                    one.coefficient,
-                    replace(self.law, rounding=rounding),
-                )
-                for rounding in ROUNDINGS
+                Course.to_position(abs(target - origin), one.period, one.coefficient, law)
+                for law in self._laws(one.coefficient)
             ]
         mode = "VE" if index == 0x15 else "PO"
         return [
             Timeline(mode, origin, edge, direction, course, stops=one.limits, leads=self.leads)
             for course in courses
         ]
+
+    def _laws(self, coefficient: int) -> tuple[Law, ...]:
+        """Both roundings of the periods of a ramp; without ramp nothing is rounded."""
+        if self._rounded is None:
+            self._rounded = tuple(replace(self.law, rounding=one) for one in ROUNDINGS)
+        return self._rounded if coefficient else self._rounded[:1]
 
     def _segment(
         self, now: Timeline, index: int, parameter: int, edge: int, is_resting: bool
@@ -252,13 +289,12 @@ class AxisModel:
             origin = now.position_at(edge)
             stops = self.parameters.limits
             return Timeline("IN", origin, edge, segments=(one,), stops=stops, leads=self.leads)
-        return replace(now, segments=(*now.segments, one))
+        return now.followed_by(one)
 
     # --- learning ---------------------------------------------------------------------------------
 
     def learn(self, index: int, parameter: int, kind: Kind, after: Forecast) -> None:
         """Take over that the command got this (admissible) reply."""
-        was_resting = all(one.mode == "HD" for one in after.timelines)
         self.forecast = after
         if kind is not Kind.ACCEPTED:
             return
@@ -267,7 +303,7 @@ class AxisModel:
             setattr(self.parameters, setting.name, setting.value(parameter))
         elif index == 0x10:
             self.is_armed = True
-        elif index in MOTIONS and self.is_armed and was_resting:
+        elif index in MOTIONS and self.is_armed and after.over_ns == -NEVER_NS:
             self.preloaded, self.preload_parameter = index, parameter
         elif (
             index in DROPPING
@@ -282,33 +318,45 @@ class AxisModel:
 
     def learn_position(self, position: int, window: Window) -> None:
         """An axis surely at rest is where it says, if that was admissible."""
-        if self.forecast.modes(window) == {"HD"}:
-            ff = {timeline.stopped_on(window.latest_ns) for timeline in self.forecast.timelines}
-            self.forecast = Forecast.of(Timeline("HD", position, ff=bits) for bits in ff)
+        if window.earliest_ns >= self.forecast.over_ns:
+            timelines = self.forecast.rested.timelines
+            self.forecast = Forecast.of([replace(one, origin=position) for one in timelines])
 
     def stopped_on(self, window: Window) -> frozenset[int]:
         """The admissible values of ff."""
-        return frozenset(
+        told = [
             timeline.stopped_on(edge)
             for timeline in self.forecast.timelines
             for edge in window.edges
-        )
+        ]
+        return frozenset([ff for ff, _ in told] + [ff | doubt for ff, doubt in told])
+
+    def learn_status(self, ff: int, window: Window) -> None:
+        """What an axis surely at rest has told of its stops, stays so until the next motion."""
+        if window.earliest_ns >= self.forecast.over_ns:
+            timelines = self.forecast.rested.timelines
+            self.forecast = Forecast.of([replace(one, ff=ff, doubt=0) for one in timelines])
 
     def busy(self, window: Window) -> frozenset[bool]:
         """The admissible values of busy (MACS-BUSY-01)."""
+        if window.earliest_ns >= self.forecast.over_ns:
+            return NOT_BUSY
         return frozenset(
-            self._is_busy(timeline, edge, shift)
-            for timeline in self.forecast.timelines
-            for edge in window.edges
-            for shift in (0, 1)
+            [
+                left > self.parameters.tolerance
+                for timeline in self.forecast.timelines
+                for edge in window.edges
+                for left in _steps_left(timeline, edge)
+            ]
         )
 
-    def _is_busy(self, timeline: Timeline, edge: int, shift: int) -> bool:
-        if timeline.mode_at(edge) != "PO" or timeline.course is None:
-            return False
-        steps = timeline.course.profile.steps or 0
-        done = abs(timeline.position_at(edge) - timeline.origin)
-        return steps - done - shift > self.parameters.tolerance
+
+def _steps_left(timeline: Timeline, edge: int) -> tuple[int, ...]:
+    """Increments to the target of a 13h or 14h, counted at the end or the beginning of each."""
+    if timeline.course is None or timeline.mode_at(edge) != "PO":
+        return (-1,)
+    left = (timeline.course.profile.steps or 0) - abs(timeline.position_at(edge) - timeline.origin)
+    return left, left - 1
 
 
 def _way(parameter: int) -> int:

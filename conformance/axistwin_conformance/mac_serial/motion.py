@@ -19,7 +19,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import accumulate, pairwise
 from typing import Final
 
@@ -115,9 +115,11 @@ class Profile:
         """The first `steps` increments only."""
         left, kept = steps, []
         for run in self.runs:
-            take = left if run.count is None else min(left, run.count)
-            kept.append(Run(take, run.period))
-            left -= take
+            if run.count is None or run.count > left:
+                kept.append(Run(left, run.period))
+                break
+            kept.append(run)
+            left -= run.count
         return Profile(_tidy(kept))
 
     def then(self, more: Iterable[Run]) -> Profile:
@@ -127,12 +129,15 @@ class Profile:
 
 
 def _tidy(runs: Iterable[Run]) -> tuple[Run, ...]:
-    return tuple(run for run in runs if run.count is None or run.count > 0)
+    return tuple([run for run in runs if run.count is None or run.count > 0])
 
 
 # --- the ramp ------------------------------------------------------------------------------------
+#
+# The same few ramps are asked for all the time, and each motion twice: at both edges of a window.
 
 
+@lru_cache(maxsize=1024)
 def ramp(period: int, coefficient: int, law: Law) -> tuple[Run, ...]:
     """The climb from rest to `period`: levels of k/16 of the full speed (§5.2)."""
     if law.ramp == "equal_time":
@@ -155,6 +160,13 @@ def _mirrored(runs: Sequence[Run]) -> list[Run]:
     return list(reversed(runs))
 
 
+@lru_cache(maxsize=1024)
+def _descent(base: int, coefficient: int, law: Law, climbed: int) -> list[Run]:
+    """The way down from the level that `climbed` increments of a ramp lead to."""
+    return _mirrored(Profile(ramp(base, coefficient, law)).first(climbed).runs)
+
+
+@lru_cache(maxsize=1024)
 def move(distance: int, period: int, coefficient: int, law: Law) -> Profile:
     """A point-to-point move over `distance` ≥ 0 increments: T(i) of §5.3."""
     climb = Profile(ramp(period, coefficient, law))
@@ -168,6 +180,7 @@ def move(distance: int, period: int, coefficient: int, law: Law) -> Profile:
     return Profile(_tidy([*rising.runs, cruise, *_mirrored(falling.runs)]))
 
 
+@lru_cache(maxsize=1024)
 def climb_and_cruise(period: int, coefficient: int, law: Law) -> Profile:
     """The endless motion of 15h from rest: climb, then `period` for ever (§5.7)."""
     return Profile((*ramp(period, coefficient, law), Run(None, period)))
@@ -255,8 +268,8 @@ class Course:
             base = self.profile.period_of(done - 1)  # from the level in use
         if self.law.stop == "ramp_length":
             climbed = ramp_increments(self.coefficient)
-        descent = Profile(ramp(base, self.coefficient, self.law)).first(climbed)
-        profile = self.profile.first(done).then(_mirrored(descent.runs))
+        descent = _descent(base, self.coefficient, self.law, climbed)
+        profile = self.profile.first(done).then(descent)
         return replace(self, profile=profile, descent_at=done, distance=None)
 
     def changed(self, ticks: int, period: int) -> Course:

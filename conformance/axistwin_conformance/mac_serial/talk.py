@@ -131,7 +131,7 @@ class Talk:
         self._note_spelling(reply)
         return Exchange(data, reply, taken)
 
-    def exchange(self, data: bytes, size: int, timeout_s: float) -> Exchange:
+    def exchange(self, data: bytes, size: int, timeout_s: float) -> tuple[Reply, Window]:
         """What `send` does, at a fraction of its cost, where the target allows it
         (`Target.is_direct`); `size`: of the reply if all goes well."""
         sent_ns, received, done_ns = self.target.exchange(data, size, timeout_s)
@@ -139,7 +139,7 @@ class Talk:
         if reply.final not in self._noted:
             self._noted.add(reply.final)
             self._note_spelling(reply)
-        return Exchange(data, reply, self._window(sent_ns, len(data), len(received), done_ns))
+        return reply, self._window(sent_ns, len(data), len(received), done_ns)
 
     def _window(self, sent_ns: int, sent: int, received: int, done_ns: int) -> Window:
         """When the module can have taken over a request of `sent` bytes."""

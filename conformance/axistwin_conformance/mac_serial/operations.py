@@ -1,0 +1,250 @@
+"""The operations of a sequence: what four bytes can mean.
+
+An operation is (what, first, second, pause): `what` picks a line of `OPERATIONS`, `first` and
+`second` its arguments, and `pause` a wait after it.  Any four bytes are an operation; what the
+state of the model does not allow is replaced by a stop or a query.  Lines are only ever appended:
+a recorded sequence keeps its meaning as long as the table is not longer than what it names.
+
+Left out because the ledger does not say what happens: 15h while segments run and 10h while
+anything runs (each has a check of its own); segments while armed; 0Bh in a move (AMB-53).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from axistwin_conformance.mac_serial.bench import segment, velocity
+from axistwin_conformance.mac_serial.codec import Kind
+from axistwin_conformance.mac_serial.model import DROPPING, MOTIONS, SEGMENTS
+
+if TYPE_CHECKING:
+    from axistwin_conformance.mac_serial.sequences import Sequence
+
+Act = Callable[["Sequence", int, int], None]
+
+PERIODS: Final = (0x0640, 0x0800, 0x1000, 0x1800, 0x2000, 0x4000, 0xFFFF)
+COEFFICIENTS: Final = (0, 0, 1, 1, 2, 3, 5)
+# How far before or after the predicted end of something the next request is taken over.
+OFFSETS_NS: Final = (0, -1_000_000, 1_000_000, -3_000_000, 3_000_000, -300_000, 300_000, 10_000_000)
+
+# Where a device follows another reading than the default and the ledger gives no exact rule for
+# it, the operations that would need one are left out.
+UNRULED_SEGMENTS: Final = ("fifo_underrun", "abort_flush", "segment_zero_steps")
+UNRULED_SYNC: Final = ("preload_policy", "abort_flush", "sync_arm_lifetime")
+UNRULED_CHANGES: Final = ("vel_change_law", "ramp_law", "vel_reverse_cmd")
+UNRULED_RAMPED_STOPS: Final = ("stop_ramp_law", "ramp_law")
+UNRULED_RESTARTS: Final = ("persist_modes",)
+
+
+@dataclass(frozen=True, slots=True)
+class Operation:
+    """One line of the table: what it is called in reports, and what it does."""
+
+    name: str
+    act: Act
+
+
+def _move(run: Sequence, first: int, second: int) -> None:
+    run.command(0x13, run.place(first))
+
+
+def _nudge(run: Sequence, first: int, second: int) -> None:
+    run.command(0x13, run.here() + first % 21 - 10)
+
+
+def _home(run: Sequence, first: int, second: int) -> None:
+    is_near = abs(run.home - run.offset) <= run.room
+    is_ruled = run.is_resting or run.follows("motion_lock_set")
+    run.command(0x14) if is_near and is_ruled else run.query(0x20)
+
+
+def _turn(run: Sequence, first: int, second: int) -> None:
+    if run.has_segments or not (run.is_resting or run.follows(*UNRULED_CHANGES)):
+        run.command(0x18)
+        return
+    period = max(PERIODS[second % len(PERIODS)], run.fastest)
+    if not run.may_change() or not run.has_room(period):
+        run.command(0x18)
+        return
+    run.command(0x15, velocity(run.way(first), period))
+
+
+def _turn_off(run: Sequence, first: int, second: int) -> None:
+    is_ruled = run.is_resting or run.follows(*UNRULED_RAMPED_STOPS, "vel_reverse_cmd")
+    if run.has_segments or run.is_held or not is_ruled or not run.may_change():
+        run.command(0x18)
+        return
+    run.command(0x15, velocity(run.way(first), 0))
+
+
+def _ramped_stop(run: Sequence, first: int, second: int) -> None:
+    is_ruled = run.follows(*UNRULED_RAMPED_STOPS)
+    is_ruled &= not run.has_segments or run.known("stop17_in_interp") < 2
+    run.command(0x17 if run.is_resting or (is_ruled and run.may_change()) else 0x18)
+
+
+def _segment(index: int) -> Act:
+    def send(run: Sequence, first: int, second: int) -> None:
+        is_ruled = run.follows(*UNRULED_SEGMENTS)
+        is_ruled &= run.is_resting or run.known("interp_during_profile") < 2
+        if run.is_held or not is_ruled:
+            run.query(0x20)
+            return
+        period = max(PERIODS[second % len(PERIODS)], run.fastest)
+        is_zero = second == 0xFF and run.follows("segment_zero_period")
+        steps = first % 65 - 32
+        steps = abs(steps) if run.known("segment_signed") else steps
+        run.command(index, segment(steps, 0 if is_zero else period))
+
+    return send
+
+
+def _sync(index: int) -> Act:
+    def send(run: Sequence, first: int, second: int) -> None:
+        is_ruled = run.is_resting and run.follows(*UNRULED_SYNC)
+        run.command(index if is_ruled else 0x18)
+
+    return send
+
+
+def _set(index: int, value: Callable[[Sequence, int], int]) -> Act:
+    def send(run: Sequence, first: int, second: int) -> None:
+        if not run.is_resting and not run.follows("motion_lock_set"):
+            run.query(0x20)  # what a new speed or ramp does to a running motion is not said
+            return
+        run.command(index, value(run, first))
+
+    return send
+
+
+def _clear(run: Sequence, first: int, second: int) -> None:
+    if run.is_fenced:
+        run.command(0x18)  # so that the place is known exactly, and the envelope stays where it is
+    run.query(0x20)
+    if not run.is_resting or abs(run.home) > run.room:
+        return
+    before = run.here()
+    run.command(0x0B)
+    run.offset += before
+
+
+def _at_rest(index: int) -> Act:
+    def send(run: Sequence, first: int, second: int) -> None:
+        run.command(index if run.is_resting else 0x18)
+
+    return send
+
+
+def _query(run: Sequence, first: int, second: int) -> None:
+    run.query(0x20 + first % 10)
+
+
+def _unassigned(run: Sequence, first: int, second: int) -> None:
+    if run.known("unknown_index") > 1:
+        return
+    run.command((0x04, 0x05, 0x06, 0x12, 0x1D, 0x1F, 0x2A, 0x2F)[first % 8], second)
+
+
+def _spoilt(run: Sequence, first: int, second: int) -> None:
+    index = (*MOTIONS, *SEGMENTS, *DROPPING, 0x0B, 0x0D, 0x20)[first % 11]
+    frame = run.bench.frame(index, 0x00101000)
+    run.lost(frame.with_wrong_checksum(second % 0xFF + 1), Kind.NACK)
+
+
+def _astray(run: Sequence, first: int, second: int) -> None:
+    session = run.bench.session
+    taken = {session.address, *session.neighbours}
+    other = next(one for one in range(first % 0x70, 0x80) if one not in taken)
+    index = (*DROPPING, 0x13, 0x20)[second % 5]
+    if session.envelope.is_fenced and index == 0x13:
+        index = 0x20  # a module that nobody has named might be there and move
+    run.lost(run.bench.frame(index, 0, address=other), Kind.SILENCE)
+
+
+def _restart(run: Sequence, first: int, second: int) -> None:
+    is_cheap = run.bench.target.is_virtual and first < 0x40
+    run.restart() if is_cheap and run.follows(*UNRULED_RESTARTS) else run.query(0x26)
+
+
+def _wait(run: Sequence, first: int, second: int) -> None:
+    run.pause(first / 1000)
+
+
+def _wait_for_instant(run: Sequence, first: int, second: int) -> None:
+    """Let the next request be taken over about the end of the motion or of a stage of it."""
+    run.pause_until_taken(first, OFFSETS_NS[second % len(OFFSETS_NS)])
+
+
+def _stop_near(index: int, way: int) -> Act:
+    def send(run: Sequence, first: int, second: int) -> None:
+        if not run.is_resting and not run.follows("motion_lock_set"):
+            run.query(0x20)
+            return
+        run.command(index, run.here() + way * (first % 0x40))
+
+    return send
+
+
+def _move_to_stop(run: Sequence, first: int, second: int) -> None:
+    limits = run.model.parameters.limits
+    if limits is None:
+        run.command(0x13, run.place(first))
+        return
+    target = limits[first & 1] + second % 5 - 2
+    is_near = abs(run.shaft(target) - run.home) <= run.room
+    run.command(0x13, target if is_near else run.place(second))
+
+
+def _tell(index: int) -> Act:
+    return lambda run, first, second: run.command(index)
+
+
+def _ask_position(run: Sequence, first: int, second: int) -> None:
+    run.query(0x20)
+
+
+OPERATIONS: Final[tuple[Operation, ...]] = (
+    Operation("ask the position", _ask_position),
+    Operation("move", _move),
+    Operation("wait", _wait),
+    Operation("turn", _turn),
+    Operation("segment", _segment(0x16)),
+    Operation("ramped stop", _ramped_stop),
+    Operation("stop", _tell(0x18)),
+    Operation("virtual segment", _segment(0x1E)),
+    Operation("nudge", _nudge),
+    Operation("arm", _sync(0x10)),
+    Operation("trigger", _sync(0x11)),
+    Operation("turn at speed 0", _turn_off),
+    Operation("ask", _query),
+    Operation("move", _move),
+    Operation("segment", _segment(0x16)),
+    Operation("ask the position", _ask_position),
+    Operation("set the period", _set(0x0D, lambda run, first: run.period(first))),
+    Operation("set the ramp", _set(0x0F, lambda run, first: COEFFICIENTS[first % 7])),
+    Operation("set the tolerance", _set(0x1C, lambda run, first: (0, 0, 1, 10, 100)[first % 5])),
+    Operation("set the catch-up", _set(0x0E, lambda run, first: first << 8)),
+    Operation("set the torque", _set(0x0C, lambda run, first: run.torque(first))),
+    Operation(
+        "set the standby", _set(0x02, lambda run, first: run.value((0, 0, 2, 0x10), (0,), first))
+    ),
+    Operation("enable the stops", _set(0x03, lambda run, first: run.stops(first))),
+    Operation("set the superior stop", _set(0x09, lambda run, first: run.place(first))),
+    Operation("set the inferior stop", _set(0x0A, lambda run, first: run.place(first))),
+    Operation("clear the counter", _clear),
+    Operation("power off", _at_rest(0x1A)),
+    Operation("power on", _tell(0x19)),
+    Operation("move to 0", _home),
+    Operation("send an unassigned index", _unassigned),
+    Operation("spoil a checksum", _spoilt),
+    Operation("call another address", _astray),
+    Operation("restart", _restart),
+    Operation("wait for an instant", _wait_for_instant),
+    Operation("set the superior stop near", _stop_near(0x09, 1)),
+    Operation("set the inferior stop near", _stop_near(0x0A, -1)),
+    Operation("move to a stop", _move_to_stop),
+)
+
+WHAT: Final = {one.name: number for number, one in reversed(list(enumerate(OPERATIONS)))}
