@@ -199,6 +199,15 @@ class Bench(Talk):
             slow = "no motion is slow enough" if period == SLOWEST else "it is a matter of speed"
             raise OutsideEnvelope(slow, "--max-speed", speed)
 
+    def slowed(self, period: int) -> int:
+        """That period, or the shortest the envelope allows."""
+        self.needs_speed(SLOWEST)
+        return max(period, self.fastest)
+
+    def needs_room(self, increments: int, reason: str) -> None:
+        """Leave the check, or the probe, if nobody may go that far from where `ready` ends."""
+        self.needs_travel(-(-increments * 8 // 7), reason)  # an eighth may be used up already
+
     def needs_travel(self, increments: int, reason: str) -> None:
         """Leave the check, or the probe, if so many increments are too many for the envelope."""
         envelope = self.session.envelope

@@ -270,7 +270,7 @@ def general_commands_are_executed_by_all(session: Session) -> None:
     first = everybody[0]
     before = [(bench.ready(0x1000), bench.value(0x25), bench.value(0x26)) for bench in everybody]
     try:
-        period = max(0x0ABC, first.fastest)
+        period = first.slowed(0x0ABC)
         for index, parameter in ((0x0D, period), (0x0F, 2)):
             _general_reply(first, general(first, index, parameter))
         for bench in everybody:

@@ -53,6 +53,8 @@ def moves_take_the_time_of_the_closed_form(session: Session) -> None:
 def long_moves_take_the_time_of_the_closed_form(session: Session) -> None:
     """The ledger's longer examples at 10000 inc/s, and a ramp longer than the move."""
     bench = Bench(session)
+    shortest = min(distance for distance, _ in LONG_TABLE)
+    bench.needs_travel(2 * shortest, f"moves of {shortest} increments and more")
     for distance, coefficient in LONG_TABLE:
         if distance > bench.room():
             continue
@@ -205,6 +207,7 @@ def busy_ends_within_the_tolerance(session: Session) -> None:
 def a_ramped_stop_in_full_motion_takes_one_ramp(session: Session) -> None:
     """17h in cruise comes to rest one ramp further on, on the ramp, and stays there."""
     bench = Bench(session)
+    bench.needs_room(4 * ramp_increments(1) + 400, "a ramp, full speed and a ramp again")
     for coefficient in (1, 3):
         start = bench.ready(0x0640, coefficient)
         target = start + 4 * ramp_increments(coefficient) + 400

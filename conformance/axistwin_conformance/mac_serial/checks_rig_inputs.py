@@ -28,6 +28,7 @@ from axistwin_conformance.session import Session
 STOP_INPUTS: Final = ("rig:positive_stop", "rig:negative_stop")
 REFERENCE: Final = ("rig:reference",)
 CATCH_UP_NS: Final = 200_000  # per increment and unit of 0Eh
+EDGES_S: Final = 0.6  # a motion under which the contact is worked four times
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,10 +240,11 @@ def _edge(bench: RigBench, moving: Forecast, origin: Origin, active: bool) -> bo
 def opening_the_reference_contact_zeroes_the_counter(session: Session) -> None:
     """In positive motion each opening of the contact makes the counter 0; motion goes on."""
     bench = RigBench(session)
+    distance = min(bench.room(), 2 * bench.reach)
     for way in bench.ways:
-        bench.begin()
+        bench.begin(bench.lasting(distance, EDGES_S))
         with bench.own_origin() as origin, bench.reference_enabled():
-            moving = way.begin(bench, 0, min(bench.room(), 2 * bench.reach))
+            moving = way.begin(bench, 0, distance)
             edges = (True, False, True, False) if bench.rig.is_exact else (True, False)
             zeroed = [_edge(bench, moving, origin, active) for active in edges]
             half = len(edges) // 2
@@ -301,12 +303,13 @@ def judge_no_edge(bench: RigBench, origin: Origin, requirement: str) -> None:
 def negative_motion_ignores_the_reference(session: Session) -> None:
     """In negative motion neither edge of the contact changes the counter."""
     bench = RigBench(session)
+    distance = min(bench.room(), 2 * bench.reach)
     for way in bench.ways:
         if not bench.can_go(way, -1):
             continue
-        bench.begin()
+        bench.begin(bench.lasting(distance, EDGES_S))
         with bench.own_origin() as origin, bench.reference_enabled():
-            moving = way.begin(bench, 0, -min(bench.room(), 2 * bench.reach))
+            moving = way.begin(bench, 0, -distance)
             for active in (True, False):
                 bench.wait(0.06)
                 bench.in_time(moving, bench.contact("reference", active))

@@ -175,8 +175,8 @@ def endless_motion_and_segments_are_busy_while_held(session: Session) -> None:
     for way in bench.ways:
         if way.name == "13h":
             continue
-        start = bench.begin()
         distance = bench.room() if bench.rig.is_exact else bench.reach
+        start = bench.begin(bench.lasting(distance, 0.2 + 2 * LAG_SHOWS_S))
         moving = way.begin(bench, start, distance)
         bench.wait(0.1)
         session.expect(
@@ -263,7 +263,9 @@ def an_unpowered_shaft_is_still_counted(session: Session) -> None:
     start = bench.begin()
     bench.finish(bench.go(start + 20))
     bench.accepted(0x1A)
-    for asked in (200, -350, 120):
+    bench.needs_travel(20, "room to turn the shaft by hand")
+    for share in (20, -35, 12):  # of what is left of the envelope
+        asked = share * min(bench.room(), 1000) // 100
         before = bench.position()
         bench.rig.turn_shaft(asked)
         bench.wait(0.3)

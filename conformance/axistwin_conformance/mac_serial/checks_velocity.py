@@ -55,7 +55,7 @@ def velocity_climbs_and_cruises_on_time(session: Session) -> None:
             bench.wait(0.06)
             bench.follow(forecast, "MACS-CMD-15-01", bench.allowance(period))
         kept = bench.value(0x25) & 0xFFFF
-        wanted = max(0x0777, bench.fastest)
+        wanted = bench.slowed(0x0777)
         session.expect(kept == wanted, "MACS-CMD-15-05", f"{wanted:04X} in 25h", f"{kept:04X}")
         bench.at_rest()
 
@@ -98,7 +98,7 @@ def speed_changes_follow_the_closed_form(session: Session) -> None:
     for coefficient in (0, 1, 2):
         bench.ready(0x0800, coefficient)
         forecast = bench.turn(1, 0x1800)
-        for period in (max(0x0600, bench.fastest), 0x2000):
+        for period in (bench.slowed(0x0600), 0x2000):
             bench.wait(0.06)
             taken = bench.accepted(0x15, velocity(1, period), requirement="MACS-CMD-15-02").taken
             forecast = forecast.changed(taken, period)

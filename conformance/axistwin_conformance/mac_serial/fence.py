@@ -460,6 +460,16 @@ class Fence:
         room = min(rooms) - _braking(axis.speed) - 1
         return axis.since_ns + room * 1_000_000_000 // axis.speed - MARGIN_NS
 
+    def needed(self, wait_ns: int) -> int:
+        """How far from where they were found endless motions lead if they go on for so long."""
+        far = [0]
+        for axis in self.axes.values():
+            if axis.speed:
+                low, high = axis.grown(self._deadline_of(axis) + wait_ns).reach
+                margin = _braking(axis.speed) + axis.speed * 2 * MARGIN_NS // 1_000_000_000
+                far.append(max(-low, high) + margin)
+        return max(far)
+
     def stop(self) -> tuple[bytes, ...]:
         """The frames that end what may be running, to each axis."""
         return tuple(

@@ -279,7 +279,7 @@ def vel_change_law(bench: Bench) -> Outcome:
     if bench.known("ramp_law"):
         return _change_by_length(bench)
     bench.ready(0x0800, 2)
-    before, after = 0x1000, max(0x0A00, bench.fastest)
+    before, after = 0x1000, bench.slowed(0x0A00)
     origin = bench.position()
     start = bench.accepted(0x15, velocity(1, before))
     bench.wait(240 * 2 * before * TICK_NS / 1e9 + 0.03)
@@ -308,7 +308,7 @@ def _change_by_length(bench: Bench) -> Outcome:
     """The same on ramps of equal increments, for which the ledger has no formula of a change: only
     a change without any ramp shows, at the next increment."""
     bench.ready(0x0800, 2)
-    before, after = 0x1000, max(0x0A00, bench.fastest)
+    before, after = 0x1000, bench.slowed(0x0A00)
     bench.accepted(0x15, velocity(1, before))
     bench.wait(420 * 2 * before * TICK_NS / 1e9 + 0.03)
     bench.accepted(0x15, velocity(1, after))

@@ -61,11 +61,12 @@ def excessive_torque(bench: Bench, imax: int, value: int) -> int | str:
 @probe(safety="stored")
 def zero_period_0d(bench: Bench) -> Outcome:
     """0Dh 0000, then 25h."""
-    bench.accepted(0x0D, 0x0777)
+    slow = bench.slowed(0x0777)
+    bench.accepted(0x0D, slow)
     kind = bench.command(0x0D, 0).kind
     after = bench.value(0x25) & 0xFFFF
-    bench.accepted(0x0D, 0x0777)  # nothing may move at a period of one tick
-    if kind is Kind.REFUSED and after == 0x0777:
+    bench.accepted(0x0D, slow)  # nothing may move at a period of one tick
+    if kind is Kind.REFUSED and after == slow:
         return 0
     if kind is Kind.ACCEPTED and after in (0, 1):
         return 1

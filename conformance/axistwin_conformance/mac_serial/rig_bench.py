@@ -22,11 +22,12 @@ from axistwin_conformance.mac_serial.bench import (
 )
 from axistwin_conformance.mac_serial.codec import Kind
 from axistwin_conformance.mac_serial.forecast import Forecast, Segment, Window
-from axistwin_conformance.mac_serial.motion import TICK_NS
+from axistwin_conformance.mac_serial.motion import TICK_NS, TICKS_PER_SECOND
 from axistwin_conformance.rig import Rig
 from axistwin_conformance.session import Session
 
 WORKED: Final = ("motion", "stored", "rig")  # the safety of a check that moves and works a rig
+EXACT_REACH: Final = 300  # increments
 EXACT_PERIOD: Final = 0x2000  # 1.024 ms per increment: a step is longer than a reply is late
 OVER_VOLTAGE, UNDER_VOLTAGE = 0x40, 0x20  # the warnings in dd
 HARD_POSITIVE, HARD_NEGATIVE = 0x08, 0x04  # bits of ff
@@ -63,13 +64,25 @@ class RigBench(Bench):
 
     @property
     def pace(self) -> int:
-        """The period of motions under which the rig does something."""
-        return EXACT_PERIOD if self.rig.is_exact else SLOWEST
+        """The period of motions under which the rig does something: they last long enough."""
+        if not self.rig.is_exact:
+            return SLOWEST
+        return min(SLOWEST, max(EXACT_PERIOD, EXACT_PERIOD * EXACT_REACH // max(1, self.reach)))
+
+    def lasting(self, increments: int, seconds: float) -> int:
+        """The pace, or a slower one with which so many increments take so long."""
+        if not self.rig.is_exact:
+            return self.pace
+        period = round(seconds * TICKS_PER_SECOND / max(1, increments))
+        if period > SLOWEST:
+            room = round(seconds * TICKS_PER_SECOND / SLOWEST) + 1
+            self.needs_travel(2 * room, f"a motion that takes {seconds:.1f} s")
+        return max(self.pace, min(period, SLOWEST))
 
     @property
     def reach(self) -> int:
         """How far such a motion leads."""
-        return min(300, self.room()) if self.rig.is_exact else self.room()
+        return min(EXACT_REACH, self.room()) if self.rig.is_exact else self.room()
 
     @property
     def ways(self) -> tuple[Way, ...]:
