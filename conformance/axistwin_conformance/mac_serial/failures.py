@@ -109,10 +109,14 @@ class Player:
                 )
         raise AssertionError("the last attempt returns or raises")
 
-    def _once(self, operations: Operations, is_counted: bool, is_plotted: bool) -> Played:
+    def begin(self) -> Sequence:
+        """A sequence that begins where every sequence begins."""
         for index, parameter in OPEN_STOPS:
             self.bench.command(index, parameter)
-        run = begin(self.bench, self.home, model_of)
+        return begin(self.bench, self.home, model_of)
+
+    def _once(self, operations: Operations, is_counted: bool, is_plotted: bool) -> Played:
+        run = self.begin()
         if is_plotted:
             run.watch = self._plot
             self.bench.session.note(f"here {len(operations)} operations begin")
@@ -123,11 +127,7 @@ class Player:
             mismatch = found
         if is_counted:
             self.tally.add(run)
-        story = run.story
-        ends = [*run.marks[1:], len(story)]
-        words = tuple(
-            "; ".join(story[begun:end]) for begun, end in zip(run.marks, ends, strict=False)
-        )
+        words = () if mismatch is None else _words(run)
         return Played(operations[: len(run.marks)], mismatch, words)
 
     def _plot(self, forecast: Forecast, sample: Sample, slack: int) -> None:
@@ -148,6 +148,13 @@ class Player:
         name = session.check.name if session.check else ""
         total = tally.operated.total()
         session.run.tell(StatesCovered(name, tally.sequences, total, counts))
+
+
+def _words(run: Sequence) -> tuple[str, ...]:
+    """What each operation sent, heard and waited."""
+    story = run.story
+    ends = [*run.marks[1:], len(story)]
+    return tuple("; ".join(story[begun:end]) for begun, end in zip(run.marks, ends, strict=False))
 
 
 def model_of(bench: Bench) -> AxisModel:

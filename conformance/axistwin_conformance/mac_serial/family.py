@@ -354,6 +354,7 @@ FAMILY: Final = Family(
             "checks_stops",
             "checks_line",
             "checks_sequences",
+            "checks_machines",
             "checks_rig_inputs",
             "checks_rig_faults",
             "checks_rig_load",
