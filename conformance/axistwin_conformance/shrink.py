@@ -36,9 +36,14 @@ class Budget:
 
 @dataclass(frozen=True, slots=True)
 class Shrunk(Generic[Operation]):
-    """What came of it: the operations left, what it took, and whether it ended by itself."""
+    """What came of it: the operations left, what it took, and whether it ended by itself.
+
+    `steps`: every list that failed on the way, each better than the one before; the first is what
+    there was to shrink, the last is `operations`.
+    """
 
     operations: tuple[Operation, ...]
+    steps: tuple[tuple[Operation, ...], ...]
     tries: int
     played: int
     seconds: float
@@ -94,16 +99,16 @@ def shrink(
     what to try in its place, the simplest first; each must be simpler in some order that has an
     end, or shrinking has none but the budget.
     """
-    kept = tuple(operations)
+    steps = [tuple(operations)]
     tries = _Tries(fails, budget)
     is_minimal = False
     try:
-        for step in _better(kept, tries, simpler):
-            kept = step
+        for step in _better(steps[0], tries, simpler):
+            steps.append(step)
         is_minimal = True
     except _Spent:
         pass
-    return Shrunk(kept, tries.tries, tries.played, tries.seconds, is_minimal)
+    return Shrunk(steps[-1], tuple(steps), tries.tries, tries.played, tries.seconds, is_minimal)
 
 
 def _better(

@@ -78,7 +78,9 @@ def test_the_budget_of_operations_is_never_exceeded(
     assert sum(map(len, played)) == found.played <= allowed
     assert len(played) == found.tries
     assert fails(found.operations)
-    assert len(found.operations) <= len(numbers)
+    assert found.steps[0] == numbers
+    assert found.steps[-1] == found.operations
+    assert all(fails(one) for one in found.steps)
 
 
 def test_no_try_begins_after_the_last_second() -> None:

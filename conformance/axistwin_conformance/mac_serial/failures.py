@@ -280,16 +280,18 @@ class Failure:
         """Make it as short as can be; what is kept has failed on this device, and is played last,
         with its motion recorded for the report."""
         if self.session.target.is_lossless:
-            short = self._shrunk(
+            shorter = self._shrunk(
                 self.player, self.found.operations, TWIN_BUDGET, "in virtual time", _simpler
-            )
+            )[-1:]
         else:
-            if any(self._confirmed(short) for short in self._shrunk_on_twin()):
+            if any(self._confirmed(one) for one in self._shrunk_on_twin()):
                 return
-            short = self._shrunk(
+            # What fails now and then shrinks to what fails once: then a longer list may fail more.
+            steps = self._shrunk(
                 self.player, self.found.operations, LINE_BUDGET, "on the device", _without_pause
             )
-        if not self._confirmed(short):
+            shorter = tuple(dict.fromkeys((steps[-1], steps[len(steps) // 2])))
+        if not any(self._confirmed(one) for one in (*shorter, self.found.operations)):
             self.history.append("told as found")
 
     def _confirmed(self, operations: Operations) -> bool:
@@ -311,8 +313,9 @@ class Failure:
 
     def _shrunk(
         self, player: Player, operations: Operations, budget: Budget, where: str, simpler: Simpler
-    ) -> Operations:
-        """Shrink with this player; what cannot be played any more ends it."""
+    ) -> tuple[Operations, ...]:
+        """Shrink with this player, give all that failed on the way, the shortest last; what cannot
+        be played any more ends it."""
         trouble: list[str] = []
 
         def fails(operations: Operations) -> bool:
@@ -327,11 +330,11 @@ class Failure:
         short = shrink(operations, fails, budget, simpler)
         self.history.append(_told(operations, short, budget, where))
         self.history += [f"shrinking met trouble: {one}" for one in trouble]
-        return short.operations
+        return short.steps
 
     def _shrunk_on_twin(self) -> tuple[Operations, ...]:
         """Shrink on a twin with the readings of this device: what is as small as can be, and, since
-        the device may be slower, what has its pauses and places as found.  None if it does not
+        the device may be slower, what has its pauses and places as found.  Nothing if it does not
         fail alike."""
         try:
             twin = open_twin(self.session)
@@ -344,9 +347,9 @@ class Failure:
                 self.history.append("the built-in twin, read alike, does not fail")
                 return ()
             where = "on the built-in twin, which fails alike"
-            fewer = self._shrunk(other, self.found.operations, TWIN_BUDGET, where, _as_it_is)
+            fewer = self._shrunk(other, self.found.operations, TWIN_BUDGET, where, _as_it_is)[-1]
             where = "with smaller arguments"
-            return self._shrunk(other, fewer, TWIN_BUDGET, where, _simpler), fewer
+            return self._shrunk(other, fewer, TWIN_BUDGET, where, _simpler)[-1], fewer
         except (TargetError, Stop) as error:
             self.history.append(f"the twin could not play it: {error}")
             return ()
