@@ -36,6 +36,7 @@ from axistwin_conformance.transcript import Direction, Record
 from axistwin_conformance.verdicts import Finding, Verdict
 
 LEFT_TOLD_EVERY_S = 60
+MOST_IN_HEX = 50  # operations told on the terminal: what is longer is about to be shrunk
 PLAIN_WIDTH = 120  # columns of a report that goes into a file or a pipe
 TOLD_AT_ONCE = (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.QUIRK)
 
@@ -179,7 +180,9 @@ class TerminalReport:
         one = event.recording
         count = f"{len(one.operations)} operation{'s'[: len(one.operations) != 1]}"
         words = f"{one.requirement} failed in {event.check} after {count}"
-        self._print(f"stored: {words}: {one.word(self._folder)}", style="yellow")
+        is_short = bool(self._folder) or len(one.operations) <= MOST_IN_HEX
+        where = one.word(self._folder) if is_short else "kept with --report or --json"
+        self._print(f"stored: {words}: {where}", style="yellow")
 
     def _soak(self, event: events.SoakProgress) -> None:
         left_s = max(0.0, event.duration_s - event.elapsed_s)

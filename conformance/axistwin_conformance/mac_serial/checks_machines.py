@@ -25,7 +25,7 @@ def some_runs_of_the_machine_agree_with_the_model(session: Session) -> None:
     _run(session, "quick")
 
 
-@check(*JUDGED, safety=MOVES, needs=("virtual",), level="full")
+@check(*JUDGED, safety=MOVES, needs=("virtual",), level="full", soaks=True)
 def many_runs_of_the_machine_agree_with_the_model(session: Session) -> None:
     """Every reply in many runs of the stateful machine is one that the model admits."""
     _run(session, "full")
