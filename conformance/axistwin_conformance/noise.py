@@ -30,6 +30,7 @@ from axistwin_conformance.judgement import CheckResult
 from axistwin_conformance.verdicts import Finding, Verdict
 
 FALSE_ALARM = 1e-6  # the chance left to noise of looking like the device
+FALSE_LOSS = 1e-9  # of looking like a device that is gone: that is asked after every exchange
 LEAST_ALIKE = 3
 MOST_ATTEMPTS = 10  # of one check, the first one included
 NOISY = 1e-3  # share of spoilt exchanges from which a line counts as noisy
@@ -67,7 +68,16 @@ class LineQuality:
     @property
     def alike_needed(self) -> int:
         """How many times the same bad thing must come before it is the device's."""
-        return max(LEAST_ALIKE, math.ceil(math.log(FALSE_ALARM) / math.log(min(self.rate, 0.9))))
+        return max(LEAST_ALIKE, self._in_a_row(FALSE_ALARM))
+
+    @property
+    def bad_when_lost(self) -> int:
+        """How many bad replies in a row mean that nobody answers any more."""
+        return self._in_a_row(FALSE_LOSS)
+
+    def _in_a_row(self, chance: float) -> int:
+        """How many spoilt exchanges in a row are as unlikely as that."""
+        return math.ceil(math.log(chance) / math.log(min(self.rate, 0.9)))
 
     def is_settled(self, replies: list[bytes]) -> bool:
         """True if the last replies to one request are alike and too many for noise."""

@@ -219,7 +219,7 @@ class Session:
         if self.target.is_lossless:
             return True
         if not is_good:
-            self.run.patience.tried(self.target.now_ns, quality.alike_needed, is_silence=not reply)
+            self.run.patience.tried(self.target.now_ns, quality.bad_when_lost, is_silence=not reply)
         elif reply:
             self.run.patience.good()
         if not bad:  # a device that never answers right must not make the line look noisy
