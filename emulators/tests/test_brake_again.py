@@ -36,7 +36,7 @@ def test_a_row_of_stops_while_the_shaft_runs_out_is_answered_like_one() -> None:
 
 def braked(orders: int, pause_ns: int, **quirks: str | int) -> int:
     """How far the shaft runs out of 80000 inc/s when 18h is sent so often."""
-    bench = MacBench(factory_ramp=0, **quirks)
+    bench = MacBench(factory_ramp=0, **quirks)  # type: ignore[arg-type]
     bench.do(0x15, 100)
     bench.advance(100 * MS)
     bench.do(0x18)
@@ -78,7 +78,7 @@ def test_a_stop_brakes_segments_as_it_brakes_profiles(quirks: dict[str, str | in
     """§5.7: any motion; the end of the segments is not a wall."""
     ways = []
     for command in ((0x15, 400), (0x16, 0x7FFF0190)):
-        bench = MacBench(factory_ramp=0, **quirks)
+        bench = MacBench(factory_ramp=0, **quirks)  # type: ignore[arg-type]
         bench.do(*command)
         bench.advance(200 * MS)
         bench.do(0x18)

@@ -40,6 +40,13 @@ def _downloads_done() -> None:
     assert done.returncode == 0, done.stderr.decode()
 
 
+@pytest.fixture(scope="module")
+def _uhid_downloads_done() -> None:
+    """As above, for the machine with uhid."""
+    done = run_vm("--uhid", "true")
+    assert done.returncode == 0, done.stderr.decode()
+
+
 def with_machine(test: Callable[..., None]) -> Callable[..., None]:
     """Marks a test that starts machines: seconds each."""
     marked: Callable[..., None] = pytest.mark.slow(pytest.mark.usefixtures("_downloads_done")(test))
@@ -128,7 +135,8 @@ def test_megabytes_of_output_arrive_whole_at_a_sleepy_reader(tmp_path: Path) -> 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSEGV, signal.SIGTERM])
 def test_a_command_that_dies_by_a_signal_gives_128_and_its_number(number: int) -> None:
     """The status is the one that a shell would show."""
-    assert run_vm("sh", "-c", f"kill -{int(number)} $$").returncode == 128 + number
+    done = run_vm("sh", "-c", f"kill -{int(number)} $$")
+    assert (done.returncode, done.stdout, done.stderr) == (128 + number, b"", b"")
 
 
 @with_machine
@@ -432,8 +440,8 @@ def test_memory_that_no_folder_can_hold_is_refused() -> None:
     ("arguments", "words"),
     [
         ([], "a command is needed"),
-        (["--timeout", "0", "true"], "'0' is not a number of seconds above 0"),
-        (["--timeout", "nan", "true"], "'nan' is not a number of seconds above 0"),
+        (["--timeout", "0", "true"], "'0' is not a number of seconds from 0.1 to 1e+06"),
+        (["--timeout", "nan", "true"], "'nan' is not a number of seconds from 0.1 to 1e+06"),
         (["--memory", "1", "true"], "'1' is not a number of megabytes from 128 to 16384"),
         (["--write", "no/such/folder", "true"], "there is no folder 'no/such/folder'"),
         (["--colour", "true"], "--colour"),
@@ -516,3 +524,53 @@ def test_modules_are_loaded_after_what_they_need(tmp_path: Path) -> None:
         files[name.replace("-", "_")] = file
     order = vm.module_order(["slcan", "can-raw", "can", "overlay"], files)
     assert [file.stem for file in order] == ["can", "can-dev", "slcan", "can-raw"]
+
+
+# HID
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("_uhid_downloads_done")
+def test_with_uhid_a_program_can_be_a_hid_device() -> None:
+    """In QEMU a device made through /dev/uhid is a /dev/hidraw, reports pass both ways, CAN too."""
+    program = r"""
+import os, pathlib, socket, struct, sys, threading, time
+descriptor = bytes.fromhex("0600ff0901a101150026ff007508954009028102954009039102c0")
+device = os.open("/dev/uhid", os.O_RDWR)
+names = [b"twin".ljust(128, b"\0"), bytes(64), bytes(64)]
+facts = struct.pack("<HHIIII", len(descriptor), 3, 0x0461, 0x0020, 0x0100, 0)
+os.write(device, struct.pack("<I", 11) + b"".join(names) + facts + descriptor.ljust(4096, b"\0"))
+def answer():
+    while True:
+        event = os.read(device, 4376)
+        if event[:4] == b"\6\0\0\0":  # an output report: 64 bytes after its number
+            os.write(device, struct.pack("<IH", 12, 64) + event[5:69][::-1])
+            return
+threading.Thread(target=answer, daemon=True).start()
+end = time.monotonic() + 30
+while not (nodes := list(pathlib.Path("/dev").glob("hidraw*"))) and time.monotonic() < end:
+    time.sleep(0.05)
+client = os.open(nodes[0], os.O_RDWR)
+os.write(client, bytes(range(65)))
+print(os.read(client, 100).hex())
+print(len(socket.if_nameindex()), socket.socket(socket.AF_CAN, socket.SOCK_RAW, 1).family.name)
+sys.stdout.flush()
+os._exit(9)
+"""
+    done = run_vm("--uhid", "--timeout", "200", sys.executable, "-c", program)
+    assert done.returncode == 9, done.stderr.decode()
+    assert done.stdout.decode() == f"{bytes(range(64, 0, -1)).hex()}\n3 AF_CAN\n"
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("_uhid_downloads_done")
+def test_with_uhid_streams_folders_and_limits_are_the_same(tmp_path: Path) -> None:
+    """Output is byte-exact, --write keeps, a signal is 128 and its number, a time-out 124."""
+    data = bytes(range(256)) * 4000
+    (tmp_path / "data").write_bytes(data)
+    script = "cat data; echo new >new; echo err >&2; kill -KILL $$"
+    done = run_vm("--uhid", "--write", str(tmp_path), "sh", "-c", script, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (137, b"err\n")
+    assert done.stdout == data
+    assert (tmp_path / "new").read_text() == "new\n"
+    assert run_vm("--uhid", "--timeout", "20", "sleep", "100").returncode == 124

@@ -97,14 +97,21 @@ class Line:
 
     def sync(self) -> Nanos:
         """Do all that is due by the clock's present time; returns that time."""
+        now = self.clock.now_ns()
+        if now == self._network.settled_ns and self._failure is None:
+            return now  # by far the most common, and no reason to wait for another thread
         with self._lock:
-            if self._failure is not None:
-                raise self._failure
-            now = self._now_ns()
-            if now != self._network.settled_ns:
-                self._network.run_until(now)
-                self._settle()
-            return now
+            return self._sync()
+
+    def _sync(self) -> Nanos:
+        """``sync`` by who has the lock."""
+        if self._failure is not None:
+            raise self._failure
+        now = self._now_ns()
+        if now != self._network.settled_ns:
+            self._network.run_until(now)
+            self._settle()
+        return now
 
     def _now_ns(self) -> Nanos:
         """The clock's present time, which the network may be ahead of."""
@@ -164,26 +171,26 @@ class Line:
         before every sleep, is true (set what it asks for and then call ``wake``), and in virtual
         time without ``until_ns`` when nothing will ever happen by itself.
         """
+        network, clock = self._network, self.clock
         with self._changed:
             wakes = self._wakes
             while True:
-                now = self.sync()
-                missing = _FOREVER if count is None else count - self._network.host_available
+                now = self._sync()
+                missing = _FOREVER if count is None else count - network.host_available
                 if (
                     missing <= 0
                     or self._wakes != wakes
                     or (until_ns is not None and now >= until_ns)
+                    or stop()
                 ):
                     return now
-                if stop():
+                if not clock.is_virtual:
+                    self._sleep(_earliest(network.next_event(missing), until_ns))
+                    continue
+                reached_ns = network.run_until_heard(count or _FOREVER, until_ns)
+                if reached_ns == now:  # for ever
                     return now
-                due = _earliest(self._network.next_event(missing), until_ns)
-                if not self.clock.is_virtual:
-                    self._sleep(due)
-                elif due is None:
-                    return now
-                else:
-                    self.clock.advance_to(max(due, now + 1))  # an event may be expected too early
+                clock.advance_to(reached_ns)
 
     def _sleep(self, due: Nanos | None) -> None:
         """Wait for ``due``, or for a change."""
@@ -239,7 +246,7 @@ class Line:
         Returns how many bytes were taken.
         """
         with self._lock:
-            now = self.sync()
+            now = self._sync()
             if backlog_max is not None:
                 data = data[: max(0, backlog_max - self._network.host_backlog)]
             self.transcript.add(now, "host", data, self._rate_note())
@@ -255,7 +262,7 @@ class Line:
     def receive(self, limit: int | None = None) -> bytes:
         """Take what has arrived at the host's end, at most ``limit`` bytes."""
         with self._lock:
-            now = self.sync()
+            now = self._sync()
             if not self._network.host_available:
                 return b""
             data = self._network.host_take(limit)

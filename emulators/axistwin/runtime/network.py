@@ -141,6 +141,45 @@ class SerialNetwork:
                 break
         schedule.now = self.settled_ns = now
 
+    def run_until_heard(self, count: int, limit_ns: Nanos | None) -> Nanos:
+        """Let things happen until the host has ``count`` bytes, but none behind ``limit_ns``.
+
+        Stops earlier when there are effects to take and, without a limit, when nothing can happen
+        any more by itself.  Returns the time reached, at which more may be due (``run_until``).
+        """
+        schedule, line = self._schedule, self._line
+        self.settled_ns = None
+        while len(self._received) < count and not self._effects:
+            due_ns = schedule.next_event()
+            horizon_ns = due_ns
+            if due_ns is None or (limit_ns is not None and limit_ns < due_ns):
+                horizon_ns = self._next_stretch_ns() if limit_ns is None else limit_ns
+            if horizon_ns is None:
+                break
+            offer = line.offer(horizon_ns)
+            if offer is not None:
+                chunk, stations = offer
+                missing = count - len(self._received)
+                if len(chunk.data) > missing and HOST in stations:
+                    data = chunk.data[:missing]
+                    chunk = Chunk(chunk.start_ns, data, chunk.format, chunk.skipped)
+                self._hear(chunk, stations)
+            elif horizon_ns == due_ns:
+                schedule.run_next(horizon_ns)
+            else:
+                schedule.now = horizon_ns
+                if horizon_ns == limit_ns:
+                    break
+        return schedule.now
+
+    def _next_stretch_ns(self) -> Nanos | None:
+        """When what is on its way is complete, or its first part of it; None: nothing is."""
+        stretch = self._line.peek_stretch()
+        if stretch is None:
+            return self._line.next_arrival()
+        data = stretch[0].data
+        return stretch[0].arrival_ns(len(data) - 1)
+
     def _hear(self, chunk: Chunk, stations: tuple[int, ...]) -> None:
         """Hand over as much of ``chunk`` as surely happens before anybody reacts."""
         count = self._quiet_bytes(chunk.data, stations) + 1

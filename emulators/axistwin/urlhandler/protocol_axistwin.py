@@ -82,6 +82,7 @@ class Serial(SerialBase):
         self._break_since_ns: Nanos | None = None
         self._cancelled_read = False
         self._cancelled_write = False
+        self._configured: tuple[object, ...] = ()
         super().__init__(*args, **kwargs)
 
     # -- beyond pyserial ----------------------------------------------------------------------
@@ -99,10 +100,14 @@ class Serial(SerialBase):
         return self.line.twins
 
     @property
-    @_clear_errors
     def virtual_time_ns(self) -> int:
         """The line's present time in nanoseconds, in any kind of time."""
-        return self.line.sync()
+        if self._shared is None:
+            raise PortNotOpenError
+        try:
+            return self._shared.line.sync()
+        except AxistwinError as error:
+            raise SerialException(str(error)) from None
 
     @_clear_errors
     def advance(self, seconds: float) -> None:
@@ -127,6 +132,7 @@ class Serial(SerialBase):
             self._shared_url = self.port
         self._cancelled_read = self._cancelled_write = False
         self._held = self._break_since_ns = None
+        self._configured = ()
         self._reconfigure_port()
         self.is_open = True
         self.reset_input_buffer()
@@ -140,7 +146,21 @@ class Serial(SerialBase):
             self.line.wake()
 
     def _reconfigure_port(self) -> None:
-        """Make the line's end what the settings say.  Raises ValueError and SerialException."""
+        """Make the line's end what the settings say.  Raises ValueError and SerialException.
+
+        pyserial calls this for time-outs too, which are none of the line's business.
+        """
+        wanted = (
+            self.baudrate,
+            self.bytesize,
+            self.parity,
+            self.stopbits,
+            self.xonxoff,
+            self.exclusive,
+        )
+        if wanted == self._configured:
+            return
+        self._configured = ()  # until all of it is done
         assert self._shared is not None
         if self.baudrate == 0:
             raise ValueError(f"Not a valid baudrate: {self.baudrate!r}")
@@ -156,6 +176,7 @@ class Serial(SerialBase):
         )
         if not self.xonxoff:
             self._resume_output()
+        self._configured = wanted
 
     def _let_go_of_exclusive(self) -> None:
         shared = self._shared
@@ -186,21 +207,24 @@ class Serial(SerialBase):
         another thread calls ``cancel_read``.  Raises SerialException in virtual time when it would
         wait for ever.
         """
-        line = self._opened()
+        self._opened()
         if size <= 0:
             return b""
         if self.timeout == 0 and not self._available():
             self._pass_poll()
-        now = line.sync()
+        data = self._take(size)
+        if len(data) >= size or self._read_ended():
+            return data
+        return self._read_on(bytearray(data), size)
+
+    def _read_on(self, data: bytearray, size: int) -> bytes:
+        """``read`` when not all has come yet, but ``data``."""
+        now = self.line.sync()
         deadline_ns = None if self.timeout is None else now + self._span_ns(self.timeout)
         limit_ns = deadline_ns
         give_up_ns = now + PATIENCE_NS
-        data = bytearray()
+        fresh = bytes(data)
         while True:
-            fresh = self._take(size - len(data))
-            data += fresh
-            if len(data) >= size or self._read_ended():
-                break
             if fresh and self.inter_byte_timeout is not None:
                 limit_ns = _earlier(deadline_ns, now + self._span_ns(self.inter_byte_timeout))
             if limit_ns is not None and now >= limit_ns:
@@ -210,6 +234,10 @@ class Serial(SerialBase):
             except SerialException:
                 self._input[:0] = data  # for the next read
                 raise
+            fresh = self._take(size - len(data))
+            data += fresh
+            if len(data) >= size or self._read_ended():
+                break
         return bytes(data)
 
     def read_until(self, expected: bytes = LF, size: int | None = None) -> bytes:
