@@ -15,8 +15,8 @@ from axistwin_conformance.mac_serial.probes import MOVES
 from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
-STEPS: Final = 50
-EXAMPLES: Final = {"quick": 6, "full": 60}
+STEPS: Final = 100
+EXAMPLES: Final = {"quick": 3, "full": 30}
 
 
 @check(*JUDGED, safety=MOVES, needs=("virtual",))

@@ -28,6 +28,7 @@ SPAN: Final = 3000  # increments about the start in which targets lie
 AHEAD_NS: Final = 600_000_000  # how far an axis is looked after
 CHANGES: Final = 2  # speed changes and stops within one motion: each doubles the histories kept
 PAUSED: Final = 0x80  # a pause byte above it is a wait, ms beyond it
+SETTLING_S: Final = 0.1  # of a real axis
 RAMP_MARGIN: Final = 120 * max(COEFFICIENTS)
 BYSTANDING_NS: Final = 200_000_000  # the longest wait for something that ends too far away
 
@@ -158,8 +159,7 @@ class Sequence:
         if self.offset:
             self.bench.at_rest()
             self.bench.command(0x03, 0)
-            self.bench.ready()
-            self.bench.finish(self.bench.go(-self.offset))
+            drive(self.bench, self.bench.ready(), -self.offset)
             self.bench.command(0x0B)
             self.offset = 0
 
@@ -388,12 +388,22 @@ class Sequence:
         return self.is_resting or self.changes <= CHANGES
 
 
+def drive(bench: Bench, origin: int, target: int) -> int:
+    """Move between two places inside the envelope, judging nothing; give where the axis then is."""
+    exchange = bench.command(0x13, target)
+    if exchange.kind is Kind.ACCEPTED:
+        end = bench.to_position(exchange, origin, target).end
+        assert end is not None, "a move has one"
+        bench.wait_until(end.latest_ns)
+        bench.wait(0 if bench.target.is_virtual else SETTLING_S)
+    return bench.position()
+
+
 def begin(bench: Bench, home: int | None, law_known: Callable[[Bench], AxisModel]) -> Sequence:
     """Bring the module to a known state, always the same, and give a sequence to play."""
     position = bench.ready(0x1000, 1)
     if home is not None and position != home:
-        bench.finish(bench.go(home))
-        position = bench.position()
+        position = drive(bench, position, home)
     model = law_known(bench)
     ff = bench.stopped_on()  # of the sequence before: the next motion clears it
     model.forecast = Forecast.of([Timeline("HD", position, ff=ff)])

@@ -175,7 +175,13 @@ class Talk:
 
     def command(self, index: int, parameter: int = 0, sub_index: int = 0) -> Exchange:
         """Send a command."""
-        return self.send(self.frame(index, parameter, sub_index))
+        if sub_index or index in MAY_BE_SILENT or not self.target.is_direct:
+            return self.send(self.frame(index, parameter, sub_index))
+        self.target.drain()
+        data = codec.frame(self.address, index, parameter)
+        size = codec.ANSWER_BYTES if index in ANSWERED else codec.SHORT_REPLY_BYTES
+        reply, taken = self.exchange(data, size, self.session.reply_timeout_s)
+        return Exchange(data, reply, taken)
 
     def ask(self, index: int, sub_index: int = 0) -> Exchange:
         """Send a query."""
