@@ -256,19 +256,6 @@ def test_the_transcript_shows_both_directions_with_times_and_words() -> None:
     ]
 
 
-def test_a_recording_gets_every_burst_once_it_is_over() -> None:
-    """The last one when the recording ends."""
-    rig = Rig()
-    lines: list[str] = []
-    rig.line.record(lines.append)
-    rig.ask(b"W", 1)
-    assert len(lines) == 1
-    rig.line.record(None)
-    assert [line.split()[2:4] for line in lines] == [[">", "57"], ["<", "4B"]]
-    rig.ask(b"W", 1)
-    assert len(lines) == 2
-
-
 def test_a_transcript_is_bounded() -> None:
     """A flood of bytes is shown cut, and only its end is kept."""
     rig = Rig()

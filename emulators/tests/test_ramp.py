@@ -6,6 +6,7 @@ from itertools import islice
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from ramp_pieces import climb_pieces, position_pieces, velocity_pieces
 
 from axistwin.motion.ramp import (
     ChangeLaw,
@@ -17,11 +18,8 @@ from axistwin.motion.ramp import (
     StopLaw,
     TriangleLaw,
     change_pieces,
-    climb_pieces,
     level_bounds,
-    position_pieces,
     stop_pieces,
-    velocity_pieces,
 )
 from axistwin.motion.trajectory import TICK_NS, Piece, StepPhase
 

@@ -72,3 +72,17 @@ def test_clearing_forgets_pieces_too() -> None:
     assert len(transcript) == 0
     transcript.add(1, "host", b"b")
     assert [burst.data for burst in transcript] == [b"b"]
+
+
+def test_who_records_may_be_more_patient() -> None:
+    """A reply in late pieces stays one burst; it is reported once, when it is over."""
+    for pause_ns, expected in ((5 * NS_PER_MS, [b"a", b"b"]), (50 * NS_PER_MS, [b"ab"])):
+        transcript = Transcript(pause_ns=pause_ns)
+        reported: list[Burst] = []
+        transcript.on_burst = reported.append
+        transcript.add(0, "device", b"a")
+        transcript.add(20 * NS_PER_MS, "device", b"b")
+        assert [burst.data for burst in reported] == expected[:-1]
+        transcript.flush()
+        transcript.flush()
+        assert [burst.data for burst in reported] == expected

@@ -22,11 +22,10 @@ from axistwin.errors import UsageError
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.runtime.line import Line
 from axistwin.runtime.loop import Loop
-from axistwin.runtime.transcript import Direction, Transcript
+from axistwin.runtime.transcript import ARROWS, Burst, Direction, Transcript
 
 # A reply may reach us in pieces, late when the machine is busy; the other direction ends it anyway.
 PAUSE_NS: Nanos = 50 * NS_PER_MS
-BURST_MAX = 256
 _FLUSH_S = 0.05
 
 
@@ -43,50 +42,35 @@ class Recorder(Transcript):
         loop: Loop,
         on_failure: Callable[[str], None],
     ) -> None:
-        super().__init__()
+        super().__init__(pause_ns=PAUSE_NS)
+        self.on_burst = self._write_burst
         self._file = file
         self._explain_bytes = explain
         self._loop = loop
         self._on_failure = on_failure
         self._has_failed = False
         self._flushing = False
-        self._direction: Direction = "host"
-        self._note = ""
-        self._begin_ns = self._end_ns = 0
         self._added_s = 0.0
-        self._data = bytearray()
 
     def add(self, time_ns: Nanos, direction: Direction, data: bytes, note: str = "") -> None:
         """Keep ``data``; it joins the last burst unless that went the other way or is over."""
         super().add(time_ns, direction, data, note)
-        if (
-            direction != self._direction
-            or note != self._note
-            or time_ns - self._end_ns > PAUSE_NS
-            or len(self._data) > BURST_MAX
-        ):
-            self.write_burst()
-        if not self._data:
-            self._direction, self._begin_ns, self._note = direction, time_ns, note
-        self._data += data
-        self._end_ns = time_ns
         self._added_s = time.monotonic()
         if not self._flushing:
             self._flushing = True
             self._loop.call_later(_FLUSH_S, self._flush_later)
 
-    def write_burst(self) -> None:
-        """Write the burst under way."""
-        if self._data:
-            data = bytes(self._data)
-            self._data.clear()
-            arrow = ">" if self._direction == "host" else "<"
-            text = f"{self._begin_ns / NS_PER_MS:12.3f} {arrow} {data.hex(' ').upper()}"
-            self._write(f"{text}  {self._note or self._explain_bytes(data)}".rstrip() + "\n")
+    def _write_burst(self, burst: Burst) -> None:
+        """Write a burst that is over."""
+        data = burst.data
+        text = (
+            f"{burst.time_ns / NS_PER_MS:12.3f} {ARROWS[burst.direction]} {data.hex(' ').upper()}"
+        )
+        self._write(f"{text}  {burst.note or self._explain_bytes(data)}".rstrip() + "\n")
 
     def end(self) -> None:
         """Write what is left, and close the file."""
-        self.write_burst()
+        self.flush()
         self._flush()
         with contextlib.suppress(OSError):  # told by the flush
             self._file.close()
@@ -96,7 +80,7 @@ class Recorder(Transcript):
         if self._flushing:  # the burst may go on
             self._loop.call_later(_FLUSH_S, self._flush_later)
         else:
-            self.write_burst()
+            self.flush()
         self._flush()
 
     def _flush(self) -> None:

@@ -342,6 +342,8 @@ class Plant:
 
     def rest_ns(self, after_ns: Nanos) -> Nanos | None:
         """Since when (>= ``after_ns``) the shaft stands still for good, as things stand."""
+        if self._set_point is None and self._run_out is None:
+            return after_ns  # as most of the time, and no fraction has to be looked at
         *_, last = self._spans_from(after_ns)
         return max(after_ns, last.start_ns) if isinstance(last, Still) else None
 
@@ -491,5 +493,7 @@ class Plant:
 
 def _whole(shaft: _Shaft) -> int:
     """The whole increments of a shaft's position, those complete in the direction it moves."""
+    if shaft.exact.denominator == 1:
+        return shaft.exact.numerator
     direction = -1 if shaft.speed < 0 else 1
     return direction * floor(direction * shaft.exact)

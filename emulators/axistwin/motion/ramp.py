@@ -239,27 +239,6 @@ def joined(phases: Sequence[Phase]) -> tuple[Piece, ...]:
     return merged(piece for phase in phases for piece in phase.pieces)
 
 
-def climb_pieces(period_ticks: int, aa: int, rules: RampRules = DEFAULT_RULES) -> tuple[Piece, ...]:
-    """The whole ramp from rest to full speed: the N increments of table A."""
-    ramp = Ramp(period_ticks, aa, rules)
-    return merged(ramp.climb(0, ramp.length))
-
-
-def position_pieces(
-    distance: int, period_ticks: int, aa: int, rules: RampRules = DEFAULT_RULES
-) -> tuple[Piece, ...]:
-    """T(i) of a move by ``distance`` (>= 0) from rest to rest (ledger §5.3)."""
-    assert distance >= 0, f"distance {distance} is negative; the sign belongs to the direction"
-    return joined(plan(Ramp(period_ticks, aa, rules), 0, distance))
-
-
-def velocity_pieces(
-    period_ticks: int, aa: int, rules: RampRules = DEFAULT_RULES
-) -> tuple[Piece, ...]:
-    """T(i) of an endless motion from rest (ledger §5.7)."""
-    return joined(plan_endless(Ramp(period_ticks, aa, rules)))
-
-
 def stop_pieces(
     counter: int, period_ticks: int, aa: int, rules: RampRules = DEFAULT_RULES
 ) -> tuple[Piece, ...]:

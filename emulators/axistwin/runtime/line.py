@@ -25,7 +25,7 @@ from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.runtime.clock import Clock
 from axistwin.runtime.network import SerialNetwork
 from axistwin.runtime.storage import Slot, Stores
-from axistwin.runtime.transcript import Transcript, render_burst
+from axistwin.runtime.transcript import Transcript
 from axistwin.runtime.twin import Twin
 from axistwin.wire.framing import LineFormat
 
@@ -115,7 +115,10 @@ class Line:
 
     def _now_ns(self) -> Nanos:
         """The clock's present time, which the network may be ahead of."""
-        now, reached = self.clock.now_ns(), self._network.now_ns
+        now = self.clock.now_ns()
+        if now == self._network.settled_ns:
+            return now
+        reached = self._network.now_ns
         return now if now > reached else reached
 
     def _settle(self) -> None:
@@ -261,10 +264,11 @@ class Line:
 
     def receive(self, limit: int | None = None) -> bytes:
         """Take what has arrived at the host's end, at most ``limit`` bytes."""
+        self.sync()
+        if not self._network.host_available:
+            return b""
         with self._lock:
             now = self._sync()
-            if not self._network.host_available:
-                return b""
             data = self._network.host_take(limit)
             self._seen_bytes = self._network.host_available
             self.transcript.add(now, "device", data)
@@ -341,15 +345,6 @@ class Line:
         """The transcript with every frame in words."""
         with self._lock:
             return self.transcript.render(self._explain)
-
-    def record(self, write: Callable[[str], None] | None) -> None:
-        """Give every burst of bytes from now on to ``write``, as a line of text; None ends that."""
-        with self._lock:
-            self.transcript.flush()
-            if write is None:
-                self.transcript.on_burst = None
-            else:
-                self.transcript.on_burst = lambda burst: write(render_burst(burst, self._explain))
 
     def save_moving(self) -> None:
         """Save, not durably, what has changed by itself: the positions of axes that move."""

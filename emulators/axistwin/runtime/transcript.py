@@ -13,8 +13,7 @@ from axistwin.kernel.time import NS_PER_MS, Nanos
 
 Direction: TypeAlias = Literal["host", "device"]
 
-_ARROWS: dict[Direction, str] = {"host": ">", "device": "<"}
-_PAUSE_NS: Nanos = 5 * NS_PER_MS
+ARROWS: dict[Direction, str] = {"host": ">", "device": "<"}
 _BURST_MAX = 256
 _HEX_MAX = 32
 _PIECES_MAX = 1024
@@ -37,11 +36,13 @@ class Burst:
 class Transcript:
     """The last ``limit`` bursts, of at most 256 bytes each.
 
+    pause_ns: a longer silence ends a burst.
     on_burst: called with each burst when it is over, that is, when the next begins or at ``flush``.
     """
 
-    def __init__(self, limit: int = 200) -> None:
+    def __init__(self, limit: int = 200, pause_ns: Nanos = 5 * NS_PER_MS) -> None:
         assert limit > 0
+        self._pause_ns = pause_ns
         self._bursts: deque[Burst] = deque(maxlen=limit)
         self._is_open = False
         self._pieces: list[tuple[Nanos, Direction, bytes, str]] = []
@@ -82,7 +83,7 @@ class Transcript:
             last is not None
             and last.direction == direction
             and last.note == note
-            and time_ns - last.last_ns <= _PAUSE_NS
+            and time_ns - last.last_ns <= self._pause_ns
             and len(last.data) + len(data) <= _BURST_MAX
         ):
             last.data += data
@@ -130,6 +131,6 @@ def render_burst(burst: Burst, explain: Callable[[bytes], str] | None = None) ->
     shown = data[:_HEX_MAX].hex(" ").upper()
     if len(data) > _HEX_MAX:
         shown += f" … {len(data)} bytes"
-    line = f"{burst.time_ns / NS_PER_MS:12.3f} ms {_ARROWS[burst.direction]} {shown}"
+    line = f"{burst.time_ns / NS_PER_MS:12.3f} ms {ARROWS[burst.direction]} {shown}"
     meaning = burst.note or (explain(data) if explain else "")
     return f"{line}  {meaning}".rstrip()

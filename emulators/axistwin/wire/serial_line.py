@@ -280,10 +280,7 @@ class SerialLine:
     def _undisturbed_until(self, current: Transmission, limit_ns: Nanos) -> Nanos:
         """Up to when, at most ``limit_ns``, ``current`` is heard as sent."""
         if self._agreed is not current or current.is_broken:
-            if current.is_broken or any(
-                self._receivers[listener].format != current.format
-                for listener in self._listeners[current.station]
-            ):
+            if current.is_broken or not self._is_agreed_on(current):
                 return min(limit_ns, current.start_ns - 1)
             self._agreed = current
         if len(self._transmissions) > 1:
@@ -291,6 +288,15 @@ class SerialLine:
             if clash_ns < current.end_ns and clash_ns < limit_ns:
                 return clash_ns
         return limit_ns
+
+    def _is_agreed_on(self, current: Transmission) -> bool:
+        """Whether all who listen to ``current`` use its format."""
+        receivers, line_format = self._receivers, current.format
+        for listener in self._listeners[current.station]:
+            own = receivers[listener].format
+            if own is not line_format and own != line_format:
+                return False
+        return True
 
     def _disturb(self) -> None:
         """From the character under way on, let every receiver look at the bits."""
