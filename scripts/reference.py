@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 from axistwin import catalog
-from axistwin.cli.main import main as program
+from axistwin.cli.program import main as program
 from axistwin_conformance import ledger
 
 REFERENCE = Path(__file__).parents[1] / "docs" / "reference"

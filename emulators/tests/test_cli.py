@@ -21,8 +21,8 @@ from click.testing import CliRunner, Result
 from mac_frames import ACCEPTED, answer_value, request
 
 from axistwin import __version__, catalog
-from axistwin.cli import main as program
-from axistwin.cli.main import main
+from axistwin.cli import program
+from axistwin.cli.program import main
 
 TIMEOUT_S = 10.0
 

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from axistwin.cli import doctor
 from axistwin.cli.doctor import Lack
-from axistwin.cli.main import main
+from axistwin.cli.program import main
 
 NEEDED = ["pseudo terminals", "inotify", "loopback TCP", "current folder"]
 

@@ -1,169 +1,17 @@
-"""The program ``axistwin``: its commands, and what a mistake looks like.
+"""Where the program ``axistwin`` begins: nothing is loaded yet, and Ctrl-C is heeded already."""
 
-Commands are imported when they are used, so that ``axistwin run`` starts fast.  Other
-distributions add commands through the entry point group ``axistwin.commands``.
-
-Exit status: 0 done, 2 the user's mistake (one line on stderr), 70 a bug of ours (a traceback).
-Commands may define others.
-"""
-
-from __future__ import annotations
-
-import importlib
 import sys
-import traceback
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import NoReturn
 
-import click
-
-from axistwin import __version__
-from axistwin.cli.output import EXIT_USAGE, discard_stdout, stdout_failure
-from axistwin.errors import AxistwinError, UsageError, nearest
-
-if TYPE_CHECKING:
-    from importlib.metadata import EntryPoint
-
-EXIT_BUG = 70
 EXIT_INTERRUPTED = 130
 
-COMMAND_GROUP = "axistwin.commands"
 
-# Name: where it is, and its line in the list of commands (which then needs no import).
-_OWN = {
-    "run": ("axistwin.cli.run", "Run twins on a serial line that any program can open."),
-    "models": ("axistwin.cli.models", "List the models, or one model's quirks."),
-    "doctor": ("axistwin.cli.doctor", "Say what this machine can do, and how to make it do more."),
-}
-
-
-class _Program(click.Group):
-    """Commands by name, imported late; errors as one line."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return [*_OWN, *sorted(point.name for point in _added())]
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name in _OWN:
-            module = importlib.import_module(_OWN[cmd_name][0])
-            command: click.Command = getattr(module, cmd_name)
-            return command
-        for point in _added():
-            if point.name == cmd_name:
-                return _load(point)
-        return None
-
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        name = args[0]
-        if not name.startswith("-") and self.get_command(ctx, name) is None:
-            raise UsageError(f"no command {name!r}; {nearest(name, self.list_commands(ctx))}")
-        return super().resolve_command(ctx, args)
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        rows = [(name, text) for name, (_, text) in _OWN.items()]
-        for point in _added():
-            try:
-                rows.append((point.name, _load(point).get_short_help_str(limit=72)))
-            except UsageError as error:
-                rows.append((point.name, f"not available: {error}"))
-        with formatter.section("Commands"):
-            formatter.write_dl(rows)
-
-    def main(  # type: ignore[override]
-        self,
-        args: Sequence[str] | None = None,
-        prog_name: str | None = "axistwin",
-        **extra: Any,
-    ) -> NoReturn:
-        """Run the program and exit."""
-        extra["standalone_mode"] = False
-        try:
-            status = super().main(args, prog_name, **extra)
-            sys.exit(status if isinstance(status, int) else 0)
-        except click.ClickException as error:
-            _complain(_one_line(error))
-            sys.exit(EXIT_USAGE)
-        except AxistwinError as error:
-            _complain(str(error))
-            sys.exit(EXIT_USAGE)
-        except (click.Abort, KeyboardInterrupt):
-            sys.exit(EXIT_INTERRUPTED)
-        except BrokenPipeError:  # the reader of our output, such as head, has seen enough
-            sys.stderr.close()
-            sys.exit(0)
-        except Exception as error:
-            reason = stdout_failure() if isinstance(error, OSError) else None
-            if reason is not None:
-                discard_stdout()
-                _complain(f"standard output cannot be written ({reason}); choose another place")
-                sys.exit(EXIT_USAGE)
-            traceback.print_exc()
-            _complain("this is a bug of axistwin's; the lines above say where")
-            sys.exit(EXIT_BUG)
-
-
-def _added() -> list[EntryPoint]:
-    """Commands of other distributions."""
-    from importlib.metadata import entry_points
-
-    return list(entry_points(group=COMMAND_GROUP))
-
-
-def _load(point: EntryPoint) -> click.Command:
-    """Import an added command.  Raises UsageError with the remedy if that fails."""
+def main(args: Sequence[str] | None = None) -> NoReturn:
+    """Run the program with ``args`` (None: those of the command line) and exit."""
     try:
-        command = point.load()
-    except ImportError as error:
-        raise UsageError(
-            f"command {point.name!r} cannot be loaded ({error}); install what it needs: "
-            f"pip install {_remedy(point, error.name)}"
-        ) from error
-    if not isinstance(command, click.Command):
-        raise UsageError(f"command {point.name!r} ({point.value}) is not a click command")
-    return command
-
-
-def _remedy(point: EntryPoint, module: str | None) -> str:
-    """What to pass to pip when ``module`` is missing: the distribution with the right extra."""
-    from importlib.metadata import requires
-
-    distribution = point.dist.name if point.dist is not None else "axistwin"
-    wanted = (module or "").partition(".")[0].replace("_", "-").lower()
-    for line in requires(distribution) or ():
-        requirement, _, marker = line.partition(";")
-        name = requirement.strip().lower().replace("_", "-")
-        if wanted and name.startswith(wanted) and "extra ==" in marker:
-            extra = marker.partition("extra ==")[2].strip().strip("'\"")
-            return f"'{distribution}[{extra}]'"
-    return wanted or distribution
-
-
-def _one_line(error: click.ClickException) -> str:
-    """What click has to say, and where the help is."""
-    message = " ".join(error.format_message().split()).rstrip(".")
-    context = getattr(error, "ctx", None)
-    command = context.command_path if context is not None else "axistwin"
-    return f"{message}; see '{command} --help'"
-
-
-def _complain(message: str) -> None:
-    click.echo(f"axistwin: {message}", err=True)
-
-
-@click.command(
-    "axistwin",
-    cls=_Program,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    no_args_is_help=False,
-)
-@click.version_option(__version__, prog_name="axistwin", message="%(prog)s %(version)s")
-def main() -> None:
-    """Twins of motion controllers that behave as the real ones do, down to the wire.
-
-    \b
-    axistwin run mac23                     a MAC23 at ./mac23, for any program that opens a port
-    axistwin run mac23:0 mac34-1:5         two modules on one line
-    axistwin models mac23                  what can be switched
-    """
+        from axistwin.cli import program
+    except KeyboardInterrupt:
+        sys.exit(EXIT_INTERRUPTED)
+    program.main(args)
+    raise AssertionError("the program exits")
