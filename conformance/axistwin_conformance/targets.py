@@ -158,6 +158,7 @@ class Target:
 
     @baud.setter
     def baud(self, rate: int) -> None:
+        self._clock_ns = None
         with self._port_trouble(f"setting {rate} baud"):
             self._port.baudrate = rate
         self.mark(f"our end of the line now talks {rate} baud")
@@ -187,10 +188,10 @@ class Target:
             self.meter(data)
         if self._pending:
             self.drain()
-        port, note = self._port, self.transcript.note
+        port, note, started_ns = self._port, self.transcript.note, self.now_ns
         self._refuse_the_dead()
+        self._clock_ns = None
         try:
-            started_ns: int = port.virtual_time_ns  # type: ignore[attr-defined]
             self.last_sent = data
             note(started_ns, Direction.HOST, data)
             port.write(data)
@@ -200,6 +201,7 @@ class Target:
             done_ns: int = port.virtual_time_ns  # type: ignore[attr-defined]
         except Exception as error:
             raise self._trouble("exchanging", error) from error
+        self._clock_ns = done_ns
         if reply:
             note(done_ns, Direction.DEVICE, reply)
         elif timeout_s >= SILENCE_NOTED_S:
@@ -292,6 +294,7 @@ class Target:
 
     def _read(self, count: int, left_ns: int) -> bool:
         self._refuse_the_dead()
+        self._clock_ns = None
         try:
             if self.is_virtual:
                 self._port.timeout = left_ns / 1e9
@@ -379,4 +382,6 @@ def _one_line(error: BaseException) -> str:
         return "it is in use by another program"
     if number is not None:
         return os.strerror(number)
+    if "returned no data" in str(error):  # pyserial's words for the end of a pty or an adapter
+        return "the far end has hung up, or another program reads here too"
     return " ".join(str(error).split()) or type(error).__name__

@@ -150,3 +150,35 @@ def test_busy_lasts_until_the_tolerance() -> None:
     assert axis.busy(at(1)) == {True}
     assert axis.busy(at(9.5)) == {False}
     assert axis.busy(at(60)) == {False}
+
+
+def test_a_motion_that_ends_one_beyond_a_stop_may_tell_of_it_or_not() -> None:
+    """Whether target or stop ended it is not said; what 21h tells once, it goes on telling."""
+    axis = model(stops=8, superior=40)
+    tell(axis, 0x13, 41, at(0))
+    assert axis.bounds(at(50)) == (41, 41)
+    assert axis.stopped_on(at(50)) == {0x00, 0x02}
+    axis.learn_status(0x02, at(50))
+    assert axis.stopped_on(at(60)) == {0x02}
+    tell(axis, 0x18, 0, at(61))
+    assert axis.stopped_on(at(62)) == {0x02}
+
+
+def test_the_ends_of_stages_are_foretold() -> None:
+    """Each segment of a row ends on its tick; what is over is not named."""
+    axis = model()
+    for _ in range(2):
+        tell(axis, 0x16, segment(10, PERIOD), at(0))
+    assert axis.forecast.ends_after(0) == [1 * MS, 2 * MS]
+    assert axis.forecast.ends_after(1 * MS) == [2 * MS]
+
+
+def test_a_row_made_segment_by_segment_is_the_row_made_at_once() -> None:
+    """Adding a segment keeps what is known of those before it."""
+    row = (Segment(7, 801), Segment(3, 999, moves=False), Segment(-4, 650))
+    whole = Timeline("IN", 0, 0, segments=row, stops=(-50, 50))
+    grown = Timeline("IN", 0, 0, segments=row[:1], stops=(-50, 50))
+    for one in row[1:]:
+        grown = grown.followed_by(one)
+    assert grown == whole
+    assert grown.legs == whole.legs

@@ -220,3 +220,45 @@ def test_a_port_is_not_shared(master_and_name: tuple[int, str]) -> None:
         open_target(master_and_name[1], 38400)
     first.close()
     assert isinstance(first, Target)
+
+
+def test_an_exchange_is_a_send_and_a_receive(toy: Any) -> None:
+    """The reply, when it was asked for and when it was there; all of it in the transcript."""
+    target = toy.open(())
+    before_ns = target.now_ns
+    assert target.is_direct
+    started_ns, reply, done_ns = target.exchange(b"Q", 1, 0.5)
+    assert (started_ns, reply) == (before_ns, b"q")
+    assert target.now_ns == done_ns
+    assert target.last_sent == b"Q"
+    assert [(one.direction, one.data) for one in target.transcript] == [
+        (Direction.HOST, b"Q"), (Direction.DEVICE, b"q"),
+    ]  # fmt: skip
+
+
+def test_a_silent_exchange_takes_its_time_and_is_noted(toy: Any) -> None:
+    """As with `receive`; the clock goes on from there."""
+    target = toy.open(())
+    target.exchange(b"Q", 1, 0.5)
+    toy.port.is_mute = True
+    started_ns, reply, done_ns = target.exchange(b"Q", 1, 0.5)
+    assert (reply, done_ns - started_ns) == (b"", 500_000_000)
+    assert list(target.transcript)[-1].text == "nothing for 500 ms"
+    assert target.wait(0.25) == 0.25
+    assert target.now_ns - done_ns == 250_000_000
+
+
+def test_an_exchange_passes_the_gate_and_the_meter(toy: Any) -> None:
+    """What may not be sent is not, whichever way it takes."""
+    target, counted = toy.open(()), list[bytes]()
+    target.meter = counted.append
+    target.exchange(b"Q", 1, 0.5)
+    assert counted == [b"Q"]
+
+    def gate(data: bytes) -> None:
+        raise AssertionError("closed")
+
+    target.gate = gate
+    with pytest.raises(AssertionError, match="closed"):
+        target.exchange(b"M", 1, 0.5)
+    assert toy.port.sent == ["Q"]

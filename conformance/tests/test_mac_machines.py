@@ -1,0 +1,152 @@
+"""The stateful machine: what it finds alone, what it drives, and that its runs can be played."""
+
+from __future__ import annotations
+
+import random
+from collections import Counter
+
+import pytest
+from zoo import ZOO
+from zoo.judge import run
+from zoo.mutant import Mutant
+
+from axistwin_conformance.ledger import load_ledger
+from axistwin_conformance.mac_serial import machines
+from axistwin_conformance.mac_serial.checks_machines import (
+    some_runs_of_the_machine_agree_with_the_model as some_runs,
+)
+from axistwin_conformance.mac_serial.checks_sequences import no_folder, player_of
+from axistwin_conformance.mac_serial.failures import Player
+from axistwin_conformance.mac_serial.machines import Device, Judged, Trivial
+from axistwin_conformance.mac_serial.operations import OPERATIONS, WHAT
+from axistwin_conformance.mac_serial.sequences import BYTES_PER_OPERATION, Mismatch
+from axistwin_conformance.registry import SAFETY_CLASSES, find_family
+from axistwin_conformance.session import Envelope, Run, Session
+from axistwin_conformance.targets import open_target
+from axistwin_conformance.verdicts import Verdict
+
+# Each needs a state first: a motion under way, one segment being executed and three that wait.
+FOUND_ALONE = (
+    "a_move_is_taken_over_in_motion",
+    "the_fifo_has_one_stage",
+    "the_fifo_has_four_stages",
+)
+
+
+def new_player() -> Player:
+    """Somebody who plays on a fresh twin."""
+    family = find_family("mac23")
+    target = open_target(family.twin_url("mac23", 0, ()), family.default_baud, is_builtin=True)
+    one = Run(
+        target=target, family=family, model=family.models["mac23"],
+        ledger=load_ledger(family.ledger), address=0, neighbours=(),
+        allowed=frozenset(SAFETY_CLASSES), envelope=Envelope(1 << 20, 5000, is_fenced=False),
+        seed=1,
+    )  # fmt: skip
+    one.memory = family.remember(Session(one))
+    return player_of(Session(one, some_runs))
+
+
+def rules() -> set[str]:
+    """The names of the machine's rules."""
+    return {one.function.__name__ for one in machines.AxisMachine.setup_state().rules}
+
+
+def planted(name: str) -> Mutant:
+    """A mutant of the zoo."""
+    (mutant,) = [one for one in ZOO if one.name == name]
+    return mutant
+
+
+@no_folder()
+def found_in(mutant: Mutant) -> tuple[bytes, Mismatch]:
+    """The operations and the mismatch with which the machine finds a mutant, on its own."""
+    with mutant.plant():
+        _, failing = machines.search(new_player().begin, 15, 100, random.Random(1))
+    assert failing is not None, mutant.description
+    return failing
+
+
+@pytest.mark.parametrize("name", FOUND_ALONE)
+def test_the_machine_alone_finds_planted_faults(name: str) -> None:
+    """Mutants that show in rich states only fall by the requirement they claim."""
+    mutant = planted(name)
+    operations, mismatch = found_in(mutant)
+    assert mismatch.requirement in mutant.claims
+    assert len(operations) % BYTES_PER_OPERATION == 0
+
+
+def test_a_healthy_twin_agrees_with_the_model() -> None:
+    """Nothing fails, and what passes was really judged."""
+    result = run(some_runs.name)
+    verdicts = Counter(finding.verdict for ran in result.checks for finding in ran.findings)
+    assert set(verdicts) <= {Verdict.PASS, Verdict.NOT_RUN}
+    assert verdicts[Verdict.PASS] >= 15
+    assert result.exit_status == 0
+
+
+def test_a_failing_run_is_played_again_from_its_bytes() -> None:
+    """The operations that the machine records lead a sequence to the same requirement."""
+    mutant = planted(FOUND_ALONE[2])
+    operations, mismatch = found_in(mutant)
+    with mutant.plant(), pytest.raises(Mismatch) as again:
+        new_player().begin().play(operations)
+    assert again.value.requirement == mismatch.requirement
+
+
+@no_folder()
+def test_every_rule_is_reached_and_every_state_is_met() -> None:
+    """On the twin no rule waits for a state that never comes."""
+    player, reached = new_player(), Counter[str]()
+
+    class Counted(Judged):
+        """Notes what is done."""
+
+        def operate(self, what: int, first: int, second: int, pause: int) -> None:
+            reached[OPERATIONS[what].name] += 1
+            super().operate(what, first, second, pause)
+
+    devices: list[Counted] = []
+
+    def begin() -> Device:
+        devices.append(Counted(player.begin()))
+        return devices[-1]
+
+    machines.run(machines.driven(begin, lambda operation: None), 40, 100, 5)
+    states = {state for one in devices for state, _ in one.sequence.operated}
+    assert {"HD", "PO", "VE", "IN", "AR", "PL"} <= states
+    unreached = {one.name for one in OPERATIONS} - set(reached)
+    assert unreached <= {"ask the position"}, "which the rules ask for by 'ask'"
+
+
+def test_a_trivial_device_meets_every_precondition() -> None:
+    """The limit is measured with the same rules: each can be tried on the device without sense."""
+    device, allowed = Trivial(), set[str]()
+    source = random.Random(1)
+    preconditions = {
+        one.function.__name__: one.preconditions for one in machines.AxisMachine.setup_state().rules
+    }
+
+    class Looking:
+        """What preconditions are asked of."""
+
+    looking = Looking()
+    looking.device = device  # type: ignore[attr-defined]
+    for _ in range(3000):
+        for name, conditions in preconditions.items():
+            if all(one(looking) for one in conditions):
+                allowed.add(name)
+        device.operate(source.choice(tuple(WHAT.values())), 0, 0, 0)
+    assert allowed == rules()
+
+
+@no_folder()
+def test_the_same_seed_draws_the_same_run() -> None:
+    """A replayed check does what it did before."""
+
+    def drawn() -> bytes:
+        record = bytearray()
+        machines.run(machines.driven(Trivial, record.extend), 5, 30, 7)
+        return bytes(record)
+
+    assert drawn() == drawn() != b""

@@ -1,0 +1,106 @@
+"""Sequences: any bytes are operations, the short way is the long way, and what is judged counts."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from test_mac_machines import new_player
+
+from axistwin_conformance.mac_serial.codec import Kind
+from axistwin_conformance.mac_serial.operations import OPERATIONS, WHAT
+from axistwin_conformance.mac_serial.sequences import Mismatch, Sequence
+
+OPERATION_COUNT = 60
+
+
+def operation(name: str, first: int = 0, second: int = 0, pause: int = 0) -> bytes:
+    """An operation by its name."""
+    return bytes([WHAT[name], first, second, pause])
+
+
+def played(data: bytes, *, is_direct: bool = True) -> Sequence:
+    """A sequence that has been played on a fresh twin, by the short way or by the long one."""
+    run = new_player().begin()
+    assert run._is_direct
+    run._is_direct = is_direct
+    run.target.drain = bytes  # type: ignore[method-assign]  # looking for stray bytes takes time
+    run.play(data)
+    return run
+
+
+def test_any_byte_names_an_operation() -> None:
+    """Every value of every byte is decoded, and the module agrees with the model."""
+    run = played(b"".join(bytes([what, 7, 9, 0]) for what in range(256)))
+    assert {name for _, name in run.operated} == {one.name for one in OPERATIONS}
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_the_short_way_hears_what_the_long_one_hears(number: int) -> None:
+    """Lean exchanges lead to the same words, the same judgements and the same states."""
+    data = random.Random(number).randbytes(4 * OPERATION_COUNT)
+    short, long = played(data), played(data, is_direct=False)
+    assert short.story == long.story
+    assert short.judged == long.judged
+    assert short.operated == long.operated
+
+
+def test_only_what_was_asked_is_judged() -> None:
+    """Nothing but the closing stop and queries: no credit for motion, starts or the FIFO."""
+    run = played(b"")
+    assert set(run.judged) == {
+        "MACS-CMD-18-01", "MACS-Q-XX-01", "MACS-Q-20-01", "MACS-Q-21-01", "MACS-REPLY-05",
+        "MACS-BUSY-01",
+    }  # fmt: skip
+    more = played(operation("move", 0xA0))
+    assert set(more.judged) - set(run.judged) == {"MACS-CMD-13-02"}
+
+
+def test_a_reply_that_may_be_either_proves_nothing() -> None:
+    """Where both replies are admissible, neither counts as a judgement."""
+    run = new_player().begin()
+    run.model.outcomes = lambda *_: {  # type: ignore[method-assign, assignment]
+        Kind.ACCEPTED: run.model.forecast,
+        Kind.REFUSED: run.model.forecast,
+    }
+    run.command(0x19)
+    assert not run.judged
+
+
+def test_each_operation_begins_at_a_mark_in_the_story() -> None:
+    """What an operation sent and waited lies between its mark and the next."""
+    run = played(operation("stop", pause=0x8A) + operation("ask", 7) + operation("restart", 0))
+    words = [run.story[begun] for begun in run.marks]
+    assert [one[4:7] for one in words] == ["18h", "27h", "00h"]
+    assert run.story[run.marks[0] + 1] == "wait 10 ms"
+
+
+def test_a_mismatch_carries_the_story_that_led_to_it() -> None:
+    """The words of a mismatch end with the exchange that did not fit."""
+    run = new_player().begin()
+    run.model.parameters.tolerance = 5
+    with pytest.raises(Mismatch) as refuted:
+        run.play(operation("ask", 6))
+    assert refuted.value.requirement == "MACS-REPLY-05"
+    assert "26h" in refuted.value.story[-1]
+
+
+def test_a_wait_for_an_instant_ends_about_the_end_of_the_motion() -> None:
+    """The next request is taken over within the offset of the end of a move."""
+    run = new_player().begin()
+    run.operate(*operation("set the ramp", 0))
+    run.operate(*operation("move", 0xA0))
+    end = run.model.forecast.end
+    assert end is not None
+    run.operate(*operation("wait for an instant", 0xFE, 0))
+    aimed_ns = run.target.now_ns + run.bench.frame_ns
+    assert end.earliest_ns <= aimed_ns <= end.latest_ns
+    run.conclude()
+    run.leave()
+
+
+def test_a_sequence_begins_where_the_last_one_began() -> None:
+    """Replays are comparable: the same place, whatever was done before."""
+    player = new_player()
+    player.begin().play(operation("move", 0xFF, 0, 0xFF) + operation("stop"))
+    assert player.begin().model.forecast.timelines[0].origin == player.home
