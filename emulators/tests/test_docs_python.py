@@ -1,0 +1,110 @@
+"""The Python printed in README.md and docs/ runs, and says what is printed."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from axistwin import testing
+
+ROOT = Path(__file__).parents[2]
+README, PYTEST_PAGE = ROOT / "README.md", ROOT / "docs" / "pytest.md"
+RUN_ELSEWHERE = {ROOT / "docs" / "pyserial-url.md": 2}  # blocks, by test_url_lines.py
+
+DRIVER = '''
+import serial
+
+
+class MyDriver:
+    """Somebody's driver, which waits for the end of a move."""
+
+    def __init__(self, port):
+        self.port = serial.serial_for_url(port, baudrate=38400, timeout=0.5)
+
+    def exchange(self, index, parameter=0, reply_length=3):
+        body = f"00{index:02X}00{parameter & 0xFFFFFFFF:08X}"
+        self.port.write(f"\\x02014{body}{sum(body.encode()) % 256:02X}\\x03".encode())
+        return self.port.read(reply_length)
+
+    def position(self):
+        return int(self.exchange(0x20, reply_length=21)[9:17], 16)
+
+    def move_to(self, position):
+        assert self.exchange(0x13, position) == b"\\x06\\x13\\x1a"
+        while self.position() != position:
+            pass
+
+
+'''
+
+
+def python_blocks(page: Path) -> list[str]:
+    """What stands between the fences of Python."""
+    return re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+
+
+def run_tests(folder: Path, text: str, passed: int) -> None:
+    """Run ``text`` as a test file of its own, in which that many tests have to pass."""
+    path = folder / "test_printed.py"
+    path.write_text(text, encoding="utf-8")
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(path)]
+    done = subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, check=False, timeout=120
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert f"{passed} passed" in done.stdout
+
+
+def without_remark(line: str) -> str:
+    """A printed result without what is said about it."""
+    return re.sub(r"\s+# .*$", "", line)
+
+
+def test_the_readmes_session_prints_what_it_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Line by line, as typed into Python beside a twin at ./mac23."""
+    session = python_blocks(README)[0]
+    names: dict[str, Any] = {}
+    monkeypatch.chdir(tmp_path)
+    with testing.start("mac23") as twin:
+        (tmp_path / "mac23").symlink_to(twin.port)
+        typed = re.findall(r"^>>> (.*)\n((?:(?!>>> ).+\n)*)", session, re.MULTILINE)
+        assert len(typed) == session.count(">>> ") == 6
+        for statement, printed in typed:
+            if printed:
+                assert repr(eval(statement, names)) == without_remark(printed.rstrip("\n"))
+            else:
+                exec(statement, names)
+        names["port"].close()
+
+
+def test_the_readmes_url_answers() -> None:
+    """The port of the second block is a twin's."""
+    names: dict[str, Any] = {}
+    exec(python_blocks(README)[1], names)
+    with names["port"] as port:
+        port.write(b"\x0201400200000000000A2\x03")
+        assert port.read(21) == b"\x06\x13\x020110000000000010\x03\x1a"
+
+
+@pytest.mark.slow
+def test_the_readmes_test_passes_with_any_driver(tmp_path: Path) -> None:
+    """The third block, with a driver that waits for the end of a move."""
+    run_tests(tmp_path, DRIVER + python_blocks(README)[2], passed=1)
+
+
+@pytest.mark.slow
+def test_the_tests_of_the_how_to_pass(tmp_path: Path) -> None:
+    """All blocks of docs/pytest.md in one file."""
+    run_tests(tmp_path, "\n\n".join(python_blocks(PYTEST_PAGE)), passed=5)
+
+
+def test_no_block_of_python_is_left_out() -> None:
+    """A new one in any page has to be run by a test too."""
+    pages = [README, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    found = {page: len(blocks) for page in pages if (blocks := python_blocks(page))}
+    assert found == {README: 3, PYTEST_PAGE: 2, **RUN_ELSEWHERE}
