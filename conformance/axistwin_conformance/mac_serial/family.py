@@ -3,14 +3,15 @@ put back, and which frame may do what to the axis."""
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Final
 
-from axistwin_conformance.errors import TargetError, WrongDevice
+from axistwin_conformance.errors import OutsideEnvelope, TargetError, WrongDevice
 from axistwin_conformance.mac_serial import codec
-from axistwin_conformance.mac_serial.bench import Bench
+from axistwin_conformance.mac_serial.bench import QUIET_S, Bench
 from axistwin_conformance.mac_serial.blame import blame
 from axistwin_conformance.mac_serial.codec import Kind, Reply
 from axistwin_conformance.mac_serial.fence import Fence
@@ -24,6 +25,7 @@ BAUDS: Final = (9600, 19200, 38400)  # MACS-CMD-1B-01
 PROBE_ATTEMPTS: Final = (
     6  # with the reply time-out of 0.5 s: longer than the deaf time after power-up
 )
+FACE_BYTES: Final = 16
 KNOWN_GOOD: Final = (0x20, 0x24, 0x22)  # a module answers them in every state but deafness
 DISJUNCTIONS: Final = 0x1F  # bits of the first byte of 21h that latch and lock (§5.9)
 PLAUSIBLE_CELSIUS: Final = (-20.0, 90.0)  # a MAC at rest; the models' scales differ by 70 degrees
@@ -90,7 +92,7 @@ def probe(session: Session) -> Identity:
         others = [str(rate) for rate in BAUDS if rate != session.target.baud]
         raise TargetError(
             f"no module answers at address {bench.address:02X}h and {session.target.baud} baud:"
-            f" {last.reply}; try --baud {' or '.join(others)}, or another --address"
+            f" {_heard(bench, last.reply)}; try --baud {' or '.join(others)}, or another --address"
         )
     session.is_strict = session.target.is_lossless
     values = {"release": "unknown" if release is None else f"{release:08X}"}
@@ -102,6 +104,15 @@ def probe(session: Session) -> Identity:
     told = [f"release {values['release']}"]
     told += [values[name] for name in ("temperature", "supply") if name in values]
     return Identity(f"{session.model.title} at {bench.address:02X}h, {', '.join(told)}", values)
+
+
+def _heard(bench: Bench, reply: Reply) -> str:
+    """What came instead of an answer, with what follows it: another protocol shows its face."""
+    if reply.kind is not Kind.GARBAGE:
+        return str(reply)
+    raw = reply.raw + bench.target.receive(FACE_BYTES, QUIET_S)
+    text = "".join(chr(one) if 0x20 <= one < 0x7F else "." for one in raw)
+    return f"something else talks there: {raw.hex(' ').upper()} ({text})"
 
 
 def _climate(session: Session, measures: Reply) -> dict[str, str]:
@@ -134,8 +145,14 @@ def sanity(session: Session) -> bool:
 
 
 def stop(session: Session) -> None:
-    """Stop without ramp, again until the module says it has heard it."""
-    bench = Bench(session)
+    """Stop without ramp, again until the module says it has heard it; its neighbours as well."""
+    memory: Memory | None = session.memory
+    for address in (session.address, *(memory.neighbours if memory else ())):
+        _stop(Bench(session, address))
+
+
+def _stop(bench: Bench) -> None:
+    session = bench.session
     was_strict, session.is_strict = session.is_strict, True  # the attempts are counted here
     for _ in range(_attempts(session)):
         if bench.command(0x18).kind in (Kind.ACCEPTED, Kind.REFUSED):
@@ -155,7 +172,7 @@ def _attempts(session: Session) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Memory:
-    """Everything readable that checks may change, as it was found."""
+    """Everything readable that checks may change, as it was found; of the neighbours as well."""
 
     position: int
     superior: int
@@ -166,6 +183,7 @@ class Memory:
     torque: int
     modes: int
     tolerance: int
+    neighbours: Mapping[int, Memory] = field(default_factory=dict)
 
 
 def remember(session: Session) -> Memory:
@@ -173,8 +191,15 @@ def remember(session: Session) -> Memory:
 
     Raises TargetError if the device does not answer them.
     """
-    bench = Bench(session)
-    memory = _read(bench)
+    memory, neighbours = _remembered(Bench(session)), {}
+    for address in session.neighbours:
+        with contextlib.suppress(TargetError):  # who does not answer is not there
+            neighbours[address] = _remembered(Bench(session, address))
+    return replace(memory, neighbours=neighbours)
+
+
+def _remembered(bench: Bench) -> Memory:
+    session, memory = bench.session, _read(bench)
     for _ in range(PROBE_ATTEMPTS):
         if session.target.is_lossless or memory == (again := _read(bench)):
             return memory
@@ -205,9 +230,23 @@ def _read_one(bench: Bench, index: int) -> int:
 
 
 def restore(session: Session, memory: Memory) -> tuple[str, ...]:
-    """Put back what differs, and drive back to where the axis was found."""
-    bench = Bench(session)
+    """Put back what differs, and drive back to where the axes were found."""
     stop(session)
+    left: list[str] = []
+    lost: list[TargetError] = []
+    for address, one in {session.address: memory, **memory.neighbours}.items():
+        where = "" if address == session.address else f"at {address:02X}h "
+        try:
+            left += [where + text for text in _put_back(Bench(session, address), one)]
+        except TargetError as error:  # the others may still answer
+            lost.append(error)
+    if lost:
+        raise lost[0]
+    return tuple(left)
+
+
+def _put_back(bench: Bench, memory: Memory) -> tuple[str, ...]:
+    session = bench.session
     _clear_fault(bench)
     now = _read(bench)
     if now.position != memory.position:
@@ -223,7 +262,7 @@ def restore(session: Session, memory: Memory) -> tuple[str, ...]:
     return tuple(
         f"{name} is {getattr(now, name):X}h, was {getattr(memory, name):X}h"
         for name in Memory.__slots__
-        if getattr(now, name) != getattr(memory, name)
+        if name != "neighbours" and getattr(now, name) != getattr(memory, name)
     )
 
 
@@ -263,7 +302,10 @@ def _drive_back(bench: Bench, position: int) -> None:
         return
     seconds = 2 * distance * bench.period * TICK_NS / 1e9
     for _ in range(_attempts(bench.session)):  # noise may have kept 13h from the module
-        bench.command(0x13, position)
+        try:
+            bench.command(0x13, position)
+        except OutsideEnvelope:
+            return  # told as not put back
         deadline_ns = bench.target.now_ns + round((seconds + 0.5) * 1e9)
         while bench.target.now_ns < deadline_ns:
             if bench.position() == position:
