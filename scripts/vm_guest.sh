@@ -2,14 +2,44 @@
 # host's, runs the command, hands its output and its status out, and switches the machine off.
 #
 # The caller has set:
-#   BUSYBOX  a static busybox             RUN       the host's folder for this run
-#   LOWER    where the host's root is     TOP       an empty folder for the guest's own root
-#   OUT ERR  the streams' devices in /dev  FSTYPE    the file system type that shares host folders
-# and has defined share_options NUMBER FOLDER, which prints the mount options of a shared folder.
-# Shared folders are in $RUN/shares, one a line; $RUN is the first of them.
+#   FSTYPE   the file system that shares the host's folders: hostfs (User-Mode Linux) or 9p (QEMU)
+#   LOWER    where the host's root is     TOP  an empty folder for the guest's own root
+#   BUSYBOX  a static busybox             RUN  the host's folder for this run
+#   MODULES  a folder of kernel modules to load, in this order (hostfs; QEMU has loaded its own)
+# Folders to share are in $RUN/shares, one a line; $RUN is the first of them.
 
 # Every call of a program costs some 10 ms in there: the fewer, the sooner the command starts.
 b() { "$BUSYBOX" "$@"; }
+
+# Sets OUT and ERR, the devices in /dev that lead to the host's two streams.
+find_streams() {
+    case $FSTYPE in
+        hostfs) OUT=ttyS0 ERR=ttyS1 ;;
+        9p)
+            for port in /sys/class/virtio-ports/*; do
+                read -r name <"$port/name" && eval "$name=${port##*/}"
+            done
+            ;;
+    esac
+}
+
+# Makes a stream's device pass all bytes as they are; a terminal does it when all before are sent.
+settle_stream() {
+    case $FSTYPE in hostfs) b stty -F "$ROOT/dev/$1" raw -echo ;; esac
+}
+
+share_folder() { # NUMBER FOLDER
+    case $FSTYPE in
+        hostfs) b mount -t hostfs -o "$2" none "$ROOT$2" ;;
+        9p) b mount -t 9p -o trans=virtio,version=9p2000.L,msize=512000,cache=mmap "share$1" "$ROOT$2" ;;
+    esac
+}
+
+load_modules() {
+    [ "$FSTYPE" = hostfs ] || return 0
+    b mount -t proc proc /proc
+    for module in "$MODULES"/*; do b insmod "$module"; done
+}
 
 # The host's files, read-only, under a memory file system that takes what the command writes.
 make_root() {
@@ -39,7 +69,7 @@ share_folders() {
     number=0
     while IFS= read -r folder; do
         b mkdir -p "$ROOT$folder"
-        b mount -t "$FSTYPE" -o "$(share_options $number "$folder")" "share$number" "$ROOT$folder" || return 1
+        share_folder "$number" "$folder" || return 1
         number=$((number + 1))
     done <"$LOWER$RUN/shares"
 }
@@ -56,8 +86,9 @@ make_buses() {
 # the command would think that it talks to a terminal.  ("b cat &" would be a shell with a child, and
 # end_leftovers needs the number of the child.)
 start_relays() {
-    b stty -F "$ROOT/dev/$OUT" raw -echo
-    b stty -F "$ROOT/dev/$ERR" raw -echo
+    find_streams
+    settle_stream "$OUT"
+    settle_stream "$ERR"
     b mkfifo "$ROOT/run/out" "$ROOT/run/err"
     "$BUSYBOX" cat "$ROOT/run/out" >"$ROOT/dev/$OUT" &
     relay_out=$!
@@ -80,17 +111,19 @@ end_leftovers() {
 
 run_command() {
     : >"$ROOT$RUN/started"
-    b setsid "$BUSYBOX" chroot "$ROOT" /bin/sh "$RUN/command" \
-        <"$ROOT/dev/null" >"$ROOT/run/out" 2>"$ROOT/run/err"
+    # In parentheses, so that this shell's own word about a signal is not in the command's stderr.
+    (
+        exec "$BUSYBOX" setsid "$BUSYBOX" chroot "$ROOT" /bin/sh "$RUN/command" \
+            <"$ROOT/dev/null" >"$ROOT/run/out" 2>"$ROOT/run/err"
+    )
     status=$?
     end_leftovers
     wait "$relay_out" "$relay_err"
-    # A change of settings waits until the device has sent everything.
-    b stty -F "$ROOT/dev/$OUT" raw
-    b stty -F "$ROOT/dev/$ERR" raw
+    settle_stream "$OUT"
+    settle_stream "$ERR"
     echo "$status" >"$ROOT$RUN/status"
     b sync
 }
 
-make_root && make_system_folders && share_folders && make_buses && start_relays && run_command
+load_modules && make_root && make_system_folders && share_folders && make_buses && start_relays && run_command
 b poweroff -f

@@ -92,7 +92,7 @@ def kernel_of(process: subprocess.Popen[bytes]) -> int:
     assert process.stdout is not None
     assert process.stdout.readline() == b"running\n"
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
-    (kernel,) = map(int, children)
+    kernel, _guard = map(int, children)
     return kernel
 
 
