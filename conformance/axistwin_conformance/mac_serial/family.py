@@ -12,7 +12,7 @@ from typing import Final
 from axistwin_conformance.errors import OutsideEnvelope, TargetError, WrongDevice
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.bench import QUIET_S, Bench
-from axistwin_conformance.mac_serial.blame import blame
+from axistwin_conformance.mac_serial.blame import OTHER_DIGITS, blame
 from axistwin_conformance.mac_serial.codec import Kind, Reply
 from axistwin_conformance.mac_serial.fence import Fence
 from axistwin_conformance.mac_serial.motion import TICK_NS
@@ -224,7 +224,9 @@ def _read(bench: Bench) -> Memory:
 
 def _read_one(bench: Bench, index: int) -> int:
     reply = bench.ask(index).reply
-    if reply.data is None:  # nothing may be put back as 0 because an answer was lost
+    digits = (index & 0xF, OTHER_DIGITS.get(index))
+    is_ours = reply.address == bench.address and reply.digit in digits
+    if reply.data is None or not is_ours:  # nothing may be put back as 0: an answer was lost
         raise TargetError(f"no answer to query {index:02X}h: {reply}")
     return reply.data
 
