@@ -265,6 +265,48 @@ def _cut_down(bench: RigBench, cause: Cause, way: Way) -> None:
     bench.finish(bench.go(start), "MACS-STATE-02")
 
 
+@check("MACS-STATE-02", "MACS-Q-21-02", safety=WORKED,
+       needs=("virtual", "rig:supply", "rig:temperature"))  # fmt: skip
+def far_too_much_cuts_the_power_of_a_mac34(session: Session) -> None:
+    """Where dd.3 comes with the supply, or dd.2 with the temperature, it ends the motion as well.
+
+    From where on is not told (MACS-AMB-56), so both are raised as far as 27h can tell: too much for
+    a real one.
+    """
+    if is_mac23(session):
+        session.skip("a MAC23 has its own thresholds and bits")
+    bench, facts = RigBench(session), facts_of(session)
+    usual_volts, usual_celsius = facts.volts(bench.data_bytes(0x27)[1]), celsius(bench)
+    most_volts = facts.volts(0xFF)
+    rises = (
+        (0x08, bench.rig.set_supply, usual_volts, most_volts),
+        (0x04, bench.rig.set_temperature, usual_celsius, 120.0),
+    )
+    for bit, put, usual, most in rises:
+        start = bench.begin()
+        bench.turn(1, bench.period)
+        values = (round(usual + (most - usual) * part / 20, 1) for part in range(1, 21))
+        is_latched = any(_latches(bench, put, value, bit) for value in values)
+        place = bench.rest() if is_latched else start
+        if is_latched:
+            _judge_lock(bench, place)
+        put(usual)
+        bench.at_rest()
+        _clear(bench)
+        again = bench.position()
+        session.expect(
+            not is_latched or again == place, "MACS-STATE-02", f"nothing resumes: {place}", again
+        )
+
+
+def _latches(bench: RigBench, put: Callable[[float], object], value: float, bit: int) -> bool:
+    """Whether supply or temperature at that value is a fault; if so, it is the one of `bit`."""
+    put(value)
+    seen = bench.faults() & DISJUNCTIONS
+    bench.session.expect(seen in (0, bit), "MACS-Q-21-02", f"dd 00 or {bit:02X}", f"{seen:02X}")
+    return seen == bit
+
+
 # --- supply and temperature ----------------------------------------------------------------------
 
 
