@@ -578,7 +578,6 @@ class Drive:
 
     def is_moving(self, now: Nanos) -> bool:
         """Whether the counter changes by itself from ``now`` on."""
-        if self.kind is not None or self.counter.is_frozen:
-            return self.kind is not None
-        rest_ns = self.plant.rest_ns(now)
-        return rest_ns is not None and rest_ns > now
+        if self.kind is not None:
+            return True
+        return self._next is not None and self._next > now  # when it comes to rest (``_plan``)
