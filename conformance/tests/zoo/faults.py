@@ -37,6 +37,16 @@ def power_on_acknowledges_a_fault(patch: MonkeyPatch) -> None:
     on(patch, (0x19, 0x1A), act)
 
 
+@mutant("MACS-STATE-02", model="mac34-1")
+def too_much_supply_leaves_the_motion_running(patch: MonkeyPatch) -> None:
+    """Far too high a supply latches dd bit 3, but what moves goes on."""
+
+    def setting(axis: Axis, _: int, millivolts: int) -> None:
+        axis.faults.set_supply(millivolts)
+
+    patch.setattr(Axis, "set_supply", setting)
+
+
 @mutant("MACS-Q-21-02")
 def warnings_latch(patch: MonkeyPatch) -> None:
     """A warning of the supply stays until 00h."""
