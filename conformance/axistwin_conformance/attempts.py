@@ -22,6 +22,7 @@ from axistwin_conformance.errors import (
     RigError,
     TargetError,
     TwinCrashed,
+    interrupts_first,
 )
 from axistwin_conformance.events import Listener, Outcome
 from axistwin_conformance.judgement import CheckResult
@@ -109,7 +110,8 @@ class Attempts:
             target.mark(f"check {check.name}")
             for capability in check.rig_needs:  # it may have turned out since that it cannot
                 session.rig.require(capability)
-            check(session)
+            with interrupts_first():
+                check(session)
         except Stop:
             pass
         except CannotDo as error:

@@ -23,6 +23,7 @@ from axistwin_conformance.errors import (
     RigError,
     TargetError,
     TwinCrashed,
+    interrupts_first,
 )
 from axistwin_conformance.noise import MOST_ATTEMPTS, Disturbed
 from axistwin_conformance.profile import Detection, Probe, Seen
@@ -126,7 +127,8 @@ def _look(session: Session, probe: Probe, keeper: Keeper) -> Seen | Detection:
         target.mark(f"detecting {probe.switch}")
         for capability in probe.check.rig_needs:
             session.rig.require(capability)
-        seen = probe.look(session)
+        with interrupts_first():
+            seen = probe.look(session)
         if not seen.readings:
             keeper.accuse(session, *act)
         return seen

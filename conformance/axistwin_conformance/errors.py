@@ -17,6 +17,9 @@ A mistake of the suite itself (an unknown requirement id, a check that never jud
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
+
 
 class SuiteError(Exception):
     """Base of everything the suite raises on purpose."""
@@ -64,3 +67,17 @@ class RigError(SuiteError):
 
 class CannotDo(SuiteError):  # noqa: N818 - an answer of the rig, not an error
     """The rig cannot do what was asked; what was to be judged is not run."""
+
+
+@contextlib.contextmanager
+def interrupts_first() -> Iterator[None]:
+    """Let an interrupt through although tidying up has raised something else in its place."""
+    try:
+        yield
+    except Exception as error:
+        cause: BaseException | None = error
+        while cause is not None and not isinstance(cause, KeyboardInterrupt):
+            cause = cause.__context__
+        if cause is not None:
+            raise KeyboardInterrupt from error
+        raise

@@ -254,6 +254,8 @@ class Bench(Talk):
     def home(self) -> int | None:
         """Where the run found the axis; None while nobody has looked."""
         memory = self.session.run.memory
+        if memory is not None and self.address in memory.neighbours:
+            memory = memory.neighbours[self.address]
         return None if memory is None else memory.position
 
     def at_rest(self) -> None:

@@ -324,8 +324,29 @@ _CLASS_OF: Final[Mapping[str, tuple[int, ...]]] = {
     "motion": (0x00, 0x10, 0x13, 0x14, 0x15, 0x16, 0x17, 0x18, 0x19, 0x1A, 0x1E),
     "destructive": (0x01, 0x08, 0x1B),
 }
+
+
+def _named(indices: tuple[int, ...]) -> str:
+    return ", ".join(f"{codec.COMMAND_NAMES[index]} ({index:02X}h)" for index in indices)
+
+
 STORING: Final = frozenset(_CLASS_OF["stored"] + _CLASS_OF["destructive"])
 SAFETY_OF: Final = {index: name for name, indices in _CLASS_OF.items() for index in indices}
+
+
+_DEED_OF: Final[Mapping[str, str]] = {
+    "passive": "queries, and frames that a module refuses, Nacks or takes no notice of",
+    "motion": "moves, stops, powers and re-initialises",
+    "stored": "writes",
+    "destructive": "factory values over all parameters, address, rate",
+}
+DEEDS: Final = {
+    "rig": "inputs, supply, temperature and shaft are worked, the supply is cut",
+    **{
+        name: f"{words}: {told}" if (told := _named(_CLASS_OF.get(name, ()))) else words
+        for name, words in _DEED_OF.items()
+    },
+}
 
 
 def guard(session: Session, data: bytes) -> str | None:
@@ -422,6 +443,7 @@ FAMILY: Final = Family(
     writes=writes,
     replay_module="axistwin_conformance.mac_serial.checks_sequences",
     operation_bytes=4,
+    deeds=DEEDS,
     blame=blame,
     probe_modules=tuple(
         f"axistwin_conformance.mac_serial.{name}"

@@ -228,6 +228,9 @@ class RigBench(Bench):
         self.accepted(0x07, enabled)
         try:
             yield
+        except BaseException:
+            self.command(0x18)  # first of all
+            raise
         finally:
             self.command(0x07, 0)
 
