@@ -38,8 +38,9 @@ MODEL = "mac23"
 WRITES_ALLOWED = 1 << 40
 STATEFUL_AIM = 0.5  # of the limit
 ONE_DRAW_AIM = 10.0  # times the stateful rate
-SLICE_EXAMPLES = 4  # of the machine
-SLICE_SEQUENCES = 4
+# Hypothesis begins with the simplest example, the same step all the time: one in so many here.
+SLICE_EXAMPLES = 12
+SLICE_SEQUENCES = 12
 
 
 @dataclass

@@ -59,7 +59,7 @@ def test_only_what_was_asked_is_judged() -> None:
 def test_a_reply_that_may_be_either_proves_nothing() -> None:
     """Where both replies are admissible, neither counts as a judgement."""
     run = new_player().begin()
-    run.model.outcomes = lambda *_: {  # type: ignore[method-assign, assignment]
+    run.model.outcomes = lambda *_: {  # type: ignore[method-assign]
         Kind.ACCEPTED: run.model.forecast,
         Kind.REFUSED: run.model.forecast,
     }

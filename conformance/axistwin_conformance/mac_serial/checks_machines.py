@@ -16,7 +16,7 @@ from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
 STEPS: Final = 100
-EXAMPLES: Final = {"quick": 3, "full": 30}
+EXAMPLES: Final = {"quick": 4, "full": 30}
 
 
 @check(*JUDGED, safety=MOVES, needs=("virtual",))

@@ -85,7 +85,8 @@ class Timeline:
     `mode`: "HD" at rest, "PO", "VE" or "IN".  `course` belongs to PO and VE.  `segments`: of IN the
     row being executed, of PO and VE what waits for the axis to come to rest (MACS-AMB-31).
     `stops`: the software stops (inferior, superior) if enabled.  `ff`: what 21h told of stops
-    before this motion, `doubt` the bits of it that nobody can tell.  `leads`: an increment counts when it begins (MACS-AMB-41).
+    before this motion, `doubt` the bits of it that nobody can tell.  `leads`: an increment counts
+    when it begins (MACS-AMB-41).
     """
 
     mode: str
