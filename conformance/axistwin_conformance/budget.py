@@ -28,6 +28,3 @@ class WriteBudget:
     def note(self, writes: int) -> None:
         """Count writes that are being sent."""
         self.spent += writes
-
-    def __str__(self) -> str:
-        return f"{self.spent} EEPROM writes" + (f" of {self.limit}" if self.limit else "")

@@ -16,7 +16,7 @@ import re
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -323,22 +323,16 @@ def make_options(
     is_builtin = port is None
     is_twin = port is None or port.startswith(TWIN_SCHEME)
     address = family.default_address if address is None else address
-    if port is not None and HOST_AND_PORT.fullmatch(port) and not Path(port).exists():
-        raise UsageError(f"--port {port} is no device; a line over TCP is --port socket://{port}")
+    _check_port(port)
     if is_builtin and baud is not None and baud not in (family.bauds or (baud,)):
         known = ", ".join(map(str, family.bauds))
         raise UsageError(f"--baud {baud}: a {model} knows {known}")
     if is_builtin and not neighbours:
         neighbours = (_other_address(family, address),)
-    for one in (address, *neighbours):
-        _check_address(family, one)
-    if len({address, *neighbours}) <= len(neighbours):
-        raise UsageError("--address and every --neighbour must differ from one another")
-    if duration is not None and level != SOAK:
-        raise UsageError(f"--duration is how long a soak takes: add --level {SOAK}")
-    recording = None
-    if replay is not None:
-        recording = _recording(family, model, replay, ids, level, is_detection)
+    _check_addresses(family, address, neighbours)
+    _check_duration(duration, level)
+    alone = {"an ID": ids, "--level": level, "--detect": is_detection}
+    recording = None if replay is None else _recording(family, model, replay, alone)
     allowed = parse_allowed(allow, is_builtin=is_builtin)
     options = Options(
         family=family,
@@ -371,18 +365,11 @@ def make_options(
     return replace(options, rig=choice)
 
 
-def _recording(
-    family: Family,
-    model: str,
-    word: str,
-    ids: tuple[str, ...],
-    level: str | None,
-    is_detection: bool,
-) -> Recording:
-    """Read what to replay; raises UsageError for that, and for what does not go with it."""
+def _recording(family: Family, model: str, word: str, others: Mapping[str, object]) -> Recording:
+    """Read what to replay; raises UsageError for that, and for others that do not go with it."""
     from axistwin_conformance.recording import load_recording
 
-    for other, name in ((ids, "an ID"), (level, "--level"), (is_detection, "--detect")):
+    for name, other in others.items():
         if other:
             raise UsageError(f"--replay plays its operations and nothing else: leave out {name}")
     return load_recording(word, model, family.operation_bytes)
@@ -429,10 +416,23 @@ def parse_allowed(text: str | None, *, is_builtin: bool) -> frozenset[str]:
     return frozenset({"passive", *words})
 
 
-def _check_address(family: Family, address: int) -> None:
-    if address not in family.addresses:
-        low, high = family.addresses[0], family.addresses[-1]
-        raise UsageError(f"address {address} is out of range: choose {low} to {high}")
+def _check_port(port: str | None) -> None:
+    if port is not None and HOST_AND_PORT.fullmatch(port) and not Path(port).exists():
+        raise UsageError(f"--port {port} is no device; a line over TCP is --port socket://{port}")
+
+
+def _check_duration(duration: float | None, level: str | None) -> None:
+    if duration is not None and level != SOAK:
+        raise UsageError(f"--duration is how long a soak takes: add --level {SOAK}")
+
+
+def _check_addresses(family: Family, address: int, neighbours: tuple[int, ...]) -> None:
+    for one in (address, *neighbours):
+        if one not in family.addresses:
+            low, high = family.addresses[0], family.addresses[-1]
+            raise UsageError(f"address {one} is out of range: choose {low} to {high}")
+    if len({address, *neighbours}) <= len(neighbours):
+        raise UsageError("--address and every --neighbour must differ from one another")
 
 
 def _other_address(family: Family, address: int) -> int:
@@ -462,14 +462,14 @@ def _show(engine: Engine, is_list: bool, is_json: bool) -> int:
 
     plan = engine.plan()
     if is_json:
-        click.echo(report_json.overview(engine.ledger, plan))
+        click.echo(report_json.overview(engine.ledger, plan, engine.options))
     elif is_list:
         checks = engine.family.checks()
         report_terminal.print_ledger(
             report_terminal.make_console(), engine.ledger, plan.requirements, checks
         )
     else:
-        report_terminal.print_plan(report_terminal.make_console(), plan)
+        report_terminal.print_plan(report_terminal.make_console(), plan, engine.options)
     return 0
 
 

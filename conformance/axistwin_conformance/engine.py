@@ -100,7 +100,7 @@ class Engine:
         result = self._result
         started = time.monotonic()
         self._announce()
-        if result.plan.to_run or self.options.is_only_detection:
+        if result.plan.to_run or (self.options.is_only_detection and result.plan.probes):
             self._run_on_target()
         if self.options.expected is not None:
             result.deviations = deviations(self.options.expected, result.detections, self.ledger)

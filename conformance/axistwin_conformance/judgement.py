@@ -190,6 +190,17 @@ def _replay_sentence(result: Result, recording: Recording) -> str:
     return f"Reproduced: {many} fail {', '.join(failed)}{also}."
 
 
+def _nothing_sentence(result: Result) -> str:
+    """Why a run that judged nothing did not."""
+    if result.options.is_only_detection:
+        asked = len(result.plan.probes)
+        why = f"{asked} questions told nothing" if asked else "every question was left out"
+        return f"Nothing was detected: {why} (--dry-run shows the reasons)."
+    if not result.checks:
+        return "Nothing was judged: every check was left out (see the reasons above)."
+    return "Nothing was judged: no check came to a judgement (see the reasons above)."
+
+
 def _sentence(result: Result, ledger: Ledger) -> str:
     """The closing sentence, fit to be quoted alone."""
     model, total = result.options.model, len(result.requirements)
@@ -219,6 +230,6 @@ def _sentence(result: Result, ledger: Ledger) -> str:
     if result.options.is_only_detection and result.exit_status == CONFORMS:
         return _profile_sentence(result, ledger)
     if result.exit_status == USAGE:
-        return "Nothing was judged: every check was left out (see the reasons above)."
+        return _nothing_sentence(result)
     quirks = f", {count[Verdict.QUIRK]} of them with a quirk" if count[Verdict.QUIRK] else ""
     return f"The device conforms to {model} in all that was judged: {scope}{quirks}."

@@ -164,6 +164,7 @@ class Family:
     `writes(data)`: how many writes to nonvolatile memory these bytes ask for.
     `guard(session, data)`: why these bytes must not be sent to this device (outside the envelope,
         of a class the running check did not declare), or None.
+    `deeds`: safety class → what its checks do to a device, in words, for `--dry-run`.
     `blame(session, request, reply)`: which requirement a reply to these bytes breaks, if it is one
         that no device of the family gives; `reply` None: there was none, the twin had crashed.
     `probe_modules`: the modules that hold its quirk probes; they run in the order of these modules
@@ -193,6 +194,7 @@ class Family:
     probe_modules: tuple[str, ...] = ()
     replay_module: str = ""
     operation_bytes: int = 0
+    deeds: Mapping[str, str] = field(default_factory=dict)
     blame: Callable[[Session, bytes, bytes | None], Breach | None] = (
         lambda session, request, reply: None
     )

@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from axistwin_conformance import events
+from axistwin_conformance.deeds import deeds
 from axistwin_conformance.errors import UsageError
 from axistwin_conformance.ledger import Ledger
-from axistwin_conformance.plan import Plan
+from axistwin_conformance.plan import Options, Plan
 from axistwin_conformance.transcript import Record
 
 FORMAT = 1  # of events and report; raised when a field changes its meaning
@@ -135,8 +136,8 @@ def load(path: Path) -> Report:
     return report
 
 
-def overview(ledger: Ledger, plan: Plan) -> str:
-    """Return requirements asked about and the plan, as one JSON object."""
+def overview(ledger: Ledger, plan: Plan, options: Options) -> str:
+    """Return requirements asked about, the plan, and what it would do, as one JSON object."""
     checks = [(check, "") for check in plan.to_run] + list(plan.left_out)
     return json.dumps(
         {
@@ -152,6 +153,7 @@ def overview(ledger: Ledger, plan: Plan) -> str:
                 }
                 for check, reason in checks
             ],
+            "deeds": plain(deeds(plan, options)),
         },
         ensure_ascii=False,
     )

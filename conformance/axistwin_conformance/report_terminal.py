@@ -26,11 +26,12 @@ from rich.text import Text
 
 from axistwin_conformance import events
 from axistwin_conformance.armed import load_armed
+from axistwin_conformance.deeds import Deed, deeds
 from axistwin_conformance.events import Outcome
 from axistwin_conformance.judgement import UNREACHABLE
 from axistwin_conformance.ledger import Ledger
 from axistwin_conformance.pace import Pace, in_words
-from axistwin_conformance.plan import Plan
+from axistwin_conformance.plan import Options, Plan
 from axistwin_conformance.registry import Check
 from axistwin_conformance.transcript import Direction, Record
 from axistwin_conformance.verdicts import Finding, Verdict
@@ -215,6 +216,10 @@ class TerminalReport:
         self._print()
         counts = " · ".join(f"{number} {verdict.value}" for verdict, number in event.counts.items())
         self._print(f"{counts} · {event.seconds:.1f} s")
+        if event.eeprom_writes:
+            limit = event.eeprom_budget
+            allowed = "" if limit is None else f", of {limit} allowed"
+            self._print(f"stored memory: {event.eeprom_writes} EEPROM writes asked for{allowed}")
         if event.exit_status != UNREACHABLE:
             self._coverage()
         for problem in event.problems:
@@ -321,8 +326,8 @@ def _plan_line(count: int, left_out: Mapping[str, str]) -> str:
     return f"{count} checks; left out: {details}"
 
 
-def print_plan(console: Console, plan: Plan) -> None:
-    """Show what would run, in order, and what would not."""
+def print_plan(console: Console, plan: Plan, options: Options) -> None:
+    """Show what would run, in order, what would not, and what would be done to the device."""
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
     for title in ("check", "safety", "what it judges"):
         table.add_column(title, no_wrap=title != "what it judges")
@@ -335,8 +340,25 @@ def print_plan(console: Console, plan: Plan) -> None:
     for probe, reason in plan.unprobed:
         text = f"not detected: {probe.switch}: {reason}"
         console.print(text, style="dim", markup=False, soft_wrap=True)
+    print_deeds(console, deeds(plan, options))
     console.print(f"First, {len(plan.probes)} questions would tell how it reads the manual.")
     console.print(f"{len(plan.to_run)} checks would run, {len(plan.left_out)} would not.")
+
+
+def print_deeds(console: Console, told: Sequence[Deed]) -> None:
+    """Show what would be done to the device, class by class; what is destructive by name."""
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+    for title in ("class", "by", "what would be done to the device, and within which bounds"):
+        table.add_column(title, no_wrap=title == "class")
+    for one in told:
+        words = Text(one.what)
+        words.append(f"\n→ {one.within}", style="dim")
+        if one.safety == "destructive":
+            words.append(f"\n→ {', '.join(one.checks) or 'questions only'}", style="yellow")
+        table.add_row(one.safety, one.who, words)
+    console.print()
+    console.print(table)
+    console.print()
 
 
 def print_ledger(

@@ -19,6 +19,7 @@ from axistwin_conformance import keeper, registry, report_json
 from axistwin_conformance.engine import Engine, Envelope, Options, Result
 from axistwin_conformance.errors import TargetError, WrongDevice
 from axistwin_conformance.events import Event
+from axistwin_conformance.profile import Probe, Seen
 from axistwin_conformance.registry import Check, Family, Identity, Model
 from axistwin_conformance.session import Session
 from axistwin_conformance.targets import Target
@@ -158,6 +159,14 @@ class Toy:
         one = replace(registry.check(*ids, **declared)(function), module=self.module.__name__)
         setattr(self.module, one.name, one)
         return one
+
+    def probe(
+        self, switch: str, look: Callable[[Session], Seen], safety: tuple[str, ...] = ("passive",)
+    ) -> None:
+        """Declare a question of the toy family."""
+        one = Check(f"detect_{switch}", lambda session: None, (), safety, "quick", (), "Asked.", "")
+        self.module.PROBES = (*getattr(self.module, "PROBES", ()), Probe(switch, look, one))  # type: ignore[attr-defined]
+        self.family = replace(self.family, probe_modules=(self.module.__name__,))
 
     def options(self, **changes: Any) -> Options:
         """The options of a run on the built-in toy, with everything allowed."""

@@ -9,9 +9,10 @@ import pytest
 
 from axistwin_conformance import engine as engine_module
 from axistwin_conformance import events, keeper
-from axistwin_conformance.errors import TargetError
+from axistwin_conformance.errors import OutsideEnvelope, TargetError, UsageError
 from axistwin_conformance.events import Outcome
 from axistwin_conformance.judgement import RequirementResult
+from axistwin_conformance.profile import Seen
 from axistwin_conformance.session import Session
 from axistwin_conformance.verdicts import Verdict
 
@@ -207,7 +208,103 @@ def test_a_run_that_judged_nothing_is_no_success(toy: Any) -> None:
     toy.add(moves, MOVE, safety="motion")
     result = toy.run(allowed=frozenset({"passive"}))
     assert result.exit_status == 2
+    assert "every check was left out" in result.sentence
     assert toy.opened == []
+
+
+def test_an_id_that_matches_nothing_is_wrong_usage(toy: Any) -> None:
+    """Before anything is opened."""
+    toy.add(answers, LINE)
+    with pytest.raises(UsageError, match="matches no requirement"):
+        toy.run(words=("MACS-NOTHING",))
+    assert toy.opened == []
+
+
+@pytest.mark.parametrize("readings", [(), ("1Ah", "11h")])
+def test_a_detection_that_detects_nothing_is_no_success(toy: Any, readings: Any) -> None:
+    """Exit 2: neither no reading nor two of them are one."""
+    toy.probe("xon_byte", lambda session: Seen(readings, "seen so"))
+    result = toy.run(is_detection=True, is_only_detection=True)
+    assert result.exit_status == 2
+    assert result.sentence.startswith("Nothing was detected: 1 questions told nothing")
+
+
+def test_a_detection_without_a_question_is_no_success(toy: Any) -> None:
+    """Exit 2, and nothing is opened."""
+    toy.probe("xon_byte", lambda session: Seen((), ""), safety=("motion",))
+    passive = frozenset({"passive"})
+    result = toy.run(is_detection=True, is_only_detection=True, allowed=passive)
+    assert result.exit_status == 2
+    assert "every question was left out" in result.sentence
+    assert toy.opened == []
+
+
+@pytest.mark.parametrize(
+    ("option", "needed", "told"),
+    [
+        ("--max-speed", 2000, "needs --max-speed 2000: held back"),
+        ("--max-travel", None, "needs more --max-travel, nobody knows how much: held back"),
+        ("", None, "held back"),
+    ],
+)
+def test_what_the_fence_holds_back_is_not_run(
+    toy: Any, option: str, needed: int | None, told: str
+) -> None:
+    """It was never sent: no error, no fail, and the reason names what would let it through."""
+
+    def fenced(session: Session) -> None:
+        session.expect(True, LINE, "", "")
+        raise OutsideEnvelope("held back M", option, needed)
+
+    toy.add(fenced, LINE, FRAME)
+    toy.add(answers, STORE)
+    result = toy.run()
+    assert result.exit_status == 0
+    assert result.checks[0].outcome is Outcome.LEFT_OUT
+    for key in (LINE, FRAME):
+        assert verdict_of(result, key).verdict is Verdict.NOT_RUN
+        assert verdict_of(result, key).reason.startswith(told)
+
+
+def test_what_a_probe_may_not_send_leaves_its_switch_unknown(toy: Any) -> None:
+    """The others are asked."""
+
+    def fenced(session: Session) -> Seen:
+        raise OutsideEnvelope("held back M", "--max-travel", 7)
+
+    toy.probe("xon_byte", fenced)
+    toy.probe("zero_period_0d", lambda session: Seen(("refuse",), "asked"))
+    result = toy.run(is_detection=True, is_only_detection=True)
+    assert result.exit_status == 0
+    assert result.detections["xon_byte"].evidence == "needs --max-travel 7: held back M"
+    assert dict(result.readings) == {"zero_period_0d": "refuse"}
+
+
+def test_a_passive_check_runs_though_nothing_can_be_remembered_for_a_probe(toy: Any) -> None:
+    """Probes that change something are left out with the reason; the others are asked."""
+
+    def unreadable(session: Session) -> Any:
+        raise TargetError("no answer to 22h")
+
+    toy.family = replace(toy.family, remember=unreadable)
+    toy.probe("xon_byte", lambda session: Seen(("11h",), "asked"))
+    toy.probe("zero_period_0d", lambda session: Seen(("refuse",), "asked"), safety=("stored",))
+    toy.add(answers, LINE)
+    toy.add(stores, STORE, safety="stored")
+    result = toy.run()
+    assert dict(result.readings) == {"xon_byte": "11h"}
+    assert "no answer to 22h" in result.detections["zero_period_0d"].evidence
+    assert verdict_of(result, LINE).verdict is Verdict.PASS
+    assert result.exit_status == 4
+
+
+def test_the_eeprom_writes_are_told_at_the_end(toy: Any) -> None:
+    """With what was put back, and how many there might have been."""
+    toy.family = replace(toy.family, writes=lambda data: data[:1] == b"P")
+    toy.add(stores, STORE, safety="stored")
+    toy.run(eeprom_budget=9)
+    [finished] = toy.seen(events.RunFinished)
+    assert (finished.eeprom_writes, finished.eeprom_budget) == (2, 9)
 
 
 def test_a_value_recorded_is_no_judgement(toy: Any) -> None:

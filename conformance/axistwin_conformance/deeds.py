@@ -1,0 +1,69 @@
+"""What a plan would do to the device, class by class: what `--dry-run` tells.
+
+It is told from what checks and probes declare, to which the guard holds them frame by frame, and
+from the bounds that the fence and the budget enforce.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from axistwin_conformance.plan import Options, Plan
+from axistwin_conformance.registry import SAFETY_CLASSES, Check
+
+
+@dataclass(frozen=True, slots=True)
+class Deed:
+    """What would be done of one safety class, by these checks and by so many questions before."""
+
+    safety: str
+    checks: tuple[str, ...]
+    questions: int
+    what: str
+    within: str
+
+    @property
+    def who(self) -> str:
+        """How many checks and questions would do it."""
+        parts = [(len(self.checks), "check"), (self.questions, "question")]
+        return ", ".join(f"{n} {one}{'s'[: n != 1]}" for n, one in parts if n)
+
+
+def deeds(plan: Plan, options: Options) -> tuple[Deed, ...]:
+    """What would be done to the device, harmless classes first; nothing for a class without use."""
+    asking = [probe.check for probe in plan.probes]
+    told = []
+    for safety in SAFETY_CLASSES:
+        checks = tuple(check.name for check in plan.to_run if _does(check, safety))
+        questions = sum(_does(check, safety) for check in asking)
+        if checks or questions:
+            what = options.family.deeds.get(safety, "")
+            told.append(Deed(safety, checks, questions, what, _within(safety, options)))
+    return tuple(told)
+
+
+def _does(check: Check, safety: str) -> bool:
+    return safety in check.safety
+
+
+def _within(safety: str, options: Options) -> str:
+    """The bounds that are kept to, whatever a check is about."""
+    if safety == "motion":
+        envelope = options.envelope
+        bounds = (
+            f"not further than {envelope.max_travel} increments from where the axis is found"
+            f" (--max-travel), not faster than {envelope.max_speed} per second (--max-speed)"
+        )
+        return bounds if envelope.is_fenced else "without bounds: a twin cannot be harmed"
+    if safety == "stored":
+        budget = options.eeprom_budget
+        most = "any number of" if budget is None else f"at most {budget}"
+        return (
+            f"read first and put back; {most} EEPROM writes (--eeprom-budget), but what puts back"
+            " is always written"
+        )
+    if safety == "rig":
+        return f"by --rig {options.rig.kind}, brought to rest after each check"
+    if safety == "destructive":
+        return "last; not all of it can be put back"
+    return "nothing is changed"

@@ -1,0 +1,76 @@
+"""What `--dry-run` tells that a plan would do to the device."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from axistwin_conformance.cli import conform, make_options
+from axistwin_conformance.deeds import Deed, deeds
+from axistwin_conformance.engine import Engine
+from axistwin_conformance.mac_serial.codec import COMMAND_NAMES
+from axistwin_conformance.mac_serial.family import SAFETY_OF
+from axistwin_conformance.registry import SAFETY_CLASSES, find_family
+
+
+def told(*ids: str, **given: Any) -> dict[str, Deed]:
+    """The deeds of a plan, by class."""
+    options = make_options(model="mac23", ids=ids, **given)
+    return {one.safety: one for one in deeds(Engine(options).plan(), options)}
+
+
+def test_every_command_of_a_class_is_named_with_its_index() -> None:
+    """Who reads it knows what will be written, and what may move."""
+    told_of = find_family("mac23").deeds
+    assert set(told_of) == set(SAFETY_CLASSES)
+    for index, safety in SAFETY_OF.items():
+        assert f"{COMMAND_NAMES[index]} ({index:02X}h)" in told_of[safety]
+
+
+def test_on_a_port_motion_and_writes_are_told_with_their_bounds() -> None:
+    """As they are enforced."""
+    given = told(port="/dev/ttyX", allow="motion,stored", max_travel=500, eeprom_budget=70)
+    assert "500 increments" in given["motion"].within
+    assert "10000 per second" in given["motion"].within
+    assert "at most 70 EEPROM writes" in given["stored"].within
+    assert "maximum-speed period (0Dh)" in given["stored"].what
+    assert set(given) == {"passive", "motion", "stored"}
+
+
+def test_what_is_not_allowed_is_not_told() -> None:
+    """A passive run changes nothing, and says so."""
+    assert told(port="/dev/ttyX").keys() == {"passive"}
+    assert told(port="/dev/ttyX")["passive"].within == "nothing is changed"
+
+
+def test_a_twin_has_no_bounds() -> None:
+    """It cannot be harmed."""
+    given = told()
+    assert "without bounds" in given["motion"].within
+    assert "any number of EEPROM writes" in given["stored"].within
+    assert set(given) == set(SAFETY_CLASSES)
+
+
+@pytest.mark.parametrize(("checks", "questions", "who"), [
+    (("a",), 0, "1 check"), (("a", "b"), 1, "2 checks, 1 question"), ((), 2, "2 questions"),
+])  # fmt: skip
+def test_who_would_do_it_is_counted(checks: tuple[str, ...], questions: int, who: str) -> None:
+    """Checks and questions before them."""
+    assert Deed("motion", checks, questions, "", "").who == who
+
+
+def test_a_dry_run_tells_it_to_people_and_programs() -> None:
+    """Destructive checks by their names; the same as JSON."""
+    words = ["mac23", "--port", "/dev/ttyX", "--allow", "motion,stored,destructive", "--dry-run"]
+    words += ["--level", "quick", "MACS-CMD-01-01"]
+    shown = CliRunner().invoke(conform, words)
+    assert shown.exit_code == 0
+    assert "EEPROM init (01h)" in shown.output
+    assert "→ a_factory_reset_brings_the_factory_values" in shown.output
+    seen = json.loads(CliRunner().invoke(conform, [*words, "--json"]).output)
+    last = seen["deeds"][-1]
+    assert last["safety"] == "destructive"
+    assert last["checks"] == ["a_factory_reset_brings_the_factory_values"]
