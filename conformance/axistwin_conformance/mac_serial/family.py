@@ -369,6 +369,7 @@ def fence(run: Run) -> Fence:
     return Fence(run.envelope.max_travel, run.envelope.max_speed, run.address, run.readings)
 
 
+@lru_cache(maxsize=1024)
 def writes(data: bytes) -> int:
     """How many commands that write to the EEPROM these bytes hold."""
     return sum(index in STORING for index in _indices(data))

@@ -319,8 +319,12 @@ class AxisModel:
     def learn_position(self, position: int, window: Window) -> None:
         """An axis surely at rest is where it says, if that was admissible."""
         if window.earliest_ns >= self.forecast.over_ns:
-            timelines = self.forecast.rested.timelines
-            self.forecast = Forecast.of([replace(one, origin=position) for one in timelines])
+            rested = self.forecast.rested
+            if all([one.origin == position for one in rested.timelines]):
+                self.forecast = rested
+            else:
+                timelines = [replace(one, origin=position) for one in rested.timelines]
+                self.forecast = Forecast.of(timelines)
 
     def stopped_on(self, window: Window) -> frozenset[int]:
         """The admissible values of ff."""
@@ -334,8 +338,12 @@ class AxisModel:
     def learn_status(self, ff: int, window: Window) -> None:
         """What an axis surely at rest has told of its stops, stays so until the next motion."""
         if window.earliest_ns >= self.forecast.over_ns:
-            timelines = self.forecast.rested.timelines
-            self.forecast = Forecast.of([replace(one, ff=ff, doubt=0) for one in timelines])
+            rested = self.forecast.rested
+            if all([one.ff == ff and not one.doubt for one in rested.timelines]):
+                self.forecast = rested
+            else:
+                timelines = [replace(one, ff=ff, doubt=0) for one in rested.timelines]
+                self.forecast = Forecast.of(timelines)
 
     def busy(self, window: Window) -> frozenset[bool]:
         """The admissible values of busy (MACS-BUSY-01)."""
