@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from axistwin_conformance.errors import CannotDo
-from axistwin_conformance.mac_serial.bench import segment, velocity
+from axistwin_conformance.mac_serial.bench import QUIET_S, segment, velocity
 from axistwin_conformance.mac_serial.codec import Kind
 from axistwin_conformance.mac_serial.family import DISJUNCTIONS, facts_of
 from axistwin_conformance.mac_serial.forecast import Window
@@ -134,6 +134,26 @@ def a_missing_encoder_locks_motion(session: Session) -> None:
     bench.restart()
     if outcome == 0:
         walk_through(bench, ENCODER)
+
+
+@check("MACS-STATE-03", "MACS-Q-21-02", safety=WORKED, needs=("rig:temperature",), level="full")
+def a_fault_gone_by_the_end_of_the_start_up_is_forgotten(session: Session) -> None:
+    """At the end of the start-up faults are looked at afresh: what came and went before, is not."""
+    if not is_mac23(session):
+        session.skip(NO_THRESHOLDS)
+    bench = RigBench(session)
+    if not bench.rig.is_exact or bench.deaf_s < 1:
+        session.skip("there is no time to heat and cool it while it starts")
+    start = bench.begin()
+    cause = heat(celsius(bench))
+    bench.send(bench.frame(0x00), QUIET_S)
+    cause.begin(bench.rig)
+    bench.wait(0.1)
+    cause.end(bench.rig)
+    bench.awake("MACS-STATE-03")
+    seen = bench.faults()
+    session.expect(seen == 0, ("MACS-STATE-03", "MACS-Q-21-02"), "dd 00", f"{seen:02X}")
+    bench.finish(bench.go(start + 10), "MACS-STATE-03")
 
 
 def walk_through(bench: RigBench, cause: Cause) -> None:
