@@ -41,19 +41,30 @@ class Judgement:
 
 
 @contextlib.contextmanager
-def line_of_twins(link: str, state: Path) -> Iterator[subprocess.Popen[str]]:
-    """Run a daemon until the block ends; yields when every device has said that it is ready."""
+def line_of_twins(link: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
+    """Run a daemon until the block ends; yields when every device has said that it is ready.
+
+    What it remarks goes into a log: while it is judged, clients talk at wrong rates on purpose.
+    """
     devices = [f"{model}:{address}" for model, address in DEVICES.items()]
     command = [sys.executable, "-m", "axistwin", "run", *devices]
-    command += ["--pty", link, "--state", str(state), "--json"]
-    # A process group of its own: Ctrl-C must not take the line from under a judgement.
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, process_group=0) as daemon:
+    command += ["--pty", link, "--state", str(folder / "state"), "--json"]
+    folder.mkdir()
+    log = folder / "log"
+    with (
+        log.open("w") as remarks,
+        # A process group of its own: Ctrl-C must not take the line from under a judgement.
+        subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=remarks, text=True, process_group=0
+        ) as daemon,
+    ):
         try:
             assert daemon.stdout is not None
             for _ in devices:
                 event = json.loads(daemon.stdout.readline() or "{}")
                 if event.get("event") != "ready":
-                    raise SystemExit(f"run: the twins did not start (status {daemon.poll()})")
+                    told = f"{log.read_text()}run: the twins at {link} did not start"
+                    raise SystemExit(told)
                 print(f"ready {event['device']} on {event['url']}", flush=True)
             yield daemon
         finally:
@@ -109,9 +120,10 @@ def _terminated(number: int, frame: FrameType | None) -> None:
 def run(*, is_once: bool) -> int:
     """Start the lines, judge, and stay until somebody ends it; the exit status."""
     with contextlib.ExitStack() as stack:
-        state = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="axistwin-")))
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="axistwin-")))
         daemons = [
-            stack.enter_context(line_of_twins(link, state / model)) for model, link in LINES.items()
+            stack.enter_context(line_of_twins(link, folder / model))
+            for model, link in LINES.items()
         ]
         status = judge_all()
         told = "all conform" if status == 0 else f"status {status}"

@@ -74,6 +74,13 @@ def test_on_a_line_that_spoils_every_other_exchange_nothing_is_made_up(kind: str
     )  # fmt: skip
 
 
+@pytest.mark.parametrize("kind", ["mixed", "lost", "corrupted"])
+def test_a_device_is_found_behind_any_noise(kind: str) -> None:
+    """One byte in 50 spoils the first exchanges too."""
+    for seed in range(200, 230):
+        judge_healthy(50, seed, kind, "MACS-Q-24-01")
+
+
 @pytest.mark.soak
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("every", [50, 500, 5000])

@@ -40,7 +40,7 @@ def test_the_document_follows_the_schema_that_build_servers_read(wrong_run: Any)
     assert root.tag == "testsuites"
     for element in root.iter():
         assert {child.tag for child in element} <= CHILDREN.get(element.tag, set())
-        assert set(element.attrib) >= REQUIRED.get(element.tag, set())
+        assert set(element.attrib) == REQUIRED.get(element.tag, set())
 
 
 def test_the_numbers_are_those_of_the_cases(wrong_run: Any) -> None:

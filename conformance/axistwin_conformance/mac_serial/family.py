@@ -79,20 +79,13 @@ def probe(session: Session) -> Identity:
     """
     bench = Bench(session)
     session.is_strict = True  # the attempts are counted here
-    release = next(
-        (
-            exchange.reply.data
-            for _ in range(PROBE_ATTEMPTS)
-            if (exchange := bench.command(0x24)).kind is Kind.ANSWER
-        ),
-        None,
-    )
-    last = bench.command(0x24) if release is None else None
-    if last is not None and not sanity(session):
+    last = _insisted(bench, 0x24)
+    release = last.data if last.kind is Kind.ANSWER else None
+    if release is None and not sanity(session):
         others = [str(rate) for rate in BAUDS if rate != session.target.baud]
         raise TargetError(
             f"no module answers at address {bench.address:02X}h and {session.target.baud} baud:"
-            f" {_heard(bench, last.reply)}; try --baud {' or '.join(others)}, or another --address"
+            f" {_heard(bench, last)}; try --baud {' or '.join(others)}, or another --address"
         )
     session.is_strict = session.target.is_lossless
     values = {"release": "unknown" if release is None else f"{release:08X}"}
@@ -104,6 +97,17 @@ def probe(session: Session) -> Identity:
     told = [f"release {values['release']}"]
     told += [values[name] for name in ("temperature", "supply") if name in values]
     return Identity(f"{session.model.title} at {bench.address:02X}h, {', '.join(told)}", values)
+
+
+def _insisted(bench: Bench, index: int) -> Reply:
+    """Ask until there is an answer; longer if what comes differs, which is noise."""
+    seen = set()
+    for number in range(1, ATTEMPTS + 1):
+        reply = bench.command(index).reply
+        seen.add(reply.raw)
+        if reply.kind is Kind.ANSWER or (number >= PROBE_ATTEMPTS and len(seen) == 1):
+            break
+    return reply
 
 
 def _heard(bench: Bench, reply: Reply) -> str:
