@@ -353,8 +353,7 @@ def test_the_failing_run_is_plotted_and_no_other() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_shrinking_never_leaves_the_envelope(seed: int) -> None:
-    """Whatever is left out of a list that turns, moves and clears: nothing asked for is outside,
-    and the shaft never gets there."""
+    """Whatever is left out of a list that moves: nothing outside is asked for or reached."""
     wild = split(random.Random(seed).randbytes(240))
     port = Device(at_times())
     case = Case(port, fenced=True)

@@ -42,8 +42,7 @@ def failed(result: Result) -> set[str]:
 def test_the_command_printed_with_a_failure_fails_the_same_requirement(
     tmp_path: Path, with_report: bool
 ) -> None:
-    """Typed as it stands there; by its file with a report, by its hex without; a sound twin does
-    not fail it."""
+    """By its file with a report, by its hex without; a sound twin does not fail it."""
     report = ("--report", str(tmp_path)) if with_report else ()
     with a_ramped_stop_stops_dead.plant():
         first = run(CHECK, *report)
