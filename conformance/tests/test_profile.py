@@ -37,7 +37,7 @@ VALUES = {
 # What the suite itself does not take into account yet.
 SUITE_FAULTS = {
     ("brake_increments", "10"): "18h is not followed by a wait for the standstill, 160 ms at FFFFh",
-    ("nack_scope", "any"): "a frame is sent right behind the first Nack, into that of the neighbour",
+    ("nack_scope", "any"): "the next frame runs into the Nack of the neighbour",
 }
 
 
