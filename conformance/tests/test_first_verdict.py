@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -38,13 +39,16 @@ def run(*words: str) -> tuple[int, list[dict[str, Any]]]:
 def wire(monkeypatch: pytest.MonkeyPatch) -> Wire:
     """Everything the suite sends from now on, with its time."""
     sent: Wire = []
-    send = Target.send
 
-    def spy(target: Target, data: bytes) -> int:
-        sent.append((target.now_ns, data))
-        return send(target, data)
+    def spied(way: Callable[..., Any]) -> Callable[..., Any]:
+        def spy(target: Target, data: bytes, *rest: Any) -> Any:
+            sent.append((target.now_ns, data))
+            return way(target, data, *rest)
 
-    monkeypatch.setattr(Target, "send", spy)
+        return spy
+
+    for name in ("send", "exchange"):
+        monkeypatch.setattr(Target, name, spied(getattr(Target, name)))
     return sent
 
 

@@ -142,6 +142,9 @@ class Player:
         for name, count in tally.judged.items():
             if name in named and name != failed:
                 session.passed[name] = session.passed.get(name, 0) + count
+        for name in named if not failed else ():
+            if not tally.judged[name]:
+                session.not_run(name, "nothing that was played came to judge it")
         counts: dict[str, dict[str, int]] = {}
         for (state, operation), count in sorted(tally.operated.items()):
             counts.setdefault(state, {})[operation] = count
