@@ -99,7 +99,7 @@ class _Listener:
 
     def hear(self, event: Any) -> None:
         """Take an event of the suite."""
-        from axistwin_conformance.events import CheckFinished, Outcome, ReadingSeen
+        from axistwin_conformance.events import CheckFinished, ReadingSeen
         from axistwin_conformance.verdicts import Verdict
 
         if isinstance(event, ReadingSeen) and event.reading != event.default:
@@ -114,8 +114,6 @@ class _Listener:
                 self.heed_crash(one.text, **said)
                 came = "" if one.actual is None else f" (came: {one.actual})"
                 say("killed", **said, requirement=one.requirement, text=one.text + came)
-        if event.outcome is Outcome.ERROR:
-            say("suite error", **said, text=event.trouble)
 
     def heed_crash(self, text: str, **said: str) -> None:
         """A crash of the twins counts apart, whatever is judged after it."""

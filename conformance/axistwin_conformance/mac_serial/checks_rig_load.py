@@ -155,6 +155,51 @@ def _caught_up(sample: Sample, since: Window, step_ns: int, lag: int) -> tuple[i
     return max(0, min(lag, least)), min(lag, most)
 
 
+@check("MACS-CMD-0E-01", "MACS-BUSY-01", "MACS-Q-20-01", safety=WORKED, needs=HOLD, level="full")
+def a_move_held_for_a_while_makes_up_for_it_at_its_end(session: Session) -> None:
+    """Held in the midst of a move the shaft stands where it was; let go, it follows with its lag,
+    which is made up after the profile, one increment every VV·200 µs."""
+    bench = RigBench(session)
+    if not bench.rig.is_exact or bench.known("position_source"):
+        session.skip("needs a rig that acts at once, and 20h to tell where the shaft is")
+    start = bench.begin()
+    bench.accepted(0x0E, SLOW_CATCH_UP << 8)
+    target = start + bench.reach
+    moving = bench.go(target)
+    bench.wait(0.1)
+    held = Window(*bench.rig.hold_shaft(True))
+    lowest, highest = moving.bounds(held)
+    place = bench.position()
+    session.expect(
+        lowest <= place <= highest, "MACS-Q-20-01", f"held at {lowest}..{highest}", place
+    )
+    bench.wait(LAG * bench.period * TICK_NS / 1e9)
+    again = bench.position()
+    session.expect(again == place, "MACS-Q-20-01", f"still at {place}", again)
+    let_go = Window(*bench.rig.hold_shaft(False))
+    bench.in_time(moving, let_go)
+    missed = (moving.bounds(let_go)[0] - highest, moving.bounds(let_go)[1] - lowest)
+    under_way = bench.sample()
+    least, most = moving.bounds(under_way.taken)
+    session.expect(
+        least - missed[1] <= under_way.position <= most - missed[0], "MACS-BUSY-01",
+        f"{missed[0]}..{missed[1]} increments behind {least}..{most}", under_way.position,
+    )  # fmt: skip
+    end = moving.end
+    assert end is not None
+    bench.wait_until(end.latest_ns)
+    late = bench.sample()
+    made_up = 2 + (late.taken.latest_ns - end.earliest_ns) // _catch_up_ns(SLOW_CATCH_UP)
+    lag = target - late.position
+    session.expect(
+        missed[0] - made_up <= lag <= missed[1], "MACS-BUSY-01",
+        f"{missed[0] - made_up}..{missed[1]} increments behind", lag,
+    )  # fmt: skip
+    _follow_catch_up(bench, late.taken, late.position, target, SLOW_CATCH_UP, "MACS-CMD-0E-01")
+    place = bench.rest()
+    session.expect(place == target, ("MACS-CMD-0E-01", "MACS-BUSY-01"), target, place)
+
+
 def _change_under_way(bench: RigBench) -> None:
     """0Eh during catch-up is accepted, and counts from the next increment on."""
     slow = EASY_CATCH_UP
