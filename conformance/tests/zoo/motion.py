@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from typing import Any
 
 from axistwin.devices.mac.acceptance import State
@@ -9,6 +10,7 @@ from axistwin.devices.mac.axis import Axis
 from axistwin.devices.mac.drive import Drive
 from axistwin.motion import ramp as ramp_module
 from axistwin.motion.interpolator import Segment
+from axistwin.motion.plant import Load, Plant
 from axistwin.motion.ramp import Phase, Ramp
 from axistwin.motion.trajectory import Piece
 from zoo.mutant import Any_, MonkeyPatch, answers, cells, everywhere, mutant, on, target_of, wrap
@@ -440,3 +442,31 @@ def a_stopped_endless_motion_waits_for_its_shaft(patch: MonkeyPatch) -> None:
         return ending
 
     wrap(patch, Drive, "_end_ns", make)
+
+
+@mutant("MACS-BUSY-01")
+def a_shaft_let_go_in_a_move_leaps_to_its_set_point(patch: MonkeyPatch) -> None:
+    """What was missed while the shaft was held is made up at once, if the profile still runs."""
+
+    def make(set_load: Any_) -> Any_:
+        def loading(plant: Plant, now: int, load: Load) -> None:
+            was_held = plant.load.held
+            set_load(plant, now, load)
+            if was_held and not load.held and plant._set_point is not None:
+                base = Fraction(plant._base + plant._set_point.displacement_at(now))
+                plant._shaft = plant._shaft._replace(exact=base, offset=plant._base)
+
+        return loading
+
+    wrap(patch, Plant, "set_load", make)
+
+
+@mutant("MACS-STATE-03")
+def a_fault_of_the_start_up_stays(patch: MonkeyPatch) -> None:
+    """What goes wrong while the module starts is kept, though it is over when the start is."""
+    wrap(
+        patch,
+        Axis,
+        "start",
+        lambda start: lambda axis, now: None if axis.faults.disjuncted else start(axis, now),
+    )
