@@ -239,8 +239,7 @@ def test_the_noisier_the_line_the_more_must_agree() -> None:
 
 
 def test_a_device_is_given_up_later_than_a_reply_is_believed() -> None:
-    """A run asks thousands of times whether the device is still there, so noise must be rarer; on
-    a quiet line a silent one is given up soon."""
+    """It is asked thousands of times whether it is there; on a quiet line the answer comes soon."""
     for spoilt in (0, 50, 450):
         quality = LineQuality(1000, spoilt)
         assert quality.rate**quality.bad_when_lost < 1e-8
