@@ -322,14 +322,11 @@ def make_options(
     family = find_family(model)
     is_builtin = port is None
     is_twin = port is None or port.startswith(TWIN_SCHEME)
-    address = family.default_address if address is None else address
+    address, neighbours = _addresses(family, address, neighbours, is_builtin=is_builtin)
     _check_port(port)
     if is_builtin and baud is not None and baud not in (family.bauds or (baud,)):
         known = ", ".join(map(str, family.bauds))
         raise UsageError(f"--baud {baud}: a {model} knows {known}")
-    if is_builtin and not neighbours:
-        neighbours = (_other_address(family, address),)
-    _check_addresses(family, address, neighbours)
     _check_duration(duration, level)
     alone = {"an ID": ids, "--level": level, "--detect": is_detection}
     recording = None if replay is None else _recording(family, model, replay, alone)
@@ -426,13 +423,20 @@ def _check_duration(duration: float | None, level: str | None) -> None:
         raise UsageError(f"--duration is how long a soak takes: add --level {SOAK}")
 
 
-def _check_addresses(family: Family, address: int, neighbours: tuple[int, ...]) -> None:
+def _addresses(
+    family: Family, address: int | None, neighbours: tuple[int, ...], *, is_builtin: bool
+) -> tuple[int, tuple[int, ...]]:
+    """The address to judge and those of further modules, of which the built-in twin has one."""
+    address = family.default_address if address is None else address
+    if is_builtin and not neighbours:
+        neighbours = (_other_address(family, address),)
     for one in (address, *neighbours):
         if one not in family.addresses:
             low, high = family.addresses[0], family.addresses[-1]
             raise UsageError(f"address {one} is out of range: choose {low} to {high}")
     if len({address, *neighbours}) <= len(neighbours):
         raise UsageError("--address and every --neighbour must differ from one another")
+    return address, neighbours
 
 
 def _other_address(family: Family, address: int) -> int:

@@ -60,7 +60,7 @@ class Device(PortInFront):
         url = "&".join(["axistwin://mac23:0,mac23:1?time=virtual", *words])
         super().__init__(serial.serial_for_url(url, baudrate=38400))
         self.lies = lies
-        self.has_stopped = self.is_asked = False
+        self.has_stopped = self.is_asked = self.is_sticky = False
         self.cleared = self.furthest = self.asked = 0
 
     @property
@@ -77,7 +77,7 @@ class Device(PortInFront):
         self.look()
         is_frame = len(data) == 21 and data[4:6] == b"00"
         index = int(data[6:8], 16) if is_frame else 0
-        if index == 0x0C:
+        if (index == 0x0C and not self.is_sticky) or (is_frame and index == 0x00):
             self.has_stopped = False
         self.has_stopped |= index == 0x17
         self.is_asked = index == 0x19 and self.has_stopped
@@ -306,6 +306,15 @@ def test_in_virtual_time_arguments_and_pauses_become_small() -> None:
     assert [one[1:3] for one in short] == [bytes(2)] * 3
     assert [one[3] for one in short[1:]] == [0, 0]
     assert short[0][3] <= 0x8A, "a pause as short as it takes to get going"
+
+
+def test_what_one_list_leaves_behind_does_not_make_the_next_one_fail() -> None:
+    """In virtual time each begins with 00h; or a fault that sticks would shrink to its last act."""
+    port = Device(always())
+    port.is_sticky = True
+    case = Case(port, is_lossless=True)
+    case.settle()
+    assert [one[0] for one in case.stored[-1].operations] == [RAMPED_STOP[0], POWER_ON[0]]
 
 
 def test_the_same_requirement_is_not_shrunk_twice_in_a_run() -> None:
