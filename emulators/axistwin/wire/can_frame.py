@@ -71,7 +71,7 @@ class CanFrame:
         return shown + self.data.hex().upper()
 
 
-# ---- arbitration -----------------------------------------------------------------------------------
+# ---- arbitration ---------------------------------------------------------------------------------
 
 
 def arbitration_key(frame: CanFrame) -> int:
@@ -85,7 +85,7 @@ def arbitration_key(frame: CanFrame) -> int:
     return base << 21 | 0b11 << 19 | extension << 1 | frame.is_remote
 
 
-# ---- bits ------------------------------------------------------------------------------------------
+# ---- bits ----------------------------------------------------------------------------------------
 
 
 def crc_15(data: bytes, crc: int = 0) -> int:
