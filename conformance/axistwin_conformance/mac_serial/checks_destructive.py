@@ -5,10 +5,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Final
 
 from axistwin_conformance.mac_serial.bench import QUIET_S, Bench
-from axistwin_conformance.mac_serial.codec import Kind
+from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS, Kind
 from axistwin_conformance.mac_serial.probes_destructive import (
     DESTRUCTIVE,
     FACTORY_BAUD,
@@ -87,6 +88,27 @@ def addresses_from_80_up_are_refused(session: Session) -> None:
         if kind is Kind.ACCEPTED and not is_obeyed and session.readings.get("addr_effective"):
             outcome = 0
         bench.reading("addr_prog_requires_ff", outcome, "MACS-CMD-08-01")
+
+
+@check("MACS-FRAME-13", "MACS-CMD-08-03", safety=DESTRUCTIVE, needs=("alone",))
+def an_address_that_is_no_number_is_refused(session: Session) -> None:
+    """08h with a character that is no hex digit in the new address is refused, the address kept."""
+    bench = Bench(session)
+    for digits in (b"G1", b"1G", b"GG", b" 1", b"+1"):
+        with address_put_back(bench):
+            frame = replace(
+                bench.frame(0x08, address=GENERAL_ADDRESS), parameters=b"000000" + digits
+            )
+            kind = bench.send(frame, QUIET_S * 2).kind
+            if kind is Kind.NACK:
+                bench.reading("bad_frame_reply", 1, "MACS-FRAME-13")
+            is_kept = kind in (Kind.REFUSED, Kind.NACK, Kind.SILENCE) and answers(
+                bench, bench.address
+            )
+            session.expect(
+                is_kept, ("MACS-FRAME-13", "MACS-CMD-08-03"),
+                f"refused, still at {bench.address:02X}", kind.value,
+            )  # fmt: skip
 
 
 @check("MACS-CMD-1B-01", "MACS-CMD-XX-02", "MACS-LINE-01", safety=DESTRUCTIVE, needs=("alone",))

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
 from axistwin_conformance.mac_serial import codec
-from axistwin_conformance.mac_serial.bench import NACKED_BY_MANY, QUIET_S, Bench
+from axistwin_conformance.mac_serial.bench import NACKED_BY_MANY, QUIET_S, SAFE_PERIOD, Bench
 from axistwin_conformance.mac_serial.codec import ETX, STX, Kind, Request
 from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
@@ -20,6 +21,14 @@ WRONG_LENGTH_FIELDS: Final = (b"011", b"013", b"015", b"00E", b"114", b"140", b"
 WRONG_ENDS: Final = (b"\x00", b"\x02", b"\x04", b"0", b"\r", b"\xff")
 NOISE: Final = (b"\x00", b"\xff", bytes([ETX]), b"\r\n", b"0140020", bytes(range(0x20, 0x60)))
 
+# Which of a command's eight digits matter (§3.3); the others are printed x, or are always 00.
+SIGNIFICANT_DIGITS: Final[Mapping[int, range]] = {
+    **dict.fromkeys((0x09, 0x0A, 0x13, 0x16, 0x1E), range(8)),
+    **dict.fromkeys((0x02, 0x03, 0x07, 0x0C, 0x0F, 0x1C), range(6, 8)),
+    0x0D: range(4, 8),
+    0x0E: range(4, 6),
+    0x15: range(2, 8),
+}
 # Characters that a lenient number parser takes for part of a number, and a module must not.
 NOT_HEX: Final = (b"2G", b"G0", b" 2", b"2 ", b"+2", b"-2", b"2_", b"x2", b"2\x00", b"\xb20")
 
@@ -307,6 +316,29 @@ def parameters_that_are_no_digits_are_refused(session: Session) -> None:
         _is_refused_as_malformed(bench, frame)
         after = bench.value(0x22)
         session.expect(after == before, None, f"22h still {before:08X}", f"{after:08X}")
+
+
+@check("MACS-FRAME-13", safety=("motion", "stored"), level="full")
+def no_command_takes_another_character_for_a_digit(session: Session) -> None:
+    """A character that is no hex digit in any place that matters, of any command, is refused."""
+    bench = Bench(session)
+    bench.ready()
+    speeds, modes, place = bench.value(0x25), bench.value(0x26), bench.position()
+    harmless = {
+        0x02: modes >> 12 & 0xF, 0x03: modes >> 8 & 0xF, 0x07: 0,
+        0x09: bench.value(0x22), 0x0A: bench.value(0x23), 0x0C: modes >> 16 & 0xFF,
+        0x0D: speeds & 0xFFFF, 0x0E: speeds >> 24 << 8, 0x0F: modes >> 24,
+        0x13: place, 0x15: 0, 0x16: 0x10000 | SAFE_PERIOD, 0x1C: modes & 0xFF,
+        0x1E: 0x10000 | SAFE_PERIOD,
+    }  # fmt: skip
+    for index, parameter in harmless.items():
+        digits = codec.eight_digits(parameter)
+        for number in SIGNIFICANT_DIGITS[index]:
+            spoilt = digits[:number] + b"G" + digits[number + 1 :]
+            _is_refused_as_malformed(bench, replace(bench.frame(index), parameters=spoilt))
+    found = bench.value(0x25), bench.value(0x26), bench.position()
+    told = f"25h, 26h, 20h still {speeds:08X}, {modes:08X}, {place}"
+    session.expect(found == (speeds, modes, place), None, told, found)
 
 
 def _is_refused_as_malformed(bench: Bench, frame: Request) -> None:

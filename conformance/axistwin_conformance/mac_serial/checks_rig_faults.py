@@ -425,6 +425,8 @@ def judge_memory(bench: RigBench, idle: int) -> None:
     if hh == 0 and release < FIRST_WITH_MEMORY:
         bench.session.skip(f"release {release:08X} may be older than 7.4, which brought this bit")
     outcome: int | str = {0x80: 0, 0x7F: 1}.get(hh, f"hh changed in {hh:02X} by an over-voltage")
+    if hh & idle:
+        outcome = f"hh {idle:02X} before any over-voltage, {hh ^ idle:02X} after it"
     bench.reading("status_hh_bit", outcome, "MACS-Q-21-03")
 
 
