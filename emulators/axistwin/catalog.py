@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
-from axistwin.devices.base import MotionDevice
+from axistwin.devices.base import MotionSerialDevice
 from axistwin.errors import StateError, UsageError, nearest, suggestion
 from axistwin.kernel.seed import derive_seed
 from axistwin.kernel.time import NS_PER_US, Nanos
@@ -65,7 +65,7 @@ class _Maker(Protocol):
         cells: Mapping[str, int],
         skew_ns: Nanos,
         alone: bool,
-    ) -> MotionDevice: ...
+    ) -> MotionSerialDevice: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +102,7 @@ class Model:
         cells: Mapping[str, int] | None = None,
         skew_ns: Nanos = 0,
         alone: bool = True,
-    ) -> MotionDevice:
+    ) -> MotionSerialDevice:
         """A device at ``address``, with ``cells`` in place of what the factory stored.
 
         skew_ns: how much later than its siblings it answers.  alone: no other is on its line.
@@ -359,7 +359,7 @@ def _make_mac(
     cells: Mapping[str, int],
     skew_ns: Nanos,
     alone: bool,
-) -> MotionDevice:
+) -> MotionSerialDevice:
     from axistwin.devices.mac.quirks import parse_quirks
     from axistwin.devices.mac.serial import MacSerial
 

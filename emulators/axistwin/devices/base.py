@@ -1,4 +1,4 @@
-"""What every device on a serial line offers to whoever drives it.
+"""What every device offers to whoever drives it: on a serial line, on a CAN bus.
 
 The driver calls with the time; the device returns effects and says when it wants to be woken.
 Calls arrive in the order of time.  A device never looks at anything but its arguments.
@@ -10,28 +10,12 @@ from typing import Any, Protocol
 from axistwin.kernel.effects import Effect
 from axistwin.kernel.time import Nanos
 from axistwin.motion.plant import Load
+from axistwin.wire.can_frame import CanFrame
 from axistwin.wire.framing import Chunk, LineFormat
 
 
-class SerialDevice(Protocol):
-    """A device with a UART."""
-
-    @property
-    def line_format(self) -> LineFormat:
-        """Rate and framing that the UART uses now, in both directions."""
-
-    def quiet_prefix(self, data: bytes) -> int:
-        """How many leading bytes of ``data`` surely cause no effect, whatever follows.
-
-        Lets the line hand over long stretches at once: the device will not react before the byte
-        after that prefix.  0 is always a correct answer.
-        """
-
-    def receive(self, chunk: Chunk) -> list[Effect]:
-        """Take the bytes of ``chunk``; byte i counts as heard at ``chunk.arrival_ns(i)``.
-
-        At most the last byte of a chunk causes effects (the line keeps to ``quiet_prefix``).
-        """
+class Device(Protocol):
+    """What is told the time, can be switched off, and remembers."""
 
     def next_event(self) -> Nanos | None:
         """When the device next wants ``wake``, or None."""
@@ -52,7 +36,41 @@ class SerialDevice(Protocol):
         """Whether cells change by themselves as time passes (the axis moves)."""
 
 
-class MotionDevice(SerialDevice, Protocol):
+class SerialDevice(Device, Protocol):
+    """A device with a UART."""
+
+    @property
+    def line_format(self) -> LineFormat:
+        """Rate and framing that the UART uses now, in both directions."""
+
+    def quiet_prefix(self, data: bytes) -> int:
+        """How many leading bytes of ``data`` surely cause no effect, whatever follows.
+
+        Lets the line hand over long stretches at once: the device will not react before the byte
+        after that prefix.  0 is always a correct answer.
+        """
+
+    def receive(self, chunk: Chunk) -> list[Effect]:
+        """Take the bytes of ``chunk``; byte i counts as heard at ``chunk.arrival_ns(i)``.
+
+        At most the last byte of a chunk causes effects (the line keeps to ``quiet_prefix``).
+        """
+
+
+class CanDevice(Device, Protocol):
+    """A device with a CAN controller."""
+
+    def accepts(self, frame: CanFrame) -> bool:
+        """Whether ``frame`` may have an effect here; False spares the call of ``receive``."""
+
+    def receive(self, frame: CanFrame, end_ns: Nanos) -> list[Effect]:
+        """Take a frame of another station, complete at ``end_ns``."""
+
+    def sent(self, frame: CanFrame, end_ns: Nanos) -> list[Effect]:
+        """Learn that ``frame``, a ``SendFrame`` of this device, was on the bus until ``end_ns``."""
+
+
+class MotionDevice(Device, Protocol):
     """A device that turns a shaft, with the pins and the surroundings of one."""
 
     def set_input(self, now: Nanos, name: str, active: bool) -> list[Effect]:
@@ -81,3 +99,11 @@ class MotionDevice(SerialDevice, Protocol):
 
         At least ``address``, ``state_text``, ``supply_millivolts``, ``temperature_millidegrees``.
         """
+
+
+class MotionSerialDevice(MotionDevice, SerialDevice, Protocol):
+    """A device that turns a shaft, on a serial line."""
+
+
+class MotionCanDevice(MotionDevice, CanDevice, Protocol):
+    """A device that turns a shaft, on a CAN bus."""

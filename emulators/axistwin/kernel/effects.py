@@ -5,7 +5,7 @@ Effects are performed strictly in the order given.  That order carries a promise
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
 
 from axistwin.kernel.time import Nanos
 
@@ -17,9 +17,26 @@ class Transmit(NamedTuple):  # made for every answer: a third of a frozen datacl
     data: bytes
 
 
+Frame = TypeVar("Frame", covariant=True)
+"""What is sent as a whole (``wire.can_frame.CanFrame``); the kernel does not look into it."""
+
+
+class SendFrame(NamedTuple, Generic[Frame]):
+    """Let the device's bus controller send ``frame``, at ``start_ns`` at the earliest.
+
+    Frames of one device keep their order.
+    """
+
+    start_ns: Nanos
+    frame: Frame
+
+
 @dataclass(frozen=True, slots=True)
 class Silence:
-    """Send nothing more of what was to be transmitted; a byte on the line breaks off."""
+    """Send nothing more of what was to be sent.
+
+    A byte on a serial line breaks off; a frame on a bus is finished by the controller.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,4 +60,4 @@ class Trace:
     details: tuple[tuple[str, int | str], ...] = ()
 
 
-Effect: TypeAlias = Transmit | Silence | Store | Trace
+Effect: TypeAlias = Transmit | SendFrame[Any] | Silence | Store | Trace

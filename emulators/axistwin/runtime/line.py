@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
-from axistwin.devices.base import MotionDevice
+from axistwin.devices.base import MotionSerialDevice
 from axistwin.errors import StateError
 from axistwin.kernel.effects import Effect, Store, Trace
 from axistwin.kernel.time import NS_PER_MS, Nanos
@@ -43,7 +43,7 @@ class Station:
 
     name: str
     model: str
-    device: MotionDevice
+    device: MotionSerialDevice
     slot: Slot
 
 
