@@ -6,7 +6,7 @@ from axistwin.devices.mac import models
 from axistwin.devices.mac.axis import Axis
 from axistwin.devices.mac.faults import Faults
 from axistwin.devices.mac.models import MacModel
-from zoo.mutant import Any_, MonkeyPatch, State, cells, mutant, on, wrap
+from zoo.mutant import Any_, MonkeyPatch, State, answers, cells, mutant, on, wrap
 
 PARAMETERS = (0x02, 0x03, 0x09, 0x0A, 0x0C, 0x0D, 0x0E, 0x0F, 0x1C)
 
@@ -165,3 +165,9 @@ def temperatures_rise_at_half_the_rate(patch: MonkeyPatch) -> None:
 def a_locked_module_accepts_19h(patch: MonkeyPatch) -> None:
     """19h is accepted, to no effect, although a fault is latched."""
     on(patch, 0x19, lambda go, axis, now, n: axis.faults.disjuncted or go())
+
+
+@mutant("MACS-Q-21-03")
+def the_over_voltage_memory_is_inverted(patch: MonkeyPatch) -> None:
+    """hh bit 7 is 1 until there is an over-voltage."""
+    answers(patch, 0x21, lambda value, axis, now: value ^ 0x80)

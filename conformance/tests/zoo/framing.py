@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from axistwin.devices.mac import framing
+from axistwin.devices.mac.acceptance import SIGNIFICANT
 from axistwin.devices.mac.framing import ETX, HEX, STX
 from axistwin.devices.mac.serial import MacSerial
 from axistwin.runtime.network import SerialNetwork
@@ -302,3 +303,15 @@ def sync_is_not_heard_in_general_frames(patch: MonkeyPatch) -> None:
         return commanding
 
     wrap(patch, MacSerial, "_command", make)
+
+
+@mutant("MACS-FRAME-13")
+def a_character_counts_as_0_in_the_new_address(patch: MonkeyPatch) -> None:
+    """08h takes what is no digit for 0."""
+    patch.setitem(SIGNIFICANT, 0x08, 0)
+
+
+@mutant("MACS-FRAME-13")
+def a_character_counts_as_0_in_15h(patch: MonkeyPatch) -> None:
+    """15h takes what is no digit for 0."""
+    patch.setitem(SIGNIFICANT, 0x15, 0)
