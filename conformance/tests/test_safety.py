@@ -332,8 +332,8 @@ class Ended:
     last: dict[str, Any]
 
 
-def signalled(port: str, number: int, after_events: int, times: int) -> Ended:
-    """Start a run on a port, send it a signal (more than once) after so many events."""
+def signalled(port: str, number: int, moment: tuple[int, float], times: int) -> Ended:
+    """Start a run on a port; send a signal (more than once) so many events and seconds into it."""
     command = [sys.executable, "-m", "axistwin", "conform", "mac23", "--port", port, "--json"]
     command += ["--allow", "motion,stored", "--level", "quick", "--max-travel", str(TRAVEL)]
     with subprocess.Popen(
@@ -341,8 +341,8 @@ def signalled(port: str, number: int, after_events: int, times: int) -> Ended:
     ) as process:
         assert process.stdout is not None
         assert process.stderr is not None
-        lines = [process.stdout.readline() for _ in range(after_events)]
-        time.sleep(random.Random(after_events).random() * 0.2)
+        lines = [process.stdout.readline() for _ in range(moment[0])]
+        time.sleep(moment[1])  # two events into it, the axis is moved to detect the readings
         for _ in range(times):
             process.send_signal(number)
         lines += process.stdout.readlines()
@@ -359,24 +359,26 @@ def pty_twin(axistwin: Callable[..., Any]) -> Iterator[Any]:
 
 @SLOW
 @pytest.mark.parametrize(
-    ("number", "after_events", "times"),
+    ("number", "moment", "times"),
     [
-        (signal.SIGINT, 60, 1),
-        (signal.SIGINT, 150, 3),
-        (signal.SIGINT, 210, 1),
-        (signal.SIGTERM, 90, 1),
-        (signal.SIGTERM, 170, 1),
-        (signal.SIGTERM, 230, 2),
-        (signal.SIGHUP, 110, 1),
-        (signal.SIGHUP, 190, 1),
+        (signal.SIGINT, (2, 0.0), 1),
+        (signal.SIGINT, (2, 1.7), 3),
+        (signal.SIGINT, (2, 5.1), 1),
+        (signal.SIGTERM, (2, 0.6), 1),
+        (signal.SIGTERM, (2, 3.3), 2),
+        (signal.SIGTERM, (2, 8.2), 1),
+        (signal.SIGHUP, (2, 2.4), 1),
+        (signal.SIGHUP, (2, 6.9), 1),
+        pytest.param(signal.SIGINT, (135, 0.4), 1, marks=SOAK),
+        pytest.param(signal.SIGTERM, (150, 1.1), 1, marks=SOAK),
     ],
 )
 def test_a_signal_ends_a_run_on_a_port_safely(
-    pty_twin: Any, number: int, after_events: int, times: int
+    pty_twin: Any, number: int, moment: tuple[int, float], times: int
 ) -> None:
     """SIGINT, SIGTERM, SIGHUP, also when impatient: at rest, put back, told, 130, no traceback."""
     before = {name: cell for name, cell in pty_twin.cells.items() if name != "position"}
-    ended = signalled(pty_twin.port, number, after_events, times)
+    ended = signalled(pty_twin.port, number, moment, times)
     assert ended.status == 130, ended.errors
     assert "Traceback" not in ended.errors
     assert ended.last["event"] == "run_finished"
