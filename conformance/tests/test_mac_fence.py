@@ -219,3 +219,98 @@ def test_frames_hidden_in_noise_or_in_lower_case_are_seen(line: Line) -> None:
     for data in (b"\x02\x02" + frame.encode() + b"\x03", frame.in_lower_case().encode()):
         with pytest.raises(OutsideEnvelope, match=r"00ABCDEF|00abcdef"):
             line.fence.sending(data, line.now_ns)
+
+
+def test_a_frame_sent_in_pieces_is_seen(line: Line) -> None:
+    """A module waits for the rest of it as long as it takes."""
+    frame = codec.request(0, 0x13, 0x00ABCDEF).encode()
+    line.fence.sending(frame[:9], line.now_ns)
+    line.fence.sending(frame[9:20], line.now_ns)
+    with pytest.raises(OutsideEnvelope) as caught:
+        line.fence.sending(frame[20:], line.now_ns)
+    assert (caught.value.option, caught.value.needed) == ("--max-travel", 0x00ABCDEF - 500)
+
+
+def test_a_stop_is_never_held_back(line: Line) -> None:
+    """Not even where nothing else could be sent any more."""
+    line.say(0x15, 0x0320, b"")
+    line.now_ns += SECOND
+    assert line.refuses(0x13, 2600)
+    assert not line.refuses(0x18)
+
+
+def test_an_axis_turned_out_by_hand_may_come_back(line: Line) -> None:
+    """What does not lead further out is let through."""
+    line.at(3000)
+    assert line.refuses(0x13, 3001)
+    assert not line.refuses(0x13, 600)
+
+
+def test_what_would_be_held_back_can_be_asked_beforehand(line: Line) -> None:
+    """With the option in the way and the least value that would do; nothing changes by asking."""
+    fast, near = codec.request(0, 0x15, 0x0100), codec.request(0, 0x13, 2500)
+    held_back = line.fence.foresee(fast.encode(), line.now_ns)
+    assert held_back is not None
+    assert (held_back.option, held_back.needed) == ("--max-speed", 31_250)
+    assert line.fence.foresee(near.encode(), line.now_ns) is None
+    assert line.fence.axes[0].reach == (0, 0)
+
+
+def test_who_refuses_18h_is_unpowered(line: Line) -> None:
+    """After a fault nothing drives the axis: there is no deadline that nobody could meet."""
+    line.say(0x15, 0x1000)
+    line.say(0x18, 0, REFUSED)
+    assert not line.has_deadline()
+
+
+def test_the_rig_gives_no_travel_back(line: Line) -> None:
+    """A reference contact worked at rest, and a supply that was cut, leave the shaft alone."""
+    line.say(0x13, 2400)
+    line.at(2400)
+    for name in ("reference", "power"):
+        line.fence.worked(name, (line.now_ns, line.now_ns))
+        line.at(2400)
+        assert not line.refuses(0x13, 2500)
+        assert line.refuses(0x13, 2501)
+
+
+def test_a_counter_lost_with_the_supply_may_stand_anywhere_it_could(line: Line) -> None:
+    """At 1500 from home it reads 0 again: it may be there still, or be back."""
+    line.say(0x13, 2000)
+    line.at(2000)
+    line.fence.worked("power", (line.now_ns, line.now_ns))
+    line.at(0)
+    assert line.refuses(0x13, 501)
+    assert not line.refuses(0x13, 500)
+
+
+def test_an_edge_of_the_reference_in_motion_moves_the_origin(line: Line) -> None:
+    """Cleared near 700, the counter leaves 1800 above it, and no more."""
+    line.say(0x07, 1)
+    line.say(0x15, 0x4000)
+    line.at(700)
+    line.fence.worked("reference", (line.now_ns, line.now_ns))
+    line.at(4)
+    line.say(0x18)
+    line.at(5)
+    line.say(0x07, 0)
+    assert line.refuses(0x13, 1801)
+    assert not line.refuses(0x13, 1750)
+
+
+def test_a_move_that_the_reference_may_prolong_has_a_deadline(line: Line) -> None:
+    """Until its target is seen: cleared under way, it has as far to go again."""
+    line.say(0x07, 1)
+    line.say(0x13, 800)
+    assert line.has_deadline()
+    line.now_ns += SECOND // 4
+    line.at(800)
+    assert not line.has_deadline()
+
+
+def test_how_much_endless_motion_would_need_can_be_told(line: Line) -> None:
+    """1953 increments per second go on for as long as they have already, and once more."""
+    assert line.fence.needed(SECOND) == 0
+    line.say(0x15, 0x1000)
+    needed = line.fence.needed(SECOND)
+    assert 2000 + 1953 - 200 < needed < 2000 + 1953 + 200
