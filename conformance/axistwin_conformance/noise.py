@@ -32,7 +32,7 @@ from axistwin_conformance.verdicts import Finding, Verdict
 FALSE_ALARM = 1e-6  # the chance left to noise of looking like the device
 FALSE_LOSS = 1e-9  # of looking like a device that is gone: that is asked after every exchange
 LEAST_ALIKE = 3
-MOST_ATTEMPTS = 10  # of one check, the first one included
+MOST_ATTEMPTS = 10  # of one check, the first one included; twice that while none has held
 NOISY = 1e-3  # share of spoilt exchanges from which a line counts as noisy
 PASSED_WITH_RETRIES = "passed by asking again; what went wrong went wrong here and there: noise"
 PRIOR_EXCHANGES = 20  # before anything is known, a line is taken to spoil one exchange in these
@@ -153,7 +153,7 @@ class Replays:
     def settle(self) -> CheckResult:
         """Run, replay as often as needed, and give the result that can be believed."""
         is_strict = False
-        while len(self._all) < self._most:
+        while len(self._all) < self._most or self._is_promising():
             if self._all and not self._tidy():
                 return self._all[-1].result  # the device is lost: the engine finds out and says so
             one = self._attempt(is_strict)
@@ -168,6 +168,12 @@ class Replays:
                 break
             is_strict = self._next_is_strict(one)
         return self._given_up()
+
+    def _is_promising(self) -> bool:
+        """True if more attempts may settle it: all fail, some of them alike, not yet enough."""
+        if len(self._all) >= 2 * self._most or self._passed():
+            return False
+        return any(self._alike(self._surprise(one)) >= LEAST_ALIKE for one in self._all)
 
     def _is_enough(self, one: Attempt) -> bool:
         if one.is_void:
