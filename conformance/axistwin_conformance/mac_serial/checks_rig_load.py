@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance.mac_serial.bench import Sample
+from axistwin_conformance.mac_serial.bench import Sample, segment
 from axistwin_conformance.mac_serial.codec import Kind
 from axistwin_conformance.mac_serial.forecast import Window
 from axistwin_conformance.mac_serial.motion import CATCH_UP_UNIT_TICKS, TICK_NS
@@ -339,6 +339,29 @@ def a_turned_shaft_comes_back_only_where_it_is_regulated(session: Session) -> No
     bench.rig.turn_shaft(-25)
     _judge_turned(bench, -25, bench.rest() - place, "MACS-CMD-18-01")
     bench.command(0x18)
+
+
+@check("MACS-CMD-17-01", "MACS-BUSY-01", safety=WORKED, needs=TURN, level="full")
+def a_turned_shaft_comes_back_to_where_a_ramped_stop_has_left_it(session: Session) -> None:
+    """17h holds the place it comes to rest at, with or without segments that were waiting."""
+    bench = RigBench(session)
+    if not bench.rig.is_exact or bench.known("position_source"):
+        session.skip("needs a rig that acts at once, and 20h to tell where the shaft is")
+    waiting = not bench.known("interp_during_profile") and not bench.known("abort_flush")
+    for segments in range(1 + waiting):
+        start = bench.begin()
+        bench.accepted(0x0E, SLOW_CATCH_UP << 8)
+        bench.go(start + bench.reach)
+        for _ in range(segments):
+            bench.accepted(0x16, segment(20, bench.period))
+        bench.wait(0.05)
+        bench.accepted(0x17, requirement="MACS-CMD-17-01")
+        place = bench.rest()
+        turned = Window(*bench.rig.turn_shaft(25))
+        _follow_catch_up(bench, turned, place + 25, place, SLOW_CATCH_UP, "MACS-CMD-17-01")
+        back = bench.rest()
+        session.expect(back == place, "MACS-CMD-17-01", f"back at {place}", back)
+        session.expect(not bench.is_busy(), "MACS-BUSY-01", "not busy", "busy")
 
 
 @check("MACS-CMD-1A-01", "MACS-STATE-01", safety=WORKED, needs=HOLD, level="full")

@@ -470,3 +470,14 @@ def a_fault_of_the_start_up_stays(patch: MonkeyPatch) -> None:
         "start",
         lambda start: lambda axis, now: None if axis.faults.disjuncted else start(axis, now),
     )
+
+
+@mutant("MACS-CMD-17-01")
+def a_ramped_stop_before_segments_lets_the_shaft_go(patch: MonkeyPatch) -> None:
+    """After 17h with a segment waiting, the place of rest is no longer held."""
+
+    def flushing(drive: Drive, now: int) -> None:
+        if drive._segments_wait:
+            drive._end_segments(now)
+
+    patch.setattr(Drive, "flush_waiting", flushing)
