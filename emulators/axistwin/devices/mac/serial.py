@@ -2,7 +2,8 @@
 
 What belongs to this face and nothing else: framing and sums, the replies, whom a frame concerns
 (own address, FF), programming of address (08h) and rate (1Bh), memory reading (28h, 29h), and when
-the module is deaf.  What a command means, and when it is taken, the axis knows.
+the UART is deaf.  What a command means, and when it is taken, the axis knows; power, restarts and
+surroundings are the module's.
 
 Time at the receiver
 --------------------
@@ -19,15 +20,13 @@ Rules
 2. First the sum, then the digits, then the index, then acceptance (MACS-REPLY-06).
 3. One reply per frame, nothing unasked (MACS-REPLY-12).  To FF module 00 replies (MACS-MULTI-03).
 4. What a command stores stands in front of its reply in the list of effects.
-5. A new state (ledger §4.1) is told: ``Trace`` of the kind ``state``.
-6. A restart acts when its own reply has left (MACS-CMD-00-03); until it is over, all is lost.
+5. A restart acts when its own reply has left (MACS-CMD-00-03); until it is over, all is lost.
 """
 
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from axistwin.devices.mac.acceptance import INDEX_COUNT, SIGNIFICANT, state_text
-from axistwin.devices.mac.axis import Axis
+from axistwin.devices.mac.acceptance import INDEX_COUNT, SIGNIFICANT
 from axistwin.devices.mac.framing import (
     ADDRESS_MAX,
     ANSWER_LENGTH_FIELD,
@@ -46,18 +45,15 @@ from axistwin.devices.mac.framing import (
 )
 from axistwin.devices.mac.memory_map import RATES, four_bytes
 from axistwin.devices.mac.models import MODELS, MacModel
+from axistwin.devices.mac.module import NEVER, MacModule
 from axistwin.devices.mac.quirks import MacQuirks
 from axistwin.errors import UsageError, nearest
-from axistwin.kernel.effects import Effect, Silence, Trace, Transmit
-from axistwin.kernel.time import NS_PER_MS, NS_PER_US, Nanos
-from axistwin.motion.plant import Load
+from axistwin.kernel.effects import Effect, Transmit
+from axistwin.kernel.time import NS_PER_US, Nanos
 from axistwin.wire.framing import Chunk, LineFormat
 
-_NEVER: Final[Nanos] = 1 << 62
-RESET_INPUT: Final = "reset"
 
-
-class MacSerial:
+class MacSerial(MacModule):
     """One MAC module on a serial line.
 
     model: ``mac23``, ``mac34-1`` or ``mac34-2``.  address: 0..127; a stored one wins.
@@ -82,35 +78,22 @@ class MacSerial:
     ) -> None:
         if not 0 <= address <= ADDRESS_MAX:
             raise UsageError(f"address {address:02X}h is not in 00h..7Fh, the addresses of a MAC")
-        self.quirks = quirks = quirks or MacQuirks()
-        self.model = _model(model).with_limits(quirks)
-        self.axis = Axis(self.model, quirks, {"address": address, **(cells or {})})
+        quirks = quirks or MacQuirks()
+        limited = _model(model).with_limits(quirks)
+        super().__init__(limited, quirks, {"address": address, **(cells or {})})
         self.alone = alone
         self._latency_ns = quirks.reply_latency_us * NS_PER_US + skew_ns
-        self._boot_ns = quirks.boot_time_ms * NS_PER_MS
         self._prepare_replies()
-        self._take_over_address_and_rate()
+        self._take_over_stored()
         # The receiver.
         self._partial = b""
-        self._deaf_until: Nanos = _NEVER
+        self._deaf_until: Nanos = NEVER
         self._sending_until: Nanos = 0
         # The frame in hand: when its Etx was heard, whether bytes take time, what came of it.
         self._etx_ns: Nanos = 0
         self._paced = True
-        self._effects: list[Effect] = []
-        # Power, reset input, restart: when each next thing happens.
-        self._powered = False
-        self._reset_held = False
-        self._take_over_at: Nanos = _NEVER
-        self._take_over_restarts = False
-        self._boot_end: Nanos = _NEVER
-        self._due: Nanos = _NEVER
-        self._told_state = "off"
         if powered:
-            self.power_on(0)
-        if powered and started:
-            self._boot_end = self._deaf_until = self._due = 0
-            self._run_until(0)
+            self._switch_on(started=started)
         self._effects.clear()  # it has been so for long
 
     def _prepare_replies(self) -> None:
@@ -185,7 +168,7 @@ class MacSerial:
         begin, size = first, len(chunk.data)
         while first < size and chunk.arrival_ns(first) < self._deaf_until:
             first += 1
-            if self._deaf_until == _NEVER:
+            if self._deaf_until == NEVER:
                 first = size
         if first > begin:
             self._partial = b""
@@ -368,202 +351,20 @@ class MacSerial:
         self._reschedule()
         return self._accepted if acknowledged else None
 
-    def _take_over_address_and_rate(self) -> None:
+    # ---- what the module tells its face ----------------------------------------------------------
+
+    def _take_over_stored(self) -> None:
         """Work with the stored address and rate from now on."""
-        self.address = self.axis.stored["address"]
+        super()._take_over_stored()
         self._line_format = LineFormat(self.axis.stored["baud"])
 
-    # ---- time ----------------------------------------------------------------------------------
-
-    def next_event(self) -> Nanos | None:
-        """When something happens by itself: a restart, the end of the boot, an event of motion."""
-        return None if self._due == _NEVER else self._due
-
-    def wake(self, now: Nanos) -> list[Effect]:
-        """Do what is due at ``now``."""
-        self._run_until(now)
-        return self._taken_effects()
-
-    def _run_until(self, now: Nanos) -> None:
-        """Everything due by ``now``, in the order of time."""
-        while self._due <= now:
-            due = self._due
-            if due == self._take_over_at:
-                self._take_over(due)
-            elif due == self._boot_end:
-                self._boot_end = _NEVER
-                self.axis.start(due)
-            else:
-                self.axis.run(due)
-            self._collect(due)
-            self._reschedule()
-
-    def _collect(self, now: Nanos) -> None:
-        """Take the axis' effects, and tell the state if it is another one."""
-        self._effects += self.axis.take_effects()
-        state = self._state_code()
-        if state != self._told_state:
-            self._told_state = state
-            self._effects.append(Trace(now, "state", (("value", state),)))
-
-    def _take_over(self, now: Nanos) -> None:
-        self._take_over_at = _NEVER
-        self._take_over_address_and_rate()
-        if self._take_over_restarts:
-            self._begin_boot(now)
-
-    def _begin_boot(self, now: Nanos) -> None:
-        """Enter BT: motion dropped, deaf for the boot time (MACS-CMD-00-01, -02)."""
-        self.axis.shut_down(now)
-        self._partial = b""
-        self._boot_end = self._deaf_until = now + self._boot_ns
-
-    def _reschedule(self) -> None:
-        motion = self.axis.next_event()
-        self._due = min(self._take_over_at, self._boot_end, _NEVER if motion is None else motion)
-
-    def _taken_effects(self) -> list[Effect]:
-        effects = self._effects
-        if effects:
-            self._effects = []
-        return effects
-
-    def _settle(self, now: Nanos) -> list[Effect]:
-        """Close a call from outside that touched the axis."""
-        self._collect(now)
-        self._reschedule()
-        self._run_until(now)
-        return self._taken_effects()
-
-    # ---- power, inputs, surroundings -------------------------------------------------------------
-
-    def power_off(self, now: Nanos) -> list[Effect]:
-        """Cut the supply: everything volatile is gone; the position is saved (MACS-PERS-01)."""
-        self._run_until(now)
-        if self._powered:
-            self._powered = False
-            self._take_over_at = self._boot_end = _NEVER
-            self._deaf_until, self._sending_until, self._partial = _NEVER, 0, b""
-            self.axis.power_off(now)
-        return self._settle(now)
-
-    def power_on(self, now: Nanos) -> list[Effect]:
-        """Apply the supply: boot time, then at rest and unpowered (MACS-AMB-21, -26)."""
-        if not self._powered:
-            self._powered = True
-            self._take_over_address_and_rate()
-            self.axis.power_on(now)
-            if self._reset_held:
-                self._deaf_until = _NEVER
-            else:
-                self._begin_boot(now)
-        return self._settle(now)
-
-    def set_input(self, now: Nanos, name: str, active: bool) -> list[Effect]:
-        """Wire input ``name`` to ground (active) or leave it open.
-
-        Names: positive_stop, negative_stop, reference, reset.  Raises UsageError for others.
-        """
-        self._run_until(now)
-        if name == RESET_INPUT:
-            self._set_reset_input(now, active)
-        else:
-            self.axis.set_input(now, name, active)
-        return self._settle(now)
-
-    def _set_reset_input(self, now: Nanos, held: bool) -> None:
-        """RI while held low, then BT (MACS-IO-01, ledger §4.1)."""
-        if not self.quirks.has_reset_input:
-            raise UsageError(
-                "input reset: this device has none; start it with the quirk has_reset_input=true"
-            )
-        if held == self._reset_held:
-            return
-        self._reset_held = held
-        if not self._powered:
-            return
-        if held:
-            self._take_over_at = self._boot_end = self._deaf_until = _NEVER
-            self._partial, self._sending_until = b"", 0
-            self._effects.append(Silence())
-            self.axis.shut_down(now)
-        else:
-            self._take_over_address_and_rate()
-            self._begin_boot(now)
-
-    def set_supply(self, now: Nanos, millivolts: int) -> list[Effect]:
-        """The supply voltage at the module from now on; cutting it is ``power_off``."""
-        self._run_until(now)
-        self.axis.set_supply(now, millivolts)
-        return self._settle(now)
-
-    def set_temperature(self, now: Nanos, millidegrees: int) -> list[Effect]:
-        """The temperature of the electronics, in thousandths of a degree Celsius."""
-        self._run_until(now)
-        self.axis.set_temperature(now, millidegrees)
-        return self._settle(now)
-
-    def set_fault(self, now: Nanos, name: str, present: bool) -> list[Effect]:
-        """Let a fault be there or gone: amplifier, encoder (MAC34), micro_cut (a moment only).
-
-        Raises UsageError for other names, and for those that the model does not have.
-        """
-        self._run_until(now)
-        self.axis.set_fault(now, name, present)
-        return self._settle(now)
-
-    def set_load(self, now: Nanos, load: Load) -> list[Effect]:
-        """What hangs on the shaft from now on."""
-        self._run_until(now)
-        self.axis.set_load(now, load)
-        return self._settle(now)
-
-    def push(self, now: Nanos, increments: int) -> list[Effect]:
-        """Turn the shaft by hand, by signed ``increments``, against nothing but the regulation."""
-        self._run_until(now)
-        self.axis.push(now, increments)
-        return self._settle(now)
-
-    # ---- for whoever looks on --------------------------------------------------------------------
-
-    def cells(self, now: Nanos) -> Mapping[str, int]:
-        """All nonvolatile cells; the position is the one a power failure would save at ``now``."""
-        self._run_until(now)
-        return {**self.axis.stored, "position": self.axis.counter_at(now)}
-
-    def is_moving(self, now: Nanos) -> bool:
-        """Whether the position changes by itself."""
-        self._run_until(now)
-        return self.axis.is_moving(now)
-
-    def position_at(self, now: Nanos) -> int:
-        """The position counter, as 20h would read it."""
-        self._run_until(now)
-        return self.axis.reading_at(now)
-
-    def state_code(self, now: Nanos) -> str:
-        """The state of ledger §4.1: BT RI OF HD PO VE IN DJ, with +AR or +PL where it applies."""
-        self._run_until(now)
-        return self._state_code()
-
-    def _state_code(self) -> str:
-        if not self._powered:
-            return "off"
-        if self._reset_held:
-            return "RI"
-        return "BT" if self._boot_end != _NEVER else self.axis.state_code()
+    def _hear_nothing(self, until: Nanos) -> None:
+        """The UART is off ``until`` then (MACS-CMD-00-02)."""
+        self._deaf_until, self._sending_until, self._partial = until, 0, b""
 
     def describe(self, now: Nanos) -> dict[str, int | str | bool]:
         """Named state for panels and failing tests."""
-        state = self.state_code(now)
-        return {
-            "model": self.model.name,
-            "address": self.address,
-            "baud": self._line_format.baud,
-            "state": state,
-            "state_text": state_text(state),
-            **self.axis.describe(now),
-        }
+        return {**super().describe(now), "baud": self._line_format.baud}
 
 
 _FACE_COMMANDS: Final[dict[int, Callable[[MacSerial, int, bool], bytes | None]]] = {
