@@ -137,6 +137,8 @@ class Kind(Enum):
     GARBAGE = "garbage"
     SILENCE = "silence"
 
+    __hash__ = object.__hash__  # a member is one object; what Enum computes takes its time
+
 
 @dataclass(frozen=True, slots=True)
 class Reply:

@@ -10,15 +10,16 @@ further back, so the extremes bound the rest.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Final, NamedTuple
 
-from axistwin_conformance.mac_serial.motion import TICK_NS, Course, Law, Profile, Run
+from axistwin_conformance.mac_serial.motion import TICK_NS, Course, Law, Profile, Run, once
 
 ROUNDINGS: Final = ("down", "up")
 NEVER_NS: Final = 1 << 62
 RESTING: Final = frozenset({"HD"})
+ALL_ALIKE: Final = {mode: frozenset({mode}) for mode in ("PO", "VE", "IN")}
 
 
 class Window(NamedTuple):
@@ -50,8 +51,7 @@ class Segment:
         return abs(self.steps) * self.period * TICK_NS
 
 
-@dataclass(frozen=True, slots=True)
-class Leg:
+class Leg(NamedTuple):
     """One piece of a timeline: a profile from a place, a time and in a direction (0: none)."""
 
     start_ns: int
@@ -78,15 +78,19 @@ class Leg:
         return None if steps is None else self.origin + self.direction * steps
 
 
-@dataclass(frozen=True)
+@dataclass
 class Timeline:
     """One exact history: at rest at `origin`, or under way from there since `start_ns`.
+
+    A value: nobody changes one.  Some are made of every command, and freezing them would take
+    twice as long as making them.
 
     `mode`: "HD" at rest, "PO", "VE" or "IN".  `course` belongs to PO and VE.  `segments`: of IN the
     row being executed, of PO and VE what waits for the axis to come to rest (MACS-AMB-31).
     `stops`: the software stops (inferior, superior) if enabled.  `ff`: what 21h told of stops
     before this motion, `doubt` the bits of it that nobody can tell.  `leads`: an increment counts
-    when it begins (MACS-AMB-41).
+    when it begins (MACS-AMB-41).  `after`: at rest, the mode of the motion that ended here, as long
+    as nobody has read where that is.
     """
 
     mode: str
@@ -99,11 +103,12 @@ class Timeline:
     ff: int = 0
     leads: bool = False
     doubt: int = 0
+    after: str = field(default="HD", compare=False)
 
     def __hash__(self) -> int:
         return hash((self.mode, self.origin, self.start_ns, self.direction, self.ff))
 
-    @cached_property
+    @once
     def legs(self) -> tuple[Leg, ...]:
         """All legs in order, cut short where a software stop ends the motion (MACS-STOP-03)."""
         legs: list[Leg] = []
@@ -135,9 +140,9 @@ class Timeline:
             return leg, False
         if steps == 0:
             return leg, False
-        return replace(leg, profile=leg.profile.first(allowed)), True
+        return leg._replace(profile=leg.profile.first(allowed)), True
 
-    @cached_property
+    @once
     def hit(self) -> int:
         """The direction in which a software stop ends this motion; 0 if none does."""
         if self.stops is None or not self.legs:
@@ -153,12 +158,12 @@ class Timeline:
         """When the axis comes to rest; None if only a command can stop it."""
         return self.legs[-1].end_ns if self.legs else self.start_ns
 
-    @cached_property
+    @once
     def final(self) -> int | None:
         """Where it comes to rest."""
         return self.legs[-1].final if self.legs else self.origin
 
-    @cached_property
+    @once
     def over_ns(self) -> int:
         """From when on the axis is at rest: `end_ns` as a number."""
         if self.mode == "HD":
@@ -166,7 +171,7 @@ class Timeline:
         end_ns = self.end_ns
         return NEVER_NS if end_ns is None else end_ns
 
-    @cached_property
+    @once
     def _segments_from_ns(self) -> int:
         """When the interpolator takes over what waits for the end of a 13h, 14h or 15h."""
         end_ns = self.legs[0].end_ns if self.course is not None and self.segments else None
@@ -233,9 +238,19 @@ class Timeline:
         if self.mode == "HD":
             return self
         ff, doubt = self.stopped_on(now_ns)
-        return Timeline("HD", self.position_at(now_ns), ff=ff, doubt=doubt)
+        place = self.position_at(now_ns)
+        after = "IN" if now_ns >= self._segments_from_ns else self.mode
+        return Timeline("HD", place, ff=ff, doubt=doubt, after=after)
 
-    @cached_property
+    def read(self, position: int) -> Timeline:
+        """This rest, at the place that the module has told."""
+        return Timeline("HD", position, ff=self.ff, doubt=self.doubt)
+
+    def told(self, ff: int) -> Timeline:
+        """This rest, with the stops that the module has told."""
+        return Timeline("HD", self.origin, ff=ff, after=self.after)
+
+    @once
     def _is_tied(self) -> bool:
         """True if the motion would have been over with the very increment that led beyond a stop:
         what ended it is not said."""
@@ -268,9 +283,9 @@ def _evenly(steps: int, period: int) -> Profile:
     return Profile((Run(steps, period),) if steps else ())
 
 
-@dataclass(frozen=True)
+@dataclass
 class Forecast:
-    """The extreme timelines that everything heard so far admits."""
+    """The extreme timelines that everything heard so far admits; a value, like each of them."""
 
     timelines: tuple[Timeline, ...]
 
@@ -308,24 +323,51 @@ class Forecast:
     @classmethod
     def of(cls, timelines: Iterable[Timeline]) -> Forecast:
         """Collect timelines, each once."""
-        return cls(tuple(dict.fromkeys(timelines)))
+        all_of_them = tuple(timelines)
+        return cls(all_of_them if len(all_of_them) == 1 else tuple(dict.fromkeys(all_of_them)))
 
-    @cached_property
+    @once
     def over_ns(self) -> int:
         """From when on the axis is at rest for certain."""
         return max([timeline.over_ns for timeline in self.timelines])
 
-    @cached_property
+    @once
+    def mode(self) -> str:
+        """The mode in which all timelines begin; "" if they differ."""
+        modes = {timeline.mode for timeline in self.timelines}
+        return modes.pop() if len(modes) == 1 else ""
+
+    @once
+    def steady_until_ns(self) -> int:
+        """Until when all timelines are surely still in `mode`."""
+        if not self.mode:
+            return -NEVER_NS
+        return min([min(one.over_ns, one._segments_from_ns) for one in self.timelines])
+
+    @once
     def is_in_one_place(self) -> bool:
         """True if all histories come to rest at the same place."""
         return len({timeline.final for timeline in self.timelines}) == 1
 
-    @cached_property
+    @once
     def rested(self) -> Forecast:
         """What is left of it from `over_ns` on."""
         if self.over_ns == -NEVER_NS:
             return self
         return Forecast.of([timeline.at_rest(self.over_ns) for timeline in self.timelines])
+
+    @once
+    def places(self) -> tuple[int, int]:
+        """The lowest and the highest counter that may be read from `over_ns` on."""
+        origins = [timeline.origin for timeline in self.rested.timelines]
+        return min(origins), max(origins)
+
+    @once
+    def stops_told(self) -> frozenset[int]:
+        """What 21h may tell of the software stops from `over_ns` on."""
+        return frozenset(
+            [ff for one in self.rested.timelines for ff in (one.ff, one.ff | one.doubt)]
+        )
 
     def map(self, window: Window, change: Callable[[Timeline, int], Timeline]) -> Forecast:
         """Apply something that happened in the window to every timeline, at both edges."""
@@ -352,6 +394,8 @@ class Forecast:
         its end cannot be told on a serial line (MACS-AMB-41).
         """
         earliest_ns, latest_ns = window
+        if earliest_ns >= self.over_ns:
+            return self.places
         seen: list[int] = []
         for timeline in self.timelines:
             seen += timeline.places_at(earliest_ns)
@@ -381,8 +425,11 @@ class Forecast:
 
     def modes(self, window: Window) -> frozenset[str]:
         """The states the axis may be in within the window."""
-        if window.earliest_ns >= self.over_ns:
+        earliest_ns, latest_ns = window
+        if earliest_ns >= self.over_ns:
             return RESTING
+        if latest_ns < self.steady_until_ns:
+            return ALL_ALIKE[self.mode]
         return frozenset(
             [timeline.mode_at(edge) for timeline in self.timelines for edge in window.edges]
         )

@@ -17,17 +17,40 @@ down, the fast one; a real axis lies between them.
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from itertools import accumulate, pairwise
-from typing import Final
+from typing import Any, Final, Generic, Self, TypeVar, overload
 
 TICK_NS: Final = 125
 TICKS_PER_SECOND: Final = 8_000_000
 RAMP_INCREMENTS_PER_COEFFICIENT: Final = 120  # MACS-CMD-0F-01
 RAMP_LEVELS: Final = 16
 CATCH_UP_UNIT_TICKS: Final = 1600  # 200 µs, MACS-CMD-0E-01
+
+
+Value = TypeVar("Value")
+
+
+class once(Generic[Value]):  # noqa: N801 - used like `property`
+    """An attribute computed when it is first asked for: `cached_property` without its lock, which
+    costs more than most of what is computed here."""
+
+    def __init__(self, compute: Callable[[Any], Value]) -> None:
+        self._compute, self._name, self.__doc__ = compute, compute.__name__, compute.__doc__
+
+    @overload
+    def __get__(self, one: None, owner: type) -> Self: ...
+
+    @overload
+    def __get__(self, one: object, owner: type) -> Value: ...
+
+    def __get__(self, one: object | None, owner: type) -> Self | Value:
+        if one is None:
+            return self
+        value = one.__dict__[self._name] = self._compute(one)
+        return value
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +88,7 @@ class Profile:
 
     runs: tuple[Run, ...]
 
-    @cached_property
+    @once
     def _starts(self) -> tuple[list[int], list[int]]:
         """Steps and ticks at which each run begins."""
         finite = [run for run in self.runs if run.count is not None]
@@ -73,17 +96,17 @@ class Profile:
         ticks = [0, *accumulate((run.count or 0) * run.period for run in finite)]
         return steps, ticks
 
-    @property
+    @once
     def is_endless(self) -> bool:
         """True if the motion goes on until something stops it."""
         return bool(self.runs) and self.runs[-1].count is None
 
-    @property
+    @once
     def steps(self) -> int | None:
         """All increments of the motion; None if endless."""
         return None if self.is_endless else self._starts[0][-1]
 
-    @property
+    @once
     def ticks(self) -> int | None:
         """The duration of the motion; None if endless."""
         return None if self.is_endless else self._starts[1][-1]
