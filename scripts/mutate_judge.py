@@ -28,6 +28,9 @@ crashes: list[str] = []  # exceptions that have left the twins
 
 def watch(owner: type) -> None:
     """Note every exception that leaves a public method or property of a class of the twins."""
+    for base in owner.__bases__:
+        if base.__module__.startswith("axistwin."):
+            watch(base)
     for name, value in list(vars(owner).items()):
         if name.startswith("_") and name != "__init__":
             continue
