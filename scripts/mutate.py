@@ -51,7 +51,8 @@ LEFT_OUT = ("devices/mac/decode.py",)  # words for people: nothing of it reaches
 SURVIVORS = ROOT / "conformance" / "tests" / "zoo" / "survivors.toml"
 KNOWN = ROOT / "build" / "mutants"
 # What judges, one after the other, until something is said: model and level.
-STAGES = (("mac23", "quick"), ("mac23", "full"), ("mac34-1", "quick"))
+Stages = Sequence[tuple[str, str]]
+STAGES: Stages = (("mac23", "quick"), ("mac23", "full"), ("mac34-1", "quick"))
 NICENESS = 10  # others may want to work on this machine
 WAIT_S = 600  # of real time, however busy the machine is
 
@@ -273,28 +274,28 @@ class Bench:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
-    def judge(self, mutation: Mutation | None) -> dict[str, Any]:
-        """Return what is said about a mutation, or about the healthy twins."""
+    def judge(self, mutation: Mutation | None, stages: Stages = STAGES) -> dict[str, Any]:
+        """Return what the stages say about a mutation, or about the healthy twins."""
         if mutation is None:
-            return self._run()
+            return self._run(stages)
         path = self._folder / PACKAGE.name / mutation.path
         healthy = path.read_bytes()
         for compiled in (path.parent / "__pycache__").glob(f"{path.stem}.*"):
             compiled.unlink()  # it is told from a stale one by the second and the size only
         path.write_text(mutation.source, encoding="utf-8")
         try:
-            return self._run()
+            return self._run(stages) | {"stages": len(stages)}
         finally:
             path.write_bytes(healthy)
 
-    def _run(self) -> dict[str, Any]:
+    def _run(self, stages: Stages) -> dict[str, Any]:
         command = [sys.executable, str(JUDGE), "judge"]
         environment = {
             **os.environ, "PYTHONPATH": str(self._folder), "PYTHONDONTWRITEBYTECODE": "1",
         }  # fmt: skip
         try:
             done = subprocess.run(
-                [*command, json.dumps(STAGES)], cwd=self._folder, env=environment,
+                [*command, json.dumps(stages)], cwd=self._folder, env=environment,
                 capture_output=True, text=True, timeout=WAIT_S, check=False,
             )  # fmt: skip
         except subprocess.TimeoutExpired:
@@ -343,6 +344,15 @@ class Sampler:
         """What came of it; empty if it has not been judged."""
         said = self.said.get(mutation.name)
         return outcome_of(said, self._reasons.get(mutation.name, "")) if said else ""
+
+    def needs(self, mutation: Mutation, stages: Stages) -> Stages:
+        """What it still has to be judged by: what passes the first stage, and is not explained,
+        by the others as well; nothing if all is known."""
+        outcome = self.outcome(mutation)
+        if not outcome:
+            return STAGES[:1] if mutation.name in self._reasons else stages
+        done = self.said[mutation.name].get("stages", len(STAGES))
+        return stages if outcome == "survived" and done < len(stages) else ()
 
     def forget(self, outcomes: Sequence[str], chosen: Sequence[Mutation]) -> None:
         """Let all that came out like this be judged again."""
@@ -421,6 +431,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1, help="of the sample (default 1)")
     parser.add_argument("--minutes", type=float, default=0, help="end early after so many")
     parser.add_argument("--jobs", type=int, default=1, help="how many at a time (default 1)")
+    parser.add_argument("--quick", action="store_true", help="for now by the first stage only")
     parser.add_argument("--again", default="", help="judge again: outcomes, such as survived,crash")
     options = parser.parse_args()
     os.setpriority(os.PRIO_PROCESS, 0, max(NICENESS, os.getpriority(os.PRIO_PROCESS, 0)))
@@ -431,12 +442,12 @@ def main() -> int:
         folder = copy_sources(Path(name) / "sources")
         ordered = sample(folder, options.seed)
         if options.again:
-            taken = sampler.judged(ordered, options.count)
-            sampler.forget(options.again.split(","), taken)
+            sampler.forget(options.again.split(","), ordered)
         copies = [folder, *(Path(name) / str(number) for number in range(1, options.jobs))]
         for other in copies[1:]:
             shutil.copytree(folder, other)
-        if problem := run(sampler, ordered, options.count, copies, until):
+        stages = STAGES[:1] if options.quick else STAGES
+        if problem := run(sampler, ordered, options.count, copies, until, stages):
             print(problem, file=sys.stderr)
             return 2
     taken = sampler.judged(ordered, options.count)
@@ -447,7 +458,12 @@ def main() -> int:
 
 
 def run(
-    sampler: Sampler, ordered: Sequence[Mutation], count: int, copies: Sequence[Path], until: float
+    sampler: Sampler,
+    ordered: Sequence[Mutation],
+    count: int,
+    copies: Sequence[Path],
+    until: float,
+    stages: Stages,
 ) -> str | None:
     """Judge until so many of the sample are judged or the time is over, as many at a time as there
     are copies of the sources; return a problem in one line."""
@@ -458,30 +474,31 @@ def run(
     def judge(mutation: Mutation) -> None:
         if time.monotonic() < until:
             bench = benches.get()
-            sampler.keep(mutation, bench.judge(mutation))
+            sampler.keep(mutation, bench.judge(mutation, sampler.needs(mutation, stages)))
             benches.put(bench)
 
-    healthy = Bench(copies[0]).judge(None)
+    healthy = Bench(copies[0]).judge(None, stages)
     if healthy["outcome"] != "passed" or healthy["readings"]:
         return f"the healthy twins do not pass: {healthy}"
     with ThreadPoolExecutor(len(copies)) as pool:
-        while time.monotonic() < until and (missing := _missing(sampler, ordered, count)):
+        while time.monotonic() < until:
+            missing = [
+                one for one in ordered_until(sampler, ordered, count) if sampler.needs(one, stages)
+            ]
+            if not missing:
+                break
             for _ in pool.map(judge, missing):
                 pass  # but let an exception through
     return None
 
 
-def _missing(sampler: Sampler, ordered: Sequence[Mutation], count: int) -> list[Mutation]:
-    """What has to be judged so that, if nothing crashes, `count` of the sample are judged."""
-    missing: list[Mutation] = []
+def ordered_until(sampler: Sampler, ordered: Sequence[Mutation], count: int) -> Iterator[Mutation]:
+    """The sample as far as it reaches if nothing that is not known yet crashes."""
     for one in ordered:
         if not count:
-            break
-        outcome = sampler.outcome(one)
-        if not outcome:
-            missing.append(one)
-        count -= outcome not in UNJUDGED
-    return missing
+            return
+        yield one
+        count -= sampler.outcome(one) not in UNJUDGED
 
 
 if __name__ == "__main__":
