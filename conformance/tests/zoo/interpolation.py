@@ -6,6 +6,7 @@ from typing import Any
 
 from axistwin.devices.mac.acceptance import State
 from axistwin.devices.mac.axis import Axis
+from axistwin.devices.mac.drive import Drive
 from axistwin.motion.interpolator import Interpolator, Segment
 from zoo.mutant import Any_, MonkeyPatch, mutant, on, wrap
 
@@ -89,6 +90,12 @@ def _depth(patch: MonkeyPatch, depth: int) -> None:
     wrap(patch, Interpolator, "__init__", make)
 
 
+def _squeeze_in(drive: Drive, now_ns: int, segment: Segment) -> None:
+    """Run ``segment`` behind all others, whether there is a stage for it or not."""
+    drive.interpolator._place(now_ns, segment, ())
+    drive.replan(now_ns)
+
+
 @mutant("MACS-CMD-16-02", traps=(24,))
 def the_fifo_has_one_stage(patch: MonkeyPatch) -> None:
     """The third segment of a burst is refused."""
@@ -112,15 +119,15 @@ def a_refused_segment_is_stored_all_the_same(patch: MonkeyPatch) -> None:
     """A segment for which there is no room is refused, and runs."""
 
     def make(offer: Any_) -> Any_:
-        def offering(one: Interpolator, now_ns: int, segment: Segment, *rest: Any) -> bool:
+        def offering(one: Drive, now_ns: int, segment: Segment, *rest: Any) -> bool:
             accepted = bool(offer(one, now_ns, segment, *rest))
-            if not accepted and segment.steps:
-                one._place(now_ns, segment, ())
+            if not accepted and segment.steps and one.kind is State.IN:
+                _squeeze_in(one, now_ns, segment)
             return accepted
 
         return offering
 
-    wrap(patch, Interpolator, "offer", make)
+    wrap(patch, Drive, "offer", make)
 
 
 @mutant("MACS-CMD-1E-01", traps=(25,))
@@ -140,16 +147,16 @@ def virtual_segments_need_no_stage(patch: MonkeyPatch) -> None:
     """1Eh is never refused."""
 
     def make(offer: Any_) -> Any_:
-        def offering(one: Interpolator, now_ns: int, segment: Segment, *rest: Any) -> bool:
+        def offering(one: Drive, now_ns: int, segment: Segment, *rest: Any) -> bool:
             if not offer(one, now_ns, segment, *rest):
-                if not segment.virtual:
+                if not segment.virtual or one.kind is not State.IN:
                     return False
-                one._place(now_ns, segment, ())
+                _squeeze_in(one, now_ns, segment)
             return True
 
         return offering
 
-    wrap(patch, Interpolator, "offer", make)
+    wrap(patch, Drive, "offer", make)
 
 
 @mutant("MACS-CMD-17-02", traps=(30,))
