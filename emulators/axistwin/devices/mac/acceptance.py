@@ -98,6 +98,9 @@ SIGNIFICANT: Final[dict[int, int]] = {
 }
 """The parameter digits not printed x, as a mask; no entry: none (MACS-FRAME-06, MACS-AMB-62)."""
 
+SERIAL_ONLY: Final = (0x08, 0x1B)
+"""Commands that only the serial face has: address and rate (MACC-CMD-XX-01)."""
+
 Amendment: TypeAlias = tuple[str, object, tuple[int, ...], tuple[State, ...], str]
 
 _AMENDMENTS: Final[tuple[Amendment, ...]] = (

@@ -52,7 +52,7 @@ class Axis:
     def __init__(self, model: MacModel, quirks: MacQuirks, cells: Mapping[str, int]) -> None:
         self.quirks = quirks
         self._effects: list[Effect] = []
-        self.parameters = Parameters(quirks, cells, self._emit)
+        self.parameters = Parameters(quirks, cells, self._emit, model.addresses)
         self.values, self.stored = self.parameters.values, self.parameters.stored
         self.faults = Faults(model, encoder_locks=quirks.encoder_fault_locks)
         self.drive = Drive(model, quirks, self.values, self.faults)
@@ -60,6 +60,7 @@ class Axis:
         self._cells = acceptance_table(quirks)
         self._reference_enabled = False
         self._armed = False
+        self.arm_lasts = False  # 10h holds every motion until 17h, 18h, 1Ah (MACC-AMB-31)
         self._preload: tuple[int, int] | None = None
         reserved = 0xFF if quirks.reserved_bits else 0
         hh_bit = OVER_VOLTAGE_SEEN[quirks.status_hh_bit]
@@ -199,7 +200,7 @@ class Axis:
             return True
         if not self._armed:
             return False
-        self._armed, self._preload = False, (index, parameters)
+        self._armed, self._preload = self.arm_lasts, (index, parameters)
         return True
 
     def _disarm(self) -> None:

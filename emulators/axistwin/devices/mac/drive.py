@@ -36,7 +36,7 @@ from axistwin.devices.mac.faults import Faults
 from axistwin.devices.mac.models import MacModel
 from axistwin.devices.mac.owner import Brake, Owner, Profile, Rest, Segments
 from axistwin.devices.mac.quirks import MacQuirks
-from axistwin.devices.mac.stops import Heading, Stops
+from axistwin.devices.mac.stops import SOFT_BITS, Heading, Meeting, Stops
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.motion.inertia import Mechanics
 from axistwin.motion.interpolator import Interpolator, Segment, Step, Underrun
@@ -103,6 +103,7 @@ class Drive:
         self._position_mode = False
         self._old_target: int | None = None
         self._next: Nanos | None = None
+        self._meeting: Meeting | None = None
         self._segments_wait = False
         self._accepted: deque[tuple[Segment, tuple[Piece, ...]]] = deque(maxlen=4)
         self.met_stop = 0
@@ -405,6 +406,10 @@ class Drive:
             self._bar(now, bit, heading.begun or 0)
         elif bit := self.stops.blocking_bit(now, heading.direction):
             self._stop_on(now, bit)
+        elif way := self._stop_met(now):
+            # An ideal shaft goes where its set-point goes, which is not the way of the stop here.
+            is_standing = way * self.plant.speed_at(now) <= 0
+            self._stop_on(now, SOFT_BITS[way], is_standing=is_standing)
         elif self._is_over(now):
             self._finish(now)
         else:
@@ -413,15 +418,18 @@ class Drive:
     def _plan(self, now: Nanos) -> None:
         """Find the next event, now that something has changed."""
         self.counter.look_again()
+        self._next = self._meeting = None
         if self.counter.is_frozen:
-            self._next = None
-        elif self.kind is None:
+            return
+        if self.kind is None:
             # Coasting, lagging behind, or coming back after a push: the counter ends somewhere.
             rest_ns = self.plant.rest_ns(now)
             self._next = rest_ns if rest_ns is not None and rest_ns > now else None
-        else:
-            times = [time for time in (self._end_ns(now), self._stop_ns(now)) if time is not None]
-            self._next = min(times) if times else None
+            return
+        self._next = self._end_ns(now)
+        meeting = self._meeting = self._next_meeting(now)
+        if meeting is not None and (self._next is None or meeting.at_ns < self._next):
+            self._next = meeting.at_ns
 
     def _end_ns(self, now: Nanos) -> Nanos | None:
         """When what runs is over, as things stand; None: never."""
@@ -498,12 +506,17 @@ class Drive:
         begun = set_point.displacement_at(now) - leg.displacement if sets_out else None
         return Heading(leg.direction, begun)
 
-    def _stop_ns(self, now: Nanos) -> Nanos | None:
+    def _next_meeting(self, now: Nanos) -> Meeting | None:
         """When a stop is met next, at the latest; None: never, as things stand."""
         set_point = self._set_point()
         if set_point is None or not self.stops.are_enabled:
             return None
-        return self.stops.next_ns(now, self._heading(now), set_point)
+        return self.stops.next_meeting(now, self._heading(now), set_point)
+
+    def _stop_met(self, now: Nanos) -> int:
+        """The direction whose software stop the shaft has just gone beyond; 0: neither."""
+        meeting = self._meeting
+        return meeting.direction if meeting is not None and meeting.at_ns == now else 0
 
     def _stop_on(self, now: Nanos, bit: int, *, is_standing: bool = False) -> None:
         """End the motion at the stop of that ``bit`` of ff (ledger §4.3)."""

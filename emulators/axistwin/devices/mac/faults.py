@@ -62,6 +62,12 @@ class Faults:
         """Those of ``FAULTS`` that the model has a bit for (rule 4)."""
         return tuple(name for name in FAULTS if CAUSES.get(name, MICRO_CUT) & self.model.fault_bits)
 
+    @property
+    def is_locking_cause_present(self) -> bool:
+        """Whether a disjunction would come back at once if it were acknowledged (rule 2)."""
+        trips = self.model.trips(self.raw_supply, self.raw_temperature) | self._lasting
+        return bool(trips & self._locking)
+
     def micro_cut(self) -> None:
         """A disturbance of the supply too short to stop the module (dd.0)."""
         self.latched |= MICRO_CUT

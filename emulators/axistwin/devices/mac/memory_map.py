@@ -70,20 +70,30 @@ PARAMETERS: Final = tuple(
 )
 
 
-def factory_values(quirks: MacQuirks) -> dict[str, int]:
-    """Every cell as it leaves the factory (ledger §5.10); the torque limit is within Imax."""
+SERIAL_ADDRESSES: Final = range(0x80)
+
+
+def factory_values(quirks: MacQuirks, addresses: range = SERIAL_ADDRESSES) -> dict[str, int]:
+    """Every cell as it leaves the factory (ledger §5.10); the torque limit is within Imax.
+
+    The factory's address is the first of ``addresses`` (MACS-CMD-01-02, MACC-ID-01).
+    """
     values = {
         cell.name: cell.factory if isinstance(cell.factory, int) else getattr(quirks, cell.factory)
         for cell in CELLS
     }
     values["torque"] = min(values["torque"], quirks.imax_value)
+    values["address"] = addresses[0]
     return values
 
 
-def admissible(cells: Mapping[str, int], quirks: MacQuirks) -> dict[str, int]:
+def admissible(
+    cells: Mapping[str, int], quirks: MacQuirks, addresses: range = SERIAL_ADDRESSES
+) -> dict[str, int]:
     """Those of ``cells`` that this device knows, with values it could have stored itself."""
     known = {cell.name: cell.values for cell in CELLS}
     known["torque"] = range(quirks.imax_value + 1)
+    known["address"] = addresses
     return {name: value for name, value in cells.items() if value in known.get(name, ())}
 
 

@@ -1,4 +1,4 @@
-"""The three MAC models: resolution, scaling of the measures, thresholds, fault bits.
+"""The MAC models: resolution, scaling of the measures, thresholds, fault bits.
 
 All thresholds are compared in raw units, as 27h shows them, so that a fault and the measure that
 explains it never contradict (ledger §5.9).  The manual gives no MAC34 thresholds (MACS-AMB-56):
@@ -10,6 +10,7 @@ MAC34.
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
+from axistwin.devices.mac.memory_map import SERIAL_ADDRESSES
 from axistwin.devices.mac.quirks import MacQuirks
 
 # Bits of dd in the answer to 21h (ledger §5.9).
@@ -27,7 +28,8 @@ class MacModel:
     """One model's fixed data.
 
     Temperature °C = scale·raw + offset, in millidegrees.  Supply V = raw·scale, where one raw step
-    is ``supply_step_uv`` microvolts.  The ``raw_*`` thresholds are inclusive.
+    is ``supply_step_uv`` microvolts.  The ``raw_*`` thresholds are inclusive.  The first of
+    ``addresses`` is the factory's.
     """
 
     name: str
@@ -44,6 +46,7 @@ class MacModel:
     fault_bits: int
     torque_max_nm: Fraction
     rotor_inertia_kgcm2: Fraction
+    addresses: range = SERIAL_ADDRESSES
 
     def raw_temperature(self, millidegrees: int) -> int:
         """The measure tt of 27h nearest to a temperature, held at 0 and 255."""
@@ -128,3 +131,7 @@ MAC34_2 = replace(
 )
 
 MODELS: dict[str, MacModel] = {model.name: model for model in (MAC23, MAC34_1, MAC34_2)}
+"""The models with a serial line."""
+
+MAC23_CAN = replace(MAC23, name="mac23-can", addresses=range(1, 0x80))
+"""The MAC23 on CAN: no address 0, which is the general identifier's (MACC-ID-01, ledger §6.1)."""

@@ -16,6 +16,7 @@ from typing import TypeAlias
 from axistwin.devices.mac.memory_map import (
     MODES,
     PARAMETERS,
+    SERIAL_ADDRESSES,
     STOPS_MODES,
     admissible,
     factory_values,
@@ -32,15 +33,20 @@ def signed_32(number: int) -> int:
 class Parameters:
     """Parameters and nonvolatile cells; unknown or impossible ``cells`` are ignored.
 
-    ``emit`` takes what is to be stored.
+    ``emit`` takes what is to be stored.  addresses: those a module of this model can have.
     """
 
     def __init__(
-        self, quirks: MacQuirks, cells: Mapping[str, int], emit: Callable[[Store], None]
+        self,
+        quirks: MacQuirks,
+        cells: Mapping[str, int],
+        emit: Callable[[Store], None],
+        addresses: range = SERIAL_ADDRESSES,
     ) -> None:
         self._quirks = quirks
         self._emit = emit
-        self.stored = {**factory_values(quirks), **admissible(cells, quirks)}
+        self._factory = factory_values(quirks, addresses)
+        self.stored = {**self._factory, **admissible(cells, quirks, addresses)}
         self.values = {name: self.stored[name] for name in PARAMETERS}
 
     def store(self, name: str, value: int) -> None:
@@ -60,7 +66,7 @@ class Parameters:
 
     def restore_factory_values(self) -> None:
         """01h: everything but the position as from the factory (MACS-CMD-01-01, -02)."""
-        fresh = factory_values(self._quirks)
+        fresh = {**self._factory}
         del fresh["position"]
         changed = tuple(item for item in fresh.items() if self.stored[item[0]] != item[1])
         self.stored.update(changed)

@@ -11,11 +11,13 @@ Rules
    page is a misprint (MACS-AMB-06).
 5. Readings that depart from a requirement marked M or D are offered as well, because real units may
    differ.
+6. A switch belongs to the faces that can show it: those of bytes, characters and rates to the
+   serial one alone.  What only the CAN face has stands in ``can_quirks``.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, Literal, TypeAlias, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
 
 from axistwin.errors import UsageError, nearest, suggestion
 
@@ -28,14 +30,43 @@ _SIGNED_32 = (-(1 << 31), (1 << 31) - 1)
 _TRUE, _FALSE = {"true", "yes", "on", "1"}, {"false", "no", "off", "0"}
 
 
-def _quirk(default: Any, source: str, doc: str, **limits: Any) -> Any:
-    """A field of ``MacQuirks``: its default, ledger ID, one-line meaning, and range of a number."""
-    return field(default=default, metadata={"source": source, "doc": doc, **limits})
+SERIAL, CAN, BOTH = frozenset({"serial"}), frozenset({"can"}), frozenset({"serial", "can"})
+"""Faces that a switch belongs to (rule 6)."""
 
 
-def _number(default: int, low: int, high: int, source: str, doc: str, digits: int = 0) -> Any:
-    """A numeric field in ``low..high``; ``digits`` > 0 lists it in that many hex digits."""
-    return _quirk(default, source, doc, low=low, high=high, digits=digits)
+def quirk(default: Any, source: str, doc: str, faces: frozenset[str] = BOTH, **limits: Any) -> Any:
+    """A switch: its default, ledger ID, one-line meaning, faces, and what limits its values."""
+    return field(default=default, metadata={"source": source, "doc": doc, "faces": faces, **limits})
+
+
+def number(
+    default: int,
+    low: int,
+    high: int,
+    source: str,
+    doc: str,
+    digits: int = 0,
+    faces: frozenset[str] = BOTH,
+) -> Any:
+    """A numeric switch in ``low..high``; ``digits`` > 0 lists it in that many hex digits."""
+    return quirk(default, source, doc, faces, low=low, high=high, digits=digits)
+
+
+def _are_limits(text: str) -> bool:
+    """UNDER/OVER/VMAX/TRIP in whole V and °C, in an order that makes sense."""
+    parts = text.split("/")
+    if len(parts) != 4 or any(not _is_number(part) or int(part) > 255 for part in parts):
+        return False
+    under, over, v_max, _ = map(int, parts)
+    return under < over <= v_max * 5 // 4
+
+
+def _are_increments(text: str) -> bool:
+    return _is_number(text) and int(text) <= 0xFFFF
+
+
+def _is_number(text: str) -> bool:
+    return text.isascii() and text.isdigit()
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,293 +74,304 @@ class MacQuirks:
     """One reading of the manuals: what a MAC twin does wherever they are silent or contradict."""
 
     # Frames and replies
-    xon_byte: Literal[0x1A, 0x11] = _quirk(
-        0x1A, "MACS-AMB-01", "last byte of the reply to an accepted frame"
+    xon_byte: Literal[0x1A, 0x11] = quirk(
+        0x1A, "MACS-AMB-01", "last byte of the reply to an accepted frame", SERIAL
     )
-    xonerror_byte: Literal[0x17, 0x18] = _quirk(
-        0x17, "MACS-AMB-02", "last byte of the reply to a refused command"
+    xonerror_byte: Literal[0x17, 0x18] = quirk(
+        0x17, "MACS-AMB-02", "last byte of the reply to a refused command", SERIAL
     )
-    status_reply_digit: Literal["1", "2"] = _quirk(
-        "1", "MACS-AMB-03", "index digit in the answer to 21h (the data are the status always)"
+    status_reply_digit: Literal["1", "2"] = quirk(
+        "1",
+        "MACS-AMB-03",
+        "index digit in the answer to 21h (the data are the status always)",
+        SERIAL,
     )
-    reply23_digit: Literal["3", "2"] = _quirk(
-        "3", "MACS-AMB-04", "index digit in the answer to 23h"
+    reply23_digit: Literal["3", "2"] = quirk(
+        "3", "MACS-AMB-04", "index digit in the answer to 23h", SERIAL
     )
-    reply28_length: Literal["011", "014"] = _quirk(
-        "011", "MACS-AMB-05", "length field in the answer to 28h"
+    reply28_length: Literal["011", "014"] = quirk(
+        "011", "MACS-AMB-05", "length field in the answer to 28h", SERIAL
     )
-    bad_frame_reply: Literal["silence", "nack"] = _quirk(
-        "silence", "MACS-AMB-64", "wrong length field, or byte 20 not Etx"
+    bad_frame_reply: Literal["silence", "nack"] = quirk(
+        "silence", "MACS-AMB-64", "wrong length field, or byte 20 not Etx", SERIAL
     )
-    lowercase_hex: Literal["refuse", "accept"] = _quirk(
-        "refuse", "MACS-AMB-64", "digits a-f in a frame"
+    lowercase_hex: Literal["refuse", "accept"] = quirk(
+        "refuse", "MACS-AMB-64", "digits a-f in a frame", SERIAL
     )
-    rx_during_xoff: Literal["lost", "kept"] = _quirk(
-        "lost", "MACS-AMB-64", "bytes that arrive between Etx and the end of the reply"
+    rx_during_xoff: Literal["lost", "kept"] = quirk(
+        "lost", "MACS-AMB-64", "bytes that arrive between Etx and the end of the reply", SERIAL
     )
-    subindex_policy: Literal["ignore", "refuse"] = _quirk(
+    subindex_policy: Literal["ignore", "refuse"] = quirk(
         "ignore", "MACS-AMB-61", "sub-index other than 00 (28h and 29h excepted)"
     )
-    dont_care_digits: Literal["ignore", "refuse"] = _quirk(
+    dont_care_digits: Literal["ignore", "refuse"] = quirk(
         "ignore", "MACS-AMB-62", "parameter digits printed x that are not 0"
     )
-    unknown_index: Literal["refuse", "accept", "zero_answer", "silence"] = _quirk(
+    unknown_index: Literal["refuse", "accept", "zero_answer", "silence"] = quirk(
         "refuse", "MACS-AMB-58", "unassigned index (zero_answer: queries; commands do nothing)"
     )
-    param_range_policy: Literal["refuse", "mask", "clamp"] = _quirk(
+    param_range_policy: Literal["refuse", "mask", "clamp"] = quirk(
         "refuse", "MACS-AMB-60", "02h 03h 07h 1Bh with a value outside the printed set"
     )
-    reply_latency_us: int = _number(
+    reply_latency_us: int = number(
         1000, 0, 1_000_000, "MACS-REPLY-16", "time from Etx to the first byte of the reply, µs"
     )
-    version_word: int = _number(
+    version_word: int = number(
         0x704, 0, 0xFFFFFFFF, "MACS-AMB-66", "the eight digits that 24h answers", digits=8
     )
-    reserved_bits: Literal[0, 1] = _quirk(
+    reserved_bits: Literal[0, 1] = quirk(
         0, "MACS-AMB-59", "value of every reserved bit in the answers to 21h and 27h"
     )
-    mem_wrap: Literal["wrap", "zero"] = _quirk(
-        "wrap", "MACS-AMB-65", "28h and 29h beyond address FFh"
+    mem_wrap: Literal["wrap", "zero"] = quirk(
+        "wrap", "MACS-AMB-65", "28h and 29h beyond address FFh", SERIAL
     )
 
     # Addresses and several modules
-    general_reply_policy: Literal["addr00_only", "all", "none", "lone"] = _quirk(
-        "addr00_only", "MACS-AMB-16", "who replies to FF (lone: 00, and a module alone on its line)"
+    general_reply_policy: Literal["addr00_only", "all", "none", "lone"] = quirk(
+        "addr00_only",
+        "MACS-AMB-16",
+        "who replies to FF (lone: 00, and a module alone on its line)",
+        SERIAL,
     )
-    general_echo: Literal["as_sent", "own_address"] = _quirk(
-        "as_sent", "MACS-AMB-17", "address in the answer to a query to FF"
+    general_echo: Literal["as_sent", "own_address"] = quirk(
+        "as_sent", "MACS-AMB-17", "address in the answer to a query to FF", SERIAL
     )
-    addr_prog_requires_ff: bool = _quirk(
-        False, "MACS-AMB-18", "08h sent to the module's own address is refused"
+    addr_prog_requires_ff: bool = quirk(
+        False, "MACS-AMB-18", "08h sent to the module's own address is refused", SERIAL
     )
-    addr_effective: Literal["at_once", "at_restart"] = _quirk(
-        "at_once", "MACS-AMB-18", "from when on a programmed address is used"
+    addr_effective: Literal["at_once", "at_restart"] = quirk(
+        "at_once", "MACS-AMB-18", "from when on a programmed address is used", SERIAL
     )
-    addr_range: Literal["refuse", "mask"] = _quirk(
-        "refuse", "MACS-AMB-18", "08h with an address of 80h and above"
+    addr_range: Literal["refuse", "mask"] = quirk(
+        "refuse", "MACS-AMB-18", "08h with an address of 80h and above", SERIAL
     )
-    nack_scope: Literal["addressed", "module_00", "any"] = _quirk(
-        "addressed", "MACS-AMB-19", "which module answers Nack to a wrong checksum"
+    nack_scope: Literal["addressed", "module_00", "any"] = quirk(
+        "addressed", "MACS-AMB-19", "which module answers Nack to a wrong checksum", SERIAL
     )
 
     # Start-up and storage
-    reset_reply: Literal["ack", "silence"] = _quirk(
+    reset_reply: Literal["ack", "silence"] = quirk(
         "ack", "MACS-AMB-20", "00h and 01h are acknowledged before they restart"
     )
-    boot_time_ms: int = _number(
+    boot_time_ms: int = number(
         2000, 0, 60_000, "MACS-AMB-21", "deaf time after 00h, 01h, 1Bh and power-up, ms"
     )
-    baud_reply_rate: Literal["old", "new"] = _quirk(
-        "old", "MACS-AMB-22", "rate at which 1Bh itself is acknowledged"
+    baud_reply_rate: Literal["old", "new"] = quirk(
+        "old", "MACS-AMB-22", "rate at which 1Bh itself is acknowledged", SERIAL
     )
-    factory_reset_scope: Literal["restart", "no_restart"] = _quirk(
+    factory_reset_scope: Literal["restart", "no_restart"] = quirk(
         "restart", "MACS-AMB-23", "01h restarts like 00h, or only replaces the parameters"
     )
-    persist_modes: Literal["stored", "volatile"] = _quirk(
+    persist_modes: Literal["stored", "volatile"] = quirk(
         "stored", "MACS-AMB-24", "02h, 03h and 1Ch over power-off"
     )
-    power_on_at_boot: bool = _quirk(False, "MACS-AMB-26", "the motor is powered after start-up")
-    cmd_1b_supported: bool = _quirk(True, "MACS-AMB-09", "1Bh exists (older releases refuse it)")
-    cmd_1c_supported: bool = _quirk(True, "MACS-AMB-09", "1Ch exists (older releases refuse it)")
-    has_reset_input: bool = _quirk(True, "MACS-AMB-67", "the reset input is present")
-    factory_standby: Literal[1, 0] = _quirk(
+    power_on_at_boot: bool = quirk(False, "MACS-AMB-26", "the motor is powered after start-up")
+    cmd_1b_supported: bool = quirk(
+        True, "MACS-AMB-09", "1Bh exists (older releases refuse it)", SERIAL
+    )
+    cmd_1c_supported: bool = quirk(True, "MACS-AMB-09", "1Ch exists (older releases refuse it)")
+    has_reset_input: bool = quirk(True, "MACS-AMB-67", "the reset input is present", SERIAL)
+    factory_standby: Literal[1, 0] = quirk(
         1, "MACS-AMB-25", "factory value of 02h: 1 half torque at rest"
     )
-    factory_stops: Literal[0, 1, 8, 9] = _quirk(
+    factory_stops: Literal[0, 1, 8, 9] = quirk(
         0, "MACS-AMB-25", "factory value of 03h: bit 0 hardware, bit 3 software stops"
     )
-    factory_superior_stop: int = _number(
+    factory_superior_stop: int = number(
         RANGE_MAX, *_SIGNED_32, "MACS-AMB-25", "factory value of 09h, increments", digits=8
     )
-    factory_inferior_stop: int = _number(
+    factory_inferior_stop: int = number(
         RANGE_MIN, *_SIGNED_32, "MACS-AMB-25", "factory value of 0Ah, increments", digits=8
     )
-    factory_torque: int = _number(
+    factory_torque: int = number(
         0x60, 0, 0xFF, "MACS-AMB-25", "factory value of 0Ch, in parts of Imax", digits=2
     )
-    factory_period: int = _number(
+    factory_period: int = number(
         0x320, 1, 0xFFFF, "MACS-AMB-25", "factory value of 0Dh, ticks per increment", digits=4
     )
-    factory_catchup: int = _number(
+    factory_catchup: int = number(
         0x05, 0, 0xFF, "MACS-AMB-25", "factory value of 0Eh, 200 µs per increment", digits=2
     )
-    factory_ramp: int = _number(
+    factory_ramp: int = number(
         0x0A, 0, 0xFF, "MACS-AMB-25", "factory value of 0Fh, 120 increments", digits=2
     )
-    factory_tolerance: int = _number(
+    factory_tolerance: int = number(
         0, 0, 0xFF, "MACS-AMB-25", "factory value of 1Ch, increments", digits=2
     )
-    imax_value: int = _number(
+    imax_value: int = number(
         0x80, 1, 0xFF, "MACS-AMB-11", "Imax, the byte at RAM address AFh", digits=2
     )
-    mac34_limits: str = _quirk(
+    mac34_limits: str = quirk(
         "model",
         "MACS-AMB-56",
         "MAC34 thresholds UNDER/OVER/VMAX/TRIP in V, V, V, °C, such as 24/60/64/85",
+        SERIAL,
         form="model, or UNDER/OVER/VMAX/TRIP in whole V, V, V, °C",
+        check=_are_limits,
     )
 
     # Acceptance
-    motion_lock_set: Literal["can_list", "serial_list"] = _quirk(
+    motion_lock_set: Literal["can_list", "serial_list"] = quirk(
         "can_list", "MACS-AMB-08", "locked in motion: 02 03 09 0A 0D 0F 13 14, or 02 03(d=1) 13"
     )
-    lock_08_1b: bool = _quirk(False, "MACS-AMB-08", "08h and 1Bh are locked in motion too")
-    preload_locks: bool = _quirk(False, "MACS-AMB-27", "a preloaded motion counts as running")
-    running_until: Literal["tolerance", "exact", "profile"] = _quirk(
+    lock_08_1b: bool = quirk(False, "MACS-AMB-08", "08h and 1Bh are locked in motion too", SERIAL)
+    preload_locks: bool = quirk(False, "MACS-AMB-27", "a preloaded motion counts as running")
+    running_until: Literal["tolerance", "exact", "profile"] = quirk(
         "tolerance", "MACS-AMB-27", "after the profile, what a position motion still waits for"
     )
-    disj_refuse_set: Literal["motion_type", "starting"] = _quirk(
+    disj_refuse_set: Literal["motion_type", "starting"] = quirk(
         "motion_type", "MACS-AMB-33", "refused after a disjunction: 10 11 13-1A 1E, or 13-16 19 1E"
     )
-    torque_range: Literal["inclusive", "exclusive"] = _quirk(
+    torque_range: Literal["inclusive", "exclusive"] = quirk(
         "inclusive", "MACS-AMB-10", "whether the ends 00 and Imax belong to the range of 0Ch"
     )
-    torque_over: Literal["refuse", "clamp", "mask"] = _quirk(
+    torque_over: Literal["refuse", "clamp", "mask"] = quirk(
         "refuse", "MACS-AMB-10", "0Ch outside the range (mask: seven bits)"
     )
-    zero_period_0d: Literal["refuse", "as_one"] = _quirk("refuse", "MACS-AMB-46", "0Dh 0000")
-    zero_catchup: Literal["as_one", "refuse"] = _quirk(
+    zero_period_0d: Literal["refuse", "as_one"] = quirk("refuse", "MACS-AMB-46", "0Dh 0000")
+    zero_catchup: Literal["as_one", "refuse"] = quirk(
         "as_one", "MACS-AMB-47", "0Eh with VV = 00 (as_one: stored as 00, acts as 01)"
     )
-    catchup_low_byte: Literal["ignore", "refuse"] = _quirk(
+    catchup_low_byte: Literal["ignore", "refuse"] = quirk(
         "ignore", "MACS-AMB-47", "last byte of 0Eh other than 00"
     )
 
     # Position and velocity motion
-    motion_start_ref: Literal["etx", "reply_end"] = _quirk(
-        "etx", "MACS-AMB-41", "when a motion starts: Etx heard, or the end of the reply"
+    motion_start_ref: Literal["etx", "reply_end"] = quirk(
+        "etx", "MACS-AMB-41", "when a motion starts: Etx heard, or the end of the reply", SERIAL
     )
-    step_phase: Literal["end", "start"] = _quirk(
+    step_phase: Literal["end", "start"] = quirk(
         "end", "MACS-AMB-41", "the counter steps at the end or at the start of an increment"
     )
-    ramp_law: Literal["equal_time", "equal_increments"] = _quirk(
+    ramp_law: Literal["equal_time", "equal_increments"] = quirk(
         "equal_time", "MACS-AMB-42", "what the 16 speed levels of a ramp share evenly"
     )
-    period_rounding: Literal["half_up", "floor", "ceil"] = _quirk(
+    period_rounding: Literal["half_up", "floor", "ceil"] = quirk(
         "half_up", "MACS-AMB-43", "rounding of the periods of a ramp to ticks"
     )
-    triangle_law: Literal["mirror", "shared_peak"] = _quirk(
+    triangle_law: Literal["mirror", "shared_peak"] = quirk(
         "mirror", "MACS-CMD-13-05", "short moves: symmetric, or the middle one level higher"
     )
-    vel_f6_direction: Literal["negative", "positive"] = _quirk(
+    vel_f6_direction: Literal["negative", "positive"] = quirk(
         "negative", "MACS-AMB-07", "direction of 15h with SS = F6"
     )
-    vel_reverse_cmd: Literal["ignore", "refuse"] = _quirk(
+    vel_reverse_cmd: Literal["ignore", "refuse"] = quirk(
         "ignore", "MACS-AMB-28", "15h with the other direction in motion (ignore: speed taken)"
     )
-    vel_during_position: Literal["accept", "refuse"] = _quirk(
+    vel_during_position: Literal["accept", "refuse"] = quirk(
         "accept", "MACS-AMB-29", "15h during 13h and 14h"
     )
-    vel_during_interp: Literal["accept", "refuse"] = _quirk(
+    vel_during_interp: Literal["accept", "refuse"] = quirk(
         "accept", "MACS-AMB-30", "15h during segments"
     )
-    vel_change_law: Literal["ramp_length", "constant_acceleration", "step"] = _quirk(
+    vel_change_law: Literal["ramp_length", "constant_acceleration", "step"] = quirk(
         "ramp_length", "MACS-AMB-44", "speed change in motion"
     )
-    stop_ramp_law: Literal["climbed", "ramp_length"] = _quirk(
+    stop_ramp_law: Literal["climbed", "ramp_length"] = quirk(
         "climbed", "MACS-AMB-45", "17h during a ramp: as many increments as climbed, or N"
     )
-    overshoot_return: Literal["catch_up", "fresh_profile"] = _quirk(
+    overshoot_return: Literal["catch_up", "fresh_profile"] = quirk(
         "catch_up", "MACS-AMB-52", "return to a target that fell behind by a change of origin"
     )
-    standby_swing: Literal["none", "one"] = _quirk(
+    standby_swing: Literal["none", "one"] = quirk(
         "none", "MACS-CMD-02-03", "reading of a place held in standby (one: +1, 0, -1, 0 about it)"
     )
-    plant: Literal["ideal", "inertial"] = _quirk(
+    plant: Literal["ideal", "inertial"] = quirk(
         "ideal", "MACS-CMD-0F-03", "motor and load: follows exactly, or by torque and inertia"
     )
-    busy_after_abort: bool = _quirk(
+    busy_after_abort: bool = quirk(
         False, "MACS-AMB-51", "after 17h, 18h or a stop busy until the old target is reached"
     )
-    abort_flush: bool = _quirk(
+    abort_flush: bool = quirk(
         True,
         "MACS-AMB-51",
         "18h and stops drop preload and FIFO (false: what is stored runs with the next segment)",
     )
 
     # Synchronous mode
-    sync_without_preload: Literal["accept", "refuse"] = _quirk(
+    sync_without_preload: Literal["accept", "refuse"] = quirk(
         "accept", "MACS-AMB-34", "11h with nothing preloaded"
     )
-    sync_arm_lifetime: Literal["kept", "lost"] = _quirk(
+    sync_arm_lifetime: Literal["kept", "lost"] = quirk(
         "kept", "MACS-AMB-35", "the arm of 10h when a segment follows, or when given in motion"
     )
-    preload_policy: Literal["replace", "refuse", "keep"] = _quirk(
+    preload_policy: Literal["replace", "refuse", "keep"] = quirk(
         "replace", "MACS-AMB-36", "a second motion while preloaded; keep: 17h 18h 1Ah keep it too"
     )
-    armed_zero_velocity: Literal["keep", "spend", "refuse"] = _quirk(
+    armed_zero_velocity: Literal["keep", "spend", "refuse"] = quirk(
         "keep", "MACS-AMB-68", "15h 0000 at rest while armed"
     )
-    sync_during_interp: Literal["after", "now", "drop"] = _quirk(
+    sync_during_interp: Literal["after", "now", "drop"] = quirk(
         "after", "MACS-AMB-69", "11h with a 13h or 14h preloaded while segments are executed"
     )
 
     # Segments
-    fifo_counts_executing: bool = _quirk(
+    fifo_counts_executing: bool = quirk(
         False, "MACS-AMB-37", "the executing segment occupies one of the three stages"
     )
-    segment_signed: bool = _quirk(True, "MACS-AMB-38", "DDDD is signed")
-    segment_zero_period: Literal["refuse", "fastest", "65536"] = _quirk(
+    segment_signed: bool = quirk(True, "MACS-AMB-38", "DDDD is signed")
+    segment_zero_period: Literal["refuse", "fastest", "65536"] = quirk(
         "refuse", "MACS-AMB-39", "segment with VVVV = 0000"
     )
-    segment_zero_steps: Literal["zero_time", "65536"] = _quirk(
+    segment_zero_steps: Literal["zero_time", "65536"] = quirk(
         "zero_time", "MACS-AMB-39", "segment with DDDD = 0000"
     )
-    fifo_underrun: Literal["halt", "decelerate", "error"] = _quirk(
+    fifo_underrun: Literal["halt", "decelerate", "error"] = quirk(
         "halt", "MACS-AMB-40", "FIFO empty at the end of a segment (error: 18h or 00h needed)"
     )
-    interp_during_profile: Literal["queue", "refuse", "preempt"] = _quirk(
+    interp_during_profile: Literal["queue", "refuse", "preempt"] = quirk(
         "queue", "MACS-AMB-31", "16h and 1Eh during 13h, 14h, 15h"
     )
-    stop17_in_interp: Literal["ignore", "refuse", "after_segment", "now"] = _quirk(
+    stop17_in_interp: Literal["ignore", "refuse", "after_segment", "now"] = quirk(
         "ignore", "MACS-AMB-32", "17h during segments (now departs from MACS-CMD-17-02)"
     )
 
     # Stops, reference, counter, faults
-    soft_stop_compare: Literal["strict", "equal"] = _quirk(
+    soft_stop_compare: Literal["strict", "equal"] = quirk(
         "strict", "MACS-AMB-48", "a software stop acts beyond its position, or at it"
     )
-    soft_stop_blocks: Literal["same_direction", "both"] = _quirk(
+    soft_stop_blocks: Literal["same_direction", "both"] = quirk(
         "same_direction", "MACS-AMB-48", "directions that a software stop blocks"
     )
-    hard_stop_command: Literal["accept", "refuse"] = _quirk(
+    hard_stop_command: Literal["accept", "refuse"] = quirk(
         "accept", "MACS-AMB-49", "a motion toward an active hardware stop"
     )
-    brake_increments: str = _quirk(
+    brake_increments: str = quirk(
         "plant",
         "MACS-STOP-01",
         "increments that 18h and stops still take: 0 of the ideal plant, v²/2a, or a number",
         form="plant, or a number 0..65535",
+        check=_are_increments,
     )
-    ff_lifetime: Literal["next_motion", "live", "until_reset"] = _quirk(
+    ff_lifetime: Literal["next_motion", "live", "until_reset"] = quirk(
         "next_motion", "MACS-AMB-50", "how long the stop bits of 21h stay"
     )
-    status_ff_layout: Literal["can_map", "shifted"] = _quirk(
+    status_ff_layout: Literal["can_map", "shifted"] = quirk(
         "can_map", "MACS-AMB-12", "stop bits at 3..0, or one higher"
     )
-    status_hh_bit: Literal["7", "6-0"] = _quirk(
+    status_hh_bit: Literal["7", "6-0"] = quirk(
         "7", "MACS-AMB-13", "bits of hh that tell a past over-voltage"
     )
-    ref_edge: Literal["opening", "closing"] = _quirk(
+    ref_edge: Literal["opening", "closing"] = quirk(
         "opening", "MACS-AMB-52", "edge of the reference contact that zeroes the counter"
     )
-    ref_retarget: Literal["absolute", "remaining"] = _quirk(
+    ref_retarget: Literal["absolute", "remaining"] = quirk(
         "absolute", "MACS-AMB-52", "what a 13h under way keeps when the reference zeroes"
     )
-    reset_in_motion: Literal["absolute", "remaining"] = _quirk(
+    reset_in_motion: Literal["absolute", "remaining"] = quirk(
         "absolute", "MACS-AMB-53", "what a 13h under way keeps when 0Bh zeroes"
     )
-    position_overflow: Literal["wrap", "saturate"] = _quirk(
+    position_overflow: Literal["wrap", "saturate"] = quirk(
         "wrap", "MACS-AMB-54", "the counter at the end of its 31 bits"
     )
-    target_range: Literal["refuse", "accept"] = _quirk(
+    target_range: Literal["refuse", "accept"] = quirk(
         "refuse", "MACS-AMB-54", "13h outside the counter's range"
     )
-    position_source: Literal["encoder", "set_point"] = _quirk(
+    position_source: Literal["encoder", "set_point"] = quirk(
         "encoder", "MACS-AMB-55", "what 20h reads"
     )
-    encoder_fault_locks: bool = _quirk(
-        True, "MACS-AMB-57", "dd.1, encoder not found, is a disjunction"
+    encoder_fault_locks: bool = quirk(
+        True, "MACS-AMB-57", "dd.1, encoder not found, is a disjunction", SERIAL
     )
 
 
@@ -339,6 +381,7 @@ class Quirk:
 
     allowed: the values in the order of the readings, or a single text describing a range.
     default: as a user would write it.  source: ledger ID.  kind: choice, bool, number or text.
+    check: whether a text is allowed beside the default.
     """
 
     name: str
@@ -350,6 +393,7 @@ class Quirk:
     choices: tuple[Value, ...] = ()
     low: int = 0
     high: int = 0
+    check: Callable[[str], bool] | None = None
 
     def parse(self, value: Value) -> Value:
         """The setting that ``value`` (text of a command line, or a TOML value) means.
@@ -387,10 +431,10 @@ def _parse_choice(quirk: Quirk, value: Value) -> Value | None:
         return value
     if str(value) in quirk.allowed:
         return quirk.choices[quirk.allowed.index(str(value))]
-    number = _parse_number(value)
-    if number is not None and number in quirk.choices:
-        return number
-    return str(number) if number is not None and str(number) in quirk.choices else None
+    parsed = _parse_number(value)
+    if parsed is not None and parsed in quirk.choices:
+        return parsed
+    return str(parsed) if parsed is not None and str(parsed) in quirk.choices else None
 
 
 def _parse_bool(_: Quirk, value: Value) -> bool | None:
@@ -399,25 +443,16 @@ def _parse_bool(_: Quirk, value: Value) -> bool | None:
 
 
 def _parse_ranged(quirk: Quirk, value: Value) -> int | None:
-    number = _parse_number(value)
-    if number is not None and quirk.low == _SIGNED_32[0] and number >> 31 == 1:
-        number -= 1 << 32  # C0000000h: a signed field in hex digits (MACS-FRAME-05)
-    return number if number is not None and quirk.low <= number <= quirk.high else None
+    parsed = _parse_number(value)
+    if parsed is not None and quirk.low == _SIGNED_32[0] and parsed >> 31 == 1:
+        parsed -= 1 << 32  # C0000000h: a signed field in hex digits (MACS-FRAME-05)
+    return parsed if parsed is not None and quirk.low <= parsed <= quirk.high else None
 
 
 def _parse_text(quirk: Quirk, value: Value) -> str | None:
     text = str(value).strip()
-    if text == quirk.default:
-        return text
-    parts = text.split("/")
-    if any(not part.isascii() or not part.isdigit() for part in parts):
-        return None
-    if quirk.name == "brake_increments":
-        return text if len(parts) == 1 and int(text) <= 0xFFFF else None
-    if len(parts) != 4 or any(int(part) > 255 for part in parts):
-        return None
-    under, over, v_max, _ = map(int, parts)
-    return text if under < over <= v_max * 5 // 4 else None
+    assert quirk.check is not None
+    return text if text == quirk.default or quirk.check(text) else None
 
 
 _PARSERS: dict[str, Any] = {
@@ -450,9 +485,9 @@ def _describe(name: str, hint: Any, default: Any, metadata: Mapping[str, Any]) -
         allowed = (_spell(default), _spell(not default))
         return Quirk(name, metadata["source"], metadata["doc"], allowed, allowed[0], "bool")
     if hint is str:
-        return Quirk(
-            name, metadata["source"], metadata["doc"], (metadata["form"],), str(default), "text"
-        )
+        form, check = (metadata["form"],), metadata["check"]
+        source, doc = metadata["source"], metadata["doc"]
+        return Quirk(name, source, doc, form, str(default), "text", check=check)
     low, high, digits = metadata["low"], metadata["high"], metadata["digits"]
     allowed = (f"{_spell(low, digits)}..{_spell(high, digits)}",)
     shown = _spell(default, digits)
@@ -460,25 +495,36 @@ def _describe(name: str, hint: Any, default: Any, metadata: Mapping[str, Any]) -
     return Quirk(name, source, doc, allowed, shown, "number", (), low, high)
 
 
-def _table() -> dict[str, Quirk]:
-    hints = get_type_hints(MacQuirks)
+def switches(settings: type["MacQuirks"], face: str) -> dict[str, Quirk]:
+    """All switches of ``settings`` that belong to ``face``, by name, in the order of the fields."""
+    hints = get_type_hints(settings)
     return {
-        f.name: _describe(f.name, hints[f.name], f.default, f.metadata) for f in fields(MacQuirks)
+        f.name: _describe(f.name, hints[f.name], f.default, f.metadata)
+        for f in fields(settings)
+        if face in f.metadata["faces"]
     }
 
 
-QUIRKS: dict[str, Quirk] = _table()
-"""All switches by name, in the order of the fields."""
+QUIRKS: dict[str, Quirk] = switches(MacQuirks, "serial")
+"""The switches of the serial face."""
+
+Settings: TypeAlias = Mapping[str, Value] | Iterable[tuple[str, Value]]
+_Quirks = TypeVar("_Quirks", bound=MacQuirks)
 
 
-def parse_quirks(settings: Mapping[str, Value] | Iterable[tuple[str, Value]]) -> MacQuirks:
+def parse_quirks(settings: Settings) -> MacQuirks:
+    """The serial face's quirks with the given ``settings``; see ``parse_settings``."""
+    return parse_settings(MacQuirks, QUIRKS, settings)
+
+
+def parse_settings(kind: type[_Quirks], known: Mapping[str, Quirk], settings: Settings) -> _Quirks:
     """The quirks with the given ``settings`` (name, value as text or TOML) over the defaults.
 
     Raises UsageError for an unknown name (with the nearest one) or a value that is not allowed.
     """
     parsed: dict[str, Value] = {}
     for name, value in dict(settings).items():
-        if name not in QUIRKS:
-            raise UsageError(f"unknown quirk {name!r}: {nearest(name, QUIRKS)}")
-        parsed[name] = QUIRKS[name].parse(value)
-    return MacQuirks(**parsed)  # type: ignore[arg-type]  # each value was parsed by its own field
+        if name not in known:
+            raise UsageError(f"unknown quirk {name!r}: {nearest(name, known)}")
+        parsed[name] = known[name].parse(value)
+    return kind(**parsed)  # type: ignore[arg-type]  # each value was parsed by its own field

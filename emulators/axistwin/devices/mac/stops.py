@@ -5,7 +5,9 @@ Rules
 1. A direction is blocked by its hardware stop (a level) or beyond its software stop, as far as 03h
    enables them; the other one is free (MACS-STOP-01, -02, MACS-AMB-48).
 2. Software stops look at the counter, whatever moves the axis (MACS-STOP-03).
-3. ff of 21h tells which stop ended the last motion, or which act now (MACS-AMB-50).
+3. Who goes beyond a software stop has met it, wherever the set-point goes from there, if anywhere:
+   the last increment of a motion counts like any other (MACS-CMD-09-02, ledger §4.3).
+4. ff of 21h tells which stop ended the last motion, or which act now (MACS-AMB-50).
 """
 
 from collections.abc import Mapping
@@ -35,6 +37,13 @@ class Heading(NamedTuple):
 
     direction: int
     begun: int | None = None
+
+
+class Meeting(NamedTuple):
+    """When a stop may be met, and of which ``direction`` if it surely is; 0: look again then."""
+
+    at_ns: Nanos
+    direction: int = 0
 
 
 class Stops:
@@ -79,22 +88,23 @@ class Stops:
             return 0
         return self.blocking_bit(now, heading.direction, heading.begun)
 
-    def next_ns(self, now: Nanos, heading: Heading, set_point: SetPoint) -> Nanos | None:
+    def next_meeting(self, now: Nanos, heading: Heading, set_point: SetPoint) -> Meeting | None:
         """When ``set_point``, which is ``heading`` somewhere, may meet a stop; None: never."""
         if self.barring_bit(now, heading) or self.blocking_bit(now, heading.direction):
-            return now
-        times = (self._next_of_ns(now, way, set_point) for way in (1, -1))
-        return min((time for time in times if time is not None), default=None)
+            return Meeting(now)
+        ways = (self._next_of(now, way, set_point) for way in (1, -1))
+        return min((each for each in ways if each is not None), default=None)
 
-    def _next_of_ns(self, now: Nanos, direction: int, set_point: SetPoint) -> Nanos | None:
+    def _next_of(self, now: Nanos, direction: int, set_point: SetPoint) -> Meeting | None:
         """When the stop of ``direction``, in which nothing is going the barred way, may be met."""
         if self.blocking_bit(now, direction):
             starts = (leg.start_ns for leg in set_point.legs(now) if leg.direction == direction)
             start_ns = next(starts, set_point.end_ns)
-            return None if start_ns is None or start_ns <= now else start_ns
+            return None if start_ns is None or start_ns <= now else Meeting(start_ns)
         if not self._values["stops"] & SOFTWARE:
             return None
-        return self._counter.reach_ns(now, self._first_forbidden(direction))
+        reached_ns = self._counter.reach_ns(now, self._first_forbidden(direction))
+        return None if reached_ns is None else Meeting(reached_ns, direction)
 
     def bits_at(self, now: Nanos) -> int:
         """ff as it is read."""
