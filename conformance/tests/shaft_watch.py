@@ -98,18 +98,22 @@ class Shaft:
 
     def tell(self, order: Order, now_ns: int) -> None:
         """Account for an order that is being sent, whether or not it will be refused."""
-        if order.index in (0x13, 0x14):
-            self._target = signed(order.parameter, 32) if order.index == 0x13 else 0
-        if order.index in (0x11, 0x13, 0x14) and self._target is not None:
+        if order.index in (0x13, 0x14, 0x15):
+            places = {0x13: signed(order.parameter, 32), 0x14: 0}
+            self._target = places.get(order.index)
+        is_begun = order.index in (0x13, 0x14)
+        if order.index == 0x11:  # the target counts from where the counter begins by now
+            is_begun = bool(self.twin.describe()["preloaded"])
+        if is_begun and self._target is not None:
             self._ask(self.place + self._target - self.counter)
+        if order.index == 0x16 and self.twin.describe()["state"] != "IN":
+            self._tip = self.place
         if order.index == 0x0B:
             self._clearing_until_ns = now_ns + CLEARING_NS
 
     def heed(self, order: Order) -> None:
         """Account for a segment that was not refused: it begins where the last one ends."""
         if order.index == 0x16 and order.parameter & 0xFFFF:
-            if not self.twin.describe()["segments_stored"]:
-                self._tip = self.place
             self._tip += signed(order.parameter >> 16, 16)
             self._ask(self._tip)
 
