@@ -109,6 +109,10 @@ class Target:
         self._port = port
         self._pending = bytearray()
         self._clock_ns: int | None = None  # in virtual time, as long as nothing has let it pass
+        self._baud: int | None = None  # as long as nobody has set it
+        # A port may offer request and reply in one call: when it began, the reply, when it was
+        # there.
+        self._at_once = getattr(port, "exchange", None)
         self.description = description
         self.is_builtin = is_builtin
         self.is_virtual = getattr(port, "virtual_time_ns", None) is not None
@@ -154,11 +158,13 @@ class Target:
     @property
     def baud(self) -> int:
         """The rate of our end of the line."""
-        return self._port.baudrate
+        if self._baud is None:
+            self._baud = self._port.baudrate
+        return self._baud
 
     @baud.setter
     def baud(self, rate: int) -> None:
-        self._clock_ns = None
+        self._clock_ns = self._baud = None
         with self._port_trouble(f"setting {rate} baud"):
             self._port.baudrate = rate
         self.mark(f"our end of the line now talks {rate} baud")
@@ -179,26 +185,31 @@ class Target:
             self._port.write(bytes(data))
         return started_ns
 
-    def exchange(self, data: bytes, size: int, timeout_s: float) -> tuple[int, bytes, int]:
+    def exchange(
+        self, data: bytes, size: int, timeout_s: float, is_cleared: bool = False
+    ) -> tuple[int, bytes, int]:
         """What `send` and `receive` do, at a fraction of their cost (see `is_direct`): send the
-        bytes, return when that began, up to `size` bytes of reply, and when they were there."""
-        if self.gate is not None:
-            self.gate(data)
-        if self.meter is not None:
-            self.meter(data)
+        bytes, return when that began, up to `size` bytes of reply, and when they were there.
+
+        `is_cleared`: the gate has let such a frame pass, and it holds nothing for the meter.
+        """
+        if not is_cleared:
+            if self.gate is not None:
+                self.gate(data)
+            if self.meter is not None:
+                self.meter(data)
         if self._pending:
             self.drain()
-        port, note, started_ns = self._port, self.transcript.note, self.now_ns
         self._refuse_the_dead()
+        started_ns, note = self.now_ns, self.transcript.note
+        self.last_sent = data
+        note(started_ns, Direction.HOST, data)
         self._clock_ns = None
         try:
-            self.last_sent = data
-            note(started_ns, Direction.HOST, data)
-            port.write(data)
-            if port.timeout != timeout_s:
-                port.timeout = timeout_s
-            reply = port.read(size)
-            done_ns: int = port.virtual_time_ns  # type: ignore[attr-defined]
+            if self._at_once is not None:
+                _, reply, done_ns = self._at_once(data, size, timeout_s)
+            else:
+                reply, done_ns = self._in_turn(data, size, timeout_s)
         except Exception as error:
             raise self._trouble("exchanging", error) from error
         self._clock_ns = done_ns
@@ -207,6 +218,13 @@ class Target:
         elif timeout_s >= SILENCE_NOTED_S:
             self._note_silence(started_ns)
         return started_ns, reply, done_ns
+
+    def _in_turn(self, data: bytes, size: int, timeout_s: float) -> tuple[bytes, int]:
+        port = self._port
+        port.write(data)
+        if port.timeout != timeout_s:
+            port.timeout = timeout_s
+        return port.read(size), port.virtual_time_ns  # type: ignore[attr-defined]
 
     def receive(self, count: int, timeout_s: float) -> bytes:
         """Return up to `count` bytes, fewer if the time-out (s, for all of them) passes first."""

@@ -112,6 +112,7 @@ class AxisModel:
     preloaded: int | None = None  # index of the motion held back
     preload_parameter: int = 0
     _cells: dict[tuple[int, str], str] = field(default_factory=dict)
+    _fixed: dict[tuple[int, str], Kind | None] = field(default_factory=dict)
     _rounded: tuple[Law, ...] | None = None
 
     @property
@@ -129,6 +130,8 @@ class AxisModel:
         """What the states that the axis may be in are called in reports."""
         if modes is RESTING:
             return self._state("HD")
+        if len(modes) == 1:
+            return self._state(*modes)
         return "/".join(sorted([self._state(mode) for mode in modes]))
 
     def _state(self, mode: str) -> str:
@@ -138,8 +141,15 @@ class AxisModel:
 
     def outcomes(self, index: int, parameter: int, window: Window) -> dict[Kind, Forecast]:
         """Every admissible reply to a command taken over in the window, with what follows."""
-        if window.earliest_ns >= self.forecast.over_ns:
+        forecast, (earliest_ns, latest_ns) = self.forecast, window
+        if earliest_ns >= forecast.over_ns:
             return self._outcomes_at_rest(index, parameter, window)
+        if latest_ns < forecast.steady_until_ns and index not in SEGMENTS:
+            # The mode is beyond doubt, and only what acts on the axis needs more than that.
+            first = forecast.timelines[0]
+            kind = self._reply(first, earliest_ns, index, parameter, forecast.mode)
+            if index not in ACTING or (kind is Kind.REFUSED and index != 0x15):
+                return {kind: forecast}
         branches: dict[Kind, list[Timeline]] = {}
         for timeline in self.forecast.timelines:
             for edge in window.edges:
@@ -182,6 +192,19 @@ class AxisModel:
         return content
 
     def _reply(self, now: Timeline, edge: int, index: int, parameter: int, state: str) -> Kind:
+        cell = (index, state)
+        if cell not in self._fixed:
+            self._fixed[cell] = self._reply_to_any(index, state)
+        return self._fixed[cell] or self._reply_to(now, edge, index, parameter, state)
+
+    def _reply_to_any(self, index: int, state: str) -> Kind | None:
+        """The reply in that state if it does not depend on the parameter or the motion."""
+        if self._content(index, state) == "R":
+            return Kind.REFUSED
+        depends = index in SETTINGS or index in SEGMENTS or index in (0x07, 0x13, 0x15)
+        return None if depends else outcome_of(self._content(index, state))
+
+    def _reply_to(self, now: Timeline, edge: int, index: int, parameter: int, state: str) -> Kind:
         content = self._content(index, state)
         if index == 0x03 and parameter & 0xFF == 1 and state in RUNNING:
             content = "R"  # the one value that both lists mark
@@ -221,7 +244,7 @@ class AxisModel:
         is_resting = now.mode_at(edge) == "HD"
         if index in MOTIONS and is_resting and self.is_armed:
             # Accepted now, or when 11h comes: ff may stay so long.
-            return [now, replace(now, ff=0, doubt=0)]
+            return [now, now.told(0)]
         if index in MOTIONS:
             return self._motion(now, edge, index, parameter, is_resting)
         if index in SEGMENTS:
@@ -232,7 +255,7 @@ class AxisModel:
             return list(Forecast((now,)).stopped(Window(edge, edge)).timelines)
         if index in (0x18, 0x1A, REINITIALISE):
             rest = now.at_rest(edge)
-            return [replace(rest, ff=0, doubt=0) if index == REINITIALISE else rest]
+            return [rest.told(0) if index == REINITIALISE else rest]
         if index == 0x0B:
             return [replace(now, origin=now.origin - now.position_at(edge))]
         return [now]
@@ -256,7 +279,7 @@ class AxisModel:
         if index == 0x15:
             period = parameter & 0xFFFF
             if not period:
-                return [now, replace(now, ff=0, doubt=0)]
+                return [now, now.told(0)]
             direction = _way(parameter)
             courses = [
                 Course.endless(period, one.coefficient, law) for law in self._laws(one.coefficient)
@@ -320,14 +343,14 @@ class AxisModel:
         """An axis surely at rest is where it says, if that was admissible."""
         if window.earliest_ns >= self.forecast.over_ns:
             rested = self.forecast.rested
-            if all([one.origin == position for one in rested.timelines]):
-                self.forecast = rested
-            else:
-                timelines = [replace(one, origin=position) for one in rested.timelines]
-                self.forecast = Forecast.of(timelines)
+            if rested.places != (position, position) or rested.timelines[0].after != "HD":
+                rested = Forecast.of([one.read(position) for one in rested.timelines])
+            self.forecast = rested
 
     def stopped_on(self, window: Window) -> frozenset[int]:
         """The admissible values of ff."""
+        if window.earliest_ns >= self.forecast.over_ns:
+            return self.forecast.stops_told
         told = [
             timeline.stopped_on(edge)
             for timeline in self.forecast.timelines
@@ -339,11 +362,9 @@ class AxisModel:
         """What an axis surely at rest has told of its stops, stays so until the next motion."""
         if window.earliest_ns >= self.forecast.over_ns:
             rested = self.forecast.rested
-            if all([one.ff == ff and not one.doubt for one in rested.timelines]):
-                self.forecast = rested
-            else:
-                timelines = [replace(one, ff=ff, doubt=0) for one in rested.timelines]
-                self.forecast = Forecast.of(timelines)
+            if rested.stops_told != {ff}:
+                rested = Forecast.of([one.told(ff) for one in rested.timelines])
+            self.forecast = rested
 
     def busy(self, window: Window) -> frozenset[bool]:
         """The admissible values of busy (MACS-BUSY-01)."""

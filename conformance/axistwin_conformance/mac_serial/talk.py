@@ -61,7 +61,7 @@ class Talk:
         self.session = session
         self.target = session.target
         self.address = session.address if address is None else address
-        self._noted: set[int | None] = {None}  # last bytes of replies whose spelling is noted
+        self._noted: set[int] = set()  # last bytes of replies whose spelling is noted
 
     @property
     def byte_ns(self) -> int:
@@ -131,15 +131,21 @@ class Talk:
         self._note_spelling(reply)
         return Exchange(data, reply, taken)
 
-    def exchange(self, data: bytes, size: int, timeout_s: float) -> tuple[Reply, Window]:
+    def exchange(
+        self, data: bytes, size: int, timeout_s: float, is_cleared: bool = False
+    ) -> tuple[bytes, Window]:
         """What `send` does, at a fraction of its cost, where the target allows it
-        (`Target.is_direct`); `size`: of the reply if all goes well."""
-        sent_ns, received, done_ns = self.target.exchange(data, size, timeout_s)
-        reply = codec.parse(received)
-        if reply.final not in self._noted:
-            self._noted.add(reply.final)
-            self._note_spelling(reply)
-        return reply, self._window(sent_ns, len(data), len(received), done_ns)
+        (`Target.is_direct`): the reply as it came, and when the request was taken over.
+
+        `size`: of the reply if all goes well; `is_cleared`: see `Target.exchange`.
+        """
+        sent_ns, received, done_ns = self.target.exchange(data, size, timeout_s, is_cleared)
+        if received and received[-1] not in self._noted:
+            reply = codec.parse(received)
+            if reply.final is not None:
+                self._noted.add(reply.final)
+                self._note_spelling(reply)
+        return received, self._window(sent_ns, len(data), len(received), done_ns)
 
     def _window(self, sent_ns: int, sent: int, received: int, done_ns: int) -> Window:
         """When the module can have taken over a request of `sent` bytes."""
@@ -180,8 +186,8 @@ class Talk:
         self.target.drain()
         data = codec.frame(self.address, index, parameter)
         size = codec.ANSWER_BYTES if index in ANSWERED else codec.SHORT_REPLY_BYTES
-        reply, taken = self.exchange(data, size, self.session.reply_timeout_s)
-        return Exchange(data, reply, taken)
+        received, taken = self.exchange(data, size, self.session.reply_timeout_s)
+        return Exchange(data, codec.parse(received), taken)
 
     def ask(self, index: int, sub_index: int = 0) -> Exchange:
         """Send a query."""
