@@ -104,3 +104,51 @@ def test_a_sequence_begins_where_the_last_one_began() -> None:
     player = new_player()
     player.begin().play(operation("move", 0xFF, 0, 0xFF) + operation("stop"))
     assert player.begin().model.forecast.timelines[0].origin == player.home
+
+
+def test_a_sequence_behind_another_one_asks_nothing_that_is_known() -> None:
+    """What the closing questions have confirmed is set back where it differs, and that is all; the
+    module is then where a beginning from nothing brings it."""
+    player = new_player()
+    player.begin().play(operation("set the ramp", 4) + operation("enable the stops", 1))
+    target = player.bench.target
+    before = target.transcript.position
+    known = player.begin().model
+    said = [one.data[6:8] for one in target.transcript.since(before) if one.direction == "host"]
+    assert said == [b"03", b"0F"]
+    player._last = None
+    asked = player.begin().model
+    assert (known.parameters, known.forecast) == (asked.parameters, asked.forecast)
+
+
+def test_a_sequence_behind_one_that_failed_asks_everything() -> None:
+    """Nothing is believed of a module that the model does not fit."""
+    player = new_player()
+    failing = player.begin()
+    failing.model.parameters.tolerance = 5
+    with pytest.raises(Mismatch):
+        failing.play(b"")
+    assert not failing.is_known
+    assert player.begin().model.parameters.tolerance == 0
+
+
+def test_a_counter_that_was_cleared_is_put_back_by_what_is_known() -> None:
+    """The next sequence begins at the same place of the shaft."""
+    player = new_player()
+    player.begin().play(operation("move", 0xA0, 0, 0xFF) * 4 + operation("clear the counter"))
+    assert player.begin().home == player.bench.position() == player.home
+    (twin,) = player.bench.target.twins
+    assert twin.position == player.home
+
+
+def test_a_place_after_segments_is_a_matter_of_segments() -> None:
+    """The first reading after a motion is judged by the requirement of that motion; the next by
+    that of the query."""
+    run = new_player().begin()
+    run.operate(*operation("segment", 40, 0, 0xFF))
+    assert run.is_resting
+    for name in ("MACS-CMD-16-01", "MACS-Q-20-01"):
+        with pytest.raises(Mismatch) as refuted:
+            run._judge_position(1 << 20, run._now())
+        assert refuted.value.requirement == name
+        run.query(0x20)

@@ -28,6 +28,7 @@ from axistwin_conformance.mac_serial.model import AxisModel
 from axistwin_conformance.mac_serial.operations import OPERATIONS
 from axistwin_conformance.mac_serial.sequences import (
     BYTES_PER_OPERATION,
+    OPEN_STOPS,
     Mismatch,
     Sequence,
     begin,
@@ -45,7 +46,6 @@ PLAY_ATTEMPTS: Final = 5  # of one list that noise breaks off
 TWIN_BUDGET: Final = Budget(operations=20_000, seconds=6.0)
 LINE_BUDGET: Final = Budget(operations=400, seconds=120.0)
 ARGUMENTS: Final = (3, 1, 2)  # the bytes that shrinking makes smaller: the pause first
-OPEN_STOPS: Final = ((0x09, 0x3FFFFFFF), (0x0A, 0xC0000000), (0x0E, 0x0500), (0x0C, 0x40))
 STORY_TOLD: Final = 16  # exchanges of a failure that are put into words; the record has them all
 
 Operations = tuple[bytes, ...]
@@ -95,6 +95,7 @@ class Player:
         # Beginning with 00h, a list cannot fail by what another one has left behind.  It costs 2 s
         # of deafness, so only where time is free.
         self.is_fresh = False
+        self._last: Sequence | None = None
         bench.is_plotting = False  # or the ways home of all sequences would fill the report
 
     def play(
@@ -114,11 +115,15 @@ class Player:
 
     def begin(self) -> Sequence:
         """A sequence that begins where every sequence begins."""
-        if self.is_fresh:
-            self.bench.reinitialise()
-        for index, parameter in OPEN_STOPS:
-            self.bench.command(index, parameter)
-        return begin(self.bench, self.home, model_of)
+        again = None if self.is_fresh or self._last is None else self._last.again()
+        if again is None:
+            if self.is_fresh:
+                self.bench.reinitialise()
+            for index, parameter in OPEN_STOPS:
+                self.bench.command(index, parameter)
+            again = begin(self.bench, self.home, model_of)
+        self._last = again
+        return again
 
     def _once(self, operations: Operations, is_counted: bool, is_plotted: bool) -> Played:
         run = self.begin()

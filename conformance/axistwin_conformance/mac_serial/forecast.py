@@ -218,9 +218,16 @@ class Timeline:
             begun -= 1
         return len(self.segments) - max(0, begun - first)
 
+    def turned(self, mode: str, course: Course | None, segments: tuple[Segment, ...]) -> Timeline:
+        """This motion, from the same beginning, on another course or with another row."""
+        return Timeline(
+            mode, self.origin, self.start_ns, self.direction, course, segments, self.stops,
+            self.ff, self.leads, self.doubt,
+        )  # fmt: skip
+
     def followed_by(self, segment: Segment) -> Timeline:
         """This motion with a segment more at the end of the row."""
-        longer = replace(self, segments=(*self.segments, segment))
+        longer = self.turned(self.mode, self.course, (*self.segments, segment))
         legs, end_ns, place = self.legs, self._row_end_ns, self.final
         if not self.hit and end_ns is not None and place is not None:  # the legs so far stay
             vars(longer)["legs"] = (*legs, longer._cut(_leg(segment, end_ns, place))[0])
@@ -443,11 +450,11 @@ def _ramped_stop(timeline: Timeline, now_ns: int) -> Timeline:
     if timeline.course is None or timeline.mode_at(now_ns) not in ("PO", "VE"):
         return timeline
     course = timeline.course.stopped(_ticks(timeline, now_ns))
-    return replace(timeline, course=course, segments=())  # what waits is dropped (MACS-AMB-51)
+    return timeline.turned(timeline.mode, course, ())  # what waits is dropped (MACS-AMB-51)
 
 
 def _speed_change(timeline: Timeline, now_ns: int, period: int) -> Timeline:
     if timeline.course is None or timeline.mode_at(now_ns) not in ("PO", "VE"):
         return timeline
     course = timeline.course.changed(_ticks(timeline, now_ns), period)
-    return replace(timeline, mode="VE", course=course)
+    return timeline.turned("VE", course, timeline.segments)

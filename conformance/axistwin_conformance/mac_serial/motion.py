@@ -228,9 +228,10 @@ def transition(before: int, after: int, coefficient: int, law: Law) -> list[Run]
 # --- motions that are changed or stopped under way -----------------------------------------------
 
 
-@dataclass(frozen=True)
+@dataclass
 class Course:
-    """A motion of 13h, 14h or 15h with what a later command must know of its past.
+    """A motion of 13h, 14h or 15h with what a later command must know of its past; a value, not
+    frozen for the sake of speed.
 
     `base`: the period the ramp is built from; `coefficient`: AA; `distance`: of 13h and 14h only;
     `transition_at`, `transition_end`: the steps between which a speed change happens, if one was
