@@ -1,5 +1,7 @@
 """Stops, the reference input and the counter of a MAC axis (ledger §5.8)."""
 
+from typing import Any
+
 import pytest
 from mac_bench import ACCEPTED, FREE, HELD, MS, PERIOD, REFUSED, MacBench, S, moving
 
@@ -350,3 +352,113 @@ def test_the_counter_wraps_at_31_bits() -> None:
     bench.do(0x16, 0x00200400)
     bench.settle()
     assert bench.position() == -0x40000000 + 0x0F + 1
+
+
+# ---- a stop that is met by the last increment of a motion ----
+
+OUT, IN = 0x0020, 0xFFE0  # 32 steps one way, and back
+
+
+def _signed(direction: int, number: int) -> int:
+    return direction * number & 0xFFFFFFFF
+
+
+def _bench_with_stop_at(direction: int, stop: int, **quirks: Any) -> MacBench:
+    """Software stops on; the one of ``direction`` at ``stop`` increments that way."""
+    bench = MacBench(factory_stops=8, factory_ramp=1, **quirks)
+    bench.do(0x09 if direction > 0 else 0x0A, _signed(direction, stop))
+    return bench
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+@pytest.mark.parametrize(("compare", "stop"), [("strict", 23), ("equal", 24)])
+@pytest.mark.parametrize("plant", ["ideal", "inertial"])
+def test_the_last_increment_of_a_move_meets_the_stop_like_any_other(
+    direction: int, compare: str, stop: int, plant: str
+) -> None:
+    """What waits behind it is dropped, and the bit of ff is set (MACS-CMD-09-02, ledger §4.3)."""
+    bench = _bench_with_stop_at(direction, stop, soft_stop_compare=compare, plant=plant)
+    bench.do(0x13, _signed(direction, 24))
+    bench.do(0x16, (IN if direction > 0 else OUT) << 16 | 0x0800)
+    bench.settle()
+    bench.advance(S)
+    assert (bench.position(), bench.state()) == (direction * 24, "HD")
+    assert bench.read(0x21) == (0x00020000 if direction > 0 else 0x00010000)
+
+
+def _go_out(bench: MacBench, index: int, direction: int) -> None:
+    """Go 24 increments by a move, at a velocity, or by a segment; 32 back are stored behind it."""
+    if index == 0x13:
+        bench.do(0x13, _signed(direction, 24))
+    elif index == 0x16:
+        bench.do(0x16, (direction * 24 & 0xFFFF) << 16 | 0x2000)
+    else:
+        bench.do(0x15, 0x00F60000 | 0x4000 if direction < 0 else 0x4000)
+        while abs(bench.position()) < 18:  # 17h: what was climbed, and the increment in progress
+            bench.advance(MS)
+        bench.do(0x17)
+    bench.do(0x16, (-direction * 32 & 0xFFFF) << 16 | 0x0800)
+
+
+def _furthest_of(bench: MacBench, index: int, direction: int) -> int:
+    """How far ``_go_out`` leads where no stop is in the way."""
+    _go_out(bench, index, direction)
+    furthest = 0
+    while bench.device.axis.drive.kind is not None:
+        bench.advance(MS // 4)
+        furthest = max(furthest, direction * bench.position_at(bench.now))
+    return furthest
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+@pytest.mark.parametrize("index", [0x13, 0x15, 0x16])
+@pytest.mark.parametrize("phase", ["end", "start"])
+def test_whatever_ends_on_the_far_side_of_a_stop_has_met_it(
+    index: int, direction: int, phase: str
+) -> None:
+    """Position, velocity, segments; one increment less, and what waits runs (MACS-STOP-03)."""
+    furthest = _furthest_of(_bench_with_stop_at(direction, 999, step_phase=phase), index, direction)
+    bit = 0x00020000 if direction > 0 else 0x00010000
+    for stop, rest, ff in ((furthest - 1, furthest, bit), (furthest, furthest - 32, 0)):
+        bench = _bench_with_stop_at(direction, stop, step_phase=phase)
+        _go_out(bench, index, direction)
+        bench.settle()
+        bench.advance(S)
+        assert (direction * bench.position(), bench.state()) == (rest, "HD")
+        assert bench.read(0x21) == ff
+
+
+def test_a_stop_met_by_the_last_increment_leaves_what_is_stored_where_it_is_kept() -> None:
+    """MACS-AMB-51: the FIFO waits for the next segment."""
+    bench = _bench_with_stop_at(1, 23, abort_flush=False)
+    bench.do(0x13, 24)
+    bench.do(0x16, IN << 16 | 0x0800)
+    bench.settle()
+    bench.advance(S)
+    assert (bench.position(), bench.read(0x21)) == (24, 0x00020000)
+    bench.do(0x16, IN << 16 | 0x0800)
+    bench.settle()
+    assert bench.position() == 24 - 64
+
+
+@pytest.mark.parametrize("increments", ["0", "7"])
+def test_a_shaft_that_has_turned_on_the_stop_needs_no_way_to_brake(increments: str) -> None:
+    """It rests where it has met the stop, not on the way of the next segment (ledger §5.8)."""
+    bench = _bench_with_stop_at(1, 23, brake_increments=increments)
+    bench.do(0x16, 24 << 16 | 0x2000)
+    bench.do(0x16, IN << 16 | 0x0800)
+    bench.settle()
+    assert (bench.position(), bench.read(0x21)) == (24, 0x00020000)
+
+
+def test_a_catch_up_that_ends_beyond_the_stop_has_met_it() -> None:
+    """It belongs to the motion (ledger §4.1)."""
+    bench = _bench_with_stop_at(1, 23)
+    bench.device.set_load(bench.now, HELD)
+    bench.do(0x13, 24)
+    bench.advance(100 * MS)
+    bench.device.set_load(bench.now, FREE)
+    bench.do(0x16, IN << 16 | 0x0800)
+    bench.settle()
+    bench.advance(S)
+    assert bench.read(0x21) == 0x00020000

@@ -36,7 +36,7 @@ from axistwin.devices.mac.faults import Faults
 from axistwin.devices.mac.models import MacModel
 from axistwin.devices.mac.owner import Brake, Owner, Profile, Rest, Segments
 from axistwin.devices.mac.quirks import MacQuirks
-from axistwin.devices.mac.stops import SOFT_BITS, Heading, Meeting, Stops
+from axistwin.devices.mac.stops import Heading, Meeting, Stops
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.motion.inertia import Mechanics
 from axistwin.motion.interpolator import Interpolator, Segment, Step, Underrun
@@ -406,10 +406,8 @@ class Drive:
             self._bar(now, bit, heading.begun or 0)
         elif bit := self.stops.blocking_bit(now, heading.direction):
             self._stop_on(now, bit)
-        elif way := self._stop_met(now):
-            # An ideal shaft goes where its set-point goes, which is not the way of the stop here.
-            is_standing = way * self.plant.speed_at(now) <= 0
-            self._stop_on(now, SOFT_BITS[way], is_standing=is_standing)
+        elif bit := self.stops.met_bit(now, self._meeting):
+            self._stop_on(now, bit, is_standing=self._has_turned(now))
         elif self._is_over(now):
             self._finish(now)
         else:
@@ -513,10 +511,10 @@ class Drive:
             return None
         return self.stops.next_meeting(now, self._heading(now), set_point)
 
-    def _stop_met(self, now: Nanos) -> int:
-        """The direction whose software stop the shaft has just gone beyond; 0: neither."""
+    def _has_turned(self, now: Nanos) -> bool:
+        """Whether the shaft does not go on beyond the stop it has met, and has no need to brake."""
         meeting = self._meeting
-        return meeting.direction if meeting is not None and meeting.at_ns == now else 0
+        return meeting is None or meeting.direction * self.plant.speed_at(now) <= 0
 
     def _stop_on(self, now: Nanos, bit: int, *, is_standing: bool = False) -> None:
         """End the motion at the stop of that ``bit`` of ff (ledger §4.3)."""

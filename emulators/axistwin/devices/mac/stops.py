@@ -92,8 +92,18 @@ class Stops:
         """When ``set_point``, which is ``heading`` somewhere, may meet a stop; None: never."""
         if self.barring_bit(now, heading) or self.blocking_bit(now, heading.direction):
             return Meeting(now)
-        ways = (self._next_of(now, way, set_point) for way in (1, -1))
-        return min((each for each in ways if each is not None), default=None)
+        out, back = (self._next_of(now, way, set_point) for way in (1, -1))
+        if out is None or back is None:
+            return out or back
+        # Of two at one time, that which is known to be met.
+        return min(out, back, key=lambda each: (each.at_ns, not each.direction))
+
+    def met_bit(self, now: Nanos, meeting: Meeting | None) -> int:
+        """The bit of ff for the software stop that is met at ``now``, as was foreseen; 0: none."""
+        if meeting is None or meeting.at_ns != now or not meeting.direction:
+            return 0
+        way = meeting.direction
+        return SOFT_BITS[way] if self._is_beyond(now, way) else 0  # it may have wrapped
 
     def _next_of(self, now: Nanos, direction: int, set_point: SetPoint) -> Meeting | None:
         """When the stop of ``direction``, in which nothing is going the barred way, may be met."""
