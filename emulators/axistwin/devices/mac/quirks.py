@@ -169,7 +169,9 @@ class MacQuirks:
     cmd_1b_supported: bool = quirk(
         True, "MACS-AMB-09", "1Bh exists (older releases refuse it)", SERIAL
     )
-    cmd_1c_supported: bool = quirk(True, "MACS-AMB-09", "1Ch exists (older releases refuse it)")
+    cmd_1c_supported: bool = quirk(
+        True, "MACS-AMB-09", "1Ch exists (older releases refuse it)", SERIAL
+    )
     has_reset_input: bool = quirk(True, "MACS-AMB-67", "the reset input is present", SERIAL)
     factory_standby: Literal[1, 0] = quirk(
         1, "MACS-AMB-25", "factory value of 02h: 1 half torque at rest"
@@ -253,7 +255,7 @@ class MacQuirks:
         "mirror", "MACS-CMD-13-05", "short moves: symmetric, or the middle one level higher"
     )
     vel_f6_direction: Literal["negative", "positive"] = quirk(
-        "negative", "MACS-AMB-07", "direction of 15h with SS = F6"
+        "negative", "MACS-AMB-07", "direction of 15h with SS = F6", SERIAL
     )
     vel_reverse_cmd: Literal["ignore", "refuse"] = quirk(
         "ignore", "MACS-AMB-28", "15h with the other direction in motion (ignore: speed taken)"
@@ -347,10 +349,10 @@ class MacQuirks:
         "next_motion", "MACS-AMB-50", "how long the stop bits of 21h stay"
     )
     status_ff_layout: Literal["can_map", "shifted"] = quirk(
-        "can_map", "MACS-AMB-12", "stop bits at 3..0, or one higher"
+        "can_map", "MACS-AMB-12", "stop bits at 3..0, or one higher", SERIAL
     )
     status_hh_bit: Literal["7", "6-0"] = quirk(
-        "7", "MACS-AMB-13", "bits of hh that tell a past over-voltage"
+        "7", "MACS-AMB-13", "bits of hh that tell a past over-voltage", SERIAL
     )
     ref_edge: Literal["opening", "closing"] = quirk(
         "opening", "MACS-AMB-52", "edge of the reference contact that zeroes the counter"
