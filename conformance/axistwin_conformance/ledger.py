@@ -1,12 +1,18 @@
 """The requirement ledger as data: what is asked of a device, and where the manual leaves it open.
 
 The TOML files under `ledger/` are the suite's own reading; this module loads and checks them.
+
+Two families with one axis leave the same things open.  An ambiguity is written down once; the other
+ledger has, under the same id, `same_as` with the name of the first one's ledger.  What it says
+beside that (question, detect, departs) takes the place of what is said there, and `without` names
+switches that the family does not have.  Requirements are each family's own, so `departs` is never
+taken over.
 """
 
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
@@ -98,6 +104,7 @@ def parse_ledger(name: str, text: str) -> Ledger:
     data = tomllib.loads(text)
     requirements = {key: _requirement(key, row) for key, row in data["requirement"].items()}
     ambiguities = {key: _ambiguity(key, row) for key, row in data["ambiguity"].items()}
+    _refuse_shared_switches(ambiguities.values())
     for requirement in requirements.values():
         for quirk in requirement.quirks:
             if quirk not in ambiguities:
@@ -107,6 +114,15 @@ def parse_ledger(name: str, text: str) -> Ledger:
             if departed not in requirements:
                 raise ValueError(f"{ambiguity.id}: unknown requirement {departed}")
     return Ledger(name, requirements, ambiguities, frozenset(_words(data.get("configuration", []))))
+
+
+def _refuse_shared_switches(ambiguities: Iterable[Ambiguity]) -> None:
+    """A switch answers one question: its readings are listed in one place."""
+    owners: dict[str, str] = {}
+    for ambiguity in ambiguities:
+        for switch in ambiguity.switches:
+            if (owner := owners.setdefault(switch, ambiguity.id)) != ambiguity.id:
+                raise ValueError(f"{ambiguity.id}: the switch {switch} belongs to {owner} already")
 
 
 def _requirement(key: str, row: Mapping[str, object]) -> Requirement:
@@ -129,6 +145,8 @@ def _requirement(key: str, row: Mapping[str, object]) -> Requirement:
 
 
 def _ambiguity(key: str, row: Mapping[str, object]) -> Ambiguity:
+    if "same_as" in row:
+        row = _taken_over(key, row)
     switches = row.get("switches", {})
     if not isinstance(switches, dict) or not all(switches.values()):
         raise ValueError(f"ambiguity {key}: switches is a table of non-empty lists")
@@ -142,6 +160,26 @@ def _ambiguity(key: str, row: Mapping[str, object]) -> Ambiguity:
         )
     except KeyError as error:
         raise ValueError(f"ambiguity {key}: {error} is missing") from error
+
+
+def _taken_over(key: str, row: Mapping[str, object]) -> Mapping[str, object]:
+    """The row of an ambiguity that another ledger holds, with what this one says otherwise."""
+    name = str(row["same_as"])
+    other = load_ledger(name).ambiguities.get(key)
+    if other is None:
+        raise ValueError(f"ambiguity {key}: {name} has none of that id")
+    if "switches" in row:
+        raise ValueError(f"ambiguity {key}: its switches are those of {name}; use without")
+    without = _words(row.get("without", []))
+    if unknown := [switch for switch in without if switch not in other.switches]:
+        raise ValueError(f"ambiguity {key}: without {unknown[0]}, which {name} does not have")
+    own = {name: value for name, value in row.items() if name not in ("same_as", "without")}
+    kept = {
+        switch: list(readings)
+        for switch, readings in other.switches.items()
+        if switch not in without
+    }
+    return {"question": other.question, "detect": other.detect, "switches": kept, **own}
 
 
 def _words(value: object) -> tuple[str, ...]:

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 
 import pytest
 
+from axistwin_conformance import ledger as ledger_module
 from axistwin_conformance.ledger import Kind, load_ledger, parse_ledger
 from axistwin_conformance.registry import families
 
-LEDGERS = sorted({family.ledger for family in families()})
+LEDGERS = sorted({family.ledger for family in families()} | {"mac_can"})
+# How many requirements each chapter of the CAN ledger has.
+CAN_CHAPTERS = {
+    "ID": 3, "SDO": 14, "BOOT": 4, "EMCY": 5, "SYNC": 5, "LMT": 9, "GEN": 3, "CMD": 32, "Q": 11,
+    "STATE": 2, "STOP": 1, "REF": 1, "BUSY": 1, "PERS": 2,
+}  # fmt: skip
 ENTRY = """
 [requirement.A-1]
 kind = "must"
@@ -49,6 +56,34 @@ def test_the_mac_serial_ledger_is_complete_in_number() -> None:
     assert len(ledger.ambiguities) == 74
 
 
+def test_the_mac_can_ledger_is_complete_in_number() -> None:
+    """Every chapter has its requirements; 32 ambiguities are CAN's own."""
+    ledger = load_ledger("mac_can")
+    assert Counter(key.split("-")[1] for key in ledger.requirements) == CAN_CHAPTERS
+    numbers = [f"MACC-AMB-{number:02d}" for number in range(1, 33)]
+    assert [key for key in ledger.ambiguities if key.startswith("MACC-")] == numbers
+
+
+def test_the_mac_can_ledger_numbers_without_a_gap() -> None:
+    """MACC-SDO-01 to -14 and so on: a lost entry is named."""
+    ledger = load_ledger("mac_can")
+    for chapter in ("ID", "SDO", "BOOT", "EMCY", "SYNC", "LMT", "GEN"):
+        numbers = [f"MACC-{chapter}-{n:02d}" for n in range(1, CAN_CHAPTERS[chapter] + 1)]
+        assert [key for key in ledger.requirements if key.split("-")[1] == chapter] == numbers
+
+
+def test_what_the_axis_leaves_open_is_left_open_on_both_wires() -> None:
+    """The CAN ledger takes the axis's ambiguities over from the serial one, readings and all."""
+    serial, can = load_ledger("mac_serial").ambiguities, load_ledger("mac_can").ambiguities
+    shared = [key for key in can if key in serial]
+    assert len(shared) == 42
+    for key in shared:
+        assert set(can[key].switches) <= set(serial[key].switches), key
+        assert all(can[key].switches[one] == serial[key].switches[one] for one in can[key].switches)
+    assert can["MACS-AMB-28"] == serial["MACS-AMB-28"]
+    assert set(can["MACS-AMB-08"].switches) == {"motion_lock_set"}
+
+
 def test_entries_are_read() -> None:
     """Kind, safety and switches arrive as values."""
     ledger = parse_ledger("toy", ENTRY)
@@ -73,6 +108,43 @@ def test_an_entry_that_contradicts_itself_is_refused(good: str, bad: str, compla
     """The message names the entry or the word that is wrong."""
     with pytest.raises(ValueError, match=complaint):
         parse_ledger("toy", ENTRY.replace(good, bad))
+
+
+def test_an_ambiguity_of_another_ledger_is_taken_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Question, switches and detect; what is said here takes the place of what is said there."""
+    monkeypatch.setattr(ledger_module, "load_ledger", lambda name: parse_ledger(name, ENTRY))
+    same = '[ambiguity.AMB-1]\nsame_as = "toy"\n'
+    plain = parse_ledger("other", f"[requirement]\n{same}").ambiguities["AMB-1"]
+    assert plain == parse_ledger("toy", ENTRY).ambiguities["AMB-1"]
+    own = f'[requirement]\n{same}question = "why"\nwithout = ["manner"]\n'
+    changed = parse_ledger("other", own).ambiguities["AMB-1"]
+    assert (changed.question, changed.detect, changed.switches) == ("why", "look", {})
+
+
+@pytest.mark.parametrize(
+    ("key", "words", "complaint"),
+    [
+        ("AMB-2", "", "toy has none of that id"),
+        ("AMB-1", 'switches.manner = ["kindly"]', "use without"),
+        ("AMB-1", 'without = ["mood"]', "without mood"),
+        ("AMB-1", 'departs = ["A-1"]', "A-1"),
+    ],
+)
+def test_what_cannot_be_taken_over_is_refused(
+    key: str, words: str, complaint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An id, a switch or a requirement that is not there."""
+    monkeypatch.setattr(ledger_module, "load_ledger", lambda name: parse_ledger(name, ENTRY))
+    text = f'[requirement]\n[ambiguity.{key}]\nsame_as = "toy"\n{words}\n'
+    with pytest.raises(ValueError, match=complaint):
+        parse_ledger("other", text)
+
+
+def test_a_switch_belongs_to_one_ambiguity() -> None:
+    """Two lists of readings for one switch would contradict one another."""
+    again = '[ambiguity.AMB-2]\nquestion = "q"\ndetect = "d"\nswitches.manner = ["x"]\n'
+    with pytest.raises(ValueError, match=r"AMB-2: the switch manner belongs to AMB-1"):
+        parse_ledger("toy", ENTRY + again)
 
 
 def test_an_unknown_switch_or_reading_is_our_mistake() -> None:
