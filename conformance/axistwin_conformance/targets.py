@@ -38,6 +38,7 @@ SLICE_S = (
     0.02  # a real port is read in slices of one length: on RFC 2217 each new length costs 0.1 s
 )
 WRITE_TIMEOUT_S = 3.0
+BYTE_BITS = 10  # 8N1
 SILENCE_NOTED_S = 0.05  # shorter waits without a byte are not worth a line in the transcript
 DRAIN_BYTES = 65_536
 STOP_HEARD_NS = 50_000_000  # the reply to a stop takes 3 ms at 9600 baud
@@ -109,7 +110,7 @@ class Target:
         self._port = port
         self._pending = bytearray()
         self._clock_ns: int | None = None  # in virtual time, as long as nothing has let it pass
-        self._baud: int | None = None  # as long as nobody has set it
+        self.byte_ns = BYTE_BITS * 1_000_000_000 // port.baudrate  # what a byte takes on the line
         # A port may offer request and reply in one call: when it began, the reply, when it was
         # there.
         self._at_once = getattr(port, "exchange", None)
@@ -158,15 +159,14 @@ class Target:
     @property
     def baud(self) -> int:
         """The rate of our end of the line."""
-        if self._baud is None:
-            self._baud = self._port.baudrate
-        return self._baud
+        return self._port.baudrate
 
     @baud.setter
     def baud(self, rate: int) -> None:
-        self._clock_ns = self._baud = None
+        self._clock_ns = None
         with self._port_trouble(f"setting {rate} baud"):
             self._port.baudrate = rate
+        self.byte_ns = BYTE_BITS * 1_000_000_000 // rate
         self.mark(f"our end of the line now talks {rate} baud")
 
     def send(self, data: bytes) -> int:

@@ -388,7 +388,13 @@ class Forecast:
 
     def halted(self, window: Window) -> Forecast:
         """18h was taken over in the window: the axis stands where it is (§5.7)."""
-        return self.map(window, lambda timeline, edge: timeline.at_rest(edge))
+        told = {(timeline.ff, timeline.doubt) for timeline in self.timelines}
+        if window.latest_ns >= self.steady_until_ns or len(told) > 1:
+            return self.map(window, lambda timeline, edge: timeline.at_rest(edge))
+        # Nothing but the place differs, and only how far it may be on either side counts.
+        places = {one.position_at(edge): (one, edge) for one in self.timelines for edge in window}
+        extremes = (places[min(places)], places[max(places)])
+        return Forecast.of([one.at_rest(edge) for one, edge in extremes])
 
     def changed(self, window: Window, period: int) -> Forecast:
         """15h with a new period was taken over in the window, during 13h, 14h or 15h."""

@@ -150,6 +150,8 @@ class AxisModel:
             kind = self._reply(first, earliest_ns, index, parameter, forecast.mode)
             if index not in ACTING or (kind is Kind.REFUSED and index != 0x15):
                 return {kind: forecast}
+            if index == 0x18 and kind is Kind.ACCEPTED:
+                return {kind: forecast.halted(window)}
         branches: dict[Kind, list[Timeline]] = {}
         for timeline in self.forecast.timelines:
             for edge in window.edges:

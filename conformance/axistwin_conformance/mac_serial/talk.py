@@ -15,7 +15,6 @@ from axistwin_conformance.mac_serial.codec import Kind, Reply, Request
 from axistwin_conformance.mac_serial.forecast import Window
 from axistwin_conformance.session import ATTEMPTS, Session
 
-BITS_PER_BYTE: Final = 10
 QUIET_S: Final = 0.05  # ten times any reply seen; silence is proven by the next exchange, not by it
 SPELLINGS_ALIKE: Final = 3
 QUERIES: Final = range(0x20, 0x30)
@@ -66,7 +65,7 @@ class Talk:
     @property
     def byte_ns(self) -> int:
         """The time a byte takes on the line."""
-        return BITS_PER_BYTE * 1_000_000_000 // self.target.baud
+        return self.target.byte_ns
 
     def send(self, frame: Request | bytes, timeout_s: float | None = None) -> Exchange:
         """Send bytes, take the reply apart.  A Nack that noise provoked is answered by sending
@@ -149,7 +148,7 @@ class Talk:
 
     def _window(self, sent_ns: int, sent: int, received: int, done_ns: int) -> Window:
         """When the module can have taken over a request of `sent` bytes."""
-        byte_ns = self.byte_ns
+        byte_ns = self.target.byte_ns
         earliest, latest = sent_ns + sent * byte_ns, done_ns - received * byte_ns
         if latest < earliest:  # a line on which bytes take no time
             return Window(sent_ns, done_ns)
