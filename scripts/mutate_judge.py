@@ -74,23 +74,20 @@ def judge(stages: Stages) -> None:
     for owner in (MacSerial, Line):
         watch(owner)
     readings: list[str] = []
-    passed: dict[str, set[str]] = {}
+    unsettled: list[str] = []
     for model, level in stages:
         listener = _Listener(f"{model} {level}")
-        names = {one.name for one in Engine(make_options(model=model, level=level)).plan().to_run}
-        ids = tuple(sorted(names - passed.get(model, set())))  # what has passed, need not again
-        passed.setdefault(model, set()).update(names)
         allot()
-        result = Engine(make_options(model=model, level=level, ids=ids)).run(listener.hear)
+        result = Engine(make_options(model=model, level=level)).run(listener.hear)
         listener.heed_crash(result.refusal)
         if result.refusal:
             say("refused", stage=listener.stage, text=result.refusal)
         if result.exit_status:
-            say("unsettled", stage=listener.stage, text=result.sentence)
+            unsettled.append(f"{listener.stage}: {result.sentence}")
         readings += [f"{model}: {reading}" for reading in listener.readings]
         if listener.readings:  # another reading in one stage is enough
             break
-    say("passed", readings=readings)
+    say("unsettled" if unsettled else "passed", readings=readings, text="; ".join(unsettled))
 
 
 class _Listener:

@@ -354,6 +354,21 @@ def _is_refused_as_malformed(bench: Bench, frame: Request) -> None:
     )
 
 
+@check("MACS-FRAME-10", level="full")
+def noise_through_a_reply_does_not_deafen_it(session: Session) -> None:
+    """A query right behind noise that begins during a reply and ends after it is answered."""
+    bench = Bench(session)
+    if not session.target.is_virtual:
+        session.skip("needs a line on which nothing is lost: noise runs into the reply")
+    frame = bench.frame(0x20).encode()
+    session.target.send(frame + b"\xff" * (4 * codec.ANSWER_BYTES) + frame)
+    session.target.wait(10 * codec.ANSWER_BYTES * bench.byte_ns / 1e9)
+    arrived = session.target.drain()
+    last = codec.parse(arrived[-codec.ANSWER_BYTES :])
+    session.expect(last.kind is Kind.ANSWER, None, "an answer at last", arrived.hex(" "))
+    bench.alive()
+
+
 @check("MACS-FRAME-14")
 def typing_may_be_slow(session: Session) -> None:
     """A frame whose characters come with long pauses is answered like any other."""

@@ -361,7 +361,8 @@ def a_turned_shaft_comes_back_to_where_a_ramped_stop_has_left_it(session: Sessio
         _follow_catch_up(bench, turned, place + 25, place, SLOW_CATCH_UP, "MACS-CMD-17-01")
         back = bench.rest()
         session.expect(back == place, "MACS-CMD-17-01", f"back at {place}", back)
-        session.expect(not bench.is_busy(), "MACS-BUSY-01", "not busy", "busy")
+        if not bench.known("busy_after_abort"):
+            session.expect(not bench.is_busy(), "MACS-BUSY-01", "not busy", "busy")
 
 
 @check("MACS-CMD-1A-01", "MACS-STATE-01", safety=WORKED, needs=HOLD, level="full")
@@ -376,3 +377,4 @@ def power_off_gives_a_held_move_up(session: Session) -> None:
     again, slack = bench.position(), bench.allowance(bench.period)
     session.expect(abs(again - place) <= slack, "MACS-CMD-1A-01", f"still {place}", again)
     session.expect(not _is_locked(bench), "MACS-STATE-01", "no longer running", "locked")
+    bench.finish(bench.go(again + 20), "MACS-CMD-1A-01")  # power comes back with the next motion

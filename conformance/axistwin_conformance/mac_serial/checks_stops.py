@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from axistwin_conformance.mac_serial.bench import Bench, segment, velocity
+from axistwin_conformance.mac_serial.bench import SLOWEST, Bench, segment, velocity
 from axistwin_conformance.mac_serial.codec import Kind
 from axistwin_conformance.mac_serial.probes import MOVES
 from axistwin_conformance.registry import check
@@ -254,4 +254,32 @@ def software_stops_watch_the_counter(session: Session) -> None:
         place,
     )
     bench.finish(bench.go(-(start + 15)))
+    bench.accepted(0x0B)
+
+
+@check("MACS-STOP-03", "MACS-CMD-0B-01", safety=MOVES, level="full")
+def a_counter_cleared_in_motion_brings_the_stop_nearer(session: Session) -> None:
+    """A software stop is met where the new count says, though the motion began with the old one."""
+    bench = Bench(session)
+    start = bench.ready(SLOWEST)
+    if abs(start) > min(40, bench.room()):
+        session.skip("the counter is too far from 0 to be brought back there")
+    bench.finish(bench.go(start - 60))
+    bench.accepted(0x09, 20)
+    bench.accepted(0x0A, -FAR)
+    bench.accepted(0x03, 8)
+    forecast = bench.turn(1, SLOWEST)
+    bench.wait(0.15)
+    cleared = forecast.bounds(bench.accepted(0x0B).taken)
+    bench.wait(0.3)
+    place = _rest(bench)
+    bench.accepted(0x03, 0)
+    most = 21 + bench.braking(SLOWEST)
+    session.expect(
+        20 <= place <= most,
+        ("MACS-STOP-03", "MACS-CMD-0B-01"),
+        f"20..{most} of the new count",
+        place,
+    )
+    bench.finish(bench.go(-cleared[0]))  # to one increment: nobody knows the instant better
     bench.accepted(0x0B)

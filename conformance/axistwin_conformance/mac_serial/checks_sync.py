@@ -9,6 +9,7 @@ from axistwin_conformance.mac_serial.bench import (
     velocity,
 )
 from axistwin_conformance.mac_serial.codec import Kind
+from axistwin_conformance.mac_serial.motion import TICK_NS
 from axistwin_conformance.mac_serial.probes import MOVES
 from axistwin_conformance.mac_serial.probes_motion import preload_policy
 from axistwin_conformance.mac_serial.probes_sync import (
@@ -188,6 +189,29 @@ def a_preloaded_move_started_during_segments(session: Session) -> None:
         bench.accepted(0x11, requirement="MACS-CMD-11-01")
         bench.wait(0.4)
         bench.finish(bench.go(start), "MACS-CMD-11-01")  # not held back: 11h has used it up
+
+
+@check("MACS-CMD-11-01", safety=MOVES, level="full")
+def a_preloaded_speed_started_during_segments_is_taken_at_once(session: Session) -> None:
+    """10h, 15h, then 11h while a segment runs: the axis goes on without end at the new speed."""
+    bench = Bench(session)
+    for switch in ("sync_arm_lifetime", "vel_during_interp", "preload_policy"):
+        if bench.known(switch):
+            session.skip(f"this device's {switch} leaves nothing to start")
+    bench.ready(0x4000)
+    for index, parameter in ((0x10, 0), (0x15, velocity(1, 0x8000)), (0x16, segment(50, 0x2000))):
+        bench.accepted(index, parameter)
+    bench.accepted(0x11, requirement="MACS-CMD-11-01")
+    bench.wait(0.2)
+    before = bench.sample()
+    bench.wait(0.2)
+    after = bench.sample()
+    bench.accepted(0x18)
+    step_ns, slack = 0x8000 * TICK_NS, 1 + bench.allowance(0x8000)
+    least = (after.taken.earliest_ns - before.taken.latest_ns) // step_ns - slack
+    most = (after.taken.latest_ns - before.taken.earliest_ns) // step_ns + slack
+    moved = after.position - before.position
+    session.expect(least <= moved <= most, None, f"{least}..{most} increments", moved)
 
 
 @check("MACS-CMD-10-01", safety=MOVES, level="full")
