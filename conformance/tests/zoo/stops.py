@@ -120,3 +120,18 @@ def the_stop_bit_is_cleared_by_18h(patch: MonkeyPatch) -> None:
         return accepted
 
     on(patch, 0x18, act)
+
+
+@mutant("MACS-STOP-03")
+def a_stop_is_not_looked_for_again_after_0bh(patch: MonkeyPatch) -> None:
+    """A motion whose counter is cleared looks for its stops only where it expected them before."""
+
+    def make(zero: Any_) -> Any_:
+        def zeroing(drive: Drive, now: int, **how: Any) -> None:
+            expected = drive._next
+            zero(drive, now, **how)
+            drive._next = expected
+
+        return zeroing
+
+    wrap(patch, Drive, "zero", make)

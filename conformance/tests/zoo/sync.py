@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from axistwin.devices.mac.axis import Axis
-from zoo.mutant import MOVING, Any_, MonkeyPatch, answers, cells, mutant, on, wrap
+from zoo.mutant import MOVING, Any_, MonkeyPatch, State, answers, cells, mutant, on, wrap
 
 ARM, START = 0x10, 0x11
 
@@ -95,3 +95,17 @@ def both_preloaded_targets_add_up(patch: MonkeyPatch) -> None:
 def a_preloaded_module_is_busy(patch: MonkeyPatch) -> None:
     """27h tells busy while a motion waits for 11h."""
     answers(patch, 0x27, lambda value, axis, now: value & ~0x0800 if axis._preload else value)
+
+
+@mutant("MACS-CMD-11-01")
+def a_preloaded_speed_is_lost_in_segments(patch: MonkeyPatch) -> None:
+    """11h while segments run forgets a 15h held back."""
+
+    def act(go: Any_, axis: Axis, _: int, __: int) -> bool:
+        held = axis._preload
+        if held is not None and held[0] == 0x15 and axis.drive.kind is State.IN:
+            axis._preload = None
+            return True
+        return bool(go())
+
+    on(patch, 0x11, act)
