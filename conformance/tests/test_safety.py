@@ -15,7 +15,7 @@ import subprocess
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import count
 from typing import Any, NoReturn
@@ -354,7 +354,7 @@ def signalled(port: str, number: int, moment: tuple[int, float], times: int) -> 
 
 
 @pytest.fixture
-def pty_twin(axistwin: Callable[..., Any]) -> Iterator[Any]:
+def pty_twin(axistwin: Callable[..., Any]) -> Any:
     """A twin behind a real pty; bytes take no time."""
     return axistwin("mac23", pacing=False)
 

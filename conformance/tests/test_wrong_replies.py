@@ -16,7 +16,7 @@ from axistwin_conformance.events import Outcome
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.blame import blame
 from axistwin_conformance.registry import find_family
-from axistwin_conformance.session import Run, Session
+from axistwin_conformance.session import Envelope, Run, Session
 from axistwin_conformance.targets import TWIN_HANDLER, Target
 from axistwin_conformance.verdicts import Verdict
 
@@ -222,7 +222,7 @@ def blamed(request: bytes, reply: bytes | None) -> str:
     """The requirement that is broken by a reply, or nothing."""
     run = Run(
         Target(Faulty(None, {}), "", is_lossless=True), find_family("mac23"), None, None, 0, (1,),  # type: ignore[arg-type]
-        frozenset(), None, 0,
+        frozenset(), Envelope(1000, 1000), 0,
     )  # fmt: skip
     session = Session(run)
     return breach.requirement if (breach := blame(session, request, reply)) else ""
