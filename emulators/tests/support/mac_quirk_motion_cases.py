@@ -99,7 +99,7 @@ def _(bench: MacBench) -> object:
     bench.advance(S)
     bench.do(0x15, 800)
     start = bench.etx_ns
-    before = MacBench(factory_ramp=1)
+    before = type(bench)(factory_ramp=1)
     before.do(0x15, 1600)
     count = bench.position_at(start + 127_674 * TICK_NS) - before.position_at(start)
     law = bench.device.quirks.vel_change_law

@@ -165,7 +165,7 @@ class Axis:
         """10h (MACS-CMD-10-01); twice is once (MACS-AMB-35)."""
         if self._preload is None:
             in_motion = self.drive.kind is not None
-            self._armed = not in_motion or self.quirks.sync_arm_lifetime == "kept"
+            self._armed = not in_motion or self.quirks.sync_arm_lifetime != "lost"
         return True
 
     def _synchronise(self, now: Nanos, _: int, start_ns: Nanos) -> bool:

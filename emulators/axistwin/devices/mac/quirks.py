@@ -479,8 +479,9 @@ def _describe(name: str, hint: Any, default: Any, metadata: Mapping[str, Any]) -
     if get_origin(hint) is Literal:
         choices = get_args(hint)
         assert choices[0] == default, f"{name}: the default is the first reading"
-        hexadecimal = any(isinstance(choice, int) and choice > 9 for choice in choices)
-        allowed = tuple(_spell(choice, 2 if hexadecimal else 0) for choice in choices)
+        highest = max((choice for choice in choices if isinstance(choice, int)), default=0)
+        digits = len(f"{highest:02X}") if highest > 9 else 0
+        allowed = tuple(_spell(choice, digits) for choice in choices)
         kind, shown = "choice", allowed[0]
         return Quirk(name, metadata["source"], metadata["doc"], allowed, shown, kind, choices)
     if hint is bool:
