@@ -295,6 +295,33 @@ class Line:
             self.transcript.add(now, "device", answer)
             return answer
 
+    def ask(
+        self, data: bytes, size: int, patience_ns: Nanos
+    ) -> tuple[Nanos, bytes | None, Nanos] | None:
+        """``send``, ``wait`` for ``size`` bytes, or so long, and ``receive``: all at once.
+
+        Only in virtual time, where nobody looks on; the outcome is the same.  Returns when it was
+        sent, what was received (None: that is still to be waited for), and the time reached.  None
+        instead: nothing was done, not even sent.
+        """
+        looked_at = self._on_change is not None or self._subscribers or not self.is_volatile
+        if looked_at or not self.clock.is_virtual:
+            return None
+        with self._lock:
+            now, network = self._sync(), self._network
+            if not network.is_host_alone_with_device:
+                return None
+            self.transcript.add(now, "host", data)
+            answer = network.host_ask(data, size, now + patience_ns)
+            if answer is None:
+                return now, None, now
+            reached_ns = network.now_ns
+            self.clock.advance_to(reached_ns)
+            if network.has_effects:
+                self._perform(network.take_effects())
+            self.transcript.add(reached_ns, "device", answer)
+            return now, answer, reached_ns
+
     @property
     def available(self) -> int:
         """How many bytes ``receive`` would give."""

@@ -316,6 +316,68 @@ class SerialNetwork:
         schedule.touch(0)
         return True
 
+    @property
+    def is_host_alone_with_device(self) -> bool:
+        """Whether there is one device, which the host understands, and nothing is on the line."""
+        return not self._received and self._line.is_free_pair
+
+    def host_ask(self, data: bytes, size: int, limit_ns: Nanos) -> bytes | None:
+        """Send ``data`` now, and be where the host has ``size`` bytes, or at ``limit_ns``: heard.
+
+        None: something else happens before, or the answer is longer; it is to be waited for, as
+        after ``host_send``.  Only for who is alone with a device.  Effects may be left to take.
+        """
+        line, schedule, device = self._line, self._schedule, self.devices[0]
+        now, line_format = schedule.now, self._formats[0]
+        heard_ns = now + line_format.span_ns(len(data))
+        if (
+            heard_ns > limit_ns
+            or not 0 < len(data) <= STRETCH_BYTES
+            or not schedule.is_idle_until(heard_ns)
+            or device.quiet_prefix(data) < len(data) - 1
+        ):
+            self.host_send(data)
+            return None
+        line.now_ns = schedule.now = heard_ns
+        effects = device.receive(Chunk(now, data, line_format))
+        sent = [effect for effect in effects if type(effect) is Transmit]
+        answer = Transmit(heard_ns, b"")
+        if len(sent) == 1:
+            answer = Transmit(max(heard_ns, sent[0].start_ns), sent[0].data)
+        end_ns = answer.start_ns + line_format.span_ns(len(answer.data))
+        fits = len(sent) < 2 and len(answer.data) <= size and end_ns <= limit_ns
+        if not fits or device.line_format is not line_format:
+            self.apply(0, effects)
+            schedule.touch(0)
+            return None
+        if len(answer.data) < size:
+            end_ns = limit_ns
+        if len(effects) > len(sent):
+            self.apply(0, [effect for effect in effects if type(effect) is not Transmit])
+        if not self._let_answer_pass(answer, end_ns):
+            return None
+        line.now_ns = schedule.now = self.settled_ns = end_ns
+        schedule.touch(0)
+        return answer.data
+
+    def _let_answer_pass(self, answer: Transmit, end_ns: Nanos) -> bool:
+        """Wake the lone device, whose ``answer`` is not on the line yet, when it wants until then.
+
+        False: it has more to say, and all of it is on the line now.
+        """
+        device = self.devices[0]
+        while (due_ns := device.next_event()) is not None and due_ns <= end_ns:
+            self._schedule.now = due_ns
+            effects = device.wake(due_ns)
+            speaks = any(type(effect) is Transmit for effect in effects)
+            if speaks:
+                self._line.transmit(1, answer.start_ns, answer.data)
+            self.apply(0, effects)
+            if speaks:
+                self._schedule.touch(0)
+                return False
+        return True
+
     def send_break(self, duration_ns: Nanos) -> None:
         """Hold the line at space for ``duration_ns`` (> 0), queued behind the host's bytes."""
         self.settled_ns = None

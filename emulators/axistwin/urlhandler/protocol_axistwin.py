@@ -118,6 +118,35 @@ class Serial(SerialBase):
             raise ValueError(f"advance: {seconds} s is not 0 or more")
         self.line.advance(round(seconds * NS_PER_S))
 
+    @_clear_errors
+    def exchange(self, data: bytes, size: int, timeout_s: float) -> tuple[int, bytes, int]:
+        """``write(data)``, then ``read(size)`` with the time-out ``timeout_s`` (>= 0), in one call.
+
+        Returns when the sending of ``data`` began, what was read, and the present time; both times
+        in nanoseconds of the line.  For test suites in virtual time; works in any.
+        """
+        line = self._opened()
+        outcome = None
+        is_short = len(data) <= OUTPUT_MAX and 0 < size <= INPUT_STEP
+        if is_short and timeout_s > 0 and self._reads_plainly:
+            outcome = line.ask(data, size, self._span_ns(timeout_s))
+        if outcome is None:
+            began_ns = line.host_sent_ns
+            self.write(data)
+            answer = self._read_within(size, timeout_s)
+            return began_ns, answer, line.sync()
+        began_ns, heard, reached_ns = outcome
+        if heard is not None:
+            return began_ns, heard, reached_ns
+        answer = self._read_on(bytearray(), size, timeout_s, began_ns)
+        return began_ns, answer, line.sync()
+
+    @property
+    def _reads_plainly(self) -> bool:
+        """Whether ``read`` would do nothing but wait for bytes."""
+        plain = self._held is None and not (self._input or self._cancelled_read)
+        return plain and not self.xonxoff and self.inter_byte_timeout is None
+
     # -- life ---------------------------------------------------------------------------------
 
     @_clear_errors
@@ -208,19 +237,22 @@ class Serial(SerialBase):
         wait for ever.
         """
         self._opened()
+        return self._read_within(size, self.timeout)
+
+    def _read_within(self, size: int, timeout_s: float | None) -> bytes:
+        """``read`` with a time-out of its own."""
         if size <= 0:
             return b""
-        if self.timeout == 0 and not self._available():
+        if timeout_s == 0 and not self._available():
             self._pass_poll()
         data = self._take(size)
         if len(data) >= size or self._read_ended():
             return data
-        return self._read_on(bytearray(data), size)
+        return self._read_on(bytearray(data), size, timeout_s, self.line.sync())
 
-    def _read_on(self, data: bytearray, size: int) -> bytes:
-        """``read`` when not all has come yet, but ``data``."""
-        now = self.line.sync()
-        deadline_ns = None if self.timeout is None else now + self._span_ns(self.timeout)
+    def _read_on(self, data: bytearray, size: int, timeout_s: float | None, now: Nanos) -> bytes:
+        """``read`` that was called ``now``, when not all has come yet, but ``data``."""
+        deadline_ns = None if timeout_s is None else now + self._span_ns(timeout_s)
         limit_ns = deadline_ns
         give_up_ns = now + PATIENCE_NS
         fresh = bytes(data)

@@ -73,6 +73,11 @@ class InstantLine:
         """Whether bytes sent now would be heard now, by all others, as they are."""
         return self._is_agreed and not self._waiting and not self._heard
 
+    @property
+    def is_free_pair(self) -> bool:
+        """Never: nobody has to wait for bytes here."""
+        return False
+
     # -- what stations do --
 
     def format_of(self, station: int) -> LineFormat:

@@ -86,6 +86,15 @@ class SerialLine:
         """Never: bytes take their time."""
         return False
 
+    @property
+    def is_free_pair(self) -> bool:
+        """Whether nobody drives, and there are but two stations, which understand each other."""
+        if self._transmissions or not self._is_clean or len(self._receivers) != 2:
+            return False
+        host, device = self._receivers
+        agreed = host.format is device.format or host.format == device.format
+        return agreed and all(self._is_on)
+
     # -- what stations do --
 
     def format_of(self, station: int) -> LineFormat:
