@@ -1,11 +1,12 @@
 """Measures how fast the suite's random layers judge the built-in twin, in virtual time.
 
-Three contestants in one process: the stateful machine with a device that computes nothing (the
-limit that Hypothesis and the rules set), the same machine on the twin, and one-draw sequences on
-the twin.  Both of the latter are judged by the exact model, with everything the engine does to each
-frame on its way out.  Their slices alternate, so that a noisy machine hits all alike, and what is
-counted is processor time of this process: quote the ratios, not the rates.  A step is one rule of
-the machine, with its invariants, or one operation of a sequence.
+Four contestants in one process: the stateful machine with a device that computes nothing (the
+limit that Hypothesis and the rules set), the same machine on the twin, one-draw sequences on the
+twin, and such sequences with the twin's replies played back, which is what the suite alone costs.
+All but the first are judged by the exact model, with everything the engine does to each frame on
+its way out.  Their slices alternate, so that a noisy machine hits all alike, and what is counted is
+processor time of this process: quote the ratios, not the rates.  A step is one rule of the machine,
+with its invariants, or one operation of a sequence.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import random
 import statistics
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from importlib import metadata
 from typing import Any
@@ -27,12 +28,12 @@ from hypothesis import strategies as st
 
 from axistwin_conformance.budget import WriteBudget
 from axistwin_conformance.ledger import load_ledger
-from axistwin_conformance.mac_serial import checks_machines, checks_sequences, machines
+from axistwin_conformance.mac_serial import checks_machines, checks_sequences, codec, machines
 from axistwin_conformance.mac_serial.failures import Player
 from axistwin_conformance.mac_serial.sequences import BYTES_PER_OPERATION
 from axistwin_conformance.registry import SAFETY_CLASSES, find_family
 from axistwin_conformance.session import Envelope, Run, Session
-from axistwin_conformance.targets import open_target
+from axistwin_conformance.targets import Target, open_target
 
 MODEL = "mac23"
 WRITES_ALLOWED = 1 << 40
@@ -71,12 +72,81 @@ class Rates:
         return {"steps": self.steps, "median_per_s": self.median, "slices_per_s": self.rates}
 
 
-def open_player() -> Player:
-    """A player on a fresh twin, its frames guarded and counted as the engine does it."""
+class Canned:
+    """A port that notes what another one gives back, and gives it back again."""
+
+    def __init__(self, port: Any) -> None:
+        self._port, self._noted = port, list[Any]()
+        self._again: Iterator[Any] | None = None
+        self.write: Callable[[bytes], Any] = port.write
+        if hasattr(port, "exchange"):
+            self.exchange = self._exchange
+
+    def note(self) -> None:
+        """Note what comes from now on."""
+        self._again = None
+        self._noted.clear()
+        self.write = self._port.write
+
+    def play(self) -> None:
+        """Give back what was noted, beginning with the first."""
+        self._again = iter(self._noted)
+        self.write = len
+
+    def _tell(self, told: Any) -> Any:
+        self._noted.append(told)
+        return told
+
+    def _exchange(self, data: bytes, size: int, timeout_s: float) -> Any:
+        if self._again is not None:
+            return next(self._again)
+        return self._tell(self._port.exchange(data, size, timeout_s))
+
+    def read(self, size: int = 1, /) -> Any:
+        """Bytes of a reply."""
+        return next(self._again) if self._again else self._tell(self._port.read(size))
+
+    @property
+    def virtual_time_ns(self) -> Any:
+        """The clock."""
+        return next(self._again) if self._again else self._tell(self._port.virtual_time_ns)
+
+    @property
+    def in_waiting(self) -> Any:
+        """How many bytes have come."""
+        return next(self._again) if self._again else self._tell(self._port.in_waiting)
+
+    @property
+    def timeout(self) -> float | None:
+        """How long `read` waits."""
+        timeout: float | None = self._port.timeout
+        return timeout
+
+    @timeout.setter
+    def timeout(self, seconds: float | None) -> None:
+        if self._again is None:
+            self._port.timeout = seconds
+
+    @property
+    def baudrate(self) -> int:
+        """The rate, never changed here."""
+        rate: int = self._port.baudrate
+        return rate
+
+    def close(self) -> None:
+        """Close the port."""
+        self._port.close()
+
+
+def open_player(wrap: Callable[[Any], Any] | None = None) -> Player:
+    """A player on a fresh twin, its frames guarded and counted as the engine does it; `wrap` puts
+    something in front of its port."""
     family, budget = find_family(MODEL), WriteBudget(WRITES_ALLOWED)
     target = open_target(
         family.twin_url(MODEL, family.default_address, ()), family.default_baud, is_builtin=True
     )
+    if wrap is not None:
+        target = Target(wrap(target._port), target.description, is_builtin=True)
     run = Run(
         target=target, family=family, model=family.models[MODEL],
         ledger=load_ledger(family.ledger), address=family.default_address, neighbours=(),
@@ -122,31 +192,76 @@ def sequence_slice(player: Player, number: int) -> int:
     return sum(played)
 
 
+class CannedSlice:
+    """One-draw sequences whose replies have been noted before."""
+
+    def __init__(self) -> None:
+        self.ports: list[Canned] = []
+        self.player = open_player(self._wrapped)
+
+    def _wrapped(self, port: Any) -> Canned:
+        self.ports.append(Canned(port))
+        return self.ports[-1]
+
+    def _play(self, number: int) -> int:
+        source, player = random.Random(number), Player(self.player.bench, self.player.home)
+        player.bench.target.drain()  # so that the clock is looked at anew
+        for _ in range(SLICE_SEQUENCES):
+            player.begin().play(source.randbytes(checks_sequences.SEQUENCE_BYTES))
+        return SLICE_SEQUENCES * checks_sequences.SEQUENCE_BYTES // BYTES_PER_OPERATION
+
+    def prepare(self, number: int) -> None:
+        """Note the replies."""
+        self.ports[0].note()
+        self._play(number)
+        codec.answer_data.cache_clear()  # these very answers would all be known
+
+    def run(self, number: int) -> int:
+        """Play them back; return how many operations that were."""
+        self.ports[0].play()
+        return self._play(number)
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """Runs a slice and returns its steps; what `prepare` does is not counted."""
+
+    run: Callable[[int], int]
+    prepare: Callable[[int], None] = lambda number: None
+
+
 def measure(seconds: float) -> dict[str, Rates]:
-    """Alternate slices of all three until the time is over."""
-    player, source = open_player(), random.Random(0)
-    contestants: dict[str, Callable[[int], int]] = {
-        "machine, trivial device": lambda number: machine_slice(machines.Trivial, number),
-        "machine, built-in twin": lambda number: machine_slice(
-            lambda: machines.Judged(player.begin()), number
+    """Alternate slices of all contestants until the time is over."""
+    player, canned, source = open_player(), CannedSlice(), random.Random(0)
+    contestants = {
+        "machine, trivial device": Contestant(
+            lambda number: machine_slice(machines.Trivial, number)
         ),
-        "one-draw, built-in twin": lambda number: sequence_slice(player, number),
+        "machine, built-in twin": Contestant(
+            lambda number: machine_slice(lambda: machines.Judged(player.begin()), number)
+        ),
+        "one-draw, built-in twin": Contestant(lambda number: sequence_slice(player, number)),
+        "one-draw, canned replies": Contestant(canned.run, canned.prepare),
     }
     results = {name: Rates() for name in contestants}
     for contestant in contestants.values():  # warm up, not counted
-        contestant(source.getrandbits(32))
+        number = source.getrandbits(32)
+        contestant.prepare(number)
+        contestant.run(number)
     end = time.monotonic() + seconds
     while time.monotonic() < end or not all(one.rates for one in results.values()):
         for name, contestant in contestants.items():
+            number = source.getrandbits(32)
+            contestant.prepare(number)
             begin = time.process_time()
-            steps = contestant(source.getrandbits(32))
+            steps = contestant.run(number)
             results[name].add(steps, time.process_time() - begin)
     return results
 
 
 def ratios(results: dict[str, Rates]) -> list[tuple[str, float, float, float, float]]:
     """What is aimed at: name, median ratio, its spread over the slices, aim."""
-    limit, stateful, one_draw = results.values()
+    limit, stateful, one_draw, _ = results.values()
     told = []
     for name, one, other, aim in (
         ("stateful / limit", stateful, limit, STATEFUL_AIM),

@@ -233,7 +233,8 @@ class Target:
         while len(self._pending) < count:
             left_ns = deadline_ns - self.now_ns
             arrived = self._read(count - len(self._pending), self._fenced(max(left_ns, 0)))
-            if not arrived and left_ns <= 0:
+            # A look at a line in virtual time lets some pass: there the first one is enough.
+            if not arrived and (left_ns if not self.is_virtual else deadline_ns - self.now_ns) <= 0:
                 break
         taken = bytes(self._pending[:count])
         del self._pending[:count]

@@ -18,8 +18,7 @@ from __future__ import annotations
 import random
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 from hypothesis import HealthCheck, Phase, seed, settings
 from hypothesis import strategies as st
@@ -32,16 +31,23 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
+from axistwin_conformance.mac_serial.forecast import Window
 from axistwin_conformance.mac_serial.model import FIFO_STAGES
-from axistwin_conformance.mac_serial.operations import OFFSETS_NS, WHAT
+from axistwin_conformance.mac_serial.operations import (
+    ANCHORS,
+    COEFFICIENTS,
+    OFFSETS_NS,
+    PERIODS,
+    TOLERANCES,
+    WHAT,
+)
 from axistwin_conformance.mac_serial.sequences import Mismatch, Sequence
 
-ASK_EVERY: Final = 6  # steps: an invariant that asked after each would leave no time for chains
+ASK_EVERY: Final = 9  # steps: an invariant that asked after each would leave no time for chains
 ASK: Final = {0x20: 0, 0x21: 1, 0x27: 7}  # the first argument of the operation "ask"
 
 
-@dataclass(frozen=True, slots=True)
-class View:
+class View(NamedTuple):
     """What preconditions look at: the state of the model after the last step.
 
     `mode`: HD, PO, VE, IN, or several where the end of something was near.  `waiting`: segments
@@ -102,18 +108,18 @@ class Judged:
         """Do an operation and look at what the model makes of it."""
         self.sequence.operate(what, first, second, pause)
         model, now_ns = self.sequence.model, self.sequence.target.now_ns
-        has_stops = model.parameters.limits is not None
-        timelines = model.forecast.timelines
-        if now_ns >= model.forecast.over_ns:
-            is_away = timelines[0].final != 0
-            is_held = model.preloaded is not None
+        forecast, has_stops = model.forecast, model.parameters.limits is not None
+        is_held = model.preloaded is not None
+        if now_ns >= forecast.over_ns:
+            is_away = forecast.timelines[0].final != 0
             self.view = View("HD", model.is_armed, is_held, 0, has_stops, is_away)
             return
-        modes = {timeline.mode_at(now_ns) for timeline in timelines}
-        mode = modes.pop() if len(modes) == 1 else "several"
-        waiting = max([timeline.waiting(now_ns) for timeline in timelines if timeline.segments],
-                      default=0)  # fmt: skip
-        self.view = View(mode, model.is_armed, model.preloaded is not None, waiting, has_stops)
+        modes = forecast.modes(Window(now_ns, now_ns))
+        mode = next(iter(modes)) if len(modes) == 1 else "several"
+        waiting = max(
+            [one.waiting(now_ns) for one in forecast.timelines if one.segments], default=0
+        )
+        self.view = View(mode, model.is_armed, is_held, waiting, has_stops)
 
 
 class Trivial:
@@ -126,6 +132,7 @@ class Trivial:
     _AFTER: Final = {
         "move": View("PO"), "move to 0": View("PO"), "nudge": View("PO"),
         "move to a stop": View("PO", has_stops=True), "turn": View("VE"),
+        "move beside": View("PO"), "turn at any speed": View("VE"),
         "segment": View("IN", waiting=1), "virtual segment": View("IN", waiting=3),
         "arm": View("HD", is_armed=True), "enable the stops": View("HD", has_stops=True),
         "stop": _FREE, "ramped stop": _FREE, "turn at speed 0": _FREE, "trigger": View("PO"),
@@ -153,21 +160,52 @@ class Trivial:
         """There is nothing to put back."""
 
 
+# Arguments are drawn by what they mean: the edges of the manual and what the state makes
+# interesting as often as anything else.
 BYTES: Final = st.integers(0, 0xFF)
 # The pause byte of an operation: above 80h, what is beyond it in ms.  Mostly none, so that one
 # command follows another as fast as the line allows.
-PAUSES: Final = st.sampled_from((0, 0, 0, 0x82, 0x88, 0x98, 0xB0, 0xFF))
-# Segments long enough to be met by the next commands: 8 to 32 steps of 1 to 8 ms.
-STEPS: Final = st.sampled_from((0, 8, 24, 40, 56, 64))
+PAUSES: Final = st.one_of(
+    st.just(0), st.sampled_from((0, 0, 0x82, 0x88, 0x98)), st.integers(0, 0xFF)
+)
+SIDES: Final = st.integers(0, 1)
+# Targets: an anchor (the last one of them: anywhere), and how far beside it, 80h being there.
+ANYWHERE: Final = len(ANCHORS)
+TARGETS: Final = st.one_of(st.just(ANYWHERE), st.integers(0, ANYWHERE))
+BESIDE: Final = st.one_of(st.sampled_from((0x80, 0x81, 0x7F, 0x82, 0x7E, 0, 0xFF)), BYTES)
+# Periods: the fastest and the slowest there is as often as those between.
+EDGES: Final = st.sampled_from((0, len(PERIODS) - 1))
+SPEEDS: Final = st.one_of(
+    st.tuples(st.just("turn"), EDGES),
+    st.tuples(st.just("turn"), st.integers(0, len(PERIODS) - 1)),
+    st.tuples(st.just("turn at any speed"), BYTES),
+)
+# Segments long enough to be met by the next commands, and the shortest: up to 32 steps of 1 to 8
+# ms either way, none at all included.
+LONG_STEPS: Final = st.one_of(st.sampled_from((0, 64)), st.integers(0, 16), st.integers(48, 64))
+STEPS: Final = st.one_of(LONG_STEPS, st.sampled_from((24, 31, 32, 33, 40)))
 SLOW: Final = st.sampled_from((4, 5, 6))
 INSTANTS: Final = st.integers(0, 7)
 OFFSETS: Final = st.integers(0, len(OFFSETS_NS) - 1)
 
-SETTINGS_IN_MOTION: Final = ("set the catch-up", "set the torque", "set the tolerance")
-LOCKED_SETTINGS: Final = (
-    "set the period", "set the ramp", "set the standby", "set the superior stop",
-    "set the inferior stop",
-)  # fmt: skip
+SETTINGS_IN_MOTION: Final = st.one_of(
+    st.tuples(st.just("set the catch-up"), st.one_of(st.sampled_from((0, 1, 5, 0xFF)), BYTES)),
+    st.tuples(st.just("set the torque"), st.integers(0, 6)),
+    st.tuples(st.just("set the tolerance"), st.integers(0, len(TOLERANCES) - 1)),
+)
+LOCKED_SETTINGS: Final = st.one_of(
+    st.tuples(st.just("set the period"), st.one_of(EDGES, st.integers(0, len(PERIODS) - 1))),
+    st.tuples(st.just("set any period"), BYTES),
+    st.tuples(st.just("set the ramp"), st.integers(0, len(COEFFICIENTS) - 1)),
+    st.tuples(st.just("set the standby"), st.integers(0, 3)),
+    st.tuples(st.sampled_from(("set the superior stop", "set the inferior stop")), BYTES),
+)
+Setting = tuple[str, int]
+DISTURBANCES: Final = st.one_of(
+    st.tuples(st.just("send an unassigned index"), st.integers(0, 7), BYTES),
+    st.tuples(st.just("spoil a checksum"), BYTES, st.one_of(st.sampled_from((0, 0xFE)), BYTES)),
+    st.tuples(st.just("call another address"), st.integers(0, 0x6F), st.integers(0, 4)),
+)
 
 
 def _if(allowed: Callable[[View], bool]) -> Callable[[object], bool]:
@@ -214,13 +252,19 @@ class AxisMachine(RuleBasedStateMachine):
         finally:
             self.device.leave()
 
+    def _move(self, anchor: int, beside: int, pause: int = 0) -> None:
+        if anchor == ANYWHERE:
+            self.do("move", beside, 0, pause)
+        else:
+            self.do("move beside", anchor, beside, pause)
+
     # --- starts at rest ---------------------------------------------------------------------------
 
     @is_free
-    @rule(first=BYTES, pause=PAUSES)
-    def move(self, first: int, pause: int) -> None:
-        """13h somewhere in the span."""
-        self.do("move", first, 0, pause)
+    @rule(anchor=TARGETS, beside=BESIDE, pause=PAUSES)
+    def move(self, anchor: int, beside: int, pause: int) -> None:
+        """13h to or beside a place that means something, or anywhere in the span."""
+        self._move(anchor, beside, pause)
 
     @is_free
     @rule(first=BYTES, pause=PAUSES)
@@ -235,30 +279,32 @@ class AxisMachine(RuleBasedStateMachine):
         self.do("move to 0", 0, 0, pause)
 
     @precondition(_if(lambda view: view.is_free and view.has_stops))
-    @rule(side=st.integers(0, 1), offset=st.integers(0, 4), pause=PAUSES)
+    @rule(side=SIDES, offset=st.integers(0, 4), pause=PAUSES)
     def move_to_a_stop(self, side: int, offset: int, pause: int) -> None:
         """13h to an enabled stop, or an increment or two beside it."""
         self.do("move to a stop", side, offset, pause)
 
     @is_free
-    @rule(way=st.integers(0, 1), period=BYTES, pause=PAUSES)
-    def turn(self, way: int, period: int, pause: int) -> None:
+    @rule(way=SIDES, speed=SPEEDS, pause=PAUSES)
+    def turn(self, way: int, speed: Setting, pause: int) -> None:
         """15h from rest."""
-        self.do("turn", way, period, pause)
+        name, period = speed
+        self.do(name, way, period, pause)
 
     # --- changes under way ------------------------------------------------------------------------
 
     @is_moving
-    @rule(first=BYTES)
-    def move_in_motion(self, first: int) -> None:
+    @rule(anchor=TARGETS, beside=BESIDE)
+    def move_in_motion(self, anchor: int, beside: int) -> None:
         """13h, which motion locks."""
-        self.do("move", first)
+        self._move(anchor, beside)
 
     @precondition(_if(lambda view: view.mode in ("PO", "VE") and not view.waiting))
-    @rule(way=st.integers(0, 1), period=BYTES, pause=PAUSES)
-    def change_the_speed(self, way: int, period: int, pause: int) -> None:
+    @rule(way=SIDES, speed=SPEEDS, pause=PAUSES)
+    def change_the_speed(self, way: int, speed: Setting, pause: int) -> None:
         """15h in a move or an endless motion."""
-        self.do("turn", way, period, pause)
+        name, period = speed
+        self.do(name, way, period, pause)
 
     @precondition(_if(lambda view: view.mode in ("PO", "VE") and not view.waiting))
     @rule(pause=PAUSES)
@@ -293,16 +339,17 @@ class AxisMachine(RuleBasedStateMachine):
         self.do("virtual segment" if is_virtual else "segment", steps, period, pause)
 
     @precondition(_if(lambda view: view.mode == "IN" and view.waiting < FIFO_STAGES))
-    @rule(steps=STEPS, period=SLOW)
-    def prolong_a_row(self, steps: int, period: int) -> None:
-        """16h while there is room in the FIFO."""
-        self.do("segment", steps, period)
+    @rule(steps=LONG_STEPS, period=SLOW, is_virtual=st.booleans())
+    def prolong_a_row(self, steps: int, period: int, is_virtual: bool) -> None:
+        """16h or 1Eh while there is room in the FIFO."""
+        self.do("virtual segment" if is_virtual else "segment", steps, period)
 
-    @precondition(_if(lambda view: view.mode == "IN" and view.waiting < FIFO_STAGES))
-    @rule(steps=STEPS, period=SLOW)
-    def prolong_a_row_by_a_pause(self, steps: int, period: int) -> None:
-        """1Eh while there is room in the FIFO."""
-        self.do("virtual segment", steps, period)
+    @precondition(_if(lambda view: view.is_moving and view.waiting < FIFO_STAGES))
+    @rule(steps=LONG_STEPS, period=SLOW)
+    def fill_the_fifo(self, steps: int, period: int) -> None:
+        """16h until there is no room left: the state that random steps hardly ever come to."""
+        for _ in range(FIFO_STAGES - self.device.view.waiting):
+            self.do("segment", steps, period)
 
     @precondition(_if(lambda view: view.waiting >= FIFO_STAGES))
     @rule(steps=BYTES, is_virtual=st.booleans())
@@ -311,7 +358,7 @@ class AxisMachine(RuleBasedStateMachine):
         self.do("virtual segment" if is_virtual else "segment", steps, 1)
 
     @precondition(_if(lambda view: view.mode in ("PO", "VE")))
-    @rule(steps=STEPS, period=SLOW, is_virtual=st.booleans())
+    @rule(steps=LONG_STEPS, period=SLOW, is_virtual=st.booleans())
     def queue_behind_a_motion(self, steps: int, period: int, is_virtual: bool) -> None:
         """16h or 1Eh that waits for the axis to come to rest."""
         self.do("virtual segment" if is_virtual else "segment", steps, period)
@@ -325,16 +372,17 @@ class AxisMachine(RuleBasedStateMachine):
         self.do("arm", 0, 0, pause)
 
     @is_armed
-    @rule(first=BYTES)
-    def hold_a_move(self, first: int) -> None:
+    @rule(anchor=TARGETS, beside=BESIDE)
+    def hold_a_move(self, anchor: int, beside: int) -> None:
         """13h that waits for 11h, in place of what waits already."""
-        self.do("move", first)
+        self._move(anchor, beside)
 
     @is_armed
-    @rule(way=st.integers(0, 1), period=BYTES)
-    def hold_a_turn(self, way: int, period: int) -> None:
+    @rule(way=SIDES, speed=SPEEDS)
+    def hold_a_turn(self, way: int, speed: Setting) -> None:
         """15h that waits for 11h, in place of what waits already."""
-        self.do("turn", way, period)
+        name, period = speed
+        self.do(name, way, period)
 
     @precondition(_if(lambda view: view.is_held))
     @rule(pause=PAUSES)
@@ -351,22 +399,22 @@ class AxisMachine(RuleBasedStateMachine):
     # --- parameters -------------------------------------------------------------------------------
 
     @is_at_rest
-    @rule(name=st.sampled_from(LOCKED_SETTINGS + SETTINGS_IN_MOTION), value=BYTES)
-    def set_at_rest(self, name: str, value: int) -> None:
+    @rule(setting=st.one_of(LOCKED_SETTINGS, SETTINGS_IN_MOTION))
+    def set_at_rest(self, setting: Setting) -> None:
         """Any parameter."""
-        self.do(name, value)
+        self.do(*setting)
 
     @is_moving
-    @rule(name=st.sampled_from(LOCKED_SETTINGS), value=BYTES)
-    def set_what_motion_locks(self, name: str, value: int) -> None:
+    @rule(setting=LOCKED_SETTINGS)
+    def set_what_motion_locks(self, setting: Setting) -> None:
         """A parameter that motion locks."""
-        self.do(name, value)
+        self.do(*setting)
 
     @is_moving
-    @rule(name=st.sampled_from(SETTINGS_IN_MOTION), value=BYTES)
-    def set_what_stays_free(self, name: str, value: int) -> None:
+    @rule(setting=SETTINGS_IN_MOTION)
+    def set_what_stays_free(self, setting: Setting) -> None:
         """A parameter that stays free in motion."""
-        self.do(name, value)
+        self.do(*setting)
 
     @precondition(_if(lambda view: view.mode == "HD" and not view.has_stops))
     @rule(mode=st.integers(1, 2), pause=PAUSES)
@@ -381,10 +429,19 @@ class AxisMachine(RuleBasedStateMachine):
         self.do("enable the stops", mode, 0, pause)
 
     @is_at_rest
-    @rule(is_superior=st.booleans(), distance=st.integers(0, 0x3F))
+    @rule(
+        is_superior=st.booleans(),
+        distance=st.one_of(st.sampled_from((0, 1, 2)), st.integers(0, 0x3F)),
+    )
     def put_a_stop_near(self, is_superior: bool, distance: int) -> None:
         """09h or 0Ah just ahead of the axis."""
         self.do(f"set the {'superior' if is_superior else 'inferior'} stop near", distance)
+
+    @is_at_rest
+    @rule(side=SIDES, anchor=st.integers(0, len(ANCHORS) - 1), beside=BESIDE)
+    def put_a_stop_beside(self, side: int, anchor: int, beside: int) -> None:
+        """09h or 0Ah at or beside a place that means something."""
+        self.do("put a stop beside", anchor << 1 | side, beside)
 
     @precondition(_if(lambda view: view.is_away))
     @rule(pause=PAUSES)
@@ -399,20 +456,11 @@ class AxisMachine(RuleBasedStateMachine):
         """Any query."""
         self.do("ask", which, 0, pause)
 
-    @rule(which=st.integers(0, 7))
-    def send_an_unassigned_index(self, which: int) -> None:
-        """An index that is no command and no query."""
-        self.do("send an unassigned index", which)
-
-    @rule(which=BYTES, offset=BYTES)
-    def spoil_a_checksum(self, which: int, offset: int) -> None:
-        """A frame that gets a Nack and is not obeyed."""
-        self.do("spoil a checksum", which, offset)
-
-    @rule(address=st.integers(0, 0x6F), which=st.integers(0, 4))
-    def call_another_address(self, address: int, which: int) -> None:
-        """A frame for nobody."""
-        self.do("call another address", address, which)
+    @rule(disturbance=DISTURBANCES)
+    def disturb(self, disturbance: tuple[str, int, int]) -> None:
+        """A frame that is not obeyed: an index that means nothing, a wrong checksum, a call of
+        somebody else."""
+        self.do(*disturbance)
 
     @is_at_rest
     @rule(is_on=st.booleans())
@@ -426,7 +474,7 @@ class AxisMachine(RuleBasedStateMachine):
         """00h, which drops whatever is stored."""
         self.do("restart")
 
-    @rule(milliseconds=BYTES)
+    @rule(milliseconds=st.one_of(st.sampled_from((0, 1, 2, 5)), BYTES))
     def wait(self, milliseconds: int) -> None:
         """Let some time pass."""
         self.do("wait", milliseconds)

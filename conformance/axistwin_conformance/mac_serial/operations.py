@@ -26,6 +26,10 @@ Act = Callable[["Sequence", int, int], None]
 
 PERIODS: Final = (0x0640, 0x0800, 0x1000, 0x1800, 0x2000, 0x4000, 0xFFFF)
 COEFFICIENTS: Final = (0, 0, 1, 1, 2, 3, 5)
+TOLERANCES: Final = (0, 0, 1, 10, 100)
+# What a target may lie beside; an offset of 80h is right there.
+ANCHORS: Final = ("here", "superior stop", "inferior stop", "home", "end of motion", "counter 0",
+                  "far above", "far below")  # fmt: skip
 # How far before or after the predicted end of something the next request is taken over.
 OFFSETS_NS: Final = (0, -1_000_000, 1_000_000, -3_000_000, 3_000_000, -300_000, 300_000, 10_000_000)
 
@@ -61,10 +65,13 @@ def _home(run: Sequence, first: int, second: int) -> None:
 
 
 def _turn(run: Sequence, first: int, second: int) -> None:
+    _turn_at(run, first, max(PERIODS[second % len(PERIODS)], run.fastest))
+
+
+def _turn_at(run: Sequence, first: int, period: int) -> None:
     if run.has_segments or not (run.is_resting or run.follows(*UNRULED_CHANGES)):
         run.command(0x18)
         return
-    period = max(PERIODS[second % len(PERIODS)], run.fastest)
     if not run.may_change() or not run.has_room(period):
         run.command(0x18)
         return
@@ -197,6 +204,49 @@ def _move_to_stop(run: Sequence, first: int, second: int) -> None:
     run.command(0x13, target if is_near else run.place(second))
 
 
+def _anchor(run: Sequence, name: str) -> int:
+    """Where an anchor is, as far as the model knows."""
+    one, forecast = run.model.parameters, run.model.forecast
+    match name:
+        case "superior stop":
+            return one.superior
+        case "inferior stop":
+            return one.inferior
+        case "home":
+            return run.home - run.offset
+        case "end of motion":
+            end = forecast.timelines[0].final
+            return run.here() if end is None else end
+        case "counter 0":
+            return 0
+        case "far above" | "far below":
+            return run.place(0xFF if name == "far above" else 0)
+    return run.here()
+
+
+def _move_beside(run: Sequence, first: int, second: int) -> None:
+    """13h to an anchor, or up to 128 increments beside it."""
+    target = _anchor(run, ANCHORS[first % len(ANCHORS)]) + second - 0x80
+    is_near = abs(run.shaft(target) - run.home) <= run.room
+    run.command(0x13, target if is_near else run.place(second))
+
+
+def _put_stop_beside(run: Sequence, first: int, second: int) -> None:
+    """09h (an odd first) or 0Ah at an anchor, or up to 128 increments beside it."""
+    index = 0x09 if first & 1 else 0x0A
+    name = ANCHORS[(first >> 1) % len(ANCHORS)]
+    _set(index, lambda run, _: _anchor(run, name) + second - 0x80)(run, first, second)
+
+
+def _any_period(run: Sequence, byte: int) -> int:
+    """One of 256 periods, spread over all that the slowest and the fastest axis here run at."""
+    return max(PERIODS[0], run.fastest, byte << 8 | byte)
+
+
+def _turn_at_any_speed(run: Sequence, first: int, second: int) -> None:
+    _turn_at(run, first, _any_period(run, second))
+
+
 def _tell(index: int) -> Act:
     return lambda run, first, second: run.command(index)
 
@@ -224,7 +274,7 @@ OPERATIONS: Final[tuple[Operation, ...]] = (
     Operation("ask the position", _ask_position),
     Operation("set the period", _set(0x0D, lambda run, first: run.period(first))),
     Operation("set the ramp", _set(0x0F, lambda run, first: COEFFICIENTS[first % 7])),
-    Operation("set the tolerance", _set(0x1C, lambda run, first: (0, 0, 1, 10, 100)[first % 5])),
+    Operation("set the tolerance", _set(0x1C, lambda run, first: TOLERANCES[first % 5])),
     Operation("set the catch-up", _set(0x0E, lambda run, first: first << 8)),
     Operation("set the torque", _set(0x0C, lambda run, first: run.torque(first))),
     Operation(
@@ -245,6 +295,10 @@ OPERATIONS: Final[tuple[Operation, ...]] = (
     Operation("set the superior stop near", _stop_near(0x09, 1)),
     Operation("set the inferior stop near", _stop_near(0x0A, -1)),
     Operation("move to a stop", _move_to_stop),
+    Operation("move beside", _move_beside),
+    Operation("put a stop beside", _put_stop_beside),
+    Operation("turn at any speed", _turn_at_any_speed),
+    Operation("set any period", _set(0x0D, _any_period)),
 )
 
 WHAT: Final = {one.name: number for number, one in reversed(list(enumerate(OPERATIONS)))}

@@ -231,8 +231,9 @@ class Sequence:
         admissible = self.model.outcomes(index, parameter, taken)
         if kind not in admissible:
             states = "/".join(sorted(self.model.states(taken)))
+            is_of_store = index in SEGMENTS and self.has_segments  # a full one refuses either kind
             raise Mismatch(
-                BLAME.get(index, BLAME_OTHERWISE),
+                "MACS-CMD-16-02" if is_of_store else BLAME.get(index, BLAME_OTHERWISE),
                 " or ".join(kind.value for kind in admissible) + f" to {index:02X}h in {states}",
                 str(codec.parse(received)),
             )
@@ -458,9 +459,8 @@ class Sequence:
     @property
     def has_segments(self) -> bool:
         """True if segments run, or will before the next command is taken over."""
-        return not self.is_resting and any(
-            timeline.segments for timeline in self.model.forecast.timelines
-        )
+        timelines = self.model.forecast.timelines
+        return not self.is_resting and any(timeline.segments for timeline in timelines)
 
     def may_change(self) -> bool:
         """Count a change of a running motion; False when there were enough."""
