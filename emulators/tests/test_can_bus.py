@@ -271,6 +271,76 @@ def test_an_error_frame_has_the_length_that_its_flags_give() -> None:
     assert ends == [length + count * (length + 3) for count in range(16)]
 
 
+class Controller:
+    """One error-active controller, bit by bit: sends a stream or listens, flags what is wrong."""
+
+    def __init__(self, stream: str | None, stuffed: int) -> None:
+        self.stream = stream
+        self.ack_slot = stuffed + 1
+        self.flag = self.delimiter = self.run = 0
+        self.last = ""
+        self.is_wrong = False
+
+    def output(self, at: int, acknowledges: bool) -> str:
+        """What it puts on the bus."""
+        if self.is_wrong:
+            return "0" if self.flag < 6 else "1"
+        if self.stream is None:
+            return "0" if acknowledges and at == self.ack_slot else "1"
+        return self.stream[at] if at < len(self.stream) else "1"
+
+    def sample(self, at: int, bus: str, own: str) -> None:
+        """Look at the bus: bit errors, a missing acknowledgement, six equal bits."""
+        if self.is_wrong:
+            if self.flag < 6:
+                self.flag += 1
+            elif bus == "1":
+                self.delimiter += 1
+            return
+        self.run = self.run + 1 if bus == self.last else 1
+        self.last = bus
+        if self.stream is not None:
+            self.is_wrong = (bus == own) if at == self.ack_slot else (bus != own)
+        elif self.run == 6 and at < self.ack_slot:
+            self.is_wrong = True
+
+
+def bits_until_all_is_over(streams: list[str], listeners: int) -> int:
+    """Play one attempt of active stations bit by bit; to the end of EOF or of the delimiter."""
+    equal = len(set(streams)) == 1
+    stuffed = len(streams[0])
+    stations = [Controller(stream, stuffed if equal else 1000) for stream in streams]
+    stations += [Controller(None, stuffed if equal else 1000) for _ in range(listeners)]
+    for at in range(1000):
+        outputs = [station.output(at, equal) for station in stations]
+        for station, own in zip(stations, outputs, strict=True):
+            station.sample(at, min(outputs), own)
+        if all(station.delimiter == 8 for station in stations):
+            return at + 1
+        if not any(station.is_wrong for station in stations) and at + 1 == stuffed + 10:
+            return at + 1
+    raise AssertionError("without end")
+
+
+@given(
+    st.lists(st.binary(max_size=8), min_size=1, max_size=3),
+    st.integers(0, 2),
+    st.sampled_from([0x000, 0x581, 0x7FF, 0x0F0]),
+)
+def test_each_first_attempt_takes_as_long_as_played_bit_by_bit(
+    contents: list[bytes], listeners: int, identifier: int
+) -> None:
+    """Success, missing acknowledgement, collision: error frames to the bit."""
+    frames = [CanFrame(identifier, data) for data in contents]
+    bus = bus_of(len(frames) + listeners)
+    for number, frame in enumerate(frames):
+        bus.offer(number, frame, 0)
+    first = bus.run_next(S)[0]
+    assert isinstance(first, Heard | Fault)
+    played = bits_until_all_is_over([stuffed_bits(frame) for frame in frames], listeners)
+    assert first.end_ns == played * BIT
+
+
 def test_two_alone_who_collide_take_turns_in_the_end() -> None:
     """Passive both: the loser drops out, the winner hears no acknowledgement, the loser's turn."""
     for bitrate in (500_000, None):

@@ -22,7 +22,8 @@ Rules
    longer.  Above 255 it is off until it has seen 128 times 11 recessive bits; then it starts anew.
 6. What repeats itself without change is not stepped through: a bus on which nobody acknowledges
    sleeps until somebody comes or goes, and the time of the attempt then under way is computed.
-7. Without a bit rate frames take no time; rules 1 to 6 hold all the same, in the order of bits.
+7. A station whose passive flag ends after the others' counts as back when the next frame begins.
+8. Without a bit rate frames take no time; rules 1 to 7 hold all the same, in the order of bits.
 
 Bit positions of a destroyed frame: the flag of the station that sees the error at bit p covers
 p+1..p+6.  If k dominant bits stood on the bus up to and including p, listeners see the sixth at
@@ -268,7 +269,7 @@ class CanBus:
     # ---- a frame begins --------------------------------------------------------------------------
 
     def _earliest(self, station: _Station) -> tuple[Nanos, int]:
-        """When a station may begin its next frame; the bits order what takes no time (rule 7)."""
+        """When a station may begin its next frame; the bits order what takes no time (rule 8)."""
         bits, ready_ns = station.hold_bits, station.queue[0][1]
         free_ns = max(self._idle_ns + self.span_ns(bits), station.since_ns)
         if ready_ns > free_ns or self.bitrate is not None:
