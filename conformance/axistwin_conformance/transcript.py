@@ -39,10 +39,12 @@ class Record:
 class Transcript:
     """A bounded log of records; older ones fall out, positions stay valid.
 
+    `is_in_pieces`: a message may come in several records; False where each is whole (a frame).
     Most of what is said is never looked at: a `Record` is made of it when somebody does.
     """
 
-    def __init__(self, kept: int = RECORDS_KEPT) -> None:
+    def __init__(self, kept: int = RECORDS_KEPT, *, is_in_pieces: bool = True) -> None:
+        self._is_in_pieces = is_in_pieces
         self._records: deque[tuple[int, Direction, bytes, str]] = deque(maxlen=kept)
         self._count = 0
 
@@ -75,7 +77,7 @@ class Transcript:
         pieces = islice(self._records, len(self._records) - wanted, None)
         whole: list[Record] = []
         for one in (Record(*piece) for piece in pieces):
-            if whole and _belong_together(whole[-1], one):
+            if self._is_in_pieces and whole and _belong_together(whole[-1], one):
                 one = replace(one, data=whole.pop().data + one.data)
             whole.append(one)
         return tuple(whole if limit is None else whole[-limit:])

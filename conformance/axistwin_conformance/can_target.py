@@ -1,0 +1,325 @@
+"""CAN targets: the one way from the suite to a bus, whatever carries the frames.
+
+A `CanTarget` wraps a python-can bus: the built-in twin in virtual time, SocketCAN, an slcan adapter
+or any other of its interfaces.
+
+What is heard is kept in two places.  `receive` gives replies; what modules say unasked (boot-up,
+lifebeat, emergency) never comes out there, whatever is asked for, but from `receive_spontaneous`
+and `take_spontaneous`.  Each frame is given once, with the time at which it was in our hands.
+
+A CAN controller does not hear itself.  Some interfaces give us our own frames all the same: those
+they mark, and on the ones known not to mark them (`ECHOING`) each frame that equals one sent within
+the last second, once.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Final, NamedTuple, Protocol
+
+import can
+
+from axistwin_conformance.can_frame import Frame, unpack
+from axistwin_conformance.carrier import SILENCE_NOTED_S, STOP_HEARD_NS, Carrier
+from axistwin_conformance.errors import TargetError, TwinCrashed, UsageError
+from axistwin_conformance.targets import crash_of
+from axistwin_conformance.transcript import Transcript
+
+TWIN_INTERFACE: Final = "axistwin"  # found by python-can by this name; the suite never imports it
+ECHOING: Final = frozenset({"udp_multicast"})
+# What an interface needs unless the user says otherwise: frames stay on this machine.
+PRESETS: Final[Mapping[str, Mapping[str, object]]] = {"udp_multicast": {"hop_limit": 0}}
+ECHO_NS: Final = 1_000_000_000
+SEND_TIMEOUT_S: Final = 3.0
+FULL_QUEUE_PAUSE_S: Final = 0.001  # an adapter's queue of ten frames is empty after 2 ms at 500 k
+FRAMES_KEPT: Final = 4096
+DRAINED_TOLD: Final = 4  # frames set aside that are told by name
+
+Wanted = Callable[[Frame], bool]
+
+
+class CanBus(Protocol):
+    """What a target needs of a python-can bus."""
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Send the frame."""
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """Return the next frame, None when the time-out (s) passes first."""
+
+    def shutdown(self) -> None:
+        """Give the bus back."""
+
+
+class Arrival(NamedTuple):
+    """A frame and the time at which it was in our hands."""
+
+    frame: Frame
+    time_ns: int
+
+
+def any_frame(frame: Frame) -> bool:
+    """Accept whatever comes."""
+    return True
+
+
+def nothing(frame: Frame) -> bool:
+    """Accept no frame: of a device that says nothing unasked."""
+    return False
+
+
+class CanTarget(Carrier):
+    """A device on a bus.
+
+    `is_spontaneous`: what devices of the family say unasked.  `is_echoing`: the interface gives us
+    our own frames without saying so.
+    """
+
+    def __init__(
+        self,
+        bus: CanBus,
+        description: str,
+        *,
+        is_spontaneous: Wanted = nothing,
+        is_echoing: bool = False,
+        is_builtin: bool = False,
+        is_lossless: bool | None = None,
+    ) -> None:
+        super().__init__(
+            bus,
+            description,
+            is_builtin=is_builtin,
+            is_lossless=is_lossless,
+            transcript=Transcript(is_in_pieces=False),
+        )
+        self._bus = bus
+        self._is_spontaneous = is_spontaneous
+        self._is_echoing = is_echoing
+        self._echoes: deque[tuple[int, Frame]] = deque(maxlen=FRAMES_KEPT)
+        self._waiting: deque[Arrival] = deque(maxlen=FRAMES_KEPT)
+        self._unasked: deque[Arrival] = deque(maxlen=FRAMES_KEPT)
+        self.error_frames = 0
+
+    # --- sending ----------------------------------------------------------------------------------
+
+    def send(self, frame: Frame) -> int:
+        """Send a frame and return the time at which that began."""
+        started_ns = self._announced(frame.pack())
+        message = can.Message(
+            arbitration_id=frame.identifier,
+            data=frame.data,
+            dlc=frame.length,
+            is_extended_id=frame.is_extended,
+            is_remote_frame=frame.is_remote,
+        )
+        with self._told("sending"):
+            self._send_patiently(message)
+        if self._is_echoing:
+            self._echoes.append((started_ns, frame))
+        return started_ns
+
+    def _send_patiently(self, message: can.Message) -> None:
+        """Send; while the adapter's queue is full, wait for it to empty."""
+        deadline_ns = time.monotonic_ns() + round(SEND_TIMEOUT_S * 1e9)
+        while True:
+            try:
+                return self._bus.send(message, SEND_TIMEOUT_S)
+            except (can.CanOperationError, OSError) as error:
+                if _number_of(error) != errno.ENOBUFS or time.monotonic_ns() > deadline_ns:
+                    raise
+            time.sleep(FULL_QUEUE_PAUSE_S)
+
+    # --- receiving --------------------------------------------------------------------------------
+
+    def receive(self, wanted: Wanted, timeout_s: float) -> Arrival | None:
+        """Return the first frame that is wanted and was not said unasked, None if the time-out (s)
+        passes first.  What else arrives is kept for later."""
+        return self._await(self._waiting, wanted, timeout_s)
+
+    def receive_spontaneous(self, wanted: Wanted, timeout_s: float) -> Arrival | None:
+        """Return the first frame that is wanted of those said unasked."""
+        return self._await(self._unasked, wanted, timeout_s)
+
+    def take_spontaneous(self) -> tuple[Arrival, ...]:
+        """Return what was said unasked and not taken yet, without waiting for more."""
+        self._read_waiting()
+        taken = tuple(self._unasked)
+        self._unasked.clear()
+        return taken
+
+    def wait(self, seconds: float) -> float:
+        """Let time pass, keep what arrives; return the seconds that really passed."""
+        started_ns = now_ns = self.now_ns
+        deadline_ns = started_ns + round(seconds * 1e9)
+        while (left_ns := deadline_ns - now_ns) > 0:
+            self._read(self._fenced(left_ns))
+            now_ns = self.now_ns
+        return (now_ns - started_ns) / 1e9
+
+    def drain(self) -> tuple[Arrival, ...]:
+        """Throw away what nobody has asked for and return it; what was said unasked stays."""
+        self._read_waiting()
+        dropped = tuple(self._waiting)
+        self._waiting.clear()
+        if dropped:
+            told = ", ".join(str(one.frame) for one in dropped[:DRAINED_TOLD])
+            more = ", ..." if len(dropped) > DRAINED_TOLD else ""
+            self.mark(f"{len(dropped)} frames nobody asked for were set aside: {told}{more}")
+        return dropped
+
+    def close(self) -> None:
+        """Close the bus; one that is gone already is fine."""
+        with contextlib.suppress(Exception):
+            self._bus.shutdown()
+
+    def _await(self, store: deque[Arrival], wanted: Wanted, timeout_s: float) -> Arrival | None:
+        started_ns = self.now_ns
+        deadline_ns = started_ns + round(timeout_s * 1e9)
+        looked_at = 0
+        while True:
+            for at in range(looked_at, len(store)):
+                if wanted(store[at].frame):
+                    found = store[at]
+                    del store[at]
+                    return found
+            # A full store drops its oldest frame for each new one: then all have to be looked at.
+            looked_at = len(store) if len(store) < FRAMES_KEPT else 0
+            left_ns = deadline_ns - self.now_ns
+            if not self._read(self._fenced(max(left_ns, 0))) and left_ns <= 0:
+                break
+        if timeout_s >= SILENCE_NOTED_S:
+            self._note_silence(started_ns)
+        return None
+
+    def _read_waiting(self) -> None:
+        """Read what has arrived already."""
+        for _ in range(FRAMES_KEPT):  # a bus that never falls silent is not listened to for ever
+            if not self._read(0):
+                break
+
+    def _read(self, left_ns: int) -> bool:
+        """Read one frame and put it where it belongs; False if none came in time."""
+        self._refuse_the_dead()
+        self._clock_ns = None
+        try:
+            message = self._bus.recv(left_ns / 1e9)
+        except Exception as error:
+            raise self._trouble("receiving", error) from error
+        if message is None:
+            return False
+        if message.is_error_frame or message.is_fd:
+            self.error_frames += message.is_error_frame
+            form = "an error frame" if message.is_error_frame else "a CAN FD frame"
+            self.mark(f"{form} on the bus: {message.arbitration_id:X}h {message.data.hex(' ')}")
+            return True
+        frame = _frame_of(message)
+        if not message.is_rx or (self._is_echoing and self._is_echo(frame)):
+            return True
+        arrival = Arrival(frame, self._arrived(frame.pack()))
+        (self._unasked if self._is_spontaneous(frame) else self._waiting).append(arrival)
+        return True
+
+    def _is_echo(self, frame: Frame) -> bool:
+        """True if we have sent that ourselves, and not had it back yet."""
+        oldest_ns = self.now_ns - ECHO_NS
+        while self._echoes and self._echoes[0][0] < oldest_ns:
+            self._echoes.popleft()
+        for at, (_, sent) in enumerate(self._echoes):
+            if sent == frame:
+                del self._echoes[at]
+                return True
+        return False
+
+    # --- what the base asks for -------------------------------------------------------------------
+
+    def _stop_by(self, data: bytes) -> None:
+        self.send(unpack(data))
+        self._read(STOP_HEARD_NS)
+
+    def _has_heard(self, seconds: float) -> bool:
+        return self.receive(any_frame, seconds) is not None
+
+    def _source_trouble(self, doing: str, error: Exception) -> TargetError | None:
+        if isinstance(error, can.CanTimeoutError):
+            return TargetError(f"the bus does not take frames any more ({doing})")
+        if isinstance(error, OSError | can.CanError):
+            return TargetError(f"the bus failed while {doing}: {_one_line(error)}")
+        return None
+
+
+def _frame_of(message: can.Message) -> Frame:
+    if message.is_remote_frame:
+        return Frame(message.arbitration_id, b"", message.is_extended_id, True, min(message.dlc, 8))
+    return Frame(message.arbitration_id, bytes(message.data), message.is_extended_id)
+
+
+def split_words(words: str) -> tuple[str, str, dict[str, str]]:
+    """Take INTERFACE:CHANNEL?option=value&... apart; raises UsageError for anything else.
+
+    The channel of the built-in twin keeps its options: they are the twin's.
+    """
+    interface, _, channel = words.partition(":")
+    if not interface or not channel:
+        raise UsageError(
+            f"--can {words!r} is no INTERFACE:CHANNEL; write for instance socketcan:vcan0"
+        )
+    if interface == TWIN_INTERFACE or "?" not in channel:
+        return interface, channel, {}
+    channel, _, rest = channel.partition("?")
+    pairs = [one.partition("=") for one in rest.split("&")]
+    for name, equals, value in pairs:
+        if not (name and equals and value):
+            raise UsageError(f"--can {words!r}: write options as ?name=value&name=value")
+    return interface, channel, {name: value for name, _, value in pairs}
+
+
+def open_can_target(
+    words: str,
+    *,
+    bitrate: int | None = None,
+    is_spontaneous: Wanted = nothing,
+    is_builtin: bool = False,
+) -> CanTarget:
+    """Open INTERFACE:CHANNEL of python-can.
+
+    `bitrate`: in bit/s, for interfaces that set it; None: as the interface is configured.  Raises
+    UsageError for words without an interface or a channel, TargetError with the reason in a line.
+    """
+    interface, channel, options = split_words(words)
+    asked: dict[str, object] = {**PRESETS.get(interface, {}), **options}
+    if bitrate is not None:
+        asked["bitrate"] = bitrate
+    try:
+        bus = can.Bus(channel, interface, ignore_config=True, **asked)  # type: ignore[arg-type]
+    except (can.CanError, OSError, ValueError, ImportError) as error:
+        raise TargetError(f"cannot open {words}: {_one_line(error)}") from error
+    except Exception as error:
+        if interface != TWIN_INTERFACE:  # a driver that falls over what it was given
+            raise TargetError(f"cannot open {words}: {_one_line(error)}") from error
+        raise TwinCrashed(f"cannot open {words}: {crash_of(error)}") from error
+    return CanTarget(
+        bus,
+        words,
+        is_spontaneous=is_spontaneous,
+        is_echoing=interface in ECHOING,
+        is_builtin=is_builtin,
+    )
+
+
+def _number_of(error: BaseException) -> int | None:
+    """The system's number of an error, which python-can keeps under a name of its own."""
+    number = getattr(error, "error_code", None)
+    return number if number is not None else getattr(error, "errno", None)
+
+
+def _one_line(error: BaseException) -> str:
+    """The reason in a line, in the system's words where it is the system's."""
+    number = _number_of(error)
+    if number is not None and number in errno.errorcode:
+        return os.strerror(number)
+    return " ".join(str(error).split()) or type(error).__name__

@@ -1,0 +1,213 @@
+"""What every way from the suite to a device has, whatever it carries: transcript, clock, measured
+round trip, gate, fence and meter, and one word for trouble.
+
+Sources.  Behind a `Carrier` stands a source: a serial port, a bus.  If it tells a time of its own
+(`virtual_time_ns`), that is the clock, exact, and time passes only while we wait; else the clock is
+the machine's monotonic one.  What is measured on it is known to `uncertainty_ns`: an instant that
+the device fixes while it handles an exchange lies between our first byte and its last, so that the
+slowest exchange seen on the idle line bounds it.
+
+Bytes.  Gate, fence, meter and transcript take bytes; what they stand for is the family's affair.
+
+Trouble.  A source that is closed, vanished or stuck raises `TargetError`, nothing else.  A twin in
+this process may also fall over a mistake of its own: whatever comes out of its source and is no
+trouble of a source is `TwinCrashed`, and from then on nothing goes to it or comes from it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import statistics
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, cast
+
+from axistwin_conformance.errors import OutsideEnvelope, TargetError, TwinCrashed
+from axistwin_conformance.targets import Fence, RoundTrip, crash_of
+from axistwin_conformance.transcript import Direction, Transcript
+
+SILENCE_NOTED_S = 0.05  # shorter waits in vain are not worth a line in the transcript
+STOP_HEARD_NS = 50_000_000  # a device has replied to a stop by then
+MOST_HUSHES = 20  # a device that never stops talking is not waited for
+
+
+class Carrier(ABC):
+    """A way to a device.  Not thread-safe: one run, one carrier."""
+
+    def __init__(
+        self,
+        source: object,
+        description: str,
+        *,
+        is_builtin: bool = False,
+        is_lossless: bool | None = None,
+        transcript: Transcript | None = None,
+    ) -> None:
+        self._source = source
+        self._clock_ns: int | None = None  # in virtual time, as long as nothing has let it pass
+        self.description = description
+        self.is_builtin = is_builtin
+        self.is_virtual = getattr(source, "virtual_time_ns", None) is not None
+        # In virtual time there is no noise, unless somebody puts it there.
+        self.is_lossless = self.is_virtual if is_lossless is None else is_lossless
+        self.transcript = Transcript() if transcript is None else transcript
+        self.round_trip = RoundTrip()
+        self.last_sent = b""
+        self.gate: Callable[[bytes], None] | None = None  # sees everything before it is sent
+        self.fence: Fence | None = None
+        self.meter: Callable[[bytes], None] | None = None  # counts what is really sent
+        self.crash = ""  # of the twin behind it, once it has fallen over
+
+    # --- what a kind of carrier adds --------------------------------------------------------------
+
+    @abstractmethod
+    def drain(self) -> object:
+        """Throw away what has arrived unasked and return it, for the record."""
+
+    @abstractmethod
+    def wait(self, seconds: float) -> float:
+        """Let time pass, keep what arrives; return the seconds that really passed."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Give the source back; one that is gone already is fine."""
+
+    @abstractmethod
+    def _stop_by(self, data: bytes) -> None:
+        """Send what ends endless motion, and listen for `STOP_HEARD_NS` at most."""
+
+    @abstractmethod
+    def _has_heard(self, seconds: float) -> bool:
+        """Set aside what comes; True if anything came within that time."""
+
+    @abstractmethod
+    def _source_trouble(self, doing: str, error: Exception) -> TargetError | None:
+        """What the source's own exceptions mean; None for what is none of them."""
+
+    # --- clock ------------------------------------------------------------------------------------
+
+    @property
+    def now_ns(self) -> int:
+        """The carrier's clock, ns from an arbitrary origin."""
+        if not self.is_virtual:
+            return time.monotonic_ns()
+        if self._clock_ns is None:
+            try:
+                self._clock_ns = cast(int, self._source.virtual_time_ns)  # type: ignore[attr-defined]
+            except Exception as error:
+                raise self._trouble("asking the time", error) from error
+        return self._clock_ns
+
+    @property
+    def uncertainty_ns(self) -> int:
+        """How well the instant of something inside one exchange is known (see above)."""
+        return self.round_trip.max_ns
+
+    def measure_round_trip(self, exchange: Callable[[], bool], samples: int) -> RoundTrip:
+        """Time `exchange` on the idle line; only the ones that succeed count."""
+        taken: list[int] = []
+        for _ in range(samples):
+            started_ns = self.now_ns
+            if exchange():
+                taken.append(self.now_ns - started_ns)
+        if taken:
+            self.round_trip = RoundTrip(len(taken), round(statistics.median(taken)), max(taken))
+        return self.round_trip
+
+    # --- what is shared by all that is sent and awaited -------------------------------------------
+
+    @property
+    def twins(self) -> Sequence[Any]:
+        """The handles of the twins behind the source; none behind a real one."""
+        return cast(Sequence[Any], getattr(self._source, "twins", ()))
+
+    def mark(self, text: str) -> None:
+        """Write a line into the transcript."""
+        self.transcript.note(self.now_ns, Direction.NOTE, text=text)
+
+    def hush(self, seconds: float) -> None:
+        """Set aside what comes until nothing has come for so long: a late reply must not be taken
+        for the next one."""
+        for _ in range(MOST_HUSHES):
+            if not self._has_heard(seconds):
+                break
+
+    def _announced(self, data: bytes) -> int:
+        """Let gate, fence, meter and transcript see what is about to be sent; return the time.
+
+        Raises what they raise, and then nothing must be sent.
+        """
+        if self.gate is not None:
+            self.gate(data)
+        started_ns = self.now_ns
+        if self.fence is not None:
+            self.fence.sending(data, started_ns)
+        if self.meter is not None:
+            self.meter(data)
+        self.last_sent = data
+        self._clock_ns = None
+        self.transcript.note(started_ns, Direction.HOST, data)
+        return started_ns
+
+    def _arrived(self, data: bytes) -> int:
+        """Let transcript and fence see what has come; return the time."""
+        now_ns = self.now_ns
+        self.transcript.note(now_ns, Direction.DEVICE, data)
+        if self.fence is not None:
+            self.fence.received(data, now_ns)
+        return now_ns
+
+    def _note_silence(self, started_ns: int) -> None:
+        passed_ms = (self.now_ns - started_ns) / 1e6
+        text = f"nothing for {passed_ms:.0f} ms"
+        self.transcript.note(started_ns, Direction.SILENCE, text=text)
+
+    def _fenced(self, left_ns: int) -> int:
+        """How long may be waited; stops endless motion that nobody has stopped in time."""
+        deadline_ns = None if self.fence is None else self.fence.deadline_ns
+        if self.fence is None or deadline_ns is None:
+            return left_ns
+        spare_ns = deadline_ns - self.now_ns
+        if spare_ns > 0:
+            return min(left_ns, spare_ns)
+        self.mark("endless motion has come near the edge of the envelope: stopped")
+        needed = self.fence.needed(left_ns)
+        gate, self.gate = self.gate, None  # a stop is not held back
+        try:
+            for data in self.fence.stop():
+                self._stop_by(data)
+        finally:
+            self.gate = gate
+        if gate is None:  # between checks there is no one to tell; until heard it is sent again
+            return min(left_ns, STOP_HEARD_NS)
+        raise OutsideEnvelope(
+            "endless motion had come near the edge of the envelope", "--max-travel", needed
+        )
+
+    # --- trouble ----------------------------------------------------------------------------------
+
+    def _refuse_the_dead(self) -> None:
+        """Raise TwinCrashed if the twin has crashed: nobody knows what is left of it."""
+        if self.crash:
+            raise TwinCrashed(self.crash)
+
+    @contextlib.contextmanager
+    def _told(self, doing: str) -> Iterator[None]:
+        """Turn whatever the source raises into a TargetError."""
+        self._refuse_the_dead()
+        try:
+            yield
+        except Exception as error:
+            raise self._trouble(doing, error) from error
+
+    def _trouble(self, doing: str, error: Exception) -> TargetError:
+        """What the source has raised, as a TargetError that says what was being done."""
+        known = self._source_trouble(doing, error)
+        if known is not None:
+            return known
+        if self.is_virtual or hasattr(self._source, "twins"):
+            self.crash = self.crash or crash_of(error)
+            return TwinCrashed(self.crash)
+        words = " ".join(str(error).split()) or type(error).__name__
+        return TargetError(f"it was closed while {doing}: {words}")
