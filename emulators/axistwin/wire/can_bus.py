@@ -148,6 +148,10 @@ class CanBus:
         self.now_ns = now_ns
         self._stations: dict[int, _Station] = {}
         self._pending: dict[int, _Station] = {}  # those with something to send
+        self._held: list[_Station] = []  # those with hold_bits
+        self._off: list[_Station] = []
+        self._latest_since_ns: Nanos = now_ns
+        self._changes: list[Change] = []
         self._next_number = 0
         self._attempt: _Attempt | None = None
         self._idle_ns = now_ns  # when the intermission is over
@@ -175,12 +179,15 @@ class CanBus:
         assert number < self._next_number, f"there is no station {number}"
         self._wake_up(now)
         self._stations[number] = _Station(number, now)
+        self._latest_since_ns = max(self._latest_since_ns, now)
 
     def leave(self, number: int, now: Nanos) -> None:
         """Take a station off the bus: it loses its power or its port.  What it sends breaks off."""
         self._wake_up(now)
         station = self._stations.pop(number)
         self._pending.pop(number, None)
+        if station in self._off:
+            self._off.remove(station)
         attempt = self._attempt
         if attempt is None:
             return
@@ -299,15 +306,11 @@ class CanBus:
         group = [station for station in ready if arbitration_key(station.queue[0][0]) == key]
         self._count_recessive(start_ns)
         attempt = _Attempt(start_ns, group)
-        for station in self._stations.values():
+        for station in self._held:
             station.hold_bits = 0
+        self._held.clear()
         bits = self._go_on_together(attempt)
-        involved = attempt.group + attempt.dropped
-        attempt.listeners = [
-            station
-            for station in self._stations.values()
-            if station not in involved and station.since_ns <= start_ns and not station.off_left
-        ]
+        attempt.listeners = self._listeners(attempt)
         attempt.frame = attempt.group[0].queue[0][0]
         if bits is not None:
             attempt.fault = "bit"
@@ -319,6 +322,19 @@ class CanBus:
             bits = wire_bits(attempt.frame) - BITS_AFTER_ACK + FLAG_BITS + DELIMITER_BITS
         attempt.end_ns = start_ns + self.span_ns(bits)
         self._attempt = attempt
+
+    def _listeners(self, attempt: _Attempt) -> list[_Station]:
+        """All others that are there (rule 2)."""
+        listeners = list(self._stations.values())
+        for station in attempt.group + attempt.dropped:
+            listeners.remove(station)
+        if not self._off and self._latest_since_ns <= attempt.start_ns:
+            return listeners
+        return [
+            station
+            for station in listeners
+            if station.since_ns <= attempt.start_ns and not station.off_left
+        ]
 
     def _go_on_together(self, attempt: _Attempt) -> int | None:
         """Rule 3: passive stations drop out of the group; the bit at which all fail, or None."""
@@ -353,10 +369,6 @@ class CanBus:
 
     def _finish(self, attempt: _Attempt) -> list[Happening]:
         """Count, tell, and try again what failed."""
-        before = [
-            (station, station.state)
-            for station in (*attempt.group, *attempt.dropped, *attempt.listeners)
-        ]
         self._attempt = None
         end_ns = attempt.end_ns
         self._idle_ns = end_ns + self.span_ns(INTERMISSION_BITS)
@@ -365,7 +377,7 @@ class CanBus:
         happened: list[Happening] = []
         if attempt.fault is None:
             self._succeed(attempt)
-            listeners = tuple(station.number for station in attempt.listeners)
+            listeners = tuple([station.number for station in attempt.listeners])
             happened.append(Heard(end_ns, attempt.frame, senders, listeners))
         else:
             repeats = self._repeats_itself(attempt)
@@ -373,50 +385,62 @@ class CanBus:
             happened.append(Fault(end_ns, attempt.fault, senders))
             if repeats:
                 self._endless = attempt
-        for station, state in before:
-            if station.state != state:
-                happened.append(Change(end_ns, station.number, station.state))
+        happened += self._changes
+        self._changes.clear()
         return happened
 
     def _succeed(self, attempt: _Attempt) -> None:
+        end_ns = attempt.end_ns
         for station in attempt.group:
             station.queue.popleft()
             station.aborts = False
             self._drop_if_done(station)
-            station.hold_bits = SUSPEND_BITS if station.state == "passive" else 0
-            station.tec = max(0, station.tec - 1)
+            self._hold(station, SUSPEND_BITS if station.state == "passive" else 0)
+            if station.tec:
+                self._count(station, end_ns, station.tec - 1, station.rec)
         for station in attempt.listeners:
-            is_passive = station.rec > PASSIVE_ABOVE
-            station.rec = RECEIVED_AGAIN if is_passive else max(0, station.rec - 1)
+            if station.rec:
+                is_passive = station.rec > PASSIVE_ABOVE
+                rec = RECEIVED_AGAIN if is_passive else station.rec - 1
+                self._count(station, end_ns, station.tec, rec)
         # Their flag ends two bits before EOF does; 8 bits of delimiter, 3 and 8 more follow it.
         self._drop_out(attempt, DELIMITER_BITS - 2 + SUSPEND_BITS)
 
     def _fail(self, attempt: _Attempt) -> None:
-        is_ack = attempt.fault == "ack"
+        end_ns = attempt.end_ns
         # A recessive flag of those who dropped out began two bits earlier.
         all_passive = all(station.state == "passive" for station in attempt.group)
         self._drop_out(attempt, SUSPEND_BITS - 2 if all_passive else SUSPEND_BITS)
         for station in attempt.group:
-            if not (is_ack and station.state == "passive"):
-                self._count_error(station)
-            station.hold_bits = SUSPEND_BITS if station.state == "passive" else 0
+            if attempt.fault != "ack" or station.state == "active":
+                self._count(station, end_ns, station.tec + ERROR_STEP, station.rec)
+            self._hold(station, SUSPEND_BITS if station.state == "passive" else 0)
             if station.aborts:
                 station.queue.popleft()
                 station.aborts = False
                 self._drop_if_done(station)
         for station in attempt.listeners:
-            station.rec = min(station.rec + 1, OFF_ABOVE)
+            self._count(station, end_ns, station.tec, min(station.rec + 1, OFF_ABOVE))
 
     def _drop_out(self, attempt: _Attempt, hold_bits: int) -> None:
         for station in attempt.dropped:
-            self._count_error(station)
-            station.hold_bits = hold_bits
+            self._count(station, attempt.end_ns, station.tec + ERROR_STEP, station.rec)
+            self._hold(station, hold_bits)
 
-    def _count_error(self, station: _Station) -> None:
-        """Rule 5."""
-        station.tec += ERROR_STEP
-        if station.tec > OFF_ABOVE:
+    def _hold(self, station: _Station, bits: int) -> None:
+        station.hold_bits = bits
+        if bits:
+            self._held.append(station)
+
+    def _count(self, station: _Station, now: Nanos, tec: int, rec: int) -> None:
+        """Set the counters (rule 5), and tell what becomes of it."""
+        before = station.state
+        station.tec, station.rec = tec, rec
+        if tec > OFF_ABOVE:
             station.off_left = OFF_SEQUENCES
+            self._off.append(station)
+        if station.state != before:
+            self._changes.append(Change(now, station.number, station.state))
 
     # ---- what takes long -------------------------------------------------------------------------
 
@@ -427,10 +451,9 @@ class CanBus:
         self._recessive_ns = attempt.end_ns - self.span_ns(_PASSIVE_TAIL_BITS)
         pause_bits = INTERMISSION_BITS + SUSPEND_BITS
         self._period_ns = attempt.end_ns - attempt.start_ns + self.span_ns(pause_bits)
-        present = sum(not station.off_left for station in self._stations.values())
-        return present == len(attempt.group) and not any(
-            station.aborts for station in attempt.group
-        )
+        present = len(self._stations) - len(self._off)
+        aborts = any(station.aborts for station in attempt.group)
+        return present == len(attempt.group) and not aborts
 
     def _wake_up(self, now: Nanos) -> None:
         """Somebody comes or goes: place the attempt that is under way at ``now``."""
@@ -439,9 +462,8 @@ class CanBus:
             return
         period_ns, start_ns = self._period_ns, endless.start_ns
         count = (now - start_ns) // period_ns if period_ns else 0
-        for station in self._stations.values():
-            if station.off_left:
-                station.off_left = max(1, station.off_left - _PASSIVE_SEQUENCES * count)
+        for station in self._off:
+            station.off_left = max(1, station.off_left - _PASSIVE_SEQUENCES * count)
         start_ns += count * period_ns
         end_ns = start_ns + endless.end_ns - endless.start_ns
         self._idle_ns = end_ns + self.span_ns(INTERMISSION_BITS)
@@ -452,9 +474,8 @@ class CanBus:
 
     def _count_recessive(self, now: Nanos) -> None:
         """Those who are off have seen the bus recessive until ``now``."""
-        for station in self._stations.values():
-            if station.off_left:
-                station.off_left = max(1, station.off_left - self._sequences(now))
+        for station in self._off:
+            station.off_left = max(1, station.off_left - self._sequences(now))
 
     def _sequences(self, now: Nanos) -> int:
         """Times 11 recessive bits in the present stretch; one at least follows every frame."""
@@ -464,10 +485,9 @@ class CanBus:
 
     def _next_recovery(self) -> tuple[Nanos, _Station] | None:
         """Who is the first to come back, and when, if nobody begins to send before."""
-        off = [station for station in self._stations.values() if station.off_left]
-        if not off:
+        if not self._off:
             return None
-        station = min(off, key=lambda each: (each.off_left, each.number))
+        station = min(self._off, key=lambda each: (each.off_left, each.number))
         if self._endless is None:
             return self._recessive_ns + self.span_ns(station.off_left * IDLE_BITS), station
         attempts, rest = divmod(station.off_left - 1, _PASSIVE_SEQUENCES)
@@ -478,8 +498,9 @@ class CanBus:
     def _recover(self, now: Nanos, station: _Station) -> Change:
         """Rule 5: a new beginning."""
         self._wake_up(now)
+        self._off.remove(station)
         station.off_left = station.tec = station.rec = station.hold_bits = 0
-        station.since_ns = now
+        station.since_ns = self._latest_since_ns = now
         return Change(now, station.number, "active")
 
 
