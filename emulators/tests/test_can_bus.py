@@ -435,3 +435,42 @@ def test_who_begins_together_is_heard_by_arbitration(frames: list[tuple[int, byt
     keys = [arbitration_key(each.frame) for each in heard(bus.run_until(S))]
     assert keys == sorted(keys)
     assert len(keys) == len(frames)
+
+
+@pytest.mark.parametrize("bitrate", [None, 500_000, 125_000])
+@pytest.mark.parametrize("seed", range(40))
+def test_stations_may_come_go_and_collide_at_any_time(seed: int, bitrate: int | None) -> None:
+    """Time never goes back, nothing hangs, and who stays gets everything through in the end."""
+    chance = random.Random(seed)
+    bus, now, last = bus_of(4, bitrate), 0, 0
+    for _ in range(150):
+        number = chance.randrange(4)
+        action = chance.random()
+        if not bus.is_attached(number):
+            if action < 0.5:
+                bus.join(number, now)
+        elif action < 0.7:
+            identifier = chance.choice((0x581, 0x581, 0x582, 0x080 + number))
+            data = chance.choice((b"\1", b"\2", b"12345678"))
+            bus.offer(
+                number, CanFrame(identifier, data), now + chance.choice((0, 0, 1000, S // 50))
+            )
+        elif action < 0.75:
+            bus.leave(number, now)
+        elif action < 0.8:
+            bus.withdraw(number, now)
+        now += chance.choice((0, 0, 5 * BIT, 77 * BIT, 1234 * BIT, S // 10))
+        for each in bus.run_until(now):
+            at = each.time_ns if isinstance(each, Change) else each.end_ns
+            assert last <= at <= now
+            last = at
+            if isinstance(each, Heard):
+                assert not {*each.senders} & {*each.listeners}
+        due = bus.next_event()
+        assert due is None or due > now
+    for number in range(4):
+        if not bus.is_attached(number):
+            bus.join(number, now)
+    bus.run_until(now + 60 * S)
+    assert [bus.backlog(number) for number in range(4)] == [0] * 4
+    assert bus.next_event() is None
