@@ -106,13 +106,17 @@ class Timeline:
     after: str = field(default="HD", compare=False)
 
     def __hash__(self) -> int:
-        return hash((self.mode, self.origin, self.start_ns, self.direction, self.ff))
+        course = self.course
+        shape = 0 if course is None else (course.law.rounding, course.changed_at, course.descent_at)
+        return hash((self.origin, self.start_ns, self.direction, self.ff, shape))
 
     @once
     def legs(self) -> tuple[Leg, ...]:
         """All legs in order, cut short where a software stop ends the motion (MACS-STOP-03)."""
-        legs: list[Leg] = []
         place, now_ns = self.origin, self.start_ns
+        if self.course is not None and self.stops is None and not self.segments:
+            return (Leg(now_ns, place, self.direction, self.course.profile),)
+        legs: list[Leg] = []
         if self.course is not None:
             leg, hit = self._cut(Leg(now_ns, place, self.direction, self.course.profile))
             legs.append(leg)

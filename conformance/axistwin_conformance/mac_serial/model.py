@@ -148,10 +148,11 @@ class AxisModel:
             # The mode is beyond doubt, and only what acts on the axis needs more than that.
             first = forecast.timelines[0]
             kind = self._reply(first, earliest_ns, index, parameter, forecast.mode)
-            if index not in ACTING or (kind is Kind.REFUSED and index != 0x15):
+            if index not in ACTING or kind is Kind.REFUSED:
                 return {kind: forecast}
-            if index == 0x18 and kind is Kind.ACCEPTED:
+            if index == 0x18:
                 return {kind: forecast.halted(window)}
+            return {kind: self._followed(forecast, window, index, parameter)}
         branches: dict[Kind, list[Timeline]] = {}
         for timeline in self.forecast.timelines:
             for edge in window.edges:
@@ -171,16 +172,18 @@ class AxisModel:
         kind = self._reply(rested.timelines[0], earliest_ns, index, parameter, self._state("HD"))
         if kind is not Kind.ACCEPTED or index not in ACTING or index in STOPPING:
             return {kind: rested}
-        return {
-            kind: Forecast.of(
-                [
-                    follower
-                    for timeline in rested.timelines
-                    for edge in window.edges
-                    for follower in self._effect(timeline, edge, index, parameter)
-                ]
-            )
-        }
+        return {kind: self._followed(rested, window, index, parameter)}
+
+    def _followed(self, forecast: Forecast, window: Window, index: int, parameter: int) -> Forecast:
+        """What follows a command that is obeyed, whichever history is true."""
+        return Forecast.of(
+            [
+                follower
+                for timeline in forecast.timelines
+                for edge in window
+                for follower in self._effect(timeline, edge, index, parameter)
+            ]
+        )
 
     def _content(self, index: int, state: str) -> str:
         """The cell of the acceptance table, in the readings of this device."""

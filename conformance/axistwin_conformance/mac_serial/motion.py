@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import accumulate, pairwise
 from typing import Any, Final, Generic, Self, TypeVar, overload
@@ -234,7 +234,7 @@ class Course:
     frozen for the sake of speed.
 
     `base`: the period the ramp is built from; `coefficient`: AA; `distance`: of 13h and 14h only;
-    `transition_at`, `transition_end`: the steps between which a speed change happens, if one was
+    `changed_at`, `changed_until`: the steps between which a speed change happens, if one was
     ordered, and `before`, the course it changed; `descent_at`: the step from which an ordered
     stop slows the axis down.
     """
@@ -244,8 +244,8 @@ class Course:
     coefficient: int
     law: Law
     distance: int | None = None
-    transition_at: int | None = None
-    transition_end: int = 0
+    changed_at: int | None = None
+    changed_until: int = 0
     before: Course | None = None
     descent_at: int | None = None
 
@@ -263,7 +263,7 @@ class Course:
     def _climbed(self, done: int) -> int:
         """The ramp counter j after `done` increments, none of them of a descent."""
         length = ramp_increments(self.coefficient)
-        if self.transition_at is not None:
+        if self.changed_at is not None:
             return length
         limit = length if self.distance is None else min(length, self.distance // 2)
         return min(done, limit)
@@ -281,20 +281,23 @@ class Course:
         The increment in progress is finished first; then the climbed increments are descended.
         """
         done = self.profile.steps_by(ticks) + 1
-        if self.before is not None and done == self.transition_at:
+        if self.before is not None and done == self.changed_at:
             return self.before.stopped(ticks)  # the change had not begun: nothing to descend from
         whole = self.profile.steps
         if (whole is not None and done >= whole) or self._is_descending(done):
             return self
         climbed = self._climbed(done)
         base = self.base
-        if self.transition_at is not None and done <= self.transition_end:
+        if self.changed_at is not None and done <= self.changed_until:
             base = self.profile.period_of(done - 1)  # from the level in use
         if self.law.stop == "ramp_length":
             climbed = ramp_increments(self.coefficient)
         descent = _descent(base, self.coefficient, self.law, climbed)
         profile = self.profile.first(done).then(descent)
-        return replace(self, profile=profile, descent_at=done, distance=None)
+        return Course(
+            profile, self.base, self.coefficient, self.law, None, self.changed_at,
+            self.changed_until, self.before, done,
+        )  # fmt: skip
 
     def changed(self, ticks: int, period: int) -> Course:
         """The course when 15h asks for `period` > 0, `ticks` after the start."""
@@ -308,7 +311,7 @@ class Course:
             period,
             self.coefficient,
             self.law,
-            transition_at=done,
+            changed_at=done,
             before=self,
-            transition_end=done + length,
+            changed_until=done + length,
         )
