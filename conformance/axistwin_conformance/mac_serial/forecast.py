@@ -388,7 +388,7 @@ class Forecast:
 
     def stopped(self, window: Window) -> Forecast:
         """17h, or 15h with period 0, was taken over in the window."""
-        return self.map(window, _ramped_stop)
+        return self.map(window, slowed_down)
 
     def halted(self, window: Window) -> Forecast:
         """18h was taken over in the window: the axis stands where it is (§5.7)."""
@@ -402,7 +402,7 @@ class Forecast:
 
     def changed(self, window: Window, period: int) -> Forecast:
         """15h with a new period was taken over in the window, during 13h, 14h or 15h."""
-        return self.map(window, lambda timeline, edge: _speed_change(timeline, edge, period))
+        return self.map(window, lambda timeline, edge: speed_changed(timeline, edge, period))
 
     def bounds(self, window: Window) -> tuple[int, int]:
         """The lowest and the highest counter that may be read in the window.
@@ -456,14 +456,16 @@ def _ticks(timeline: Timeline, now_ns: int) -> int:
     return max(0, now_ns - timeline.start_ns) // TICK_NS
 
 
-def _ramped_stop(timeline: Timeline, now_ns: int) -> Timeline:
+def slowed_down(timeline: Timeline, now_ns: int) -> Timeline:
+    """A history in which 17h, or 15h with period 0, was taken over then."""
     if timeline.course is None or timeline.mode_at(now_ns) not in ("PO", "VE"):
         return timeline
     course = timeline.course.stopped(_ticks(timeline, now_ns))
     return timeline.turned(timeline.mode, course, ())  # what waits is dropped (MACS-AMB-51)
 
 
-def _speed_change(timeline: Timeline, now_ns: int, period: int) -> Timeline:
+def speed_changed(timeline: Timeline, now_ns: int, period: int) -> Timeline:
+    """A history in which 15h with a new period was taken over then."""
     if timeline.course is None or timeline.mode_at(now_ns) not in ("PO", "VE"):
         return timeline
     course = timeline.course.changed(_ticks(timeline, now_ns), period)

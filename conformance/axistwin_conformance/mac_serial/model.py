@@ -26,6 +26,8 @@ from axistwin_conformance.mac_serial.forecast import (
     Segment,
     Timeline,
     Window,
+    slowed_down,
+    speed_changed,
 )
 from axistwin_conformance.mac_serial.motion import Course, Law
 
@@ -257,7 +259,7 @@ class AxisModel:
         if index == 0x11 and is_resting and self.preloaded is not None:
             return self._start(now, edge, self.preloaded, self.preload_parameter)
         if index == 0x17:
-            return list(Forecast((now,)).stopped(Window(edge, edge)).timelines)
+            return [slowed_down(now, edge)]
         if index in (0x18, 0x1A, REINITIALISE):
             rest = now.at_rest(edge)
             return [rest.told(0) if index == REINITIALISE else rest]
@@ -271,12 +273,8 @@ class AxisModel:
         if is_resting:
             return self._start(now, edge, index, parameter)
         # Only 15h gets here: 13h and 14h are refused while running.
-        instant = Window(edge, edge)
         period = parameter & 0xFFFF
-        course = Forecast((now,))
-        return list(
-            (course.changed(instant, period) if period else course.stopped(instant)).timelines
-        )
+        return [speed_changed(now, edge, period) if period else slowed_down(now, edge)]
 
     def _start(self, now: Timeline, edge: int, index: int, parameter: int) -> list[Timeline]:
         one = self.parameters

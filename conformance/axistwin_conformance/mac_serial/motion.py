@@ -209,10 +209,11 @@ def climb_and_cruise(period: int, coefficient: int, law: Law) -> Profile:
     return Profile((*ramp(period, coefficient, law), Run(None, period)))
 
 
-def transition(before: int, after: int, coefficient: int, law: Law) -> list[Run]:
+@lru_cache(maxsize=1024)
+def transition(before: int, after: int, coefficient: int, law: Law) -> tuple[Run, ...]:
     """The increments that lead from period `before` to `after` (§5.7), without the cruise."""
     if law.change == "step" or coefficient == 0:
-        return []
+        return ()
     runs, last = [], 0
     for level in range(1, RAMP_LEVELS):
         edge_units = after * (16 * level - level * (level + 1) // 2)
@@ -222,7 +223,7 @@ def transition(before: int, after: int, coefficient: int, law: Law) -> list[Run]
         period = divide(RAMP_LEVELS * before * after, speed_units, law.rounding)
         runs.append(Run(edge - last, period))
         last = edge
-    return runs
+    return tuple(runs)
 
 
 # --- motions that are changed or stopped under way -----------------------------------------------
