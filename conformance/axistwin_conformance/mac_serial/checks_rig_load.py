@@ -200,6 +200,33 @@ def a_move_held_for_a_while_makes_up_for_it_at_its_end(session: Session) -> None
     session.expect(place == target, ("MACS-CMD-0E-01", "MACS-BUSY-01"), target, place)
 
 
+@check("MACS-STOP-01", "MACS-CMD-0E-01", safety=WORKED, needs=(*HOLD, "rig:positive_stop"),
+       level="full")  # fmt: skip
+def a_hardware_stop_lets_a_catch_up_away_from_it_go_on(session: Session) -> None:
+    """Catching up counts down: an active positive stop is none of its business."""
+    bench = RigBench(session)
+    start = bench.begin(0x0640)
+    if bench.known("position_source"):
+        session.skip("20h tells the set-point: nothing to see of the shaft (MACS-AMB-55)")
+    bench.accepted(0x0E, SLOW_CATCH_UP << 8)
+    bench.accepted(0x03, 1)
+    bench.rig.hold_shaft(True)
+    end = bench.go(start - LAG).end
+    assert end is not None
+    bench.wait_until(end.latest_ns)
+    bench.wait(0.1)
+    bench.contact("positive_stop", True)
+    bench.rig.hold_shaft(False)
+    bench.wait((LAG + 5) * _catch_up_ns(SLOW_CATCH_UP) / 1e9)
+    place, ff = bench.position(), bench.stopped_on()
+    bench.contact("positive_stop", False)
+    bench.accepted(0x03, 0)
+    session.expect(
+        (place, ff) == (start - LAG, 0), ("MACS-STOP-01", "MACS-CMD-0E-01"),
+        f"at {start - LAG}, ff 00", f"at {place}, ff {ff:02X}",
+    )  # fmt: skip
+
+
 def _change_under_way(bench: RigBench) -> None:
     """0Eh during catch-up is accepted, and counts from the next increment on."""
     slow = EASY_CATCH_UP
