@@ -34,7 +34,7 @@ from typing import NamedTuple
 from axistwin.errors import UsageError
 from axistwin.kernel.time import NS_PER_S, Nanos
 from axistwin.motion.inertia import Chase, Mechanics, leg_speed
-from axistwin.motion.spans import Arc, Following, Span, Stepping, Still
+from axistwin.motion.spans import NO_SPEED, Arc, Following, Span, Stepping, Still
 from axistwin.motion.trajectory import TICK_NS, Piece, SetPoint, Trajectory
 
 _DENOMINATOR_BITS = 128
@@ -123,6 +123,8 @@ class Plant:
         self._torque_nm = torque_nm
         self._catch_up_ticks = catch_up_ticks
         self._load = load or Load()
+        self._is_ideal = mechanics is None
+        self._is_blocked = self._find_blocked()
         self._shaft = _Shaft(now_ns, Fraction(position), Fraction(0))
         self._set_point: SetPoint | None = None
         self._base = 0
@@ -240,12 +242,16 @@ class Plant:
     def _look_at_shaft(self, now_ns: Nanos) -> None:
         span = self._span_at(now_ns)
         offset: int | None = None
-        if self._set_point is not None and (self._is_ideal or isinstance(span, Following)):
+        if type(span) is Following:
+            exact, speed = span.state_at(now_ns)
+            self._shaft = _Shaft(now_ns, exact, speed, span.offset)
+            return
+        if self._set_point is not None and self._is_ideal:
             offset = span.position_at(now_ns) - self._set_point.displacement_at(now_ns)
         speed, step_due_ns = span.speed_at(now_ns), None
         if isinstance(span, Stepping):
             steps = span.trajectory
-            speed = Fraction(0)
+            speed = NO_SPEED
             step_due_ns = steps.end_of_increment_ns(steps.completed_at(now_ns) + 1)
         self._shaft = _Shaft(now_ns, span.exact_at(now_ns), speed, offset, step_due_ns)
 
@@ -315,6 +321,9 @@ class Plant:
 
         None: never, unless something happens to it.
         """
+        lone = self._simple_span_at(after_ns)
+        if lone is not None and lone.end_ns is None:
+            return lone.reach_ns(position, after_ns)
         for span in self._spans_from(after_ns):
             reached_ns = span.reach_ns(position, max(after_ns, span.start_ns))
             if reached_ns is not None and (span.end_ns is None or reached_ns < span.end_ns):
@@ -327,6 +336,9 @@ class Plant:
         As things stand; None: never.  Position mode only.
         """
         assert self._target is not None, "only position mode has a target"
+        lone = self._simple_span_at(after_ns)
+        if type(lone) is Still:
+            return after_ns if abs(lone.position - self._target) <= tolerance else None
         settled_ns: Nanos | None = None
         for span in self._spans_from(after_ns):
             start_ns = max(after_ns, span.start_ns)
@@ -342,16 +354,12 @@ class Plant:
 
     def rest_ns(self, after_ns: Nanos) -> Nanos | None:
         """Since when (>= ``after_ns``) the shaft stands still for good, as things stand."""
-        if self._set_point is None and self._run_out is None:
-            return after_ns  # as most of the time, and no fraction has to be looked at
-        *_, last = self._spans_from(after_ns)
+        last = self._simple_span_at(after_ns)
+        if last is None or last.end_ns is not None:
+            *_, last = self._spans_from(after_ns)
         return max(after_ns, last.start_ns) if isinstance(last, Still) else None
 
     # ---- inside ----
-
-    @property
-    def _is_ideal(self) -> bool:
-        return self._mechanics is None
 
     def _spans(self) -> Iterator[Span]:
         """The future as things stand, from the present on; the last span has no end."""
@@ -362,7 +370,7 @@ class Plant:
                 yield self._run_out
                 yield from self._at_rest(rest_ns, self._run_out.rest)
                 return
-        if self._set_point is None or self._is_blocked():
+        if self._set_point is None or self._is_blocked:
             yield Still(now_ns, None, _whole(self._shaft))
             return
         profile = self._ideal_profile if self._is_ideal else self._inertial_profile
@@ -405,7 +413,7 @@ class Plant:
 
     def _at_rest(self, start_ns: Nanos, position: int) -> Iterator[Span]:
         """What follows a run-out: nothing, or the way back to the place that is held."""
-        if self._is_blocked():
+        if self._is_blocked:
             yield Still(start_ns, None, position)
         else:
             yield from self._after_profile(start_ns, position)
@@ -433,13 +441,37 @@ class Plant:
 
     def _span_at(self, now_ns: Nanos) -> Span:
         """The span in which ``now_ns`` lies."""
-        return next(self._spans_from(now_ns))
+        return self._simple_span_at(now_ns) or next(self._spans_from(now_ns))
+
+    def _simple_span_at(self, now_ns: Nanos) -> Span | None:
+        """What ``_span_at`` finds where nothing is special, with less ado; else None."""
+        set_point, shaft = self._set_point, self._shaft
+        if self._run_out is not None or not self._is_ideal:
+            return None
+        if set_point is None or self._is_blocked:
+            return Still(shaft.now_ns, None, _whole(shaft))
+        offset = shaft.offset
+        assert offset is not None, "an ideal shaft always knows its lag"
+        if self._target is None:
+            return Following(shaft.now_ns, None, set_point, offset)
+        end_ns = set_point.end_ns
+        if end_ns is None or now_ns < end_ns:
+            return Following(shaft.now_ns, end_ns, set_point, offset)
+        start_ns = max(shaft.now_ns, end_ns)
+        if offset + set_point.displacement_at(start_ns) == self._target:
+            return Still(start_ns, None, self._target)
+        return None
 
     def _let_run(self, now_ns: Nanos, increments: int | None, slowing: Fraction) -> None:
         """Give up the set-point and come to rest after ``increments``, or at the rate given.
 
         An ideal shaft that is given no way rests at once.
         """
+        if self._is_ideal and not increments:
+            position = self.position_at(now_ns)
+            self._set_point = self._target = self._run_out = None
+            self._shaft = _Shaft(now_ns, Fraction(position), NO_SPEED)
+            return
         self.advance(now_ns)
         shaft, position = self._shaft, self.position_at(now_ns)
         if position != _whole(shaft):  # a set-point has begun a step at this very instant
@@ -448,9 +480,9 @@ class Plant:
         shaft = shaft._replace(exact=_bounded(shaft.exact), speed=_bounded(shaft.speed))
         self._set_point = self._target = self._run_out = None
         if increments is None:
-            increments = 0 if self._is_ideal else ceil(shaft.speed**2 / (2 * slowing))
+            increments = ceil(shaft.speed**2 / (2 * slowing))
         if shaft.speed == 0 or increments == 0:
-            self._shaft = _Shaft(now_ns, Fraction(position), Fraction(0))
+            self._shaft = _Shaft(now_ns, Fraction(position), NO_SPEED)
             return
         direction = 1 if shaft.speed > 0 else -1
         way = position + direction * increments - shaft.exact
@@ -463,11 +495,12 @@ class Plant:
         """Change load and torque; what holds the shaft fast also ends its running out."""
         self.advance(now_ns)
         self._load, self._torque_nm = load, torque_nm
+        self._is_blocked = self._find_blocked()
         if load.held:
             self._run_out = None
             self._look_at_shaft(now_ns)  # it has no speed any more
 
-    def _is_blocked(self) -> bool:
+    def _find_blocked(self) -> bool:
         """Whether the load keeps the drive from turning the shaft."""
         torque_nm = self._load.exact_torque_nm
         stalled = torque_nm > 0 and torque_nm >= self._torque_nm
@@ -485,7 +518,7 @@ class Plant:
         Without any of them friction does, and at least at 1 inc/s².
         """
         if self._mechanics is None:
-            return Fraction(0)
+            return NO_SPEED
         total_nm = max(torque_nm + self._load.exact_torque_nm, self._mechanics.friction_nm)
         rate = self._mechanics.acceleration(total_nm, self._load.exact_inertia_kgcm2)
         return max(rate, Fraction(1, NS_PER_S**2))

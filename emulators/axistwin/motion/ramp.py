@@ -31,11 +31,12 @@ Rules
 3. AA = 0: no ramp in either direction; changes and stops act at the next increment.
 """
 
-from bisect import bisect_right
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import lru_cache
+from itertools import chain
 from typing import NamedTuple
 
 from axistwin.kernel.time import Nanos
@@ -137,15 +138,16 @@ class Ramp:
     period_ticks: int
     aa: int
     rules: RampRules = DEFAULT_RULES
+    length: int = field(init=False, repr=False, compare=False)
+    """N: the ramp counter at full speed."""
+    _bounds: tuple[int, ...] = field(init=False, repr=False, compare=False)
+    _whole: list[Piece] = field(init=False, repr=False, compare=False)
 
-    @property
-    def length(self) -> int:
-        """N: the ramp counter at full speed."""
-        return ramp_length(self.aa)
-
-    @property
-    def _bounds(self) -> tuple[int, ...]:
-        return level_bounds(self.length, self.rules.ramp_law)
+    def __post_init__(self) -> None:
+        length = ramp_length(self.aa)
+        object.__setattr__(self, "length", length)
+        object.__setattr__(self, "_bounds", level_bounds(length, self.rules.ramp_law))
+        object.__setattr__(self, "_whole", [])
 
     def level_at(self, counter: int) -> int:
         """The level [1..16] of the increment that a climb starts at ``counter`` [0..N]."""
@@ -159,17 +161,35 @@ class Ramp:
         """A[counter], and P at N; the period on which the speed is held at that counter."""
         return self.level_period(self.level_at(counter))
 
-    def climb(self, low: int, high: int) -> Iterator[Piece]:
+    def climb(self, low: int, high: int) -> list[Piece]:
         """The increments that take the counter from ``low`` up to ``high`` (<= N)."""
-        while low < high:
-            level = self.level_at(low)
-            end = min(high, self._bounds[level - 1])
-            yield Piece(end - low, self.level_period(level))
-            low = end
+        if low >= high:
+            return []
+        whole = self._levels
+        first, last = bisect_right(self._bounds, low), bisect_left(self._bounds, high)
+        pieces = whole[first : last + 1]
+        if low:
+            ahead = (self._bounds[first] if first < last else high) - low
+            pieces[0] = Piece(ahead, pieces[0].period_ticks)
+        if first < last or not low:
+            begin = self._bounds[last - 1] if last else 0
+            pieces[-1] = Piece(high - begin, pieces[-1].period_ticks)
+        return pieces
 
-    def descend(self, high: int) -> Iterator[Piece]:
+    @property
+    def _levels(self) -> list[Piece]:
+        """The climb to N, level by level; found out when it is first needed."""
+        if not self._whole:
+            begin, divide = 0, self.rules.rounding.divide
+            full_ticks = FULL_LEVEL * self.period_ticks
+            for level, end in enumerate(self._bounds, 1):
+                self._whole.append(Piece(end - begin, divide(full_ticks, level)))
+                begin = end
+        return self._whole
+
+    def descend(self, high: int) -> list[Piece]:
         """The increments that take the counter from ``high`` down to 0: the climb mirrored."""
-        return reversed(list(self.climb(0, high)))
+        return self.climb(0, high)[::-1]
 
 
 class Phase(NamedTuple):
@@ -236,7 +256,7 @@ def plan_endless(ramp: Ramp, counter: int = 0) -> tuple[Phase, ...]:
 
 def joined(phases: Sequence[Phase]) -> tuple[Piece, ...]:
     """The increments of ``phases`` as merged pieces."""
-    return merged(piece for phase in phases for piece in phase.pieces)
+    return merged(chain.from_iterable([phase.pieces for phase in phases]))
 
 
 def stop_pieces(

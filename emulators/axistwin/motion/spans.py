@@ -9,10 +9,13 @@ from bisect import bisect_left
 from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil, floor
-from typing import Protocol
+from typing import Final, NamedTuple, Protocol
 
 from axistwin.kernel.time import Nanos
 from axistwin.motion.trajectory import TICK_NS, SetPoint, Trajectory
+
+
+NO_SPEED: Final = Fraction(0)
 
 
 def nearest_increment(exact: Fraction, direction: int) -> int:
@@ -44,8 +47,7 @@ class Span(Protocol):
         """First time >= ``after_ns`` at ``position``, were the span endless; None: never."""
 
 
-@dataclass(frozen=True, slots=True)
-class Still:
+class Still(NamedTuple):  # made for every look at a shaft: a third of a frozen dataclass's time
     """The shaft does not move."""
 
     start_ns: Nanos
@@ -62,15 +64,14 @@ class Still:
 
     def speed_at(self, now_ns: Nanos) -> Fraction:
         """None."""
-        return Fraction(0)
+        return NO_SPEED
 
     def reach_ns(self, position: int, after_ns: Nanos) -> Nanos | None:
         """At once or never."""
         return after_ns if position == self.position else None
 
 
-@dataclass(frozen=True, slots=True)
-class Following:
+class Following(NamedTuple):
     """The shaft makes every step of the set-point, ``offset`` increments away from its count."""
 
     start_ns: Nanos
@@ -84,18 +85,21 @@ class Following:
 
     def exact_at(self, now_ns: Nanos) -> Fraction:
         """The position and the part of the set-point's increment under way."""
-        leg = next(self.set_point.legs(now_ns))
-        position = Fraction(self.position_at(now_ns))
-        if not leg.direction:
-            return position
-        period_ns = leg.period_ticks * TICK_NS
-        part = Fraction((now_ns - leg.start_ns) % period_ns, period_ns)
-        return position + leg.direction * part
+        return self.state_at(now_ns)[0]
 
     def speed_at(self, now_ns: Nanos) -> Fraction:
         """The set-point's speed."""
-        leg = next(self.set_point.legs(now_ns))
-        return Fraction(leg.direction, leg.period_ticks * TICK_NS) if leg.direction else Fraction(0)
+        return self.state_at(now_ns)[1]
+
+    def state_at(self, now_ns: Nanos) -> tuple[Fraction, Fraction]:
+        """``exact_at`` and ``speed_at``."""
+        leg, position = next(self.set_point.legs(now_ns)), self.position_at(now_ns)
+        if not leg.direction:
+            return Fraction(position), NO_SPEED
+        period_ns = leg.period_ticks * TICK_NS
+        part_ns = (now_ns - leg.start_ns) % period_ns
+        exact = Fraction(position * period_ns + leg.direction * part_ns, period_ns)
+        return exact, Fraction(leg.direction, period_ns)
 
     def reach_ns(self, position: int, after_ns: Nanos) -> Nanos | None:
         """When the set-point gets there."""

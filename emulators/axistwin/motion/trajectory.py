@@ -28,7 +28,6 @@ from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from itertools import accumulate
 from typing import NamedTuple, Protocol
 
 from axistwin.kernel.time import Nanos
@@ -87,14 +86,17 @@ class SetPoint(Protocol):
 def merged(pieces: Iterable[Piece]) -> tuple[Piece, ...]:
     """The same increments with empty pieces dropped and neighbours of one period joined."""
     result: list[Piece] = []
+    last_ticks = 0
     for piece in pieces:
-        if piece.increments == 0:
+        increments, period_ticks = piece
+        if increments == 0:
             continue
-        if result and result[-1].period_ticks == piece.period_ticks:
-            last = result.pop().increments
-            together = None if last is None or piece.increments is None else last + piece.increments
-            piece = Piece(together, piece.period_ticks)
+        if period_ticks == last_ticks:
+            before = result.pop().increments
+            together = None if before is None or increments is None else before + increments
+            piece = Piece(together, period_ticks)
         result.append(piece)
+        last_ticks = period_ticks
     return tuple(result)
 
 
@@ -123,36 +125,38 @@ class Trajectory:
     pieces: tuple[Piece, ...]
     step_phase: StepPhase = StepPhase.END
     before: int = 0
-    _counts: tuple[int, ...] = field(init=False, repr=False, compare=False)
-    _ticks: tuple[int, ...] = field(init=False, repr=False, compare=False)
+    is_endless: bool = field(init=False, repr=False, compare=False)
+    """Whether the last piece has no end."""
+    end_ns: Nanos | None = field(init=False, repr=False, compare=False)
+    """When the last increment is complete (``start_ns`` if there is none); None: never."""
+    _counts: list[int] = field(init=False, repr=False, compare=False)
+    _ticks: list[int] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         assert self.direction in (-1, 1), f"direction {self.direction} is neither +1 nor -1"
         assert self.before >= 0, f"{self.before} increments before the start"
-        finite = self.pieces
-        if finite and finite[-1].increments is None:
-            finite = finite[:-1]
-        lengths = [0 if n is None else n for n, _ in finite]
-        assert all(n >= 1 for n in lengths), f"empty or endless piece inside {self.pieces}"
-        assert all(period >= 1 for _, period in self.pieces), f"period below 1 in {self.pieces}"
-        spans = (n * period for n, (_, period) in zip(lengths, finite, strict=True))
-        object.__setattr__(self, "_counts", tuple(accumulate(lengths, initial=0)))
-        object.__setattr__(self, "_ticks", tuple(accumulate(spans, initial=0)))
+        counts, ticks, count, tick, is_endless = [0], [0], 0, 0, False
+        for increments, period_ticks in self.pieces:
+            assert period_ticks >= 1, f"period below 1 in {self.pieces}"
+            assert not is_endless, f"endless piece inside {self.pieces}"
+            if increments is None:
+                is_endless = True
+                continue
+            assert increments >= 1, f"empty piece in {self.pieces}"
+            count += increments
+            tick += increments * period_ticks
+            counts.append(count)
+            ticks.append(tick)
+        end_ns = None if is_endless else self.start_ns + tick * TICK_NS
+        object.__setattr__(self, "_counts", counts)
+        object.__setattr__(self, "_ticks", ticks)
+        object.__setattr__(self, "is_endless", is_endless)
+        object.__setattr__(self, "end_ns", end_ns)
 
     @property
     def total_increments(self) -> int | None:
         """The count when the motion is over, ``before`` included; None if it never is."""
         return None if self.is_endless else self.before + self._counts[-1]
-
-    @property
-    def is_endless(self) -> bool:
-        """Whether the last piece has no end."""
-        return bool(self.pieces) and self.pieces[-1].increments is None
-
-    @property
-    def end_ns(self) -> Nanos | None:
-        """When the last increment is complete (``start_ns`` if there is none); None: never."""
-        return None if self.is_endless else self.start_ns + self._ticks[-1] * TICK_NS
 
     def completed_at(self, now_ns: Nanos) -> int:
         """Increments complete by ``now_ns``, whatever the step phase (>= ``before``)."""
@@ -168,8 +172,9 @@ class Trajectory:
     def increments_at(self, now_ns: Nanos) -> int:
         """Increments counted by ``now_ns``, each at its end or its start as ``step_phase`` says."""
         count = self.completed_at(now_ns)
-        begun = self.step_phase is StepPhase.START and now_ns >= self.start_ns
-        return count + 1 if begun and count != self.total_increments else count
+        if self.step_phase is StepPhase.END or now_ns < self.start_ns:
+            return count
+        return count if count == self.total_increments else count + 1
 
     def end_of_increment_ns(self, n: int) -> Nanos:
         """When increment ``n`` is complete; ``before < n <= total_increments``."""
