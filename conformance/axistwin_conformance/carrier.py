@@ -24,12 +24,11 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, cast
 
 from axistwin_conformance.errors import OutsideEnvelope, TargetError, TwinCrashed
-from axistwin_conformance.targets import Fence, RoundTrip, crash_of
+from axistwin_conformance.targets import MOST_HUSHES, Fence, RoundTrip, Target, crash_of
 from axistwin_conformance.transcript import Direction, Transcript
 
 SILENCE_NOTED_S = 0.05  # shorter waits in vain are not worth a line in the transcript
 STOP_HEARD_NS = 50_000_000  # a device has replied to a stop by then
-MOST_HUSHES = 20  # a device that never stops talking is not waited for
 
 
 class Carrier(ABC):
@@ -211,3 +210,6 @@ class Carrier(ABC):
             return TwinCrashed(self.crash)
         words = " ".join(str(error).split()) or type(error).__name__
         return TargetError(f"it was closed while {doing}: {words}")
+
+
+AnyTarget = Target | Carrier  # what a run may be on: a byte line, or another kind of carrier

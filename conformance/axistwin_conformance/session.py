@@ -12,9 +12,10 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NoReturn
+from typing import Any, NoReturn, cast
 
 from axistwin_conformance.budget import WriteBudget
+from axistwin_conformance.carrier import AnyTarget
 from axistwin_conformance.errors import TargetError
 from axistwin_conformance.events import FailureStored, Listener, MotionSampled
 from axistwin_conformance.ledger import Ledger
@@ -33,8 +34,6 @@ REPLY_TIMEOUT_S = 0.5  # MACS-REPLY-16: no reply time is specified; the ledger s
 # 1 000 000 unsettled.
 ATTEMPTS = 24
 HUSH_S = 0.1  # how long a line must be quiet before a request is sent again
-DRAINED_BYTES = 4096
-MOST_HUSHES = 20  # a device that never stops talking is not waited for
 MOTIONS_KEPT = 8  # per check: the first ones and the last, which is the one that failed, if any did
 EXCERPT_RECORDS = 60  # of the transcript with a finding: enough for a sequence, still readable
 
@@ -59,7 +58,7 @@ class Envelope:
 class Run:
     """What all checks of one run share."""
 
-    target: Target
+    target: AnyTarget
     family: Family
     model: Model
     ledger: Ledger
@@ -106,9 +105,14 @@ class Session:
         self._started_at = run.target.transcript.position
 
     @property
-    def target(self) -> Target:
-        """The device."""
+    def carrier(self) -> AnyTarget:
+        """The way to the device, whatever it carries."""
         return self.run.target
+
+    @property
+    def target(self) -> Target:
+        """The device on a byte line, for the families whose devices are on one."""
+        return cast(Target, self.run.target)
 
     @property
     def model(self) -> Model:
@@ -164,7 +168,7 @@ class Session:
     @property
     def reply_timeout_s(self) -> float:
         """How long to wait for a reply: the ledger's limit and the line's measured worst."""
-        return REPLY_TIMEOUT_S + self.target.round_trip.max_ns / 1e9
+        return REPLY_TIMEOUT_S + self.carrier.round_trip.max_ns / 1e9
 
     # Exchanges.
 
@@ -216,16 +220,18 @@ class Session:
         """
         quality = self.run.quality
         self.is_settled = False
-        if self.target.is_lossless:
+        if self.carrier.is_lossless:
             return True
         if not is_good:
-            self.run.patience.tried(self.target.now_ns, quality.bad_when_lost, is_silence=not reply)
+            self.run.patience.tried(
+                self.carrier.now_ns, quality.bad_when_lost, is_silence=not reply
+            )
         elif reply:
             self.run.patience.good()
         if not bad:  # a device that never answers right must not make the line look noisy
             quality.note(is_spoilt=not is_good)
         bad.append(reply)
-        asked = self.target.last_sent
+        asked = self.carrier.last_sent
         self._asked[asked] += 1
         if self.is_strict and not is_good:
             # With its number: what is polled all the time is hit by noise now and then, but a
@@ -246,25 +252,23 @@ class Session:
 
     def said(self) -> tuple[Record, ...]:
         """All that was said in this session."""
-        return self.target.transcript.since(self._started_at)
+        return self.carrier.transcript.since(self._started_at)
 
     def excerpt(self) -> tuple[Record, ...]:
         """The end of what was said in this session, for a reader who wants to follow."""
-        return self.target.transcript.since(self._started_at, EXCERPT_RECORDS)
+        return self.carrier.transcript.since(self._started_at, EXCERPT_RECORDS)
 
     def disturbed(self, text: str) -> NoReturn:
         """Give the attempt up: what was spoilt must not be repeated; the check is replayed."""
-        self.target.mark(f"given up: {text}")
+        self.carrier.mark(f"given up: {text}")
         raise Disturbed(text)
 
     def record_retry(self, text: str) -> None:
         """Record trouble on the way that is overcome by asking again, once the line is quiet:
         a reply that comes late must not be taken for the next one."""
         self.retries.append(text)
-        self.target.mark(f"asked again: {text}")
-        for _ in range(MOST_HUSHES):
-            if not self.target.receive(DRAINED_BYTES, HUSH_S):
-                break
+        self.carrier.mark(f"asked again: {text}")
+        self.carrier.hush(HUSH_S)
 
     # Judgements.
 
@@ -382,7 +386,7 @@ class Session:
 
     def note(self, text: str) -> None:
         """Write a line into the transcript, for the reader of a failure."""
-        self.target.mark(text)
+        self.carrier.mark(text)
 
     def record(self, recording: Recording) -> None:
         """Keep the operations after which the device failed, and tell them at once."""
@@ -470,7 +474,7 @@ class Session:
     ) -> None:
         excerpt = self.excerpt()
         if verdict is Verdict.FAIL and not self.failed_after:
-            self.failed_after = self.target.last_sent
+            self.failed_after = self.carrier.last_sent
         wanted = verdict in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.QUIRK)
         self.findings.append(
             Finding(requirement, verdict, text, expected, actual, excerpt if wanted else ())

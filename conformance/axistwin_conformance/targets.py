@@ -41,6 +41,8 @@ WRITE_TIMEOUT_S = 3.0
 BYTE_BITS = 10  # 8N1
 SILENCE_NOTED_S = 0.05  # shorter waits without a byte are not worth a line in the transcript
 DRAIN_BYTES = 65_536
+DRAINED_AT_ONCE = 4096
+MOST_HUSHES = 20  # a device that never stops talking is not waited for
 STOP_HEARD_NS = 50_000_000  # the reply to a stop takes 3 ms at 9600 baud
 
 
@@ -267,6 +269,13 @@ class Target:
         if dropped:
             self.mark(f"{len(dropped)} bytes nobody asked for were set aside")
         return dropped
+
+    def hush(self, seconds: float) -> None:
+        """Set aside what comes until nothing has come for so long: a late reply must not be taken
+        for the next one."""
+        for _ in range(MOST_HUSHES):
+            if not self.receive(DRAINED_AT_ONCE, seconds):
+                break
 
     def mark(self, text: str) -> None:
         """Write a line into the transcript."""

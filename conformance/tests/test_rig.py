@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from axistwin_conformance import rig as rig_module
+from axistwin_conformance.carrier import AnyTarget
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine, Result
 from axistwin_conformance.errors import CannotDo, RigError, UsageError
@@ -374,7 +375,7 @@ class FakeChoice(RigChoice):
     made: list[FakeRig] = field(default_factory=list)
     trouble: Exception | None = None
 
-    def open(self, target: Target, address: int, notify: Any) -> Rig:
+    def open(self, target: AnyTarget, address: int, notify: Any) -> Rig:
         """Make it."""
         self.made.append(FakeRig(target, trouble=self.trouble))
         return self.made[-1]

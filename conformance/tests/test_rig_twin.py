@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from axistwin_conformance.carrier import AnyTarget
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine
 from axistwin_conformance.events import CheckFinished, Event
@@ -46,7 +47,7 @@ class SlowChoice(RigChoice):
 
     capabilities: frozenset[str] = frozenset(CAPABILITIES)
 
-    def open(self, target: Target, address: int, notify: Any) -> Rig:
+    def open(self, target: AnyTarget, address: int, notify: Any) -> Rig:
         """Make it."""
         return SlowRig(target, address)
 

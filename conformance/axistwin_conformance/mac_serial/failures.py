@@ -409,7 +409,7 @@ def open_twin(session: Session) -> Target:
     for switch, reading in sorted(session.readings.items()):
         if reading != run.ledger.ambiguity_of(switch).default_of(switch):
             url += f"&quirk.{switch}={urllib.parse.quote(reading, safe='+')}"
-    baud = run.target.baud
+    baud = session.target.baud
     if baud != run.family.default_baud:
         url += f"&baud={baud}"
     return open_target(url, baud, is_builtin=True)
