@@ -37,8 +37,7 @@ class Window(NamedTuple):
         return f"{self.earliest_ns / 1e6:.3f}..{self.latest_ns / 1e6:.3f} ms"
 
 
-@dataclass(frozen=True, slots=True)
-class Segment:
+class Segment(NamedTuple):
     """A 16h (steps signed) or a 1Eh (moves False): |steps| periods of `period` ticks."""
 
     steps: int
@@ -111,11 +110,18 @@ class Timeline:
         return hash((self.origin, self.start_ns, self.direction, self.ff, shape))
 
     @once
+    def _only(self) -> Leg | None:
+        """The only leg, where nothing is behind the course and nothing may cut it short."""
+        if self.course is None or self.stops is not None or self.segments:
+            return None
+        return Leg(self.start_ns, self.origin, self.direction, self.course.profile)
+
+    @once
     def legs(self) -> tuple[Leg, ...]:
         """All legs in order, cut short where a software stop ends the motion (MACS-STOP-03)."""
+        if self._only is not None:
+            return (self._only,)
         place, now_ns = self.origin, self.start_ns
-        if self.course is not None and self.stops is None and not self.segments:
-            return (Leg(now_ns, place, self.direction, self.course.profile),)
         legs: list[Leg] = []
         if self.course is not None:
             leg, hit = self._cut(Leg(now_ns, place, self.direction, self.course.profile))
@@ -172,7 +178,7 @@ class Timeline:
         """From when on the axis is at rest: `end_ns` as a number."""
         if self.mode == "HD":
             return -NEVER_NS
-        end_ns = self.end_ns
+        end_ns = self.end_ns if self._only is None else self._only.end_ns
         return NEVER_NS if end_ns is None else end_ns
 
     @once
@@ -183,6 +189,8 @@ class Timeline:
 
     def _leg_at(self, now_ns: int) -> Leg | None:
         """The last leg that has begun."""
+        if self._only is not None:
+            return self._only if self.start_ns <= now_ns else None
         for leg in reversed(self.legs):
             if leg.start_ns <= now_ns:
                 return leg

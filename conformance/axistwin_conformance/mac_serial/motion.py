@@ -74,17 +74,17 @@ def divide(numerator: int, denominator: int, rounding: str) -> int:
     return (2 * numerator + denominator) // (2 * denominator)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, unsafe_hash=True)
 class Run:
-    """`count` increments of `period` ticks each; an endless run has count None."""
+    """`count` increments of `period` ticks each; an endless run has count None.  A value."""
 
     count: int | None
     period: int
 
 
-@dataclass(frozen=True)
+@dataclass(unsafe_hash=True)
 class Profile:
-    """A row of runs; immutable.  Only the last run may be endless."""
+    """A row of runs, a value.  Only the last run may be endless."""
 
     runs: tuple[Run, ...]
 

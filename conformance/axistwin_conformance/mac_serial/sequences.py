@@ -202,7 +202,9 @@ class Sequence:
             if drive(bench, self.model.forecast.places[0], home) != home:
                 return None
             self.model.forecast = Forecast.rest(home)
-        return Sequence(bench, self.model, home, self.release)
+        after = Sequence(bench, self.model, home, self.release)
+        after._known, after._follows = self._known, self._follows
+        return after
 
     def _is_plain_again(self) -> bool:
         """Set what differs from the beginning; False where that is not known or not accepted."""
@@ -366,7 +368,7 @@ class Sequence:
         now_ns, forecast = self.target.now_ns, self.model.forecast
         if now_ns >= forecast.over_ns:
             self.changes = 0
-            if not self._is_left_alone(now_ns + AHEAD_NS):
+            if self.target.fence is not None and not self._is_left_alone(now_ns + AHEAD_NS):
                 self.command(0x18)
             return self.model.name_of(RESTING)
         modes = forecast.modes(Window(now_ns, now_ns))
