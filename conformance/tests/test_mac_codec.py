@@ -158,3 +158,15 @@ def test_explanations_name_command_address_and_flaws() -> None:
     assert "length field 011" in codec.explain(replace(frame, length=b"011").encode())
     assert "malformed" in codec.explain(frame.encode()[:-1])
     assert codec.explain(ANSWER) == "answer 0 of 00: 00000000 (0)"
+
+
+def test_the_number_of_an_answer_is_had_without_its_reply() -> None:
+    """The short way gives what the long one gives, also of what is no good answer."""
+    summed = b"00" + b"0" + b"000003E8"
+    good = b"\x06\x13\x02011" + summed + codec.two_digits(codec.checksum(summed)) + b"\x03\x1a"
+    assert codec.parse(good).data == codec.answer_data(good) == 1000
+    for at in range(len(good)):
+        spoilt = good[:at] + bytes([good[at] ^ 0x40]) + good[at + 1 :]
+        assert codec.answer_data(spoilt) == codec.parse(spoilt).data
+    for short in (b"", b"\x15", b"\x06\x13\x1a", good[:-1]):
+        assert codec.answer_data(short) is None

@@ -8,7 +8,7 @@ import pytest
 from test_mac_machines import new_player
 
 from axistwin_conformance.mac_serial.codec import Kind
-from axistwin_conformance.mac_serial.operations import OPERATIONS, WHAT
+from axistwin_conformance.mac_serial.operations import ANCHORS, OPERATIONS, WHAT
 from axistwin_conformance.mac_serial.sequences import Mismatch, Sequence
 
 OPERATION_COUNT = 60
@@ -152,3 +152,48 @@ def test_a_place_after_segments_is_a_matter_of_segments() -> None:
             run._judge_position(1 << 20, run._now())
         assert refuted.value.requirement == name
         run.query(0x20)
+
+
+def test_a_frame_that_stores_nothing_passes_the_gate_once() -> None:
+    """Each kind of frame is shown to the gate, each one that stores to gate and meter."""
+    run = new_player().begin()
+    seen, metered = list[bytes](), list[bytes]()
+    run.target.gate, run.target.meter = seen.append, metered.append
+    for name in ("ask the position", "stop", "set the ramp") * 3:
+        run.operate(*operation(name, 2))
+    assert [one[6:8] for one in seen] == [b"20", b"18", b"0F", b"0F", b"0F"]
+    assert metered == seen
+
+
+def test_a_place_in_doubt_is_asked_for_before_the_next_motion() -> None:
+    """A stop leaves some increments of doubt; only what starts from there needs to know."""
+    run = new_player().begin()
+    for one in (operation("turn", 0, 0, 0xA0), operation("stop"), operation("ask", 6)):
+        run.operate(*one)
+    assert not run.model.forecast.is_in_one_place
+    before = len(run.story)
+    run.operate(*operation("nudge", 3))
+    assert ["20h" in one for one in run.story[before:]] == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("anchor", "place"),
+    [("here", 0), ("superior stop", 100), ("inferior stop", -50), ("home", 0), ("counter 0", 0)],
+)
+def test_a_move_beside_an_anchor_goes_there(anchor: str, place: int) -> None:
+    """An increment above it, where the state of the model says that it is."""
+    run = new_player().begin()
+    run.command(0x09, 100)
+    run.command(0x0A, -50)
+    run.operate(*operation("move beside", ANCHORS.index(anchor), 0x81))
+    assert run.model.forecast.final == (place + 1, place + 1)
+    run.conclude()
+
+
+def test_any_period_is_one_the_axis_may_run_at() -> None:
+    """From the fastest of a sequence to the slowest there is."""
+    run = new_player().begin()
+    for byte, period in ((0, 0x640), (0x10, 0x1010), (0xFF, 0xFFFF)):
+        run.operate(*operation("set any period", byte))
+        assert run.model.parameters.period == period
+    run.conclude()

@@ -262,3 +262,52 @@ def test_an_exchange_passes_the_gate_and_the_meter(toy: Any) -> None:
     with pytest.raises(AssertionError, match="closed"):
         target.exchange(b"M", 1, 0.5)
     assert toy.port.sent == ["Q"]
+
+
+def test_a_port_that_exchanges_in_one_call_is_asked_once(toy: Any) -> None:
+    """What it tells is what is told, and it stands in the transcript as always."""
+    asked = list[tuple[bytes, int, float]]()
+
+    def exchange(data: bytes, size: int, timeout_s: float) -> tuple[int, bytes, int]:
+        asked.append((data, size, timeout_s))
+        return 0, b"q", 5_000
+
+    toy.port.exchange = exchange
+    target = toy.open(())
+    before_ns = target.now_ns
+    assert target.exchange(b"Q", 1, 0.5) == (before_ns, b"q", 5_000)
+    assert asked == [(b"Q", 1, 0.5)]
+    assert toy.port.sent == []
+    assert target.now_ns == 5_000
+    assert [one.data for one in target.transcript] == [b"Q", b"q"]
+
+
+def test_a_twin_that_falls_over_in_an_exchange_is_told_with_what_it_was_asked(toy: Any) -> None:
+    """The request stands in the transcript; nothing is sent to it any more."""
+
+    def exchange(data: bytes, size: int, timeout_s: float) -> tuple[int, bytes, int]:
+        raise KeyError("fallen over")
+
+    toy.port.exchange = exchange
+    target = toy.open(())
+    with pytest.raises(TwinCrashed, match="fallen over"):
+        target.exchange(b"Q", 1, 0.5)
+    assert [one.data for one in target.transcript] == [b"Q"]
+    with pytest.raises(TwinCrashed):
+        target.send(b"S")
+
+
+def test_a_cleared_exchange_asks_neither_gate_nor_meter(toy: Any) -> None:
+    """Whoever says so has asked them about such a frame before."""
+    target, seen = toy.open(()), list[bytes]()
+    target.gate = target.meter = seen.append
+    target.exchange(b"Q", 1, 0.5, is_cleared=True)
+    assert seen == []
+
+
+def test_a_byte_takes_as_long_as_the_rate_says(toy: Any) -> None:
+    """Ten bits, also after the rate has changed."""
+    target = toy.open(())
+    assert target.byte_ns == 10 * 1_000_000_000 // 9600
+    target.baud = 38400
+    assert target.byte_ns == 10 * 1_000_000_000 // 38400
