@@ -57,6 +57,11 @@ class Frame:
         """True for a data frame with an 11-bit identifier."""
         return not (self.is_extended or self.is_remote)
 
+    @property
+    def least_bits(self) -> int:
+        """How many bits it has on the bus at least: without stuffing, up to the end of frame."""
+        return (64 if self.is_extended else 44) + 8 * len(self.data)
+
     def pack(self) -> bytes:
         """Give the bytes that stand for the frame."""
         head = self.identifier | _EXTENDED * self.is_extended | _REMOTE * self.is_remote

@@ -77,7 +77,7 @@ class CanTarget(Carrier):
     """A device on a bus.
 
     `is_spontaneous`: what devices of the family say unasked.  `is_echoing`: the interface gives us
-    our own frames without saying so.
+    our own frames without saying so.  `bitrate`: of the bus in bit/s, None if nobody has told it.
     """
 
     def __init__(
@@ -87,6 +87,7 @@ class CanTarget(Carrier):
         *,
         is_spontaneous: Wanted = nothing,
         is_echoing: bool = False,
+        bitrate: int | None = None,
         is_builtin: bool = False,
         is_lossless: bool | None = None,
     ) -> None:
@@ -103,7 +104,12 @@ class CanTarget(Carrier):
         self._echoes: deque[tuple[int, Frame]] = deque(maxlen=FRAMES_KEPT)
         self._waiting: deque[Arrival] = deque(maxlen=FRAMES_KEPT)
         self._unasked: deque[Arrival] = deque(maxlen=FRAMES_KEPT)
+        self.bitrate = bitrate
         self.error_frames = 0
+
+    def least_time_ns(self, frame: Frame) -> int:
+        """How long a frame is on the bus at least; 0 where the bit rate is not known."""
+        return 0 if self.bitrate is None else frame.least_bits * 1_000_000_000 // self.bitrate
 
     # --- sending ----------------------------------------------------------------------------------
 
@@ -307,6 +313,7 @@ def open_can_target(
         words,
         is_spontaneous=is_spontaneous,
         is_echoing=interface in ECHOING,
+        bitrate=bitrate,
         is_builtin=is_builtin,
     )
 

@@ -251,6 +251,19 @@ def test_a_reply_to_something_else_is_known_by_index_sub_index_and_direction(
     assert bool(found) is bool(words)
 
 
+@pytest.mark.parametrize(
+    ("text", "is_one"),
+    [
+        ("581 60", True), ("5FF", True), ("7E4 11", True), ("601 42 00", True), ("601 80", True),
+        ("601 40 00", False), ("601", False), ("602 42", False), ("580 42", False),
+        ("701 00", False), ("080", False),
+    ],
+)  # fmt: skip
+def test_what_may_be_a_reply_to_anything_is_known(text: str, is_one: bool) -> None:
+    """Transfers, LMT, and module 1 in the reading that replies on 601h."""
+    assert codec.is_reply(frame(text)) is is_one
+
+
 # --- what is said unasked -------------------------------------------------------------------------
 
 

@@ -65,3 +65,10 @@ def test_a_frame_is_written_as_on_a_bus_monitor() -> None:
     assert str(Frame(1, is_extended=True, is_remote=True, asked_length=4)) == (
         "00000001h [4] remote, 4"
     )
+
+
+def test_the_shortest_time_on_the_bus_is_counted_without_stuffing() -> None:
+    """44 bits around the data, 64 in the long form; a remote frame has no data."""
+    assert Frame(0x601, bytes(8)).least_bits == 108
+    assert Frame(0x601, is_extended=True).least_bits == 64
+    assert Frame(0x601, is_remote=True, asked_length=8).least_bits == 44

@@ -356,7 +356,7 @@ def test_the_replay_names_the_rig() -> None:
 class FakeRig(Rig):
     """Notes what it is told; may fail or be unable."""
 
-    def __init__(self, target: Target, *, trouble: Exception | None = None) -> None:
+    def __init__(self, target: AnyTarget, *, trouble: Exception | None = None) -> None:
         super().__init__(target, ALL)
         self.trouble = trouble
         self.done: list[str] = []

@@ -19,7 +19,6 @@ from axistwin_conformance.rig import (
     RigChoice,
     TwinRig,
 )
-from axistwin_conformance.targets import Target
 from axistwin_conformance.verdicts import Verdict
 
 TWIN = "axistwin://mac23:0,mac23:1?time=virtual"
@@ -31,7 +30,7 @@ class SlowRig(TwinRig):
 
     delay_s = 0.4
 
-    def __init__(self, target: Target, address: int) -> None:
+    def __init__(self, target: AnyTarget, address: int) -> None:
         super().__init__(target, address)
         self.is_exact = False
 

@@ -28,10 +28,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import Enum
 from typing import Final
 
 from axistwin_conformance.can_frame import Frame
+from axistwin_conformance.mac_serial.codec import COMMAND_NAMES as AXIS_COMMANDS
+from axistwin_conformance.mac_serial.codec import QUERY_NAMES as AXIS_QUERIES
+from axistwin_conformance.mac_serial.codec import Kind as Kind
+from axistwin_conformance.mac_serial.codec import signed as signed
 
 NMT: Final = 0x000
 SYNC: Final = 0x080
@@ -56,11 +59,6 @@ TRANSFER_BYTES: Final = 8
 ZEROS: Final = bytes(4)
 QUERIES: Final = range(0x20, 0x30)
 ANSWERED: Final = range(0x20, 0x28)
-
-
-def signed(value: int, bits: int = 32) -> int:
-    """Read an unsigned field of ``bits`` bits as two's complement."""
-    return value - (1 << bits) if value >> (bits - 1) else value
 
 
 # --- what the four parameter bytes mean ----------------------------------------------------------
@@ -237,18 +235,6 @@ def lmt_leave(length: int = TRANSFER_BYTES) -> Frame:
 # --- what a module says when asked ---------------------------------------------------------------
 
 
-class Kind(Enum):
-    """What a module said, or that it said nothing."""
-
-    ACCEPTED = "accepted"
-    REFUSED = "refused"
-    ANSWER = "answer"
-    GARBAGE = "garbage"
-    SILENCE = "silence"
-
-    __hash__ = object.__hash__  # a member is one object; what Enum computes takes its time
-
-
 @dataclass(frozen=True, slots=True)
 class Reply:
     """A reply taken apart.
@@ -339,6 +325,20 @@ def mismatch(one: Request, frame: Frame) -> str:
     return ""
 
 
+def is_reply(frame: Frame) -> bool:
+    """True for what modules send in reply to anything, requests and LMT, whoever it is from."""
+    return frame.is_plain and (
+        frame.identifier - REPLY in ADDRESSES
+        or frame.identifier == LMT_REPLY
+        or (frame.identifier == REQUEST + SPOKESMAN and _looks_like_reply(frame))
+    )
+
+
+def _looks_like_reply(frame: Frame) -> bool:
+    """True for the first byte of a reply: what module 1 may send on 601h (MACC-AMB-03)."""
+    return frame.data[:1] in (b"\x60", b"\x80", *(bytes([one]) for one in ANSWER_SPELLINGS))
+
+
 # --- what a module says unasked ------------------------------------------------------------------
 
 
@@ -421,42 +421,8 @@ def is_emergency(frame: Frame) -> bool:
 
 # --- words for reports ---------------------------------------------------------------------------
 
-COMMAND_NAMES: Final = {
-    0x00: "module init",
-    0x01: "EEPROM init",
-    0x02: "torque at rest",
-    0x03: "stops mode",
-    0x07: "reference input",
-    0x09: "superior software stop",
-    0x0A: "inferior software stop",
-    0x0B: "counter reset",
-    0x0C: "torque limit",
-    0x0D: "maximum-speed period",
-    0x0E: "catch-up speed",
-    0x0F: "ramp coefficient",
-    0x10: "wait for synchro",
-    0x11: "synchro",
-    0x13: "go to position",
-    0x14: "go to 0",
-    0x15: "velocity",
-    0x16: "segment",
-    0x17: "ramped stop",
-    0x18: "stop without ramp",
-    0x19: "power on",
-    0x1A: "power off",
-    0x1C: "tolerance",
-    0x1E: "virtual segment",
-}
-QUERY_NAMES: Final = {
-    0x20: "position",
-    0x21: "status",
-    0x22: "superior software stop",
-    0x23: "inferior software stop",
-    0x24: "release",
-    0x25: "speeds",
-    0x26: "ramp, torque, modes, tolerance",
-    0x27: "temperature, supply, inputs",
-}
+COMMAND_NAMES: Final = {index: AXIS_COMMANDS[index] for index in DOWNLOADS}
+QUERY_NAMES: Final = {index: AXIS_QUERIES[index] for index in UPLOADS}
 LMT_WORDS: Final = {
     b"\x04\x01": "enter configuration",
     b"\x04\x00": "return to nominal",

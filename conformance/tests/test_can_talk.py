@@ -1,0 +1,306 @@
+"""Exchanges with a module on CAN."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import pytest
+from scripted_bus import VirtualBus
+
+from axistwin_conformance.can_frame import Frame
+from axistwin_conformance.can_target import CanTarget
+from axistwin_conformance.ledger import load_ledger
+from axistwin_conformance.mac_can import codec
+from axistwin_conformance.mac_can.codec import Kind
+from axistwin_conformance.mac_can.talk import Talk
+from axistwin_conformance.noise import Disturbed
+from axistwin_conformance.registry import check
+from axistwin_conformance.session import ATTEMPTS, Run, Session, Stop
+from axistwin_conformance.verdicts import Verdict
+
+REPLY_NS = 1_000_000
+UPLOADED = {0x20: -7, 0x21: 0x0002_0000, 0x27: 0x6073_0800}
+
+
+class Module:
+    """Answers like a module at rest; `before` and `instead` say what else comes on the bus."""
+
+    def __init__(self) -> None:
+        self.before: tuple[Frame, ...] = ()
+        self.instead: list[tuple[Frame, ...]] = []
+        self.byte_order = "big"
+        self.general_reply = 0x581
+        self.bus = VirtualBus(self.answer, REPLY_NS)
+
+    def answer(self, frame: Frame) -> Iterable[Frame]:
+        """What comes of a frame."""
+        if self.instead:
+            return self.instead.pop(0)
+        if frame.identifier not in (0x600, 0x601) or len(frame.data) != 8:
+            return ()
+        command, low, high, sub_index = frame.data[:4]
+        whence = 0x581 if frame.identifier == 0x601 else self.general_reply
+        head = bytes([low, high, sub_index])
+        if command == codec.UPLOAD:
+            number = UPLOADED.get(0x20 + low, 0)
+            data = codec.parameter_bytes(0x20 + low, number, self.byte_order)
+            return (*self.before, Frame(whence, b"\x42" + head + data))
+        if command == codec.DOWNLOAD and low in codec.DOWNLOADS:
+            if low == 0x00:
+                self.bus.schedule(self.bus.virtual_time_ns + 2_000_000_000, codec.boot_up(1))
+            return (*self.before, Frame(whence, b"\x60" + head + bytes(4)))
+        return (*self.before, Frame(whence, b"\x80" + head + bytes(4)))
+
+
+def sample_check(session: Session) -> None:
+    """It behaves."""
+
+
+def make_talk(module: Module, toy: Any, *, is_lossless: bool = True, **words: Any) -> Talk:
+    """A talk with it, in a session that judges two requirements."""
+    target = CanTarget(
+        module.bus, "toy", is_spontaneous=codec.is_spontaneous, is_lossless=is_lossless, **words
+    )
+    options = toy.options()
+    run = Run(
+        target=target, family=toy.family, model=toy.family.models["toy"],
+        ledger=load_ledger("mac_can"), address=1, neighbours=(), allowed=options.allowed,
+        envelope=options.envelope, seed=5,
+    )  # fmt: skip
+    return Talk(Session(run, check("MACC-SDO-03", "MACC-SDO-06")(sample_check)))
+
+
+@pytest.fixture
+def module() -> Module:
+    """A module."""
+    return Module()
+
+
+@pytest.fixture
+def talk(module: Module, toy: Any) -> Talk:
+    """The way to talk with it, in virtual time and without noise."""
+    return make_talk(module, toy)
+
+
+def reply(text: str) -> Frame:
+    """A frame from module 1."""
+    return Frame(0x581, bytes.fromhex(text))
+
+
+# --- replies --------------------------------------------------------------------------------------
+
+
+def test_queries_are_uploads_and_commands_downloads(talk: Talk, module: Module) -> None:
+    """By the numbers they have on the serial line."""
+    assert talk.position() == -7
+    assert talk.command(0x0B).kind is Kind.ACCEPTED
+    assert talk.command(0x12).kind is Kind.REFUSED
+    assert [str(one) for one in module.bus.sent] == [
+        "601h [8] 40 00 20 00 00 00 00 00",
+        "601h [8] 23 0B 20 00 00 00 00 00",
+        "601h [8] 23 12 20 00 00 00 00 00",
+    ]
+
+
+def test_what_is_said_unasked_is_never_taken_for_the_reply(talk: Talk, module: Module) -> None:
+    """Boot-up and lifebeat between request and reply are skipped, and kept."""
+    module.before = (codec.boot_up(1), Frame(0x081, bytes(8)))
+    assert talk.position() == -7
+    assert len(talk.target.take_spontaneous()) == 2
+
+
+@pytest.mark.parametrize(
+    "stray",
+    ["42 01 20 00 00 00 00 01", "60 00 20 00 00 00 00 00", "42 00 20 01 00 00 00 01"],
+)
+def test_a_reply_to_something_else_is_waited_past(talk: Talk, module: Module, stray: str) -> None:
+    """Another index, direction or sub-index."""
+    module.before = (reply(stray),)
+    assert talk.position() == -7
+
+
+def test_another_modules_reply_is_none_of_ours(talk: Talk, module: Module) -> None:
+    """Its identifier is."""
+    module.instead = [(Frame(0x582, bytes.fromhex("42 00 20 00 00 00 00 01")),)]
+    assert talk.ask(0x20).kind is Kind.SILENCE
+
+
+@pytest.mark.parametrize(
+    ("wrong", "flaw"),
+    [
+        ("42 00 21 00 00 00 00 01", "it is for 2100h sub-index 00"),
+        ("60 00 20 00 00 00 00 00", "it accepts a download, not an upload"),
+        ("42 00 20 00", "4 bytes instead of 8"),
+        ("4F 00 20 00 00 00 00 00", "first byte 4F"),
+    ],
+)
+def test_a_reply_that_is_wrong_and_alone_is_garbage_with_its_flaw(
+    talk: Talk, module: Module, wrong: str, flaw: str
+) -> None:
+    """The module has to be blamed, not the wire."""
+    module.instead = [(reply(wrong),)]
+    exchange = talk.ask(0x20)
+    assert exchange.kind is Kind.GARBAGE
+    assert flaw in str(exchange.reply)
+
+
+def test_silence_lasts_as_long_as_a_reply_is_waited_for(talk: Talk, module: Module) -> None:
+    """And is no answer."""
+    module.instead = [()]
+    exchange = talk.ask(0x20)
+    assert exchange.kind is Kind.SILENCE
+    assert talk.target.now_ns == 500_000_000
+    module.instead = [()]
+    with pytest.raises(Stop, match="an answer to upload 2000h"):
+        talk.position()
+
+
+def test_a_late_reply_is_not_taken_for_the_next_one(talk: Talk, module: Module) -> None:
+    """What has come meanwhile is set aside before anything is asked."""
+    module.bus.schedule(600_000_000, reply("42 00 20 00 00 00 00 63"))
+    module.instead = [()]
+    assert talk.ask(0x20).kind is Kind.SILENCE
+    talk.target.wait(0.2)
+    assert talk.position() == -7
+
+
+def test_a_request_to_all_is_answered_where_module_1_answers(talk: Talk, module: Module) -> None:
+    """581h, or what the device has shown."""
+    assert talk.to_all(0x0B).kind is Kind.ACCEPTED
+    module.general_reply = 0x601
+    assert talk.to_all(0x0B).kind is Kind.SILENCE
+    talk.session.run.readings["general_reply_id"] = "601h"
+    assert talk.to_all(0x0B).kind is Kind.ACCEPTED
+
+
+def test_parameters_travel_in_the_order_the_device_has_shown(talk: Talk, module: Module) -> None:
+    """Both ways."""
+    module.byte_order = "little"
+    talk.session.run.readings["can_byte_order"] = "little"
+    assert talk.position() == -7
+    talk.command(0x16, 0x03E8_1000)
+    assert module.bus.sent[-1].data == bytes.fromhex("23 16 20 00 E8 03 00 10")
+
+
+def test_values_are_read_from_their_bytes(talk: Talk) -> None:
+    """Busy is inverted, ff is the second byte of the status."""
+    assert not talk.is_busy()
+    assert talk.stopped_on() == 0x02
+    assert talk.data_bytes(0x27) == (0x60, 0x73, 0x08, 0x00)
+
+
+# --- when ----------------------------------------------------------------------------------------
+
+
+def test_a_request_is_taken_over_between_its_sending_and_its_reply(talk: Talk) -> None:
+    """Nothing narrower is known without the bit rate."""
+    talk.target.wait(1.0)
+    assert talk.sample().taken == (1_000_000_000, 1_000_000_000 + REPLY_NS)
+
+
+def test_the_bit_rate_narrows_when_it_was_taken_over(module: Module, toy: Any) -> None:
+    """By the shortest time of the request, and of an answer; a start may count from the reply."""
+    talk = make_talk(module, toy, bitrate=1_000_000)
+    frame_ns = (44 + 64) * 1000
+    assert talk.sample().taken == (frame_ns, REPLY_NS - frame_ns)
+    begun_ns = talk.target.now_ns
+    assert talk.command(0x19).taken == (begun_ns + frame_ns, begun_ns + REPLY_NS)
+    slow = make_talk(Module(), toy, bitrate=10_000)  # frames as long as that were never sent
+    assert slow.sample().taken == (0, REPLY_NS)
+
+
+def test_a_frame_without_a_reply_is_bounded_by_the_upload_behind_it(talk: Talk) -> None:
+    """The bus has one order."""
+    assert talk.say(codec.sync()) == (0, REPLY_NS)
+    assert talk.target.now_ns == REPLY_NS
+
+
+# --- unasked --------------------------------------------------------------------------------------
+
+
+def test_a_reset_is_waited_for_until_the_boot_up_message(talk: Talk) -> None:
+    """Its time is exact."""
+    assert talk.command(0x00).kind is Kind.ACCEPTED
+    arrival = talk.wait_awake()
+    assert arrival == (codec.boot_up(1), 2_000_000_000)
+
+
+def test_a_boot_up_message_that_does_not_come_is_not_waited_for_for_ever(talk: Talk) -> None:
+    """The rest may be judged all the same."""
+    assert talk.wait_awake() is None
+    assert talk.target.now_ns == 3_000_000_000
+
+
+def test_another_modules_boot_up_is_not_ours(talk: Talk, module: Module) -> None:
+    """Unless its address is asked for."""
+    module.bus.schedule(1_000_000, codec.boot_up(5))
+    assert talk.boot_up(0.1) is None
+    assert talk.boot_up(0.0, address=5) is not None
+
+
+def test_the_lifebeat_can_be_waited_for(talk: Talk, module: Module) -> None:
+    """A boot-up message in the form of old is none."""
+    module.bus.schedule(1_000_000, codec.boot_up(1, "080h_empty"))
+    module.bus.schedule(10_000_000_000, Frame(0x081, bytes(8)))
+    assert talk.emergency(11.0) == (Frame(0x081, bytes(8)), 10_000_000_000)
+
+
+# --- judging --------------------------------------------------------------------------------------
+
+
+def test_a_reply_of_another_kind_fails_what_is_judged(talk: Talk) -> None:
+    """With the request in words."""
+    talk.accepted(0x0B, requirement="MACC-SDO-06")
+    with pytest.raises(Stop):
+        talk.refused(0x0B, requirement="MACC-SDO-03")
+    failed = [one for one in talk.session.findings if one.verdict is Verdict.FAIL]
+    assert failed[0].requirement == "MACC-SDO-03"
+    assert failed[0].expected == ("refused (to module 1: download 200Bh counter reset 00000000)",)
+
+
+def test_silence_is_judged_and_the_module_still_has_to_answer(talk: Talk, module: Module) -> None:
+    """A reply to anything but a request to us would be one too many."""
+    talk.silent(Frame(0x601, b"\x40"), "MACC-SDO-06")
+    module.instead = [(Frame(0x7E4, b"\x11\0\0"),)]
+    with pytest.raises(Stop, match="silence after LMT: enter configuration"):
+        talk.silent(codec.lmt_enter(), "MACC-SDO-06")
+
+
+# --- noise ----------------------------------------------------------------------------------------
+
+
+def test_what_got_lost_is_asked_again(module: Module, toy: Any) -> None:
+    """An upload, or a setting; what was asked again is recorded."""
+    talk = make_talk(module, toy, is_lossless=False)
+    module.instead = [()]
+    assert talk.position() == -7
+    assert len(talk.session.retries) == 1
+    module.instead = [()]
+    before_ns = talk.target.now_ns
+    taken = talk.command(0x0C, 0x40).taken
+    assert taken.earliest_ns == before_ns, "the lost one may have been obeyed"
+    assert taken.latest_ns == talk.target.now_ns
+
+
+def test_what_must_not_be_said_twice_voids_the_attempt(module: Module, toy: Any) -> None:
+    """The module may have obeyed."""
+    talk = make_talk(module, toy, is_lossless=False)
+    module.instead = [()]
+    with pytest.raises(Disturbed, match="download 2016h"):
+        talk.command(0x16, 0x0001_1000)
+
+
+def test_the_same_wrong_reply_every_time_is_the_modules_own(module: Module, toy: Any) -> None:
+    """It is handed on to be judged."""
+    talk = make_talk(module, toy, is_lossless=False)
+    module.instead = [(reply("4F 00 20 00 00 00 00 00"),)] * ATTEMPTS
+    assert talk.ask(0x20).kind is Kind.GARBAGE
+
+
+def test_a_malformed_request_is_sent_once(module: Module, toy: Any) -> None:
+    """Its silence says nothing about noise."""
+    talk = make_talk(module, toy, is_lossless=False)
+    odd = codec.Request(1, 0x40, 0x00, length=4)
+    assert talk.send(odd).kind is Kind.SILENCE
+    assert module.bus.sent == [odd.frame()]
