@@ -346,3 +346,41 @@ def test_a_module_that_is_off_hears_and_sends_nothing() -> None:
     bench.take(bench.device.power_on(bench.now))
     bench.advance(3 * S)
     assert bench.told() == ["701#00"]
+
+
+def test_a_module_may_begin_without_power() -> None:
+    """Then it is deaf until it is switched on, and boots."""
+    module = MacCan(2, powered=False)
+    assert module.next_event() is None
+    read = CanFrame(0x602, bytes.fromhex("4000200000000000"))
+    assert module.receive(read, S) == []
+    module.power_on(S)
+    assert module.next_event() == 3 * S
+    (boot_up,) = [each for each in module.wake(3 * S) if isinstance(each, SendFrame)]
+    assert boot_up == (3 * S, CanFrame(0x702, b"\0"))
+
+
+def test_what_is_due_happens_before_a_frame_is_looked_at() -> None:
+    """A module that nobody woke is brought to the frame's time first."""
+    module = MacCan(1)
+    module.receive(CanFrame(0x601, bytes.fromhex("2316200000030320")), S)  # 300 µs
+    refused = CanFrame(0x601, bytes.fromhex("230D200000000400"))
+    for at, command in ((S + 300_000 - 1, 0x80), (S + 300_000, 0x60)):
+        (reply,) = [each for each in module.receive(refused, at) if isinstance(each, SendFrame)]
+        assert reply.frame.data[0] == command
+
+
+def test_what_is_due_happens_before_a_restart() -> None:
+    """The motion goes on until the reply has left, however long it waits for the bus."""
+    module = MacCan(1)
+    effects = module.receive(CanFrame(0x601, bytes.fromhex("2315200000000320")), S)
+    (reset,) = [
+        each
+        for each in module.receive(CanFrame(0x601, bytes.fromhex("2300200000000000")), 2 * S)
+        if isinstance(each, SendFrame)
+    ]
+    (boot,) = [each for each in module.sent(reset.frame, 3 * S) if isinstance(each, Trace)]
+    assert effects
+    assert boot == Trace(3 * S, "state", (("value", "BT"),))
+    assert module.next_event() == 5 * S
+    assert module.position_at(3 * S) == module.position_at(4 * S) > 500

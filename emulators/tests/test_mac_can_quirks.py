@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 from can_bench import BIT_NS, CanBench, emergencies
-from mac_bench import ACCEPTED, REFUSED, SILENCE, S
+from mac_bench import ACCEPTED, REFUSED, SILENCE, TICK_NS, S
 from mac_quirk_motion_cases import CASES as SERIAL_CASES
 
 from axistwin.devices.mac.can_quirks import CAN_QUIRKS, MacCanQuirks, parse_can_quirks
@@ -83,12 +83,12 @@ def _(bench: CanBench) -> object:
     return [each[::-1].hex() for each in told]
 
 
-@case("sdo_other_ccs", {"refuse": "RRR", "as_23h": "AAR", "silence": "---"})
+@case("sdo_other_ccs", {"refuse": "RRRRR", "as_23h": "AAAAR", "silence": "-----"})
 def _(bench: CanBench) -> object:
-    """22h and 2Fh; the start of a segmented download."""
+    """The expedited ones of CiA 301; the start of a segmented download."""
     names = {0x60: "A", 0x80: "R"}
     told = ""
-    for command in (0x22, 0x2F, 0x21):
+    for command in (0x22, 0x27, 0x2B, 0x2F, 0x21):
         reply = bench.ask_raw(bytes((command, 0x0C, 0x20, 0, 0, 0, 0, 0x40)))
         told += names[reply[0]] if reply else "-"
     return told
@@ -243,14 +243,14 @@ def _(bench: CanBench) -> object:
     return after_data, bench.state()
 
 
-@case("nmt_supported", {"false": "QQQA-", "true": "-QQA-"})
+@case("nmt_supported", {"false": "QQQQA-", "true": "-Q-QA-"})
 def _(bench: CanBench) -> object:
     """Stopped, pre-operational, started by number; SYNC when stopped; a reset of all."""
     bench.do(0x10)
     bench.do(0x13, 100_000)
     supported = bench.device.quirks.nmt_supported
     told = ""
-    for data in ("02 01", "80 00", "01 01"):
+    for data in ("02 01", "80 00", "02 00", "01 01"):
         bench.say(0x000, data)
         told += verdict(bench.ask(0x20))
         if data == "02 01" and supported:
@@ -391,6 +391,89 @@ def _(bench: CanBench) -> object:
         return told + verdict(bench.ask(0x13, 5))
     bench.take(bench.device.set_temperature(bench.now, 25_000))
     return told + verdict(bench.ask(0x00))
+
+
+@pytest.mark.parametrize(
+    ("data", "code"),
+    [
+        ("23 02 20 00 00 00 00 02", "06090030"),
+        ("23 03 20 00 00 00 00 02", "06090030"),
+        ("23 07 20 00 00 00 00 02", "06090030"),
+        ("23 0C 20 00 00 00 00 81", "06090030"),
+        ("23 0D 20 00 00 00 00 00", "06090030"),
+        ("23 13 20 00 40 00 00 00", "06090030"),
+        ("23 16 20 00 00 05 00 00", "06090030"),
+        ("23 11 20 00 00 00 00 00", "08000022"),
+        ("23 08 10 00 00 00 00 00", "06020000"),
+        ("23 01 10 00 00 00 00 00", "06010002"),
+        ("23 18 10 01 00 00 00 00", "06010002"),
+        ("40 18 10 02 00 00 00 00", "06020000"),
+        ("40 00 20 01 00 00 00 00", "06090011"),
+        ("40 0F 20 00 00 00 00 00", "06020000"),
+        ("41 00 20 00 00 00 00 00", "05040001"),
+    ],
+)
+def test_abort_codes_say_why(data: str, code: str) -> None:
+    """As CiA 301 has them, low byte first."""
+    bench = CanBench(
+        abort_code_form="code",
+        sync_without_preload="refuse",
+        od_outside_20="minimum",
+        subindex_policy="refuse",
+    )
+    reply = bench.ask_raw(data)
+    assert reply[:4] == b"\x80" + bytes.fromhex(data)[1:4]
+    assert reply[4:][::-1].hex() == code
+
+
+@pytest.mark.parametrize(
+    ("quirk", "data"),
+    [
+        ("catchup_low_byte", "23 0E 20 00 00 00 05 01"),
+        ("dont_care_digits", "23 0E 20 00 00 01 05 00"),
+    ],
+)
+def test_a_refused_catch_up_has_its_abort_code(quirk: str, data: str) -> None:
+    """200Eh, where a reading of the manual refuses it."""
+    bench = CanBench(abort_code_form="code", **{quirk: "refuse"})
+    assert bench.ask_raw(data)[4:][::-1].hex() == "06090030"
+
+
+@pytest.mark.parametrize(
+    ("download", "upload"),
+    [
+        ("0C 20 00 40 00 00 00", "06 20 00 0A 40 10 00"),
+        ("1C 20 00 07 00 00 00", "06 20 00 0A 60 10 07"),
+        ("09 20 00 78 56 34 12", "02 20 00 78 56 34 12"),
+        ("0A 20 00 FE FF FF FF", "03 20 00 FE FF FF FF"),
+        ("0D 20 00 00 00 34 12", "05 20 00 05 00 34 12"),
+        ("0E 20 00 00 00 00 0A", "05 20 00 0A 00 20 03"),
+        ("19 20 00 00 00 00 00", "04 20 00 00 00 07 04"),
+        ("19 20 00 00 00 00 00", "07 20 00 60 35 08 00"),
+        ("19 20 00 00 00 00 00", "01 20 00 20 00 00 00"),
+    ],
+)
+def test_little_endian_words_and_longs(download: str, upload: str) -> None:
+    """Each field turned in its place; bytes stay where they are (MACC-AMB-01)."""
+    bench = CanBench(can_byte_order="little")
+    bench.take(bench.device.set_supply(bench.now, 11_000))
+    assert bench.ask_raw(f"23 {download}")[0] == 0x60
+    assert bench.ask_raw(f"40 {upload[:8]} 00 00 00 00").hex(" ").upper() == f"42 {upload}"
+
+
+@pytest.mark.parametrize(
+    ("data", "position"),
+    [("16 20 00 05 00 00 01", 5), ("15 20 00 00 F6 00 40", -1), ("13 20 00 09 00 00 00", 9)],
+)
+def test_little_endian_motions(data: str, position: int) -> None:
+    """DDDD and VVVV of 2016h, VVVV of 2015h behind SS, the target of 2013h."""
+    bench = CanBench(can_byte_order="little", factory_ramp=0)
+    assert bench.ask_raw(f"23 {data}")[0] == 0x60
+    if data.startswith("15"):
+        bench.run_until(bench.etx_ns + 0x6000 * TICK_NS)  # one step and a half
+    else:
+        bench.settle()
+    assert bench.device.position_at(bench.now) == position
 
 
 # ---- the tests ----
