@@ -25,11 +25,9 @@ Rules
 5. While it is ``hold``-ing, the interpolator stores and takes nothing (MACS-AMB-31).
 """
 
-from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
-from operator import attrgetter
 from typing import NamedTuple
 
 from axistwin.kernel.time import Nanos
@@ -143,13 +141,11 @@ class Interpolator:
 
     def stored_at(self, now_ns: Nanos) -> int:
         """Occupied stages at ``now_ns``."""
-        counts = self._counts_executing
-        placed = sum(
-            (run.end_ns if counts else run.start_ns) > now_ns
-            for run in self._runs
-            if not run.is_tail
-        )
-        return placed + len(self._pending)
+        counts, stored = self._counts_executing, len(self._pending)
+        for run in self._runs:
+            if (run.end_ns if counts else run.start_ns) > now_ns and not run.is_tail:
+                stored += 1
+        return stored
 
     def has_failed(self, now_ns: Nanos) -> bool:
         """Whether an underrun has ended the motion in error (only under ``Underrun.ERROR``)."""
@@ -200,6 +196,14 @@ class Interpolator:
                 return reached
         return None
 
+    def leg_at(self, now_ns: Nanos) -> Leg:
+        """The stretch of constant speed at ``now_ns``, not before the last ``run``."""
+        run = self._run_at(now_ns)
+        if run is None or run.trajectory is None or now_ns >= run.end_ns:
+            return next(self.legs(now_ns))
+        leg = run.trajectory.leg_at(now_ns)
+        return leg._replace(displacement=run.origin + leg.displacement) if run.origin else leg
+
     def legs(self, from_ns: Nanos) -> Iterator[Leg]:
         """The stretches of constant speed from ``from_ns`` on; not before the last ``run``."""
         reached_ns, displacement = from_ns, self.displacement_at(from_ns)
@@ -226,7 +230,11 @@ class Interpolator:
 
     def run(self, now_ns: Nanos) -> None:
         """Forget what is over at ``now_ns``; states at earlier times can no longer be asked for."""
-        over = bisect_right(self._runs, now_ns, key=attrgetter("end_ns"))
+        over = 0
+        for run in self._runs:
+            if run.end_ns > now_ns:
+                break
+            over += 1
         if over:
             last = self._runs[over - 1]
             self._origin, self._end_ns = last.displacement_at(last.end_ns), last.end_ns
@@ -263,8 +271,10 @@ class Interpolator:
 
     def _run_at(self, now_ns: Nanos) -> _Run | None:
         """The stretch that began last by ``now_ns``; None if there is none that is remembered."""
-        index = bisect_right(self._runs, now_ns, key=attrgetter("start_ns")) - 1
-        return self._runs[index] if index >= 0 else None
+        for run in reversed(self._runs):  # never more than a handful
+            if run.start_ns <= now_ns:
+                return run
+        return None
 
     def _place(self, now_ns: Nanos, segment: Segment, descent: tuple[Piece, ...]) -> None:
         """Give ``segment`` its place behind everything that is placed already."""

@@ -306,7 +306,7 @@ class Plant:
         """Whether the shaft is slower than its set-point, or turns the other way."""
         if self._set_point is None:
             return False
-        wanted = leg_speed(next(self._set_point.legs(now_ns)))
+        wanted = leg_speed(self._set_point.leg_at(now_ns))
         direction = -1 if wanted < 0 else 1
         return wanted != 0 and direction * self.speed_at(now_ns) < abs(wanted)
 

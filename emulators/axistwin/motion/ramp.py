@@ -37,6 +37,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import lru_cache
 from itertools import chain
+from operator import sub
 from typing import NamedTuple
 
 from axistwin.kernel.time import Nanos
@@ -180,11 +181,13 @@ class Ramp:
     def _levels(self) -> list[Piece]:
         """The climb to N, level by level; found out when it is first needed."""
         if not self._whole:
-            begin, divide = 0, self.rules.rounding.divide
-            full_ticks = FULL_LEVEL * self.period_ticks
-            for level, end in enumerate(self._bounds, 1):
-                self._whole.append(Piece(end - begin, divide(full_ticks, level)))
-                begin = end
+            ends, rounding = self._bounds, self.rules.rounding
+            full_ticks, levels = FULL_LEVEL * self.period_ticks, range(1, len(ends) + 1)
+            if rounding is Rounding.HALF_UP:
+                periods = [(2 * full_ticks + level) // (2 * level) for level in levels]
+            else:
+                periods = [rounding.divide(full_ticks, level) for level in levels]
+            self._whole.extend(map(Piece, map(sub, ends, (0, *ends)), periods))
         return self._whole
 
     def descend(self, high: int) -> list[Piece]:
@@ -226,7 +229,7 @@ def plan(ramp: Ramp, counter: int, remaining: int) -> tuple[Phase, ...]:
     peak = counter + climbed
     held = spare - 2 * climbed
     up = tuple(ramp.climb(counter, peak))
-    down = tuple(ramp.descend(peak))
+    down = tuple(ramp.descend(peak)) if counter else up[::-1]
     shared = ramp.rules.triangle_law is TriangleLaw.SHARED_PEAK
     if shared and held == 0 and climbed and peak < ramp.length:
         up, down = _share_peak(ramp, counter, peak)
@@ -297,25 +300,20 @@ def change_pieces(
     period) matters to constant acceleration only.
     """
     length = change_length(old_ticks, new_ticks, aa, rules, first_ticks or new_ticks)
+    is_share = rules.ramp_law is RampLaw.EQUAL_INCREMENTS
+    divide, total = rules.rounding.divide, INCREMENTS_PER_AA * (old_ticks + new_ticks)
     pieces: list[Piece] = []
     done = 0
-    levels = FULL_LEVEL if rules.ramp_law is RampLaw.EQUAL_INCREMENTS else FULL_LEVEL - 1
-    for k in range(1, levels + 1):
-        end = _change_bound(k, length, old_ticks, new_ticks, rules.ramp_law)
+    for k in range(1, FULL_LEVEL + is_share):
+        if is_share:
+            end = length * k // FULL_LEVEL
+        else:  # b_k of ledger §5.7
+            passed = k * (k + 1) // 2
+            end = length * (new_ticks * (FULL_LEVEL * k - passed) + old_ticks * passed) // total
         speed = (FULL_LEVEL - k) * new_ticks + k * old_ticks
-        period = rules.rounding.divide(FULL_LEVEL * old_ticks * new_ticks, speed)
-        pieces.append(Piece(end - done, period))
+        pieces.append(Piece(end - done, divide(FULL_LEVEL * old_ticks * new_ticks, speed)))
         done = end
     return merged(pieces)
-
-
-def _change_bound(k: int, length: int, old_ticks: int, new_ticks: int, law: RampLaw) -> int:
-    """Increments of the transition by the end of level ``k``: b_k of ledger §5.7."""
-    if law is RampLaw.EQUAL_INCREMENTS:
-        return length * k // FULL_LEVEL
-    passed = k * (k + 1) // 2
-    weight = new_ticks * (FULL_LEVEL * k - passed) + old_ticks * passed
-    return length * weight // (INCREMENTS_PER_AA * (old_ticks + new_ticks))
 
 
 class Boundary(NamedTuple):
@@ -427,8 +425,9 @@ class RampedMotion:
             descent = Phase(tuple(ramp.descend(ramp.length)), ramp.length, -1, ramp)
         else:
             descent = Phase(tuple(at.ramp.descend(at.counter)), at.counter, -1, at.ramp)
-        motion = self._going_on(at, (descent,), at.ramp, None)
-        return replace(motion, target=motion.trajectory.total_increments, stopping=True)
+        trajectory, phases = self._going_on(at, (descent,))
+        target = trajectory.total_increments
+        return RampedMotion(trajectory, phases, at.ramp, target, self.first_ticks, stopping=True)
 
     def change_speed(self, now_ns: Nanos, period_ticks: int) -> "RampedMotion":
         """Go on endlessly at ``period_ticks`` (>= 1), same direction (MACS-CMD-15-02, ledger §5.7).
@@ -441,7 +440,7 @@ class RampedMotion:
         if at.running_ticks is None:
             return RampedMotion.endless(at.end_ns, self.trajectory.direction, ramp)
         phases = _plan_change(at.running_ticks, ramp, self.first_ticks)
-        return replace(self._going_on(at, phases, ramp, None), stopping=False)
+        return RampedMotion(*self._going_on(at, phases), ramp, None, self.first_ticks)
 
     def retarget(self, now_ns: Nanos, remaining: int) -> "RampedMotion":
         """Let the target lie ``remaining`` increments ahead of the present count.
@@ -454,7 +453,8 @@ class RampedMotion:
             return self
         target = self.trajectory.increments_at(now_ns) + remaining
         at = self._boundary(now_ns)
-        return self._going_on(at, plan(at.ramp, at.counter, target - at.number), at.ramp, target)
+        phases = plan(at.ramp, at.counter, target - at.number)
+        return RampedMotion(*self._going_on(at, phases), at.ramp, target, self.first_ticks)
 
     def returning(self) -> "RampedMotion | None":
         """The move from rest, back to a target that was passed; None if it was not.
@@ -503,18 +503,16 @@ class RampedMotion:
         return Boundary(count, trajectory.boundary_ns(count), counter, ramp, running_ticks)
 
     def _going_on(
-        self, at: Boundary, phases: Sequence[Phase], ramp: Ramp, target: int | None
-    ) -> "RampedMotion":
-        """This motion up to the boundary ``at``, then ``phases``."""
-        start_ns, before = at.end_ns, at.number
+        self, at: Boundary, phases: tuple[Phase, ...]
+    ) -> tuple[Trajectory, tuple[Phase, ...]]:
+        """This motion up to the boundary ``at``, then ``phases``: anew, with all its phases."""
+        old, start_ns, before = self.trajectory, at.end_ns, at.number
         if at.running_ticks is not None:
-            start_ns, before = self.trajectory.boundary_ns(at.number - 1), at.number - 1
+            start_ns, before = old.boundary_ns(at.number - 1), at.number - 1
             progress = Phase((Piece(1, at.running_ticks),), at.counter, 0, at.ramp)
             phases = (progress, *phases)
-        trajectory = replace(
-            self.trajectory, start_ns=start_ns, pieces=joined(phases), before=before
-        )
-        return replace(self, trajectory=trajectory, phases=tuple(phases), ramp=ramp, target=target)
+        pieces = joined(phases)
+        return Trajectory(start_ns, old.direction, pieces, old.step_phase, before), phases
 
 
 def _plan_change(running_ticks: int, ramp: Ramp, first_ticks: int) -> tuple[Phase, ...]:

@@ -14,7 +14,6 @@ from typing import Final, NamedTuple, Protocol
 from axistwin.kernel.time import Nanos
 from axistwin.motion.trajectory import TICK_NS, SetPoint, Trajectory
 
-
 NO_SPEED: Final = Fraction(0)
 
 
@@ -93,7 +92,7 @@ class Following(NamedTuple):
 
     def state_at(self, now_ns: Nanos) -> tuple[Fraction, Fraction]:
         """``exact_at`` and ``speed_at``."""
-        leg, position = next(self.set_point.legs(now_ns)), self.position_at(now_ns)
+        leg, position = self.set_point.leg_at(now_ns), self.position_at(now_ns)
         if not leg.direction:
             return Fraction(position), NO_SPEED
         period_ns = leg.period_ticks * TICK_NS

@@ -28,6 +28,8 @@ from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from itertools import accumulate
+from operator import mul
 from typing import NamedTuple, Protocol
 
 from axistwin.kernel.time import Nanos
@@ -74,6 +76,9 @@ class SetPoint(Protocol):
 
         None: never.
         """
+
+    def leg_at(self, now_ns: Nanos) -> Leg:
+        """The stretch of constant speed at ``now_ns``, as planned now."""
 
     def legs(self, from_ns: Nanos) -> Iterator[Leg]:
         """The stretches of constant speed from the one at ``from_ns`` on, as planned now."""
@@ -135,19 +140,17 @@ class Trajectory:
     def __post_init__(self) -> None:
         assert self.direction in (-1, 1), f"direction {self.direction} is neither +1 nor -1"
         assert self.before >= 0, f"{self.before} increments before the start"
-        counts, ticks, count, tick, is_endless = [0], [0], 0, 0, False
-        for increments, period_ticks in self.pieces:
-            assert period_ticks >= 1, f"period below 1 in {self.pieces}"
-            assert not is_endless, f"endless piece inside {self.pieces}"
-            if increments is None:
-                is_endless = True
-                continue
-            assert increments >= 1, f"empty piece in {self.pieces}"
-            count += increments
-            tick += increments * period_ticks
-            counts.append(count)
-            ticks.append(tick)
-        end_ns = None if is_endless else self.start_ns + tick * TICK_NS
+        finite = self.pieces
+        is_endless = bool(finite) and finite[-1].increments is None
+        if is_endless:
+            finite = finite[:-1]
+        lengths = [0 if n is None else n for n, _ in finite]
+        periods = [period for _, period in self.pieces]
+        assert min(lengths, default=1) >= 1, f"empty or endless piece inside {self.pieces}"
+        assert min(periods, default=1) >= 1, f"period below 1 in {self.pieces}"
+        counts = list(accumulate(lengths, initial=0))
+        ticks = list(accumulate(map(mul, lengths, periods), initial=0))
+        end_ns = None if is_endless else self.start_ns + ticks[-1] * TICK_NS
         object.__setattr__(self, "_counts", counts)
         object.__setattr__(self, "_ticks", ticks)
         object.__setattr__(self, "is_endless", is_endless)
@@ -230,6 +233,13 @@ class Trajectory:
             return None
         return self.step_ns(n)
 
+    def leg_at(self, now_ns: Nanos) -> Leg:
+        """The piece in progress as a leg; at rest before the start, and when all is over."""
+        index = bisect_right(self._ticks, (now_ns - self.start_ns) // TICK_NS) - 1
+        if 0 <= index < len(self.pieces):
+            return self._leg(index)
+        return next(self.legs(now_ns))
+
     def legs(self, from_ns: Nanos) -> Iterator[Leg]:
         """The pieces as legs, from the one at ``from_ns`` on; at rest before, and after the end."""
         origin = self.direction * self.before
@@ -237,13 +247,17 @@ class Trajectory:
             yield Leg(from_ns, self.start_ns, 0, 0, origin)
         first = bisect_right(self._ticks, (from_ns - self.start_ns) // TICK_NS) - 1
         for index in range(max(0, first), len(self.pieces)):
-            start_ns = self.start_ns + self._ticks[index] * TICK_NS
-            more = index + 1 < len(self._ticks)
-            end_ns = self.start_ns + self._ticks[index + 1] * TICK_NS if more else None
-            displacement = origin + self.direction * self._counts[index]
-            yield Leg(
-                start_ns, end_ns, self.direction, self.pieces[index].period_ticks, displacement
-            )
+            yield self._leg(index)
         if self.end_ns is not None:
             total = origin + self.direction * self._counts[-1]
             yield Leg(max(self.end_ns, self.start_ns), None, 0, 0, total)
+
+    def _leg(self, index: int) -> Leg:
+        """Piece ``index`` as a leg."""
+        ticks, start_ns = self._ticks, self.start_ns
+        end_ns = start_ns + ticks[index + 1] * TICK_NS if index + 1 < len(ticks) else None
+        displacement = self.direction * (self.before + self._counts[index])
+        period_ticks = self.pieces[index].period_ticks
+        return Leg(
+            start_ns + ticks[index] * TICK_NS, end_ns, self.direction, period_ticks, displacement
+        )

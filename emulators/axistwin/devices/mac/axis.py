@@ -58,6 +58,7 @@ class Axis:
         self.drive = Drive(model, quirks, self.values, self.faults)
         self.inputs = dict.fromkeys(INPUTS, False)
         self._cells = acceptance_table(quirks)
+        self._columns = tuple(self._cells[state] for state in State)
         self._reference_enabled = False
         self._armed = False
         self.arm_lasts = False  # 10h holds every motion until 17h, 18h, 1Ah (MACC-AMB-31)
@@ -83,10 +84,10 @@ class Axis:
     @property
     def state(self) -> State:
         """The column of the acceptance table (ledger §4.2)."""
-        if self.faults.disjuncted:
+        if self.faults.latched and self.faults.disjuncted:
             return State.DJ
-        if self.drive.kind is not None:
-            return self.drive.kind
+        if (kind := self.drive.kind) is not None:
+            return kind
         if self._preload is not None:
             return State.PL
         if self._armed:
@@ -95,24 +96,20 @@ class Axis:
 
     def state_code(self) -> str:
         """The state in the ledger's letters, such as ``HD+AR`` or ``VE+PL``."""
-        state, flag = self.state, ""
-        if self._preload is not None or self._armed:
-            flag = "+PL" if self._preload is not None else "+AR"
-        if state in (State.AR, State.PL):
-            state = State.HD if self.drive.powered else State.OF
-        return state.name + flag
+        flag = 2 if self._preload is not None else int(self._armed)
+        return _STATE_CODES[self.state][flag][self.drive.powered]
 
     def cell(self, index: int) -> str:
         """A accepted, R refused, 1 refused for the parameter 01, u unassigned; in this state."""
-        return self._cells[self.state][index]
+        return self._columns[self.state][index]
 
     def execute(self, now: Nanos, index: int, parameters: int, start_ns: Nanos) -> bool:
         """Execute command ``index``; a motion it starts begins at ``start_ns``.  False: refused."""
         cell = self.cell(index)
         if cell == "R" or (cell == "1" and parameters & 0xFF == 1):
             return False
-        if index in _PARAMETERS:
-            setter, apply = _PARAMETERS[index]
+        if (parameter := _PARAMETERS.get(index)) is not None:
+            setter, apply = parameter
             accepted = setter(self.parameters, parameters)
             if accepted:
                 apply(self.drive, now)
@@ -545,6 +542,16 @@ class Axis:
             **self.values,
         }
 
+
+def _state_codes(state: State) -> tuple[tuple[str, str], ...]:
+    """The codes of ``state``: bare, armed, preloaded; each unpowered and powered."""
+    names = (state.name, state.name)
+    if state in (State.AR, State.PL):
+        names = (State.OF.name, State.HD.name)
+    return tuple((names[0] + flag, names[1] + flag) for flag in ("", "+AR", "+PL"))
+
+
+_STATE_CODES: Final = tuple(_state_codes(state) for state in State)
 
 _Handler = Callable[[Axis, Nanos, int, Nanos], bool]
 

@@ -90,6 +90,7 @@ class Drive:
             StopLaw(quirks.stop_ramp_law),
             StepPhase(quirks.step_phase),
         )
+        self._last_ramp = Ramp(1, 0, self._rules)
         self.interpolator = Interpolator(
             counts_executing=quirks.fifo_counts_executing,
             underrun=Underrun(quirks.fifo_underrun),
@@ -347,7 +348,11 @@ class Drive:
             self._old_target = self.plant.target
 
     def _ramp(self, period_ticks: int) -> Ramp:
-        return Ramp(period_ticks, self._values["ramp"], self._rules)
+        """The ramp to full speed at that period, as 0Fh wants it; the last one is kept."""
+        ramp = self._last_ramp
+        if ramp.period_ticks != period_ticks or ramp.aa != self._values["ramp"]:
+            ramp = self._last_ramp = Ramp(period_ticks, self._values["ramp"], self._rules)
+        return ramp
 
     def _begin(self, now: Nanos, owner: Profile, counted: int = 0) -> None:
         """Give the shaft to a profile; one that begins blocked makes no step (rule 2).
@@ -364,14 +369,13 @@ class Drive:
         self._plan(now)
 
     def _begin_segments(self, now: Nanos) -> None:
-        """Give the shaft to the interpolator, which then goes on with what waited."""
+        """Give the shaft to the interpolator, with what waited; to be planned yet."""
         self._start(now, Segments())
         interpolator = self.interpolator
         self.plant.follow(now, interpolator, counted=interpolator.displacement_at(now))
         if self._segments_wait:
             self._segments_wait = False
             interpolator.release(now)
-        self._plan(now)
 
     def _start(self, now: Nanos, owner: Profile | Segments) -> None:
         assert not self._faults.disjuncted, f"{owner.kind.name} starts in spite of a fault"
@@ -468,6 +472,7 @@ class Drive:
             self.go_to(now, number, now)
         elif self._segments_wait and (not isinstance(owner, Brake) or owner.segments_follow):
             self._begin_segments(now)
+            self._plan(now)
 
     def _rest(self, now: Nanos) -> None:
         self.plant.advance(now)
@@ -494,7 +499,7 @@ class Drive:
         owner, set_point = self._owner, self._set_point()
         if set_point is None:
             return Heading(0)
-        leg = next(set_point.legs(now))
+        leg = set_point.leg_at(now)
         if not leg.direction:
             return Heading(self._catch_up_direction(now))
         if isinstance(owner, Profile):
