@@ -352,6 +352,7 @@ def test_a_module_may_begin_without_power() -> None:
     """Then it is deaf until it is switched on, and boots."""
     module = MacCan(2, powered=False)
     assert module.next_event() is None
+    assert module.describe(0)["address"] == 2
     read = CanFrame(0x602, bytes.fromhex("4000200000000000"))
     assert module.receive(read, S) == []
     module.power_on(S)

@@ -11,6 +11,7 @@ from mac_quirk_motion_cases import CASES as SERIAL_CASES
 from axistwin.devices.mac.can_quirks import CAN_QUIRKS, MacCanQuirks, parse_can_quirks
 from axistwin.devices.mac.quirks import QUIRKS, MacQuirks
 from axistwin.errors import UsageError
+from axistwin.kernel.effects import SendFrame, Store
 from axistwin.wire.can_frame import wire_bits
 
 Scenario = Callable[[CanBench], object]
@@ -131,10 +132,10 @@ def _(bench: CanBench) -> object:
     return verdict(bench.ask(0x20, sub_index=1)) + verdict(bench.ask(0x19, sub_index=1))
 
 
-@case("dont_care_digits", {"ignore": "AQA", "refuse": "RQR"})
+@case("dont_care_digits", {"ignore": "AQAA", "refuse": "RQRR"})
 def _(bench: CanBench) -> object:
     """The filler of an upload request never matters (MACC-SDO-07)."""
-    asked = ((0x0C, 0xFFFFFF40), (0x20, 1), (0x15, 0x01000320))
+    asked = ((0x0C, 0xFFFFFF40), (0x20, 1), (0x15, 0x01000320), (0x19, 1))
     return "".join(verdict(bench.ask(*each)) for each in asked)
 
 
@@ -259,6 +260,7 @@ def _(bench: CanBench) -> object:
     bench.say(0x000, "02 02")
     told += verdict(bench.ask(0x19))
     for data in ("81 00", "82 01"):
+        bench.say(0x000, "02 00")
         bench.say(0x000, data)
         assert bench.state() == ("BT" if supported else "HD+PL")
         bench.advance(3 * S)
@@ -323,10 +325,17 @@ def _(bench: CanBench) -> object:
 
 
 def test_a_stored_address_of_the_305_reading_stays() -> None:
-    """17h between 11 and 04 00 (MACC-AMB-12)."""
+    """17h between 11 and 04 00; what identifies a device reads zeros (MACC-AMB-12)."""
     bench = CanBench(lmt_other="cia305")
-    for data in ("04 01", "11 09", "17 00", "04 00"):
-        bench.say(0x7E5, data)
+    for data in ("5A", "5B", "5C", "5D"):
+        assert bench.say(0x7E5, f"{data} 00") == [f"7E4#{data}00000000000000"]
+    assert bench.say(0x7E5, "17 00") == bench.say(0x7E5, "59 00") == []
+    bench.say(0x7E5, "04 01")
+    bench.say(0x7E5, "11 09")
+    count = len(bench.effects)
+    bench.say(0x7E5, "17 00")
+    assert [type(effect) for effect in bench.effects[count:]] == [Store, SendFrame]
+    bench.say(0x7E5, "04 00")
     bench.advance(3 * S)
     bench.power_cycle()
     assert bench.device.address == 9
@@ -435,7 +444,8 @@ def test_abort_codes_say_why(data: str, code: str) -> None:
 )
 def test_a_refused_catch_up_has_its_abort_code(quirk: str, data: str) -> None:
     """200Eh, where a reading of the manual refuses it."""
-    bench = CanBench(abort_code_form="code", **{quirk: "refuse"})
+    settings: dict[str, Any] = {"abort_code_form": "code", quirk: "refuse"}
+    bench = CanBench(**settings)
     assert bench.ask_raw(data)[4:][::-1].hex() == "06090030"
 
 
