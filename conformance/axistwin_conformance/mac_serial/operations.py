@@ -156,7 +156,8 @@ def _unassigned(run: Sequence, first: int, second: int) -> None:
 
 def _spoilt(run: Sequence, first: int, second: int) -> None:
     index = (*MOTIONS, *SEGMENTS, *DROPPING, 0x0B, 0x0D, 0x20)[first % 11]
-    frame = run.bench.frame(index, 0x00101000)
+    # A module that obeyed it would stay inside.
+    frame = run.bench.frame(index, run.place(second) if index == 0x13 else 0x00101000)
     run.lost(frame.with_wrong_checksum(second % 0xFF + 1), Kind.NACK)
 
 
