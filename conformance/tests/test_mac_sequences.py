@@ -107,8 +107,7 @@ def test_a_sequence_begins_where_the_last_one_began() -> None:
 
 
 def test_a_sequence_behind_another_one_asks_nothing_that_is_known() -> None:
-    """What the closing questions have confirmed is set back where it differs, and that is all; the
-    module is then where a beginning from nothing brings it."""
+    """Only what differs is set back; the module is then as a beginning from nothing leaves it."""
     player = new_player()
     player.begin().play(operation("set the ramp", 4) + operation("enable the stops", 1))
     target = player.bench.target
@@ -142,8 +141,7 @@ def test_a_counter_that_was_cleared_is_put_back_by_what_is_known() -> None:
 
 
 def test_a_place_after_segments_is_a_matter_of_segments() -> None:
-    """The first reading after a motion is judged by the requirement of that motion; the next by
-    that of the query."""
+    """So is the first reading after that motion; the next one is a matter of the query."""
     run = new_player().begin()
     run.operate(*operation("segment", 40, 0, 0xFF))
     assert run.is_resting
