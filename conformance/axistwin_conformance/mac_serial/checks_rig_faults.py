@@ -19,6 +19,7 @@ from axistwin_conformance.mac_serial.codec import Kind
 from axistwin_conformance.mac_serial.family import DISJUNCTIONS, facts_of
 from axistwin_conformance.mac_serial.forecast import Window
 from axistwin_conformance.mac_serial.rig_bench import (
+    AT_ONCE,
     OVER_VOLTAGE,
     UNDER_VOLTAGE,
     WORKED,
@@ -143,7 +144,7 @@ def a_fault_gone_by_the_end_of_the_start_up_is_forgotten(session: Session) -> No
         session.skip(NO_THRESHOLDS)
     bench = RigBench(session)
     if not bench.rig.is_exact or bench.deaf_s < 1:
-        session.skip("there is no time to heat and cool it while it starts")
+        session.skip(f"{AT_ONCE}: it has to heat and to cool while the module starts")
     start = bench.begin()
     cause = heat(celsius(bench))
     bench.send(bench.frame(0x00), QUIET_S)
@@ -294,7 +295,7 @@ def far_too_much_cuts_the_power_of_a_mac34(session: Session) -> None:
     a real one.
     """
     if is_mac23(session):
-        session.skip("a MAC23 has its own thresholds and bits")
+        session.skip("only a MAC34 has these two bits")
     bench, facts = RigBench(session), facts_of(session)
     usual_volts, usual_celsius = facts.volts(bench.data_bytes(0x27)[1]), celsius(bench)
     most_volts = facts.volts(0xFF)

@@ -13,7 +13,7 @@ from axistwin_conformance.mac_serial.bench import Sample, segment
 from axistwin_conformance.mac_serial.codec import Kind
 from axistwin_conformance.mac_serial.forecast import Window
 from axistwin_conformance.mac_serial.motion import CATCH_UP_UNIT_TICKS, TICK_NS
-from axistwin_conformance.mac_serial.rig_bench import WORKED, RigBench
+from axistwin_conformance.mac_serial.rig_bench import AT_ONCE, WORKED, RigBench
 from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
@@ -161,7 +161,7 @@ def a_move_held_for_a_while_makes_up_for_it_at_its_end(session: Session) -> None
     which is made up after the profile, one increment every VV·200 µs."""
     bench = RigBench(session)
     if not bench.rig.is_exact or bench.known("position_source"):
-        session.skip("needs a rig that acts at once, and 20h to tell where the shaft is")
+        session.skip(f"{AT_ONCE}, and 20h to tell where the shaft is")
     start = bench.begin()
     bench.accepted(0x0E, SLOW_CATCH_UP << 8)
     target = start + bench.reach
@@ -306,7 +306,7 @@ def an_endless_motion_ends_with_its_ramp_though_the_shaft_is_held(session: Sessi
     there is no target to wait for."""
     bench = RigBench(session)
     if not bench.rig.is_exact:
-        session.skip("endless motion is left to a rig that acts at once")
+        session.skip(f"{AT_ONCE}: endless motion is left to it")
     bench.begin()
     bench.turn(1, bench.period)
     bench.rig.hold_shaft(True)
@@ -375,7 +375,7 @@ def a_turned_shaft_comes_back_to_where_a_ramped_stop_has_left_it(session: Sessio
     """17h holds the place it comes to rest at, with or without segments that were waiting."""
     bench = RigBench(session)
     if not bench.rig.is_exact or bench.known("position_source"):
-        session.skip("needs a rig that acts at once, and 20h to tell where the shaft is")
+        session.skip(f"{AT_ONCE}, and 20h to tell where the shaft is")
     waiting = not bench.known("interp_during_profile") and not bench.known("abort_flush")
     for segments in range(1 + waiting):
         start = bench.begin()

@@ -32,6 +32,7 @@ EXACT_PERIOD: Final = 0x2000  # 1.024 ms per increment: a step is longer than a 
 OVER_VOLTAGE, UNDER_VOLTAGE = 0x40, 0x20  # the warnings in dd
 HARD_POSITIVE, HARD_NEGATIVE = 0x08, 0x04  # bits of ff
 OFF_S: Final = 1.0
+AT_ONCE: Final = "needs a rig that acts at once"
 
 # cc and dd of 27h: which byte and bit shows which bare input (§5.9).
 INPUT_BITS: Final[Mapping[str, tuple[int, int]]] = {
