@@ -75,7 +75,7 @@ def judge(
 
 
 GRANTED: dict[str, Any] = {"allow": "motion,stored,rig,destructive", "neighbours": (1,)}
-REASONS = ("only a MAC34", "the manual gives no thresholds")
+REASONS = ("only a MAC34", "the manual gives no thresholds", "needs a rig that acts at once")
 
 
 @pytest.mark.parametrize("model", ["mac23", "mac34-1", "mac34-2"])
