@@ -221,7 +221,8 @@ def test_a_twin_that_crashes_as_it_is_opened_is_unreachable(
 def blamed(request: bytes, reply: bytes | None) -> str:
     """The requirement that is broken by a reply, or nothing."""
     run = Run(
-        Target(Faulty(None, {}), "", is_lossless=True), find_family("mac23"), None, None, 0, (1,),  # type: ignore[arg-type]
+        Target(serial.serial_for_url("loop://"), "", is_lossless=True), find_family("mac23"), None,  # type: ignore[arg-type]
+        None, 0, (1,),  # type: ignore[arg-type]
         frozenset(), Envelope(1000, 1000), 0,
     )  # fmt: skip
     session = Session(run)
