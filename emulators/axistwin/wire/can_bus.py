@@ -108,7 +108,7 @@ class _Station:
 
     def __init__(self, number: int, since_ns: Nanos) -> None:
         self.number = number
-        self.since_ns = since_ns  # it takes part in frames that begin from now on
+        self.since_ns = since_ns  # it sends nothing before
         self.queue: deque[tuple[CanFrame, Nanos]] = deque()
         self.tec = self.rec = 0
         self.hold_bits = 0  # after the intermission (rule 5)
@@ -150,7 +150,6 @@ class CanBus:
         self._pending: dict[int, _Station] = {}  # those with something to send
         self._held: list[_Station] = []  # those with hold_bits
         self._off: list[_Station] = []
-        self._latest_since_ns: Nanos = now_ns
         self._changes: list[Change] = []
         self._next_number = 0
         self._attempt: _Attempt | None = None
@@ -179,7 +178,6 @@ class CanBus:
         assert number < self._next_number, f"there is no station {number}"
         self._wake_up(now)
         self._stations[number] = _Station(number, now)
-        self._latest_since_ns = max(self._latest_since_ns, now)
 
     def leave(self, number: int, now: Nanos) -> None:
         """Take a station off the bus: it loses its power or its port.  What it sends breaks off."""
@@ -324,17 +322,13 @@ class CanBus:
         self._attempt = attempt
 
     def _listeners(self, attempt: _Attempt) -> list[_Station]:
-        """All others that are there (rule 2)."""
+        """All others that are there when the frame begins (rule 2)."""
         listeners = list(self._stations.values())
         for station in attempt.group + attempt.dropped:
             listeners.remove(station)
-        if not self._off and self._latest_since_ns <= attempt.start_ns:
-            return listeners
-        return [
-            station
-            for station in listeners
-            if station.since_ns <= attempt.start_ns and not station.off_left
-        ]
+        if self._off:
+            return [station for station in listeners if not station.off_left]
+        return listeners
 
     def _go_on_together(self, attempt: _Attempt) -> int | None:
         """Rule 3: passive stations drop out of the group; the bit at which all fail, or None."""
@@ -500,7 +494,7 @@ class CanBus:
         self._wake_up(now)
         self._off.remove(station)
         station.off_left = station.tec = station.rec = station.hold_bits = 0
-        station.since_ns = self._latest_since_ns = now
+        station.since_ns = now
         return Change(now, station.number, "active")
 
 
