@@ -71,7 +71,7 @@ class Axis:
     directions `ways`.  `held`: an endless motion that waits for 11h.  `may_move`: something may
     still be under way or stored; `segment_speed`: of the fastest segment among it.  `edge`: the
     counter where the reference contact was worked since it was read; `is_cut`: the supply was cut
-    since then.
+    since then.  `begun_ns`: when a motion was last asked for.
     """
 
     reach: Interval = (0, 0)
@@ -84,6 +84,7 @@ class Axis:
     coefficient: int = 0
     speed: int = 0
     since_ns: int = 0
+    begun_ns: int = 0
     ways: Interval = (0, 0)
     held: tuple[int, Interval] | None = None
     is_armed: bool = False
@@ -187,6 +188,8 @@ class Fence:
             if one not in axes:
                 continue
             after = self._obeyed(axes[one], index, parameter, now_ns, frame)
+            if index in MOTIONS or index == 0x11:
+                after = replace(after, begun_ns=now_ns)
             if index != STOP:
                 self._judge_reach(axes[one], after, now_ns, frame)
             axes[one] = after
@@ -266,6 +269,21 @@ class Fence:
         speed = max(axis.speed, axis.segment_speed, TICKS_PER_SECOND // axis.period + 1)
         far = speed * max(0, now_ns - axis.seen_ns) // 1_000_000_000 + ZERO_SLACK
         return axis.counter[0] - far, axis.counter[1] + far
+
+    def _steadily_at(self, axis: Axis, now_ns: int) -> Interval:
+        """The same for an axis that keeps its speed without a ramp, and nothing is in its way."""
+        low, high = self._counter_at(axis, now_ns)
+        here = axis.counter[0]
+        if axis.coefficient or not axis.may_move or axis.counter[1] > here:
+            return low, high
+        speed, left = TICKS_PER_SECOND // axis.period, (axis.target or here) - here
+        if axis.segment_speed:
+            speed, left = axis.segment_speed - 1, axis.tip[0] - axis.offset[0] - here
+        elif axis.target is None and axis.ways != (-1, 1):
+            speed, left = axis.speed - 1, (axis.ways[0] + axis.ways[1]) * self.max_travel
+        moving_ns = now_ns - max(axis.seen_ns, axis.begun_ns) - 2 * MARGIN_NS
+        least = min(abs(left), max(0, speed * moving_ns // 1_000_000_000 - ZERO_SLACK))
+        return (here + least, high) if left > 0 else (low, here - least)
 
     def _judge_period(self, period: int, frame: bytes) -> None:
         if self.max_speed * period < TICKS_PER_SECOND:
@@ -429,6 +447,8 @@ class Fence:
         """Account for a counter that may have been cleared since it was read last: it then counts
         from a place `zero` of the old count."""
         low, high = self._counter_at(axis, now_ns)
+        if axis.edge is not None:  # a slow rig leaves much open that the motion itself settles
+            low, high = self._steadily_at(axis, now_ns)
         is_plain = low <= counter <= high
         zeros = [(0, 0)] if is_plain else []
         if axis.is_cut and not is_plain and abs(counter) <= ZERO_SLACK:
