@@ -143,10 +143,11 @@ class Trajectory:
         finite = self.pieces
         is_endless = bool(finite) and finite[-1].increments is None
         if is_endless:
+            assert finite[-1].period_ticks >= 1, f"period below 1 in {self.pieces}"
             finite = finite[:-1]
-        lengths = [0 if n is None else n for n, _ in finite]
-        periods = [period for _, period in self.pieces]
-        assert min(lengths, default=1) >= 1, f"empty or endless piece inside {self.pieces}"
+        lengths, periods = zip(*finite, strict=True) if finite else ((), ())
+        assert None not in lengths, f"endless piece inside {self.pieces}"
+        assert min(lengths, default=1) >= 1, f"empty piece in {self.pieces}"
         assert min(periods, default=1) >= 1, f"period below 1 in {self.pieces}"
         counts = list(accumulate(lengths, initial=0))
         ticks = list(accumulate(map(mul, lengths, periods), initial=0))
