@@ -241,7 +241,7 @@ def test_another_modules_boot_up_is_not_ours(talk: Talk, module: Module) -> None
 
 def test_the_lifebeat_can_be_waited_for(talk: Talk, module: Module) -> None:
     """A boot-up message in the form of old is none."""
-    module.bus.schedule(1_000_000, codec.boot_up(1, "080h_empty"))
+    module.bus.schedule(1_000_000, codec.boot_up(1, "emergency_empty"))
     module.bus.schedule(10_000_000_000, Frame(0x081, bytes(8)))
     assert talk.emergency(11.0) == (Frame(0x081, bytes(8)), 10_000_000_000)
 

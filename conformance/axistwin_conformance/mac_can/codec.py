@@ -358,13 +358,13 @@ def is_spontaneous(frame: Frame) -> bool:
 
 
 BOOT_UP_FORMS: Final = {  # MACC-AMB-04: base of the identifier, data
-    "700h_one_byte": (BOOT_UP, b"\0"),
-    "080h_empty": (EMERGENCY, b""),
-    "700h_empty": (BOOT_UP, b""),
+    "heartbeat": (BOOT_UP, b"\0"),
+    "emergency_empty": (EMERGENCY, b""),
+    "heartbeat_empty": (BOOT_UP, b""),
 }
 
 
-def boot_up(address: int, form: str = "700h_one_byte") -> Frame:
+def boot_up(address: int, form: str = "heartbeat") -> Frame:
     """The boot-up message of a module, in a reading of MACC-AMB-04."""
     base, data = BOOT_UP_FORMS[form]
     return Frame(base + address, data)
