@@ -91,6 +91,7 @@ def test_polling_and_running_change_nothing(
         assert polled.displacement_at(now) == left_alone.displacement_at(now)
         assert polled.end_ns == left_alone.end_ns
         assert list(polled.legs(now)) == list(left_alone.legs(now))
+        assert polled.leg_at(now) == left_alone.leg_at(now) == next(polled.legs(now))
         assert polled.step_in_progress(now) == left_alone.step_in_progress(now)
 
 

@@ -124,6 +124,7 @@ def test_legs_are_seamless_and_end_at_rest(trajectory: Trajectory, data: st.Data
     assert trajectory.end_ns is not None
     start = data.draw(st.integers(0, trajectory.end_ns + 500))
     legs = list(trajectory.legs(start))
+    assert trajectory.leg_at(start) == legs[0]
     for leg, following in pairwise(legs):
         assert leg.end_ns == following.start_ns
         steps = 0
