@@ -260,7 +260,8 @@ def measure(seconds: float) -> dict[str, Rates]:
 
 
 def ratios(results: dict[str, Rates]) -> list[tuple[str, float, float, float, float]]:
-    """What is aimed at: name, median ratio, its spread over the slices, aim."""
+    """What is aimed at: name, the median of the ratios of slices that ran one behind the other, the
+    spread of these ratios, aim."""
     limit, stateful, one_draw, _ = results.values()
     told = []
     for name, one, other, aim in (
@@ -268,7 +269,7 @@ def ratios(results: dict[str, Rates]) -> list[tuple[str, float, float, float, fl
         ("one-draw / stateful", one_draw, stateful, ONE_DRAW_AIM),
     ):
         pairs = [mine / its for mine, its in zip(one.rates, other.rates, strict=True)]
-        told.append((name, one.median / other.median, min(pairs), max(pairs), aim))
+        told.append((name, statistics.median(pairs), min(pairs), max(pairs), aim))
     return told
 
 

@@ -11,7 +11,7 @@ SCRIPT = Path(__file__).parents[2] / "scripts" / "bench_suite.py"
 
 
 def test_the_benchmark_tells_four_rates_and_two_ratios() -> None:
-    """Each contestant has run, and each ratio is that of the medians and stands beside its aim."""
+    """Each contestant has run; the ratio of the only slices stands beside its aim."""
     ran = subprocess.run(
         [sys.executable, SCRIPT, "--seconds", "0", "--json"],
         capture_output=True, text=True, check=True, timeout=120,
@@ -30,6 +30,7 @@ def test_the_benchmark_tells_four_rates_and_two_ratios() -> None:
         ("stateful / limit", stateful, limit, 0.5),
         ("one-draw / stateful", one_draw, stateful, 10),
     ):
-        ratio = one["median_per_s"] / other["median_per_s"]
+        (mine,), (its,) = one["slices_per_s"], other["slices_per_s"]
+        ratio = mine / its
         assert told[name]["ratio"] == ratio
         assert (told[name]["aim"], told[name]["is_reached"]) == (aim, ratio >= aim)
