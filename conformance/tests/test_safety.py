@@ -76,11 +76,9 @@ def run(
     ],
 )
 def test_a_run_never_leaves_the_envelope(level: str, seed: int) -> None:
-    """With --max-travel 2000, rig and all: no position further away is asked for, or reached.
-
-    The twin's plant is ideal and brakes within the increment.  Each 0Bh in motion leaves the
-    witness itself in doubt about one (`blur`).
-    """
+    """With --max-travel 2000, rig and all, no position further away is asked for, or reached."""
+    # The twin's plant is ideal: it brakes within the increment.  Each 0Bh in motion leaves the
+    # witness itself in doubt about one (`blur`).
     result, watches = run(level=level, seed=seed)
     assert result.problems == []
     held_back = [one.trouble for one in result.checks if one.outcome is not Outcome.DONE]
