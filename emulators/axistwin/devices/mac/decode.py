@@ -169,13 +169,26 @@ def _request(frame: bytes) -> str:
     right = checksum(frame[4:18])
     doubt = "" if frame[18:20].upper() == right else f" [checksum wrong, {right.decode()} is right]"
     where = f" at {sub_index:02X}h" if sub_index or index in (0x28, 0x29) else ""
-    return f"{index:02X}h {_named(index, parameters)}{where} -> {whom}{doubt}"
+    named = (
+        f"{query_in_words(index)}?" if index in _QUERIES else command_in_words(index, parameters)
+    )
+    return f"{index:02X}h {named}{where} -> {whom}{doubt}"
 
 
-def _named(index: int, parameters: bytes) -> str:
-    if index in _COMMANDS:
-        return _COMMANDS[index](parameters)
-    return f"{_QUERIES[index]}?" if index in _QUERIES else "(unassigned)"
+def command_in_words(index: int, parameters: bytes) -> str:
+    """What command ``index`` with its four bytes of parameters asks for, on any interface."""
+    return _COMMANDS[index](parameters) if index in _COMMANDS else "(unassigned)"
+
+
+def query_in_words(index: int) -> str:
+    """What query ``index`` (20h and up) is about."""
+    return _QUERIES.get(index, "(unassigned)")
+
+
+def value_in_words(index: int, data: bytes) -> str:
+    """The four bytes that query ``index`` was answered with."""
+    _, say = _ANSWERS.get(f"{index - 0x20:X}", ("", _spaced))
+    return say(data)
 
 
 def _answer(frame: bytes) -> str:

@@ -1,0 +1,322 @@
+"""One CAN bus with its devices and any number of host ports: everything that happens, in order.
+
+    port 0 --+            +-- devices[0]
+    port 1 --+-- CanBus --+-- devices[1]      each port is a controller of its own
+
+Rules
+-----
+1. Events run in the order of time.  At one nanosecond: first the devices that want to be woken, by
+   index, then the bus.  So everybody has offered what is ready before the bus arbitrates.
+2. A frame reaches those who sent it, then all who heard it, in the order of their stations; what a
+   device does then is offered before the bus goes on.
+3. A ``SendFrame`` waits in the device's controller; ``Silence`` takes back what is not on the bus.
+   ``Store`` and ``Trace`` are queued for the shell, which must perform the stores before it passes
+   on any frame.
+4. A powered device is on the bus and acknowledges, whether its firmware listens or not.
+5. A port keeps ``PORT_QUEUE_FRAMES`` frames; what comes when they are not taken is lost to this
+   port alone, and counted.
+6. Whoever calls a device's methods from outside does so at ``now_ns``, and hands the effects to
+   ``perform``.  The supply goes through ``power_off`` and ``power_on`` here: the bus must know.
+"""
+
+from collections import deque
+from collections.abc import Iterable, Sequence
+from typing import Final, NamedTuple, TypeAlias
+
+from axistwin.devices.base import CanDevice
+from axistwin.kernel.effects import Effect, SendFrame, Silence, Store, Trace
+from axistwin.kernel.schedule import Schedule
+from axistwin.kernel.time import Nanos
+from axistwin.wire.can_bus import CanBus, Change, ControllerState, Fault, Happening, Heard
+from axistwin.wire.can_frame import CanFrame
+
+PORT_QUEUE_FRAMES: Final = 4096
+"""Frames, and as many error reports, that a port keeps for a host that does not take them."""
+
+HEARD_MAX: Final = 65536
+"""Frames kept for the record until somebody takes them."""
+
+
+class Arrival(NamedTuple):
+    """A frame at a host's port, complete at ``end_ns``; ``is_own``: the port sent it itself."""
+
+    end_ns: Nanos
+    frame: CanFrame
+    is_own: bool = False
+
+
+ErrorReport: TypeAlias = Fault | Change
+"""A frame that failed, or a new state of the port's own controller."""
+
+
+class _Port:
+    """A host's end: its controller's station, and what has arrived."""
+
+    __slots__ = ("arrivals", "dropped", "errors", "hears_errors", "hears_own")
+
+    def __init__(self, hears_own: bool, hears_errors: bool) -> None:
+        self.hears_own = hears_own
+        self.hears_errors = hears_errors
+        self.arrivals: deque[Arrival] = deque()
+        self.errors: deque[ErrorReport] = deque(maxlen=PORT_QUEUE_FRAMES)
+        self.dropped = 0
+
+
+class _Seat:
+    """A device's place in the schedule."""
+
+    __slots__ = ("_index", "_network", "next_event")
+
+    def __init__(self, network: "CanNetwork", index: int) -> None:
+        self._network = network
+        self._index = index
+        self.next_event = network.devices[index].next_event
+
+    def run(self, now: Nanos) -> None:
+        self._network.apply(self._index, self._network.devices[self._index].wake(now))
+
+
+class CanNetwork:
+    """The bus, the devices on it, and the hosts' ports.  Pure: the shell says how late it is.
+
+    bitrate: bits per second, > 0.  paced: frames take their time; otherwise none.
+    ``settled_ns``: the time at which nothing is left to be done, until something else is done.
+    ``arrivals_count``: how many frames have ever been put into ports.
+    """
+
+    def __init__(
+        self,
+        devices: Sequence[CanDevice],
+        *,
+        bitrate: int,
+        start_ns: Nanos = 0,
+        paced: bool = True,
+    ) -> None:
+        assert devices, "a bus has at least one device"
+        self.devices = tuple(devices)
+        self.bitrate = bitrate
+        self.arrivals_count = 0
+        self._bus = CanBus(bitrate if paced else None, start_ns)
+        for index in range(len(self.devices)):
+            station = self._bus.attach(start_ns)
+            assert station == index
+        self._ports: dict[int, _Port] = {}  # by station
+        self._effects: list[tuple[int, Store | Trace]] = []
+        self._heard: deque[Heard] = deque(maxlen=HEARD_MAX)
+        self._schedule = Schedule([_Seat(self, i) for i in range(len(self.devices))], start_ns)
+        self.settled_ns: Nanos | None = None
+
+    @property
+    def now_ns(self) -> Nanos:
+        """The time up to which everything has happened."""
+        return self._schedule.now
+
+    # -- time --
+
+    def next_event(self) -> Nanos | None:
+        """When something is next due, or None when nothing can happen any more by itself."""
+        device_ns, bus_ns = self._schedule.next_event(), self._bus.next_event()
+        if device_ns is None or bus_ns is None:
+            return bus_ns if device_ns is None else device_ns
+        return min(device_ns, bus_ns)
+
+    def run_until(self, now: Nanos) -> None:
+        """Let everything happen that is due by ``now``, then stand at ``now``."""
+        assert now >= self.now_ns, f"time went back from {self.now_ns} to {now} ns"
+        if now == self.settled_ns:
+            return
+        while self._run_next(now):
+            pass
+        self._stand_at(now)
+        self.settled_ns = now
+
+    def run_until_heard(self, port: int | None, limit_ns: Nanos | None) -> Nanos:
+        """Let things happen until ``port`` has something to take, but none behind ``limit_ns``.
+
+        port: None for no port.  Stops earlier when there are effects, or much heard, to take and,
+        without a limit, when nothing can happen any more by itself.  Returns the time reached, at
+        which more may be due (``run_until``).
+        """
+        self.settled_ns = None
+        while not (
+            self._effects
+            or len(self._heard) > HEARD_MAX // 2
+            or (port is not None and self.host_has_news(port))
+        ):
+            due_ns = self.next_event()
+            if due_ns is None or (limit_ns is not None and due_ns > limit_ns):
+                if limit_ns is not None:
+                    self._stand_at(limit_ns)
+                break
+            self._run_next(due_ns)
+        return self.now_ns
+
+    def _run_next(self, limit_ns: Nanos) -> bool:
+        """Do what is due first, if by ``limit_ns`` (rule 1); False if nothing is."""
+        bus_ns = self._bus.next_event()
+        earliest_ns = limit_ns if bus_ns is None or bus_ns > limit_ns else bus_ns
+        if self._schedule.run_next(earliest_ns):
+            return True
+        if bus_ns is None or bus_ns > limit_ns:
+            return False
+        self._stand_at(bus_ns)
+        for happening in self._bus.run_next(bus_ns):
+            self._tell(happening)
+        return True
+
+    def _stand_at(self, now: Nanos) -> None:
+        self._schedule.now = max(self._schedule.now, now)
+        self._bus.now_ns = max(self._bus.now_ns, now)
+
+    # -- what happens on the bus --
+
+    def _tell(self, happening: Happening) -> None:
+        if isinstance(happening, Heard):
+            self._heard.append(happening)
+            self._deliver(happening)
+        elif isinstance(happening, Fault):
+            for port in self._ports.values():
+                self._report(port, happening)
+        elif happening.station in self._ports:
+            self._report(self._ports[happening.station], happening)
+
+    def _deliver(self, heard: Heard) -> None:
+        """Rule 2."""
+        end_ns, frame, devices = heard.end_ns, heard.frame, self.devices
+        for station in heard.senders:
+            if station < len(devices):
+                self.perform(station, devices[station].sent(frame, end_ns))
+            elif self._ports[station].hears_own:
+                self._arrive(self._ports[station], Arrival(end_ns, frame, is_own=True))
+        arrival = Arrival(end_ns, frame)
+        for station in heard.listeners:
+            if station >= len(devices):
+                self._arrive(self._ports[station], arrival)
+            elif devices[station].accepts(frame):
+                self.perform(station, devices[station].receive(frame, end_ns))
+
+    def _arrive(self, port: _Port, arrival: Arrival) -> None:
+        if len(port.arrivals) < PORT_QUEUE_FRAMES:
+            port.arrivals.append(arrival)
+            self.arrivals_count += 1
+        else:
+            port.dropped += 1
+
+    def _report(self, port: _Port, report: ErrorReport) -> None:
+        if port.hears_errors:
+            port.errors.append(report)
+
+    def take_heard(self) -> list[Heard]:
+        """All frames since last time (the last ``HEARD_MAX`` at most), for the record."""
+        heard = list(self._heard)
+        self._heard.clear()
+        return heard
+
+    # -- the devices --
+
+    def touch(self, index: int) -> None:
+        """Look at device ``index`` again: its state was changed from outside."""
+        self.settled_ns = None
+        self._schedule.touch(index)
+
+    def perform(self, index: int, effects: Iterable[Effect]) -> None:
+        """Perform the effects of a method of device ``index`` called from outside at ``now_ns``."""
+        self.apply(index, effects)
+        self._schedule.touch(index)
+
+    def apply(self, index: int, effects: Iterable[Effect]) -> None:
+        """Put ``effects`` on the bus or in the queue; the caller sees to the next event."""
+        self.settled_ns = None
+        for effect in effects:
+            if isinstance(effect, SendFrame):
+                self._bus.offer(index, effect.frame, max(effect.start_ns, self.now_ns))
+            elif isinstance(effect, Silence):
+                if self._bus.is_attached(index):
+                    self._bus.withdraw(index, self.now_ns)
+            else:
+                assert isinstance(effect, Store | Trace)
+                self._effects.append((index, effect))
+
+    @property
+    def has_effects(self) -> bool:
+        """Whether there is something to take."""
+        return bool(self._effects)
+
+    def take_effects(self) -> list[tuple[int, Store | Trace]]:
+        """The stores and traces since last time with their device's index, in order."""
+        effects, self._effects = self._effects, []
+        return effects
+
+    def power_off(self, index: int) -> None:
+        """Cut the supply of device ``index`` now; a frame it is sending breaks off."""
+        self._bus.leave(index, self.now_ns)
+        self.perform(index, self.devices[index].power_off(self.now_ns))
+
+    def power_on(self, index: int) -> None:
+        """Supply device ``index`` from now on."""
+        self._bus.join(index, self.now_ns)
+        self.perform(index, self.devices[index].power_on(self.now_ns))
+
+    # -- the hosts' ports --
+
+    def attach(self, *, hears_own: bool = False, hears_errors: bool = False) -> int:
+        """A new port: a controller on the bus from now on.  Returns its number.
+
+        hears_own: it gets the frames that it sent itself, when they have left.
+        hears_errors: ``host_take_errors`` has something to tell.
+        """
+        self.settled_ns = None
+        port = self._bus.attach(self.now_ns)
+        self._ports[port] = _Port(hears_own, hears_errors)
+        return port
+
+    def detach(self, port: int) -> None:
+        """Take a port off the bus; a frame it is sending breaks off."""
+        self.settled_ns = None
+        self._bus.leave(port, self.now_ns)
+        del self._ports[port]
+
+    def host_send(self, port: int, frame: CanFrame) -> None:
+        """Queue ``frame`` behind what the port still sends."""
+        assert port in self._ports
+        self.settled_ns = None
+        self._bus.offer(port, frame, self.now_ns)
+
+    def host_backlog(self, port: int) -> int:
+        """How many of the port's frames have not been sent yet, one under way included."""
+        return self._bus.backlog(port)
+
+    def host_purge_output(self, port: int) -> None:
+        """Forget what the port still has to send; a frame under way is not tried again."""
+        self.settled_ns = None
+        self._bus.withdraw(port, self.now_ns)
+
+    def host_has_news(self, port: int) -> bool:
+        """Whether there is a frame or an error report to take."""
+        waiting = self._ports[port]
+        return bool(waiting.arrivals or waiting.errors)
+
+    def host_take(self, port: int, limit: int | None = None) -> list[Arrival]:
+        """Take the frames that have arrived by now, ``limit`` (>= 0) of them at most."""
+        arrivals = self._ports[port].arrivals
+        count = len(arrivals) if limit is None else min(limit, len(arrivals))
+        return [arrivals.popleft() for _ in range(count)]
+
+    def host_take_errors(self, port: int) -> list[ErrorReport]:
+        """Take what the port's controller has to report: failed frames, its own new states."""
+        errors = self._ports[port].errors
+        reports = list(errors)
+        errors.clear()
+        return reports
+
+    def host_dropped(self, port: int) -> int:
+        """How many frames were lost because nobody took them (rule 5)."""
+        return self._ports[port].dropped
+
+    def host_state(self, port: int) -> ControllerState:
+        """State of the port's controller: active, passive or off."""
+        return self._bus.state(port)
+
+    def host_counters(self, port: int) -> tuple[int, int]:
+        """Transmit and receive error counter of the port's controller."""
+        return self._bus.counters(port)
