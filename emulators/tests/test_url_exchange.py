@@ -23,6 +23,8 @@ URLS = (
     "axistwin://mac23?time=virtual&quirk.rx_during_xoff=kept&quirk.fifo_underrun=decelerate",
     "axistwin://mac23?time=virtual&quirk.reset_reply=silence&quirk.boot_time_ms=30",
     "axistwin://mac23:0,mac23:5?time=virtual",
+    "axistwin://mac23:5,mac34-1:0?time=virtual&quirk.rx_during_xoff=kept",
+    "axistwin://mac23:0,mac23:0,mac23:5?time=virtual&quirk.nack_scope=any",
     "axistwin://mac23?time=virtual&pacing=no",
 )
 
@@ -79,7 +81,7 @@ FRAMES = st.one_of(
         lambda index, number, address: request(index, number, address=address),
         st.sampled_from([0x13, 0x15, 0x16, 0x1E, 0x17, 0x18, 0x20, 0x27, 0x0D, 0x0C, 0x12, 0x00]),
         st.sampled_from([0, 5, 800, 0x00100320, 0xFFF00400, 0xFFFFFF00, 3]),
-        st.sampled_from([0, 0, 0, 0, 5, 0xFF]),
+        st.sampled_from([0, 0, 0, 0, 5, 5, 0xFF]),
     ),
     st.builds(lambda frame, at: frame[:at] + b"0" + frame[at + 1 :], st.just(QUERY), st.just(17)),
     st.sampled_from([QUERY[:7], QUERY[7:], QUERY + QUERY, b"\x00\xff", b""]),
@@ -124,9 +126,10 @@ def short_ways(side: Side, monkeypatch: pytest.MonkeyPatch) -> list[bytes | None
     return outcomes
 
 
-def test_most_exchanges_take_the_short_way(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("url", [URLS[0], "axistwin://mac23:0,mac34-1:7?time=virtual"])
+def test_most_exchanges_take_the_short_way(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """At rest, in motion, refused, in time or not: it is not only the same, it is fast."""
-    side = open_side(URLS[0])
+    side = open_side(url)
     outcomes = short_ways(side, monkeypatch)
     for data, size, expected in (
         (QUERY, ANSWER_LENGTH, b"\x06\x13\x020110000000000010\x03\x1a"),

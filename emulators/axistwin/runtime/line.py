@@ -309,7 +309,7 @@ class Line:
             return None
         with self._lock:
             now, network = self._sync(), self._network
-            if not network.is_host_alone_with_device:
+            if not network.is_free_for_host:
                 return None
             self.transcript.add(now, "host", data)
             answer = network.host_ask(data, size, now + patience_ns)

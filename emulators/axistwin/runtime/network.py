@@ -317,65 +317,102 @@ class SerialNetwork:
         return True
 
     @property
-    def is_host_alone_with_device(self) -> bool:
-        """Whether there is one device, which the host understands, and nothing is on the line."""
-        return not self._received and self._line.is_free_pair
+    def is_free_for_host(self) -> bool:
+        """Whether nothing is on the line, on which all understand each other."""
+        return not self._received and self._line.is_free
 
     def host_ask(self, data: bytes, size: int, limit_ns: Nanos) -> bytes | None:
         """Send ``data`` now, and be where the host has ``size`` bytes, or at ``limit_ns``: heard.
 
         None: something else happens before, or the answer is longer; it is to be waited for, as
-        after ``host_send``.  Only for who is alone with a device.  Effects may be left to take.
+        after ``host_send``.  Only if ``is_free_for_host``.  Effects may be left to take.
         """
-        line, schedule, device = self._line, self._schedule, self.devices[0]
+        line, schedule = self._line, self._schedule
         now, line_format = schedule.now, self._formats[0]
         heard_ns = now + line_format.span_ns(len(data))
+        index = self._only_one_to_react(data)
         if (
-            heard_ns > limit_ns
+            index is None
+            or heard_ns > limit_ns
             or not 0 < len(data) <= STRETCH_BYTES
             or not schedule.is_idle_until(heard_ns)
-            or device.quiet_prefix(data) < len(data) - 1
         ):
             self.host_send(data)
             return None
         line.now_ns = schedule.now = heard_ns
-        effects = device.receive(Chunk(now, data, line_format))
+        effects = self._all_hear(Chunk(now, data, line_format), index)
         sent = [effect for effect in effects if type(effect) is Transmit]
         answer = Transmit(heard_ns, b"")
         if len(sent) == 1:
             answer = Transmit(max(heard_ns, sent[0].start_ns), sent[0].data)
         end_ns = answer.start_ns + line_format.span_ns(len(answer.data))
         fits = len(sent) < 2 and len(answer.data) <= size and end_ns <= limit_ns
-        if not fits or device.line_format is not line_format:
-            self.apply(0, effects)
-            schedule.touch(0)
+        if not fits or self.devices[index].line_format is not self._formats[index]:
+            self.apply(index, effects)
+            schedule.touch(index)
             return None
         if len(answer.data) < size:
             end_ns = limit_ns
         if len(effects) > len(sent):
-            self.apply(0, [effect for effect in effects if type(effect) is not Transmit])
-        if not self._let_answer_pass(answer, end_ns):
+            self.apply(index, [effect for effect in effects if type(effect) is not Transmit])
+        if not self._let_answer_pass(index, answer, end_ns):
             return None
         line.now_ns = schedule.now = self.settled_ns = end_ns
-        schedule.touch(0)
+        schedule.touch(index)
         return answer.data
 
-    def _let_answer_pass(self, answer: Transmit, end_ns: Nanos) -> bool:
-        """Wake the lone device, whose ``answer`` is not on the line yet, when it wants until then.
+    def _only_one_to_react(self, data: bytes) -> int | None:
+        """The one device that reacts to ``data``, not before its end; None: there are others."""
+        found, last = 0, len(data) - 1
+        if len(self.devices) == 1:
+            return 0 if self.devices[0].quiet_prefix(data) >= last else None
+        is_found = False
+        for index, device in enumerate(self.devices):
+            quiet = device.quiet_prefix(data)
+            if quiet < last or (quiet == last and is_found):
+                return None
+            if quiet == last:
+                found, is_found = index, True
+        return found
 
-        False: it has more to say, and all of it is on the line now.
+    def _all_hear(self, chunk: Chunk, index: int) -> Sequence[Effect]:
+        """Let all devices but ``index`` take what leaves them quiet; what that one does then."""
+        for number, device in enumerate(self.devices):
+            if number != index:
+                effects = device.receive(chunk)
+                assert not effects, "a device has reacted that would not"
+        return self.devices[index].receive(chunk)
+
+    def _let_answer_pass(self, index: int, answer: Transmit, end_ns: Nanos) -> bool:
+        """Wake device ``index``, whose ``answer`` is not on the line yet, when it wants until then.
+
+        The others hear the answer.  False: it has more to say, or one of the others may have
+        something to do, and all of it is on the line now.
         """
-        device = self.devices[0]
+        device, line_format = self.devices[index], self._formats[0]
+        others = [each for each in self.devices if each is not device]
+        for other in others:
+            due_ns = other.next_event()
+            is_busy = due_ns is not None and due_ns <= end_ns
+            if is_busy or other.quiet_prefix(answer.data) < len(answer.data):
+                self._line.transmit(index + 1, answer.start_ns, answer.data)
+                self.settled_ns = None
+                self._schedule.touch(index)
+                return False
         while (due_ns := device.next_event()) is not None and due_ns <= end_ns:
             self._schedule.now = due_ns
             effects = device.wake(due_ns)
             speaks = any(type(effect) is Transmit for effect in effects)
             if speaks:
-                self._line.transmit(1, answer.start_ns, answer.data)
-            self.apply(0, effects)
+                self._line.transmit(index + 1, answer.start_ns, answer.data)
+            self.apply(index, effects)
             if speaks:
-                self._schedule.touch(0)
+                self._schedule.touch(index)
                 return False
+        if answer.data and others:
+            chunk = Chunk(answer.start_ns, answer.data, line_format)
+            for other in others:
+                assert not other.receive(chunk), "a device has reacted that would not"
         return True
 
     def send_break(self, duration_ns: Nanos) -> None:

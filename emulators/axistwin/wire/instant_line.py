@@ -74,7 +74,7 @@ class InstantLine:
         return self._is_agreed and not self._waiting and not self._heard
 
     @property
-    def is_free_pair(self) -> bool:
+    def is_free(self) -> bool:
         """Never: nobody has to wait for bytes here."""
         return False
 

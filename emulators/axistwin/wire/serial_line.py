@@ -87,13 +87,16 @@ class SerialLine:
         return False
 
     @property
-    def is_free_pair(self) -> bool:
-        """Whether nobody drives, and there are but two stations, which understand each other."""
-        if self._transmissions or not self._is_clean or len(self._receivers) != 2:
+    def is_free(self) -> bool:
+        """Whether nobody drives, and all stations have supply and understand each other."""
+        if self._transmissions or not self._is_clean or not all(self._is_on):
             return False
-        host, device = self._receivers
-        agreed = host.format is device.format or host.format == device.format
-        return agreed and all(self._is_on)
+        receivers = self._receivers
+        common = receivers[0].format
+        for each in receivers:
+            if each.format is not common and each.format != common:
+                return False
+        return True
 
     # -- what stations do --
 
