@@ -5,6 +5,7 @@ Built on `talk.py`, which tells for each exchange when the module can have taken
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Final
 
@@ -12,7 +13,7 @@ from axistwin_conformance.errors import OutsideEnvelope
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.codec import Kind, Request
 from axistwin_conformance.mac_serial.forecast import Forecast, Segment, Timeline, Window
-from axistwin_conformance.mac_serial.motion import TICKS_PER_SECOND, Course, Law
+from axistwin_conformance.mac_serial.motion import RAMP_LEVELS, TICKS_PER_SECOND, Course, Law
 from axistwin_conformance.mac_serial.talk import (
     QUIET_S as QUIET_S,
 )
@@ -34,6 +35,9 @@ DEAF_S: Final = 2.0  # MACS-CMD-00-02
 FIFO_STAGES: Final = 3
 PRELOAD_SHOWS_S: Final = 0.2
 CLOCK_ERROR: Final = 0.002  # a real module's quartz against ours; none in virtual time
+
+MOST_RUN_OUT: Final = 100  # increments after 18h, of an axis of which that is not known yet
+SLOWEST_LEVEL_TICKS: Final = RAMP_LEVELS * 0xFFFF  # an increment at the foot of the slowest ramp
 
 GENTLE_BRAKING: Final = 1_000_000  # inc/s²: a tenth of what an unloaded MAC23 does (§5.4)
 
@@ -180,7 +184,36 @@ class Bench(Talk):
             self.ask(0x20)
         if index in (0x13, 0x14):
             self.needs_speed(SLOWEST)
-        return super().command(index, parameter, sub_index)
+        exchange = super().command(index, parameter, sub_index)
+        if index == 0x18 and exchange.kind is Kind.ACCEPTED:
+            self.run_out()
+        return exchange
+
+    def run_out(self) -> None:
+        """Wait until an axis stands still that runs on after 18h and stops, locked as in motion.
+
+        It runs on over the N increments it was seen to (MACS-INT-03), slowing down evenly, so that
+        the last one takes 2√N times as long as one before, and all of them √N times that; while
+        N is still asked for, 100.
+        """
+        number = self.session.readings.get("brake_increments", "" if self._may_run_on else "0")
+        increments = int(number) if number.isdigit() else 0 if number else MOST_RUN_OUT
+        if not increments:
+            return
+        pause_s = (2 * math.sqrt(increments) + 1) * SLOWEST_LEVEL_TICKS / TICKS_PER_SECOND
+        place = self.ask(0x20).reply.data
+        for _ in range(math.isqrt(increments) + 2):
+            self.wait(pause_s)
+            before, place = place, self.ask(0x20).reply.data
+            if place == before:
+                return
+
+    @property
+    def _may_run_on(self) -> bool:
+        """True in a probe that asks before how far the axis runs on, where that is asked at all."""
+        check = self.session.check
+        is_asked = self.target.is_virtual and "brake_increments" not in self.session.run.detections
+        return is_asked and check is not None and not check.requirements
 
     @property
     def fastest(self) -> int:
@@ -463,13 +496,15 @@ class Bench(Talk):
             self.follow(forecast, requirement, allowance)
         return self.finish(forecast, requirement)
 
-    def finish(self, forecast: Forecast, requirement: Part = None) -> int:
-        """Wait for the end of a motion; judge where the axis then stands and that it stays."""
+    def finish(self, forecast: Forecast, requirement: Part = None, braking: int = 0) -> int:
+        """Wait for the end of a motion; judge where the axis then stands, at most so many
+        increments above where it was stopped."""
         end = forecast.end
         assert end is not None, "an endless motion is not waited for"
         settle_ns = 0 if self.target.is_virtual else 100_000_000
         self.wait_until(end.latest_ns + settle_ns)
         lowest, highest = forecast.final
+        highest += braking
         sample = self.sample()
         self.plot(forecast, sample, 0)
         self._judge(

@@ -204,7 +204,7 @@ def a_hard_stop_empties_the_fifo(session: Session) -> None:
     forecast = bench.feed(start, one, one, one)
     bench.wait(0.1)
     halted = forecast.halted(bench.accepted(0x18).taken)
-    place = bench.finish(halted, "MACS-CMD-18-01")
+    place = bench.finish(halted, "MACS-CMD-18-01", bench.braking(one.period))
     bench.wait(0.5)
     again = bench.position()
     outcome = int(again != place)

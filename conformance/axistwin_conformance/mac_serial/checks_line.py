@@ -114,6 +114,7 @@ def after_00h_parameters_and_position_are_kept(session: Session) -> None:
         bench.command(index, parameter)
     bench.accepted(0x13, start + 100)
     bench.wait(0.4)
+    bench.run_out()
     before = [bench.value(index) for index in PARAMETER_QUERIES]
     place = bench.position()
     stopped_on = bench.stopped_on()

@@ -74,6 +74,7 @@ def fence(bench: Bench, side: Side, distance: int, mode: int = 8) -> int:
 
 def _rest(bench: Bench) -> int:
     """The place where the axis is once it no longer moves (some ten milliseconds per step)."""
+    bench.run_out()
     bench.wait(0.15)
     return bench.position()
 

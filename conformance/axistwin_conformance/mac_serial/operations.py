@@ -155,6 +155,8 @@ def _unassigned(run: Sequence, first: int, second: int) -> None:
 
 
 def _spoilt(run: Sequence, first: int, second: int) -> None:
+    if run.bench.is_nacked_by_many:  # all at once: neither reply nor the next frame would be heard
+        return
     index = (*MOTIONS, *SEGMENTS, *DROPPING, 0x0B, 0x0D, 0x20)[first % 11]
     # A module that obeyed it would stay inside.
     frame = run.bench.frame(index, run.place(second) if index == 0x13 else 0x00101000)

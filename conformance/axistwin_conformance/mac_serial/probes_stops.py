@@ -40,6 +40,7 @@ def fence(bench: Bench, distance: int, period: int = PERIOD) -> int:
 
 def rest(bench: Bench) -> int:
     """The place where the axis is once it no longer moves (some ten milliseconds per step)."""
+    bench.run_out()
     bench.wait(0.15)
     return bench.position()
 

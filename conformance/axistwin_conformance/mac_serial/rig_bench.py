@@ -184,6 +184,7 @@ class RigBench(Bench):
 
     def rest(self) -> int:
         """The place of an axis that has stopped, seen twice to be the same."""
+        self.run_out()
         self.wait(0.1)
         place = self.position()
         self.wait(0.2)
