@@ -20,8 +20,9 @@ from axistwin.kernel.time import NS_PER_S
 from axistwin.ports.pty import PtyPort
 from axistwin.ports.tcp import TcpPort, parse_address
 from axistwin.runtime.clock import PacedClock
-from axistwin.runtime.line import Line, Station
+from axistwin.runtime.line import Line
 from axistwin.runtime.network import SerialNetwork
+from axistwin.runtime.owner import Station
 from axistwin.runtime.server import Server
 from axistwin.runtime.storage import MemorySlot, MemoryStorage
 from axistwin.wire.framing import LineFormat

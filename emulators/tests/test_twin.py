@@ -9,8 +9,9 @@ from axistwin.kernel.effects import Trace
 from axistwin.kernel.time import NS_PER_MS, NS_PER_S
 from axistwin.motion.plant import Load
 from axistwin.runtime.clock import PacedClock, VirtualClock
-from axistwin.runtime.line import Line, Station
+from axistwin.runtime.line import Line
 from axistwin.runtime.network import SerialNetwork
+from axistwin.runtime.owner import Station
 from axistwin.runtime.storage import MemorySlot, MemoryStorage
 from axistwin.runtime.twin import Twin
 

@@ -1,6 +1,7 @@
-"""A user's handle on one device of a line: what a hand, a supply and a load can do to it.
+"""A user's handle on one device: what a hand, a supply and a load can do to it.
 
-Everything here acts at the line's present time and is over when it returns; from any thread.
+Everything here acts at the present time of its line or bus and is over when it returns; from any
+thread.
 """
 
 from collections.abc import Mapping
@@ -12,7 +13,7 @@ from axistwin.kernel.time import NS_PER_S
 from axistwin.motion.plant import Load
 
 if TYPE_CHECKING:
-    from axistwin.runtime.line import Line, Station
+    from axistwin.runtime.owner import Owner, Station
 
 INPUTS = ("reference", "positive_stop", "negative_stop", "reset")
 
@@ -85,10 +86,10 @@ class LoadHandle:
 
 
 class Twin:
-    """One device of a line.  Made by the line; see ``Line.twins``."""
+    """One device of a line or a bus.  Made by its owner; see ``Owner.twins``."""
 
-    def __init__(self, line: "Line", index: int, station: "Station") -> None:
-        self._line = line
+    def __init__(self, owner: "Owner[Any]", index: int, station: "Station") -> None:
+        self._owner = owner
         self._index = index
         self._device = station.device
         self._load = Load()
@@ -111,7 +112,7 @@ class Twin:
     @property
     def position(self) -> int:
         """Where the axis is now, in increments."""
-        with self._line.present() as now:
+        with self._owner.present() as now:
             return int(self._device.position_at(now))
 
     @property
@@ -122,18 +123,18 @@ class Twin:
     @property
     def is_moving(self) -> bool:
         """Whether the axis moves now."""
-        with self._line.present() as now:
+        with self._owner.present() as now:
             return bool(self._device.is_moving(now))
 
     @property
     def cells(self) -> dict[str, int]:
         """The nonvolatile cells by name, as they are now."""
-        with self._line.present() as now:
+        with self._owner.present() as now:
             return dict(self._device.cells(now))
 
     def describe(self) -> dict[str, Any]:
         """Everything worth showing of it, by name, as it is now."""
-        with self._line.present() as now:
+        with self._owner.present() as now:
             return dict(self._device.describe(now))
 
     # -- pins, supply, load -------------------------------------------------------------------
@@ -151,7 +152,7 @@ class Twin:
     @supply_volts.setter
     def supply_volts(self, volts: float) -> None:
         value = _checked_number("supply_volts", volts, 0.0, SUPPLY_MAX_VOLTS, "V")
-        self._line.act(self._index, lambda now: self._device.set_supply(now, round(value * 1000)))
+        self._owner.act(self._index, lambda now: self._device.set_supply(now, round(value * 1000)))
 
     @property
     def temperature_celsius(self) -> float:
@@ -162,7 +163,7 @@ class Twin:
     def temperature_celsius(self, celsius: float) -> None:
         low, high = TEMPERATURE_MIN_CELSIUS, TEMPERATURE_MAX_CELSIUS
         value = _checked_number("temperature_celsius", celsius, low, high, "°C")
-        self._line.act(
+        self._owner.act(
             self._index, lambda now: self._device.set_temperature(now, round(value * 1000))
         )
 
@@ -175,19 +176,19 @@ class Twin:
     def load(self, load: Load) -> None:
         if not isinstance(load, Load):
             raise UsageError(f"load {load!r} is not allowed; set a Load of axistwin.motion.plant")
-        with self._line.present():
-            self._line.act(self._index, lambda now: self._device.set_load(now, load))
+        with self._owner.present():
+            self._owner.act(self._index, lambda now: self._device.set_load(now, load))
             self._load = load
 
     def push(self, increments: int) -> None:
         """Turn the shaft by hand, by signed ``increments``."""
         if isinstance(increments, bool) or not isinstance(increments, int):
             raise UsageError(f"push {increments!r} is no number of increments; give a whole number")
-        self._line.act(self._index, lambda now: self._device.push(now, increments))
+        self._owner.act(self._index, lambda now: self._device.push(now, increments))
 
     def set_fault(self, name: str, present: bool = True) -> None:
         """Let a fault be there or gone that no measure shows.  Raises UsageError with the names."""
-        self._line.act(self._index, lambda now: self._device.set_fault(now, name, present))
+        self._owner.act(self._index, lambda now: self._device.set_fault(now, name, present))
 
     # -- power --------------------------------------------------------------------------------
 
@@ -198,17 +199,17 @@ class Twin:
 
     def power_off(self) -> None:
         """Cut the supply; nothing happens if it is off."""
-        with self._line.present():
+        with self._owner.present():
             if self._is_powered:
                 self._is_powered = False
-                self._line.set_power(self._index, on=False)
+                self._owner.set_power(self._index, on=False)
 
     def power_on(self) -> None:
         """Apply the supply; nothing happens if it is on."""
-        with self._line.present():
+        with self._owner.present():
             if not self._is_powered:
                 self._is_powered = True
-                self._line.set_power(self._index, on=True)
+                self._owner.set_power(self._index, on=True)
 
     def power_cycle(self, off_s: float = 0.0) -> None:
         """Cut the supply for ``off_s`` seconds of the twin's time, then apply it.
@@ -217,13 +218,13 @@ class Twin:
         """
         seconds = _checked_number("off_s", off_s, 0.0, 1e6, "s")
         self.power_off()
-        self._line.advance(round(seconds * NS_PER_S))
+        self._owner.advance(round(seconds * NS_PER_S))
         self.power_on()
 
     # -- for the handles ----------------------------------------------------------------------
 
     def _set_input(self, name: str, active: bool) -> None:
-        self._line.act(self._index, lambda now: self._device.set_input(now, name, active))
+        self._owner.act(self._index, lambda now: self._device.set_input(now, name, active))
 
 
 def _names_of(load: Load) -> tuple[str, ...]:
