@@ -43,17 +43,33 @@ def commands() -> str:
 
 def quirks() -> str:
     """Every switch of the MAC serial twins."""
-    model = catalog.find_model("mac23")
+    return quirks_of(
+        "mac23",
+        "# Quirks of the MAC twins\n\n"
+        "Where the manual can be read in several ways, a switch chooses: `--quirk NAME=VALUE`, a\n"
+        "profile's `[quirks]`, `quirk.NAME=VALUE` in a URL, or `quirks={...}` of the fixture.\n\n",
+    )
+
+
+def can_quirks() -> str:
+    """Every switch of the MAC23 on CAN."""
+    return quirks_of(
+        "mac23-can",
+        "# Quirks of the MAC23 on CAN\n\n"
+        "Where the manual can be read in several ways, a switch chooses: a profile's `[quirks]`,\n"
+        "`quirk.NAME=VALUE` in a channel's name, or `quirks={...}` of `can.Bus`. Entries `MACS-`\n"
+        "concern the axis, which this module shares with the serial one.\n\n",
+    )
+
+
+def quirks_of(name: str, head: str) -> str:
+    """A page with the switches of a model."""
+    model = catalog.find_model(name)
     rows = (
         (f"`{name}`", quirk.source, f"`{quirk.default}`", ", ".join(quirk.allowed), quirk.doc)
         for name, quirk in model.quirks.items()
     )
-    return (
-        "# Quirks of the MAC twins\n\n"
-        "Where the manual can be read in several ways, a switch chooses: `--quirk NAME=VALUE`, a\n"
-        "profile's `[quirks]`, `quirk.NAME=VALUE` in a URL, or `quirks={...}` of the fixture.\n\n"
-        + table(["switch", "entry", "default", "values", "meaning"], rows)
-    )
+    return head + table(["switch", "entry", "default", "values", "meaning"], rows)
 
 
 def requirements() -> str:
@@ -81,6 +97,7 @@ def requirements() -> str:
 
 PAGES = {
     "commands.md": commands,
+    "mac-can-quirks.md": can_quirks,
     "mac-serial-quirks.md": quirks,
     "mac-serial-requirements.md": requirements,
 }

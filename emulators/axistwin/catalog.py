@@ -1,4 +1,4 @@
-"""What there is to be run: the models, their switches, profiles, and how a line is put together.
+"""What there is to be run: the models, their switches, profiles, and how lines and buses are built.
 
 A new family of devices registers with one entry in ``_FAMILIES``.  Its modules are imported when a
 model of it is used, not before: listing the models costs nothing.
@@ -8,19 +8,30 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Literal, Protocol, TypeAlias, cast
 
-from axistwin.devices.base import MotionSerialDevice
+from axistwin.devices.base import MotionCanDevice, MotionDevice, MotionSerialDevice
 from axistwin.errors import StateError, UsageError, nearest, suggestion
 from axistwin.kernel.seed import derive_seed
 from axistwin.kernel.time import NS_PER_US, Nanos
+from axistwin.runtime.bus import Bus
+from axistwin.runtime.can_network import CanNetwork
 from axistwin.runtime.clock import Clock, PacedClock
-from axistwin.runtime.line import Line, Station
+from axistwin.runtime.line import Line
 from axistwin.runtime.network import SerialNetwork
+from axistwin.runtime.owner import Station
 from axistwin.runtime.storage import MemoryStorage, Stores
+from axistwin.wire.can_frame import CanFrame
 
 Value: TypeAlias = str | int | bool
 """A quirk's value: text as on a command line, or what TOML makes of it."""
+
+Carrier: TypeAlias = Literal["serial", "can"]
+"""What a device is reached over."""
+
+DEFAULT_BITRATE = 125_000
+BITRATE_MAX = 1_000_000
+"""Of a bus, bits per second; 1 Mbit/s is the limit of ISO 11898-2."""
 
 _SKEW_MIN_NS, _SKEW_MAX_NS = 30 * NS_PER_US, 200 * NS_PER_US
 _PROFILE_KEYS = ("model", "quirks")
@@ -65,21 +76,30 @@ class _Maker(Protocol):
         cells: Mapping[str, int],
         skew_ns: Nanos,
         alone: bool,
-    ) -> MotionSerialDevice: ...
+    ) -> MotionDevice: ...
 
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """What the models of a family share, each loaded when it is asked for."""
+    """What the models of a family share, each loaded when it is asked for.
+
+    make: of ``MotionSerialDevice`` or ``MotionCanDevice``, as ``carrier`` says.
+    explain: bytes of a serial line, or a ``CanFrame``, in words.
+    """
 
     quirks: Callable[[], Mapping[str, Quirk]]
     make: _Maker
-    explain: Callable[[bytes], str]
+    explain: Callable[[Any], str]
+    carrier: Carrier = "serial"
 
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """One kind of device.  ``bauds``: the rates it can be set to, bits per second."""
+    """One kind of device.
+
+    default_baud: the rate it leaves the factory with; on a bus, the one that is used unless another
+    is given.  bauds: those that the device itself can be set to, bits per second; none on a bus.
+    """
 
     name: str
     description: str
@@ -94,6 +114,11 @@ class Model:
         """All switches by name."""
         return self.family.quirks()
 
+    @property
+    def carrier(self) -> Carrier:
+        """What it is reached over."""
+        return self.family.carrier
+
     def make(
         self,
         address: int,
@@ -102,7 +127,7 @@ class Model:
         cells: Mapping[str, int] | None = None,
         skew_ns: Nanos = 0,
         alone: bool = True,
-    ) -> MotionSerialDevice:
+    ) -> MotionDevice:
         """A device at ``address``, with ``cells`` in place of what the factory stored.
 
         skew_ns: how much later than its siblings it answers.  alone: no other is on its line.
@@ -117,8 +142,8 @@ class Model:
             alone=alone,
         )
 
-    def explain(self, data: bytes) -> str:
-        """The frames in ``data``, of either direction, in words."""
+    def explain(self, data: bytes | CanFrame) -> str:
+        """The frames in ``data``, of either direction, in words; on a bus, the frame ``data``."""
         return self.family.explain(data)
 
 
@@ -232,19 +257,11 @@ def build_line(
     """
     storage = MemoryStorage() if storage is None else storage
     try:
-        if not specs:
-            raise UsageError("no device was named; name one, such as mac23 or mac23:5")
-        used = [find_model(spec.model) for spec in specs]
-        settings = dict(quirks or {})
-        _check_quirks(used, settings)
+        used = _checked_models(specs, "serial", quirks or {})
         clock = PacedClock() if clock is None else clock
-        now = clock.now_ns()
-        stations = [
-            _station(spec, index, settings, seed, storage, baud, alone=len(specs) == 1)
-            for index, spec in enumerate(specs)
-        ]
-        devices = [station.device for station in stations]
-        network = SerialNetwork(devices, start_ns=now, paced=paced)
+        stations = _stations(specs, quirks or {}, seed, storage, baud)
+        devices = [cast(MotionSerialDevice, station.device) for station in stations]
+        network = SerialNetwork(devices, start_ns=clock.now_ns(), paced=paced)
         network.host_format = devices[0].line_format
         line = Line(network, clock, storage, stations, explain=used[0].explain)
         if cold:
@@ -254,6 +271,82 @@ def build_line(
         storage.close()
         raise
     return line
+
+
+def build_bus(
+    specs: Sequence[DeviceSpec],
+    *,
+    quirks: Mapping[str, Value] | None = None,
+    seed: int = 0,
+    clock: Clock | None = None,
+    paced: bool = True,
+    storage: Stores | None = None,
+    bitrate: int = DEFAULT_BITRATE,
+    cold: bool = False,
+) -> Bus:
+    """A CAN bus with the devices of ``specs``; two may have the same address.
+
+    bitrate: of the bus, 1..1000000 bits per second.  All else as for ``build_line``.
+
+    Raises UsageError and StateError; the storage is closed then.
+    """
+    storage = MemoryStorage() if storage is None else storage
+    try:
+        used = _checked_models(specs, "can", quirks or {})
+        if not 0 < bitrate <= BITRATE_MAX:
+            raise UsageError(f"bitrate {bitrate} is out of range: 1..{BITRATE_MAX} bits per second")
+        clock = PacedClock() if clock is None else clock
+        stations = _stations(specs, quirks or {}, seed, storage, None)
+        devices = [cast(MotionCanDevice, station.device) for station in stations]
+        network = CanNetwork(devices, bitrate=bitrate, start_ns=clock.now_ns(), paced=paced)
+        bus = Bus(network, clock, storage, stations, explain=used[0].explain)
+        if cold:
+            for twin in bus.twins:
+                twin.power_cycle()
+    except BaseException:
+        storage.close()
+        raise
+    return bus
+
+
+_CARRIED: dict[Carrier, tuple[str, str]] = {
+    "serial": ("a serial line", "axistwin://{}"),
+    "can": ("a CAN bus", 'can.Bus(interface="axistwin", channel="{}")'),
+}
+"""What each carrier is called, and how a Python program reaches a device on it."""
+
+
+def _checked_models(
+    specs: Sequence[DeviceSpec], carrier: Carrier, quirks: Mapping[str, Value]
+) -> list[Model]:
+    """The models of ``specs``, all of them for ``carrier`` and with known quirks."""
+    if not specs:
+        raise UsageError("no device was named; name one, such as mac23 or mac23:5")
+    used = [find_model(spec.model) for spec in specs]
+    for spec, model in zip(specs, used, strict=True):
+        if model.carrier != carrier:
+            wanted, use = _CARRIED[model.carrier]
+            raise UsageError(
+                f"{spec} lives on {wanted}, not on {_CARRIED[carrier][0]}; "
+                f"from Python use {use.format(spec)}"
+            )
+    _check_quirks(used, quirks)
+    return used
+
+
+def _stations(
+    specs: Sequence[DeviceSpec],
+    quirks: Mapping[str, Value],
+    seed: int,
+    storage: Stores,
+    baud: int | None,
+) -> list[Station]:
+    """The devices of ``specs`` with their memories."""
+    alone = len(specs) == 1
+    return [
+        _station(spec, index, quirks, seed, storage, baud, alone=alone)
+        for index, spec in enumerate(specs)
+    ]
 
 
 def _station(
@@ -302,7 +395,7 @@ def _skew_ns(seed: int, spec: DeviceSpec, index: int) -> Nanos:
 
 
 def _check_quirks(used: Sequence[Model], settings: Mapping[str, Value]) -> None:
-    """Every setting is known to a model of the line and has a value it allows."""
+    """Every setting is known to a model in use and has a value it allows."""
     for name, value in settings.items():
         knowing = [model for model in used if name in model.quirks]
         for model in knowing or used[:1]:
@@ -373,7 +466,36 @@ def _explain_mac(data: bytes) -> str:
     return explain(data)
 
 
+@cache
+def _mac_can_quirks() -> Mapping[str, Quirk]:
+    from axistwin.devices.mac.can_quirks import CAN_QUIRKS
+
+    return CAN_QUIRKS
+
+
+def _make_mac_can(
+    model: str,
+    address: int,
+    *,
+    quirks: Mapping[str, Value],
+    cells: Mapping[str, int],
+    skew_ns: Nanos,
+    alone: bool,
+) -> MotionCanDevice:
+    from axistwin.devices.mac.can import MacCan
+    from axistwin.devices.mac.can_quirks import parse_can_quirks
+
+    return MacCan(address, quirks=parse_can_quirks(quirks), cells=cells, skew_ns=skew_ns)
+
+
+def _explain_mac_can(frame: CanFrame) -> str:
+    from axistwin.devices.mac.can_decode import explain_frame
+
+    return explain_frame(frame)
+
+
 _MAC = Family(_mac_quirks, _make_mac, _explain_mac)
+_MAC_CAN = Family(_mac_can_quirks, _make_mac_can, _explain_mac_can, carrier="can")
 
 
 def _mac(name: str, description: str) -> Model:
@@ -394,5 +516,14 @@ _MODELS: dict[str, Model] = {
         _mac("mac23", "MAC23 motor with controller, 2000 increments per turn"),
         _mac("mac34-1", "MAC34 motor with controller, 10000 increments per turn, to 102 V"),
         _mac("mac34-2", "MAC34 motor with controller, 10000 increments per turn, to 204 V"),
+        Model(
+            "mac23-can",
+            "MAC23 motor with controller, 2000 increments per turn, on a CAN bus",
+            addresses=range(1, 0x80),
+            default_address=1,
+            default_baud=DEFAULT_BITRATE,
+            bauds=(),
+            family=_MAC_CAN,
+        ),
     )
 }

@@ -6,12 +6,21 @@ import pytest
 from mac_frames import ACCEPTED, ANSWER_LENGTH, answer_value, request
 
 from axistwin import catalog
-from axistwin.catalog import DeviceSpec, build_line, parse_device, parse_settings, read_profile
+from axistwin.catalog import (
+    DeviceSpec,
+    build_bus,
+    build_line,
+    parse_device,
+    parse_settings,
+    read_profile,
+)
 from axistwin.errors import StateError, UsageError
 from axistwin.kernel.time import NS_PER_MS, NS_PER_S
+from axistwin.runtime.bus import Bus
 from axistwin.runtime.clock import VirtualClock
 from axistwin.runtime.line import Line
 from axistwin.runtime.storage import MemoryStorage, Storage
+from axistwin.wire.can_frame import CanFrame
 from axistwin.wire.framing import LineFormat
 
 
@@ -31,17 +40,25 @@ def ask(line: Line, frame: bytes, count: int = ANSWER_LENGTH) -> bytes:
 def test_the_models_are_listed_with_all_that_a_user_needs() -> None:
     """Names, descriptions, addresses, rate, and quirks with values, default, ID and meaning."""
     models = catalog.models()
-    assert list(models) == ["mac23", "mac34-1", "mac34-2"]
+    assert list(models) == ["mac23", "mac34-1", "mac34-2", "mac23-can"]
     for name, model in models.items():
         assert model.name == name
         assert model.description
+        for quirk in model.quirks.values():
+            assert quirk.doc
+            assert quirk.allowed
+    serial = [model for model in models.values() if model.carrier == "serial"]
+    assert len(serial) == 3
+    for model in serial:
         assert (model.addresses, model.default_address) == (range(0x80), 0)
         assert model.default_baud == 38400
         assert model.quirks["xon_byte"].default == "1Ah"
-        for quirk in model.quirks.values():
-            assert quirk.doc
-            assert quirk.source.startswith("MACS-")
-            assert quirk.allowed
+        assert all(quirk.source.startswith("MACS-") for quirk in model.quirks.values())
+    on_can = models["mac23-can"]
+    assert on_can.carrier == "can"
+    assert (on_can.addresses, on_can.default_address) == (range(1, 0x80), 1)
+    assert (on_can.default_baud, on_can.bauds) == (125_000, ())
+    assert on_can.quirks["upload_scs"].source == "MACC-AMB-18"
 
 
 def test_listing_the_models_loads_no_device() -> None:
@@ -65,6 +82,8 @@ def test_listing_the_models_loads_no_device() -> None:
         ("mac34-2:7fH", DeviceSpec("mac34-2", 127)),
         ("mac23:0x1F", DeviceSpec("mac23", 31)),
         ("mac23:10h", DeviceSpec("mac23", 16)),
+        ("mac23-can", DeviceSpec("mac23-can", 1)),
+        ("mac23-can:7Fh", DeviceSpec("mac23-can", 127)),
     ],
 )
 def test_a_device_is_named_by_model_and_address(text: str, spec: DeviceSpec) -> None:
@@ -76,11 +95,15 @@ def test_a_device_is_named_by_model_and_address(text: str, spec: DeviceSpec) -> 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("mac24", "unknown model 'mac24': did you mean mac23? known: mac23, mac34-1, mac34-2"),
-        ("", "unknown model '': known: mac23, mac34-1, mac34-2"),
+        (
+            "mac24",
+            "unknown model 'mac24': did you mean mac23? known: mac23, mac34-1, mac34-2, mac23-can",
+        ),
+        ("", "unknown model '': known: mac23, mac34-1, mac34-2, mac23-can"),
         ("mac23:80h", "address 80h (128) is out of range for mac23: 0..7Fh (0..127)"),
         ("mac23:128", "address 128 is out of range for mac23: 0..7Fh (0..127)"),
         ("mac23:0xFF", "address 0xFF (255) is out of range for mac23: 0..7Fh (0..127)"),
+        ("mac23-can:0", "address 0 is out of range for mac23-can: 1..7Fh (1..127)"),
         ("mac23:99999999", "address 99999999 is out of range for mac23: 0..7Fh (0..127)"),
         (
             "mac23:-1",
@@ -311,3 +334,93 @@ def test_an_hour_of_motion_takes_no_time() -> None:
     assert ask(line, request(0x15, 8000), 3) == ACCEPTED  # 1 ms per increment, no ramp
     line.advance(3600 * NS_PER_S)
     assert 3_600_000 <= answer_value(ask(line, request(0x20))) <= 3_600_000 + 30
+
+
+# -- buses --------------------------------------------------------------------------------------
+
+
+def bus_of(*devices: str, **options: object) -> Bus:
+    """A bus in virtual time."""
+    specs = [parse_device(device) for device in devices]
+    return build_bus(specs, **{"clock": VirtualClock(), **options})  # type: ignore[arg-type]
+
+
+def say(bus: Bus, identifier: int, data: str) -> list[str]:
+    """Send a frame; all that is heard within 100 ms."""
+    port = bus.attach()
+    bus.send(port, CanFrame(identifier, bytes.fromhex(data)))
+    bus.advance(100 * NS_PER_MS)
+    heard = [str(arrival.frame) for arrival in bus.receive(port)]
+    bus.detach(port)
+    return heard
+
+
+def test_devices_on_one_bus_answer_for_themselves() -> None:
+    """Under their addresses; the names are as they were given; quirks are obeyed."""
+    bus = bus_of("mac23-can", "mac23-can:5", quirks={"upload_scs": "43h"})
+    assert [twin.name for twin in bus.twins] == ["mac23-can:1", "mac23-can:5"]
+    assert bus.bitrate == 125_000
+    assert say(bus, 0x601, "4000200000000000") == ["581#4300200000000000"]
+    assert say(bus, 0x605, "4000200000000000") == ["585#4300200000000000"]
+    assert say(bus, 0x606, "4000200000000000") == []
+    assert "> 601#4000200000000000  2000h position? -> module 1" in bus.render_transcript()
+
+
+def test_two_modules_at_one_address_both_answer() -> None:
+    """No two of them are equally fast; the seed decides by how much."""
+    pair = ("mac23-can", "mac23-can")
+    answers = [say(bus_of(*pair, seed=3), 0x601, "4000200000000000") for _ in range(2)]
+    assert answers[0] == answers[1]
+    assert len(answers[0]) == 2
+
+
+def test_a_cold_bus_boots() -> None:
+    """The supply is applied now: boot-up after 2 s."""
+    bus = bus_of("mac23-can:3", cold=True)
+    assert say(bus, 0x603, "4000200000000000") == []
+    port = bus.attach()
+    bus.advance_to(2100 * NS_PER_MS)
+    assert [str(arrival.frame) for arrival in bus.receive(port)] == ["703#00"]
+
+
+def test_what_a_module_on_can_stores_outlives_the_process(tmp_path: Path) -> None:
+    """Parameters and the address of the procedure on 7E5h."""
+    with bus_of("mac23-can", storage=Storage(tmp_path)) as bus:
+        assert say(bus, 0x601, "230D200000001234") == ["581#600D200000000000"]
+        for data in ("0401", "1109", "0400"):
+            say(bus, 0x7E5, data)
+    with bus_of("mac23-can", storage=Storage(tmp_path)) as bus:
+        assert bus.twins[0].address == 9
+        assert say(bus, 0x609, "4005200000000000")[0].endswith("1234")
+
+
+@pytest.mark.parametrize(
+    ("devices", "options", "message"),
+    [
+        ((), {}, "no device was named; name one"),
+        (("mac23-can", "mac23"), {}, "mac23:0 lives on a serial line, not on a CAN bus; "),
+        (("mac23-can",), {"bitrate": 0}, r"bitrate 0 is out of range: 1\.\.1000000 bits"),
+        (("mac23-can",), {"bitrate": 1_000_001}, "bitrate 1000001 is out of range"),
+        (("mac23-can",), {"quirks": {"xon_byte": "11h"}}, "unknown quirk 'xon_byte'"),
+    ],
+)
+def test_a_wrong_bus_is_one_clear_line(
+    devices: tuple[str, ...], options: dict[str, object], message: str
+) -> None:
+    """What is wrong, what is right; and the storage is let go of."""
+    storage = MemoryStorage()
+    closed: list[int] = []
+    storage.close = lambda: closed.append(1)  # type: ignore[method-assign]
+    with pytest.raises(UsageError, match=message):
+        bus_of(*devices, storage=storage, **options)
+    assert closed == [1]
+
+
+def test_a_device_on_can_is_on_no_serial_line() -> None:
+    """With what to write instead."""
+    with pytest.raises(UsageError) as caught:
+        line_of("mac23", "mac23-can:2")
+    assert str(caught.value) == (
+        "mac23-can:2 lives on a CAN bus, not on a serial line; "
+        'from Python use can.Bus(interface="axistwin", channel="mac23-can:2")'
+    )

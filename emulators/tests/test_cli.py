@@ -456,6 +456,8 @@ def test_the_daemon_is_ready_soon(tmp_path: Path) -> None:
         (("run", "MAC23"), ["'MAC23'", "did you mean mac23?"]),
         (("run", "mac34"), ["'mac34'", "did you mean mac34-1 or mac34-2?"]),
         (("run", "zzz"), ["'zzz': known: mac23, mac34-1, mac34-2"]),
+        (("run", "mac23-can"), ["mac23-can:1", "CAN bus", 'interface="axistwin"']),
+        (("run", "mac23", "mac23-can:2"), ["mac23-can:2", "CAN bus", "serial line"]),
         (("run", "mac23", "--quirk", "zzz=1"), ["'zzz': see 'axistwin models mac23'"]),
         (("run", "mac23", "--quirk", "XON_BYTE=11h"), ["did you mean xon_byte?"]),
         ((), ["axistwin --help"]),
@@ -530,6 +532,16 @@ def test_models_of_one_lists_every_quirk_with_its_id() -> None:
     for quirk in catalog.models()["mac23"].quirks.values():
         assert f"  {quirk.name} = {quirk.default}    [{quirk.source}]" in text
         assert quirk.doc in text
+
+
+def test_models_tells_what_a_model_is_reached_over() -> None:
+    """A rate from the factory on a serial line, the bus' own on CAN."""
+    lines = [line.split()[:4] for line in invoke("models").stdout.splitlines()]
+    assert lines[0] == ["MODEL", "CARRIER", "ADDRESSES", "BIT/S"]
+    assert ["mac23", "serial", "0..127", "38400"] in lines
+    assert ["mac23-can", "can", "1..127", "125000"] in lines
+    assert "rate from the factory: 38400 baud" in invoke("models", "mac23").stdout
+    assert "bit rate of the bus: 125000 bit/s" in invoke("models", "mac23-can").stdout
 
 
 def test_models_speaks_json() -> None:

@@ -38,6 +38,7 @@ def _summary(model: Model, *, with_quirks: bool = False) -> dict[str, object]:
     summary: dict[str, object] = {
         "name": model.name,
         "description": model.description,
+        "carrier": model.carrier,
         "addresses": [model.addresses[0], model.addresses[-1]],
         "default_address": model.default_address,
         "default_baud": model.default_baud,
@@ -62,12 +63,12 @@ def _addresses(model: Model) -> str:
 
 def _table(known: dict[str, Model]) -> str:
     """One line per model."""
-    rows = [("MODEL", "ADDRESSES", "BAUD", "DESCRIPTION")]
+    rows = [("MODEL", "CARRIER", "ADDRESSES", "BIT/S", "DESCRIPTION")]
     rows += [
-        (model.name, _addresses(model), str(model.default_baud), model.description)
+        (model.name, model.carrier, _addresses(model), str(model.default_baud), model.description)
         for model in known.values()
     ]
-    widths = [max(len(row[column]) for row in rows) for column in range(3)]
+    widths = [max(len(row[column]) for row in rows) for column in range(4)]
     return "\n".join(
         "  ".join([*(cell.ljust(width) for cell, width in zip(row, widths, strict=False)), row[-1]])
         for row in rows
@@ -76,10 +77,14 @@ def _table(known: dict[str, Model]) -> str:
 
 def _details(model: Model) -> str:
     """One model and all its quirks, three lines each."""
+    rates = {
+        "serial": f"rate from the factory: {model.default_baud} baud",
+        "can": f"bit rate of the bus: {model.default_baud} bit/s, unless another is given",
+    }
     lines = [
         f"{model.name}: {model.description}",
         f"addresses: {_addresses(model)}, default {model.default_address}",
-        f"rate from the factory: {model.default_baud} baud",
+        rates[model.carrier],
         "",
         "quirks (--quirk NAME=VALUE):",
     ]
