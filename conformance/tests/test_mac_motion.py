@@ -136,6 +136,15 @@ def test_a_stop_before_a_change_has_begun_forgets_the_change() -> None:
     assert course.changed(10, 500).stopped(20).profile == course.stopped(20).profile
 
 
+@pytest.mark.parametrize("step", range(5))
+def test_a_second_stop_in_the_same_increment_adds_nothing(step: int) -> None:
+    """The middle one of a move of 5 was held, not climbed; that stays so the second time."""
+    course = Course.to_position(5, 800, 2, LAW)
+    ticks = course.profile.ticks_of(step) + 1
+    once = course.stopped(ticks)
+    assert once.stopped(ticks + 1).profile == once.profile
+
+
 def test_a_speed_change_goes_on_for_ever_at_the_new_period() -> None:
     """After the transition the new period holds."""
     course = Course.endless(1600, 1, LAW)

@@ -271,7 +271,7 @@ class Course:
 
     def _is_descending(self, done: int) -> bool:
         if self.descent_at is not None:
-            return done > self.descent_at
+            return done >= self.descent_at  # a second stop in that very increment adds nothing
         if self.distance is None:
             return False
         return done > self.distance - min(ramp_increments(self.coefficient), self.distance // 2)
