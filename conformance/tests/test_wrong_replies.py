@@ -59,6 +59,20 @@ class Faulty(PortInFront):
         self.port.close()
 
 
+class Deaf(Faulty):
+    """The built-in twin until so many frames after a command of that index; then nothing more."""
+
+    def __init__(self, port: Any, index: int, frames: int) -> None:
+        super().__init__(port, {})
+        self._index, self._left, self._has_begun = b"%02X" % index, frames, False
+
+    def write(self, data: bytes) -> int:
+        """Pass on, or hear nothing."""
+        self._has_begun |= len(data) == 21 and data[6:8] == self._index
+        self._left -= self._has_begun
+        return int(self.port.write(data)) if self._left >= 0 else len(data)
+
+
 @dataclass
 class Judged:
     """What came of a run, and how many twins it took."""
@@ -80,23 +94,25 @@ FAIL = Verdict.FAIL
 
 
 def judge(
-    answers: dict[int, Answer],
+    answers: dict[int, Answer] | Callable[[Any], Faulty],
     *ids: str,
     is_lossless: bool = True,
     only_detection: bool = False,
+    allow: str = "motion,stored",
 ) -> Judged:
     """Judge a faulty twin in virtual time."""
     if TWIN_HANDLER not in serial.protocol_handler_packages:
         serial.protocol_handler_packages.append(TWIN_HANDLER)
     options = make_options(
-        model="mac23", ids=ids, allow="motion,stored", level=None if only_detection else "quick",
+        model="mac23", ids=ids, allow=allow, level=None if only_detection else "quick",
         is_detection=only_detection,
     )  # fmt: skip
     opened: list[Target] = []
 
     def open_faulty(neighbours: tuple[int, ...]) -> Target:
         url = options.family.twin_url(options.model, options.address, neighbours)
-        port = Faulty(serial.serial_for_url(url, baudrate=options.baud), answers)
+        twin = serial.serial_for_url(url, baudrate=options.baud)
+        port = answers(twin) if callable(answers) else Faulty(twin, answers)
         opened.append(Target(port, url, is_builtin=True, is_lossless=is_lossless))
         return opened[-1]
 
@@ -166,6 +182,22 @@ def test_what_cannot_be_remembered_is_not_changed() -> None:
     assert judged.outcome("moves_take_the_time_of_the_closed_form") is Outcome.BLOCKED
     blocked = [one for one in judged.result.checks if one.outcome is Outcome.BLOCKED]
     assert all("could not be read: no answer to query 25h" in one.trouble for one in blocked)
+
+
+@pytest.mark.parametrize("frames", [0, 1, 5])
+@pytest.mark.parametrize("index", [0x08, 0x1B, 0x01])
+def test_a_twin_that_goes_deaf_while_readings_are_asked_for_late_has_failed(
+    index: int, frames: int
+) -> None:
+    """In virtual time nothing gets lost by itself: exit 1, though no check had begun."""
+    judged = judge(
+        lambda twin: Deaf(twin, index, frames),
+        "MACS-CMD-08-02", "MACS-CMD-1B-01", "MACS-CMD-01-01",
+        allow="motion,stored,destructive",
+    )  # fmt: skip
+    assert judged.result.lost
+    assert judged.result.exit_status == 1, judged.result.sentence
+    assert judged.failed == {"MACS-REPLY-07"}
 
 
 # --- a twin that falls over ----------------------------------------------------------------------
