@@ -247,6 +247,25 @@ def test_a_twin_that_crashes_as_it_is_opened_is_unreachable(
     assert "the built-in twin crashed: ZeroDivisionError: oops" in result.sentence
 
 
+class FallsAtGeneralFrames(Faulty):
+    """The built-in twin, which falls over when 08h comes to the general address."""
+
+    def __init__(self, port: Any) -> None:
+        super().__init__(port, {})
+
+    def write(self, data: bytes) -> int:
+        """Pass on, or fall over."""
+        return len(falls(data)) if data[4:8] == b"FF08" else int(self.port.write(data))
+
+
+def test_a_twin_that_crashes_at_a_general_frame_asked_late_has_failed() -> None:
+    """Nobody need answer one, but nobody may fall over it: exit 1, and the run goes on."""
+    judged = judge(FallsAtGeneralFrames, "MACS-CMD-1B-01", allow="motion,stored,destructive")
+    assert judged.result.exit_status == 1, judged.result.sentence
+    assert "MACS-REPLY-01" in judged.failed
+    assert judged.outcome("the_rate_can_be_programmed") is Outcome.DONE
+
+
 # --- whom a reply accuses ------------------------------------------------------------------------
 
 
@@ -280,6 +299,7 @@ QUERY = codec.request(0, 0x20).encode()
         (codec.request(0, 0x00).encode(), b"", ""),
         (codec.request(0, 0x12).encode(), b"", ""),  # nobody knows what it does
         (codec.request(0xFF, 0x20).encode(), b"", ""),
+        (codec.request(0xFF, 0x08, 0xAA).encode(), None, "MACS-REPLY-01"),
         (codec.request(5, 0x20).encode(), b"", ""),  # nobody has that address
         (codec.request(0, 0x20).with_wrong_checksum().encode(), NACK, ""),
         (b"\x02014", b"\x99", ""),

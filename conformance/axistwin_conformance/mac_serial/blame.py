@@ -28,7 +28,9 @@ def blame(session: Session, request: bytes, reply: bytes | None) -> Breach | Non
 
     `reply` None: there was none, the twin had crashed.
     """
-    index = _asked(session, request)
+    # Nobody need answer a general frame, but nobody may fall over one.
+    also = (codec.GENERAL_ADDRESS,) if reply is None else ()
+    index = _asked(session, request, *also)
     if index is None:
         return None
     if reply is None:
@@ -40,8 +42,11 @@ def blame(session: Session, request: bytes, reply: bytes | None) -> Breach | Non
     return judge(request, index, seen)
 
 
-def _asked(session: Session, request: bytes) -> int | None:
-    """The index of a frame that a module on this line must answer in a known way, or None."""
+def _asked(session: Session, request: bytes, *also: int) -> int | None:
+    """The index of a frame that a module on this line must answer in a known way, or None.
+
+    `also`: addresses beside those of the modules.
+    """
     if len(request) != codec.REQUEST_BYTES or request[:4] != b"\x02014" or request[20] != codec.ETX:
         return None
     summed = request[4:18]
@@ -49,7 +54,7 @@ def _asked(session: Session, request: bytes) -> int | None:
         return None
     address, index = int(summed[:2], 16), int(summed[2:4], 16)
     is_whole = request[18:20] == codec.two_digits(codec.checksum(summed))
-    is_ours = address in (session.address, *session.neighbours)
+    is_ours = address in (session.address, *session.neighbours, *also)
     is_known = index in ANSWERED or index in OBEYED
     return index if is_whole and is_ours and is_known else None
 
