@@ -91,12 +91,8 @@ class SerialLine:
         """Whether nobody drives, and all stations have supply and understand each other."""
         if self._transmissions or not self._is_clean or not all(self._is_on):
             return False
-        receivers = self._receivers
-        common = receivers[0].format
-        for each in receivers:
-            if each.format is not common and each.format != common:
-                return False
-        return True
+        common = self._receivers[0].format
+        return all([each.format is common or each.format == common for each in self._receivers])
 
     # -- what stations do --
 
