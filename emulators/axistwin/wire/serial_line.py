@@ -92,7 +92,7 @@ class SerialLine:
         if self._transmissions or not self._is_clean or not all(self._is_on):
             return False
         common = self._receivers[0].format
-        return all([each.format is common or each.format == common for each in self._receivers])
+        return all(each.format is common or each.format == common for each in self._receivers)
 
     # -- what stations do --
 
