@@ -520,41 +520,6 @@ def test_a_bug_of_ours_is_a_traceback_and_status_70(monkeypatch: pytest.MonkeyPa
 # -- models, help, commands of others -----------------------------------------------------------
 
 
-def test_models_lists_every_model() -> None:
-    """One line each."""
-    lines = invoke("models").stdout.splitlines()
-    assert [line.split()[0] for line in lines] == ["MODEL", *catalog.models()]
-
-
-def test_models_of_one_lists_every_quirk_with_its_id() -> None:
-    """Name, default, ID, meaning, values."""
-    text = invoke("models", "mac23").stdout
-    for quirk in catalog.models()["mac23"].quirks.values():
-        assert f"  {quirk.name} = {quirk.default}    [{quirk.source}]" in text
-        assert quirk.doc in text
-
-
-def test_models_tells_what_a_model_is_reached_over() -> None:
-    """A rate from the factory on a serial line, the bus' own on CAN."""
-    lines = [line.split()[:4] for line in invoke("models").stdout.splitlines()]
-    assert lines[0] == ["MODEL", "CARRIER", "ADDRESSES", "BIT/S"]
-    assert ["mac23", "serial", "0..127", "38400"] in lines
-    assert ["mac23-can", "can", "1..127", "125000"] in lines
-    assert "rate from the factory: 38400 baud" in invoke("models", "mac23").stdout
-    assert "bit rate of the bus: 125000 bit/s" in invoke("models", "mac23-can").stdout
-
-
-def test_models_speaks_json() -> None:
-    """The same facts for programs."""
-    summaries = json.loads(invoke("models", "--json").stdout)
-    assert [each["name"] for each in summaries] == list(catalog.models())
-    details = json.loads(invoke("models", "mac34-1", "--json").stdout)
-    assert details["addresses"] == [0, 127]
-    assert [quirk["name"] for quirk in details["quirks"]] == list(
-        catalog.models()["mac34-1"].quirks
-    )
-
-
 def test_version_and_help() -> None:
     """Both go to stdout with status 0."""
     assert invoke("--version").stdout == f"axistwin {__version__}\n"

@@ -19,7 +19,7 @@
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 from urllib.parse import unquote
@@ -110,7 +110,7 @@ def parse_url(url: str) -> TwinUrl:
     values: dict[str, Any] = {}
     quirks: dict[str, str] = {}
     line = None
-    for name, value in _parameters(query):
+    for name, value in split_query(query, (*_PARAMETERS, "address", "line")):
         if name.startswith(QUIRK_PREFIX):
             quirks[name.removeprefix(QUIRK_PREFIX)] = value
         elif name == "line":
@@ -131,9 +131,11 @@ def parse_url(url: str) -> TwinUrl:
     return TwinUrl(url, LineOptions(**values), given, line)
 
 
-def _parameters(query: str) -> list[tuple[str, str]]:
-    """The parameters with their values, every name known and given once."""
-    known = (*_PARAMETERS, "address", "line")
+def split_query(query: str, known: Sequence[str]) -> list[tuple[str, str]]:
+    """The parameters with their values, every name a quirk's or ``known``, and given once.
+
+    Raises UsageError.
+    """
     found: dict[str, str] = {}
     for part in query.split("&"):
         if not part:
@@ -165,7 +167,7 @@ def _name(text: str) -> str:
     return text
 
 
-def _whole_number(name: str, minimum: int) -> Callable[[str], int]:
+def whole_number(name: str, minimum: int) -> Callable[[str], int]:
     """A parser for whole numbers from ``minimum`` upward."""
 
     def parse(text: str) -> int:
@@ -176,7 +178,7 @@ def _whole_number(name: str, minimum: int) -> Callable[[str], int]:
     return parse
 
 
-def _choice(name: str) -> Callable[[str], bool]:
+def yes_or_no(name: str) -> Callable[[str], bool]:
     """A parser for yes and no."""
 
     def parse(text: str) -> bool:
@@ -201,9 +203,9 @@ _PARAMETERS: Mapping[str, tuple[str, Callable[[str], Any]]] = {
     "time": ("speed", parse_speed),
     "profile": ("profile", _name),
     "state": ("state", _name),
-    "seed": ("seed", _whole_number("seed", 0)),
-    "pacing": ("pacing", _choice("pacing")),
-    "baud": ("baud", _whole_number("baud", 1)),
-    "cold": ("cold", _choice("cold")),
+    "seed": ("seed", whole_number("seed", 0)),
+    "pacing": ("pacing", yes_or_no("pacing")),
+    "baud": ("baud", whole_number("baud", 1)),
+    "cold": ("cold", yes_or_no("cold")),
 }
 assert {entry for entry, _ in _PARAMETERS.values()} <= {entry.name for entry in fields(LineOptions)}

@@ -1,0 +1,124 @@
+"""The buses of this process, which several ports share, and their periodic tasks."""
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+from axistwin import catalog
+from axistwin.canbus.channel import ChannelRequest
+from axistwin.errors import UsageError
+from axistwin.kernel.time import NS_PER_S, Nanos
+from axistwin.runtime.bus import Bus
+from axistwin.runtime.clock import PacedClock, VirtualClock
+from axistwin.runtime.storage import MemoryStorage, Storage
+
+
+class Task(Protocol):
+    """Something to be done in virtual time, whoever lets it pass."""
+
+    due_ns: Nanos
+
+    def run(self, now: Nanos) -> None:
+        """Do it; it is due later then, or removed."""
+
+
+class SharedBus:
+    """A bus, the options it was made with, and the periodic tasks of all who have it open."""
+
+    def __init__(self, request: ChannelRequest) -> None:
+        options = self.options = request.options
+        self.name = request.name
+        self.users = 0
+        self._tasks: list[Task] = []
+        specs = [catalog.parse_device(device) for device in options.devices]
+        quirks: dict[str, catalog.Value] = {}
+        if options.profile is not None:
+            quirks.update(catalog.read_profile(options.profile, {spec.model for spec in specs}))
+        quirks.update(options.quirks)
+        self.bus: Bus = catalog.build_bus(
+            specs,
+            quirks=quirks,
+            seed=options.seed,
+            clock=VirtualClock() if options.speed is None else PacedClock(options.speed),
+            paced=options.pacing,
+            storage=MemoryStorage() if options.state is None else Storage(options.state),
+            bitrate=options.bitrate,
+            cold=options.cold,
+        )
+        self.epoch_ns = 0
+        if not self.bus.is_virtual:
+            self.epoch_ns = time.time_ns() - self.bus.sync()
+
+    def span_ns(self, seconds: float) -> Nanos:
+        """``seconds`` of the host's own time in the bus' time."""
+        return round(seconds * (self.options.speed or 1.0) * NS_PER_S)
+
+    def bits_ns(self, bits: int) -> Nanos:
+        """How long ``bits`` take."""
+        return -(-bits * NS_PER_S // self.bus.bitrate)
+
+    def wait(
+        self, until_ns: Nanos | None, port: int | None, stop: Callable[[], bool] = lambda: False
+    ) -> Nanos:
+        """``Bus.wait``, which stops for what is due of periodic tasks."""
+        due_ns = min((task.due_ns for task in tuple(self._tasks)), default=None)
+        if due_ns is None or (until_ns is not None and until_ns < due_ns):
+            return self.bus.wait(until_ns, port, stop=stop)
+        now = self.bus.wait(due_ns, port, stop=stop)
+        for task in tuple(self._tasks):
+            if task.due_ns <= now:
+                task.run(now)
+        return now
+
+    def add_task(self, task: Task) -> None:
+        """Let ``task`` be due from now on."""
+        if task not in self._tasks:
+            self._tasks.append(task)
+
+    def remove_task(self, task: Task) -> None:
+        """Forget ``task``, if it is known."""
+        if task in self._tasks:
+            self._tasks.remove(task)
+
+
+_registry_lock = threading.Lock()
+_shared: dict[str, SharedBus] = {}
+
+
+def open_bus(request: ChannelRequest) -> SharedBus:
+    """The bus that ``request`` asks for, new or shared.  Raises UsageError and StateError."""
+    with _registry_lock:
+        found = _shared.get(request.name)
+        if found is None:
+            if not request.options.devices:
+                raise UsageError(
+                    f"there is no bus {request.name}, not yet or not any more; name devices to "
+                    f"make one, such as mac23-can:1?bus={request.name}"
+                )
+            found = _shared[request.name] = SharedBus(request)
+        for name in sorted(request.given):
+            wanted, has = getattr(request.options, name), getattr(found.options, name)
+            if wanted != has:
+                raise UsageError(
+                    f"bus {found.name} is open already: {name} is {has}, not {wanted}; "
+                    "shut that down, or choose another bus=NAME"
+                )
+        found.users += 1
+        return found
+
+
+def close_bus(shared: SharedBus) -> None:
+    """One port less; the last one closes the bus.  Raises StateError."""
+    with _registry_lock:
+        shared.users -= 1
+        if shared.users:
+            return
+        del _shared[shared.name]
+    shared.bus.close()
+
+
+def open_names() -> list[str]:
+    """The names of all buses that are open."""
+    with _registry_lock:
+        return list(_shared)

@@ -1,0 +1,50 @@
+"""``axistwin models``: what there is."""
+
+import json
+
+from click.testing import CliRunner, Result
+
+from axistwin import catalog
+from axistwin.cli.program import main
+
+
+def invoke(*arguments: str) -> Result:
+    """Run the program in this process; it must succeed."""
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 0, result.output
+    return result
+
+
+def test_models_lists_every_model() -> None:
+    """One line each."""
+    lines = invoke("models").stdout.splitlines()
+    assert [line.split()[0] for line in lines] == ["MODEL", *catalog.models()]
+
+
+def test_models_of_one_lists_every_quirk_with_its_id() -> None:
+    """Name, default, ID, meaning, values."""
+    text = invoke("models", "mac23").stdout
+    for quirk in catalog.models()["mac23"].quirks.values():
+        assert f"  {quirk.name} = {quirk.default}    [{quirk.source}]" in text
+        assert quirk.doc in text
+
+
+def test_models_tells_what_a_model_is_reached_over() -> None:
+    """A rate from the factory on a serial line, the bus' own on CAN."""
+    lines = [line.split()[:4] for line in invoke("models").stdout.splitlines()]
+    assert lines[0] == ["MODEL", "CARRIER", "ADDRESSES", "BIT/S"]
+    assert ["mac23", "serial", "0..127", "38400"] in lines
+    assert ["mac23-can", "can", "1..127", "125000"] in lines
+    assert "rate from the factory: 38400 baud" in invoke("models", "mac23").stdout
+    assert "bit rate of the bus: 125000 bit/s" in invoke("models", "mac23-can").stdout
+
+
+def test_models_speaks_json() -> None:
+    """The same facts for programs."""
+    summaries = json.loads(invoke("models", "--json").stdout)
+    assert [each["name"] for each in summaries] == list(catalog.models())
+    details = json.loads(invoke("models", "mac34-1", "--json").stdout)
+    assert details["addresses"] == [0, 127]
+    assert [quirk["name"] for quirk in details["quirks"]] == list(
+        catalog.models()["mac34-1"].quirks
+    )
