@@ -1,6 +1,10 @@
 """The slcan dialect line by line, against random input, and with python-can at the other end."""
 
 import itertools
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 from can.interfaces.slcan import slcanBus
@@ -412,3 +416,15 @@ def test_slcand_s_lines_are_taken() -> None:
     port = SlcanPort(500_000)
     assert say(port, "C|S6|F|O|") == [b"\a", b"\r", b"\a", b"\r"]
     assert port.channel is Channel.NORMAL
+
+
+@pytest.mark.slow
+@pytest.mark.skipif("AXISTWIN_VM" in os.environ, reason="inside the virtual machine")
+def test_a_kernel_converses() -> None:
+    """Linux's slcan driver, attached by slcand, makes a CAN interface of it that loses nothing."""
+    support = Path(__file__).with_name("support")
+    program = [sys.executable, str(support / "slcan_kernel.py")]
+    machine = [sys.executable, str(support.parents[2] / "scripts" / "vm.py"), "--timeout", "60"]
+    done = subprocess.run([*machine, *program], capture_output=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr.decode()
+    assert done.stdout.endswith(b"conversed\n")
