@@ -12,6 +12,7 @@ from axistwin import testing
 
 ROOT = Path(__file__).parents[2]
 README, PYTEST_PAGE = ROOT / "README.md", ROOT / "docs" / "pytest.md"
+CAN_PAGE = ROOT / "docs" / "can.md"
 RUN_ELSEWHERE = {ROOT / "docs" / "pyserial-url.md": 2}  # blocks, by test_url_lines.py
 
 DRIVER = '''
@@ -97,6 +98,14 @@ def test_the_readmes_test_passes_with_any_driver(tmp_path: Path) -> None:
     run_tests(tmp_path, DRIVER + python_blocks(README)[2], passed=1)
 
 
+def test_the_blocks_of_the_can_page_hold(capsys: pytest.CaptureFixture[str]) -> None:
+    """One after the other, with every assertion in them; the transcript is in words."""
+    names: dict[str, Any] = {}
+    for block in python_blocks(CAN_PAGE):
+        exec(block, names)
+    assert "602#23132000FFFFFC18  2013h go to position -1000 -> module 2" in capsys.readouterr().out
+
+
 @pytest.mark.slow
 def test_the_tests_of_the_how_to_pass(tmp_path: Path) -> None:
     """All blocks of docs/pytest.md in one file."""
@@ -107,4 +116,4 @@ def test_no_block_of_python_is_left_out() -> None:
     """A new one in any page has to be run by a test too."""
     pages = [README, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
     found = {page: len(blocks) for page in pages if (blocks := python_blocks(page))}
-    assert found == {README: 3, PYTEST_PAGE: 2, **RUN_ELSEWHERE}
+    assert found == {README: 3, CAN_PAGE: 2, PYTEST_PAGE: 2, **RUN_ELSEWHERE}
