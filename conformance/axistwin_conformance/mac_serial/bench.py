@@ -210,9 +210,10 @@ class Bench(Talk):
 
     @property
     def _may_run_on(self) -> bool:
-        """True in a probe that asks before how far the axis runs on, where that is asked at all."""
+        """True in a probe that comes before the one that tells how far the axis runs on, where that
+        is asked at all and looking costs nothing: in virtual time, without noise."""
         check = self.session.check
-        is_asked = self.target.is_virtual and "brake_increments" not in self.session.run.detections
+        is_asked = self.target.is_lossless and "brake_increments" not in self.session.run.detections
         return is_asked and check is not None and not check.requirements
 
     @property
