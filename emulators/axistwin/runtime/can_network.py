@@ -25,7 +25,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 from axistwin.devices.base import CanDevice
 from axistwin.kernel.effects import Effect, SendFrame, Silence, Store, Trace
-from axistwin.kernel.schedule import Schedule
+from axistwin.kernel.schedule import NEVER, Schedule
 from axistwin.kernel.time import Nanos
 from axistwin.wire.can_bus import CanBus, Change, ControllerState, Fault, Happening, Heard
 from axistwin.wire.can_frame import CanFrame
@@ -138,17 +138,16 @@ class CanNetwork:
         which more may be due (``run_until``).
         """
         self.settled_ns = None
+        horizon_ns = NEVER - 1 if limit_ns is None else limit_ns
         while not (
             self._effects
             or len(self._heard) > HEARD_MAX // 2
             or (port is not None and self.host_has_news(port))
         ):
-            due_ns = self.next_event()
-            if due_ns is None or (limit_ns is not None and due_ns > limit_ns):
+            if not self._run_next(horizon_ns):
                 if limit_ns is not None:
                     self._stand_at(limit_ns)
                 break
-            self._run_next(due_ns)
         return self.now_ns
 
     def _run_next(self, limit_ns: Nanos) -> bool:
