@@ -12,7 +12,7 @@ from can_clients import frame_of, frames, message, on_pty, on_tcp
 from hypothesis import given
 from hypothesis import strategies as st
 
-from axistwin.ports.dialect import Out
+from axistwin.ports.dialect import BusError, Out
 from axistwin.ports.slcan import (
     LINE_BYTES_MAX,
     RECEIVE_QUEUE_FRAMES,
@@ -189,6 +189,20 @@ def test_a_wrong_rate_is_noticed_by_everybody() -> None:
     assert "bitrate=125000" in trouble
     assert port.take_trouble() is None
     assert say(port, "C|S4|O|t1230|") == [*[b"\r"] * 3, CanFrame(0x123), b"z\r"]
+
+
+def test_errors_on_the_bus_are_flagged() -> None:
+    """Until the flags are read; a closed adapter sees none."""
+    port = SlcanPort(125_000)
+    assert port.deliver_error(BusError.BUS_OFF, 0) == b""
+    say(port, "O|")
+    assert say(port, "F|") == [b"F00\r"]
+    assert port.deliver_error(BusError.PROTOCOL | BusError.NO_ACKNOWLEDGE, 0) == b""
+    assert say(port, "F|F|") == [b"F80\r", b"F00\r"]
+    port.deliver_error(BusError.CONTROLLER, 0)
+    assert say(port, "F|") == [b"F24\r"]
+    port.deliver_error(BusError.BUS_OFF, 0)
+    assert say(port, "F|") == [b"FA4\r"]
 
 
 def test_a_bus_without_rate_takes_any() -> None:

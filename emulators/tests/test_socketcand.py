@@ -9,7 +9,7 @@ from can_clients import frame_of, frames, message, on_tcp
 from hypothesis import given
 from hypothesis import strategies as st
 
-from axistwin.ports.dialect import Out
+from axistwin.ports.dialect import BusError, Out
 from axistwin.ports.socketcand import (
     JOB_BACKLOG_FRAMES,
     JOBS_MAX,
@@ -146,9 +146,9 @@ def test_raw_mode_tells_of_every_frame() -> None:
     assert session.deliver(extended, time_ns) == b"< frame 00000123 23.424242 01 >"
     remote = CanFrame(0x123, b"", False, True, 4)
     assert session.deliver(remote, time_ns) == b"< rtr 123 23.424242 4 >"
-    assert session.deliver_error(0x20, time_ns) == b"< error 020 23.424242 >"
+    assert session.deliver_error(BusError.NO_ACKNOWLEDGE, time_ns) == b"< error 020 23.424242 >"
     assert say(session, "< bcmmode >") == [b"< ok >"]
-    assert session.deliver_error(0x20, time_ns) == b""
+    assert session.deliver_error(BusError.NO_ACKNOWLEDGE, time_ns) == b""
 
 
 @given(frames(), st.integers(0, 10**19))

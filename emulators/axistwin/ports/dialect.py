@@ -5,6 +5,7 @@ and does no IO; whoever serves the client passes on what comes and tells the tim
 """
 
 from abc import ABC, abstractmethod
+from enum import IntFlag
 from typing import TypeAlias
 
 from axistwin.kernel.time import Nanos
@@ -12,6 +13,20 @@ from axistwin.wire.can_frame import CanFrame
 
 Out: TypeAlias = bytes | CanFrame
 """Bytes for the client, or a frame for the bus; in the order in which they arose."""
+
+
+class BusError(IntFlag):
+    """What went wrong on the bus: the error classes of Linux (``linux/can/error.h``)."""
+
+    CONTROLLER = 0x004
+    """The client's own controller became error-passive."""
+    PROTOCOL = 0x008
+    NO_ACKNOWLEDGE = 0x020
+    BUS_OFF = 0x040
+    """The client's own controller left the bus."""
+    BUS_ERROR = 0x080
+    RESTARTED = 0x100
+    """The client's own controller is error-active again."""
 
 
 class CanDialect(ABC):
@@ -37,6 +52,10 @@ class CanDialect(ABC):
     @abstractmethod
     def deliver(self, frame: CanFrame, time_ns: Nanos) -> bytes:
         """What the client gets of another station's ``frame`` that was complete at ``time_ns``."""
+
+    @abstractmethod
+    def deliver_error(self, error: BusError, time_ns: Nanos) -> bytes:
+        """What the client gets of an error at ``time_ns``."""
 
     def sent(self) -> None:
         """The frame that was handed out longest ago has been on the bus, or is given up."""

@@ -60,7 +60,7 @@ from enum import Enum, IntFlag
 from typing import Final, NamedTuple
 
 from axistwin.kernel.time import NS_PER_MS, Nanos
-from axistwin.ports.dialect import CanDialect, Out
+from axistwin.ports.dialect import BusError, CanDialect, Out
 from axistwin.wire.can_frame import CanFrame
 
 OK: Final = b"\r"
@@ -114,6 +114,13 @@ class StatusFlags(IntFlag):
 
 
 _DEAF: Final = StatusFlags.ERROR_WARNING | StatusFlags.ERROR_PASSIVE | StatusFlags.BUS_ERROR
+
+
+_FLAGS_OF: Final = {
+    BusError.PROTOCOL | BusError.NO_ACKNOWLEDGE | BusError.BUS_ERROR: StatusFlags.BUS_ERROR,
+    BusError.CONTROLLER: StatusFlags.ERROR_WARNING | StatusFlags.ERROR_PASSIVE,
+    BusError.BUS_OFF: _DEAF,
+}
 
 
 class Channel(Enum):
@@ -219,7 +226,6 @@ class SlcanPort(CanDialect):
     bitrate: of the bus, bit/s; None: frames take no time there, and every rate is right.
     settings: those of an earlier life; it powers up as they say.  serial_number: four characters.
     transmit_queue_frames: how many frames may wait for the bus, > 0.
-    ``flags`` may be added to by whoever sees more of the bus than frames.
     """
 
     def __init__(
@@ -275,6 +281,14 @@ class SlcanPort(CanDialect):
             self._received.append(line)
         else:
             self.flags |= StatusFlags.RECEIVE_QUEUE_FULL | StatusFlags.DATA_OVERRUN
+        return b""
+
+    def deliver_error(self, error: BusError, time_ns: Nanos) -> bytes:
+        """Nothing by itself: an error is flagged until the client asks."""
+        if self.channel is not Channel.CLOSED:
+            for errors, flags in _FLAGS_OF.items():
+                if error & errors:
+                    self.flags |= flags
         return b""
 
     # -- commands --

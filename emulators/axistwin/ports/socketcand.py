@@ -54,7 +54,7 @@ from enum import Enum
 from typing import Final, NamedTuple
 
 from axistwin.kernel.time import NS_PER_MS, NS_PER_S, NS_PER_US, Nanos
-from axistwin.ports.dialect import CanDialect, Out
+from axistwin.ports.dialect import BusError, CanDialect, Out
 from axistwin.wire.can_frame import DATA_BYTES_MAX, CanFrame
 
 OK: Final = b"< ok >"
@@ -296,11 +296,11 @@ class SocketcandSession(CanDialect):
             return b""
         return subscription.throttled(bcm_line(frame, time_ns), time_ns)
 
-    def deliver_error(self, error_class: int, time_ns: Nanos) -> bytes:
-        """The message about an error frame of Linux's class ``error_class``, in raw mode."""
+    def deliver_error(self, error: BusError, time_ns: Nanos) -> bytes:
+        """The message about an error, in raw mode."""
         if self.mode is not Mode.RAW:
             return b""
-        return f"< error {error_class:03X} {_seconds(time_ns)} >".encode()
+        return f"< error {error:03X} {_seconds(time_ns)} >".encode()
 
     def next_event(self) -> Nanos | None:
         """When a job, a report held back or the statistics are due."""
