@@ -90,7 +90,7 @@ def judge_all() -> int:
     The first one is followed while it goes; the others are printed when they are done.
     """
     with contextlib.ExitStack() as stack:
-        running = []
+        running: list[Judgement] = []
         for model, link in LINES.items():
             said = stack.enter_context(tempfile.TemporaryFile("w+"))
             command, process = judge(model, link, said if running else None)
