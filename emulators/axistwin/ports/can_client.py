@@ -1,0 +1,169 @@
+"""One client of a CAN bus: its dialect, its controller on the bus, and what it has not read yet.
+
+    descriptor <-- write_to -- [messages] <-- dialect <-- pump --- Bus
+               --- input ----------------->  dialect  --- send --> Bus
+
+Rules
+-----
+1. The client is a controller on the bus from ``start`` to ``stop``, whatever its dialect says: it
+   acknowledges, and so a bus with a client is never alone.
+2. Writing never waits.  What the descriptor does not take is kept, ``OUTPUT_MAX`` bytes at most;
+   beyond that whole messages are lost to this client alone, and counted.  A message that has begun
+   is finished.
+3. While ``is_behind`` the client must not be read: it waits in its own write, and nothing that it
+   sends is lost.
+4. The dialect's times are those of the bus plus ``epoch_ns``, so that a client that knows the time
+   of day is shown it.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Final
+
+from axistwin.kernel.time import Nanos
+from axistwin.ports.dialect import BusError, CanDialect, Out
+from axistwin.runtime.bus import Bus
+from axistwin.runtime.can_network import ErrorReport
+from axistwin.wire.can_bus import ControllerState, Fault
+from axistwin.wire.can_frame import CanFrame
+
+OUTPUT_MAX: Final = 64 * 1024
+"""Bytes kept for a client that does not read, on top of what the kernel keeps."""
+
+BACKLOG_FRAMES: Final = 64
+"""Frames waiting for the bus above which a client is not read."""
+
+
+class CanClient:
+    """A client that speaks ``dialect`` on ``bus``.
+
+    epoch_ns: what to add to the time of the bus.
+    """
+
+    def __init__(self, bus: Bus, dialect: CanDialect, *, epoch_ns: Nanos = 0) -> None:
+        self.dialect = dialect
+        self._bus = bus
+        self._epoch_ns = epoch_ns
+        self._port: int | None = None
+        self._on_the_way = 0
+        self._controller: ControllerState = "active"
+        self._messages: deque[bytes] = deque()
+        self._waiting_bytes = 0
+        self._begun = b""  # the rest of a message, part of which has been written
+        self._dropped = 0
+
+    # -- life --
+
+    def start(self) -> None:
+        """Join the bus, and greet."""
+        assert self._port is None
+        self._port = self._bus.attach(hears_errors=True)
+        self._put(self.dialect.greeting())
+
+    def stop(self) -> None:
+        """Leave the bus; what the client has not read, and what it has not sent, is forgotten."""
+        if self._port is not None:
+            self._bus.detach(self._port)
+            self._port = None
+        self._messages.clear()
+        self._begun, self._waiting_bytes = b"", 0
+
+    # -- the bus's side --
+
+    def input(self, data: bytes) -> None:
+        """The client has sent ``data``."""
+        now_ns = self._bus.sync()
+        self._count_sent()
+        self._perform(self.dialect.receive(data, now_ns + self._epoch_ns))
+
+    def pump(self) -> None:
+        """Take what the bus has for the client, and do what its dialect has to do by itself."""
+        assert self._port is not None
+        now_ns = self._bus.sync()
+        self._count_sent()
+        for report in self._bus.receive_errors(self._port):
+            error = self._error_of(report)
+            time_ns = report.end_ns if isinstance(report, Fault) else report.time_ns
+            if error is not None:
+                self._put(self.dialect.deliver_error(error, time_ns + self._epoch_ns))
+        for arrival in self._bus.receive(self._port):
+            self._put(self.dialect.deliver(arrival.frame, arrival.end_ns + self._epoch_ns))
+        due_ns = self.dialect.next_event()
+        if due_ns is not None and due_ns <= now_ns + self._epoch_ns:
+            self._perform(self.dialect.wake(now_ns + self._epoch_ns))
+
+    def next_event_ns(self) -> Nanos | None:
+        """When the dialect has something to do by itself, in the time of the bus."""
+        due_ns = self.dialect.next_event()
+        return None if due_ns is None else due_ns - self._epoch_ns
+
+    @property
+    def is_behind(self) -> bool:
+        """Whether so much waits for the bus that the client must wait (rule 3)."""
+        assert self._port is not None
+        return self._bus.backlog(self._port) > BACKLOG_FRAMES
+
+    def _perform(self, outs: list[Out]) -> None:
+        assert self._port is not None
+        for out in outs:
+            if isinstance(out, CanFrame):
+                self._bus.send(self._port, out)
+                self._on_the_way += 1
+            else:
+                self._put(out)
+        self._count_sent()  # on a bus without time they have left already
+
+    def _count_sent(self) -> None:
+        assert self._port is not None
+        backlog = self._bus.backlog(self._port)
+        while self._on_the_way > backlog:
+            self._on_the_way -= 1
+            self.dialect.sent()
+
+    def _error_of(self, report: ErrorReport) -> BusError | None:
+        """None: passive no more, for which the dialects have no words."""
+        if isinstance(report, Fault):
+            kind = BusError.NO_ACKNOWLEDGE if report.kind == "ack" else BusError.PROTOCOL
+            return kind | BusError.BUS_ERROR
+        before, self._controller = self._controller, report.state
+        if report.state == "active":
+            return BusError.RESTARTED if before == "off" else None
+        return BusError.BUS_OFF if report.state == "off" else BusError.CONTROLLER
+
+    # -- the client's side --
+
+    @property
+    def has_output(self) -> bool:
+        """Whether ``write_to`` has something to write."""
+        return bool(self._begun or self._messages)
+
+    def write_to(self, write: Callable[[bytes], int]) -> None:
+        """Hand over what waits; ``write`` takes as much as it can and returns how much that was."""
+        if not self.has_output:
+            return
+        data = self._begun + b"".join(self._messages)
+        count = write(data)
+        assert 0 <= count <= len(data)
+        count -= len(self._begun)
+        if count < 0:
+            self._begun = self._begun[count:]
+            return
+        while count > 0:
+            message = self._messages.popleft()
+            self._waiting_bytes -= len(message)
+            count -= len(message)
+        self._begun = message[count:] if count else b""
+
+    def take_dropped(self) -> int:
+        """How many messages the client has lost because it did not read; counts from 0 again."""
+        dropped, self._dropped = self._dropped, 0
+        return dropped
+
+    def _put(self, message: bytes) -> None:
+        if not message:
+            return
+        if self._waiting_bytes + len(message) > OUTPUT_MAX:
+            self._dropped += 1
+            return
+        self._messages.append(message)
+        self._waiting_bytes += len(message)
