@@ -203,6 +203,8 @@ class Bench(Talk):
         pause_s = (2 * math.sqrt(increments) + 1) * SLOWEST_LEVEL_TICKS / TICKS_PER_SECOND
         place = self.ask(0x20).reply.data
         for _ in range(math.isqrt(increments) + 2):
+            if place is None:  # who is silent is not waited for
+                return
             self.wait(pause_s)
             before, place = place, self.ask(0x20).reply.data
             if place == before:
