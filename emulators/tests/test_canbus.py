@@ -1,6 +1,8 @@
 """Twins behind a python-can interface, in virtual and in real time."""
 
 import itertools
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -492,6 +494,14 @@ def test_a_mistake_is_one_clear_line(
     assert "\n" not in str(caught.value)
 
 
+def test_what_is_meant_for_other_interfaces_is_passed_over(opened: Opener) -> None:
+    """Words that python-can's programs give to all, and what was not set."""
+    bus = opened(single_handle=True, data_bitrate=2_000_000, seed=None, fd=False, timing=None)
+    assert bus.twins[0].address == 1
+    timing = can.BitTiming(f_clock=8_000_000, brp=1, tseg1=13, tseg2=2, sjw=1)
+    assert opened(bus="timed", timing=timing)._bus.bitrate == timing.bitrate == 500_000
+
+
 def test_a_state_for_python_can_is_no_folder() -> None:
     """The word is taken; the message says what to write."""
     with pytest.raises(can.CanInitializationError, match="write state_dir=DIR"):
@@ -523,6 +533,20 @@ def test_after_the_end_everything_is_an_error_that_says_so(opened: Opener) -> No
             use()
 
 
+def test_what_was_queued_is_sent_before_the_end(opened: Opener) -> None:
+    """As a kernel does with a closed socket; where nobody acknowledges, it ends all the same."""
+    sends, hears = opened(), opened()
+    for number in range(5):
+        sends.send(frame(0x100 + number))
+    sends.shutdown()
+    assert ids_of(hears) == [0x100, 0x101, 0x102, 0x103, 0x104]
+    hears.twins[0].power_off()
+    hears.send(frame(0x123))
+    before, clock = hears.virtual_time_ns, hears._bus.clock
+    hears.shutdown()
+    assert 0 < clock.now_ns() - before < 2_000_000
+
+
 def test_what_there_is_can_be_detected(opened: Opener) -> None:
     """The models, and the buses that are open, each good for opening."""
     opened(bus="bench")
@@ -530,3 +554,23 @@ def test_what_there_is_can_be_detected(opened: Opener) -> None:
     assert [each["channel"] for each in found] == ["mac23-can", "?bus=bench"]
     for config in found:
         opened(str(config["channel"]), time="virtual")
+
+
+def test_python_cans_own_programs_reach_a_twin(tmp_path: Any) -> None:
+    """``python -m can.player`` in a process of its own finds the interface by its entry point."""
+    log = tmp_path / "requests.log"
+    log.write_text("(0.000000) can0 601#4000200000000000\n(0.010000) can0 601#230D200000001234\n")
+    memory = tmp_path / "memory"
+    channel = f"mac23-can:1?state={memory}"
+    command = ["-m", "can.player", "-i", "axistwin", "-c", channel, str(log)]
+    done = subprocess.run(
+        [sys.executable, *command], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+    assert (memory / "mac23-can-1.state").exists()
+    again = AxistwinBus(channel, time="virtual")
+    again.send(frame(0x601, "4005200000000000"))
+    message = again.recv(1)
+    again.shutdown()
+    assert message is not None
+    assert message.data[6:] == b"\x12\x34"

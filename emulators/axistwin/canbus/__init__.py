@@ -22,7 +22,7 @@ Rules
    share one bus.  It ends, its memory saved, when the last of them is shut down.
 2. In virtual time, time passes in ``recv`` and ``advance``, and in ``send`` while its queue is
    full.  ``recv(0)`` that finds nothing takes as long as the shortest frame, so that polling ends.
-   Periodic tasks are due at their exact times, whoever lets time pass.
+   Periodic tasks are due at their exact times, whichever port lets time pass.
 3. Time stamps are seconds: since the beginning in virtual time, else since the epoch.
 4. A port is a controller of its own: it acknowledges, it competes, and it can go bus-off.
 """

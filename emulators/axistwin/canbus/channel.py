@@ -60,6 +60,10 @@ _ARGUMENTS = {**{name: name for name in _KNOWN if name != "state"}, "state_dir":
 """Keyword argument -> parameter; ``can.Bus`` keeps the word ``state`` for itself."""
 
 
+_FOR_OTHERS = ("single_handle", "data_bitrate")
+"""What python-can's own programs tell every interface, and only some understand."""
+
+
 def parse_channel(channel: str, arguments: Mapping[str, Any]) -> ChannelRequest:
     """What ``channel`` and the keyword ``arguments`` of ``can.Bus`` ask for.  Raises UsageError."""
     place, _, query = channel.partition("?")
@@ -94,6 +98,8 @@ def parse_channel(channel: str, arguments: Mapping[str, Any]) -> ChannelRequest:
 def _told_by(arguments: Mapping[str, Any], quirks: dict[str, Any]) -> Iterator[tuple[str, str]]:
     """Keyword arguments as parameters in text; what they say of quirks goes into ``quirks``."""
     for name, value in arguments.items():
+        if name in _FOR_OTHERS or value is None:
+            continue
         if name == "quirks":
             quirks.update(value)
         elif name.startswith(QUIRK_PREFIX):

@@ -315,16 +315,26 @@ class AxistwinBus(can.BusABC):
             self._bus.purge_output(self._port)
 
     def shutdown(self) -> None:
-        """Leave the bus; the last one who leaves ends it, and its memory is saved."""
+        """Send what is queued, if anybody acknowledges it, and leave the bus.
+
+        The last one who leaves ends the bus, and its memory is saved.
+        """
         if self._is_shutdown:
             return
         super().shutdown()
         try:
+            self._send_the_rest()
             self._bus.detach(self._port)
         except AxistwinError as error:  # told as long as anybody uses the bus
             raise can.CanOperationError(str(error)) from error
         finally:
             close_bus(self._shared)
+
+    def _send_the_rest(self) -> None:
+        now, slice_ns = self._bus.sync(), self._shared.bits_ns(LONGEST_BITS)
+        until_ns = now + slice_ns * self._bus.backlog(self._port)
+        while self._bus.backlog(self._port) and now < until_ns:
+            now = self._bus.wait(min(until_ns, now + slice_ns))
 
     @property
     def state(self) -> can.BusState:

@@ -31,6 +31,7 @@ class SharedBus:
         self.name = request.name
         self.users = 0
         self._tasks: list[Task] = []
+        self._tasks_lock = threading.RLock()
         specs = [catalog.parse_device(device) for device in options.devices]
         quirks: dict[str, catalog.Value] = {}
         if options.profile is not None:
@@ -66,20 +67,23 @@ class SharedBus:
         if due_ns is None or (until_ns is not None and until_ns < due_ns):
             return self.bus.wait(until_ns, port, stop=stop)
         now = self.bus.wait(due_ns, port, stop=stop)
-        for task in tuple(self._tasks):
-            if task.due_ns <= now:
-                task.run(now)
+        with self._tasks_lock:  # whoever else let this time pass
+            for task in tuple(self._tasks):
+                if task.due_ns <= now:
+                    task.run(now)
         return now
 
     def add_task(self, task: Task) -> None:
         """Let ``task`` be due from now on."""
-        if task not in self._tasks:
-            self._tasks.append(task)
+        with self._tasks_lock:
+            if task not in self._tasks:
+                self._tasks.append(task)
 
     def remove_task(self, task: Task) -> None:
         """Forget ``task``, if it is known."""
-        if task in self._tasks:
-            self._tasks.remove(task)
+        with self._tasks_lock:
+            if task in self._tasks:
+                self._tasks.remove(task)
 
 
 _registry_lock = threading.Lock()
