@@ -278,7 +278,7 @@ OPERATIONS: Final[tuple[Operation, ...]] = (
     Operation("set the period", _set(0x0D, lambda run, first: run.period(first))),
     Operation("set the ramp", _set(0x0F, lambda run, first: COEFFICIENTS[first % 7])),
     Operation("set the tolerance", _set(0x1C, lambda run, first: TOLERANCES[first % 5])),
-    Operation("set the catch-up", _set(0x0E, lambda run, first: first << 8)),
+    Operation("set the catch-up", _set(0x0E, lambda run, first: run.catch_up(first))),
     Operation("set the torque", _set(0x0C, lambda run, first: run.torque(first))),
     Operation(
         "set the standby", _set(0x02, lambda run, first: run.value((0, 0, 2, 0x10), (0,), first))

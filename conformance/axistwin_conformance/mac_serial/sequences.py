@@ -442,6 +442,10 @@ class Sequence:
         plain = self.follows("torque_range", "torque_over")
         return min(0xFF, values[byte % (len(values) if plain else 3)])
 
+    def catch_up(self, byte: int) -> int:
+        """A speed for 0Eh; never 0 if the device refuses that (MACS-AMB-47)."""
+        return max(byte, 0 if self.follows("zero_catchup") else 1) << 8
+
     def stops(self, byte: int) -> int:
         """A mode for 03h."""
         if not self.follows(*UNRULED_STOPS):
