@@ -7,7 +7,6 @@ child meets it there: so hundreds of interrupts all over a run cost little more 
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import random
@@ -16,7 +15,7 @@ import subprocess
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import count
 from typing import Any, NoReturn
@@ -333,28 +332,13 @@ class Ended:
     last: dict[str, Any]
 
 
-@contextlib.contextmanager
-def heeded(number: int) -> Iterator[None]:
-    """Whoever is started in here heeds the signal, also when these tests run in the background,
-    where shells have programs ignore SIGINT, and nohup SIGHUP."""
-    before = signal.getsignal(number)
-    if before is signal.SIG_IGN:
-        signal.signal(number, signal.SIG_DFL)
-    try:
-        yield
-    finally:
-        signal.signal(number, before)
-
-
 def signalled(port: str, number: int, moment: tuple[int, float], times: int) -> Ended:
     """Start a run on a port; send a signal (more than once) so many events and seconds into it."""
     command = [sys.executable, "-m", "axistwin", "conform", "mac23", "--port", port, "--json"]
     command += ["--allow", "motion,stored", "--level", "quick", "--max-travel", str(TRAVEL)]
-    with heeded(number):
-        started = subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        )
-    with started as process:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
         assert process.stdout is not None
         assert process.stderr is not None
         lines = [process.stdout.readline() for _ in range(moment[0])]
