@@ -25,9 +25,8 @@ from typing import Final, NamedTuple, Protocol
 import can
 
 from axistwin_conformance.can_frame import Frame, unpack
-from axistwin_conformance.carrier import SILENCE_NOTED_S, STOP_HEARD_NS, Carrier
+from axistwin_conformance.carrier import SILENCE_NOTED_S, STOP_HEARD_NS, Carrier, crash_of
 from axistwin_conformance.errors import TargetError, TwinCrashed, UsageError
-from axistwin_conformance.targets import crash_of
 from axistwin_conformance.transcript import Transcript
 
 TWIN_INTERFACE: Final = "axistwin"  # found by python-can by this name; the suite never imports it

@@ -19,20 +19,57 @@ from __future__ import annotations
 import contextlib
 import statistics
 import time
+import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, cast
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Protocol, cast
 
 from axistwin_conformance.errors import OutsideEnvelope, TargetError, TwinCrashed
-from axistwin_conformance.targets import MOST_HUSHES, Fence, RoundTrip, Target, crash_of
 from axistwin_conformance.transcript import Direction, Transcript
 
 SILENCE_NOTED_S = 0.05  # shorter waits in vain are not worth a line in the transcript
-STOP_HEARD_NS = 50_000_000  # a device has replied to a stop by then
+STOP_HEARD_NS = 50_000_000  # the reply to a stop takes 3 ms at 9600 baud
+MOST_HUSHES = 20  # a device that never stops talking is not waited for
+
+
+class Fence(Protocol):
+    """What keeps the axes on a line inside the envelope; it hears everything, either way."""
+
+    def sending(self, data: bytes, now_ns: int, /) -> None:
+        """Raise OutsideEnvelope if these bytes must not be sent."""
+
+    def received(self, data: bytes, now_ns: int, /) -> None:
+        """Learn from what the device says."""
+
+    @property
+    def deadline_ns(self) -> int | None:
+        """When endless motion has to be stopped at the latest; None while there is none."""
+
+    def stop(self) -> tuple[bytes, ...]:
+        """The frames that end it."""
+
+    def needed(self, wait_ns: int, /) -> int:
+        """How large the envelope would have to be for endless motion to go on for so long."""
+
+    def worked(self, name: str, window: tuple[int, int], /) -> None:
+        """Learn what the rig has done, and between which instants."""
+
+
+@dataclass(frozen=True, slots=True)
+class RoundTrip:
+    """How long exchanges take on the idle line, in ns."""
+
+    samples: int = 0
+    median_ns: int = 0
+    max_ns: int = 0
 
 
 class Carrier(ABC):
     """A way to a device.  Not thread-safe: one run, one carrier."""
+
+    source_word: ClassVar[str] = "it"  # what the source is called in messages
 
     def __init__(
         self,
@@ -44,7 +81,7 @@ class Carrier(ABC):
         transcript: Transcript | None = None,
     ) -> None:
         self._source = source
-        self._clock_ns: int | None = None  # in virtual time, as long as nothing has let it pass
+        self._clock_ns: int | None = None  # in virtual time, if known while nothing lets it pass
         self.description = description
         self.is_builtin = is_builtin
         self.is_virtual = getattr(source, "virtual_time_ns", None) is not None
@@ -91,12 +128,12 @@ class Carrier(ABC):
         """The carrier's clock, ns from an arbitrary origin."""
         if not self.is_virtual:
             return time.monotonic_ns()
-        if self._clock_ns is None:
-            try:
-                self._clock_ns = cast(int, self._source.virtual_time_ns)  # type: ignore[attr-defined]
-            except Exception as error:
-                raise self._trouble("asking the time", error) from error
-        return self._clock_ns
+        if self._clock_ns is not None:
+            return self._clock_ns
+        try:
+            return cast(int, self._source.virtual_time_ns)  # type: ignore[attr-defined]
+        except Exception as error:
+            raise self._trouble("asking the time", error) from error
 
     @property
     def uncertainty_ns(self) -> int:
@@ -209,7 +246,13 @@ class Carrier(ABC):
             self.crash = self.crash or crash_of(error)
             return TwinCrashed(self.crash)
         words = " ".join(str(error).split()) or type(error).__name__
-        return TargetError(f"it was closed while {doing}: {words}")
+        # pyserial's own ports fall over a file descriptor that somebody else has closed.
+        return TargetError(f"{self.source_word} was closed while {doing}: {words}")
 
 
-AnyTarget = Target | Carrier  # what a run may be on: a byte line, or another kind of carrier
+def crash_of(error: Exception) -> str:
+    """What a twin fell over, in a line: the exception and the place where it was raised."""
+    frames = traceback.extract_tb(error.__traceback__)
+    place = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
+    text = " ".join(str(error).split())
+    return f"the built-in twin crashed: {type(error).__name__}: {text}{place}"

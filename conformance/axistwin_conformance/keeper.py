@@ -23,7 +23,7 @@ from dataclasses import dataclass, field, replace
 from axistwin_conformance import events
 from axistwin_conformance.attempts import describe
 from axistwin_conformance.budget import WriteBudget
-from axistwin_conformance.carrier import AnyTarget
+from axistwin_conformance.carrier import Carrier
 from axistwin_conformance.errors import RigError, TargetError, TwinCrashed
 from axistwin_conformance.events import Listener, Outcome
 from axistwin_conformance.judgement import CheckResult
@@ -36,7 +36,7 @@ from axistwin_conformance.verdicts import Finding, Verdict
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 SANITY_PAUSES_S = (0.0, 1.0, 1.5)  # together longer than the 2 s for which a module may be deaf
 
-Opener = Callable[[tuple[int, ...]], AnyTarget]  # neighbours on the line → an open target
+Opener = Callable[[tuple[int, ...]], Carrier]  # neighbours on the line → an open target
 
 # What the engine itself asks a device for, beside the probes, and what a sound device does then.
 ACTS = {

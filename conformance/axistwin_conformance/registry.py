@@ -27,10 +27,10 @@ from axistwin_conformance.rig import CAPABILITIES
 from axistwin_conformance.transcript import Record
 
 if TYPE_CHECKING:
+    from axistwin_conformance.carrier import Fence
     from axistwin_conformance.profile import Probe
     from axistwin_conformance.recording import Recording
     from axistwin_conformance.session import Run, Session
-    from axistwin_conformance.targets import Fence
 
 SAFETY_CLASSES = ("passive", "motion", "stored", "rig", "destructive")  # in the order they run
 LEVELS = ("quick", "full", "soak")

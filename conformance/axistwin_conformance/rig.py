@@ -29,7 +29,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol, TextIO
 
-from axistwin_conformance.carrier import AnyTarget
+from axistwin_conformance.carrier import Carrier
 from axistwin_conformance.errors import CannotDo, RigError, UsageError
 from axistwin_conformance.targets import TWIN_SCHEME
 
@@ -107,7 +107,7 @@ class Rig(ABC):
 
     is_exact = False
 
-    def __init__(self, target: AnyTarget, capabilities: frozenset[str]) -> None:
+    def __init__(self, target: Carrier, capabilities: frozenset[str]) -> None:
         self._target = target
         self._disturbed: dict[tuple[str, str], Act] = {}
         self.capabilities = capabilities
@@ -193,7 +193,7 @@ class Rig(ABC):
 class TwinRig(Rig):
     """Works the twin behind the target's port, by the handles that every twin offers."""
 
-    def __init__(self, target: AnyTarget, address: int) -> None:
+    def __init__(self, target: Carrier, address: int) -> None:
         super().__init__(target, frozenset(CAPABILITIES))
         self.is_exact = VIRTUAL in target.description  # else time passes while we are at it
         self._twin = _twin_at(target, address)
@@ -234,7 +234,7 @@ class TwinRig(Rig):
                 twin.set_fault(act.name, value)
 
 
-def _twin_at(target: AnyTarget, address: int) -> Any:
+def _twin_at(target: Carrier, address: int) -> Any:
     """The twin with that address on the target's line; raises RigError if there is none."""
     for twin in target.twins:
         if twin.address == address:
@@ -247,7 +247,7 @@ class CommandRig(Rig):
 
     def __init__(
         self,
-        target: AnyTarget,
+        target: Carrier,
         template: str,
         capabilities: frozenset[str],
         timeout_s: float = COMMAND_TIMEOUT_S,
@@ -324,7 +324,7 @@ class PromptRig(Rig):
 
     def __init__(
         self,
-        target: AnyTarget,
+        target: Carrier,
         terminal: Terminal | None = None,
         notify: Notify = lambda is_open, text: None,
     ) -> None:
@@ -393,7 +393,7 @@ class RigChoice:
     command: str = ""
     capabilities: frozenset[str] = field(default=frozenset())
 
-    def open(self, target: AnyTarget, address: int, notify: Notify) -> Rig | None:
+    def open(self, target: Carrier, address: int, notify: Notify) -> Rig | None:
         """The rig for one open target; raises RigError if the target offers no handles."""
         match self.kind:
             case "twin":

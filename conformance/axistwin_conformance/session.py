@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from typing import Any, NoReturn, cast
 
 from axistwin_conformance.budget import WriteBudget
-from axistwin_conformance.carrier import AnyTarget
+from axistwin_conformance.carrier import Carrier
 from axistwin_conformance.errors import TargetError
 from axistwin_conformance.events import FailureStored, Listener, MotionSampled
 from axistwin_conformance.ledger import Ledger
@@ -58,7 +58,7 @@ class Envelope:
 class Run:
     """What all checks of one run share."""
 
-    target: AnyTarget
+    target: Carrier
     family: Family
     model: Model
     ledger: Ledger
@@ -105,7 +105,7 @@ class Session:
         self._started_at = run.target.transcript.position
 
     @property
-    def carrier(self) -> AnyTarget:
+    def carrier(self) -> Carrier:
         """The way to the device, whatever it carries."""
         return self.run.target
 

@@ -1,16 +1,8 @@
-"""Targets: the one way from the suite to a device, whatever carries the bytes.
+"""Targets: the way from the suite to a device on a byte line.
 
 A `Target` wraps a pyserial port: the built-in twin by URL (virtual time), a pty, `socket://`,
-`rfc2217://` or a real port.  It keeps the transcript and the clock.
-
-Time.  On the built-in twin it is the port's own, exact, and passes only while we wait; elsewhere it
-is the machine's monotonic clock.  What a check measures on it is known to `uncertainty_ns`: an
-instant that the device fixes while it handles an exchange lies somewhere between our first byte and
-its last, so the slowest exchange seen on the idle line bounds it.
-
-Trouble.  A port that is closed, vanished or does not take bytes raises `TargetError`, nothing else.
-A twin in this process may also fall over a mistake of its own: whatever comes out of its port and
-is no trouble of a port is `TwinCrashed`, and from then on no byte goes to that port or comes back.
+`rfc2217://` or a real port.  Clock, transcript, fence and what becomes of trouble are those of
+every `Carrier`.
 """
 
 from __future__ import annotations
@@ -18,19 +10,15 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-import statistics
 import termios
 import time
-import traceback
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Protocol
 
 import serial
 
-from axistwin_conformance.errors import OutsideEnvelope, TargetError, TwinCrashed
-from axistwin_conformance.transcript import Direction, Transcript
+from axistwin_conformance.carrier import SILENCE_NOTED_S, STOP_HEARD_NS, Carrier, crash_of
+from axistwin_conformance.errors import TargetError, TwinCrashed
+from axistwin_conformance.transcript import Direction
 
 TWIN_SCHEME = "axistwin://"
 TWIN_HANDLER = "axistwin.urlhandler"  # found by pyserial by this name; the suite never imports it
@@ -39,11 +27,8 @@ SLICE_S = (
 )
 WRITE_TIMEOUT_S = 3.0
 BYTE_BITS = 10  # 8N1
-SILENCE_NOTED_S = 0.05  # shorter waits without a byte are not worth a line in the transcript
 DRAIN_BYTES = 65_536
 DRAINED_AT_ONCE = 4096
-MOST_HUSHES = 20  # a device that never stops talking is not waited for
-STOP_HEARD_NS = 50_000_000  # the reply to a stop takes 3 ms at 9600 baud
 
 
 class SerialPort(Protocol):
@@ -66,40 +51,10 @@ class SerialPort(Protocol):
         """How many bytes `read` would return at once."""
 
 
-class Fence(Protocol):
-    """What keeps the axes on a line inside the envelope; it hears everything, either way."""
+class Target(Carrier):
+    """A device behind a port."""
 
-    def sending(self, data: bytes, now_ns: int, /) -> None:
-        """Raise OutsideEnvelope if these bytes must not be sent."""
-
-    def received(self, data: bytes, now_ns: int, /) -> None:
-        """Learn from what the device says."""
-
-    @property
-    def deadline_ns(self) -> int | None:
-        """When endless motion has to be stopped at the latest; None while there is none."""
-
-    def stop(self) -> tuple[bytes, ...]:
-        """The frames that end it."""
-
-    def needed(self, wait_ns: int, /) -> int:
-        """How large the envelope would have to be for endless motion to go on for so long."""
-
-    def worked(self, name: str, window: tuple[int, int], /) -> None:
-        """Learn what the rig has done, and between which instants."""
-
-
-@dataclass(frozen=True, slots=True)
-class RoundTrip:
-    """How long exchanges take on the idle line, in ns."""
-
-    samples: int = 0
-    median_ns: int = 0
-    max_ns: int = 0
-
-
-class Target:
-    """A device behind a port.  Not thread-safe: one run, one target."""
+    source_word = "the port"
 
     def __init__(
         self,
@@ -109,54 +64,20 @@ class Target:
         is_builtin: bool = False,
         is_lossless: bool | None = None,
     ) -> None:
+        super().__init__(port, description, is_builtin=is_builtin, is_lossless=is_lossless)
         self._port = port
         self._pending = bytearray()
-        self._clock_ns: int | None = None  # in virtual time, as long as nothing has let it pass
         self.byte_ns = BYTE_BITS * 1_000_000_000 // port.baudrate  # what a byte takes on the line
         # A port may offer request and reply in one call: when it began, the reply, when it was
         # there.
         self._at_once = getattr(port, "exchange", None)
-        self.description = description
-        self.is_builtin = is_builtin
-        self.is_virtual = getattr(port, "virtual_time_ns", None) is not None
-        # In virtual time there is no noise, unless somebody puts it there.
-        self.is_lossless = self.is_virtual if is_lossless is None else is_lossless
-        self.transcript = Transcript()
-        self.round_trip = RoundTrip()
-        self.last_sent = b""
-        self.gate: Callable[[bytes], None] | None = None  # sees every byte before it is sent
-        self.fence: Fence | None = None
-        self.meter: Callable[[bytes], None] | None = None  # counts what is really sent
-        self.crash = ""  # of the twin behind the port, once it has fallen over
         if not self.is_virtual:
             port.timeout = SLICE_S
-
-    @property
-    def now_ns(self) -> int:
-        """The target's clock, ns from an arbitrary origin."""
-        if not self.is_virtual:
-            return time.monotonic_ns()
-        if self._clock_ns is not None:
-            return self._clock_ns
-        try:
-            return self._port.virtual_time_ns  # type: ignore[attr-defined,no-any-return]
-        except Exception as error:
-            raise self._trouble("asking the time", error) from error
 
     @property
     def is_direct(self) -> bool:
         """True if `exchange` may be used: virtual time, no noise, nobody has to hold the axis."""
         return self.is_virtual and self.is_lossless and self.fence is None
-
-    @property
-    def uncertainty_ns(self) -> int:
-        """How well the instant of something inside one exchange is known (see above)."""
-        return self.round_trip.max_ns
-
-    @property
-    def twins(self) -> Sequence[Any]:
-        """The handles of the twins behind the port; none behind a real one."""
-        return cast(Sequence[Any], getattr(self._port, "twins", ()))
 
     @property
     def baud(self) -> int:
@@ -166,24 +87,15 @@ class Target:
     @baud.setter
     def baud(self, rate: int) -> None:
         self._clock_ns = None
-        with self._port_trouble(f"setting {rate} baud"):
+        with self._told(f"setting {rate} baud"):
             self._port.baudrate = rate
         self.byte_ns = BYTE_BITS * 1_000_000_000 // rate
         self.mark(f"our end of the line now talks {rate} baud")
 
     def send(self, data: bytes) -> int:
         """Send the bytes and return the time at which that began."""
-        if self.gate is not None:
-            self.gate(data)
-        started_ns = self.now_ns
-        if self.fence is not None:
-            self.fence.sending(data, started_ns)
-        if self.meter is not None:
-            self.meter(data)
-        self.last_sent = bytes(data)
-        self._clock_ns = None
-        self.transcript.note(started_ns, Direction.HOST, bytes(data))
-        with self._port_trouble("sending"):
+        started_ns = self._announced(bytes(data))
+        with self._told("sending"):
             self._port.write(bytes(data))
         return started_ns
 
@@ -270,55 +182,10 @@ class Target:
             self.mark(f"{len(dropped)} bytes nobody asked for were set aside")
         return dropped
 
-    def hush(self, seconds: float) -> None:
-        """Set aside what comes until nothing has come for so long: a late reply must not be taken
-        for the next one."""
-        for _ in range(MOST_HUSHES):
-            if not self.receive(DRAINED_AT_ONCE, seconds):
-                break
-
-    def mark(self, text: str) -> None:
-        """Write a line into the transcript."""
-        self.transcript.note(self.now_ns, Direction.NOTE, text=text)
-
-    def measure_round_trip(self, exchange: Callable[[], bool], samples: int) -> RoundTrip:
-        """Time `exchange` on the idle line; only the ones that succeed count."""
-        taken: list[int] = []
-        for _ in range(samples):
-            started_ns = self.now_ns
-            if exchange():
-                taken.append(self.now_ns - started_ns)
-        if taken:
-            self.round_trip = RoundTrip(len(taken), round(statistics.median(taken)), max(taken))
-        return self.round_trip
-
     def close(self) -> None:
         """Close the port; a port that is gone already is fine."""
         with contextlib.suppress(Exception):
             self._port.close()
-
-    def _fenced(self, left_ns: int) -> int:
-        """How long may be waited; stops endless motion that nobody has stopped in time."""
-        deadline_ns = None if self.fence is None else self.fence.deadline_ns
-        if self.fence is None or deadline_ns is None:
-            return left_ns
-        spare_ns = deadline_ns - self.now_ns
-        if spare_ns > 0:
-            return min(left_ns, spare_ns)
-        self.mark("endless motion has come near the edge of the envelope: stopped")
-        needed = self.fence.needed(left_ns)
-        gate, self.gate = self.gate, None  # a stop is not held back
-        try:
-            for frame in self.fence.stop():
-                self.send(frame)
-                self._read(DRAIN_BYTES, STOP_HEARD_NS)
-        finally:
-            self.gate = gate
-        if gate is None:  # between checks there is no one to tell; until heard it is sent again
-            return min(left_ns, STOP_HEARD_NS)
-        raise OutsideEnvelope(
-            "endless motion had come near the edge of the envelope", "--max-travel", needed
-        )
 
     def _read(self, count: int, left_ns: int) -> bool:
         self._refuse_the_dead()
@@ -331,55 +198,29 @@ class Target:
             raise self._trouble("receiving", error) from error
         if data:
             self._pending += data
-            now_ns = self.now_ns
-            self.transcript.note(now_ns, Direction.DEVICE, data)
-            if self.fence is not None:
-                self.fence.received(data, now_ns)
+            self._arrived(data)
         return bool(data)
 
     def _waiting(self) -> int:
         self._clock_ns = None
-        with self._port_trouble("receiving"):
+        with self._told("receiving"):
             return self._port.in_waiting
 
-    def _note_silence(self, started_ns: int) -> None:
-        passed_ms = (self.now_ns - started_ns) / 1e6
-        text = f"nothing for {passed_ms:.0f} ms"
-        self.transcript.note(started_ns, Direction.SILENCE, text=text)
+    # --- what the base asks for -------------------------------------------------------------------
 
-    def _refuse_the_dead(self) -> None:
-        """Raise TwinCrashed if the twin has crashed: nobody knows what is left of it."""
-        if self.crash:
-            raise TwinCrashed(self.crash)
+    def _stop_by(self, data: bytes) -> None:
+        self.send(data)
+        self._read(DRAIN_BYTES, STOP_HEARD_NS)
 
-    @contextlib.contextmanager
-    def _port_trouble(self, doing: str) -> Iterator[None]:
-        """Turn whatever a port raises into a TargetError."""
-        self._refuse_the_dead()
-        try:
-            yield
-        except Exception as error:
-            raise self._trouble(doing, error) from error
+    def _has_heard(self, seconds: float) -> bool:
+        return bool(self.receive(DRAINED_AT_ONCE, seconds))
 
-    def _trouble(self, doing: str, error: Exception) -> TargetError:
-        """What a port has raised, as a TargetError that says what was being done."""
+    def _source_trouble(self, doing: str, error: Exception) -> TargetError | None:
         if isinstance(error, serial.SerialTimeoutException):
             return TargetError(f"the port does not take bytes any more ({doing})")
         if isinstance(error, OSError | termios.error):  # SerialException is an OSError
             return TargetError(f"the port failed while {doing}: {_one_line(error)}")
-        if self.is_virtual or hasattr(self._port, "twins"):
-            self.crash = self.crash or crash_of(error)
-            return TwinCrashed(self.crash)
-        # pyserial's own ports fall over a file descriptor that somebody else has closed.
-        return TargetError(f"the port was closed while {doing}: {_one_line(error)}")
-
-
-def crash_of(error: Exception) -> str:
-    """What a twin fell over, in a line: the exception and the place where it was raised."""
-    frames = traceback.extract_tb(error.__traceback__)
-    place = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
-    text = " ".join(str(error).split())
-    return f"the built-in twin crashed: {type(error).__name__}: {text}{place}"
+        return None
 
 
 def open_target(url: str, baud: int, *, is_builtin: bool = False) -> Target:

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from axistwin_conformance import rig as rig_module
-from axistwin_conformance.carrier import AnyTarget
+from axistwin_conformance.carrier import Carrier
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine, Result
 from axistwin_conformance.errors import CannotDo, RigError, UsageError
@@ -356,7 +356,7 @@ def test_the_replay_names_the_rig() -> None:
 class FakeRig(Rig):
     """Notes what it is told; may fail or be unable."""
 
-    def __init__(self, target: AnyTarget, *, trouble: Exception | None = None) -> None:
+    def __init__(self, target: Carrier, *, trouble: Exception | None = None) -> None:
         super().__init__(target, ALL)
         self.trouble = trouble
         self.done: list[str] = []
@@ -375,7 +375,7 @@ class FakeChoice(RigChoice):
     made: list[FakeRig] = field(default_factory=list)
     trouble: Exception | None = None
 
-    def open(self, target: AnyTarget, address: int, notify: Any) -> Rig:
+    def open(self, target: Carrier, address: int, notify: Any) -> Rig:
         """Make it."""
         self.made.append(FakeRig(target, trouble=self.trouble))
         return self.made[-1]

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from axistwin_conformance.carrier import AnyTarget
+from axistwin_conformance.carrier import Carrier
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine
 from axistwin_conformance.events import CheckFinished, Event
@@ -30,7 +30,7 @@ class SlowRig(TwinRig):
 
     delay_s = 0.4
 
-    def __init__(self, target: AnyTarget, address: int) -> None:
+    def __init__(self, target: Carrier, address: int) -> None:
         super().__init__(target, address)
         self.is_exact = False
 
@@ -46,7 +46,7 @@ class SlowChoice(RigChoice):
 
     capabilities: frozenset[str] = frozenset(CAPABILITIES)
 
-    def open(self, target: AnyTarget, address: int, notify: Any) -> Rig:
+    def open(self, target: Carrier, address: int, notify: Any) -> Rig:
         """Make it."""
         return SlowRig(target, address)
 
