@@ -33,5 +33,6 @@ def test_every_link_inside_the_documentation_leads_somewhere(page: Path) -> None
 def test_the_readme_names_every_command_and_both_scripts() -> None:
     """A newcomer meets scripts/run, scripts/test and each command of the program."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    for words in ("scripts/run", "scripts/test", "axistwin run", "models", "doctor", "conform"):
+    commands = ("axistwin run", "decode", "models", "doctor", "conform")
+    for words in ("scripts/run", "scripts/test", *commands):
         assert words in text, words

@@ -32,6 +32,7 @@ COMMAND_GROUP = "axistwin.commands"
 # Name: where it is, and its line in the list of commands (which then needs no import).
 _OWN = {
     "run": ("axistwin.cli.run", "Run twins on a serial line that any program can open."),
+    "decode": ("axistwin.cli.decode", "Say what bytes of a line, or frames of a bus, mean."),
     "models": ("axistwin.cli.models", "List the models, or one model's quirks."),
     "doctor": ("axistwin.cli.doctor", "Say what this machine can do, and how to make it do more."),
 }
@@ -166,4 +167,5 @@ def main() -> None:
     axistwin run mac23                     a MAC23 at ./mac23, for any program that opens a port
     axistwin run mac23:0 mac34-1:5         two modules on one line
     axistwin models mac23                  what can be switched
+    axistwin decode mac23 capture.txt      what was said on a line, in words
     """
