@@ -68,6 +68,13 @@ def open_side(url: str, **options: Any) -> Side:
     return Side(serial.serial_for_url(url, **{"baudrate": 38400, "timeout": 0.5, **options}))
 
 
+def open_slow_side(url: str) -> Side:
+    """The same with somebody who looks on: nothing takes a short way then."""
+    side = open_side(url)
+    side.port.line.subscribe(lambda twin, trace: None)
+    return side
+
+
 def write_and_read(port: Any, data: bytes, size: int, timeout_s: float) -> tuple[int, bytes, int]:
     """What ``exchange`` is for short."""
     began_ns = port.line.host_sent_ns
@@ -100,7 +107,7 @@ def test_an_exchange_is_a_write_and_a_read(
     url: str, steps: list[tuple[bytes, int, float, float]], reads_all: bool
 ) -> None:
     """Bytes, times, transcript, memory, state and traces are the same, whatever is said."""
-    one, other = open_side(url), open_side(url)
+    one, other = open_side(url), open_slow_side(url)
     for data, size, timeout_s, pause_s in steps:
         expected = write_and_read(other.port, data, size, timeout_s)
         assert one.port.exchange(data, size, timeout_s) == expected
@@ -154,7 +161,7 @@ def test_where_more_is_going_on_an_exchange_is_the_same_too(
 ) -> None:
     """Bytes not read or not sent, who looks on, a disk, a wrong rate, a break, too many bytes."""
     folders = [f"&state={tmp_path}/{n}" if trouble == "memory" else "" for n in (0, 1)]
-    one, other = (open_side(URLS[0] + folder) for folder in folders)
+    one, other = open_side(URLS[0] + folders[0]), open_slow_side(URLS[0] + folders[1])
     outcomes = short_ways(one, monkeypatch)
     told: list[list[object]] = [[], []]
     for index, side in enumerate((one, other)):
@@ -178,6 +185,25 @@ def test_where_more_is_going_on_an_exchange_is_the_same_too(
         assert one.seen() == other.seen()
     assert told[0] == told[1]
     assert not outcomes or trouble in ("break", "leftover", "behind", "flood")
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sampled_from(URLS), st.lists(STEPS, min_size=1, max_size=8))
+def test_a_read_in_virtual_time_is_a_wait_and_a_look(
+    url: str, steps: list[tuple[bytes, int, float, float]]
+) -> None:
+    """Motions that end, restarts and answers on their way: what is read, and when, is the same."""
+    one, other = open_side(url), open_slow_side(url)
+    for data, size, timeout_s, pause_s in steps:
+        for side in (one, other):
+            side.port.write(data)
+        assert write_and_read(one.port, b"", size, pause_s) == write_and_read(
+            other.port, b"", size, pause_s
+        )
+        assert one.port.exchange(b"", size, timeout_s) == write_and_read(
+            other.port, b"", size, timeout_s
+        )
+        assert one.seen() == other.seen()
 
 
 def test_an_exchange_works_in_real_time_and_needs_an_open_port() -> None:

@@ -2,6 +2,8 @@
 
 Effects are performed strictly in the order given.  That order carries a promise: a durable
 ``Store`` in front of a ``Transmit`` is on disk before the first bit of the acknowledgement leaves.
+
+Some are made for every answer: named tuples take a third of a frozen dataclass's time.
 """
 
 from dataclasses import dataclass
@@ -10,7 +12,7 @@ from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
 from axistwin.kernel.time import Nanos
 
 
-class Transmit(NamedTuple):  # made for every answer: a third of a frozen dataclass's time
+class Transmit(NamedTuple):
     """Send ``data`` on the device's line, first start bit at ``start_ns`` at the earliest."""
 
     start_ns: Nanos
@@ -39,8 +41,7 @@ class Silence:
     """
 
 
-@dataclass(frozen=True, slots=True)
-class Store:
+class Store(NamedTuple):
     """Write nonvolatile ``cells`` (name, value); ``durable`` ones must reach the disk at once.
 
     A cell that is not durable (the position counter, saved by the hardware when the supply fails)
@@ -51,8 +52,7 @@ class Store:
     durable: bool = True
 
 
-@dataclass(frozen=True, slots=True)
-class Trace:
+class Trace(NamedTuple):
     """Something worth telling happened at ``time_ns``; ``details`` are (name, value) pairs."""
 
     time_ns: Nanos

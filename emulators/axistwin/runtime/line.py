@@ -39,6 +39,7 @@ class Line(Owner[SerialNetwork]):
         self.transcript = Transcript()
         self._explain = explain
         self._seen_bytes = 0
+        self._is_imaginary = clock.is_virtual and storage.is_volatile
         super().__init__(network, clock, storage, stations)
 
     # -- time ---------------------------------------------------------------------------------
@@ -187,26 +188,28 @@ class Line(Owner[SerialNetwork]):
     ) -> tuple[Nanos, bytes | None, Nanos] | None:
         """``send``, ``wait`` for ``size`` bytes, or so long, and ``receive``: all at once.
 
+        Without ``data`` nothing is sent.
         Only in virtual time, where nobody looks on; the outcome is the same.  Returns when it was
         sent, what was received (None: that is still to be waited for), and the time reached.  None
         instead: nothing was done, not even sent.
         """
-        looked_at = self._on_change is not None or self._subscribers or not self.is_volatile
-        if looked_at or not self.clock.is_virtual:
+        if self._on_change is not None or self._subscribers or not self._is_imaginary:
             return None
         with self._lock:
-            now, network = self._sync(), self._network
+            now, network = self.sync(), self._network
             if not network.is_free_for_host:
                 return None
-            self.transcript.add(now, "host", data)
             answer = network.host_ask(data, size, now + patience_ns)
+            if data:
+                self.transcript.add(now, "host", data)
             if answer is None:
                 return now, None, now
             reached_ns = network.now_ns
             self.clock.advance_to(reached_ns)
             if network.has_effects:
                 self._perform(network.take_effects())
-            self.transcript.add(reached_ns, "device", answer)
+            if answer:
+                self.transcript.add(reached_ns, "device", answer)
             return now, answer, reached_ns
 
     @property

@@ -35,6 +35,9 @@ RATE_TOLERANCE_PARTS: Final = 17
 """Rates may differ by one part in so many: half a bit, when bit 7 is sampled after 8.5 bits."""
 
 
+_NO_ANSWER: Final = Transmit(0, b"")
+
+
 class _Seat:
     """A device's place in the schedule."""
 
@@ -74,6 +77,9 @@ class SerialNetwork:
         line = SerialLine if paced else InstantLine
         self._line: SerialLine | InstantLine = line([host_format or formats[0], *formats], start_ns)
         self._formats = formats
+        self._others = tuple(
+            tuple(each for each in self.devices if each is not device) for device in self.devices
+        )
         self._received = bytearray()
         self._effects: list[tuple[int, Store | Trace]] = []
         seats = [_Seat(self, index) for index in range(len(self.devices))]
@@ -233,7 +239,7 @@ class SerialNetwork:
                 self._line.switch_off(index + 1)
                 self._line.switch_on(index + 1)
             else:
-                assert isinstance(effect, Store | Trace)
+                assert type(effect) is Store or type(effect) is Trace, "a line has no frames"
                 self._effects.append((index, effect))
 
     def _follow_format(self, index: int) -> None:
@@ -324,9 +330,12 @@ class SerialNetwork:
     def host_ask(self, data: bytes, size: int, limit_ns: Nanos) -> bytes | None:
         """Send ``data`` now, and be where the host has ``size`` bytes, or at ``limit_ns``: heard.
 
+        No ``data``: only listen.
         None: something else happens before, or the answer is longer; it is to be waited for, as
         after ``host_send``.  Only if ``is_free_for_host``.  Effects may be left to take.
         """
+        if not data:
+            return b"" if self._stays_silent(limit_ns) else None
         line, schedule = self._line, self._schedule
         now, line_format = schedule.now, self._formats[0]
         heard_ns = now + line_format.span_ns(len(data))
@@ -334,32 +343,45 @@ class SerialNetwork:
         if (
             index is None
             or heard_ns > limit_ns
-            or not 0 < len(data) <= STRETCH_BYTES
+            or len(data) > STRETCH_BYTES
             or not schedule.is_idle_until(heard_ns)
         ):
             self.host_send(data)
             return None
         line.now_ns = schedule.now = heard_ns
         effects = self._all_hear(Chunk(now, data, line_format), index)
-        sent = [effect for effect in effects if type(effect) is Transmit]
-        answer = Transmit(heard_ns, b"")
-        if len(sent) == 1:
-            answer = Transmit(max(heard_ns, sent[0].start_ns), sent[0].data)
-        end_ns = answer.start_ns + line_format.span_ns(len(answer.data))
-        fits = len(sent) < 2 and len(answer.data) <= size and end_ns <= limit_ns
+        answer, count = _NO_ANSWER, 0
+        for effect in effects:
+            if type(effect) is Transmit:
+                answer, count = effect, count + 1
+        reply = answer.data
+        start_ns = max(heard_ns, answer.start_ns)
+        end_ns = start_ns + line_format.span_ns(len(reply))
+        fits = count < 2 and len(reply) <= size and end_ns <= limit_ns
         if not fits or self.devices[index].line_format is not self._formats[index]:
             self.apply(index, effects)
             schedule.touch(index)
             return None
-        if len(answer.data) < size:
+        if len(reply) < size:
             end_ns = limit_ns
-        if len(effects) > len(sent):
+        if len(effects) > count:
             self.apply(index, [effect for effect in effects if type(effect) is not Transmit])
-        if not self._let_answer_pass(index, answer, end_ns):
+        if not self._let_answer_pass(index, Transmit(start_ns, reply), end_ns):
             return None
         line.now_ns = schedule.now = self.settled_ns = end_ns
         schedule.touch(index)
-        return answer.data
+        return reply
+
+    def _stays_silent(self, limit_ns: Nanos) -> bool:
+        """Be at ``limit_ns`` if nobody sends anything by then; False: somebody does, before."""
+        line, schedule = self._line, self._schedule
+        while (due_ns := schedule.next_event()) is not None and due_ns <= limit_ns:
+            line.now_ns = due_ns
+            schedule.run_next(due_ns)
+            if not line.is_silent:
+                return False
+        line.now_ns = schedule.now = self.settled_ns = limit_ns
+        return True
 
     def _only_one_to_react(self, data: bytes) -> int | None:
         """The one device that reacts to ``data``, not before its end; None: there are others."""
@@ -377,10 +399,8 @@ class SerialNetwork:
 
     def _all_hear(self, chunk: Chunk, index: int) -> Sequence[Effect]:
         """Let all devices but ``index`` take what leaves them quiet; what that one does then."""
-        for number, device in enumerate(self.devices):
-            if number != index:
-                effects = device.receive(chunk)
-                assert not effects, "a device has reacted that would not"
+        for other in self._others[index]:
+            assert not other.receive(chunk), "a device has reacted that would not"
         return self.devices[index].receive(chunk)
 
     def _let_answer_pass(self, index: int, answer: Transmit, end_ns: Nanos) -> bool:
@@ -389,8 +409,7 @@ class SerialNetwork:
         The others hear the answer.  False: it has more to say, or one of the others may have
         something to do, and all of it is on the line now.
         """
-        device, line_format = self.devices[index], self._formats[0]
-        others = [each for each in self.devices if each is not device]
+        device, others = self.devices[index], self._others[index]
         for other in others:
             due_ns = other.next_event()
             is_busy = due_ns is not None and due_ns <= end_ns
@@ -410,7 +429,7 @@ class SerialNetwork:
                 self._schedule.touch(index)
                 return False
         if answer.data and others:
-            chunk = Chunk(answer.start_ns, answer.data, line_format)
+            chunk = Chunk(answer.start_ns, answer.data, self._formats[0])
             for other in others:
                 assert not other.receive(chunk), "a device has reacted that would not"
         return True

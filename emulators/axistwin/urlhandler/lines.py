@@ -31,6 +31,7 @@ class OpenLine:
 
     def __init__(self, options: LineOptions) -> None:
         self.options = options
+        self._speed = options.speed or 1.0
         self.line = build_line(options)
         self.exclusive_owner: weakref.ref[object] | None = None
         self._finalizer = weakref.finalize(self, self.line.close)
@@ -38,7 +39,7 @@ class OpenLine:
 
     def span_ns(self, seconds: float) -> Nanos:
         """``seconds`` of the host's own time in the line's time."""
-        return round(seconds * (self.options.speed or 1.0) * NS_PER_S)
+        return round(seconds * self._speed * NS_PER_S)
 
     @property
     def is_closed(self) -> bool:

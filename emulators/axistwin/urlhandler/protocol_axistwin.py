@@ -83,6 +83,7 @@ class Serial(SerialBase):
         self._cancelled_read = False
         self._cancelled_write = False
         self._configured: tuple[object, ...] = ()
+        self._is_plain = False  # whether ``read`` does nothing but wait for bytes
         super().__init__(*args, **kwargs)
 
     # -- beyond pyserial ----------------------------------------------------------------------
@@ -118,34 +119,49 @@ class Serial(SerialBase):
             raise ValueError(f"advance: {seconds} s is not 0 or more")
         self.line.advance(round(seconds * NS_PER_S))
 
-    @_clear_errors
     def exchange(self, data: bytes, size: int, timeout_s: float) -> tuple[int, bytes, int]:
         """``write(data)``, then ``read(size)`` with the time-out ``timeout_s`` (>= 0), in one call.
 
+        Without ``data`` it is a ``read`` with a time-out of its own.
         Returns when the sending of ``data`` began, what was read, and the present time; both times
         in nanoseconds of the line.  For test suites in virtual time; works in any.
+        Raises SerialException.
         """
-        line = self._opened()
-        outcome = None
-        is_short = len(data) <= OUTPUT_MAX and 0 < size <= INPUT_STEP
-        if is_short and timeout_s > 0 and self._reads_plainly:
-            outcome = line.ask(data, size, self._span_ns(timeout_s))
-        if outcome is None:
+        try:
+            outcome = self._ask(data, size, timeout_s)
+            if outcome is not None:
+                return outcome
+            line = self._opened()
             began_ns = line.host_sent_ns
             self.write(data)
             answer = self._read_within(size, timeout_s)
             return began_ns, answer, line.sync()
+        except AxistwinError as error:
+            raise SerialException(str(error)) from None
+
+    def _ask(self, data: bytes, size: int, timeout_s: float) -> tuple[int, bytes, int] | None:
+        """``exchange`` the short way; None: there is none, and nothing was done."""
+        shared = self._shared
+        if (
+            not self.is_open
+            or not self._is_plain
+            or self._held is not None
+            or self._input
+            or self._cancelled_read
+            or not 0 < size <= INPUT_STEP
+            or timeout_s <= 0
+            or len(data) > OUTPUT_MAX
+        ):
+            return None
+        assert shared is not None, "an open port has a line"
+        outcome = shared.line.ask(data, size, shared.span_ns(timeout_s))
+        if outcome is None:
+            return None
         began_ns, heard, reached_ns = outcome
         if heard is not None:
             return began_ns, heard, reached_ns
-        answer = self._read_on(bytearray(), size, timeout_s, began_ns)
-        return began_ns, answer, line.sync()
-
-    @property
-    def _reads_plainly(self) -> bool:
-        """Whether ``read`` would do nothing but wait for bytes."""
-        plain = self._held is None and not (self._input or self._cancelled_read)
-        return plain and not self.xonxoff and self.inter_byte_timeout is None
+        heard = self._read_on(bytearray(), size, timeout_s, began_ns)
+        return began_ns, heard, shared.line.sync()
 
     # -- life ---------------------------------------------------------------------------------
 
@@ -187,6 +203,7 @@ class Serial(SerialBase):
             self.xonxoff,
             self.exclusive,
         )
+        self._is_plain = not self.xonxoff and self.inter_byte_timeout is None
         if wanted == self._configured:
             return
         self._configured = ()  # until all of it is done
@@ -243,6 +260,8 @@ class Serial(SerialBase):
         """``read`` with a time-out of its own."""
         if size <= 0:
             return b""
+        if timeout_s and (outcome := self._ask(b"", size, timeout_s)) is not None:
+            return outcome[1]
         if timeout_s == 0 and not self._available():
             self._pass_poll()
         data = self._take(size)

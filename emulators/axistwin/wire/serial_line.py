@@ -66,6 +66,7 @@ class SerialLine:
         self._is_clean = True
         self._listeners = self._find_listeners()
         self._agreed: Transmission | None = None  # known to be in every listener's format
+        self._is_common = self._find_common()
         self._sampled: tuple[Receiver, Character] | None = None
 
     def _find_listeners(self) -> tuple[tuple[int, ...], ...]:
@@ -75,6 +76,11 @@ class SerialLine:
             tuple(other for other in stations if other != station and self._is_on[other])
             for station in stations
         )
+
+    def _find_common(self) -> bool:
+        """Whether all stations have supply and understand each other."""
+        common = self._receivers[0].format
+        return all(self._is_on) and all(each.format == common for each in self._receivers)
 
     @property
     def is_silent(self) -> bool:
@@ -89,10 +95,7 @@ class SerialLine:
     @property
     def is_free(self) -> bool:
         """Whether nobody drives, and all stations have supply and understand each other."""
-        if self._transmissions or not self._is_clean or not all(self._is_on):
-            return False
-        common = self._receivers[0].format
-        return all(each.format is common or each.format == common for each in self._receivers)
+        return self._is_common and self._is_clean and not self._transmissions
 
     # -- what stations do --
 
@@ -131,12 +134,13 @@ class SerialLine:
             return
         self._restart_receiver(station)
         receiver.format = line_format
+        self._is_common = self._find_common()
 
     def switch_off(self, station: int) -> None:
         """Cut the supply of ``station``: it stops driving now, and hears nothing."""
         if not self._is_on[station]:
             return
-        self._is_on[station] = False
+        self._is_on[station] = self._is_common = False
         self._listeners = self._find_listeners()
         for transmission in self._of(station):
             transmission.cut(self.now_ns)
@@ -149,6 +153,7 @@ class SerialLine:
         if self._is_on[station]:
             return
         self._is_on[station] = True
+        self._is_common = self._find_common()
         self._listeners = self._find_listeners()
         self._restart_receiver(station)
 
