@@ -28,10 +28,14 @@ _PTY_MAJORS = range(136, 144)
 
 
 class Link:
-    """The symbolic link at ``path``; ``claim`` it, ``point`` it somewhere, ``remove`` it."""
+    """The symbolic link at ``path``; ``claim`` it, ``point`` it somewhere, ``remove`` it.
 
-    def __init__(self, path: str) -> None:
+    option: that of the command line which chose the path, for the remedy in messages.
+    """
+
+    def __init__(self, path: str, option: str = "--pty") -> None:
         self.path = Path(path)
+        self._option = option
         self._lock: socket.socket | None = None
         self._target: str | None = None
 
@@ -53,14 +57,15 @@ class Link:
             if error.errno != errno.EADDRINUSE:
                 raise
             raise PortError(
-                f"pty link {self.path}: in use, another axistwin serves it; choose another --pty"
+                f"pty link {self.path}: in use, another axistwin serves it; "
+                f"choose another {self._option}"
             ) from None
         self._lock = lock
         what = self._in_the_way()
         if what is not None:
             raise PortError(
                 f"pty link {self.path}: {what} is there, which will not be replaced; "
-                "choose another --pty or remove it"
+                f"choose another {self._option} or remove it"
             )
         for leftover in folder.glob(f".{glob.escape(self.path.name)}.[0-9]*"):
             if leftover.is_symlink():  # of one that was killed in the middle of ``point``
@@ -91,7 +96,8 @@ class Link:
             new.replace(self.path)
         except OSError as error:
             raise PortError(
-                f"pty link {self.path}: cannot be created ({error.strerror}); choose another --pty"
+                f"pty link {self.path}: cannot be created ({error.strerror}); "
+                f"choose another {self._option}"
             ) from None
         self._target = target
 

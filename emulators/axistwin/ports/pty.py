@@ -34,11 +34,14 @@ import select
 import struct
 import termios
 import tty
+from abc import ABC, abstractmethod
 from collections.abc import Callable
+from typing import Any, Generic, TypeVar
 
 from axistwin.errors import PortError
 from axistwin.ports.link import Link
-from axistwin.ports.stream import Stream
+from axistwin.ports.stream import SerialStream, Stream
+from axistwin.runtime.base_server import BaseServer
 from axistwin.runtime.server import Server
 from axistwin.wire.framing import LineFormat
 
@@ -55,19 +58,30 @@ _IN_OPEN = 0x20
 _NOTICES_MAX = 4096
 
 
-class PtyPort:
-    """A pty behind the symbolic link ``link``, whose settings begin as ``line_format``."""
+ServerT = TypeVar("ServerT", bound=BaseServer[Any, Any])
+
+
+class PseudoTerminal(ABC, Generic[ServerT]):
+    """A pty behind the symbolic link ``link``, whose rate begins as ``baud``.
+
+    option: that of the command line which chose the link, for the remedy in messages.
+    """
 
     kind = "pty"
+    option = "--pty"
 
-    def __init__(self, link: str, line_format: LineFormat) -> None:
+    def __init__(self, link: str, baud: int) -> None:
         self.url = link
         self.device = ""
-        self._link = Link(link)
-        self._first_format = line_format
+        self._link = Link(link, self.option)
+        self._first_baud = baud
         self._master = self._inotify = -1
-        self._stream: _PtyStream | None = None
-        self._server: Server | None = None
+        self._stream: Stream | None = None
+        self._server: ServerT | None = None
+
+    @abstractmethod
+    def make_stream(self, server: ServerT, master: int, on_end: Callable[[], None]) -> Stream:
+        """The stream of whoever has opened the pty."""
 
     def describe(self) -> str:
         """The link and, in brackets, what it points to."""
@@ -86,27 +100,24 @@ class PtyPort:
         self.device = os.ttyname(slave)
         tty.setraw(slave)
         os.set_blocking(self._master, False)
-        set_rate(self._master, self._first_format.baud)
+        set_rate(self._master, self._first_baud)
         os.close(slave)
         self._inotify = _watch_opens(self.device)
         self._link.point(self.device)
 
-    def attach(self, server: Server) -> None:
+    def attach(self, server: ServerT) -> None:
         """Wait for clients."""
         self._server = server
-        self._stream = _PtyStream(server, self._master, self._first_format, self._left)
-        self._stream.place = self._place
         server.loop.add_reader(self._inotify, self._opened)
         self._opened()  # somebody may have been faster than we
 
     def close(self) -> None:
         """Remove the link and the pty; a client that has it open sees a hang-up."""
-        if self._server is not None and self._stream is not None:
-            if self._stream.running:
-                self._stream.stop()
-                self._tell("disconnected", dropped_bytes=self._stream.take_dropped())
+        if self._server is not None:
+            if self._stream is not None:
+                self._end_stream()
             self._server.loop.remove_reader(self._inotify)
-        self._server = self._stream = None
+        self._server = None
         self._link.remove()
         for fd in (self._inotify, self._master):
             if fd >= 0:
@@ -115,24 +126,30 @@ class PtyPort:
 
     def _opened(self) -> None:
         """Somebody opens the pty, or did and has gone again, leaving bytes or not."""
+        assert self._server is not None
         with contextlib.suppress(BlockingIOError):
             os.read(self._inotify, _NOTICES_MAX)
-        assert self._stream is not None
-        if self._stream.running:
+        if self._stream is not None:
             return
         if _wants_reading(self._master):
-            self._stream.start()
+            self._stream = self.make_stream(self._server, self._master, self._left)
+            self._stream.place = self._place
             self._tell("connected")
+            self._stream.start()
         else:
-            self._stream.tidy()
+            tidy(self._master)
 
     def _left(self) -> None:
         """The last client has closed the pty."""
-        assert self._stream is not None
-        self._stream.stop()
-        self._stream.tidy()
+        self._end_stream()
+        tidy(self._master)
         _drop_unread(self.device)
-        self._tell("disconnected", dropped_bytes=self._stream.take_dropped())
+
+    def _end_stream(self) -> None:
+        stream, self._stream = self._stream, None
+        assert stream is not None
+        stream.stop()
+        self._tell("disconnected", **stream.take_losses())
 
     def _tell(self, event: str, **details: object) -> None:
         assert self._server is not None
@@ -143,7 +160,19 @@ class PtyPort:
         return {"endpoint": self.kind, "url": self.url}
 
 
-class _PtyStream(Stream):
+class PtyPort(PseudoTerminal[Server]):
+    """A serial line on a pty, whose settings begin as ``line_format``."""
+
+    def __init__(self, link: str, line_format: LineFormat) -> None:
+        super().__init__(link, line_format.baud)
+        self._format = line_format
+
+    def make_stream(self, server: Server, master: int, on_end: Callable[[], None]) -> Stream:
+        """A stream at the rate that the pty was last set to."""
+        return _PtyStream(server, master, self._format, on_end)
+
+
+class _PtyStream(SerialStream):
     """Whoever has the pty open."""
 
     def __init__(
@@ -167,18 +196,19 @@ class _PtyStream(Stream):
                 _set_local_flags(self._fd, settings)
         return self._format
 
-    def tidy(self) -> None:
-        """Put back what the next client relies on, and touch nothing that is right already.
 
-        The next client may be setting the line just now.
-        """
-        settings = fcntl.ioctl(self._fd, _TCGETS2, _NO_SETTINGS)
-        local = _SETTINGS.unpack(settings)[3]
-        if local & _COOKED:
-            tty.setraw(self._fd, termios.TCSANOW)
-            settings = fcntl.ioctl(self._fd, _TCGETS2, _NO_SETTINGS)
-        if local & _ARMED != _ARMED:
-            _set_local_flags(self._fd, settings)
+def tidy(master: int) -> None:
+    """Put back what the next client relies on, and touch nothing that is right already.
+
+    The next client may be setting the line just now.
+    """
+    settings = fcntl.ioctl(master, _TCGETS2, _NO_SETTINGS)
+    local = _SETTINGS.unpack(settings)[3]
+    if local & _COOKED:
+        tty.setraw(master, termios.TCSANOW)
+        settings = fcntl.ioctl(master, _TCGETS2, _NO_SETTINGS)
+    if local & _ARMED != _ARMED:
+        _set_local_flags(master, settings)
 
 
 def set_rate(fd: int, baud: int) -> None:

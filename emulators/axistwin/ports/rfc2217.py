@@ -51,17 +51,13 @@ class _Rfc2217Stream(TcpStream):
         self, server: Server, connection: socket.socket, on_end: Callable[[], None]
     ) -> None:
         super().__init__(server, connection, on_end)
-        self.terminal = _Terminal(server, self._drop_unsent, self._admit)
+        self.terminal = _Terminal(server, self.drop_unsent, self._admit)
         self._manager: rfc2217.PortManager | None = None
 
     def start(self) -> None:
         """Take part in the line and offer the negotiation."""
         super().start()
         self._manager = rfc2217.PortManager(self.terminal, self)  # type: ignore[arg-type]  # the stubs ask for more than it uses
-
-    def write(self, data: bytes) -> None:
-        """Send part of the negotiation; ``PortManager`` calls this."""
-        self._write(data)
 
     def line_format(self) -> LineFormat:
         """What the client has set."""

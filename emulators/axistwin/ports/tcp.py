@@ -14,11 +14,14 @@ import ipaddress
 import socket
 import struct
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any, Generic, TypeVar
 
 from axistwin.errors import PortError, UsageError
-from axistwin.ports.stream import Stream
+from axistwin.ports.stream import SerialStream, Stream
+from axistwin.runtime.base_server import BaseServer
 from axistwin.runtime.server import Server
 
 CLIENTS_MAX = 32
@@ -46,7 +49,7 @@ _BACKLOG = 2 * CLIENTS_MAX
 _EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 _RETRY_S = 1.0
 
-StreamMaker = Callable[[Server, socket.socket, Callable[[], None]], Stream]
+ServerT = TypeVar("ServerT", bound=BaseServer[Any, Any])
 
 
 def parse_address(text: str) -> tuple[str, int]:
@@ -72,24 +75,14 @@ def is_loopback(host: str) -> bool:
         return host == "localhost"
 
 
-class TcpStream(Stream):
-    """The client at the other end of ``connection``."""
+class Farewell:
+    """Finds out that the client of a ``connection`` that is not read has closed it."""
 
-    def __init__(
-        self, server: Server, connection: socket.socket, on_end: Callable[[], None]
-    ) -> None:
-        super().__init__(server, connection.fileno(), on_end)
+    def __init__(self, connection: socket.socket) -> None:
         self._connection = connection
         self._look_s = self._closed_s = 0.0
 
-    def resume(self) -> None:
-        """Read again, unless the client has gone meanwhile: the rest of its flood is dropped."""
-        if self._is_abandoned():
-            self._on_end()
-        else:
-            super().resume()
-
-    def _is_abandoned(self) -> bool:
+    def is_over(self) -> bool:
         """Whether the client has closed, and had its time for what it had sent before."""
         state = self._connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 1)[0]
         if state == _TCP_CLOSE:
@@ -129,7 +122,7 @@ def _as_in_proc(host: str, port: int) -> str:
     return "".join(f"{word:08X}" for word in words) + f":{port:04X}"
 
 
-class TcpPort:
+class Listener(ABC, Generic[ServerT]):
     """Listens at ``address`` (HOST:PORT).  Raises UsageError for one that cannot be read."""
 
     kind = "tcp"
@@ -137,16 +130,22 @@ class TcpPort:
     clients_max = CLIENTS_MAX
 
     def __init__(self, address: str) -> None:
-        self.host, self._port = parse_address(address)
+        self.host, self.port = parse_address(address)
         self._listener: socket.socket | None = None
-        self._server: Server | None = None
+        self._server: ServerT | None = None
         self._connections: dict[socket.socket, Stream] = {}
+
+    @abstractmethod
+    def make_stream(
+        self, server: ServerT, connection: socket.socket, on_end: Callable[[], None]
+    ) -> Stream:
+        """The stream of a new client."""
 
     @property
     def url(self) -> str:
         """What a client passes to ``serial_for_url``; the real port once it is open."""
         host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"{self.scheme}://{host}:{self._port}"
+        return f"{self.scheme}://{host}:{self.port}"
 
     def describe(self) -> str:
         """The url."""
@@ -157,7 +156,7 @@ class TcpPort:
         listener: socket.socket | None = None
         try:
             family, kind, protocol, _, place = socket.getaddrinfo(
-                self.host, self._port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+                self.host, self.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
             )[0]
             listener = socket.socket(family, kind, protocol)
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -171,18 +170,18 @@ class TcpPort:
             reason = (error.strerror or str(error)).lower()
             if isinstance(error, socket.gaierror):
                 raise PortError(
-                    f"{self.kind} {self.host}:{self._port}: no such host ({reason}); "
+                    f"{self.kind} {self.host}:{self.port}: no such host ({reason}); "
                     "give an address of this machine, such as 127.0.0.1"
                 ) from None
             raise PortError(
-                f"{self.kind} {self.host}:{self._port}: cannot listen there ({reason}); "
+                f"{self.kind} {self.host}:{self.port}: cannot listen there ({reason}); "
                 "choose another port, or 0 for a free one"
             ) from None
         listener.setblocking(False)
-        self._port = listener.getsockname()[1]
+        self.port = listener.getsockname()[1]
         self._listener = listener
 
-    def attach(self, server: Server) -> None:
+    def attach(self, server: ServerT) -> None:
         """Accept clients."""
         assert self._listener is not None
         self._server = server
@@ -197,12 +196,6 @@ class TcpPort:
                 self._server.loop.remove_reader(self._listener)
             self._listener.close()
         self._listener = self._server = None
-
-    def make_stream(
-        self, server: Server, connection: socket.socket, on_end: Callable[[], None]
-    ) -> Stream:
-        """The stream of a new client."""
-        return TcpStream(server, connection, on_end)
 
     def _accept(self) -> None:
         assert self._listener is not None
@@ -225,8 +218,8 @@ class TcpPort:
         stream = self.make_stream(self._server, connection, lambda: self._disconnect(connection))
         stream.place = self._place
         self._connections[connection] = stream
-        stream.start()
         self._tell("connected", peer=f"{peer[0]}:{peer[1]}")
+        stream.start()
 
     def _listen_again(self) -> None:
         if self._listener is not None and self._server is not None:
@@ -236,7 +229,7 @@ class TcpPort:
         stream = self._connections.pop(connection)
         stream.stop()
         connection.close()
-        self._tell("disconnected", dropped_bytes=stream.take_dropped())
+        self._tell("disconnected", **stream.take_losses())
 
     def _tell(self, event: str, **details: object) -> None:
         if self._server is not None:
@@ -245,3 +238,22 @@ class TcpPort:
     @property
     def _place(self) -> dict[str, object]:
         return {"endpoint": self.kind, "url": self.url}
+
+
+class TcpStream(SerialStream):
+    """The client of a line at the other end of ``connection``."""
+
+    def __init__(
+        self, server: Server, connection: socket.socket, on_end: Callable[[], None]
+    ) -> None:
+        super().__init__(server, connection.fileno(), on_end, Farewell(connection).is_over)
+
+
+class TcpPort(Listener[Server]):
+    """The bytes of the line, for several clients."""
+
+    def make_stream(
+        self, server: Server, connection: socket.socket, on_end: Callable[[], None]
+    ) -> Stream:
+        """The stream of a new client."""
+        return TcpStream(server, connection, on_end)
