@@ -32,6 +32,9 @@ class Start(Protocol):
     ) -> "StartedLine": ...
 
 
+_MAKERS = ("axistwin.urlhandler.lines", "axistwin.canbus.shared")
+"""The modules that keep lines and buses."""
+
 _STARTED = pytest.StashKey["list[StartedLine]"]()
 
 
@@ -39,8 +42,9 @@ _STARTED = pytest.StashKey["list[StartedLine]"]()
 def axistwin(request: pytest.FixtureRequest) -> Iterator[Start]:
     """Start twins that are stopped after the test: ``axistwin("mac23")``, as often as you like.
 
-    Gives a twin, or for several devices on one line the line, with the ``port`` to open; see
-    ``axistwin.testing.start`` for the options: time="virtual", quirks={...}, state=..., and so on.
+    Gives a twin, or for several devices on one line the line, with the ``port`` to open, or on CAN
+    the ``bus`` to use; see ``axistwin.testing.start`` for the options: time="virtual",
+    quirks={...}, state=..., and so on.
     """
     from axistwin import testing
 
@@ -85,4 +89,4 @@ def pytest_runtest_makereport(
 
 def _lines_exist() -> bool:
     """Whether anybody may have made twins in this process, by whatever way."""
-    return "axistwin.urlhandler.lines" in sys.modules
+    return not sys.modules.keys().isdisjoint(_MAKERS)

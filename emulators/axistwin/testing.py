@@ -1,4 +1,4 @@
-"""Twins for tests: started on a pty or behind a URL, worked from Python, told about on failure.
+"""Twins for tests: on a pty, behind a URL, on a bus; worked from Python, told about on failure.
 
 ``start("mac23")`` gives a running twin whose ``port`` any pyserial program can open::
 
@@ -7,23 +7,31 @@
         driver.go_to(1000)
         assert twin.position == 1000
 
+A twin on CAN has a ``bus``, which is python-can's::
+
+    with testing.start("mac23-can:1", "mac23-can:2", time="virtual") as twins:
+        driver = MyDriver(twins.bus)
+
 pytest's ``axistwin`` fixture is this with the stopping done; use ``start`` itself in fixtures of a
 wider scope, in unittest, or in a notebook.
 
-- Real and scaled time: a pty, served by a thread of its own until ``stop``.
-- Virtual time: an ``axistwin://`` URL for this process, and no thread at all.
+- Serial line, real and scaled time: a pty, served by a thread of its own until ``stop``.
+- Serial line, virtual time: an ``axistwin://`` URL for this process, and no thread at all.
+- CAN bus, any time: a bus of this process (``axistwin.canbus``), and no thread.
 """
 
 import contextlib
 import itertools
 import shutil
+import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self, TypedDict, Unpack, overload
+from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypedDict, Unpack, overload
 
+from axistwin import catalog
 from axistwin.errors import UsageError, nearest
 from axistwin.kernel.time import NS_PER_S
 from axistwin.runtime.transcript import Transcript
@@ -31,11 +39,17 @@ from axistwin.urlhandler import lines
 from axistwin.urlhandler.url import SCHEME, SPEED, LineOptions, addressed, parse_speed
 
 if TYPE_CHECKING:
+    from axistwin.canbus import AxistwinBus
+    from axistwin.canbus.shared import SharedBus
+    from axistwin.runtime.bus import Bus
     from axistwin.runtime.line import Line
     from axistwin.runtime.twin import Twin
 
+Connection: TypeAlias = "Line | Bus"
+"""What twins are connected by."""
+
 TRANSCRIPT_BURSTS = 20_000
-"""Bursts of bytes remembered of each line, so that what went wrong early is still there."""
+"""Bursts of bytes, or frames, remembered of each line or bus: what went wrong early is there."""
 
 _HEAD_LINES, _TAIL_LINES = 60, 90
 
@@ -47,10 +61,11 @@ class Options(TypedDict, total=False):
     """How twins live.
 
     time: ``"real"`` (the default) and a number (that many times as fast) give a pty, ``"virtual"``
-    a URL.  address: of the one device, where it is not written behind the model's name.
-    quirks: by name.  profile: a file of quirks.  state: a directory for what a real unit keeps.
-    baud: the devices' factory rate.  pacing: whether bytes take time.  seed: of all that is random.
-    cold: switch the devices on now; they start up first.
+    a URL; on CAN all give a bus.  address: of the one device, where it is not written behind the
+    model's name.  quirks: by name.  profile: a file of quirks.  state: a directory for what a real
+    unit keeps.  baud: the devices' factory rate on a serial line.  bitrate: of a CAN bus.
+    pacing: whether bytes and frames take time.  seed: of all that is random.  cold: switch the
+    devices on now; they start up first.
     """
 
     time: str | float
@@ -59,6 +74,7 @@ class Options(TypedDict, total=False):
     profile: str | Path | None
     state: str | Path | None
     baud: int | None
+    bitrate: int
     pacing: bool
     seed: int
     cold: bool
@@ -71,67 +87,102 @@ def start(
     device: str, second: str, /, *others: str, **options: Unpack[Options]
 ) -> "StartedLine": ...
 def start(*devices: str, **options: Unpack[Options]) -> "StartedLine":
-    """Start a line with ``devices`` (``MODEL`` or ``MODEL:ADDRESS``); it can be opened at once.
+    """Start a line, or a bus, with ``devices`` (``MODEL`` or ``MODEL:ADDRESS``), ready for use.
 
     Raises UsageError, StateError and PortError.
     """
-    settings = _line_options(devices, **options)
-    kind = StartedTwin if len(settings.devices) == 1 else StartedLine
-    return kind(settings)
+    names, settings = _settings(devices, **options)
+    kind = StartedTwin if len(names) == 1 else StartedLine
+    return kind(names, settings)
 
 
 def forget_exchanges() -> None:
-    """Begin the transcripts of all lines in use anew."""
-    for line in _lines_in_use():
-        line.transcript.clear()
+    """Begin the transcripts of all lines and buses in use anew."""
+    for connection, _ in _in_use():
+        connection.transcript.clear()
 
 
 def exchanges(stopped: Sequence["StartedLine"] = ()) -> list[tuple[str, str]]:
-    """Title and decoded transcript of every line that said something.
+    """Title and decoded transcript of every line and bus that said something.
 
-    Of those in ``stopped`` first, then of those in use: started here, or opened by their URL.
+    Of those in ``stopped`` first, then of those in use: started here, or opened without.
     """
-    told = {line.line: line.title for line in (*stopped, *_running.values())}
-    for line in _lines_in_use():
-        told.setdefault(line, f"{' '.join(twin.name for twin in line.twins)} on {SCHEME}")
-    texts = ((title, condensed(line)) for line, title in told.items())
+    told = {started.line: started.title for started in stopped}
+    for connection, title in _in_use():
+        told.setdefault(connection, title)
+    texts = ((title, condensed(connection)) for connection, title in told.items())
     return [(title, text) for title, text in texts if text]
 
 
-def _lines_in_use() -> "list[Line]":
-    """The lines that were started here, and those behind URLs."""
-    in_use = [line.line for line in _running.values()]
-    return [*in_use, *(line.line for line in lines.living() if line.line not in in_use)]
+def _in_use() -> Iterator[tuple[Connection, str]]:
+    """What was started here, with its title, then what was opened without (perhaps the same)."""
+    for started in tuple(_running.values()):
+        yield started.line, started.title
+    for opened in lines.living():
+        yield opened.line, _title(opened.line, SCHEME)
+    buses = sys.modules.get("axistwin.canbus.shared")  # python-can is loaded by who wants it
+    for shared in buses.known() if buses is not None else ():
+        yield shared.bus, _title(shared.bus, f"can.Bus {shared.name}")
+
+
+def _title(connection: Connection, place: str) -> str:
+    return f"{' '.join(twin.name for twin in connection.twins)} on {place}"
 
 
 class StartedLine:
-    """A line of twins that runs until ``stop``, or the end of a ``with`` block.
+    """A line, or a bus, of twins that runs until ``stop``, or the end of a ``with`` block.
 
-    ``port`` is what to pass to ``serial.serial_for_url``; a pty's also to ``serial.Serial``.
+    ``port`` is what to pass to ``serial.serial_for_url``; a pty's also to ``serial.Serial``.  On
+    CAN, ``bus`` is a ``can.Bus``, and ``port`` the channel of it for more of them.
     ``line[0]`` and ``line["mac34-1:5"]`` are its twins.
     """
 
     port: str
 
-    def __init__(self, options: LineOptions) -> None:
+    def __init__(self, devices: Sequence[str], settings: Mapping[str, Any]) -> None:
         self._number = next(_numbers)
         self._stop = contextlib.ExitStack()
+        self._bus: AxistwinBus | None = None
+        self._advance: Callable[[int], object]
         with contextlib.ExitStack() as undo:
-            if options.speed is None:
-                self.port, self._line = _behind_url(options, self._number, undo)
-            else:
-                self.port, self._line = _on_pty(options, undo)
+            self._start(devices, settings, undo)
             self._stop = undo.pop_all()
-        self._line.transcript = Transcript(TRANSCRIPT_BURSTS)
         _running[self._number] = self
+
+    def _start(
+        self, devices: Sequence[str], settings: Mapping[str, Any], undo: contextlib.ExitStack
+    ) -> None:
+        """Start what the first device lives on; ``undo`` ends it."""
+        name = f"started-{self._number}"
+        if _carrier(devices[0]) == "can":
+            shared, self._bus = _on_bus(devices, settings, name, undo)
+            shared.bus.transcript = deque(maxlen=TRANSCRIPT_BURSTS)
+            self.port = f"?bus={name}"
+            self._line: Connection = shared.bus
+            self._advance = shared.advance
+            return
+        options = LineOptions(devices=tuple(devices), **settings)
+        if options.speed is None:
+            self.port, line = _behind_url(options, name, undo)
+        else:
+            self.port, line = _on_pty(options, undo)
+        line.transcript = Transcript(TRANSCRIPT_BURSTS)
+        self._line, self._advance = line, line.advance
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.title}>"
 
     @property
-    def line(self) -> "Line":
-        """The line itself."""
+    def line(self) -> Connection:
+        """The line, or the bus, itself."""
         return self._line
+
+    @property
+    def bus(self) -> "AxistwinBus":
+        """A port of the CAN bus, as python-can has it.  Raises UsageError on a serial line."""
+        if self._bus is None:
+            raise UsageError(f"{self.twins[0].name} lives on a serial line; open its port")
+        return self._bus
 
     @property
     def twins(self) -> Sequence["Twin"]:
@@ -141,7 +192,7 @@ class StartedLine:
     @property
     def title(self) -> str:
         """The twins and where they are found."""
-        return f"{' '.join(twin.name for twin in self.twins)} on {self.port}"
+        return _title(self._line, self.port)
 
     def __getitem__(self, key: int | str) -> "Twin":
         if isinstance(key, int):
@@ -171,7 +222,7 @@ class StartedLine:
             )
         if not seconds >= 0:
             raise UsageError(f"advance: {seconds} s is not 0 or more")
-        self._line.advance(round(seconds * NS_PER_S))
+        self._advance(round(seconds * NS_PER_S))
 
     @property
     def transcript(self) -> str:
@@ -233,8 +284,10 @@ class StartedTwin(_LineAndTwin):
         return sorted({*super().__dir__(), *dir(self.twin)})
 
 
-def _line_options(devices: Sequence[str], **options: Unpack[Options]) -> LineOptions:
-    """``options`` as the value that lines are made from.  Raises UsageError."""
+def _settings(
+    devices: Sequence[str], **options: Unpack[Options]
+) -> tuple[list[str], dict[str, Any]]:
+    """The devices with their addresses, and how they live as fields.  Raises UsageError."""
     if not devices:
         raise UsageError('which devices? name one or more, such as "mac23:0"')
     names = list(devices)
@@ -252,15 +305,20 @@ def _line_options(devices: Sequence[str], **options: Unpack[Options]) -> LineOpt
     for name in ("profile", "state"):
         if given.get(name) is not None:
             given[name] = str(given[name])
-    speed = parse_speed(options.get("time", "real"))
-    return replace(LineOptions(devices=tuple(names), speed=speed), **given)
+    rate, other = ("bitrate", "baud") if _carrier(names[0]) == "can" else ("baud", "bitrate")
+    if other in given:
+        raise UsageError(f"{other}: not for {names[0]}; write {rate}={given[other]}")
+    given["speed"] = parse_speed(options.get("time", "real"))
+    return names, given
 
 
-def _behind_url(
-    options: LineOptions, number: int, undo: contextlib.ExitStack
-) -> tuple[str, "Line"]:
-    """The URL and the line behind it; ``undo`` closes it."""
-    name = f"started-{number}"
+def _carrier(device: str) -> catalog.Carrier:
+    """What ``device`` is reached over.  Raises UsageError."""
+    return catalog.find_model(catalog.parse_device(device).model).carrier
+
+
+def _behind_url(options: LineOptions, name: str, undo: contextlib.ExitStack) -> tuple[str, "Line"]:
+    """The URL and the line of that name behind it; ``undo`` closes it."""
     shared = lines.share(name, options)
     undo.callback(lines.release, name)
     # Without the devices, so that nobody can make the line anew once it is stopped.
@@ -283,10 +341,26 @@ def _on_pty(options: LineOptions, undo: contextlib.ExitStack) -> tuple[str, "Lin
     return link, line
 
 
-def condensed(line: "Line") -> str:
-    """The transcript of ``line``: runs of exchanges with one request shortened, and bounded."""
+def _on_bus(
+    devices: Sequence[str], settings: Mapping[str, Any], name: str, undo: contextlib.ExitStack
+) -> "tuple[SharedBus, AxistwinBus]":
+    """The bus of that name and a port of it; ``undo`` closes both."""
+    from axistwin.canbus import AxistwinBus
+    from axistwin.canbus.channel import BusOptions, ChannelRequest
+    from axistwin.canbus.shared import close_bus, open_bus
+
+    options = BusOptions(devices=tuple(devices), **settings)
+    shared = open_bus(ChannelRequest(name, options, frozenset()))
+    undo.callback(close_bus, shared)
+    port = AxistwinBus(f"?bus={name}")
+    undo.callback(port.shutdown)
+    return shared, port
+
+
+def condensed(connection: Connection) -> str:
+    """What was said: runs of exchanges with one request shortened, and bounded."""
     spoken: list[list[str]] = []
-    for row in line.render_transcript().splitlines():
+    for row in connection.render_transcript().splitlines():
         if _said(row).startswith(">") or not spoken:
             spoken.append([])
         spoken[-1].append(row)

@@ -163,6 +163,57 @@ def test_twins_of_a_wider_scope_and_plain_urls_tell_too(pytester: pytest.Pyteste
     result.stdout.no_fnmatch_line("*position = 0*")
 
 
+def test_frames_on_a_bus_tell_too(pytester: pytest.Pytester) -> None:
+    """Of the fixture, of a module's twins, and of a bus that the test shut down itself."""
+    pytester.makepyfile(
+        """
+        import can, pytest
+        from axistwin import testing
+
+        def refused(bus, address):
+            data = bytes((0x23, 0x12, 0x20, 0, 0, 0, 0, address))
+            identifier = 0x600 + address
+            bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
+            assert bus.recv(1).data[0] == 0x60
+
+        @pytest.fixture(scope="module")
+        def shared():
+            with testing.start("mac23-can:5", time="virtual") as twin:
+                yield twin
+
+        def test_passes(shared):
+            shared.bus.send(can.Message(arbitration_id=0x605, is_extended_id=False))
+            shared.advance(1)
+
+        def test_fixture(axistwin):
+            refused(axistwin("mac23-can:1", "mac23-can:2", time="virtual").bus, 2)
+
+        def test_shared(shared):
+            refused(shared.bus, 5)
+
+        def test_plain():
+            with can.Bus("mac23-can:7", "axistwin", time="virtual", ignore_config=True) as bus:
+                refused(bus, 7)
+        """
+    )
+    result = run(pytester, "-p", "no:randomly")
+    result.assert_outcomes(passed=1, failed=3)
+    titles = (
+        "mac23-can:1 mac23-can:2 on [?]bus=started-*",
+        "mac23-can:5 on [?]bus=started-*",
+        "mac23-can:7 on can.Bus mac23-can:7",
+    )
+    for title, module in zip(titles, (2, 5, 7), strict=True):
+        result.stdout.fnmatch_lines(
+            [
+                f"*axistwin {title}*",
+                f"* ms > 60{module}#* 2012h (unassigned) -> module {module}",
+                f"* ms < 58{module}#* 2012h refused (module {module})",
+            ]
+        )
+    result.stdout.no_fnmatch_line("*request of 0 bytes*")
+
+
 def test_twins_are_stopped_after_the_test(pytester: pytest.Pytester) -> None:
     """Several in one test, one of them stopped by the test itself; nothing stays."""
     pytester.makepyfile(
@@ -183,10 +234,13 @@ def test_twins_are_stopped_after_the_test(pytester: pytest.Pytester) -> None:
                 axistwin("mac23")
             axistwin("mac23", time="virtual")
             axistwin("mac23", "mac34-1:5").stop()
+            axistwin("mac23-can")
             assert state() != before[0]
 
         def test_last():
+            from axistwin.canbus.shared import open_names
             assert state() == before[0]
+            assert open_names() == []
         """
     )
     run(pytester).assert_outcomes(passed=3)
@@ -248,4 +302,4 @@ def test_the_how_to_runs_as_printed(pytester: pytest.Pytester) -> None:
     page = (DOCS / "pytest.md").read_text(encoding="utf-8")
     for number, block in enumerate(re.findall(r"```python\n(.*?)```", page, re.DOTALL)):
         pytester.makepyfile(**{f"test_{number}": block})
-    run(pytester).assert_outcomes(passed=5)
+    run(pytester).assert_outcomes(passed=7)

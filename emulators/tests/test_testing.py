@@ -6,6 +6,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import can
 import pytest
 import serial
 from mac_frames import ACCEPTED, ANSWER_LENGTH, REFUSED, answer_value, request
@@ -216,6 +217,15 @@ def test_options_reach_the_twin(tmp_path: Path) -> None:
         (["mac23"], {"quirks": {"xon_bite": 1}}, "unknown quirk 'xon_bite'"),
         (["mac23"], {"profile": "/nowhere"}, "profile /nowhere"),
         (["mac23"], {"state": "/dev/null"}, "state /dev/null"),
+        (["mac23"], {"bitrate": 9600}, "bitrate: not for mac23; write baud=9600"),
+        (["mac23", "mac23-can"], {}, "mac23-can:1 lives on a CAN bus, not on a serial line"),
+        (["mac23-can", "mac23"], {}, "mac23:0 lives on a serial line, not on a CAN bus"),
+        (["mac23-can"], {"baud": 125_000}, "baud: not for mac23-can; write bitrate=125000"),
+        (["mac23-can"], {"bitrate": 2_000_000}, "bitrate 2000000 is out of range"),
+        (["mac23-can:0"], {}, "address 0 is out of range"),
+        (["mac23-can"], {"quirks": {"xon_byte": 1}}, "unknown quirk 'xon_byte'"),
+        (["mac23-can"], {"profile": "/nowhere"}, "profile /nowhere"),
+        (["mac23-can"], {"state": "/dev/null"}, "state /dev/null"),
     ],
 )
 @pytest.mark.parametrize("kind", ["virtual", "real"])
@@ -265,3 +275,125 @@ def test_a_transcript_tells_of_a_rate_that_nobody_understands() -> None:
             port.read(21)
         assert "not understood: sent at 9600, the module listens at 38400" in twin.transcript
         assert "position" not in twin.transcript
+
+
+# ---- on a bus ----
+
+
+def upload(bus: can.BusABC, index: int, address: int = 1) -> int:
+    """The value that an object is read with."""
+    data = bytes((0x40, index, 0x20, 0, 0, 0, 0, 0))
+    bus.send(can.Message(arbitration_id=0x600 + address, data=data, is_extended_id=False))
+    while (reply := bus.recv(0.5)) is not None:
+        if reply.arbitration_id == 0x580 + address:
+            assert reply.data[0] == 0x42
+            return int.from_bytes(reply.data[4:], "big", signed=True)
+    raise AssertionError("no reply")
+
+
+def go_to(bus: can.BusABC, position: int, address: int = 1) -> None:
+    """Send a motion command and wait for its reply."""
+    data = bytes((0x23, 0x13, 0x20, 0)) + position.to_bytes(4, "big", signed=True)
+    bus.send(can.Message(arbitration_id=0x600 + address, data=data, is_extended_id=False))
+    assert bus.recv(0.5) is not None
+
+
+@pytest.mark.parametrize("time", TIMES)
+def test_a_twin_on_can_has_a_bus(time: str | float) -> None:
+    """python-can's, usable when start returns; the twin is worked as any other."""
+    with testing.start("mac23-can", time=time) as twin:
+        assert isinstance(twin.bus, can.BusABC)
+        assert upload(twin.bus, 0x00) == twin.position == 0
+        twin.supply_volts = 11
+        emergency = twin.bus.recv(0.5)
+        assert emergency is not None
+        assert emergency.arbitration_id == 0x081
+    with pytest.raises(can.CanOperationError, match="is shut down"):
+        twin.bus.send(can.Message(arbitration_id=0x80))
+
+
+def test_several_twins_share_one_bus_and_several_ports() -> None:
+    """By number and by name; ``port`` is the channel of more ports, until it is stopped."""
+    with testing.start("mac23-can:1", "mac23-can:2", time="virtual") as twins:
+        assert [twin.name for twin in twins] == ["mac23-can:1", "mac23-can:2"]
+        assert twins[1] is twins["mac23-can:2"]
+        with can.Bus(interface="axistwin", channel=twins.port, ignore_config=True) as other:
+            go_to(other, -40, address=2)
+            heard = [twins.bus.recv(0.1), twins.bus.recv(0.1)]
+        assert [each.arbitration_id for each in heard if each is not None] == [0x602, 0x582]
+        twins.advance(1)
+        assert [twin.position for twin in twins] == [0, -40]
+        assert upload(twins.bus, 0x00, address=2) == -40
+        assert twins.virtual_time_ns > 1_000_000_000
+    with pytest.raises(can.CanInitializationError, match="there is no bus started-"):
+        can.Bus(interface="axistwin", channel=twins.port, ignore_config=True)
+
+
+def test_advance_sends_what_is_periodic() -> None:
+    """At its times, as python-can's own advance does."""
+    with testing.start("mac23-can:3", time="virtual") as twin:
+        sync = can.Message(arbitration_id=0x080, is_extended_id=False)
+        twin.bus.send_periodic(sync, 0.1)
+        twin.advance(0.95)
+        assert twin.transcript.count("080#") == 2, "the first, and the last of those alike"
+        assert "8 more like this one" in twin.transcript
+
+
+def test_a_bus_that_a_test_shut_down_goes_on() -> None:
+    """The twins live until they are stopped, whoever leaves the bus."""
+    with testing.start("mac23-can", time="virtual") as twin:
+        go_to(twin.bus, 7)
+        twin.bus.shutdown()
+        twin.advance(1)
+        assert twin.position == 7
+        with can.Bus(interface="axistwin", channel=twin.port, ignore_config=True) as again:
+            assert upload(again, 0x00) == 7
+
+
+def test_a_serial_line_has_no_bus() -> None:
+    """It says what to use instead."""
+    with (
+        testing.start("mac23", time="virtual") as twin,
+        pytest.raises(UsageError, match="mac23:0 lives on a serial line; open its port"),
+    ):
+        _ = twin.bus
+
+
+def test_options_reach_a_twin_on_can(tmp_path: Path) -> None:
+    """Address, quirks, bit rate, memory, start-up."""
+    options: testing.Options = {
+        "quirks": {"upload_scs": "43h"},
+        "bitrate": 500_000,
+        "state": tmp_path,
+        "address": 9,
+        "time": "virtual",
+        "pacing": False,
+    }
+    with testing.start("mac23-can", **options) as twin:
+        assert twin.bus._bus.bitrate == 500_000
+        go_to(twin.bus, 5, address=9)
+        twin.bus.send(
+            can.Message(arbitration_id=0x609, data=b"\x40\0\x20\0\0\0\0\0", is_extended_id=False)
+        )
+        reply = twin.bus.recv(1)
+        assert reply is not None
+        assert reply.data[0] == 0x43
+        twin.advance(1)
+    with testing.start("mac23-can:9", cold=True, time="virtual", state=tmp_path) as twin:
+        boot_up = twin.bus.recv(3)
+        assert boot_up is not None
+        assert (boot_up.arbitration_id, boot_up.timestamp >= 2) == (0x709, True)
+        assert twin.position == 5
+
+
+def test_the_transcript_of_a_bus_tells_what_was_said() -> None:
+    """Decoded, whoever spoke, long polls shortened; readable after the end."""
+    with testing.start("mac23-can:1", "mac23-can:2", time="virtual") as twins:
+        go_to(twins.bus, 100_000, address=2)
+        for _ in range(1000):
+            upload(twins.bus, 0x07)
+    text = twins.transcript
+    assert "> 602#23132000000186A0  2013h go to position 100000 -> module 2" in text
+    assert "< 582#6013200000000000  2013h accepted (module 2)" in text
+    assert "998 more like this one" in text
+    assert len(text.splitlines()) < 12

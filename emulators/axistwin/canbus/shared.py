@@ -2,6 +2,7 @@
 
 import threading
 import time
+import weakref
 from collections.abc import Callable
 from typing import Protocol
 
@@ -47,6 +48,7 @@ class SharedBus:
             bitrate=options.bitrate,
             cold=options.cold,
         )
+        _known.add(self)
         self.epoch_ns = 0
         if not self.bus.is_virtual:
             self.epoch_ns = time.time_ns() - self.bus.sync()
@@ -73,6 +75,13 @@ class SharedBus:
                     task.run(now)
         return now
 
+    def advance(self, duration_ns: Nanos, stop: Callable[[], bool] = lambda: False) -> None:
+        """Let ``duration_ns`` (>= 0) pass, or less when ``stop()`` comes true and it is woken."""
+        now = self.bus.sync()
+        until_ns = now + duration_ns
+        while now < until_ns and not stop():
+            now = self.wait(until_ns, None, stop)
+
     def add_task(self, task: Task) -> None:
         """Let ``task`` be due from now on."""
         with self._tasks_lock:
@@ -88,6 +97,7 @@ class SharedBus:
 
 _registry_lock = threading.Lock()
 _shared: dict[str, SharedBus] = {}
+_known: "weakref.WeakSet[SharedBus]" = weakref.WeakSet()
 
 
 def open_bus(request: ChannelRequest) -> SharedBus:
@@ -126,3 +136,9 @@ def open_names() -> list[str]:
     """The names of all buses that are open."""
     with _registry_lock:
         return list(_shared)
+
+
+def known() -> list[SharedBus]:
+    """All buses that anybody refers to, those that are shut down included."""
+    with _registry_lock:
+        return list(_known)
