@@ -82,7 +82,7 @@ def test_clients_hear_one_another_in_one_order() -> None:
     for i in range(10):
         one.input(b"t2%02X0\r" % i)
         other.input(b"t1%02X0\r" % i)
-    settle(bus, one, other, listener, session)
+    settle(bus, one, other, listener, session, time_ns=200 * MS)
     own = b"z\r" * 10
     heard = read(listener).split(b"\r")[:-1]
     assert read(one) == own + b"".join(line + b"\r" for line in heard if line[:2] == b"t1")

@@ -11,10 +11,12 @@ from hypothesis import strategies as st
 
 from axistwin.ports.dialect import BusError, Out
 from axistwin.ports.socketcand import (
+    HELD_MAX,
     JOB_BACKLOG_FRAMES,
     JOBS_MAX,
     MESSAGE_BYTES_MAX,
     MESSAGES,
+    RAW_PAUSE_NS,
     Mode,
     SocketcandSession,
     bcm_line,
@@ -139,6 +141,7 @@ def test_messages_may_come_cut_up_or_joined() -> None:
 def test_raw_mode_tells_of_every_frame() -> None:
     """Data and remote frames with the time in seconds; error frames by their class."""
     session = in_mode("rawmode")
+    assert say(session, "< echo >") == [b"< echo >"]
     time_ns = 23_424_242_999
     assert session.deliver(CanFrame(0x123, b"\x11\xaa"), time_ns) == b"< frame 123 23.424242 11AA >"
     assert session.deliver(CanFrame(0x123), time_ns) == b"< frame 123 23.424242  >"
@@ -149,6 +152,33 @@ def test_raw_mode_tells_of_every_frame() -> None:
     assert session.deliver_error(BusError.NO_ACKNOWLEDGE, time_ns) == b"< error 020 23.424242 >"
     assert say(session, "< bcmmode >") == [b"< ok >"]
     assert session.deliver_error(BusError.NO_ACKNOWLEDGE, time_ns) == b""
+
+
+def test_the_answer_to_raw_mode_stands_alone() -> None:
+    """Reports wait, in order and with their times, for the client's next message or for a while."""
+    first, second = CanFrame(0x123), CanFrame(0x124)
+    lines = [raw_line(first, 10), raw_line(second, 20)]
+    session = in_mode("rawmode")
+    assert session.deliver(first, 10) == b""
+    assert session.deliver(second, 20) == b""
+    assert session.next_event() == RAW_PAUSE_NS
+    assert session.wake(RAW_PAUSE_NS - 1) == []
+    assert session.wake(RAW_PAUSE_NS) == lines
+    assert session.next_event() is None
+    assert session.deliver(first, 10) == lines[0]
+    session = in_mode("rawmode")
+    assert session.deliver(first, 10) == b""
+    assert session.deliver_error(BusError.NO_ACKNOWLEDGE, 20) == b""
+    assert say(session, "< send 123") == []
+    assert say(session, " 0 >") == [lines[0], b"< error 020 0.000000 >", first]
+
+
+def test_what_waits_for_a_client_of_raw_mode_is_bounded() -> None:
+    """A flood of frames ends the pause; nothing is lost."""
+    session = in_mode("rawmode")
+    told = b"".join(session.deliver(CanFrame(0x123), 0) for _ in range(HELD_MAX + 1))
+    assert told == raw_line(CanFrame(0x123), 0) * (HELD_MAX + 1)
+    assert session.next_event() is None
 
 
 @given(frames(), st.integers(0, 10**19))
@@ -311,7 +341,7 @@ def test_statistics_come_at_their_interval() -> None:
     assert session.next_event() == 250 * MS
     say(session, "< statistics 0 >")
     assert session.next_event() is None
-    say(session, "< statistics 100 >< rawmode >")
+    say(session, "< statistics 100 >< bcmmode >")
     assert session.next_event() is None
 
 

@@ -12,15 +12,18 @@ Rules
    is finished.
 3. While ``is_behind`` the client must not be read: it waits in its own write, and nothing that it
    sends is lost.
-4. The dialect's times are those of the bus plus ``epoch_ns``, so that a client that knows the time
+4. What the client has sent before it goes still goes out, for ``FAREWELL_NS`` at most (``finish``).
+5. The dialect's times are those of the bus plus ``epoch_ns``, so that a client that knows the time
    of day is shown it.
 """
 
+import contextlib
 from collections import deque
 from collections.abc import Callable
 from typing import Final
 
-from axistwin.kernel.time import Nanos
+from axistwin.errors import StateError
+from axistwin.kernel.time import NS_PER_S, Nanos
 from axistwin.ports.dialect import BusError, CanDialect, Out
 from axistwin.runtime.bus import Bus
 from axistwin.runtime.can_network import ErrorReport
@@ -32,6 +35,10 @@ OUTPUT_MAX: Final = 64 * 1024
 
 BACKLOG_FRAMES: Final = 64
 """Frames waiting for the bus above which a client is not read."""
+
+
+FAREWELL_NS: Final[Nanos] = NS_PER_S
+"""How long the frames of a client that has gone still go out."""
 
 
 class CanClient:
@@ -51,6 +58,7 @@ class CanClient:
         self._waiting_bytes = 0
         self._begun = b""  # the rest of a message, part of which has been written
         self._dropped = 0
+        self._leaves_ns: Nanos | None = None
 
     # -- life --
 
@@ -63,10 +71,27 @@ class CanClient:
     def stop(self) -> None:
         """Leave the bus; what the client has not read, and what it has not sent, is forgotten."""
         if self._port is not None:
-            self._bus.detach(self._port)
+            with contextlib.suppress(StateError):  # a bus that has failed is told of elsewhere
+                self._bus.detach(self._port)
             self._port = None
         self._messages.clear()
         self._begun, self._waiting_bytes = b"", 0
+
+    def finish(self) -> None:
+        """The client has gone: only its frames still go out (``has_left``)."""
+        self._messages.clear()
+        self._begun, self._waiting_bytes = b"", 0
+        self._leaves_ns = self._bus.clock.now_ns() + FAREWELL_NS
+
+    def has_left(self) -> bool:
+        """After ``finish``: whether that is over; it is stopped then."""
+        assert self._port is not None
+        assert self._leaves_ns is not None
+        backlog, now_ns = self._bus.backlog(self._port), self._bus.sync()
+        if backlog and now_ns < self._leaves_ns:
+            return False
+        self.stop()
+        return True
 
     # -- the bus's side --
 
@@ -94,8 +119,16 @@ class CanClient:
 
     def next_event_ns(self) -> Nanos | None:
         """When the dialect has something to do by itself, in the time of the bus."""
+        if self._leaves_ns is not None:
+            return self._leaves_ns
         due_ns = self.dialect.next_event()
         return None if due_ns is None else due_ns - self._epoch_ns
+
+    @property
+    def has_news(self) -> bool:
+        """Whether ``pump`` would take something from the bus."""
+        assert self._port is not None
+        return self._bus.has_news(self._port)
 
     @property
     def is_behind(self) -> bool:
@@ -164,6 +197,7 @@ class CanClient:
             return
         if self._waiting_bytes + len(message) > OUTPUT_MAX:
             self._dropped += 1
+            self.dialect.overrun()
             return
         self._messages.append(message)
         self._waiting_bytes += len(message)

@@ -57,6 +57,9 @@ class CanDialect(ABC):
     def deliver_error(self, error: BusError, time_ns: Nanos) -> bytes:
         """What the client gets of an error at ``time_ns``."""
 
+    def overrun(self) -> None:  # noqa: B027 - most have no words for it
+        """Something for the client was lost, because it does not read."""
+
     def sent(self) -> None:
         """The frame that was handed out longest ago has been on the bus, or is given up."""
         assert self._on_the_way, "a frame was sent that was not handed out"

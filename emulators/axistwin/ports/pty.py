@@ -229,10 +229,20 @@ def _set_local_flags(fd: int, settings: bytes) -> None:
 
 def _wants_reading(master: int) -> bool:
     """Whether a client has the pty open, or has left bytes in it."""
+    events = _events(master)
+    return bool(events & select.POLLIN) or not events & select.POLLHUP
+
+
+def is_closed(master: int) -> bool:
+    """Whether no client has the pty open."""
+    return bool(_events(master) & select.POLLHUP)
+
+
+def _events(master: int) -> int:
     poll = select.poll()
     poll.register(master, select.POLLIN)
     ((_, events),) = poll.poll(0) or ((master, 0),)
-    return bool(events & select.POLLIN) or not events & select.POLLHUP
+    return events
 
 
 def _drop_unread(device: str) -> None:

@@ -34,7 +34,8 @@ Rules
 4. An adapter with another bit rate than the bus understands nothing and is understood by nobody:
    no frame arrives, what it sends stays in its queue, and the error flags are set.  It is not
    modelled that it disturbs the others.
-5. For a client that polls, frames wait in a queue; what does not fit is lost and flagged.
+5. For a client that polls, frames wait in a queue; what does not fit is lost and flagged.  So is
+   what a client loses because it does not read.
 
 Where adapters differ, what clients rely on decides
 ---------------------------------------------------
@@ -280,7 +281,7 @@ class SlcanPort(CanDialect):
         if len(self._received) < RECEIVE_QUEUE_FRAMES:
             self._received.append(line)
         else:
-            self.flags |= StatusFlags.RECEIVE_QUEUE_FULL | StatusFlags.DATA_OVERRUN
+            self.overrun()
         return b""
 
     def deliver_error(self, error: BusError, time_ns: Nanos) -> bytes:
@@ -290,6 +291,10 @@ class SlcanPort(CanDialect):
                 if error & errors:
                     self.flags |= flags
         return b""
+
+    def overrun(self) -> None:
+        """The client does not read: flagged, as frames are that nobody polls."""
+        self.flags |= StatusFlags.RECEIVE_QUEUE_FULL | StatusFlags.DATA_OVERRUN
 
     # -- commands --
 

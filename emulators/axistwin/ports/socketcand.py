@@ -36,14 +36,15 @@ Rules
    longer than ``MESSAGE_BYTES_MAX``.
 6. A job that is late is not made up for: it goes out once and keeps its beat (Linux, ``bcm.c``).
    While ``JOB_BACKLOG_FRAMES`` of the session wait for the bus, jobs skip their turn.
+7. What raw mode reports is held back, in order and with its times, for ``RAW_PAUSE_NS`` after the
+   mode began or until the client's next message: python-can reads the answer to ``rawmode`` alone,
+   and its constructor fails if a frame ends within the same read.
 
 What clients must know
 ----------------------
 - python-can 4.6 drops the remote flag: a remote frame of length 0 goes out as a data frame, a
   longer one as a ``send`` without its bytes, which rule 2 drops.  For remote frames use slcan.
 - python-can needs an empty field behind the time of a frame without data: two spaces, as sent.
-- python-can reads the answer to ``rawmode`` alone: a frame that ends within the same read makes its
-  constructor fail.  So does the daemon; open again.
 - ISO-TP mode, CAN FD and the beacon are not offered; nor is ``< BUS B ... >``: the bus has a rate.
 """
 
@@ -75,6 +76,12 @@ FILTERS_MAX: Final = 257
 
 JOB_BACKLOG_FRAMES: Final = 10
 """As many as Linux queues for a CAN interface."""
+
+
+RAW_PAUSE_NS: Final[Nanos] = 100 * NS_PER_MS
+
+HELD_MAX: Final = 1000
+"""Reports held back at most (rule 7); more end the pause."""
 
 
 class Mode(Enum):
@@ -267,6 +274,8 @@ class SocketcandSession(CanDialect):
         self._sent = _Tally()
         self._statistics_ns: Nanos = 0  # the interval; 0: none wanted
         self._statistics_due_ns: Nanos | None = None
+        self._pause_ends_ns: Nanos | None = None  # rule 7
+        self._held: list[bytes] = []
 
     def greeting(self) -> bytes:
         """Sent before anything else."""
@@ -279,6 +288,7 @@ class SocketcandSession(CanDialect):
         for message in messages:
             _, mark, inner = message.partition(b"<")
             if mark and not self.is_closing:
+                outs += self._end_pause()
                 outs += self._perform(inner, now_ns)
         _, mark, inner = rest.partition(b"<")
         # One byte more than is allowed is enough to know that it is too long.
@@ -290,7 +300,7 @@ class SocketcandSession(CanDialect):
         """The message about a frame on the bus, if the client wants it."""
         self._received.add(frame)
         if self.mode is Mode.RAW:
-            return raw_line(frame, time_ns)
+            return self._report(raw_line(frame, time_ns))
         subscription = self._subscriptions.get(_Key(frame.identifier, frame.is_extended))
         if subscription is None or frame.is_remote or not subscription.is_new(_content(frame.data)):
             return b""
@@ -300,13 +310,26 @@ class SocketcandSession(CanDialect):
         """The message about an error, in raw mode."""
         if self.mode is not Mode.RAW:
             return b""
-        return f"< error {error:03X} {_seconds(time_ns)} >".encode()
+        return self._report(f"< error {error:03X} {_seconds(time_ns)} >".encode())
+
+    def _report(self, line: bytes) -> bytes:
+        """``line`` in raw mode, now or when the pause is over (rule 7)."""
+        if self._pause_ends_ns is None:
+            return line
+        self._held.append(line)
+        return b"".join(self._end_pause()) if len(self._held) > HELD_MAX else b""
+
+    def _end_pause(self) -> list[bytes]:
+        """What was held back."""
+        self._pause_ends_ns = None
+        held, self._held = self._held, []
+        return held
 
     def next_event(self) -> Nanos | None:
-        """When a job, a report held back or the statistics are due."""
+        """When a job, what is held back or the statistics are due."""
         times = [job.next_ns for job in self._jobs.values()]
         times += [one.due_ns() for one in self._subscriptions.values()]
-        times.append(self._statistics_due_ns)
+        times += [self._statistics_due_ns, self._pause_ends_ns]
         return min((time for time in times if time is not None), default=None)
 
     def wake(self, now_ns: Nanos) -> list[Out]:
@@ -324,6 +347,8 @@ class SocketcandSession(CanDialect):
                 assert one.held is not None
                 outs.append(one.held)
                 one.reported_ns, one.held = now_ns, None
+        if self._pause_ends_ns is not None and self._pause_ends_ns <= now_ns:
+            outs += self._end_pause()
         self._note_sent(outs)
         if self._statistics_due_ns is not None and self._statistics_due_ns <= now_ns:
             outs.append(f"< stat {self._received} {self._sent} >".encode())
@@ -376,6 +401,8 @@ class SocketcandSession(CanDialect):
             self._subscriptions.clear()
             self._statistics_due_ns = None
             self.mode = mode
+        if mode is Mode.RAW:
+            self._pause_ends_ns = now_ns + RAW_PAUSE_NS
         return [OK]
 
     def _echo(self, words: Sequence[str], now_ns: Nanos) -> list[Out]:

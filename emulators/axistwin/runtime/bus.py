@@ -62,6 +62,11 @@ class Bus(Owner[CanNetwork]):
         """Bits per second."""
         return self._network.bitrate
 
+    @property
+    def is_paced(self) -> bool:
+        """Whether frames take their time."""
+        return self._network.is_paced
+
     # -- time ---------------------------------------------------------------------------------
 
     def _note_readable(self) -> bool:
@@ -148,6 +153,11 @@ class Bus(Owner[CanNetwork]):
         with self._lock:
             self._sync()
             return self._network.host_take(port, limit)
+
+    def has_news(self, port: int) -> bool:
+        """Whether ``port`` has something to receive already, without looking at the clock."""
+        with self._lock:
+            return self._network.host_has_news(port)
 
     def receive_errors(self, port: int) -> list[ErrorReport]:
         """Take what the controller of ``port`` has to report: failed frames, its own states."""

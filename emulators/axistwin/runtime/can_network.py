@@ -95,6 +95,7 @@ class CanNetwork:
         assert devices, "a bus has at least one device"
         self.devices = tuple(devices)
         self.bitrate = bitrate
+        self.is_paced = paced
         self.arrivals_count = 0
         self._bus = CanBus(bitrate if paced else None, start_ns)
         for index in range(len(self.devices)):
