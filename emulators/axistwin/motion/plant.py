@@ -130,6 +130,7 @@ class Plant:
         self._base = 0
         self._target: int | None = None
         self._run_out: Arc | None = None
+        self._lone: Span | None = None  # see ``_span_at``
 
     # ---- what happens to the shaft ----
 
@@ -149,7 +150,7 @@ class Plant:
         exact = shaft.exact if shaft.speed else Fraction(position)
         offset = self._base if self._is_ideal else None
         self._shaft = _Shaft(now_ns, exact, shaft.speed, offset)
-        self._run_out = None
+        self._run_out = self._lone = None
         self._set_point = set_point
         self._target = None if target is None else self._base + target
 
@@ -162,7 +163,7 @@ class Plant:
         self.advance(now_ns)
         was, is_now = self._set_point.displacement_at(now_ns), set_point.displacement_at(now_ns)
         assert was == is_now, f"the set-point jumps from {was} to {is_now}"
-        self._set_point = set_point
+        self._set_point, self._lone = set_point, None
         aim = None if target is None else self._base + target
         if aim != self._target:
             self._shaft = self._shaft._replace(step_due_ns=None)
@@ -173,7 +174,7 @@ class Plant:
         self.advance(now_ns)
         if target != self._target:
             self._shaft = self._shaft._replace(step_due_ns=None)
-        self._target = target
+        self._target, self._lone = target, None
 
     def brake(self, now_ns: Nanos, increments: int | None = None) -> None:
         """Give up set-point and regulation and brake as hard as possible (MACS-CMD-18-01).
@@ -201,6 +202,7 @@ class Plant:
         self._base = self._target = rest
         if run_out is None and self._is_ideal:
             self._shaft = shaft._replace(offset=rest)
+        self._lone = None
 
     def cut_power(self, now_ns: Nanos) -> None:
         """Give up set-point and regulation; load and friction bring the shaft to rest."""
@@ -213,6 +215,7 @@ class Plant:
         keeps = self._is_ideal and shaft.offset is not None
         offset = (shaft.offset or 0) + increments if keeps else None
         self._shaft = _Shaft(now_ns, shaft.exact + increments, shaft.speed, offset)
+        self._lone = None
         if self._run_out is not None:
             self._run_out = replace(self._run_out, exact=self._run_out.exact + increments)
 
@@ -245,6 +248,9 @@ class Plant:
         if type(span) is Following:
             exact, speed = span.state_at(now_ns)
             self._shaft = _Shaft(now_ns, exact, speed, span.offset)
+            return
+        if span is self._lone and not self._is_blocked:  # at rest where it is wanted
+            self._shaft = _Shaft(now_ns, span.exact_at(now_ns), NO_SPEED, self._shaft.offset)
             return
         if self._set_point is not None and self._is_ideal:
             offset = span.position_at(now_ns) - self._set_point.displacement_at(now_ns)
@@ -354,8 +360,8 @@ class Plant:
 
     def rest_ns(self, after_ns: Nanos) -> Nanos | None:
         """Since when (>= ``after_ns``) the shaft stands still for good, as things stand."""
-        last = self._simple_span_at(after_ns)
-        if last is None or last.end_ns is not None:
+        last = self._span_at(after_ns)
+        if last.end_ns is not None:
             *_, last = self._spans_from(after_ns)
         return max(after_ns, last.start_ns) if isinstance(last, Still) else None
 
@@ -440,8 +446,18 @@ class Plant:
         return (s for s in self._spans() if s.end_ns is None or s.end_ns > after_ns)
 
     def _span_at(self, now_ns: Nanos) -> Span:
-        """The span in which ``now_ns`` lies."""
-        return self._simple_span_at(now_ns) or next(self._spans_from(now_ns))
+        """The span in which ``now_ns`` lies; a simple one is kept until it is another one.
+
+        Time alone does not change it; whatever happens to the shaft drops it.
+        """
+        lone = self._lone
+        if (
+            lone is None
+            or now_ns < lone.start_ns
+            or (lone.end_ns is not None and now_ns >= lone.end_ns)
+        ):
+            lone = self._lone = self._simple_span_at(now_ns)
+        return lone or next(self._spans_from(now_ns))
 
     def _simple_span_at(self, now_ns: Nanos) -> Span | None:
         """What ``_span_at`` finds where nothing is special, with less ado; else None."""
@@ -469,7 +485,7 @@ class Plant:
         """
         if self._is_ideal and not increments:
             position = self.position_at(now_ns)
-            self._set_point = self._target = self._run_out = None
+            self._set_point = self._target = self._run_out = self._lone = None
             self._shaft = _Shaft(now_ns, Fraction(position), NO_SPEED)
             return
         self.advance(now_ns)
@@ -478,7 +494,7 @@ class Plant:
             exact, speed = Fraction(position), self.speed_at(now_ns)
             shaft = shaft._replace(exact=exact, speed=speed)
         shaft = shaft._replace(exact=_bounded(shaft.exact), speed=_bounded(shaft.speed))
-        self._set_point = self._target = self._run_out = None
+        self._set_point = self._target = self._run_out = self._lone = None
         if increments is None:
             increments = ceil(shaft.speed**2 / (2 * slowing))
         if shaft.speed == 0 or increments == 0:
@@ -494,7 +510,7 @@ class Plant:
     def _with_forces(self, now_ns: Nanos, load: Load, torque_nm: Fraction) -> None:
         """Change load and torque; what holds the shaft fast also ends its running out."""
         self.advance(now_ns)
-        self._load, self._torque_nm = load, torque_nm
+        self._load, self._torque_nm, self._lone = load, torque_nm, None
         self._is_blocked = self._find_blocked()
         if load.held:
             self._run_out = None

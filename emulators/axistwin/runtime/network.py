@@ -349,7 +349,11 @@ class SerialNetwork:
             self.host_send(data)
             return None
         line.now_ns = schedule.now = heard_ns
-        effects = self._all_hear(Chunk(now, data, line_format), index)
+        device, others = self.devices[index], self._others[index]
+        chunk = Chunk(now, data, line_format)
+        for other in others:
+            assert not other.receive(chunk), "a device has reacted that would not"
+        effects = device.receive(chunk)
         answer, count = _NO_ANSWER, 0
         for effect in effects:
             if type(effect) is Transmit:
@@ -358,7 +362,7 @@ class SerialNetwork:
         start_ns = max(heard_ns, answer.start_ns)
         end_ns = start_ns + line_format.span_ns(len(reply))
         fits = count < 2 and len(reply) <= size and end_ns <= limit_ns
-        if not fits or self.devices[index].line_format is not self._formats[index]:
+        if not fits or device.line_format is not self._formats[index]:
             self.apply(index, effects)
             schedule.touch(index)
             return None
@@ -366,8 +370,11 @@ class SerialNetwork:
             end_ns = limit_ns
         if len(effects) > count:
             self.apply(index, [effect for effect in effects if type(effect) is not Transmit])
-        if not self._let_answer_pass(index, Transmit(start_ns, reply), end_ns):
-            return None
+        due_ns = device.next_event()
+        if others or (due_ns is not None and due_ns <= end_ns):
+            answer = Transmit(start_ns, reply)
+            if not self._let_answer_pass(index, answer, end_ns):
+                return None
         line.now_ns = schedule.now = self.settled_ns = end_ns
         schedule.touch(index)
         return reply
@@ -385,10 +392,7 @@ class SerialNetwork:
 
     def _only_one_to_react(self, data: bytes) -> int | None:
         """The one device that reacts to ``data``, not before its end; None: there are others."""
-        found, last = 0, len(data) - 1
-        if len(self.devices) == 1:
-            return 0 if self.devices[0].quiet_prefix(data) >= last else None
-        is_found = False
+        found, is_found, last = 0, False, len(data) - 1
         for index, device in enumerate(self.devices):
             quiet = device.quiet_prefix(data)
             if quiet < last or (quiet == last and is_found):
@@ -396,12 +400,6 @@ class SerialNetwork:
             if quiet == last:
                 found, is_found = index, True
         return found
-
-    def _all_hear(self, chunk: Chunk, index: int) -> Sequence[Effect]:
-        """Let all devices but ``index`` take what leaves them quiet; what that one does then."""
-        for other in self._others[index]:
-            assert not other.receive(chunk), "a device has reacted that would not"
-        return self.devices[index].receive(chunk)
 
     def _let_answer_pass(self, index: int, answer: Transmit, end_ns: Nanos) -> bool:
         """Wake device ``index``, whose ``answer`` is not on the line yet, when it wants until then.

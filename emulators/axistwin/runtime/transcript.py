@@ -16,7 +16,7 @@ Direction: TypeAlias = Literal["host", "device"]
 ARROWS: dict[Direction, str] = {"host": ">", "device": "<"}
 _BURST_MAX = 256
 _HEX_MAX = 32
-_PIECES_MAX = 1024
+_PIECES_MAX = 4096
 
 
 @dataclass(slots=True)

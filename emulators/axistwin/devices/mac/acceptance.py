@@ -58,6 +58,17 @@ def state_text(code: str) -> str:
     return ", ".join(STATE_TEXTS[part] for part in code.split("+"))
 
 
+def _state_codes(state: State) -> tuple[tuple[str, str], ...]:
+    """The codes of ``state``: bare, armed, preloaded; each unpowered and powered."""
+    names = (state.name, state.name)
+    if state in (State.AR, State.PL):
+        names = (State.OF.name, State.HD.name)
+    return tuple((names[0] + flag, names[1] + flag) for flag in ("", "+AR", "+PL"))
+
+
+STATE_CODES: Final = tuple(_state_codes(state) for state in State)
+"""The codes of every state, as ``state_text`` takes them."""
+
 ALL: Final = tuple(State)
 MOVING: Final = (State.PO, State.VE, State.IN)
 

@@ -19,7 +19,13 @@ Rules
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from axistwin.devices.mac.acceptance import MOVING, State, acceptance_table
+from axistwin.devices.mac.acceptance import (
+    INDEX_COUNT,
+    MOVING,
+    STATE_CODES,
+    State,
+    acceptance_table,
+)
 from axistwin.devices.mac.drive import Drive
 from axistwin.devices.mac.faults import FAULTS, Faults
 from axistwin.devices.mac.memory_map import eeprom_image, ram_image
@@ -59,6 +65,7 @@ class Axis:
         self.inputs = dict.fromkeys(INPUTS, False)
         self._cells = acceptance_table(quirks)
         self._columns = tuple(self._cells[state] for state in State)
+        self._assigned = tuple(cell != "u" for cell in self._cells[State.OF])
         self._reference_enabled = False
         self._armed = False
         self.arm_lasts = False  # 10h holds every motion until 17h, 18h, 1Ah (MACC-AMB-31)
@@ -97,17 +104,26 @@ class Axis:
     def state_code(self) -> str:
         """The state in the ledger's letters, such as ``HD+AR`` or ``VE+PL``."""
         flag = 2 if self._preload is not None else int(self._armed)
-        return _STATE_CODES[self.state][flag][self.drive.powered]
+        return STATE_CODES[self.state][flag][self.drive.powered]
+
+    def is_assigned(self, index: int) -> bool:
+        """Whether the manual gives ``index`` (0..FFh) a meaning, in whatever state."""
+        return index < INDEX_COUNT and self._assigned[index]
 
     def cell(self, index: int) -> str:
         """A accepted, R refused, 1 refused for the parameter 01, u unassigned; in this state."""
         return self._columns[self.state][index]
 
+    def is_locked(self, index: int, parameters: int) -> bool:
+        """Whether the state refuses command ``index``: nothing at all happens then."""
+        cell = self._columns[self.state][index]
+        return cell == "R" or (cell == "1" and parameters & 0xFF == 1)
+
     def execute(self, now: Nanos, index: int, parameters: int, start_ns: Nanos) -> bool:
-        """Execute command ``index``; a motion it starts begins at ``start_ns``.  False: refused."""
-        cell = self.cell(index)
-        if cell == "R" or (cell == "1" and parameters & 0xFF == 1):
-            return False
+        """Execute command ``index``, which is not ``is_locked``.  False: refused for its value.
+
+        A motion that it starts begins at ``start_ns``.
+        """
         if (parameter := _PARAMETERS.get(index)) is not None:
             setter, apply = parameter
             accepted = setter(self.parameters, parameters)
@@ -542,16 +558,6 @@ class Axis:
             **self.values,
         }
 
-
-def _state_codes(state: State) -> tuple[tuple[str, str], ...]:
-    """The codes of ``state``: bare, armed, preloaded; each unpowered and powered."""
-    names = (state.name, state.name)
-    if state in (State.AR, State.PL):
-        names = (State.OF.name, State.HD.name)
-    return tuple((names[0] + flag, names[1] + flag) for flag in ("", "+AR", "+PL"))
-
-
-_STATE_CODES: Final = tuple(_state_codes(state) for state in State)
 
 _Handler = Callable[[Axis, Nanos, int, Nanos], bool]
 

@@ -277,7 +277,9 @@ class MacCan(MacModule):
             return self._refused(request, BAD_VALUE)
         if index in _FACE_COMMANDS:
             return _FACE_COMMANDS[index](self, request)
-        accepted = axis.execute(self._now, index, parameters, self._now)
+        accepted = not axis.is_locked(index, parameters) and axis.execute(
+            self._now, index, parameters, self._now
+        )
         self._collect(self._now)
         if accepted:
             return self._accepted(request)
@@ -412,7 +414,8 @@ class MacCan(MacModule):
         self._note_common_traffic()
         if (data and self.quirks.sync_dlc == "empty") or self._nmt_state == "stopped":
             return
-        self.axis.execute(self._now, 0x11, 0, self._now)
+        if not self.axis.is_locked(0x11, 0):
+            self.axis.execute(self._now, 0x11, 0, self._now)
 
     def _lmt(self, data: bytes) -> None:
         """7E5h: the address procedure (MACC-LMT-01..09), in frames of two bytes or more."""

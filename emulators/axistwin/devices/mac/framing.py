@@ -58,7 +58,7 @@ class Request(NamedTuple):
 
 
 @lru_cache(maxsize=1024)  # a host that polls says the same all the time
-def take_apart(frame: bytes, *, any_case: bool) -> Request:
+def take_apart(frame: bytes, any_case: bool) -> Request:
     """``frame``, 21 bytes, as a module reads it that takes ``any_case`` of digits or upper only."""
     values = ANY_CASE if any_case else UPPER
     told = frame[18:20].upper() if any_case else frame[18:20]

@@ -26,7 +26,7 @@ Rules
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from axistwin.devices.mac.acceptance import INDEX_COUNT, SIGNIFICANT
+from axistwin.devices.mac.acceptance import SIGNIFICANT
 from axistwin.devices.mac.framing import (
     ADDRESS_MAX,
     ANSWER_LENGTH_FIELD,
@@ -87,6 +87,8 @@ class MacSerial(MacModule):
         self._take_over_stored()
         # The receiver.
         self._partial = b""
+        self._seen = b""
+        self._seen_request: Request | None = None
         self._deaf_until: Nanos = NEVER
         self._sending_until: Nanos = 0
         # The frame in hand: when its Etx was heard, whether bytes take time, what came of it.
@@ -106,6 +108,9 @@ class MacSerial(MacModule):
         self._digits = ANY_CASE if self._any_case else UPPER
         self._loses = quirks.rx_during_xoff == "lost"
         self._judges_all = quirks.nack_scope != "addressed"
+        self._wants_sub_index_00 = quirks.subindex_policy == "refuse"
+        self._wants_digits_0 = quirks.dont_care_digits == "refuse"
+        self._starts_at_reply_end = quirks.motion_start_ref == "reply_end"
         self._echoes = quirks.general_echo == "as_sent"
         self._answer_forms = {
             index: (b"%X" % (index & 0xF), ANSWER_LENGTH_FIELD) for index in range(0x20, 0x30)
@@ -123,14 +128,14 @@ class MacSerial(MacModule):
 
     def quiet_prefix(self, data: bytes) -> int:
         """Everything before the last byte of the first frame that concerns this module."""
-        if not self._partial and is_one_frame(data):
-            request = take_apart(data, any_case=self._any_case)
+        request = self._lone_request(data)
+        if request is not None:  # by far the most common
             return REQUEST_BYTES - 1 if self._concerns(request) else REQUEST_BYTES
         kept = len(self._partial)
         buffer = self._partial + data
         start, end = next_frame(buffer, 0)
         while start >= 0:
-            if self._concerns(take_apart(buffer[start:end], any_case=self._any_case)):
+            if self._concerns(take_apart(buffer[start:end], self._any_case)):
                 return max(0, end - 1 - kept)
             start, end = next_frame(buffer, end)
         return len(data)
@@ -138,9 +143,10 @@ class MacSerial(MacModule):
     def receive(self, chunk: Chunk) -> list[Effect]:
         """Take the bytes of ``chunk``; answer the frames they complete."""
         data, first = chunk.data, 0
-        if not self._partial and chunk.start_ns >= self._deaf_until and is_one_frame(data):
-            self._take(data, chunk, REQUEST_BYTES - 1)  # by far the most common
-            first = REQUEST_BYTES
+        request = self._lone_request(data)
+        if request is not None and chunk.start_ns >= self._deaf_until:
+            self._take(data, request, chunk, REQUEST_BYTES - 1)
+            return self._taken_effects()
         while first < len(data):
             if chunk.start_ns < self._deaf_until:
                 first = self._first_heard(chunk, first)
@@ -152,12 +158,22 @@ class MacSerial(MacModule):
                 break
             self._partial = b""
             first += end - kept
-            self._take(buffer[start:end], chunk, first - 1)
+            frame = buffer[start:end]
+            self._take(frame, take_apart(frame, self._any_case), chunk, first - 1)
         return self._taken_effects()
 
-    def _take(self, frame: bytes, chunk: Chunk, last: int) -> None:
+    def _lone_request(self, data: bytes) -> Request | None:
+        """``data`` taken apart if it is one frame and nothing else, and none has begun before it.
+
+        Remembered, since the line asks for the ``quiet_prefix`` of what it hands over next.
+        """
+        if data is not self._seen:
+            self._seen = data
+            self._seen_request = take_apart(data, self._any_case) if is_one_frame(data) else None
+        return None if self._partial else self._seen_request
+
+    def _take(self, frame: bytes, request: Request, chunk: Chunk, last: int) -> None:
         """Take 21 bytes, completed by byte ``last`` of ``chunk``, if they matter here."""
-        request = take_apart(frame, any_case=self._any_case)
         if self._concerns(request):
             self._etx_ns = chunk.arrival_ns(last)
             self._paced = chunk.format is not None
@@ -223,7 +239,7 @@ class MacSerial(MacModule):
             return self._refused
         if 0x20 <= index < 0x2A:
             return self._query(frame, index)
-        if index >= INDEX_COUNT or self.axis.cell(index) == "u":
+        if not self.axis.is_assigned(index):
             return self._unassigned(frame, index)
         parameters = number(frame[10:18], any_case=self._any_case)
         if parameters is None:
@@ -234,13 +250,12 @@ class MacSerial(MacModule):
 
     def _refuses_digits(self, frame: bytes, index: int) -> bool:
         """Whether sub-index or don't-care digits forbid the frame (MACS-AMB-61, -62)."""
-        quirks = self.quirks
         if index == 0x28 or index == 0x29:
             if frame[8:10] not in self._digits:
                 return True
-        elif quirks.subindex_policy == "refuse" and frame[8:10] != b"00":
+        elif self._wants_sub_index_00 and frame[8:10] != b"00":
             return True
-        if quirks.dont_care_digits == "refuse":
+        if self._wants_digits_0:
             mask = b"%08X" % SIGNIFICANT.get(index, 0)
             return any(m == 0x30 != d for m, d in zip(mask, frame[10:18], strict=True))
         return False
@@ -268,15 +283,16 @@ class MacSerial(MacModule):
 
     def _command(self, index: int, parameters: int, *, general: bool) -> bytes | None:
         """Execute command ``index``; its reply, or None for silence."""
+        if self.axis.is_locked(index, parameters):
+            return self._refused
         face_command = _FACE_COMMANDS.get(index)
         if face_command is not None:
-            refused = self.axis.cell(index) == "R"
-            return self._refused if refused else face_command(self, parameters, general)
-        start_ns = self._etx_ns
-        if self.quirks.motion_start_ref == "reply_end":
+            return face_command(self, parameters, general)
+        now = start_ns = self._etx_ns
+        if self._starts_at_reply_end:
             start_ns = self._reply_span(len(self._accepted))[1]
-        accepted = self.axis.execute(self._etx_ns, index, parameters, start_ns)
-        self._collect(self._etx_ns)
+        accepted = self.axis.execute(now, index, parameters, start_ns)
+        self._collect(now)
         self._reschedule()
         return self._accepted if accepted else self._refused
 

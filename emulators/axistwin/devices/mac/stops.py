@@ -75,12 +75,14 @@ class Stops:
 
         begun: the signed step that is part of the count, and is only to be begun.
         """
-        if not direction:
+        if not direction or not self._values["stops"]:
             return 0
         if self.is_blocked_hard(direction):
             return HARD_BITS[direction]
-        ways = (1, -1) if self._blocks_both else (direction,)
-        return next((SOFT_BITS[way] for way in ways if self._is_beyond(now, way, begun)), 0)
+        for way in (1, -1) if self._blocks_both else (direction,):
+            if self._is_beyond(now, way, begun):
+                return SOFT_BITS[way]
+        return 0
 
     def barring_bit(self, now: Nanos, heading: Heading) -> int:
         """The bit of ff for what lets a motion that sets out now make no step; 0: none."""
