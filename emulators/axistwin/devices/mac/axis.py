@@ -19,13 +19,7 @@ Rules
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from axistwin.devices.mac.acceptance import (
-    INDEX_COUNT,
-    MOVING,
-    STATE_CODES,
-    State,
-    acceptance_table,
-)
+from axistwin.devices.mac.acceptance import MOVING, STATE_CODES, State, acceptance_table
 from axistwin.devices.mac.drive import Drive
 from axistwin.devices.mac.faults import FAULTS, Faults
 from axistwin.devices.mac.memory_map import eeprom_image, ram_image
@@ -108,7 +102,7 @@ class Axis:
 
     def is_assigned(self, index: int) -> bool:
         """Whether the manual gives ``index`` (0..FFh) a meaning, in whatever state."""
-        return index < INDEX_COUNT and self._assigned[index]
+        return index < len(self._assigned) and self._assigned[index]
 
     def cell(self, index: int) -> str:
         """A accepted, R refused, 1 refused for the parameter 01, u unassigned; in this state."""
