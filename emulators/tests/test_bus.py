@@ -157,7 +157,10 @@ def test_ports_come_and_go() -> None:
     rig.bus.advance(NS_PER_S)
     assert rig.bus.controller(first) == "passive"
     assert rig.bus.counters(first) == (128, 0)
-    reports = rig.bus.receive_errors(first)
+    arrivals, reports = rig.bus.receive_all(first)
+    assert arrivals == []
+    assert rig.bus.receive_all(first) == ([], [])
+    assert rig.bus.receive_errors(first) == []
     assert [type(each).__name__ for each in reports].count("Change") == 1
     assert len(reports) == 18
     rig.bus.purge_output(first)

@@ -472,6 +472,8 @@ def test_stations_may_come_go_and_collide_at_any_time(seed: int, bitrate: int | 
                 assert not {*each.senders} & {*each.listeners}
         due = bus.next_event()
         assert due is None or due > now
+        bus._knows_start = False
+        assert due == bus.next_event(), "what it remembers is what it would find"
     for number in range(4):
         if not bus.is_attached(number):
             bus.join(number, now)

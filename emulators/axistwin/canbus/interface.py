@@ -195,8 +195,8 @@ class AxistwinBus(can.BusABC):
 
     def _take_arrivals(self) -> None:
         """Frames and error reports, in the order of time."""
-        reports = self._bus.receive_errors(self._port)
-        messages = [self._message_of(each) for each in self._bus.receive(self._port)]
+        arrivals, reports = self._bus.receive_all(self._port)
+        messages = [self._message_of(each) for each in arrivals]
         if reports:
             messages += map(self._error_message, reports)
             messages.sort(key=lambda message: message.timestamp)

@@ -165,6 +165,15 @@ class Bus(Owner[CanNetwork]):
             self._sync()
             return self._network.host_take_errors(port)
 
+    def receive_all(self, port: int) -> tuple[list[Arrival], list[ErrorReport]]:
+        """Take both: what has arrived at ``port``, and what its controller has to report."""
+        with self._lock:
+            self._sync()
+            network = self._network
+            if not network.host_has_news(port):
+                return [], []
+            return network.host_take(port), network.host_take_errors(port)
+
     def backlog(self, port: int) -> int:
         """How many frames ``port`` has still to send, one under way included."""
         with self._lock:

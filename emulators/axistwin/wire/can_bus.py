@@ -119,7 +119,8 @@ class _Station:
     def state(self) -> ControllerState:
         if self.off_left:
             return "off"
-        return "passive" if max(self.tec, self.rec) > PASSIVE_ABOVE else "active"
+        is_passive = self.tec > PASSIVE_ABOVE or self.rec > PASSIVE_ABOVE
+        return "passive" if is_passive else "active"
 
 
 class _Attempt:
@@ -155,6 +156,9 @@ class CanBus:
         self._attempt: _Attempt | None = None
         self._idle_ns = now_ns  # when the intermission is over
         self._recessive_ns = now_ns  # since when the bus is recessive, while nobody sends
+        # When the first station may begin, while nothing has happened that could change it.
+        self._start: tuple[Nanos, int] | None = None
+        self._knows_start = True
         # Rule 6: an attempt that repeats itself, and after how long.
         self._endless: _Attempt | None = None
         self._period_ns: Nanos = 0
@@ -206,6 +210,7 @@ class CanBus:
         """Let a station send ``frame``, at ``ready_ns`` (not in the past) at the earliest."""
         station = self._pending[number] = self._stations[number]
         station.queue.append((frame, ready_ns))
+        self._knows_start = False
 
     def withdraw(self, number: int, now: Nanos) -> None:
         """Forget what a station still has to send; a frame under way is not tried again."""
@@ -240,10 +245,8 @@ class CanBus:
         """When something happens next, or None while nothing will by itself."""
         if self._attempt is not None:
             return self._attempt.end_ns
-        recovery = self._next_recovery()
-        if self._endless is not None:
-            return None if recovery is None else recovery[0]
-        start = self._next_start()
+        start = None if self._endless is not None else self._next_start()
+        recovery = self._next_recovery() if self._off else None
         if start is None:
             return None if recovery is None else recovery[0]
         return start[0] if recovery is None else min(start[0], recovery[0])
@@ -257,9 +260,10 @@ class CanBus:
             self.now_ns = max(self.now_ns, due)
             if self._attempt is not None:
                 return self._finish(self._attempt)
-            recovery = self._next_recovery()
-            if recovery is not None and recovery[0] == due:
-                return [self._recover(*recovery)]
+            if self._off:
+                recovery = self._next_recovery()
+                if recovery is not None and recovery[0] == due:
+                    return [self._recover(*recovery)]
             self._begin(due)
         return []
 
@@ -276,32 +280,38 @@ class CanBus:
     def _earliest(self, station: _Station) -> tuple[Nanos, int]:
         """When a station may begin its next frame; the bits order what takes no time (rule 8)."""
         bits, ready_ns = station.hold_bits, station.queue[0][1]
-        free_ns = max(self._idle_ns + self.span_ns(bits), station.since_ns)
+        free_ns = self._idle_ns + self.span_ns(bits) if bits else self._idle_ns
+        free_ns = max(free_ns, station.since_ns)
         if ready_ns > free_ns or self.bitrate is not None:
             return max(ready_ns, free_ns), 0
         return free_ns, bits
 
     def _next_start(self) -> tuple[Nanos, int] | None:
         """When the first of all stations may begin."""
+        if self._knows_start:
+            return self._start
         first = None
         for station in self._pending.values():
             if not station.off_left:
                 start = self._earliest(station)
                 if first is None or start < first:
                     first = start
+        self._start, self._knows_start = first, True
         return first
 
     def _begin(self, start_ns: Nanos) -> None:
         """Arbitrate (rule 1), and find out how the frame will end."""
         first = self._next_start()
         assert first is not None
-        ready = [
-            station
-            for station in self._pending.values()
-            if not station.off_left and self._earliest(station) <= first
-        ]
-        key = min(arbitration_key(station.queue[0][0]) for station in ready)
-        group = [station for station in ready if arbitration_key(station.queue[0][0]) == key]
+        group = list(self._pending.values())
+        if len(group) > 1:
+            ready = [
+                station
+                for station in group
+                if not station.off_left and self._earliest(station) <= first
+            ]
+            key = min(arbitration_key(station.queue[0][0]) for station in ready)
+            group = [station for station in ready if arbitration_key(station.queue[0][0]) == key]
         self._count_recessive(start_ns)
         attempt = _Attempt(start_ns, group)
         for station in self._held:
@@ -332,7 +342,9 @@ class CanBus:
 
     def _go_on_together(self, attempt: _Attempt) -> int | None:
         """Rule 3: passive stations drop out of the group; the bit at which all fail, or None."""
-        while any(station.queue[0][0] != attempt.group[0].queue[0][0] for station in attempt.group):
+        while len(attempt.group) > 1 and any(
+            station.queue[0][0] != attempt.group[0].queue[0][0] for station in attempt.group
+        ):
             streams = [stuffed_bits(station.queue[0][0]) for station in attempt.group]
             at = _first_difference(streams)
             losers = [
@@ -364,6 +376,7 @@ class CanBus:
     def _finish(self, attempt: _Attempt) -> list[Happening]:
         """Count, tell, and try again what failed."""
         self._attempt = None
+        self._knows_start = False
         end_ns = attempt.end_ns
         self._idle_ns = end_ns + self.span_ns(INTERMISSION_BITS)
         self._recessive_ns = end_ns - self.span_ns(DELIMITER_BITS)
@@ -451,6 +464,7 @@ class CanBus:
 
     def _wake_up(self, now: Nanos) -> None:
         """Somebody comes or goes: place the attempt that is under way at ``now``."""
+        self._knows_start = False
         endless, self._endless = self._endless, None
         if endless is None:
             return
