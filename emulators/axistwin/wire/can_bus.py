@@ -109,7 +109,7 @@ class _Station:
     def __init__(self, number: int, since_ns: Nanos) -> None:
         self.number = number
         self.since_ns = since_ns  # it sends nothing before
-        self.queue: deque[tuple[CanFrame, Nanos]] = deque()
+        self.queue: deque[tuple[CanFrame, Nanos, int]] = deque()  # its key the last
         self.tec = self.rec = 0
         self.hold_bits = 0  # after the intermission (rule 5)
         self.off_left = 0  # sequences of recessive bits to go, 0 when not off
@@ -209,7 +209,7 @@ class CanBus:
     def offer(self, number: int, frame: CanFrame, ready_ns: Nanos) -> None:
         """Let a station send ``frame``, at ``ready_ns`` (not in the past) at the earliest."""
         station = self._pending[number] = self._stations[number]
-        station.queue.append((frame, ready_ns))
+        station.queue.append((frame, ready_ns, arbitration_key(frame)))
         self._knows_start = False
 
     def withdraw(self, number: int, now: Nanos) -> None:
@@ -310,8 +310,8 @@ class CanBus:
                 for station in group
                 if not station.off_left and self._earliest(station) <= first
             ]
-            key = min(arbitration_key(station.queue[0][0]) for station in ready)
-            group = [station for station in ready if arbitration_key(station.queue[0][0]) == key]
+            key = min([station.queue[0][2] for station in ready])
+            group = [station for station in ready if station.queue[0][2] == key]
         self._count_recessive(start_ns)
         attempt = _Attempt(start_ns, group)
         for station in self._held:
