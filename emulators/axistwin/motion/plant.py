@@ -328,8 +328,13 @@ class Plant:
         None: never, unless something happens to it.
         """
         lone = self._simple_span_at(after_ns)
-        if lone is not None and lone.end_ns is None:
-            return lone.reach_ns(position, after_ns)
+        if lone is not None:
+            reached_ns, end_ns = lone.reach_ns(position, after_ns), lone.end_ns
+            if end_ns is None or (reached_ns is not None and reached_ns < end_ns):
+                return reached_ns
+            last = self._simple_span_at(end_ns)
+            if last is not None and last.end_ns is None:
+                return last.reach_ns(position, end_ns)
         for span in self._spans_from(after_ns):
             reached_ns = span.reach_ns(position, max(after_ns, span.start_ns))
             if reached_ns is not None and (span.end_ns is None or reached_ns < span.end_ns):

@@ -32,7 +32,7 @@ Rules
 """
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import lru_cache
@@ -68,6 +68,12 @@ class Rounding(StrEnum):
         if self is Rounding.CEIL:
             return -(-dividend // divisor)
         return (2 * dividend + divisor) // (2 * divisor)
+
+    def divide_by_each(self, dividend: int, divisors: Iterable[int]) -> list[int]:
+        """``divide`` by each of ``divisors``."""
+        if self is Rounding.HALF_UP:
+            return [(2 * dividend + divisor) // (2 * divisor) for divisor in divisors]
+        return [self.divide(dividend, divisor) for divisor in divisors]
 
 
 class TriangleLaw(StrEnum):
@@ -150,6 +156,10 @@ class Ramp:
         object.__setattr__(self, "_bounds", level_bounds(length, self.rules.ramp_law))
         object.__setattr__(self, "_whole", [])
 
+    def at(self, period_ticks: int) -> "Ramp":
+        """The same ramp to another full speed."""
+        return Ramp(period_ticks, self.aa, self.rules)
+
     def level_at(self, counter: int) -> int:
         """The level [1..16] of the increment that a climb starts at ``counter`` [0..N]."""
         return FULL_LEVEL if counter >= self.length else bisect_right(self._bounds, counter) + 1
@@ -181,12 +191,9 @@ class Ramp:
     def _levels(self) -> list[Piece]:
         """The climb to N, level by level; found out when it is first needed."""
         if not self._whole:
-            ends, rounding = self._bounds, self.rules.rounding
-            full_ticks, levels = FULL_LEVEL * self.period_ticks, range(1, len(ends) + 1)
-            if rounding is Rounding.HALF_UP:
-                periods = [(2 * full_ticks + level) // (2 * level) for level in levels]
-            else:
-                periods = [rounding.divide(full_ticks, level) for level in levels]
+            ends, full_ticks = self._bounds, FULL_LEVEL * self.period_ticks
+            levels = range(1, len(ends) + 1)
+            periods = self.rules.rounding.divide_by_each(full_ticks, levels)
             self._whole.extend(map(Piece, map(sub, ends, (0, *ends)), periods))
         return self._whole
 
@@ -269,6 +276,10 @@ def stop_pieces(
     return merged(Ramp(period_ticks, aa, rules).descend(counter))
 
 
+_SHARES = [(FULL_LEVEL * k - k * (k + 1) // 2, k * (k + 1) // 2) for k in range(1, FULL_LEVEL)]
+"""What the two speeds contribute to the end of each level of a transition (ledger §5.7)."""
+
+
 def change_length(
     old_ticks: int, new_ticks: int, aa: int, rules: RampRules, first_ticks: int
 ) -> int:
@@ -300,20 +311,20 @@ def change_pieces(
     period) matters to constant acceleration only.
     """
     length = change_length(old_ticks, new_ticks, aa, rules, first_ticks or new_ticks)
-    is_share = rules.ramp_law is RampLaw.EQUAL_INCREMENTS
-    divide, total = rules.rounding.divide, INCREMENTS_PER_AA * (old_ticks + new_ticks)
-    pieces: list[Piece] = []
-    done = 0
-    for k in range(1, FULL_LEVEL + is_share):
-        if is_share:
-            end = length * k // FULL_LEVEL
-        else:  # b_k of ledger §5.7
-            passed = k * (k + 1) // 2
-            end = length * (new_ticks * (FULL_LEVEL * k - passed) + old_ticks * passed) // total
-        speed = (FULL_LEVEL - k) * new_ticks + k * old_ticks
-        pieces.append(Piece(end - done, divide(FULL_LEVEL * old_ticks * new_ticks, speed)))
-        done = end
-    return merged(pieces)
+    if not length:
+        return ()
+    if rules.ramp_law is RampLaw.EQUAL_INCREMENTS:
+        ends = [length * k // FULL_LEVEL for k in range(1, FULL_LEVEL + 1)]
+    else:  # b_k of ledger §5.7
+        total = INCREMENTS_PER_AA * (old_ticks + new_ticks)
+        ends = [
+            length * (new_ticks * to_come + old_ticks * passed) // total
+            for to_come, passed in _SHARES
+        ]
+    dividend, difference = FULL_LEVEL * old_ticks * new_ticks, old_ticks - new_ticks
+    speeds = [FULL_LEVEL * new_ticks + k * difference for k in range(1, len(ends) + 1)]
+    periods = rules.rounding.divide_by_each(dividend, speeds)
+    return merged(map(Piece, map(sub, ends, (0, *ends)), periods))
 
 
 class Boundary(NamedTuple):
@@ -377,7 +388,7 @@ class RampedMotion:
         The increment in progress began at ``step_start_ns`` on ``running_ticks`` and is number 1;
         then comes the transition to the ramp's full speed.
         """
-        running = replace(ramp, period_ticks=running_ticks)
+        running = ramp.at(running_ticks)
         progress = Phase((Piece(1, running_ticks),), ramp.length, 0, running)
         first_ticks = ramp.period_ticks
         phases = (progress, *_plan_change(running_ticks, ramp, first_ticks))
@@ -421,7 +432,7 @@ class RampedMotion:
             return self
         at = self._boundary(now_ns)
         if at.running_ticks is not None and self._stops_on_whole_ramp(at):
-            ramp = replace(at.ramp, period_ticks=at.running_ticks)
+            ramp = at.ramp.at(at.running_ticks)
             descent = Phase(tuple(ramp.descend(ramp.length)), ramp.length, -1, ramp)
         else:
             descent = Phase(tuple(at.ramp.descend(at.counter)), at.counter, -1, at.ramp)
@@ -436,7 +447,7 @@ class RampedMotion:
         """
         assert not self.is_over(now_ns), "a motion that is over has no speed to change"
         at = self._boundary(now_ns)
-        ramp = replace(self.ramp, period_ticks=period_ticks)
+        ramp = self.ramp.at(period_ticks)
         if at.running_ticks is None:
             return RampedMotion.endless(at.end_ns, self.trajectory.direction, ramp)
         phases = _plan_change(at.running_ticks, ramp, self.first_ticks)
@@ -472,8 +483,10 @@ class RampedMotion:
         left = count - self.trajectory.before
         counter, ramp = self.phases[0].counter, self.phases[0].ramp or self.ramp
         for phase in self.phases:
+            if not left:
+                break
             increments = phase.increments
-            taken = left if increments is None else min(left, increments)
+            taken = left if increments is None or left < increments else increments
             if taken:
                 counter = phase.counter + phase.slope * taken
                 ramp = phase.ramp or self._level_in_use(count)
@@ -482,7 +495,7 @@ class RampedMotion:
 
     def _level_in_use(self, count: int) -> Ramp:
         """The ramp of which increment ``count``, in a transition, is the full speed."""
-        return replace(self.ramp, period_ticks=self.trajectory.period_of(count))
+        return self.ramp.at(self.trajectory.period_of(count))
 
     def _stops_on_whole_ramp(self, at: Boundary) -> bool:
         """Whether a stop takes N increments from the level in use, not those climbed."""

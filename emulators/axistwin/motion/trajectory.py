@@ -28,8 +28,6 @@ from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from itertools import accumulate
-from operator import mul
 from typing import NamedTuple, Protocol
 
 from axistwin.kernel.time import Nanos
@@ -140,18 +138,20 @@ class Trajectory:
     def __post_init__(self) -> None:
         assert self.direction in (-1, 1), f"direction {self.direction} is neither +1 nor -1"
         assert self.before >= 0, f"{self.before} increments before the start"
-        finite = self.pieces
-        is_endless = bool(finite) and finite[-1].increments is None
-        if is_endless:
-            assert finite[-1].period_ticks >= 1, f"period below 1 in {self.pieces}"
-            finite = finite[:-1]
-        lengths, periods = zip(*finite, strict=True) if finite else ((), ())
-        assert None not in lengths, f"endless piece inside {self.pieces}"
-        assert min(lengths, default=1) >= 1, f"empty piece in {self.pieces}"
-        assert min(periods, default=1) >= 1, f"period below 1 in {self.pieces}"
-        counts = list(accumulate(lengths, initial=0))
-        ticks = list(accumulate(map(mul, lengths, periods), initial=0))
-        end_ns = None if is_endless else self.start_ns + ticks[-1] * TICK_NS
+        count = elapsed = 0
+        counts, ticks, is_endless = [0], [0], False
+        for increments, period_ticks in self.pieces:
+            assert period_ticks >= 1, f"period below 1 in {self.pieces}"
+            assert not is_endless, f"endless piece inside {self.pieces}"
+            if increments is None:
+                is_endless = True
+                continue
+            assert increments >= 1, f"empty piece in {self.pieces}"
+            count += increments
+            elapsed += increments * period_ticks
+            counts.append(count)
+            ticks.append(elapsed)
+        end_ns = None if is_endless else self.start_ns + elapsed * TICK_NS
         object.__setattr__(self, "_counts", counts)
         object.__setattr__(self, "_ticks", ticks)
         object.__setattr__(self, "is_endless", is_endless)

@@ -405,6 +405,16 @@ class Drive:
             self.counter.settled = True
             self._plan(now)
             return
+        if self.stops.are_enabled and self._is_stopped(now):
+            return
+        end_ns = self._end_ns(now)
+        if end_ns is not None and end_ns <= now:
+            self._finish(now)
+        else:
+            self._plan(now)
+
+    def _is_stopped(self, now: Nanos) -> bool:
+        """Whether there is a stop that ends the motion at ``now``; it has, then."""
         heading = self._heading(now)
         if bit := self.stops.barring_bit(now, heading):
             self._bar(now, bit, heading.begun or 0)
@@ -412,10 +422,7 @@ class Drive:
             self._stop_on(now, bit)
         elif bit := self.stops.met_bit(now, self._meeting):
             self._stop_on(now, bit, is_standing=self._has_turned(now))
-        elif self._is_over(now):
-            self._finish(now)
-        else:
-            self._plan(now)
+        return bool(bit)
 
     def _plan(self, now: Nanos) -> None:
         """Find the next event, now that something has changed."""
@@ -452,10 +459,6 @@ class Drive:
     def _returns_afresh(self, motion: RampedMotion) -> bool:
         return motion.overshoot > 0 and self._quirks.overshoot_return == "fresh_profile"
 
-    def _is_over(self, now: Nanos) -> bool:
-        end_ns = self._end_ns(now)
-        return end_ns is not None and end_ns <= now
-
     def _finish(self, now: Nanos) -> None:
         """What ran is over: rest, the way back, or the segments that waited."""
         owner = self._owner
@@ -486,13 +489,10 @@ class Drive:
 
     def _set_point(self) -> SetPoint | None:
         """What has the shaft; None at rest and while it runs out."""
-        match self._owner:
-            case Profile(motion=motion):
-                return motion.trajectory
-            case Segments():
-                return self.interpolator
-            case _:
-                return None
+        owner = self._owner
+        if isinstance(owner, Profile):
+            return owner.motion.trajectory
+        return self.interpolator if isinstance(owner, Segments) else None
 
     def _heading(self, now: Nanos) -> Heading:
         """Where the set-point, or the catch-up, is going at ``now``."""
@@ -511,8 +511,7 @@ class Drive:
 
     def _next_meeting(self, now: Nanos) -> Meeting | None:
         """When a stop is met next, at the latest; None: never, as things stand."""
-        set_point = self._set_point()
-        if set_point is None or not self.stops.are_enabled:
+        if not self.stops.are_enabled or (set_point := self._set_point()) is None:
             return None
         return self.stops.next_meeting(now, self._heading(now), set_point)
 

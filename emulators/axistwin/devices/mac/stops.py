@@ -94,11 +94,12 @@ class Stops:
         """When ``set_point``, which is ``heading`` somewhere, may meet a stop; None: never."""
         if self.barring_bit(now, heading) or self.blocking_bit(now, heading.direction):
             return Meeting(now)
-        out, back = (self._next_of(now, way, set_point) for way in (1, -1))
+        out, back = self._next_of(now, 1, set_point), self._next_of(now, -1, set_point)
         if out is None or back is None:
             return out or back
-        # Of two at one time, that which is known to be met.
-        return min(out, back, key=lambda each: (each.at_ns, not each.direction))
+        if out.at_ns == back.at_ns:  # that which is known to be met
+            return out if out.direction else back
+        return out if out.at_ns < back.at_ns else back
 
     def met_bit(self, now: Nanos, meeting: Meeting | None) -> int:
         """The bit of ff for the software stop that is met at ``now``, as was foreseen; 0: none."""
