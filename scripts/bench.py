@@ -1,8 +1,8 @@
-"""Measures the MAC twin's daemon beside a bare asyncio echo, on the same transport, in one run.
+"""Measures the MAC twins beside a bare echo, on the same transport, in one run.
 
-The echo sends back what it gets: 21 bytes, as long as a request and as an answer.  The twin runs
-without pacing and without its own reply latency (``--no-pacing --quirk reply_latency_us=0``), so
-that what is compared is the program, not the emulated line.  Slices of both alternate, so a noisy
+The echo sends back what it gets: as long as a request and as an answer.  The twin runs without
+pacing and without its own reply latency (``--no-pacing --quirk reply_latency_us=0``), so that what
+is compared is the program, not the emulated line or bus.  Slices of both alternate, so a noisy
 machine hits both alike; quote the ratios, not the rates.
 """
 
@@ -10,28 +10,35 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import json
 import os
 import socket
 import statistics
-import subprocess
 import sys
 import tempfile
 import termios
 import time
 import tty
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
 
-import psutil
 import serial
+from scripts import bench_can
+from scripts.bench_tools import (
+    HOST,
+    Exchange,
+    alternate,
+    child,
+    print_idle,
+    print_results,
+    ready_url,
+)
 
 import axistwin as _axistwin  # registers the URL scheme
 
 QUERY = b"\x0201400200000000000A2\x03"  # 20h (position) to module 0
 ANSWER_BYTES = 21
-HOST = "127.0.0.1"
 
 ECHO_PTY = """
 import asyncio, os, pty, sys, tty
@@ -58,38 +65,6 @@ async def main():
     await asyncio.Event().wait()
 asyncio.run(main())
 """
-
-
-@dataclass
-class Samples:
-    """Round-trip times of one contestant, in seconds, slice by slice."""
-
-    rates: list[float] = field(default_factory=list)
-    trips: list[float] = field(default_factory=list)
-
-    def row(self) -> str:
-        """Rate and latencies as one line."""
-        ordered = sorted(self.trips)
-        p50, p99 = (ordered[int(len(ordered) * share)] * 1e6 for share in (0.50, 0.99))
-        return f"{statistics.median(self.rates):9.0f}/s   p50 {p50:6.1f} µs   p99 {p99:6.1f} µs"
-
-
-Exchange = Callable[[], None]
-
-
-def run_slice(exchange: Exchange, seconds: float, samples: Samples) -> None:
-    """Exchange as fast as possible for ``seconds``."""
-    trips: list[float] = []
-    clock = time.perf_counter
-    begin = before = clock()
-    end = begin + seconds
-    while before < end:
-        exchange()
-        after = clock()
-        trips.append(after - before)
-        before = after
-    samples.rates.append(len(trips) / (before - begin))
-    samples.trips += trips
 
 
 def check_answer(answer: bytes) -> None:
@@ -136,90 +111,44 @@ def tcp_client(port: int) -> Iterator[Exchange]:
         yield exchange
 
 
-@contextlib.contextmanager
-def child(*command: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """A server process and the first line it prints."""
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            yield process, process.stdout.readline()
-        finally:
-            process.terminate()
-            process.wait(10)
-
-
 def twin_command(*endpoint: str) -> list[str]:
     """The daemon under test on ``endpoint``."""
     options = ["--no-pacing", "--quirk", "reply_latency_us=0", "--json"]
     return [sys.executable, "-m", "axistwin", "run", "mac23:0", *endpoint, *options]
 
 
-def ready_url(line: str) -> str:
-    """The client's address in a ready line."""
-    event = json.loads(line)
-    assert event["event"] == "ready", line
-    return str(event["url"])
-
-
 def compare(
-    title: str, echo: str, endpoint: list[str], client: Callable[[str], object], seconds: float
+    title: str,
+    echo: str,
+    endpoint: list[str],
+    client: Callable[[str], AbstractContextManager[Exchange]],
+    seconds: float,
 ) -> None:
     """Alternate slices of echo and twin on one transport and print both and the ratio."""
-    results = {"bare asyncio echo": Samples(), "mac23 twin": Samples()}
     with (
         child(sys.executable, "-c", echo) as (_, echo_line),
         child(*twin_command(*endpoint)) as (twin, twin_line),
     ):
-        addresses = [echo_line.strip(), ready_url(twin_line)]
-        with contextlib.ExitStack() as stack:
-            exchanges: list[Exchange] = [
-                stack.enter_context(client(address))  # type: ignore[arg-type]
-                for address in addresses
-            ]
-            for exchange in exchanges:  # warm up, not counted
-                run_slice(exchange, seconds / 4, Samples())
-            for _ in range(5):
-                for exchange, samples in zip(exchanges, results.values(), strict=True):
-                    run_slice(exchange, seconds, samples)
-        print(f"\n{title}")
-        for name, samples in results.items():
-            print(f"  {name:<20}{samples.row()}")
-        bare, ours = (samples.rates for samples in results.values())
-        ratios = [own / echo for own, echo in zip(ours, bare, strict=True)]
-        spread = f"slices {min(ratios):.2f} to {max(ratios):.2f}"
-        print(f"  ratio twin/echo     {statistics.median(ratios):.2f} ({spread})")
+        with client(echo_line.strip()) as bare, client(ready_url(twin_line)) as ours:
+            results = alternate({"bare asyncio echo": bare, "mac23 twin": ours}, seconds)
+        print_results(title, results)
         print_idle(twin.pid)
-
-
-def print_idle(pid: int, seconds: float = 3.0) -> None:
-    """CPU time that the daemon uses while nobody talks to it, and its memory."""
-    process = psutil.Process(pid)
-    before = process.cpu_times()
-    time.sleep(seconds)
-    after = process.cpu_times()
-    used = after.user + after.system - before.user - before.system
-    memory = process.memory_info().rss / 2**20
-    print(f"  idle CPU            {100 * used / seconds:.2f} %   memory {memory:.1f} MiB")
 
 
 def compare_in_process(seconds: float) -> None:
     """Exchanges in virtual time in this process, beside pyserial's own loop:// port."""
-    results = {"pyserial loop://": Samples(), "axistwin:// virtual": Samples()}
-    ports = [
-        serial.serial_for_url("loop://", baudrate=4_000_000, timeout=1),
-        serial.serial_for_url("axistwin://mac23:0?time=virtual", baudrate=38400, timeout=1),
-    ]
-    for _ in range(5):
-        for port, samples in zip(ports, results.values(), strict=True):
 
-            def exchange(port: serial.SerialBase = port) -> None:
-                port.write(QUERY)
-                check_answer(port.read(ANSWER_BYTES))
+    def exchange(port: serial.SerialBase) -> None:
+        port.write(QUERY)
+        check_answer(port.read(ANSWER_BYTES))
 
-            run_slice(exchange, seconds, samples)
-    print("\nin process, virtual time")
-    for name, samples in results.items():
-        print(f"  {name:<20}{samples.row()}")
+    bare = serial.serial_for_url("loop://", baudrate=4_000_000, timeout=1)
+    ours = serial.serial_for_url("axistwin://mac23:0?time=virtual", baudrate=38400, timeout=1)
+    exchanges = {
+        "pyserial loop://": partial(exchange, bare),
+        "axistwin:// virtual": partial(exchange, ours),
+    }
+    print_results("in process, virtual time", alternate(exchanges, seconds))
 
 
 def first_answer(folder: str) -> tuple[float, float]:
@@ -255,26 +184,39 @@ def compare_start(folder: str, runs: int = 7) -> None:
     print(f"  mac23 twin          {timing}   {answer / echo:.2f} x echo")
 
 
+def compare_serial(folder: str, seconds: float) -> None:
+    """All comparisons on a serial line."""
+    link = str(Path(folder) / "pty")
+    compare("serial: pty, no pacing", ECHO_PTY, ["--pty", link], pty_client, seconds)
+    compare(
+        "serial: TCP, no pacing",
+        ECHO_TCP,
+        ["--tcp", f"{HOST}:0"],
+        lambda url: tcp_client(int(url.rsplit(":", 1)[-1])),
+        seconds,
+    )
+    compare_in_process(seconds)
+    compare_start(folder)
+
+
+CARRIERS = {"serial": compare_serial, "can": bench_can.compare_can}
+
+
 def main() -> None:
-    """Run all comparisons."""
+    """Run the comparisons."""
     parser = argparse.ArgumentParser(description=__doc__, prog="scripts/bench")
+    parser.add_argument("carriers", nargs="*", metavar="serial|can", help="which (default: all)")
     parser.add_argument("--seconds", type=float, default=1.0, help="length of a slice (default 1)")
-    seconds = parser.parse_args().seconds
+    options = parser.parse_args()
+    for name in options.carriers:
+        if name not in CARRIERS:
+            parser.error(f"{name!r} is no carrier; known: {', '.join(CARRIERS)}")
     print(
         f"axistwin {_axistwin.__version__}, Python {sys.version.split()[0]}, {os.cpu_count()} cores"
     )
     with tempfile.TemporaryDirectory(prefix="axistwin-bench-") as folder:
-        link = str(Path(folder) / "pty")
-        compare("pty, no pacing", ECHO_PTY, ["--pty", link], pty_client, seconds)
-        compare(
-            "TCP, no pacing",
-            ECHO_TCP,
-            ["--tcp", f"{HOST}:0"],
-            lambda url: tcp_client(int(url.rsplit(":", 1)[-1])),
-            seconds,
-        )
-        compare_in_process(seconds)
-        compare_start(folder)
+        for name in options.carriers or CARRIERS:
+            CARRIERS[name](folder, options.seconds)
 
 
 if __name__ == "__main__":
