@@ -29,9 +29,10 @@ from hypothesis import strategies as st
 
 from axistwin_conformance.budget import WriteBudget
 from axistwin_conformance.ledger import load_ledger
-from axistwin_conformance.mac_serial import checks_machines, checks_sequences, codec, machines
-from axistwin_conformance.mac_serial.failures import Player
-from axistwin_conformance.mac_serial.sequences import BYTES_PER_OPERATION
+from axistwin_conformance.mac_axis import checks_machines, checks_sequences, machines
+from axistwin_conformance.mac_axis.failures import Player
+from axistwin_conformance.mac_axis.sequences import BYTES_PER_OPERATION
+from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.registry import SAFETY_CLASSES, find_family
 from axistwin_conformance.session import Envelope, Run, Session
 from axistwin_conformance.targets import Target, open_target

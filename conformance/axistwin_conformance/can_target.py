@@ -242,6 +242,11 @@ class CanTarget(Carrier):
 
     # --- what the base asks for -------------------------------------------------------------------
 
+    @property
+    def rate(self) -> int | None:
+        """The bit rate, if it was asked for here."""
+        return self.bitrate
+
     def _stop_by(self, data: bytes) -> None:
         self.send(unpack(data))
         self._read(STOP_HEARD_NS)

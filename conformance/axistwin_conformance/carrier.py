@@ -97,6 +97,11 @@ class Carrier(ABC):
 
     # --- what a kind of carrier adds --------------------------------------------------------------
 
+    @property
+    @abstractmethod
+    def rate(self) -> int | None:
+        """Bits per second at our end; None where that is not ours to know."""
+
     @abstractmethod
     def drain(self) -> object:
         """Throw away what has arrived unasked and return it, for the record."""

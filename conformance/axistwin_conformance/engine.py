@@ -32,6 +32,7 @@ from axistwin_conformance import events
 from axistwin_conformance.armed import load_armed
 from axistwin_conformance.attempts import Attempts, describe
 from axistwin_conformance.budget import WriteBudget
+from axistwin_conformance.carrier import Carrier
 from axistwin_conformance.detection import detect, leave_out
 from axistwin_conformance.errors import TargetError, TwinCrashed, WrongDevice
 from axistwin_conformance.events import Listener, Outcome
@@ -43,7 +44,6 @@ from axistwin_conformance.profile import Detection, Probe, deviations
 from axistwin_conformance.registry import Check
 from axistwin_conformance.session import Envelope, Run, Session
 from axistwin_conformance.soak import Soak
-from axistwin_conformance.targets import Target, open_target
 from axistwin_conformance.verdicts import Finding, Verdict
 
 __all__ = ["Engine", "Envelope", "Options", "Result", "Session"]
@@ -168,9 +168,9 @@ class Engine:
 
     # The target's life.
 
-    def _open(self, neighbours: tuple[int, ...]) -> Target:
+    def _open(self, neighbours: tuple[int, ...]) -> Carrier:
         url = replace(self.options, neighbours=neighbours).url
-        return open_target(url, self.options.baud, is_builtin=self.options.is_builtin)
+        return self.family.open(url, self.options.baud, is_builtin=self.options.is_builtin)
 
     def _run_on_target(self) -> None:
         result = self._result

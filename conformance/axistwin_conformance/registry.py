@@ -20,14 +20,14 @@ import difflib
 import importlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from axistwin_conformance.errors import UsageError
 from axistwin_conformance.rig import CAPABILITIES
 from axistwin_conformance.transcript import Record
 
 if TYPE_CHECKING:
-    from axistwin_conformance.carrier import Fence
+    from axistwin_conformance.carrier import Carrier, Fence
     from axistwin_conformance.profile import Probe
     from axistwin_conformance.recording import Recording
     from axistwin_conformance.session import Run, Session
@@ -46,6 +46,13 @@ NEEDS: Mapping[str, str] = {
 }
 
 CheckFunction = Callable[["Session"], None]
+
+
+class Opener(Protocol):
+    """How the way to a device is opened."""
+
+    def __call__(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> Carrier:
+        """Open it; raises TargetError with the reason in a line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,6 +166,8 @@ class Family:
     `restore(session, memory)`: put back what differs; returns a sentence per thing it could not.
     `explain(record)`: the bytes of a record in words.
     `twin_url(model, address, neighbours)`: the URL of the built-in twin.
+    `open(url, rate, is_builtin=...)`: the way to the device; raises TargetError.
+    `rate_word`: what the URL of a twin calls the rate of its line or bus.
     `bauds`: the rates its line can have; none named: any.
     `fence(run)`: what keeps the axes inside the envelope, whatever is sent.
     `writes(data)`: how many writes to nonvolatile memory these bytes ask for.
@@ -169,6 +178,8 @@ class Family:
         that no device of the family gives; `reply` None: there was none, the twin had crashed.
     `probe_modules`: the modules that hold its quirk probes; they run in the order of these modules
         and of their text, so what later probes rest on comes first.
+    `bench(session, address)`: a module as checks handle it that several families share, and
+        `rig_bench` the same with the rig around it.
     `replay_module`: the module whose `replay_check(recording)` is the check that plays recorded
         operations, each of `operation_bytes` bytes; empty: the family has none.
     """
@@ -187,11 +198,15 @@ class Family:
     restore: Callable[[Session, Any], tuple[str, ...]]
     explain: Callable[[Record], str]
     twin_url: Callable[[str, int, tuple[int, ...]], str]
+    open: Opener
+    rate_word: str = "baud"
     guard: Callable[[Session, bytes], str | None] = lambda session, data: None
     bauds: tuple[int, ...] = ()
     fence: Callable[[Run], Fence] | None = None
     writes: Callable[[bytes], int] = lambda data: 0
     probe_modules: tuple[str, ...] = ()
+    bench: Callable[[Session, int | None], Any] | None = None
+    rig_bench: Callable[[Session, int | None], Any] | None = None
     replay_module: str = ""
     operation_bytes: int = 0
     deeds: Mapping[str, str] = field(default_factory=dict)

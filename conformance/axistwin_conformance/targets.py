@@ -80,6 +80,11 @@ class Target(Carrier):
         return self.is_virtual and self.is_lossless and self.fence is None
 
     @property
+    def rate(self) -> int:
+        """The rate of our end of the line."""
+        return self.baud
+
+    @property
     def baud(self) -> int:
         """The rate of our end of the line."""
         return self._port.baudrate

@@ -16,13 +16,14 @@ import pytest
 import serial
 
 from axistwin_conformance import keeper, registry, report_json
+from axistwin_conformance.carrier import Carrier
 from axistwin_conformance.engine import Engine, Envelope, Options, Result
 from axistwin_conformance.errors import TargetError, WrongDevice
 from axistwin_conformance.events import Event
 from axistwin_conformance.profile import Probe, Seen
 from axistwin_conformance.registry import Check, Family, Identity, Model
 from axistwin_conformance.session import Session
-from axistwin_conformance.targets import Target
+from axistwin_conformance.targets import Target, open_target
 from axistwin_conformance.transcript import Record
 
 STEP_NS = 1_000_000  # each exchange of the toy takes a millisecond
@@ -128,6 +129,10 @@ def _explain(record: Record) -> str:
     return f"the letter {record.data.decode(errors='replace')}"
 
 
+def _open(url: str, rate: int | None, *, is_builtin: bool = False) -> Carrier:
+    return open_target(url, rate or 9600, is_builtin=is_builtin)
+
+
 class Toy:
     """A toy bench: declare checks, run the engine over them, look at everything."""
 
@@ -144,6 +149,7 @@ class Toy:
             addresses=range(8),
             default_address=0,
             default_baud=9600,
+            open=_open,
             probe=_probe,
             sanity=_sanity,
             stop=_stop,

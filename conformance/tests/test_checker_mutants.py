@@ -13,10 +13,11 @@ from typing import Any
 import pytest
 from zoo.judge import failed, run
 
-from axistwin_conformance.mac_serial import codec, family, forecast, motion
-from axistwin_conformance.mac_serial.acceptance import ACCEPTANCE
-from axistwin_conformance.mac_serial.forecast import Forecast, Timeline, Window
-from axistwin_conformance.mac_serial.motion import Course, Profile, Run
+from axistwin_conformance.mac_axis import forecast, keeping, motion
+from axistwin_conformance.mac_axis.acceptance import ACCEPTANCE
+from axistwin_conformance.mac_axis.forecast import Forecast, Timeline, Window
+from axistwin_conformance.mac_axis.motion import Course, Profile, Run
+from axistwin_conformance.mac_serial import codec, family
 
 Patch = pytest.MonkeyPatch
 
@@ -169,7 +170,7 @@ def segments_are_expected_to_have_gaps(patch: Patch) -> None:
 @fault("beyond_a_software_stop_every_motion_ends", "MACS-CMD-09-02")
 def the_bits_of_both_stops_are_exchanged(patch: Patch) -> None:
     """ff bit 0 is expected of the superior stop."""
-    from axistwin_conformance.mac_serial import checks_stops
+    from axistwin_conformance.mac_axis import checks_stops
 
     one, other = checks_stops.SIDES
     swapped = (replace(one, bit=other.bit), replace(other, bit=one.bit))
@@ -179,13 +180,13 @@ def the_bits_of_both_stops_are_exchanged(patch: Patch) -> None:
 @fault("supply_and_temperature_have_the_model_s_scale", "MACS-Q-27-01")
 def the_supply_has_another_scale(patch: Patch) -> None:
     """27h is read with half of the model's volts per count."""
-    facts = family.Facts.volts
-    patch.setattr(family.Facts, "volts", lambda one, vv: facts(one, vv) * 0.9)
+    facts = keeping.Facts.volts
+    patch.setattr(keeping.Facts, "volts", lambda one, vv: facts(one, vv) * 0.9)
 
 
 def _forget() -> None:
     """Empty the caches of the suite: what they hold was computed by another checker."""
-    for module in (codec, family, forecast, motion):
+    for module in (codec, family, forecast, keeping, motion):
         for value in list(vars(module).values()):
             if callable(clear := getattr(value, "cache_clear", None)):
                 clear()

@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import types
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,6 @@ import pytest
 from click.testing import CliRunner, Result
 from rich.console import Console
 
-from axistwin_conformance import engine as engine_module
 from axistwin_conformance import registry
 from axistwin_conformance.cli import Mistake, conform, make_options, parse_allowed
 from axistwin_conformance.engine import Engine
@@ -52,16 +52,15 @@ def fails(session: Session) -> None:
 @pytest.fixture
 def bench(toy: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
     """The toy family known to the command, with one passive and one moving check."""
-    package = types.ModuleType("toy_family")
-    vars(package)["FAMILY"] = toy.family
-    monkeypatch.setitem(sys.modules, "toy_family", package)
-    monkeypatch.setattr(registry, "FAMILY_PACKAGES", ("toy_family", *registry.FAMILY_PACKAGES))
 
-    def open_toy(url: str, baud: int, *, is_builtin: bool) -> Target:
-        toy.opened.append((url, baud, is_builtin))
+    def open_toy(url: str, rate: int | None, *, is_builtin: bool = False) -> Target:
+        toy.opened.append((url, rate, is_builtin))
         return Target(toy.port, url, is_builtin=is_builtin)
 
-    monkeypatch.setattr(engine_module, "open_target", open_toy)
+    package = types.ModuleType("toy_family")
+    vars(package)["FAMILY"] = replace(toy.family, open=open_toy)
+    monkeypatch.setitem(sys.modules, "toy_family", package)
+    monkeypatch.setattr(registry, "FAMILY_PACKAGES", ("toy_family", *registry.FAMILY_PACKAGES))
     toy.add(answers, LINE)
     toy.add(moves, MOVE, safety="motion")
     return toy

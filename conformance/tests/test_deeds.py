@@ -11,8 +11,8 @@ from click.testing import CliRunner
 from axistwin_conformance.cli import conform, make_options
 from axistwin_conformance.deeds import Deed, deeds
 from axistwin_conformance.engine import Engine
-from axistwin_conformance.mac_serial.codec import COMMAND_NAMES
-from axistwin_conformance.mac_serial.family import SAFETY_OF
+from axistwin_conformance.mac_axis.dialogue import COMMAND_NAMES
+from axistwin_conformance.mac_axis.safety import SAFETY_OF
 from axistwin_conformance.registry import SAFETY_CLASSES, find_family
 
 

@@ -10,8 +10,9 @@ import pytest
 from click.testing import CliRunner
 
 from axistwin_conformance.cli import conform
+from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_serial import codec
-from axistwin_conformance.mac_serial.codec import Kind, Reply
+from axistwin_conformance.mac_serial.codec import Reply
 
 Lie = Callable[[Reply], Reply]
 

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.checks_replies import golden_exchanges, readdressed
-from axistwin_conformance.mac_serial.codec import Kind
 
 FIXTURES = Path(__file__).parents[2] / "fixtures" / "mac_serial"
 GOLDEN = resources.files("axistwin_conformance.mac_serial") / "golden" / "exchanges.toml"

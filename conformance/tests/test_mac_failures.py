@@ -16,14 +16,14 @@ from zoo.motion import a_ramped_stop_stops_dead
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.events import Event, FailureStored, StatesCovered
 from axistwin_conformance.ledger import load_ledger
-from axistwin_conformance.mac_serial import failures
-from axistwin_conformance.mac_serial.bench import Bench
-from axistwin_conformance.mac_serial.checks_sequences import (
+from axistwin_conformance.mac_axis import failures
+from axistwin_conformance.mac_axis.checks_sequences import (
     many_mixed_sequences_agree_with_the_model,
 )
-from axistwin_conformance.mac_serial.failures import Failure, Player, split
-from axistwin_conformance.mac_serial.operations import OPERATIONS, WHAT
-from axistwin_conformance.mac_serial.sequences import Mismatch
+from axistwin_conformance.mac_axis.failures import Failure, Player, split
+from axistwin_conformance.mac_axis.operations import OPERATIONS, WHAT
+from axistwin_conformance.mac_axis.sequences import Mismatch
+from axistwin_conformance.mac_serial.bench import Bench
 from axistwin_conformance.noise import Disturbed
 from axistwin_conformance.session import Run, Session, Stop
 from axistwin_conformance.shrink import Budget

@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 
 from axistwin_conformance.errors import OutsideEnvelope
+from axistwin_conformance.mac_axis.fence import Fence
 from axistwin_conformance.mac_serial import codec
-from axistwin_conformance.mac_serial.fence import Fence
+from axistwin_conformance.mac_serial.reader import LineReader
 
 ACCEPTED, REFUSED, NACK = b"\x06\x13\x1a", b"\x06\x13\x17", b"\x15"
 SECOND = 1_000_000_000
@@ -26,7 +27,7 @@ class Line:
     """A host and a module that says what the test tells it to, behind the fence."""
 
     def __init__(self, **readings: str) -> None:
-        self.fence = Fence(2000, 10_000, 0, readings)
+        self.fence = Fence(LineReader(), 2000, 10_000, 0, readings)
         self.now_ns = 0
 
     def say(

@@ -11,15 +11,15 @@ from zoo.judge import run
 from zoo.mutant import Mutant
 
 from axistwin_conformance.ledger import load_ledger
-from axistwin_conformance.mac_serial import machines
-from axistwin_conformance.mac_serial.checks_machines import (
+from axistwin_conformance.mac_axis import machines
+from axistwin_conformance.mac_axis.checks_machines import (
     some_runs_of_the_machine_agree_with_the_model as some_runs,
 )
-from axistwin_conformance.mac_serial.checks_sequences import no_folder, player_of
-from axistwin_conformance.mac_serial.failures import Player
-from axistwin_conformance.mac_serial.machines import Device, Judged, Trivial
-from axistwin_conformance.mac_serial.operations import OPERATIONS, WHAT
-from axistwin_conformance.mac_serial.sequences import BYTES_PER_OPERATION, Mismatch
+from axistwin_conformance.mac_axis.checks_sequences import no_folder, player_of
+from axistwin_conformance.mac_axis.failures import Player
+from axistwin_conformance.mac_axis.machines import Device, Judged, Trivial
+from axistwin_conformance.mac_axis.operations import OPERATIONS, WHAT
+from axistwin_conformance.mac_axis.sequences import BYTES_PER_OPERATION, Mismatch
 from axistwin_conformance.registry import SAFETY_CLASSES, find_family
 from axistwin_conformance.session import Envelope, Run, Session
 from axistwin_conformance.targets import open_target

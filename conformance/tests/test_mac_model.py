@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from axistwin_conformance.mac_serial.acceptance import ACCEPTANCE, LOCKED_IN_MOTION, STATES
-from axistwin_conformance.mac_serial.bench import segment, velocity
-from axistwin_conformance.mac_serial.codec import Kind
-from axistwin_conformance.mac_serial.forecast import Forecast, Segment, Timeline, Window
-from axistwin_conformance.mac_serial.model import AxisModel, Parameters
-from axistwin_conformance.mac_serial.motion import TICK_NS
+from axistwin_conformance.mac_axis.acceptance import ACCEPTANCE, LOCKED_IN_MOTION, STATES
+from axistwin_conformance.mac_axis.bench import segment, velocity
+from axistwin_conformance.mac_axis.dialogue import Kind
+from axistwin_conformance.mac_axis.forecast import Forecast, Segment, Timeline, Window
+from axistwin_conformance.mac_axis.model import AxisModel, Parameters
+from axistwin_conformance.mac_axis.motion import TICK_NS
 
 MS = 1_000_000
 PERIOD = 800  # 0.1 ms per increment

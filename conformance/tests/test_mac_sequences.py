@@ -7,9 +7,9 @@ import random
 import pytest
 from test_mac_machines import new_player
 
-from axistwin_conformance.mac_serial.codec import Kind
-from axistwin_conformance.mac_serial.operations import ANCHORS, OPERATIONS, WHAT
-from axistwin_conformance.mac_serial.sequences import Mismatch, Sequence
+from axistwin_conformance.mac_axis.dialogue import Kind
+from axistwin_conformance.mac_axis.operations import ANCHORS, OPERATIONS, WHAT
+from axistwin_conformance.mac_axis.sequences import Mismatch, Sequence
 
 OPERATION_COUNT = 60
 

@@ -17,6 +17,7 @@ from zoo import ZOO
 
 from axistwin_conformance import report_json
 from axistwin_conformance.cli import conform
+from axistwin_conformance.mac_axis.dialogue import signed
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.codec import Reply
 from axistwin_conformance.report_html import WHOLE_CHECKS, duration, render
@@ -94,7 +95,7 @@ def wrong_mac(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     def parse(data: bytes) -> Reply:
         reply = sound(data)
-        if reply.digit != 0 or reply.data is None or codec.signed(reply.data) <= 50:
+        if reply.digit != 0 or reply.data is None or signed(reply.data) <= 50:
             return reply
         return replace(reply, data=reply.data + 7)
 

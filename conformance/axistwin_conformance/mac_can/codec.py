@@ -31,10 +31,10 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from axistwin_conformance.can_frame import Frame
-from axistwin_conformance.mac_serial.codec import COMMAND_NAMES as AXIS_COMMANDS
-from axistwin_conformance.mac_serial.codec import QUERY_NAMES as AXIS_QUERIES
-from axistwin_conformance.mac_serial.codec import Kind as Kind
-from axistwin_conformance.mac_serial.codec import signed as signed
+from axistwin_conformance.mac_axis.dialogue import COMMAND_NAMES as AXIS_COMMANDS
+from axistwin_conformance.mac_axis.dialogue import QUERY_NAMES as AXIS_QUERIES
+from axistwin_conformance.mac_axis.dialogue import Kind as Kind
+from axistwin_conformance.mac_axis.dialogue import signed as signed
 
 NMT: Final = 0x000
 SYNC: Final = 0x080

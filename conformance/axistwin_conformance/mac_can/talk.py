@@ -21,9 +21,9 @@ from typing import Final
 
 from axistwin_conformance.can_frame import Frame
 from axistwin_conformance.can_target import Arrival, CanTarget
+from axistwin_conformance.mac_axis.forecast import Window
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.codec import Kind, Reply, Request
-from axistwin_conformance.mac_serial.forecast import Window
 from axistwin_conformance.session import ATTEMPTS, Session
 
 QUIET_S: Final = 0.05  # silence is proven by the next exchange, not by it

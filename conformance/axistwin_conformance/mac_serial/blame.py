@@ -10,16 +10,16 @@ from __future__ import annotations
 
 from typing import Final
 
+from axistwin_conformance.mac_axis.dialogue import COMMAND_NAMES, Kind
 from axistwin_conformance.mac_serial import codec
-from axistwin_conformance.mac_serial.codec import Kind, Reply
-from axistwin_conformance.mac_serial.talk import ANSWERED, MAY_BE_SILENT
+from axistwin_conformance.mac_serial.codec import Reply
+from axistwin_conformance.mac_serial.talk import ANSWERED, MAY_BE_SILENT, OTHER_DIGITS
 from axistwin_conformance.registry import Breach
 from axistwin_conformance.session import Session
 from axistwin_conformance.transcript import Direction
 
 PLAIN: Final = b"00" + b"00000000"  # sub-index and parameter nobody can object to
-OBEYED: Final = frozenset(codec.COMMAND_NAMES)
-OTHER_DIGITS: Final = {0x21: 2, 0x23: 2}  # MACS-AMB-03, -04
+OBEYED: Final = frozenset(COMMAND_NAMES)
 LONG_LENGTH: Final = (0x28, b"014")  # MACS-AMB-05
 
 

@@ -8,8 +8,10 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Final
 
-from axistwin_conformance.mac_serial.bench import QUIET_S, Bench
-from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS, Kind
+from axistwin_conformance.mac_axis.bench import QUIET_S
+from axistwin_conformance.mac_axis.dialogue import Kind
+from axistwin_conformance.mac_serial.bench import Bench
+from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS
 from axistwin_conformance.mac_serial.probes_destructive import (
     DESTRUCTIVE,
     FACTORY_BAUD,
@@ -45,7 +47,7 @@ def the_address_can_be_programmed(session: Session) -> None:
                 ["accepted", "silence"], kind.value,
             )  # fmt: skip
             if not answers(bench, new):
-                bench.send(bench.frame(0x00), QUIET_S)
+                bench.send(bench.request(0x00), QUIET_S)
                 bench.wait_awake()
                 outcome: int | str = 1 if answers(bench, new) else "never"
                 bench.reading("addr_effective", outcome, ("MACS-CMD-08-01", "MACS-CMD-08-02"))
@@ -97,7 +99,7 @@ def an_address_that_is_no_number_is_refused(session: Session) -> None:
     for digits in (b"G1", b"1G", b"GG", b" 1", b"+1"):
         with address_put_back(bench):
             frame = replace(
-                bench.frame(0x08, address=GENERAL_ADDRESS), parameters=b"000000" + digits
+                bench.request(0x08, address=GENERAL_ADDRESS), parameters=b"000000" + digits
             )
             kind = bench.send(frame, QUIET_S * 2).kind
             if kind is Kind.NACK:
@@ -138,7 +140,7 @@ def the_rate_can_be_programmed(session: Session) -> None:
 def _judge_rate(bench: Bench, value: int) -> None:
     """Change the rate, judge the reply, the deafness and the new rate."""
     session, rate, old = bench.session, RATES[value], bench.target.baud
-    exchange = bench.send(bench.frame(0x1B, value), QUIET_S * 2)
+    exchange = bench.send(bench.request(0x1B, value), QUIET_S * 2)
     if exchange.kind is Kind.REFUSED:
         bench.reading("cmd_1b_supported", 1, "MACS-CMD-1B-01")
         return
@@ -148,13 +150,13 @@ def _judge_rate(bench: Bench, value: int) -> None:
         bench.reading("baud_reply_rate", outcome, "MACS-CMD-1B-01")
     bench.target.baud = rate
     bench.wait(bench.deaf_surely_s - QUIET_S * 4)
-    early = bench.send(bench.frame(0x20), QUIET_S)
+    early = bench.send(bench.request(0x20), QUIET_S)
     bench.must(Kind.SILENCE, early, "MACS-CMD-1B-01")
     bench.wait(bench.awake_surely_s - bench.deaf_surely_s + QUIET_S)
     bench.alive("MACS-CMD-1B-01")
     if rate != old:
         bench.target.baud = old
-        at_old = bench.send(bench.frame(0x20), QUIET_S * 2).kind
+        at_old = bench.send(bench.request(0x20), QUIET_S * 2).kind
         bench.target.baud = rate
         session.expect(
             at_old is not Kind.ANSWER, "MACS-CMD-1B-01", f"no answer at {old}", at_old.value
@@ -175,16 +177,16 @@ def a_factory_reset_brings_the_factory_values(session: Session) -> None:
         bench.command(index, parameter)
     changed = {index: bench.value(index) for index in FACTORY_ANSWERS}
     with address_put_back(bench), _other_address_and_rate(bench):
-        exchange = bench.send(bench.frame(0x01), QUIET_S * 2)
+        exchange = bench.send(bench.request(0x01), QUIET_S * 2)
         session.expect(
             exchange.kind in (Kind.ACCEPTED, Kind.SILENCE), "MACS-CMD-01-01",
             ["accepted", "silence"], exchange.kind.value,
         )  # fmt: skip
         bench.address, session.target.baud = 0, FACTORY_BAUD
-        is_deaf = bench.send(bench.frame(0x20), QUIET_S).kind is Kind.SILENCE
+        is_deaf = bench.send(bench.request(0x20), QUIET_S).kind is Kind.SILENCE
         bench.wait(bench.deaf_surely_s - QUIET_S * 5)
         if is_deaf:  # deaf at all is deaf as long as after 00h
-            late = bench.send(bench.frame(0x20), QUIET_S)
+            late = bench.send(bench.request(0x20), QUIET_S)
             bench.must(Kind.SILENCE, late, "MACS-CMD-01-03")
         bench.wait(bench.awake_surely_s - bench.deaf_surely_s + QUIET_S * 5)
         bench.alive("MACS-CMD-01-02")
@@ -203,7 +205,7 @@ def _other_address_and_rate(bench: Bench) -> Iterator[None]:
     program_address(bench, new)
     if not bench.target.description.startswith("socket:"):  # that carries bytes, not a rate
         bench.address = new if answers(bench, new) else own
-        bench.send(bench.frame(0x1B, OTHER_RATE), QUIET_S * 2)
+        bench.send(bench.request(0x1B, OTHER_RATE), QUIET_S * 2)
         bench.wait_awake()
     _find(bench, (new, own), (RATES[OTHER_RATE], own_baud))
     try:
@@ -238,7 +240,7 @@ def _judge_again(bench: Bench) -> None:
         bench.session.step(
             changed != value, f"{index:02X}h other than {value:08X}", f"{changed:08X}"
         )
-    bench.send(bench.frame(0x01), QUIET_S * 2)
+    bench.send(bench.request(0x01), QUIET_S * 2)
     bench.wait_awake()
     for index, value in found.items():
         again = bench.value(index)

@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
+from axistwin_conformance.mac_axis.bench import QUIET_S, SAFE_PERIOD
+from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_serial import codec
-from axistwin_conformance.mac_serial.bench import NACKED_BY_MANY, QUIET_S, SAFE_PERIOD, Bench
-from axistwin_conformance.mac_serial.codec import ETX, STX, Kind, Request
+from axistwin_conformance.mac_serial.bench import NACKED_BY_MANY, Bench
+from axistwin_conformance.mac_serial.codec import ETX, STX, Request
 from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
@@ -51,7 +53,7 @@ def it_talks_38400_baud_and_no_other_rate(session: Session) -> None:
     try:
         for rate in OTHER_RATES:
             session.target.baud = rate
-            reply = bench.send(bench.frame(0x20), QUIET_S).reply
+            reply = bench.send(bench.request(0x20), QUIET_S).reply
             is_answered = reply.kind in (Kind.ANSWER, Kind.ACCEPTED)
             session.expect(not is_answered, "MACS-LINE-01", f"no answer at {rate} baud", reply)
             session.target.wait(QUIET_S)
@@ -65,7 +67,7 @@ def it_talks_38400_baud_and_no_other_rate(session: Session) -> None:
 def xoff_and_xon_arrive_as_bytes_of_the_reply(session: Session) -> None:
     """Every answer and every refusal carries 13h as its second byte, an answer Xon as its last."""
     bench = Bench(session)
-    refusal = bench.send(bench.frame(0x12), QUIET_S).reply.raw
+    refusal = bench.send(bench.request(0x12), QUIET_S).reply.raw
     session.expect(
         refusal[1:2] in (b"", b"\x13"), "MACS-LINE-02", "06 13 17", refusal.hex(" ")
     )  # silence is a reading of MACS-AMB-58
@@ -85,7 +87,7 @@ def xoff_and_xon_arrive_as_bytes_of_the_reply(session: Session) -> None:
 def shorter_frames_get_no_reply(session: Session) -> None:
     """A frame with any one byte left out is not answered, and the next whole one is, once."""
     bench = Bench(session)
-    whole = bench.frame(0x20, 0x12345678).encode()
+    whole = bench.request(0x20, 0x12345678).encode()
     every = 1 if session.target.is_virtual else 4
     for missing in range(0, len(whole), every):
         exchange = bench.send(whole[:missing] + whole[missing + 1 :], QUIET_S)
@@ -102,7 +104,7 @@ def shorter_frames_get_no_reply(session: Session) -> None:
 def longer_frames_get_no_reply(session: Session) -> None:
     """A frame with one byte too many between Stx and Etx is not answered; the next whole one is."""
     bench = Bench(session)
-    whole = bench.frame(0x20).encode()
+    whole = bench.request(0x20).encode()
     for place in (4, 6, 8, 10, 17, 18, 19, 20):
         longer = whole[:place] + b"0" + whole[place:]
         exchange = bench.send(longer, QUIET_S)
@@ -120,7 +122,7 @@ def another_length_field_drops_the_frame(session: Session) -> None:
     """A frame whose length field is not 014 is dropped without a reply."""
     bench = Bench(session)
     for length in WRONG_LENGTH_FIELDS:
-        frame = replace(bench.frame(0x20), length=length)
+        frame = replace(bench.request(0x20), length=length)
         _is_dropped(bench, frame, ("MACS-FRAME-02", "MACS-FRAME-12"))
 
 
@@ -131,10 +133,10 @@ def another_byte_for_etx_drops_the_frame(session: Session) -> None:
     for end in WRONG_ENDS:
         if end == bytes([STX]):
             # Stx there begins a new frame, which the next query then restarts (MACS-FRAME-11).
-            bench.send(replace(bench.frame(0x20), end=end), QUIET_S)
+            bench.send(replace(bench.request(0x20), end=end), QUIET_S)
             bench.alive()
             continue
-        _is_dropped(bench, replace(bench.frame(0x20), end=end))
+        _is_dropped(bench, replace(bench.request(0x20), end=end))
 
 
 def _is_dropped(bench: Bench, frame: Request, names: tuple[str, ...] = ("MACS-FRAME-12",)) -> None:
@@ -150,7 +152,7 @@ def _is_dropped(bench: Bench, frame: Request, names: tuple[str, ...] = ("MACS-FR
 def every_other_checksum_is_nacked(session: Session) -> None:
     """A query is answered under the right checksum and gets one byte 15h under any other."""
     bench = Bench(session)
-    frame = bench.frame(0x28, 0, 0xAF)
+    frame = bench.request(0x28, 0, 0xAF)
     bench.must(Kind.ANSWER, bench.send(frame), "MACS-FRAME-03")
     if bench.is_nacked_by_many:
         session.skip(NACKED_BY_MANY)
@@ -167,7 +169,7 @@ def every_other_checksum_is_nacked(session: Session) -> None:
 def digits_are_read_in_upper_case(session: Session) -> None:
     """Letters of a frame in lower case are refused as no digits, or read like upper case."""
     bench = Bench(session)
-    upper = bench.frame(0x28, 0, 0xAF)
+    upper = bench.request(0x28, 0, 0xAF)
     expected = bench.must(Kind.ANSWER, bench.send(upper), "MACS-FRAME-03").reply.data
     reply = bench.send(upper.in_lower_case(), QUIET_S).reply
     if reply.kind is Kind.ANSWER:
@@ -187,7 +189,7 @@ def digits_printed_x_have_no_effect_in_queries(session: Session) -> None:
     for index in (0x22, 0x24, 0x28):
         plain = bench.value(index)
         for parameter in (1, 0xABCDEF01, 0xFFFFFFFF, session.random.getrandbits(32)):
-            exchange = bench.send(bench.frame(index, parameter))
+            exchange = bench.send(bench.request(index, parameter))
             outcome: int | str = 1
             if exchange.kind is Kind.ANSWER:
                 same = exchange.reply.data == plain
@@ -207,7 +209,7 @@ def only_its_own_address_and_ff_reach_it(session: Session) -> None:
         near = [session.address ^ 1, session.address + 1, session.address ^ 0x40, 0x7F, 0x80, 0xFE]
         others = [address for address in dict.fromkeys(near) if address in others]
     for address in others:
-        exchange = bench.send(bench.frame(0x20, address=address), QUIET_S)
+        exchange = bench.send(bench.request(0x20, address=address), QUIET_S)
         names = ("MACS-FRAME-07", "MACS-REPLY-13") if address < 0x80 else ("MACS-FRAME-07",)
         bench.must(Kind.SILENCE, exchange, names)
     bench.alive()
@@ -239,7 +241,7 @@ def unassigned_commands_are_refused(session: Session) -> None:
 
 def unassigned(bench: Bench, index: int, parameter: int = 0) -> int | str:
     """Which reading of MACS-AMB-58 an unassigned index shows."""
-    reply = bench.send(bench.frame(index, parameter), QUIET_S).reply
+    reply = bench.send(bench.request(index, parameter), QUIET_S).reply
     if reply.kind is Kind.ANSWER:
         return 2 if reply.data == 0 else f"{index:02X}h: {reply}"
     if reply.kind is Kind.ACCEPTED and index < 0x20 and bench.known("unknown_index") == 2:
@@ -255,7 +257,7 @@ def the_sub_index_matters_only_to_memory_queries(session: Session) -> None:
     for index in (0x20, 0x22, 0x26):
         plain = bench.value(index)
         for sub_index in (0x01, 0x10, 0xFF):
-            reply = bench.send(bench.frame(index, 0, sub_index)).reply
+            reply = bench.send(bench.request(index, 0, sub_index)).reply
             outcome: int | str = str(reply)
             if reply.kind is Kind.REFUSED:
                 outcome = 1
@@ -273,7 +275,7 @@ def the_sub_index_matters_only_to_memory_queries(session: Session) -> None:
 def noise_between_frames_is_ignored(session: Session) -> None:
     """Bytes before Stx and behind Etx do not disturb the frame beside them."""
     bench = Bench(session)
-    frame = bench.frame(0x20).encode()
+    frame = bench.request(0x20).encode()
     for noise in NOISE:
         bench.must(Kind.ANSWER, bench.send(noise + frame))
         session.expect(
@@ -287,7 +289,7 @@ def noise_between_frames_is_ignored(session: Session) -> None:
 def stx_begins_anew(session: Session) -> None:
     """Stx inside an unfinished frame restarts reception: half a frame and a whole one get one."""
     bench = Bench(session)
-    frame = bench.frame(0x20).encode()
+    frame = bench.request(0x20).encode()
     for cut in range(1, len(frame)) if session.target.is_virtual else (1, 4, 10, 20):
         bench.must(Kind.ANSWER, bench.send(frame[:cut] + frame))
         extra = session.target.receive(1, QUIET_S)
@@ -300,8 +302,8 @@ def characters_that_are_no_digits_are_refused(session: Session) -> None:
     bench = Bench(session)
     for characters in NOT_HEX:
         for frame in (
-            replace(bench.frame(0x20), index=characters),
-            replace(bench.frame(0x28), sub_index=characters),
+            replace(bench.request(0x20), index=characters),
+            replace(bench.request(0x28), sub_index=characters),
         ):
             _is_refused_as_malformed(bench, frame)
 
@@ -312,7 +314,7 @@ def parameters_that_are_no_digits_are_refused(session: Session) -> None:
     bench = Bench(session)
     before = bench.value(0x22)
     for characters in NOT_HEX:
-        frame = replace(bench.frame(0x09), parameters=b"000000" + characters)
+        frame = replace(bench.request(0x09), parameters=b"000000" + characters)
         _is_refused_as_malformed(bench, frame)
         after = bench.value(0x22)
         session.expect(after == before, None, f"22h still {before:08X}", f"{after:08X}")
@@ -335,7 +337,7 @@ def no_command_takes_another_character_for_a_digit(session: Session) -> None:
         digits = codec.eight_digits(parameter)
         for number in SIGNIFICANT_DIGITS[index]:
             spoilt = digits[:number] + b"G" + digits[number + 1 :]
-            _is_refused_as_malformed(bench, replace(bench.frame(index), parameters=spoilt))
+            _is_refused_as_malformed(bench, replace(bench.request(index), parameters=spoilt))
     found = bench.value(0x25), bench.value(0x26), bench.position()
     told = f"25h, 26h, 20h still {speeds:08X}, {modes:08X}, {place}"
     session.expect(found == (speeds, modes, place), None, told, found)
@@ -360,7 +362,7 @@ def noise_through_a_reply_does_not_deafen_it(session: Session) -> None:
     bench = Bench(session)
     if not session.target.is_virtual:
         session.skip("needs a line on which nothing is lost: noise runs into the reply")
-    frame = bench.frame(0x20).encode()
+    frame = bench.request(0x20).encode()
     session.target.send(frame + b"\xff" * (4 * codec.ANSWER_BYTES) + frame)
     session.target.wait(10 * codec.ANSWER_BYTES * bench.byte_ns / 1e9)
     arrived = session.target.drain()
@@ -374,7 +376,7 @@ def typing_may_be_slow(session: Session) -> None:
     """A frame whose characters come with long pauses is answered like any other."""
     bench = Bench(session)
     gap_s = VERY_SLOW_TYPING_GAP_S if session.target.is_virtual else SLOW_TYPING_GAP_S
-    frame = bench.frame(0x20).encode()
+    frame = bench.request(0x20).encode()
     for byte in frame[:-1]:
         session.target.send(bytes([byte]))
         session.target.wait(gap_s)

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from typing import Final
 
+from axistwin_conformance.mac_axis.bench import QUIET_S, SLOWEST, Exchange, segment, velocity
+from axistwin_conformance.mac_axis.dialogue import Kind
+from axistwin_conformance.mac_axis.forecast import Segment
+from axistwin_conformance.mac_axis.probes_stops import restarted_ns
+from axistwin_conformance.mac_axis.probing import MOVES
 from axistwin_conformance.mac_serial import codec
-from axistwin_conformance.mac_serial.bench import (
-    QUIET_S,
-    SLOWEST,
-    Bench,
-    Exchange,
-    segment,
-    velocity,
-)
-from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS, Kind
-from axistwin_conformance.mac_serial.forecast import Segment
-from axistwin_conformance.mac_serial.probes import MOVES, general_replies
-from axistwin_conformance.mac_serial.probes_stops import restarted_ns
+from axistwin_conformance.mac_serial.bench import Bench
+from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS
+from axistwin_conformance.mac_serial.probes import general_replies
 from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
@@ -46,10 +42,10 @@ def after_00h_it_is_deaf_for_two_seconds(session: Session) -> None:
     deaf_until_ns = from_ns + round(bench.deaf_surely_s * 1e9)
     while session.target.now_ns < deaf_until_ns - 100_000_000:
         for frame in (
-            bench.frame(0x20),
-            *bench.nacked_alone(bench.frame(0x20)),  # not even a Nack
-            bench.frame(0x13, start + 500),
-            bench.frame(0x0F, 0x77),
+            bench.request(0x20),
+            *bench.nacked_alone(bench.request(0x20)),  # not even a Nack
+            bench.request(0x13, start + 500),
+            bench.request(0x0F, 0x77),
         ):
             lost = bench.send(frame, POLL_S)
             if lost.taken.latest_ns < deaf_until_ns:
@@ -76,7 +72,7 @@ def after_00h_it_is_deaf_for_two_seconds(session: Session) -> None:
 def _first_answer_ns(bench: Bench, from_ns: int) -> int:
     """When the module was first heard again; far too late if never."""
     while bench.target.now_ns < from_ns + 4_000_000_000:
-        exchange = bench.send(bench.frame(0x20), POLL_S)
+        exchange = bench.send(bench.request(0x20), POLL_S)
         if exchange.kind is Kind.ANSWER:
             return exchange.taken.earliest_ns
     return bench.target.now_ns
@@ -92,7 +88,7 @@ def just_after_two_seconds_it_listens(session: Session) -> None:
     for after_s, kind in ((-0.02, Kind.SILENCE), (0.02, Kind.ANSWER)):
         since_ns = restarted_ns(bench)
         bench.wait_until(since_ns + round((bench.deaf_s + after_s) * 1e9) - bench.frame_ns)
-        exchange = bench.send(bench.frame(0x20), POLL_S)
+        exchange = bench.send(bench.request(0x20), POLL_S)
         session.expect(
             exchange.kind is kind, "MACS-CMD-00-02",
             f"{kind.value} {bench.deaf_s + after_s:.2f} s after 00h", exchange.kind.value,
@@ -207,7 +203,7 @@ def _hex(values: list[int]) -> str:
 
 def general(bench: Bench, index: int, parameter: int = 0) -> Exchange:
     """Send a frame to the general address."""
-    return bench.send(bench.frame(index, parameter, address=GENERAL_ADDRESS), QUIET_S * 2)
+    return bench.send(bench.request(index, parameter, address=GENERAL_ADDRESS), QUIET_S * 2)
 
 
 def _everybody(session: Session) -> list[Bench]:

@@ -8,9 +8,10 @@ from functools import cache
 from importlib import resources
 from typing import Final
 
+from axistwin_conformance.mac_axis.bench import QUIET_S, SLOWEST, velocity
+from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_serial import codec
-from axistwin_conformance.mac_serial.bench import NACKED_BY_MANY, QUIET_S, SLOWEST, Bench, velocity
-from axistwin_conformance.mac_serial.codec import Kind
+from axistwin_conformance.mac_serial.bench import NACKED_BY_MANY, Bench
 from axistwin_conformance.mac_serial.probes import nack_readings, rx_during_xoff
 from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
@@ -119,7 +120,7 @@ def a_nack_is_one_byte_and_nothing_follows(session: Session) -> None:
     if bench.is_nacked_by_many:
         session.skip(NACKED_BY_MANY)
     for index in (0x20, 0x29, 0x2A, 0x04, 0x12):
-        exchange = bench.send(bench.frame(index).with_wrong_checksum())
+        exchange = bench.send(bench.request(index).with_wrong_checksum())
         names = ("MACS-REPLY-02", "MACS-REPLY-11") if 0x20 <= index < 0x2A else ("MACS-REPLY-02",)
         bench.must(Kind.NACK, exchange, names)
         extra = session.target.receive(3, QUIET_S)
@@ -146,7 +147,7 @@ def refusals_change_nothing(session: Session) -> None:
     bench = Bench(session)
     start = bench.ready(SLOWEST)
     forecast = bench.go(start + 60)
-    wrong = bench.send(bench.frame(0x13, start - 500).with_wrong_checksum())
+    wrong = bench.send(bench.request(0x13, start - 500).with_wrong_checksum())
     bench.must(Kind.NACK, wrong, "MACS-REPLY-06")
     names = ("MACS-REPLY-03", "MACS-REPLY-05", "MACS-CMD-13-02")
     refusal = bench.refused(0x13, start - 500, requirement=names)
@@ -179,12 +180,12 @@ def a_nacked_frame_does_nothing(session: Session) -> None:
         (0x09, 0x1234), (0x0A, 0x1234), (0x0C, 0x11), (0x0D, 0x0777), (0x0E, 0x4400),
         (0x0F, 0x33), (0x1C, 0x22), (0x02, 1), (0x03, 9), (0x00, 0),
     ):  # fmt: skip
-        bench.must(Kind.NACK, bench.send(bench.frame(index, parameter).with_wrong_checksum(3)))
+        bench.must(Kind.NACK, bench.send(bench.request(index, parameter).with_wrong_checksum(3)))
     session.target.wait(QUIET_S)
     after = [bench.value(index) for index in (0x20, 0x22, 0x23, 0x25, 0x26)]
     session.expect(after == before, None, _hex(before), _hex(after))
     forecast = bench.turn(1, SLOWEST)
-    bench.must(Kind.NACK, bench.send(bench.frame(0x18).with_wrong_checksum()))
+    bench.must(Kind.NACK, bench.send(bench.request(0x18).with_wrong_checksum()))
     bench.wait(0.2)
     bench.follow(forecast, None, bench.allowance(SLOWEST))
 
@@ -233,7 +234,7 @@ def frames_for_another_module_do_nothing(session: Session) -> None:
     if not session.envelope.is_fenced:  # or a module that nobody has named might be there and move
         cases.insert(0, (0x13, start + 300))
     for index, parameter in cases:
-        exchange = bench.send(bench.frame(index, parameter, address=other), QUIET_S)
+        exchange = bench.send(bench.request(index, parameter, address=other), QUIET_S)
         bench.must(Kind.SILENCE, exchange)
     after = [bench.value(index) for index in (0x20, 0x25, 0x26)]
     session.expect(after == before, None, _hex(before), _hex(after))
@@ -253,7 +254,7 @@ def what_comes_during_a_reply_is_kept_or_lost(session: Session) -> None:
 def reply_times_are_recorded(session: Session) -> None:
     """The time from the last byte of a request to the first of its reply is reported."""
     bench = Bench(session)
-    frame = bench.frame(0x20)
+    frame = bench.request(0x20)
     waits_ms = []
     for _ in range(10):
         window = bench.send(frame).taken

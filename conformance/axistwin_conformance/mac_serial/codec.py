@@ -18,9 +18,10 @@ of answer 28h) all readings are understood and the one seen is told.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from enum import Enum
 from functools import lru_cache
 from typing import Final
+
+from axistwin_conformance.mac_axis.dialogue import COMMAND_NAMES, QUERY_NAMES, Kind, signed
 
 STX: Final = 0x02
 ETX: Final = 0x03
@@ -39,6 +40,7 @@ SHORT_REPLY_BYTES: Final = 3
 ANSWER_BYTES: Final = 21
 ANSWER_START: Final = bytes([ACK, XOFF, STX])
 GENERAL_ADDRESS: Final = 0xFF
+IMAX_ADDRESS: Final = 0xAF  # MACS-Q-28-01
 
 _DIGIT_CHARACTERS: Final = b"0123456789ABCDEF"
 _DIGITS: Final = frozenset(_DIGIT_CHARACTERS)
@@ -57,11 +59,6 @@ def two_digits(value: int) -> bytes:
 def eight_digits(value: int) -> bytes:
     """Spell a number, negative ones in two's complement, as eight digits (MACS-FRAME-05)."""
     return b"%08X" % (value & 0xFFFF_FFFF)
-
-
-def signed(value: int, bits: int = 32) -> int:
-    """Read an unsigned field of ``bits`` bits as two's complement (MACS-FRAME-05)."""
-    return value - (1 << bits) if value >> (bits - 1) else value
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,19 +124,6 @@ def frame(address: int, index: int, parameter: int = 0) -> bytes:
     """What `request(...).encode()` gives, at a fraction of its cost."""
     summed = b"%02X%02X00%08X" % (address & 0xFF, index & 0xFF, parameter & 0xFFFF_FFFF)
     return b"\x02014%b%02X\x03" % (summed, checksum(summed))
-
-
-class Kind(Enum):
-    """What a module said, or that it said nothing."""
-
-    ACCEPTED = "accepted"
-    REFUSED = "refused"
-    NACK = "nack"
-    ANSWER = "answer"
-    GARBAGE = "garbage"
-    SILENCE = "silence"
-
-    __hash__ = object.__hash__  # a member is one object; what Enum computes takes its time
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,47 +248,6 @@ def _parse_answer(received: bytes) -> Reply:
 
 
 # --- words for reports ---------------------------------------------------------------------------
-
-COMMAND_NAMES: Final = {
-    0x00: "module init",
-    0x01: "EEPROM init",
-    0x02: "torque at rest",
-    0x03: "stops mode",
-    0x07: "reference input",
-    0x08: "set address",
-    0x09: "superior software stop",
-    0x0A: "inferior software stop",
-    0x0B: "counter reset",
-    0x0C: "torque limit",
-    0x0D: "maximum-speed period",
-    0x0E: "catch-up speed",
-    0x0F: "ramp coefficient",
-    0x10: "wait for synchro",
-    0x11: "synchro",
-    0x13: "go to position",
-    0x14: "go to 0",
-    0x15: "velocity",
-    0x16: "segment",
-    0x17: "ramped stop",
-    0x18: "stop without ramp",
-    0x19: "power on",
-    0x1A: "power off",
-    0x1B: "baud rate",
-    0x1C: "tolerance",
-    0x1E: "virtual segment",
-}
-QUERY_NAMES: Final = {
-    0x20: "position",
-    0x21: "status",
-    0x22: "superior software stop",
-    0x23: "inferior software stop",
-    0x24: "release",
-    0x25: "speeds",
-    0x26: "ramp, torque, modes, tolerance",
-    0x27: "temperature, supply, inputs",
-    0x28: "RAM",
-    0x29: "EEPROM",
-}
 
 
 def explain(data: bytes) -> str:

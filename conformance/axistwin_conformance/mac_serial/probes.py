@@ -1,12 +1,6 @@
 """Which readings a module follows, asked on the line alone: replies, frames, addresses, memory.
 
-Each function asks the device one question of chapter 7 of the ledger and is named after the switch
-that it tells; its docstring is the evidence.  It returns
-
-    a number     the reading seen, 0 the default, in the order of the ledger
-    numbers      the readings that explain what came, where this look cannot tell them apart
-    Measured     the value of a reading that is a number of the unit's own
-    a sentence   what came, if it fits no reading
+Each function asks the device one question of chapter 7 of the ledger (`mac_axis.probing`).
 
 The probes run in the order of `Family.probe_modules` and of their text: spelling of replies first,
 since everything is heard through it; then what commands of any kind do; then what ends motions;
@@ -15,75 +9,25 @@ then how they are shaped; last what re-addresses or re-initialises a module.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Final
 
+from axistwin_conformance.mac_axis.bench import QUIET_S
+from axistwin_conformance.mac_axis.checks_queries import MEASURES_RESERVED, STATUS_RESERVED
+from axistwin_conformance.mac_axis.dialogue import Kind
+from axistwin_conformance.mac_axis.probing import (
+    Measured,
+    Outcome,
+    probe,
+    reply_of,
+)
 from axistwin_conformance.mac_serial import codec
-from axistwin_conformance.mac_serial.bench import QUIET_S, Bench
-from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS, Kind
-from axistwin_conformance.profile import Probe, Seen
-from axistwin_conformance.registry import Check
-from axistwin_conformance.session import Session
+from axistwin_conformance.mac_serial.bench import Bench
+from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS, IMAX_ADDRESS
+from axistwin_conformance.profile import Probe
 
-MOVES: Final = ("motion", "stored")
 EARLY_BYTES: Final = 3  # 0.8 ms at 38400 baud: a reply does not come sooner
-IMAX_ADDRESS: Final = 0xAF  # MACS-Q-28-01
-STATUS_RESERVED: Final = 0x80F0FF7F  # bits of dd ff gg hh without a meaning (§5.9)
-MEASURES_RESERVED: Final = 0x0000D79F  # bits of cc dd without a meaning
-
-
-@dataclass(frozen=True, slots=True)
-class Measured:
-    """A reading that is a value of the unit's own, spelled as the ledger spells it."""
-
-    value: str
-
-
-Outcome = int | tuple[int, ...] | Measured | str
-
-
-def probe(
-    *,
-    safety: str | Sequence[str] = "passive",
-    needs: Sequence[str] = (),
-    switch: str | None = None,
-) -> Callable[[Callable[[Bench], Outcome]], Probe]:
-    """Declare the function below as the probe of `switch`, or of the one it is named after."""
-    classes = (safety,) if isinstance(safety, str) else tuple(safety)
-
-    def declare(function: Callable[[Bench], Outcome]) -> Probe:
-        told = switch or function.__name__
-        question = " ".join((function.__doc__ or "").split()).rstrip(".")
-
-        def look(session: Session) -> Seen:
-            return _seen(session, told, question, function(Bench(session)))
-
-        check = Check(
-            f"detect_{function.__name__}", lambda session: None, (), classes, "quick", tuple(needs),
-            question, function.__module__,
-        )  # fmt: skip
-        return Probe(told, look, check)
-
-    return declare
-
-
-def _seen(session: Session, switch: str, question: str, outcome: Outcome) -> Seen:
-    readings = session.run.ledger.ambiguity_of(switch).switches[switch]
-    if isinstance(outcome, str):
-        return Seen((), f"{question}: {outcome}")
-    if isinstance(outcome, Measured):
-        return Seen((outcome.value,), f"{question}: {outcome.value}")
-    numbers = (outcome,) if isinstance(outcome, int) else outcome
-    return Seen(tuple(readings[number] for number in numbers), question)
-
-
-def reply_of(exchange_kind: Kind, readings: Mapping[Kind, int], what: str = "the reply") -> Outcome:
-    """The reading a kind of reply stands for, or what came instead."""
-    return readings.get(exchange_kind, f"{what} is {exchange_kind.value}")
-
-
-ACCEPTED_OR_REFUSED: Final = {Kind.ACCEPTED: 0, Kind.REFUSED: 1}
 
 
 # --- spelling ------------------------------------------------------------------------------------
@@ -98,8 +42,8 @@ def xon_byte(bench: Bench) -> Outcome:
 
 def refusals(bench: Bench) -> list[codec.Request]:
     """Frames that a module refuses at rest, by one requirement or another, and that do nothing."""
-    no_digit = replace(bench.frame(0x20), index=b"2G")
-    return [bench.frame(0x12), bench.frame(0x2A), no_digit]
+    no_digit = replace(bench.request(0x20), index=b"2G")
+    return [bench.request(0x12), bench.request(0x2A), no_digit]
 
 
 @probe()
@@ -147,7 +91,7 @@ def reply28_length(bench: Bench) -> Outcome:
 @probe()
 def lowercase_hex(bench: Bench) -> Outcome:
     """28h at AFh spelled af, under the checksum of that."""
-    reply = bench.send(bench.frame(0x28, 0, IMAX_ADDRESS).in_lower_case(), QUIET_S).reply
+    reply = bench.send(bench.request(0x28, 0, IMAX_ADDRESS).in_lower_case(), QUIET_S).reply
     if reply.kind is Kind.ANSWER:
         return 1 if reply.data == bench.value(0x28, IMAX_ADDRESS) else str(reply)
     return 0 if reply.kind in (Kind.REFUSED, Kind.SILENCE, Kind.NACK) else str(reply)
@@ -156,7 +100,7 @@ def lowercase_hex(bench: Bench) -> Outcome:
 @probe()
 def bad_frame_reply(bench: Bench) -> Outcome:
     """A query with length field 015, and one with another byte for Etx."""
-    whole = bench.frame(0x20)
+    whole = bench.request(0x20)
     kinds = {bench.send(frame, QUIET_S + bench.target.uncertainty_ns / 1e9).kind
              for frame in (replace(whole, length=b"015"), replace(whole, end=b"\r"))}  # fmt: skip
     if len(kinds) > 1:
@@ -167,7 +111,7 @@ def bad_frame_reply(bench: Bench) -> Outcome:
 @probe(needs=("virtual",))
 def rx_during_xoff(bench: Bench) -> Outcome:
     """A second query whose first bytes come before the first one's answer, the rest behind it."""
-    frame = bench.frame(0x20).encode()
+    frame = bench.request(0x20).encode()
     early = frame[:EARLY_BYTES]
     bench.target.drain()
     bench.target.send(frame + early)
@@ -190,7 +134,7 @@ def subindex_policy(bench: Bench) -> Outcome:
 @probe()
 def dont_care_digits(bench: Bench) -> Outcome:
     """24h with FFFFFFFF for the parameter digits that do not matter."""
-    reply = bench.send(bench.frame(0x24, 0xFFFFFFFF)).reply
+    reply = bench.send(bench.request(0x24, 0xFFFFFFFF)).reply
     if reply.kind is Kind.ANSWER:
         return 0 if reply.data == bench.value(0x24) else str(reply)
     return reply_of(reply.kind, {Kind.REFUSED: 1})
@@ -199,7 +143,7 @@ def dont_care_digits(bench: Bench) -> Outcome:
 @probe()
 def unknown_index(bench: Bench) -> Outcome:
     """12h and 2Ah at rest."""
-    command, query = (bench.send(bench.frame(index), QUIET_S).reply for index in (0x12, 0x2A))
+    command, query = (bench.send(bench.request(index), QUIET_S).reply for index in (0x12, 0x2A))
     if query.kind is Kind.ANSWER and query.data == 0 and command.kind is Kind.ACCEPTED:
         return 2
     both = {Kind.REFUSED: 0, Kind.ACCEPTED: 1, Kind.SILENCE: 3}
@@ -255,7 +199,7 @@ def version_word(bench: Bench) -> Outcome:
 def answers_to_all(bench: Bench) -> tuple[Kind, int | None]:
     """What a query to the general address gets: the kind, GARBAGE if several speak, and whose
     address an answer carries."""
-    reply = bench.send(bench.frame(0x20, address=GENERAL_ADDRESS), QUIET_S * 2).reply
+    reply = bench.send(bench.request(0x20, address=GENERAL_ADDRESS), QUIET_S * 2).reply
     extra = bench.target.receive(1, QUIET_S)
     bench.target.drain()
     return (Kind.GARBAGE if extra else reply.kind), reply.address
@@ -317,7 +261,7 @@ def nack_readings(bench: Bench, address: int) -> int | tuple[int, ...] | str:
 
 def _spoilt(bench: Bench, address: int) -> bytes:
     bench.target.drain()
-    bench.target.send(bench.frame(0x20, address=address).with_wrong_checksum().encode())
+    bench.target.send(bench.request(0x20, address=address).with_wrong_checksum().encode())
     bench.wait(0)
     return bench.target.receive(codec.ANSWER_BYTES, QUIET_S * 2)
 

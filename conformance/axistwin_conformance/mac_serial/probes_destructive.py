@@ -9,15 +9,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
-from axistwin_conformance.mac_serial.bench import QUIET_S, SLOWEST, Bench
-from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS, Kind
-from axistwin_conformance.mac_serial.probes import (
-    ACCEPTED_OR_REFUSED,
-    Outcome,
-    answers_to_all,
-    probe,
-    reply_of,
-)
+from axistwin_conformance.mac_axis.bench import QUIET_S, SLOWEST
+from axistwin_conformance.mac_axis.dialogue import Kind
+from axistwin_conformance.mac_axis.probing import ACCEPTED_OR_REFUSED, Outcome, probe, reply_of
+from axistwin_conformance.mac_serial.bench import Bench
+from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS
+from axistwin_conformance.mac_serial.probes import answers_to_all
 from axistwin_conformance.profile import Probe
 
 DESTRUCTIVE: Final = ("motion", "stored", "destructive")
@@ -28,12 +25,12 @@ ALONE: Final = ("alone",)
 
 def program_address(bench: Bench, new: int, to: int = GENERAL_ADDRESS) -> Kind:
     """Send 08h; a module that is not 00 may obey without a word (§6)."""
-    return bench.send(bench.frame(0x08, new, address=to), QUIET_S * 2).kind
+    return bench.send(bench.request(0x08, new, address=to), QUIET_S * 2).kind
 
 
 def answers(bench: Bench, address: int) -> bool:
     """True if somebody answers at that address."""
-    exchange = bench.send(bench.frame(0x20, address=address), QUIET_S * 2)
+    exchange = bench.send(bench.request(0x20, address=address), QUIET_S * 2)
     return exchange.kind is Kind.ANSWER and exchange.reply.address == address
 
 
@@ -49,8 +46,8 @@ def address_put_back(bench: Bench) -> Iterator[None]:
             program_address(bench, own)  # or the next restart brings the other address
         elif not answers(bench, own):
             program_address(bench, own)
-            bench.send(bench.frame(0x00, address=own), QUIET_S)  # if it takes a restart
-            bench.send(bench.frame(0x00, address=bench.address), QUIET_S)
+            bench.send(bench.request(0x00, address=own), QUIET_S)  # if it takes a restart
+            bench.send(bench.request(0x00, address=bench.address), QUIET_S)
             bench.wait_awake()
         bench.address = own
 
@@ -69,7 +66,7 @@ def addr_effective(bench: Bench) -> Outcome:
         if answers(bench, new):
             bench.address = new
             return 0
-        bench.send(bench.frame(0x00), QUIET_S)
+        bench.send(bench.request(0x00), QUIET_S)
         bench.wait_awake()
         is_there = answers(bench, new)
         bench.address = new if is_there else bench.address
@@ -90,7 +87,7 @@ def general_reply_of_a_lone_module(bench: Bench) -> Outcome:
     with address_put_back(bench):
         program_address(bench, new)
         if bench.known("addr_effective") == 1:
-            bench.send(bench.frame(0x00), QUIET_S)
+            bench.send(bench.request(0x00), QUIET_S)
             bench.wait_awake()
         if not answers(bench, new):
             bench.session.skip("it cannot be given another address")
@@ -106,7 +103,7 @@ def addr_range(bench: Bench) -> Outcome:
     with address_put_back(bench):
         kind = program_address(bench, new)
         if bench.known("addr_effective") == 1:
-            bench.send(bench.frame(0x00), QUIET_S)
+            bench.send(bench.request(0x00), QUIET_S)
             bench.wait_awake()
         if answers(bench, bench.address):
             return 0
@@ -132,7 +129,7 @@ def lock_08_1b(bench: Bench) -> Outcome:
 def cmd_1b_supported(bench: Bench) -> Outcome:
     """1Bh with the present rate."""
     value = next(one for one, rate in RATES.items() if rate == bench.target.baud)
-    kind = bench.send(bench.frame(0x1B, value), QUIET_S * 2).kind
+    kind = bench.send(bench.request(0x1B, value), QUIET_S * 2).kind
     bench.wait_awake()
     return reply_of(kind, ACCEPTED_OR_REFUSED)
 
@@ -146,7 +143,7 @@ def baud_reply_rate(bench: Bench) -> Outcome:
         bench.session.skip("a plain socket carries bytes, not a rate")
     own = bench.target.baud
     value = next(one for one, rate in RATES.items() if rate != own)
-    kind = bench.send(bench.frame(0x1B, value), QUIET_S * 2).kind
+    kind = bench.send(bench.request(0x1B, value), QUIET_S * 2).kind
     bench.wait_awake()
     set_rate(bench, RATES[value], own)
     return 0 if kind is Kind.ACCEPTED else 1  # at the new rate we hear garbage, or nothing
@@ -157,7 +154,7 @@ def set_rate(bench: Bench, now: int, wanted: int) -> None:
     value = next(one for one, rate in RATES.items() if rate == wanted)
     for rate in (now, *RATES.values()):
         bench.target.baud = rate
-        bench.send(bench.frame(0x1B, value), QUIET_S * 2)
+        bench.send(bench.request(0x1B, value), QUIET_S * 2)
         bench.wait_awake()
         bench.target.baud = wanted
         if bench.ask(0x20).kind is Kind.ANSWER:
@@ -169,10 +166,10 @@ def factory_reset_scope(bench: Bench) -> Outcome:
     """20h at once after 01h: deaf, as after 00h, or not."""
     with address_put_back(bench):
         own_baud = bench.target.baud
-        bench.send(bench.frame(0x01), QUIET_S * 2)
+        bench.send(bench.request(0x01), QUIET_S * 2)
         bench.address = 0
         bench.target.baud = FACTORY_BAUD
-        is_deaf = bench.send(bench.frame(0x20), QUIET_S).kind is Kind.SILENCE
+        is_deaf = bench.send(bench.request(0x20), QUIET_S).kind is Kind.SILENCE
         bench.wait_awake()
         if own_baud != FACTORY_BAUD:
             set_rate(bench, FACTORY_BAUD, own_baud)

@@ -7,17 +7,19 @@ holds in virtual time, over a pty and over a real adapter.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import replace
+from typing import ClassVar, Final
 
+from axistwin_conformance.mac_axis import talk
+from axistwin_conformance.mac_axis.dialogue import QUERIES, Kind
+from axistwin_conformance.mac_axis.forecast import Window
+from axistwin_conformance.mac_axis.talk import Exchange
 from axistwin_conformance.mac_serial import codec
-from axistwin_conformance.mac_serial.codec import Kind, Reply, Request
-from axistwin_conformance.mac_serial.forecast import Window
+from axistwin_conformance.mac_serial.codec import Reply, Request
 from axistwin_conformance.session import ATTEMPTS, Session
+from axistwin_conformance.targets import Target
 
-QUIET_S: Final = 0.05  # ten times any reply seen; silence is proven by the next exchange, not by it
 SPELLINGS_ALIKE: Final = 3
-QUERIES: Final = range(0x20, 0x30)
 ANSWERED: Final = range(0x20, 0x2A)
 # What a module may be told twice and does the same, with the same reply: the queries, every setting
 # but the counter reset, the end of a motion and of powering (§4.2).  A second 13h is refused and a
@@ -26,40 +28,21 @@ REPEATABLE: Final = frozenset(
     {*QUERIES, 0x02, 0x03, 0x07, 0x09, 0x0A, 0x0C, 0x0D, 0x0E, 0x0F, 0x18, 0x19, 0x1A, 0x1C,
      0x04, 0x05, 0x06, 0x12, 0x1D, 0x1F}
 )  # fmt: skip
+NACK_BY_ALL: Final = "any"
 MAY_BE_SILENT: Final = frozenset({0x00, 0x01, 0x08, 0x1B})  # MACS-AMB-20, §6
-
-Part = str | tuple[str, ...] | None
-
-
-@dataclass(frozen=True, slots=True)
-class Exchange:
-    """One request, its reply, and the window in which the module took the request over."""
-
-    request: bytes
-    reply: Reply
-    taken: Window
-
-    @property
-    def kind(self) -> Kind:
-        """What the module said."""
-        return self.reply.kind
+OTHER_DIGITS: Final = {0x21: 2, 0x23: 2}  # MACS-AMB-03, -04
+GLANCE_BYTES: Final = codec.REQUEST_BYTES + 12  # a query, and the reply as far as its data
 
 
-@dataclass(frozen=True, slots=True)
-class Sample:
-    """A counter reading and the window in which the module took it."""
-
-    position: int
-    taken: Window
-
-
-class Talk:
+class Talk(talk.Talk):
     """One module on the line: what is said to it, what it says, and what that proves."""
 
+    answered: ClassVar[range] = ANSWERED
+    may_be_silent: ClassVar[frozenset[int]] = MAY_BE_SILENT
+
     def __init__(self, session: Session, address: int | None = None) -> None:
-        self.session = session
-        self.target = session.target
-        self.address = session.address if address is None else address
+        super().__init__(session, address)
+        self.target: Target = session.target
         self._noted: set[int] = set()  # last bytes of replies whose spelling is noted
 
     @property
@@ -171,101 +154,95 @@ class Talk:
                     continue
             self.session.run.readings.setdefault(switch, seen)
 
-    def frame(
+    def request(
         self, index: int, parameter: int = 0, sub_index: int = 0, address: int | None = None
     ) -> Request:
         """A well-formed request to this module."""
         whom = self.address if address is None else address
         return codec.request(whom, index, parameter, sub_index)
 
+    def to_all(self, index: int, parameter: int = 0) -> Request:
+        """A well-formed request to FF (MACS-MULTI-02)."""
+        return codec.request(codec.GENERAL_ADDRESS, index, parameter)
+
+    def spoilt(self, index: int, parameter: int, how: int) -> tuple[Request, Kind] | None:
+        """A request under a wrong checksum, which is Nacked (MACS-REPLY-02)."""
+        if self.is_nacked_by_many:  # all at once: neither reply nor the next frame would be heard
+            return None
+        request = self.request(index, parameter)
+        return request.with_wrong_checksum(how % 0xFF + 1), Kind.NACK
+
+    @property
+    def is_nacked_by_many(self) -> bool:
+        """True where every module on this line Nacks every wrong checksum (MACS-AMB-19)."""
+        return bool(self.session.neighbours) and self.session.reading("nack_scope") == NACK_BY_ALL
+
+    @property
+    def is_direct(self) -> bool:
+        """True where a request and its reply are one call of the port."""
+        return self.target.is_direct
+
+    def swift(
+        self, index: int, parameter: int, timeout_s: float, is_cleared: bool
+    ) -> tuple[bytes, bytes, Window]:
+        """See `talk.Talk.swift`."""
+        data = codec.frame(self.address, index, parameter)
+        size = codec.ANSWER_BYTES if index in ANSWERED else codec.SHORT_REPLY_BYTES
+        received, taken = self.exchange(data, size, timeout_s, is_cleared)
+        return data, received, taken
+
+    @property
+    def frame_ns(self) -> int:
+        """The time a request takes on the line."""
+        return codec.REQUEST_BYTES * self.byte_ns
+
+    @property
+    def glance_ns(self) -> int:
+        """How long before an instant a query must be sent so that the counter is read before it."""
+        return GLANCE_BYTES * self.byte_ns
+
+    @property
+    def imax(self) -> int:
+        """The byte at AFh of the RAM (MACS-Q-28-01)."""
+        return self.data_bytes(0x28, codec.IMAX_ADDRESS)[0]
+
+    def is_answer(self, index: int, reply: Reply, *, in_any_reading: bool = False) -> bool:
+        """True if a reply says that it answers that query (MACS-REPLY-09)."""
+        if in_any_reading:
+            digits = (index & 0xF, OTHER_DIGITS.get(index))
+            return reply.address == self.address and reply.digit in digits
+        return reply.digit == index & 0xF
+
+    def unasked(self) -> str:
+        """What has arrived without being asked for, as hex."""
+        return self.target.drain().hex(" ")
+
+    @staticmethod
+    def kind_of(received: bytes) -> Kind:
+        """What kind of reply these bytes are."""
+        return codec.parse(received).kind
+
+    @staticmethod
+    def data_of(received: bytes) -> int | None:
+        """The number in an answer."""
+        return codec.answer_data(received)
+
+    @staticmethod
+    def explained(sent: bytes) -> str:
+        """A request in words."""
+        return codec.explain(sent)
+
+    @staticmethod
+    def told(received: bytes) -> str:
+        """A reply in words."""
+        return str(codec.parse(received))
+
     def command(self, index: int, parameter: int = 0, sub_index: int = 0) -> Exchange:
         """Send a command."""
         if sub_index or index in MAY_BE_SILENT or not self.target.is_direct:
-            return self.send(self.frame(index, parameter, sub_index))
+            return super().command(index, parameter, sub_index)
         self.target.drain()
         data = codec.frame(self.address, index, parameter)
         size = codec.ANSWER_BYTES if index in ANSWERED else codec.SHORT_REPLY_BYTES
         received, taken = self.exchange(data, size, self.session.reply_timeout_s)
         return Exchange(data, codec.parse(received), taken)
-
-    def ask(self, index: int, sub_index: int = 0) -> Exchange:
-        """Send a query."""
-        return self.command(index, 0, sub_index)
-
-    def value(self, index: int, sub_index: int = 0) -> int:
-        """The 32-bit number a query answers; no answer fails the check."""
-        exchange = self.ask(index, sub_index)
-        if exchange.reply.data is None:
-            self.session.fail(None, f"an answer to query {index:02X}h", exchange.reply)
-        return exchange.reply.data
-
-    def data_bytes(self, index: int, sub_index: int = 0) -> tuple[int, int, int, int]:
-        """The four bytes a query answers, first byte first."""
-        first, second, third, fourth = self.value(index, sub_index).to_bytes(4, "big")
-        return first, second, third, fourth
-
-    def sample(self) -> Sample:
-        """Read the counter, with the window in which it was read."""
-        exchange = self.ask(0x20)
-        if exchange.reply.data is None:
-            self.session.fail(None, "an answer to query 20h", exchange.reply)
-        return Sample(codec.signed(exchange.reply.data), exchange.taken)
-
-    def position(self) -> int:
-        """Read the counter."""
-        return self.sample().position
-
-    def is_busy(self) -> bool:
-        """The inverted bit 3 of 27h byte 3 (MACS-Q-27-03)."""
-        return not self.data_bytes(0x27)[2] & 0x08
-
-    def stopped_on(self) -> int:
-        """The byte ff of 21h: which stops ended the motion."""
-        return self.data_bytes(0x21)[1] & 0x0F
-
-    # --- judging ---------------------------------------------------------------------------------
-
-    def must(self, kind: Kind, exchange: Exchange, requirement: Part = None) -> Exchange:
-        """Judge that the reply is of that kind.
-
-        Without a requirement it is a step on the way: a wrong reply fails all the check names, but
-        a right one proves none of them when there are several.
-        """
-        self._judge(
-            exchange.kind is kind,
-            requirement,
-            f"{kind.value} to {codec.explain(exchange.request)}",
-            exchange.reply,
-        )
-        return exchange
-
-    def _judge(self, condition: bool, requirement: Part, expected: str, actual: object) -> None:
-        """Judge a requirement; without one, in a check that names several, it is a step."""
-        check = self.session.check
-        if requirement is None and check is not None and len(check.requirements) > 1:
-            self.session.step(condition, expected, actual)
-        else:
-            self.session.expect(condition, requirement, expected, actual)
-
-    def accepted(
-        self, index: int, parameter: int = 0, sub_index: int = 0, requirement: Part = None
-    ) -> Exchange:
-        """Send a command that must be accepted."""
-        return self.must(Kind.ACCEPTED, self.command(index, parameter, sub_index), requirement)
-
-    def refused(
-        self, index: int, parameter: int = 0, sub_index: int = 0, requirement: Part = None
-    ) -> Exchange:
-        """Send a command that must be refused."""
-        return self.must(Kind.REFUSED, self.command(index, parameter, sub_index), requirement)
-
-    def silent(self, frame: Request | bytes, requirement: Part = None) -> None:
-        """Judge that a frame gets no reply: none now, and exactly one to the next query."""
-        exchange = self.send(frame, QUIET_S + self.target.uncertainty_ns / 1e9)
-        self.must(Kind.SILENCE, exchange, requirement)
-        self.alive(requirement)
-
-    def alive(self, requirement: Part = None) -> None:
-        """Judge that the module answers a good query, once."""
-        exchange = self.ask(0x20)
-        self.must(Kind.ANSWER, exchange, requirement)

@@ -1,0 +1,44 @@
+"""The stateful machine against the exact model: chains that random operations seldom build.
+
+In virtual time only: what a rule may do depends on the state, and on a real line the state depends
+on the clock, so that Hypothesis could not draw the same run twice.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from axistwin_conformance.mac_axis import machines
+from axistwin_conformance.mac_axis.checks_sequences import JUDGED, no_folder, player_of
+from axistwin_conformance.mac_axis.failures import settle
+from axistwin_conformance.mac_axis.probing import MOVES
+from axistwin_conformance.registry import check
+from axistwin_conformance.session import Session
+
+STEPS: Final = 100
+EXAMPLES: Final = {"quick": 4, "full": 30}
+
+
+@check(*JUDGED, safety=MOVES, needs=("virtual",))
+def some_runs_of_the_machine_agree_with_the_model(session: Session) -> None:
+    """Every reply in a few runs of the stateful machine is one that the model admits."""
+    _run(session, "quick")
+
+
+@check(*JUDGED, safety=MOVES, needs=("virtual",), level="full", soaks=True)
+def many_runs_of_the_machine_agree_with_the_model(session: Session) -> None:
+    """Every reply in many runs of the stateful machine is one that the model admits."""
+    _run(session, "full")
+
+
+@no_folder()
+def _run(session: Session, level: str) -> None:
+    if not session.carrier.is_lossless:
+        session.skip("on a noisy line Hypothesis could not draw the same run twice")
+    player = player_of(session)
+    sequences, failing = machines.search(player.begin, EXAMPLES[level], STEPS, session.random)
+    for sequence in sequences:
+        player.tally.add(sequence)
+    if failing is not None:
+        settle(player, *failing)
+    player.credit()
