@@ -35,9 +35,6 @@ RATE_TOLERANCE_PARTS: Final = 17
 """Rates may differ by one part in so many: half a bit, when bit 7 is sampled after 8.5 bits."""
 
 
-_NO_ANSWER: Final = Transmit(0, b"")
-
-
 class _Seat:
     """A device's place in the schedule."""
 
@@ -339,7 +336,9 @@ class SerialNetwork:
         line, schedule = self._line, self._schedule
         now, line_format = schedule.now, self._formats[0]
         heard_ns = now + line_format.span_ns(len(data))
-        index = self._only_one_to_react(data)
+        index: int | None = 0
+        if len(self.devices) > 1 or self.devices[0].quiet_prefix(data) < len(data) - 1:
+            index = self._only_one_to_react(data)
         if (
             index is None
             or heard_ns > limit_ns
@@ -354,12 +353,13 @@ class SerialNetwork:
         for other in others:
             assert not other.receive(chunk), "a device has reacted that would not"
         effects = device.receive(chunk)
-        answer, count = _NO_ANSWER, 0
+        start_ns, reply, count = heard_ns, b"", 0
         for effect in effects:
             if type(effect) is Transmit:
-                answer, count = effect, count + 1
-        reply = answer.data
-        start_ns = max(heard_ns, answer.start_ns)
+                start_ns, reply = effect
+                count += 1
+        if start_ns < heard_ns:
+            start_ns = heard_ns
         end_ns = start_ns + line_format.span_ns(len(reply))
         fits = count < 2 and len(reply) <= size and end_ns <= limit_ns
         if not fits or device.line_format is not self._formats[index]:
@@ -372,8 +372,7 @@ class SerialNetwork:
             self.apply(index, [effect for effect in effects if type(effect) is not Transmit])
         due_ns = device.next_event()
         if others or (due_ns is not None and due_ns <= end_ns):
-            answer = Transmit(start_ns, reply)
-            if not self._let_answer_pass(index, answer, end_ns):
+            if not self._let_answer_pass(index, Transmit(start_ns, reply), end_ns):
                 return None
         line.now_ns = schedule.now = self.settled_ns = end_ns
         schedule.touch(index)

@@ -11,6 +11,9 @@ from axistwin.kernel.time import NS_PER_S, Nanos
 
 PARITIES = "NEOMS"
 
+_SPANS = 32
+"""Of so many lengths the time is known beforehand: those of frames, asked for all the time."""
+
 
 @dataclass(frozen=True, slots=True)
 class LineFormat:
@@ -26,6 +29,7 @@ class LineFormat:
     stop_half_bits: int = 2
     # Length of one character, start and stop bits included, in half bits.
     half_bits_per_byte: int = field(init=False, repr=False, compare=False)
+    _spans_ns: tuple[Nanos, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         assert self.baud > 0
@@ -35,9 +39,13 @@ class LineFormat:
         parity_half_bits = 0 if self.parity == "N" else 2
         length = 2 + 2 * self.data_bits + parity_half_bits + self.stop_half_bits
         object.__setattr__(self, "half_bits_per_byte", length)
+        spans_ns = tuple(n * length * NS_PER_S // (2 * self.baud) for n in range(_SPANS))
+        object.__setattr__(self, "_spans_ns", spans_ns)
 
     def span_ns(self, count: int) -> Nanos:
         """Time that ``count`` characters take back to back, in nanoseconds."""
+        if 0 <= count < _SPANS:
+            return self._spans_ns[count]
         return count * self.half_bits_per_byte * NS_PER_S // (2 * self.baud)
 
     def characters_within(self, elapsed_ns: Nanos) -> int:

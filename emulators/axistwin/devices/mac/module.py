@@ -106,7 +106,8 @@ class MacModule:
 
     def _collect(self, now: Nanos) -> None:
         """Take the axis' effects, and tell the state if it is another one."""
-        self._effects += self.axis.take_effects()
+        if effects := self.axis.take_effects():
+            self._effects += effects
         state = self._state_code()
         if state != self._told_state:
             self._told_state = state
