@@ -6,14 +6,15 @@ Two families with one axis leave the same things open.  An ambiguity is written 
 ledger has, under the same id, `same_as` with the name of the first one's ledger.  What it says
 beside that (question, detect, departs) takes the place of what is said there, and `without` names
 switches that the family does not have.  Requirements are each family's own, so `departs` is never
-taken over.
+taken over; but checks of the axis name the requirements of the first ledger, and the other one says
+of each of its own which of those it `covers`.
 """
 
 from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cache
 from importlib import resources
@@ -37,7 +38,8 @@ class Requirement:
 
     `safety`: what judging it may do to the device.  `text`: the requirement in our words.
     `observable`: by what the wire shows it.  `quirks`: ids of the ambiguities it rests on.
-    `not_on_wire`: why the wire cannot show it; empty if it can.
+    `not_on_wire`: why the wire cannot show it; empty if it can.  `covers`: what another ledger asks
+    of the same axis, so that what is judged by its name is judged here by this one.
     """
 
     id: str
@@ -48,6 +50,7 @@ class Requirement:
     observable: str
     quirks: tuple[str, ...] = ()
     not_on_wire: str = ""
+    covers: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +86,18 @@ class Ledger:
     requirements: Mapping[str, Requirement]
     ambiguities: Mapping[str, Ambiguity]
     configuration: frozenset[str] = frozenset()  # what a profile may hold and nobody judges
+    covering: Mapping[str, str] = field(default_factory=dict)  # see `Requirement.covers`
+    foreign: frozenset[str] = frozenset()  # all requirements of the ledger that it covers from
+
+    def knows(self, name: str) -> bool:
+        """True for a requirement of this ledger, or of the one that it covers from."""
+        return name in self.requirements or name in self.foreign
+
+    def own(self, names: Iterable[str]) -> tuple[str, ...]:
+        """Return this ledger's names of requirements, each once; what another ledger asks of the
+        axis and this one does not is left out."""
+        known = (name if name in self.requirements else self.covering.get(name) for name in names)
+        return tuple(dict.fromkeys(name for name in known if name is not None))
 
     def ambiguity_of(self, switch: str) -> Ambiguity:
         """Return the ambiguity a switch belongs to; raises ValueError for an unknown switch."""
@@ -113,7 +128,22 @@ def parse_ledger(name: str, text: str) -> Ledger:
         for departed in ambiguity.departs:
             if departed not in requirements:
                 raise ValueError(f"{ambiguity.id}: unknown requirement {departed}")
-    return Ledger(name, requirements, ambiguities, frozenset(_words(data.get("configuration", []))))
+    configuration = frozenset(_words(data.get("configuration", [])))
+    foreign = frozenset(load_ledger(data["covers"]).requirements if "covers" in data else ())
+    covering = _covering(requirements.values(), foreign)
+    return Ledger(name, requirements, ambiguities, configuration, covering, foreign)
+
+
+def _covering(requirements: Iterable[Requirement], foreign: frozenset[str]) -> dict[str, str]:
+    """Whose requirement each one of another ledger is here."""
+    covering: dict[str, str] = {}
+    for one in requirements:
+        for other in one.covers:
+            if other not in foreign:
+                raise ValueError(f"{one.id}: covers {other}, which is no requirement there")
+            if (owner := covering.setdefault(other, one.id)) != one.id:
+                raise ValueError(f"{one.id}: {other} is covered by {owner} already")
+    return covering
 
 
 def _refuse_shared_switches(ambiguities: Iterable[Ambiguity]) -> None:
@@ -139,6 +169,7 @@ def _requirement(key: str, row: Mapping[str, object]) -> Requirement:
             observable=str(row.get("observable", "")),
             quirks=_words(row.get("quirks", [])),
             not_on_wire=str(row.get("not_on_wire", "")),
+            covers=_words(row.get("covers", [])),
         )
     except (KeyError, ValueError) as error:
         raise ValueError(f"requirement {key}: {error}") from error

@@ -19,7 +19,7 @@ from __future__ import annotations
 import difflib
 import importlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 from axistwin_conformance.errors import UsageError
@@ -237,7 +237,8 @@ class Family:
     def checks(self) -> tuple[Check, ...]:
         """Return the family's checks, in the order of its modules and of their text.
 
-        Raises TypeError if two checks share a name: a name selects and replays exactly one.
+        Raises TypeError if two checks share a name (a name selects and replays exactly one), or
+        if one names a requirement that no ledger has.
         """
         found: dict[str, Check] = {}
         for module_name in self.modules:
@@ -245,10 +246,24 @@ class Family:
             for candidate in vars(module).values():
                 if not isinstance(candidate, Check) or candidate.module != module_name:
                     continue
-                if candidate.name in found:
-                    raise TypeError(f"two checks are named {candidate.name}; rename one")
-                found[candidate.name] = candidate
+                if (own := self._own(candidate)) is None:
+                    continue
+                if own.name in found:
+                    raise TypeError(f"two checks are named {own.name}; rename one")
+                found[own.name] = own
         return tuple(found.values())
+
+    def _own(self, check: Check) -> Check | None:
+        """A check under this family's names of what it judges; None if it judges nothing here."""
+        from axistwin_conformance.ledger import load_ledger  # which needs this module
+
+        book = load_ledger(self.ledger)
+        if unknown := [name for name in check.requirements if not book.knows(name)]:
+            raise TypeError(f"{check.name}: {unknown[0]} is no requirement of {book.name}")
+        names = book.own(check.requirements)
+        if names == check.requirements or not names:
+            return check if names else None
+        return replace(check, requirements=names)
 
 
 FAMILY_PACKAGES = ("axistwin_conformance.mac_serial",)

@@ -306,7 +306,8 @@ class Session:
     ) -> NoReturn:
         """Judge that something came which is not admissible; None blames all the check names."""
         self.has_failed = True
-        names = self._names(requirement)
+        # What only another family's ledger asks is a step here.
+        names = self._names(requirement) or self._names(None)
         admissible = tuple(
             str(item) for item in (expected if isinstance(expected, list | tuple) else (expected,))
         )
@@ -458,8 +459,9 @@ class Session:
     def _names(self, requirement: Requirements) -> Iterable[str]:
         if requirement is None:
             return self.check.requirements if self.check else ()
-        names = (requirement,) if isinstance(requirement, str) else tuple(requirement)
-        for name in names:
+        given = (requirement,) if isinstance(requirement, str) else tuple(requirement)
+        names = self.run.ledger.own(given)
+        for name in (*names, *(one for one in given if not self.run.ledger.knows(one))):
             if self.check is not None and name not in self.check.requirements:
                 raise ValueError(f"{self.check.name} judges {name} but does not declare it")
         return names
