@@ -371,9 +371,9 @@ class SerialNetwork:
         if len(effects) > count:
             self.apply(index, [effect for effect in effects if type(effect) is not Transmit])
         due_ns = device.next_event()
-        if others or (due_ns is not None and due_ns <= end_ns):
-            if not self._let_answer_pass(index, Transmit(start_ns, reply), end_ns):
-                return None
+        is_calm = not others and (due_ns is None or due_ns > end_ns)
+        if not (is_calm or self._let_answer_pass(index, Transmit(start_ns, reply), end_ns)):
+            return None
         line.now_ns = schedule.now = self.settled_ns = end_ns
         schedule.touch(index)
         return reply
