@@ -154,19 +154,20 @@ class CanNetwork:
     def _run_next(self, limit_ns: Nanos) -> bool:
         """Do what is due first, if by ``limit_ns`` (rule 1); False if nothing is."""
         bus_ns = self._bus.next_event()
-        earliest_ns = limit_ns if bus_ns is None or bus_ns > limit_ns else bus_ns
-        if self._schedule.run_next(earliest_ns):
-            return True
         if bus_ns is None or bus_ns > limit_ns:
-            return False
+            return self._schedule.run_next(limit_ns)
+        if self._schedule.run_next(bus_ns):
+            return True
         self._stand_at(bus_ns)
         for happening in self._bus.run_next(bus_ns):
             self._tell(happening)
         return True
 
     def _stand_at(self, now: Nanos) -> None:
-        self._schedule.now = max(self._schedule.now, now)
-        self._bus.now_ns = max(self._bus.now_ns, now)
+        if now > self._schedule.now:
+            self._schedule.now = now
+        if now > self._bus.now_ns:
+            self._bus.now_ns = now
 
     # -- what happens on the bus --
 

@@ -144,9 +144,10 @@ class MacCan(MacModule):
     def sent(self, frame: CanFrame, end_ns: Nanos) -> list[Effect]:
         """A frame of this module has left: the reply to a restart lets it act (rule 4)."""
         self._run_until(end_ns)
-        if frame == self._awaited:
-            self._awaited = None
-            self._take_over_at = end_ns
+        if frame != self._awaited:
+            return self._taken_effects()
+        self._awaited = None
+        self._take_over_at = end_ns
         return self._settle(end_ns)
 
     def _send(self, identifier: int, data: bytes, start_ns: Nanos) -> CanFrame:
