@@ -266,7 +266,7 @@ class Family:
         return replace(check, requirements=names)
 
 
-FAMILY_PACKAGES = ("axistwin_conformance.mac_serial",)
+FAMILY_PACKAGES = ("axistwin_conformance.mac_serial", "axistwin_conformance.mac_can")
 
 
 def families() -> tuple[Family, ...]:

@@ -167,11 +167,11 @@ def test_a_late_reply_is_not_taken_for_the_next_one(talk: Talk, module: Module) 
 
 def test_a_request_to_all_is_answered_where_module_1_answers(talk: Talk, module: Module) -> None:
     """581h, or what the device has shown."""
-    assert talk.to_all(0x0B).kind is Kind.ACCEPTED
+    assert talk.send(talk.to_all(0x0B)).kind is Kind.ACCEPTED
     module.general_reply = 0x601
-    assert talk.to_all(0x0B).kind is Kind.SILENCE
+    assert talk.send(talk.to_all(0x0B)).kind is Kind.SILENCE
     talk.session.run.readings["general_reply_id"] = "601h"
-    assert talk.to_all(0x0B).kind is Kind.ACCEPTED
+    assert talk.send(talk.to_all(0x0B)).kind is Kind.ACCEPTED
 
 
 def test_parameters_travel_in_the_order_the_device_has_shown(talk: Talk, module: Module) -> None:

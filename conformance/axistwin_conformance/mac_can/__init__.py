@@ -1,1 +1,7 @@
-"""The MAC23 on a CAN bus: frames, exchanges and what a module has to make of them."""
+"""MAC23 on CAN: the suite's own reading of the manual, and its checks."""
+
+from __future__ import annotations
+
+from axistwin_conformance.mac_can.family import FAMILY
+
+__all__ = ["FAMILY"]

@@ -57,6 +57,7 @@ ANSWER_SPELLINGS: Final = {0x42: "42h", 0x43: "43h"}  # MACC-AMB-18
 INDEX_HIGH: Final = 0x20
 TRANSFER_BYTES: Final = 8
 ZEROS: Final = bytes(4)
+IMAX: Final = 0x80  # MACC-CMD-0C-01
 QUERIES: Final = range(0x20, 0x30)
 ANSWERED: Final = range(0x20, 0x28)
 

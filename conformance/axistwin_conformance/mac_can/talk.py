@@ -16,17 +16,19 @@ narrow that.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import replace
+from typing import ClassVar, Final
 
-from axistwin_conformance.can_frame import Frame
+from axistwin_conformance.can_frame import Frame, unpack
 from axistwin_conformance.can_target import Arrival, CanTarget
+from axistwin_conformance.mac_axis import talk
+from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Window
+from axistwin_conformance.mac_axis.talk import QUIET_S, Exchange, Part
 from axistwin_conformance.mac_can import codec
-from axistwin_conformance.mac_can.codec import Kind, Reply, Request
+from axistwin_conformance.mac_can.codec import Reply, Request
 from axistwin_conformance.session import ATTEMPTS, Session
 
-QUIET_S: Final = 0.05  # silence is proven by the next exchange, not by it
 BOOT_S: Final = 2.0  # MACC-BOOT-04
 BOOT_PATIENCE_S: Final = 1.0  # how much longer than that a boot-up message is waited for
 # What a module may be told twice and does the same, with the same reply: uploads, settings except
@@ -38,30 +40,6 @@ REPEATABLE: Final = frozenset(
 )  # fmt: skip
 MAY_BE_SILENT: Final = frozenset({0x00, 0x01})  # MACC-AMB-26
 
-Part = str | tuple[str, ...] | None
-
-
-@dataclass(frozen=True, slots=True)
-class Exchange:
-    """One request, its reply, and the window in which the module took the request over."""
-
-    request: Frame
-    reply: Reply
-    taken: Window
-
-    @property
-    def kind(self) -> Kind:
-        """What the module said."""
-        return self.reply.kind
-
-
-@dataclass(frozen=True, slots=True)
-class Sample:
-    """A counter reading and the window in which the module took it."""
-
-    position: int
-    taken: Window
-
 
 def bus_of(session: Session) -> CanTarget:
     """The bus a session is on."""
@@ -69,13 +47,15 @@ def bus_of(session: Session) -> CanTarget:
     return session.carrier
 
 
-class Talk:
+class Talk(talk.Talk):
     """One module on the bus: what is said to it, what it says, and what that proves."""
 
+    answered: ClassVar[range] = codec.ANSWERED
+    may_be_silent: ClassVar[frozenset[int]] = MAY_BE_SILENT
+
     def __init__(self, session: Session, address: int | None = None) -> None:
-        self.session = session
-        self.target = bus_of(session)
-        self.address = session.address if address is None else address
+        super().__init__(session, address)
+        self.target: CanTarget = bus_of(session)
 
     # --- requests and replies ---------------------------------------------------------------------
 
@@ -111,7 +91,7 @@ class Talk:
             is_good = self._is_good(one, exchange.reply, may_be_silent=timeout_s is not None)
             if self.session.is_believed(bad, exchange.reply.raw, is_good=is_good):
                 break
-            words = f"{codec.explain(exchange.request)}: {exchange.reply}"
+            words = f"{self.explained(exchange.request)}: {exchange.reply}"
             if one.index not in REPEATABLE:
                 if self.session.check is not None:
                     self.session.disturbed(words)
@@ -138,12 +118,12 @@ class Talk:
         sent_ns = self.target.send(frame)
         arrival = self._reply_to(one, timeout_s)
         if arrival is None:
-            return Exchange(frame, codec.SILENCE, Window(sent_ns, self.target.now_ns))
+            return Exchange(frame.pack(), codec.SILENCE, Window(sent_ns, self.target.now_ns))
         flaw = codec.mismatch(one, arrival.frame)
         reply = codec.parse(arrival.frame, self.byte_order)
         if flaw:
             reply = replace(reply, kind=Kind.GARBAGE, flaws=(*reply.flaws, flaw))
-        return Exchange(frame, reply, self._window(frame, sent_ns, reply, arrival.time_ns))
+        return Exchange(frame.pack(), reply, self._window(frame, sent_ns, reply, arrival.time_ns))
 
     def _reply_to(self, one: Request, timeout_s: float | None) -> Arrival | None:
         """The reply, or else what came from where it had to come from."""
@@ -169,17 +149,72 @@ class Talk:
             latest -= self.target.least_time_ns(reply.frame)
         return Window(sent_ns, done_ns) if latest < earliest else Window(earliest, latest)
 
-    def command(self, index: int, parameter: int = 0, sub_index: int = 0) -> Exchange:
-        """Send a request of that index."""
-        return self.send(self.request(index, parameter, sub_index))
+    def to_all(self, index: int, parameter: int = 0) -> Request:
+        """A well-formed request on 600h (MACC-GEN-01)."""
+        return self.request(index, parameter, address=codec.GENERAL_ADDRESS)
 
-    def ask(self, index: int, sub_index: int = 0) -> Exchange:
-        """Send an upload request."""
-        return self.command(index, 0, sub_index)
+    def spoilt(self, index: int, parameter: int, how: int) -> tuple[Request, Kind] | None:
+        """A request whose frame is too short, which is ignored (MACC-SDO-11); None where this
+        device pads such frames (MACC-AMB-19)."""
+        if self.session.reading("short_frame") != "ignored":
+            return None
+        return replace(self.request(index, parameter), length=how % 8), Kind.SILENCE
 
-    def to_all(self, index: int, parameter: int = 0, timeout_s: float | None = None) -> Exchange:
-        """Send a request on 600h and wait for who answers for all (MACC-GEN-02)."""
-        return self.send(self.request(index, parameter, address=codec.GENERAL_ADDRESS), timeout_s)
+    @property
+    def is_direct(self) -> bool:
+        """False: what a bus carries besides the reply is heard too, so there is no shorter way."""
+        return False
+
+    def swift(
+        self, index: int, parameter: int, timeout_s: float, is_cleared: bool
+    ) -> tuple[bytes, bytes, Window]:
+        """See `talk.Talk.swift`."""
+        exchange = self.send(self.request(index, parameter), timeout_s)
+        return exchange.request, exchange.reply.raw, exchange.taken
+
+    @property
+    def frame_ns(self) -> int:
+        """The least time a request takes on the bus."""
+        return self.target.least_time_ns(self.request(0x20).frame())
+
+    @property
+    def glance_ns(self) -> int:
+        """How long before an instant a query must be sent so that the counter is read before it:
+        two frames of the greatest length there is."""
+        return 3 * self.frame_ns
+
+    @property
+    def imax(self) -> int:
+        """The highest torque limit (MACC-CMD-0C-01)."""
+        return codec.IMAX
+
+    def is_answer(self, index: int, reply: Reply, *, in_any_reading: bool = False) -> bool:
+        """True if a reply is an answer; that it belongs to its request is seen to already."""
+        return reply.kind is Kind.ANSWER
+
+    def unasked(self) -> str:
+        """What has arrived without being asked for, but for what modules say unasked."""
+        return "; ".join(codec.explain(one.frame) for one in self.target.drain())
+
+    @staticmethod
+    def kind_of(received: bytes) -> Kind:
+        """What kind of reply this frame is."""
+        return _parsed(received).kind
+
+    @staticmethod
+    def data_of(received: bytes) -> int | None:
+        """The number in an answer."""
+        return _parsed(received).data
+
+    @staticmethod
+    def explained(sent: bytes) -> str:
+        """A request in words."""
+        return codec.explain(unpack(sent))
+
+    @staticmethod
+    def told(received: bytes) -> str:
+        """A reply in words."""
+        return str(_parsed(received))
 
     def say(self, frame: Frame) -> Window:
         """Send a frame that is not answered; return when the modules can have heard it.
@@ -214,78 +249,11 @@ class Talk:
         """Wait for the boot-up message after a reset; where none comes, long enough without it."""
         return self.boot_up(BOOT_S + BOOT_PATIENCE_S + self.target.uncertainty_ns / 1e9)
 
-    # --- values -----------------------------------------------------------------------------------
-
-    def value(self, index: int, sub_index: int = 0) -> int:
-        """The 32-bit number an upload answers; no answer fails the check."""
-        exchange = self.ask(index, sub_index)
-        if exchange.reply.data is None:
-            expected = f"an answer to upload {0x2000 + index - 0x20:04X}h"
-            self.session.fail(None, expected, exchange.reply)
-        return exchange.reply.data
-
-    def data_bytes(self, index: int, sub_index: int = 0) -> tuple[int, int, int, int]:
-        """The four bytes an upload answers, first byte first."""
-        first, second, third, fourth = self.value(index, sub_index).to_bytes(4, "big")
-        return first, second, third, fourth
-
-    def sample(self) -> Sample:
-        """Read the counter, with the window in which it was read."""
-        exchange = self.ask(0x20)
-        if exchange.reply.data is None:
-            self.session.fail(None, "an answer to upload 2000h", exchange.reply)
-        return Sample(codec.signed(exchange.reply.data), exchange.taken)
-
-    def position(self) -> int:
-        """Read the counter."""
-        return self.sample().position
-
-    def is_busy(self) -> bool:
-        """The inverted bit 3 of 2007h byte 3 (MACC-Q-07-01)."""
-        return not self.data_bytes(0x27)[2] & 0x08
-
-    def stopped_on(self) -> int:
-        """The byte ff of 2001h: which stops ended the motion."""
-        return self.data_bytes(0x21)[1] & 0x0F
-
     # --- judging ----------------------------------------------------------------------------------
 
-    def must(self, kind: Kind, exchange: Exchange, requirement: Part = None) -> Exchange:
-        """Judge that the reply is of that kind.
-
-        Without a requirement it is a step on the way: a wrong reply fails all the check names, but
-        a right one proves none of them when there are several.
-        """
-        self._judge(
-            exchange.kind is kind,
-            requirement,
-            f"{kind.value} ({codec.explain(exchange.request)})",
-            exchange.reply,
-        )
-        return exchange
-
-    def _judge(self, condition: bool, requirement: Part, expected: str, actual: object) -> None:
-        """Judge a requirement; without one, in a check that names several, it is a step."""
-        check = self.session.check
-        if requirement is None and check is not None and len(check.requirements) > 1:
-            self.session.step(condition, expected, actual)
-        else:
-            self.session.expect(condition, requirement, expected, actual)
-
-    def accepted(
-        self, index: int, parameter: int = 0, sub_index: int = 0, requirement: Part = None
-    ) -> Exchange:
-        """Send a download that must be accepted."""
-        return self.must(Kind.ACCEPTED, self.command(index, parameter, sub_index), requirement)
-
-    def refused(
-        self, index: int, parameter: int = 0, sub_index: int = 0, requirement: Part = None
-    ) -> Exchange:
-        """Send a request that must be refused."""
-        return self.must(Kind.REFUSED, self.command(index, parameter, sub_index), requirement)
-
-    def silent(self, frame: Frame, requirement: Part = None) -> None:
+    def silent(self, request: Request | Frame, requirement: Part = None) -> None:
         """Judge that a frame gets no reply of any kind, and that the module is still there."""
+        frame = request if isinstance(request, Frame) else request.frame()
         self.target.drain()
         self.target.send(frame)
         heard = self.target.receive(codec.is_reply, QUIET_S + self.target.uncertainty_ns / 1e9)
@@ -293,7 +261,6 @@ class Talk:
         self._judge(heard is None, requirement, f"silence after {codec.explain(frame)}", actual)
         self.alive(requirement)
 
-    def alive(self, requirement: Part = None) -> None:
-        """Judge that the module answers a good upload request, once."""
-        exchange = self.ask(0x20)
-        self.must(Kind.ANSWER, exchange, requirement)
+
+def _parsed(received: bytes) -> Reply:
+    return codec.parse(unpack(received) if received else None)

@@ -1,0 +1,174 @@
+"""What the engine must know of the MAC23 on CAN beside its checks: who is there, how to open the
+bus, and which frame may do what to the axis."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Final
+
+from axistwin_conformance.can_frame import Frame, unpack_all
+from axistwin_conformance.can_target import CanTarget, open_can_target
+from axistwin_conformance.errors import TargetError
+from axistwin_conformance.mac_axis.dialogue import Kind
+from axistwin_conformance.mac_axis.fence import Fence
+from axistwin_conformance.mac_axis.keeping import (
+    PROBE_ATTEMPTS,
+    Facts,
+    climate,
+    remember,
+    restore,
+    sanity,
+    stop,
+)
+from axistwin_conformance.mac_axis.safety import STORING, deeds, objection
+from axistwin_conformance.mac_can import codec
+from axistwin_conformance.mac_can.bench import Bench, RigBench
+from axistwin_conformance.mac_can.reader import BusReader
+from axistwin_conformance.registry import Family, Identity, Model
+from axistwin_conformance.session import Run, Session
+from axistwin_conformance.transcript import Record
+
+NOT_ON_CAN: Final = frozenset({0x08, 0x1B})
+OWN_COMMANDS: Final = "address (LMT)"
+SET_ADDRESS: Final = 0x08  # in the safety classes of the axis: what the LMT frames do
+
+MODELS: Final = {
+    "mac23-can": Model("mac23-can", "MAC23 (CAN)", Facts(2000, 2.5, -215.0, 1 / 4.8, codec.IMAX))
+}
+
+
+def probe(session: Session) -> Identity:
+    """Ask release and measures; raises TargetError if nobody answers."""
+    bench = Bench(session)
+    for _ in range(PROBE_ATTEMPTS):
+        last = bench.ask(0x24).reply
+        if last.kind is Kind.ANSWER:
+            break
+    release = last.data if last.kind is Kind.ANSWER else None
+    if release is None and not sanity(session):
+        raise TargetError(
+            f"no module answers at address {bench.address} on {session.carrier.description}:"
+            f" {last}; try another --address or --bitrate"
+        )
+    values = {"release": "unknown" if release is None else f"{release:08X}"}
+    measures = bench.ask(0x27).reply
+    if measures.data is not None:
+        values |= climate(session, measures)
+    told = [f"release {values['release']}"]
+    told += [values[name] for name in ("temperature", "supply") if name in values]
+    return Identity(f"{session.model.title} at {bench.address}, {', '.join(told)}", values)
+
+
+# --- which frame may do what ---------------------------------------------------------------------
+
+
+def guard(session: Session, data: bytes) -> str | None:
+    """Why these frames must not be sent: an index of a class that the check did not declare."""
+    return objection(session, _indices(data))
+
+
+def fence(run: Run) -> Fence:
+    """What keeps the axes of a bus inside the envelope."""
+    bounds = run.envelope
+    return Fence(BusReader(), bounds.max_travel, bounds.max_speed, run.address, run.readings)
+
+
+def writes(data: bytes) -> int:
+    """How many commands that write to the EEPROM these frames hold."""
+    return sum(index in STORING for index in _indices(data))
+
+
+@lru_cache(maxsize=1024)  # the same frame is asked about three times on its way out
+def _indices(data: bytes) -> tuple[int, ...]:
+    """The index of every request in these bytes that some reading would obey."""
+    return tuple(index for frame in unpack_all(data) if (index := _index_of(frame)) is not None)
+
+
+def _index_of(frame: Frame) -> int | None:
+    head = frame.data.ljust(4, b"\0")
+    if frame.is_extended or frame.is_remote:
+        return None
+    if frame.identifier == codec.LMT_REQUEST:
+        return SET_ADDRESS
+    if frame.identifier == codec.SYNC:
+        return 0x11
+    if frame.identifier & 0x780 != codec.REQUEST or head[2] != codec.INDEX_HIGH:
+        return None
+    return head[1] + (0x20 if head[0] == codec.UPLOAD else 0)
+
+
+def explain(record: Record) -> str:
+    """Put what was said into words."""
+    return "; ".join(codec.explain(frame) for frame in unpack_all(record.data))
+
+
+def twin_url(model: str, address: int, neighbours: tuple[int, ...]) -> str:
+    """The built-in twin, in virtual time, with its neighbours on one bus."""
+    devices = ",".join(f"{model}:{one}" for one in (address, *neighbours))
+    return f"axistwin:{devices}?time=virtual"
+
+
+def open_bus(url: str, rate: int | None, *, is_builtin: bool = False) -> CanTarget:
+    """Open INTERFACE:CHANNEL, at that bit rate if one is given."""
+    return open_can_target(
+        url,
+        bitrate=rate or (TWIN_BITRATE if is_builtin else None),
+        is_spontaneous=codec.is_spontaneous,
+        is_builtin=is_builtin,
+    )
+
+
+TWIN_BITRATE: Final = 125_000  # of the built-in twin, unless another one is asked for
+UNKNOWN_RATE: Final = 0  # of a real bus: the interface knows
+
+_SHARED: Final = (
+    "checks_queries",
+    "checks_parameters",
+    "checks_acceptance",
+    "checks_motion",
+    "checks_velocity",
+    "checks_interpolation",
+    "checks_sync",
+    "checks_stops",
+    "checks_sequences",
+    "checks_machines",
+    "checks_rig_inputs",
+    "checks_rig_faults",
+    "checks_rig_load",
+    "checks_rig_power",
+)
+_SHARED_PROBES: Final = (
+    "probes_parameters",
+    "probes_motion",
+    "probes_sync",
+    "probes_stops",
+    "probes_rig",
+)
+
+FAMILY: Final = Family(
+    name="mac_can",
+    ledger="mac_can",
+    models=MODELS,
+    modules=tuple(f"axistwin_conformance.mac_axis.{name}" for name in _SHARED),
+    addresses=codec.ADDRESSES,
+    default_address=1,
+    default_baud=UNKNOWN_RATE,
+    rate_word="bitrate",
+    probe=probe,
+    sanity=sanity,
+    stop=stop,
+    remember=remember,
+    restore=restore,
+    explain=explain,
+    twin_url=twin_url,
+    open=open_bus,
+    guard=guard,
+    fence=fence,
+    writes=writes,
+    deeds=deeds(OWN_COMMANDS, NOT_ON_CAN),
+    bench=Bench,
+    rig_bench=RigBench,
+    replay_module="axistwin_conformance.mac_axis.checks_sequences",
+    operation_bytes=4,
+    probe_modules=tuple(f"axistwin_conformance.mac_axis.{name}" for name in _SHARED_PROBES),
+)
