@@ -48,9 +48,7 @@ def any_length_will_do(patch: MonkeyPatch) -> None:
     def cut(frame: bytes) -> bytes:
         return frame[:4].ljust(4, b"0") + frame[-17:].rjust(17, b"0")
 
-    everywhere(
-        patch, take_apart, lambda frame, *, any_case: take_apart(cut(frame), any_case=any_case)
-    )
+    everywhere(patch, take_apart, lambda frame, any_case: take_apart(cut(frame), any_case))
     frames(patch, lambda judge, module, frame, request: judge(cut(frame), request))
 
 
@@ -81,8 +79,8 @@ def _also_takes(patch: MonkeyPatch, extra: int) -> None:
     """Accept sums that are wrong by `extra` beside the right ones."""
     take_apart = framing.take_apart
 
-    def lenient(frame: bytes, *, any_case: bool) -> framing.Request:
-        request = take_apart(frame, any_case=any_case)
+    def lenient(frame: bytes, any_case: bool) -> framing.Request:
+        request = take_apart(frame, any_case)
         other = HEX[(sum(frame[4:18]) + extra) & 0xFF]
         return request._replace(is_sum_right=request.is_sum_right or frame[18:20] == other)
 
@@ -106,9 +104,9 @@ def the_last_digit_of_the_sum_is_not_compared(patch: MonkeyPatch) -> None:
     """Only the first digit of the checksum is compared."""
     take_apart = framing.take_apart
 
-    def lenient(frame: bytes, *, any_case: bool) -> framing.Request:
+    def lenient(frame: bytes, any_case: bool) -> framing.Request:
         right = framing.checksum(frame[4:18])[:1] == frame[18:19]
-        return take_apart(frame, any_case=any_case)._replace(is_sum_right=right)
+        return take_apart(frame, any_case)._replace(is_sum_right=right)
 
     everywhere(patch, take_apart, lenient)
 

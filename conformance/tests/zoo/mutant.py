@@ -99,6 +99,7 @@ def on(patch: MonkeyPatch, indices: int | Sequence[int], act: Any_) -> None:
     """Let command(s) do `act(go, axis, now, parameters)` instead; `go(parameters)` is the command
     as it should be.  Acceptance by state is within `go`."""
     chosen = (indices,) if isinstance(indices, int) else tuple(indices)
+    is_locked = Axis.is_locked
 
     def make(execute: Any_) -> Any_:
         def executing(axis: Axis, now: int, index: int, parameters: int, start_ns: int) -> bool:
@@ -107,6 +108,8 @@ def on(patch: MonkeyPatch, indices: int | Sequence[int], act: Any_) -> None:
 
             def go(changed: int | None = None, *, later_ns: int = 0) -> bool:
                 number = parameters if changed is None else changed & 0xFFFFFFFF
+                if is_locked(axis, index, number):
+                    return False
                 return bool(execute(axis, now, index, number, start_ns + later_ns))
 
             return bool(act(go, axis, now, parameters))
@@ -114,6 +117,15 @@ def on(patch: MonkeyPatch, indices: int | Sequence[int], act: Any_) -> None:
         return executing
 
     wrap(patch, Axis, "execute", make)
+    # The command is handed on whatever the state says, so that `act` may do it all the same.
+    wrap(
+        patch,
+        Axis,
+        "is_locked",
+        lambda locked: (
+            lambda axis, index, number: index not in chosen and locked(axis, index, number)
+        ),
+    )
 
 
 def cells(
