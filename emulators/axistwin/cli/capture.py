@@ -1,4 +1,4 @@
-"""``--capture``: what is said on the line, as text.
+"""``--capture`` of a serial line: what is said on it, as text.
 
 One line per burst (bytes in one direction without a pause)::
 
@@ -9,14 +9,13 @@ Milliseconds of the twin's time, ``>`` from the host or ``<`` to it, all bytes i
 and what they mean.  A line that begins with ``#`` is a remark: the date at which a run began.
 
 A recording that cannot begin is a mistake of the user's.  One that cannot go on, because the disk
-is full, ends there and is told of once; the line goes on, since more depends on it.
+is full, ends there and is told of once; what is recorded goes on, since more depends on it.
 """
 
 import contextlib
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TextIO
 
 from axistwin.errors import UsageError
 from axistwin.kernel.time import NS_PER_MS, Nanos
@@ -26,29 +25,67 @@ from axistwin.runtime.transcript import ARROWS, Burst, Direction, Transcript
 
 # A reply may reach us in pieces, late when the machine is busy; the other direction ends it anyway.
 PAUSE_NS: Nanos = 50 * NS_PER_MS
-_FLUSH_S = 0.05
+FLUSH_S = 0.05
+"""How long what was said may wait before it is in the file."""
+
+
+class CaptureFile:
+    """The text file at ``path``, to be written behind what it has.  Raises UsageError.
+
+    heading: written at once.  on_failure: called with the reason, once, when the file cannot be
+    written any more; nothing is written from then on.
+    """
+
+    def __init__(self, path: str, heading: str, on_failure: Callable[[str], None]) -> None:
+        self._on_failure = on_failure
+        self._has_failed = False
+        try:
+            self._file = Path(path).open("a", encoding="utf-8")  # noqa: SIM115
+            try:
+                self._file.write(heading)
+                self._file.flush()
+            except OSError:
+                with contextlib.suppress(OSError):
+                    self._file.close()
+                raise
+        except OSError as error:
+            raise UsageError(
+                f"capture {path}: cannot be written ({error.strerror}); choose another file"
+            ) from None
+
+    def write(self, text: str) -> None:
+        """Write ``text``, to be seen after the next ``flush``."""
+        self._attempt(lambda: self._file.write(text))
+
+    def flush(self) -> None:
+        """Hand over to the disk what waits to be written."""
+        self._attempt(self._file.flush)
+
+    def close(self) -> None:
+        """Flush and close."""
+        self.flush()
+        with contextlib.suppress(OSError):  # told by the flush
+            self._file.close()
+
+    def _attempt(self, action: Callable[[], object]) -> None:
+        if self._has_failed:
+            return
+        try:
+            action()
+        except OSError as error:
+            self._has_failed = True
+            self._on_failure(error.strerror or str(error))
 
 
 class Recorder(Transcript):
-    """A transcript that is also written to ``file``, burst by burst, in ``loop``'s thread.
+    """A transcript that is also written to ``file``, burst by burst, in ``loop``'s thread."""
 
-    on_failure: called with the reason, once, when the file cannot be written any more.
-    """
-
-    def __init__(
-        self,
-        file: TextIO,
-        explain: Callable[[bytes], str],
-        loop: Loop,
-        on_failure: Callable[[str], None],
-    ) -> None:
+    def __init__(self, file: CaptureFile, explain: Callable[[bytes], str], loop: Loop) -> None:
         super().__init__(pause_ns=PAUSE_NS)
         self.on_burst = self._write_burst
         self._file = file
         self._explain_bytes = explain
         self._loop = loop
-        self._on_failure = on_failure
-        self._has_failed = False
         self._flushing = False
         self._added_s = 0.0
 
@@ -58,7 +95,7 @@ class Recorder(Transcript):
         self._added_s = time.monotonic()
         if not self._flushing:
             self._flushing = True
-            self._loop.call_later(_FLUSH_S, self._flush_later)
+            self._loop.call_later(FLUSH_S, self._flush_later)
 
     def _write_burst(self, burst: Burst) -> None:
         """Write a burst that is over."""
@@ -66,76 +103,38 @@ class Recorder(Transcript):
         text = (
             f"{burst.time_ns / NS_PER_MS:12.3f} {ARROWS[burst.direction]} {data.hex(' ').upper()}"
         )
-        self._write(f"{text}  {burst.note or self._explain_bytes(data)}".rstrip() + "\n")
+        self._file.write(f"{text}  {burst.note or self._explain_bytes(data)}".rstrip() + "\n")
 
     def end(self) -> None:
         """Write what is left, and close the file."""
         self.flush()
-        self._flush()
-        with contextlib.suppress(OSError):  # told by the flush
-            self._file.close()
+        self._file.close()
 
     def _flush_later(self) -> None:
-        self._flushing = time.monotonic() - self._added_s < _FLUSH_S
+        self._flushing = time.monotonic() - self._added_s < FLUSH_S
         if self._flushing:  # the burst may go on
-            self._loop.call_later(_FLUSH_S, self._flush_later)
+            self._loop.call_later(FLUSH_S, self._flush_later)
         else:
             self.flush()
-        self._flush()
-
-    def _flush(self) -> None:
-        self._write("")
-
-    def _write(self, text: str) -> None:
-        """Write ``text``, or, if it is empty, all that waits to be written."""
-        if self._has_failed:
-            return
-        try:
-            if text:
-                self._file.write(text)
-            else:
-                self._file.flush()
-        except OSError as error:
-            self._has_failed = True
-            self._on_failure(error.strerror or str(error))
+        self._file.flush()
 
 
 @contextlib.contextmanager
-def recording(
+def recording_line(
     line: Line,
-    path: str | None,
+    path: str,
     explain: Callable[[bytes], str],
     loop: Loop,
     on_failure: Callable[[str], None],
 ) -> Iterator[None]:
-    """Append what is said on ``line`` to the file at ``path``, if any.  Raises UsageError.
+    """Append what is said on ``line`` to the file at ``path``.  Raises UsageError.
 
     on_failure: called with the reason, once, when the recording has to end early.
     """
-    if path is None:
-        yield
-        return
-    recorder = Recorder(_begin(path), explain, loop, on_failure)
+    heading = f"# {time.strftime('%Y-%m-%d %H:%M:%S %z')}\n"
+    recorder = Recorder(CaptureFile(path, heading, on_failure), explain, loop)
     line.transcript = recorder
     try:
         yield
     finally:
         recorder.end()
-
-
-def _begin(path: str) -> TextIO:
-    """The file at ``path`` with the date of this run appended.  Raises UsageError."""
-    try:
-        file = Path(path).open("a", encoding="utf-8")  # noqa: SIM115
-        try:
-            file.write(f"# {time.strftime('%Y-%m-%d %H:%M:%S %z')}\n")
-            file.flush()
-        except OSError:
-            with contextlib.suppress(OSError):
-                file.close()
-            raise
-    except OSError as error:
-        raise UsageError(
-            f"capture {path}: cannot be written ({error.strerror}); choose another file"
-        ) from None
-    return file

@@ -1,26 +1,16 @@
-"""``axistwin run``: twins on a serial line, served until a signal ends it."""
+"""``axistwin run``: twins on a serial line or a CAN bus, served until a signal ends it."""
 
 from __future__ import annotations
 
-import contextlib
-import json
-import signal
-import sys
-from collections.abc import Iterator, Mapping, Sequence
-from datetime import datetime
-from threading import Event
-from typing import TYPE_CHECKING, Any, cast
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from axistwin.cli import systemd
-from axistwin.cli.output import EXIT_USAGE, discard_stdout
 from axistwin.errors import UsageError
 
 if TYPE_CHECKING:
-    from axistwin.catalog import DeviceSpec
-    from axistwin.runtime.line import Line
-    from axistwin.runtime.server import Port
+    from axistwin.catalog import Carrier, DeviceSpec
 
 _HELP_PTY = (
     "Pseudo terminal behind the symbolic link LINK (default: ./MODEL of the first device, "
@@ -28,6 +18,30 @@ _HELP_PTY = (
 )
 _HELP_TCP = "Raw TCP, several clients; port 0: any free one.  For socket://HOST:PORT."
 _HELP_RFC2217 = "TCP with rate, framing and break, one client.  For rfc2217://HOST:PORT."
+_HELP_BAUD = "Rate of modules that have none stored yet, bits per second (default: the factory's)."
+
+# On CAN.
+_HELP_CAN = (
+    "Join a bus through any python-can interface: socketcan:vcan0, udp_multicast:239.74.163.2, "
+    "slcan:/dev/ttyACM0 (default: socketcan:vcan0 if it is up, else --slcan ./MODEL)."
+)
+_HELP_SLCAN = "Be the bus: an slcan adapter behind the symbolic link LINK."
+_HELP_SLCAN_TCP = "Be the bus: an slcan adapter for each client.  For socket://HOST:PORT."
+_HELP_SOCKETCAND = "Be the bus: the daemon socketcand, with the bus vcan0."
+_HELP_BITRATE = "Rate of the bus, bits per second (default: 125000)."
+
+# Options that only one kind of model has: parameter, option.
+_OWN_OPTIONS: Mapping[Carrier, Mapping[str, str]] = {
+    "serial": {"links": "--pty", "tcp": "--tcp", "rfc2217": "--rfc2217", "baud": "--baud"},
+    "can": {
+        "can": "--can",
+        "slcan": "--slcan",
+        "slcan_tcp": "--slcan-tcp",
+        "socketcand": "--socketcand",
+        "bitrate": "--bitrate",
+    },
+}
+_LIVES_ON: Mapping[Carrier, str] = {"serial": "a serial line", "can": "a CAN bus"}
 
 
 def _named(_: click.Context, option: click.Parameter, value: Any) -> Any:
@@ -55,12 +69,12 @@ def _named(_: click.Context, option: click.Parameter, value: Any) -> Any:
 @click.option(
     "--quirk", "quirks", metavar="NAME=VALUE", multiple=True, help="One quirk; beats --profile."
 )
-@click.option(
-    "--baud",
-    type=int,
-    metavar="N",
-    help="Rate of modules that have none stored yet, bits per second (default: the factory's).",
-)
+@click.option("--baud", type=int, metavar="N", help=_HELP_BAUD)
+@click.option("--can", "can", metavar="INTERFACE:CHANNEL", multiple=True, help=_HELP_CAN)
+@click.option("--slcan", callback=_named, metavar="LINK", multiple=True, help=_HELP_SLCAN)
+@click.option("--slcan-tcp", metavar="HOST:PORT", multiple=True, help=_HELP_SLCAN_TCP)
+@click.option("--socketcand", metavar="HOST:PORT", multiple=True, help=_HELP_SOCKETCAND)
+@click.option("--bitrate", type=int, metavar="N", help=_HELP_BITRATE)
 @click.option(
     "--speed",
     type=float,
@@ -70,7 +84,7 @@ def _named(_: click.Context, option: click.Parameter, value: Any) -> Any:
     help="Run X times as fast as real time.",
 )
 @click.option(
-    "--no-pacing", is_flag=True, help="Bytes take no time on the line; the modules' own times stay."
+    "--no-pacing", is_flag=True, help="Bytes and frames take no time; the modules' own times stay."
 )
 @click.option(
     "--cold", is_flag=True, help="Apply the supply now: the modules are deaf for their first 2 s."
@@ -87,22 +101,15 @@ def _named(_: click.Context, option: click.Parameter, value: Any) -> Any:
     "--capture",
     callback=_named,
     metavar="FILE",
-    help="Append what is said on the line: time in ms, > or <, bytes in hex, meaning.",
+    help="Append what is said: on a line time in ms, > or <, bytes in hex, meaning; on a bus "
+    "what candump logs.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Events on stdout, one JSON object per line.")
-def run(
-    devices: tuple[str, ...],
-    links: tuple[str, ...],
-    tcp: tuple[str, ...],
-    rfc2217: tuple[str, ...],
-    capture: str | None,
-    as_json: bool,
-    **options: Any,
-) -> int:
-    """Run twins on one serial line that any program can open.
+def run(devices: tuple[str, ...], as_json: bool, **options: Any) -> int:
+    """Run twins on a serial line or a CAN bus that any program can open.
 
-    Several devices share the line, as modules on RS-485 do.  Several endpoints may be given; every
-    client hears the whole line.  When clients can connect, one line per device says so:
+    Several devices share the line, as modules on RS-485 do, or the bus.  Several endpoints may be
+    given; every client hears everything.  When clients can connect, one line per device says so:
 
     \b
     $ axistwin run mac23
@@ -112,221 +119,57 @@ def run(
     axistwin run mac23:0 mac34-1:5 --pty ./mac --state ./mac.state
     axistwin run mac23 --tcp 127.0.0.1:5000 --rfc2217 127.0.0.1:5001
     axistwin run mac23:7Fh --no-pacing --quirk reply_latency_us=0
+    axistwin run mac23-can:1 mac23-can:2 --can socketcan:vcan0
+    axistwin run mac23-can --slcan ./can --socketcand 127.0.0.1:29536
 
-    ADDRESS: 0..127, also as 7Fh or 0x7F; default 0.
+    ADDRESS: 0..127, also as 7Fh or 0x7F; default 0.  On CAN: 1..127; default 1.
     """
     if not devices:
         raise UsageError("run: which devices? such as 'axistwin run mac23'; see 'axistwin models'")
     from axistwin import catalog
-    from axistwin.cli.capture import recording
-    from axistwin.runtime.server import Server
+    from axistwin.cli.reporter import Reporter
+    from axistwin.cli.serving import Shared, perform
 
     specs = [catalog.parse_device(text) for text in devices]
-    if not (links or tcp or rfc2217):
-        links = (f"./{specs[0].model}",)
-    reporter = Reporter(as_json)
+    carrier = _common_carrier(specs)
+    own = _own_options(carrier, str(specs[0]), options)
+    shared, reporter = Shared(**options), Reporter(as_json)
+    if carrier == "can":
+        from axistwin.cli.run_can import BusOptions, CanRun
 
-    def capture_lost(reason: str) -> None:
-        reporter.lose(
-            f"capture {capture}: cannot be written any more ({reason}); recording has ended, "
-            "the modules go on",
-            {"event": "capture_lost", "file": capture, "reason": reason},
-        )
+        return perform(CanRun(specs, shared, BusOptions(**own)), reporter)
+    from axistwin.cli.run_serial import SerialRun
 
-    with (
-        ending_early() as signals_are_heeded,
-        make_line(specs, **options) as line,
-        contextlib.closing(
-            Server(line, make_ports(line, links, tcp, rfc2217), report=reporter.event)
-        ) as server,
-    ):
-        explain = catalog.find_model(specs[0].model).explain
-        with recording(line, capture, explain, server.loop, capture_lost):
-            server.heed(_stop_signals())
-            signals_are_heeded.set()
-            server.open()
-            warn_of_listeners(server.ports)
-            warn_of_surprises(specs, line, options["baud"])
-            if line.is_volatile:
-                _warn("memory is volatile and ends with this run; --state DIR keeps it")
-
-            def on_ready() -> None:
-                reporter.ready(line, server.ports)
-                systemd.notify("READY=1")
-
-            try:
-                server.run(on_ready=on_ready)
-            finally:
-                systemd.notify("STOPPING=1")
-    reporter.event({"event": "stopped"})
-    return EXIT_USAGE if reporter.has_lost else 0
+    return perform(SerialRun(specs, shared, **own), reporter)
 
 
-@contextlib.contextmanager
-def ending_early() -> Iterator[Event]:
-    """In the block a stop signal ends the program at once, with all closed that was opened.
-
-    When the event that is given is set, something else heeds the signals, and what is done
-    afterwards (saving) is not disturbed by another one.
-    """
-    is_heeded = Event()
-
-    def end(*_: object) -> None:
-        if not is_heeded.is_set():
-            raise SystemExit(0)
-
-    previous = {number: signal.signal(number, end) for number in _stop_signals()}
-    try:
-        yield is_heeded
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
-
-
-def _stop_signals() -> list[signal.Signals]:
-    """Ctrl-C, the polite kill, and the end of the terminal, unless nohup says to outlive that."""
-    signals = [signal.SIGINT, signal.SIGTERM]
-    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
-        signals.append(signal.SIGHUP)
-    return signals
-
-
-def make_line(
-    specs: Sequence[DeviceSpec],
-    *,
-    state: str | None,
-    profile: str | None,
-    quirks: tuple[str, ...],
-    baud: int | None,
-    speed: float,
-    no_pacing: bool,
-    cold: bool,
-    seed: int,
-) -> Line:
-    """The line with its modules, as the options say.  Raises UsageError and StateError."""
+def _common_carrier(specs: list[DeviceSpec]) -> Carrier:
+    """What all devices live on.  Raises UsageError if that is not the same."""
     from axistwin import catalog
-    from axistwin.runtime.clock import PacedClock
-    from axistwin.runtime.storage import MemoryStorage, Storage
 
-    settings: dict[str, catalog.Value] = {}
-    if profile is not None:
-        settings.update(catalog.read_profile(profile, {spec.model for spec in specs}))
-    settings.update(catalog.parse_settings(quirks))
-    clock = PacedClock(speed)
-    return catalog.build_line(
-        specs,
-        quirks=settings,
-        seed=seed,
-        clock=clock,
-        paced=not no_pacing,
-        storage=MemoryStorage() if state is None else Storage(state),
-        baud=baud,
-        cold=cold,
-    )
-
-
-def make_ports(
-    line: Line, links: tuple[str, ...], tcp: tuple[str, ...], rfc2217: tuple[str, ...]
-) -> list[Port]:
-    """The endpoints, not open yet.  Raises UsageError."""
-    ports: list[Port] = []
-    if links:
-        from axistwin.ports.pty import PtyPort
-
-        ports += [PtyPort(link, line.device_format) for link in links]
-    if tcp or rfc2217:
-        from axistwin.ports.rfc2217 import Rfc2217Port
-        from axistwin.ports.tcp import TcpPort
-
-        ports += [*map(TcpPort, tcp), *map(Rfc2217Port, rfc2217)]
-    return ports
-
-
-def warn_of_listeners(ports: Sequence[Port]) -> None:
-    """Say which of the open ports others can reach."""
-    for port in ports:
-        if port.kind == "pty":
-            continue
-        from axistwin.ports.tcp import TcpPort, is_loopback
-
-        if isinstance(port, TcpPort) and not is_loopback(port.host):
-            _warn(
-                f"{port.kind} {port.host}: whoever reaches this address can drive the twin, "
-                "there is no password"
+    first = specs[0]
+    carrier = catalog.find_model(first.model).carrier
+    for spec in specs:
+        other = catalog.find_model(spec.model).carrier
+        if other != carrier:
+            raise UsageError(
+                f"{first} lives on {_LIVES_ON[carrier]} and {spec} on {_LIVES_ON[other]}: they "
+                "cannot share one run; start 'axistwin run' once for each"
             )
+    return carrier
 
 
-def warn_of_surprises(specs: Sequence[DeviceSpec], line: Line, baud: int | None) -> None:
-    """Say where the modules' memory differs from what was asked for, and where two collide."""
-    from axistwin import catalog
+def _own_options(carrier: Carrier, device: str, options: dict[str, Any]) -> dict[str, Any]:
+    """The options of ``carrier``, taken out of ``options`` with those of the other one.
 
-    found: dict[int, DeviceSpec] = {}
-    for spec, twin in zip(specs, line.twins, strict=True):
-        wanted = baud or catalog.find_model(spec.model).default_baud
-        stored, address = twin.cells["baud"], twin.address
-        differences = []
-        if address != spec.address:
-            differences.append(f"address {address} (asked for: {spec.address})")
-        if stored != wanted:
-            differences.append(f"{stored} baud (asked for: {wanted})")
-        if differences:
-            _warn(f"{spec}: its memory has {' and '.join(differences)}, and that holds")
-        if address in found:
-            _warn(f"{found[address]} and {spec} answer on top of one another: address {address}")
-        found.setdefault(address, spec)
-
-
-def _warn(message: str) -> None:
-    click.echo(f"axistwin: {message}", err=True)
-
-
-class Reporter:
-    """Events on stdout: ready lines for people, or everything as JSON for programs."""
-
-    def __init__(self, as_json: bool) -> None:
-        self._as_json = as_json
-        self.has_lost = False
-
-    def lose(self, message: str, event: Mapping[str, object] | None = None) -> None:
-        """Say that something asked for cannot be done any more; the exit status tells it too."""
-        self.has_lost = True
-        _warn(message)
-        if event is not None:
-            self.event(event)
-
-    def ready(self, line: Line, ports: Sequence[Port]) -> None:
-        """One event per device: clients can connect."""
-        endpoints = [{"endpoint": port.kind, "url": port.url} for port in ports]
-        for twin in line.twins:
-            device = f"{twin.model}:{twin.address}"  # which may have been changed and stored
-            if self._as_json:
-                self.event(
-                    {"event": "ready", "device": device, **endpoints[0], "endpoints": endpoints}
+    Raises UsageError if one of the latter is given.
+    """
+    taken = {each: {name: options.pop(name) for name in own} for each, own in _OWN_OPTIONS.items()}
+    for other, values in taken.items():
+        for name, value in values.items():
+            if other != carrier and value not in (None, ()):
+                raise UsageError(
+                    f"{_OWN_OPTIONS[other][name]} is for {_LIVES_ON[other]}, and {device} lives on "
+                    f"{_LIVES_ON[carrier]}: use {', '.join(_OWN_OPTIONS[carrier].values())}"
                 )
-            else:
-                where = " ".join(f"{port.kind}={port.describe()}" for port in ports)
-                self._say(f"ready {device} {where}")
-
-    def event(self, event: Mapping[str, object]) -> None:
-        """Tell one event; people are only told when clients can connect, and of a wrong rate."""
-        if event["event"] == "wrong_rate":
-            from axistwin.runtime.line import listening
-
-            baud, bauds = event["baud"], cast("Sequence[int]", event["module_bauds"])
-            _warn(f"{event['url']}: a client sends at {baud}, {listening(bauds)}: set its rate")
-        if self._as_json:
-            now = datetime.now().astimezone().isoformat(timespec="milliseconds")
-            self._say(json.dumps({"event": event["event"], "time": now, **event}))
-
-    def _say(self, text: str) -> None:
-        """Whoever started us may have stopped listening, which is no reason to end."""
-        try:
-            sys.stdout.write(text + "\n")
-            sys.stdout.flush()
-        except OSError as error:
-            discard_stdout()
-            if not isinstance(error, BrokenPipeError):
-                self.lose(
-                    f"standard output cannot be written ({error.strerror}); nothing more is told "
-                    "there, the modules go on"
-                )
+    return taken[carrier]

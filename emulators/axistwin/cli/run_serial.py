@@ -1,0 +1,94 @@
+"""``axistwin run`` for models that live on a serial line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING
+
+from axistwin import catalog
+from axistwin.catalog import DeviceSpec
+from axistwin.cli.capture import recording_line
+from axistwin.cli.reporter import Reporter, warn
+from axistwin.cli.serving import Run, Shared
+from axistwin.runtime.line import Line
+from axistwin.runtime.server import Server
+
+if TYPE_CHECKING:
+    from axistwin.runtime.loop import Loop
+    from axistwin.runtime.server import Port
+
+
+class SerialRun(Run[Line]):
+    """Modules on one line behind ptys and TCP; without an endpoint a pty at ``./MODEL``."""
+
+    def __init__(
+        self,
+        specs: Sequence[DeviceSpec],
+        shared: Shared,
+        *,
+        links: tuple[str, ...],
+        tcp: tuple[str, ...],
+        rfc2217: tuple[str, ...],
+        baud: int | None,
+    ) -> None:
+        super().__init__(specs, shared)
+        if not (links or tcp or rfc2217):
+            links = (f"./{specs[0].model}",)
+        self._links, self._tcp, self._rfc2217 = links, tcp, rfc2217
+        self._baud = baud
+
+    def build(self) -> Line:
+        """The line with its modules."""
+        shared = self.shared
+        return catalog.build_line(
+            self.specs,
+            quirks=shared.settings(self.specs),
+            seed=shared.seed,
+            clock=shared.clock(),
+            paced=not shared.no_pacing,
+            storage=shared.storage(),
+            baud=self._baud,
+            cold=shared.cold,
+        )
+
+    def serve(self, owner: Line, reporter: Reporter) -> Server:
+        """The line behind all endpoints that were asked for."""
+        return Server(owner, self._make_ports(owner), report=reporter.event)
+
+    def _make_ports(self, line: Line) -> list[Port]:
+        ports: list[Port] = []
+        if self._links:
+            from axistwin.ports.pty import PtyPort
+
+            ports += [PtyPort(link, line.device_format) for link in self._links]
+        if self._tcp or self._rfc2217:
+            from axistwin.ports.rfc2217 import Rfc2217Port
+            from axistwin.ports.tcp import TcpPort
+
+            ports += [*map(TcpPort, self._tcp), *map(Rfc2217Port, self._rfc2217)]
+        return ports
+
+    def recording(
+        self, owner: Line, path: str, loop: Loop, on_failure: Callable[[str], None]
+    ) -> AbstractContextManager[None]:
+        """Bursts of bytes, in hex and in words."""
+        explain = catalog.find_model(self.specs[0].model).explain
+        return recording_line(owner, path, explain, loop, on_failure)
+
+    def warn_of_surprises(self, owner: Line) -> None:
+        """Say where the memory differs from what was asked for, and where two collide."""
+        found: dict[int, DeviceSpec] = {}
+        for spec, twin in zip(self.specs, owner.twins, strict=True):
+            wanted = self._baud or catalog.find_model(spec.model).default_baud
+            stored, address = twin.cells["baud"], twin.address
+            differences = []
+            if address != spec.address:
+                differences.append(f"address {address} (asked for: {spec.address})")
+            if stored != wanted:
+                differences.append(f"{stored} baud (asked for: {wanted})")
+            if differences:
+                warn(f"{spec}: its memory has {' and '.join(differences)}, and that holds")
+            if address in found:
+                warn(f"{found[address]} and {spec} answer on top of one another: address {address}")
+            found.setdefault(address, spec)

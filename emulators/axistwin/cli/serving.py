@@ -1,0 +1,174 @@
+"""A run of twins, whatever carries them: built, served, recorded, until a signal ends it."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from threading import Event
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from axistwin.cli import systemd
+from axistwin.cli.output import EXIT_USAGE
+from axistwin.cli.reporter import Reporter, warn
+from axistwin.runtime.owner import Owner
+
+if TYPE_CHECKING:
+    from axistwin.catalog import DeviceSpec, Value
+    from axistwin.runtime.base_server import BaseServer, Place
+    from axistwin.runtime.clock import Clock
+    from axistwin.runtime.loop import Loop
+    from axistwin.runtime.storage import Stores
+
+OwnerT = TypeVar("OwnerT", bound=Owner[Any])
+
+
+@dataclass(frozen=True, slots=True)
+class Shared:
+    """The options that mean the same for every carrier; see ``axistwin run --help``."""
+
+    state: str | None
+    profile: str | None
+    quirks: tuple[str, ...]
+    speed: float
+    no_pacing: bool
+    cold: bool
+    seed: int
+    capture: str | None
+
+    def settings(self, specs: Sequence[DeviceSpec]) -> dict[str, Value]:
+        """The quirks by name, the profile's and those given besides.  Raises UsageError."""
+        from axistwin import catalog
+
+        settings: dict[str, Value] = {}
+        if self.profile is not None:
+            settings.update(catalog.read_profile(self.profile, {spec.model for spec in specs}))
+        settings.update(catalog.parse_settings(self.quirks))
+        return settings
+
+    def clock(self) -> Clock:
+        """Real time, or a multiple of it.  Raises UsageError."""
+        from axistwin.runtime.clock import PacedClock
+
+        return PacedClock(self.speed)
+
+    def storage(self) -> Stores:
+        """Where the modules store.  Raises StateError."""
+        from axistwin.runtime.storage import MemoryStorage, Storage
+
+        return MemoryStorage() if self.state is None else Storage(self.state)
+
+
+class Run(ABC, Generic[OwnerT]):
+    """What differs from one carrier to the next."""
+
+    def __init__(self, specs: Sequence[DeviceSpec], shared: Shared) -> None:
+        self.specs = specs
+        self.shared = shared
+
+    @abstractmethod
+    def build(self) -> OwnerT:
+        """The devices and what connects them.  Raises UsageError and StateError."""
+
+    @abstractmethod
+    def serve(self, owner: OwnerT, reporter: Reporter) -> BaseServer[OwnerT, Any]:
+        """The server with its ports, not open yet.  Raises UsageError."""
+
+    @abstractmethod
+    def recording(
+        self, owner: OwnerT, path: str, loop: Loop, on_failure: Callable[[str], None]
+    ) -> AbstractContextManager[None]:
+        """Append what is said to the file at ``path``.  Raises UsageError.
+
+        on_failure: called with the reason, once, when the recording has to end early.
+        """
+
+    @abstractmethod
+    def warn_of_surprises(self, owner: OwnerT) -> None:
+        """Say what the user may not expect."""
+
+
+def perform(run: Run[OwnerT], reporter: Reporter) -> int:
+    """Serve until a signal ends it; the exit status.  Raises UsageError, StateError, PortError."""
+    capture = run.shared.capture
+
+    def capture_lost(reason: str) -> None:
+        reporter.lose(
+            f"capture {capture}: cannot be written any more ({reason}); recording has ended, "
+            "the modules go on",
+            {"event": "capture_lost", "file": capture, "reason": reason},
+        )
+
+    with (
+        ending_early() as signals_are_heeded,
+        run.build() as owner,
+        contextlib.closing(run.serve(owner, reporter)) as server,
+        contextlib.ExitStack() as recording,
+    ):
+        if capture is not None:
+            recording.enter_context(run.recording(owner, capture, server.loop, capture_lost))
+        server.heed(_stop_signals())
+        signals_are_heeded.set()
+        server.open()
+        warn_of_listeners(server.ports)
+        run.warn_of_surprises(owner)
+        if owner.is_volatile:
+            warn("memory is volatile and ends with this run; --state DIR keeps it")
+
+        def on_ready() -> None:
+            reporter.ready(owner.twins, server.ports)
+            systemd.notify("READY=1")
+
+        try:
+            server.run(on_ready=on_ready)
+        finally:
+            systemd.notify("STOPPING=1")
+    reporter.event({"event": "stopped"})
+    return EXIT_USAGE if reporter.has_lost else 0
+
+
+@contextlib.contextmanager
+def ending_early() -> Iterator[Event]:
+    """In the block a stop signal ends the program at once, with all closed that was opened.
+
+    When the event that is given is set, something else heeds the signals, and what is done
+    afterwards (saving) is not disturbed by another one.
+    """
+    is_heeded = Event()
+
+    def end(*_: object) -> None:
+        if not is_heeded.is_set():
+            raise SystemExit(0)
+
+    previous = {number: signal.signal(number, end) for number in _stop_signals()}
+    try:
+        yield is_heeded
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+def _stop_signals() -> list[signal.Signals]:
+    """Ctrl-C, the polite kill, and the end of the terminal, unless nohup says to outlive that."""
+    signals = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        signals.append(signal.SIGHUP)
+    return signals
+
+
+def warn_of_listeners(ports: Sequence[Place]) -> None:
+    """Say which of the open ports others can reach."""
+    for port in ports:
+        host = getattr(port, "host", None)
+        if host is None:  # no network in between
+            continue
+        from axistwin.ports.tcp import is_loopback
+
+        if not is_loopback(host):
+            warn(
+                f"{port.kind} {host}: whoever reaches this address can drive the twin, "
+                "there is no password"
+            )
