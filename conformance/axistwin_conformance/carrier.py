@@ -32,6 +32,12 @@ from axistwin_conformance.transcript import Direction, Transcript
 SILENCE_NOTED_S = 0.05  # shorter waits in vain are not worth a line in the transcript
 STOP_HEARD_NS = 50_000_000  # the reply to a stop takes 3 ms at 9600 baud
 MOST_HUSHES = 20  # a device that never stops talking is not waited for
+TWIN_PREFIX = "axistwin:"  # what opens a twin in this process, on a line or on a bus
+
+
+def is_twin_url(url: str) -> bool:
+    """True if what this opens is a twin made for the run: nothing can be harmed."""
+    return url.startswith(TWIN_PREFIX)
 
 
 class Fence(Protocol):

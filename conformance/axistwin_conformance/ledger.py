@@ -7,7 +7,8 @@ ledger has, under the same id, `same_as` with the name of the first one's ledger
 beside that (question, detect, departs) takes the place of what is said there, and `without` names
 switches that the family does not have.  Requirements are each family's own, so `departs` is never
 taken over; but checks of the axis name the requirements of the first ledger, and the other one says
-of each of its own which of those it `covers`.
+of each of its own which of those it `covers`.  Switches of the first ledger that the other one does
+not have are questions it does not ask: there the default holds, and nobody looks.
 """
 
 from __future__ import annotations
@@ -88,6 +89,8 @@ class Ledger:
     configuration: frozenset[str] = frozenset()  # what a profile may hold and nobody judges
     covering: Mapping[str, str] = field(default_factory=dict)  # see `Requirement.covers`
     foreign: frozenset[str] = frozenset()  # all requirements of the ledger that it covers from
+    # Switches of that ledger whose question this one does not ask, each with its ambiguity there.
+    unasked: Mapping[str, Ambiguity] = field(default_factory=dict)
 
     def knows(self, name: str) -> bool:
         """True for a requirement of this ledger, or of the one that it covers from."""
@@ -99,11 +102,20 @@ class Ledger:
         known = (name if name in self.requirements else self.covering.get(name) for name in names)
         return tuple(dict.fromkeys(name for name in known if name is not None))
 
+    def asks(self, switch: str) -> bool:
+        """True if this ledger leaves open what the switch tells, False if only the one that it
+        covers from does; raises ValueError for a switch that neither has."""
+        self.ambiguity_of(switch)
+        return switch not in self.unasked
+
     def ambiguity_of(self, switch: str) -> Ambiguity:
-        """Return the ambiguity a switch belongs to; raises ValueError for an unknown switch."""
+        """Return the ambiguity a switch belongs to, here or else in the ledger that this one covers
+        from; raises ValueError for a switch that neither has."""
         for ambiguity in self.ambiguities.values():
             if switch in ambiguity.switches:
                 return ambiguity
+        if switch in self.unasked:
+            return self.unasked[switch]
         raise ValueError(f"no ambiguity of {self.name} has a switch {switch!r}")
 
 
@@ -129,9 +141,21 @@ def parse_ledger(name: str, text: str) -> Ledger:
             if departed not in requirements:
                 raise ValueError(f"{ambiguity.id}: unknown requirement {departed}")
     configuration = frozenset(_words(data.get("configuration", [])))
-    foreign = frozenset(load_ledger(data["covers"]).requirements if "covers" in data else ())
+    other = load_ledger(data["covers"]) if "covers" in data else None
+    foreign = frozenset(other.requirements if other else ())
     covering = _covering(requirements.values(), foreign)
-    return Ledger(name, requirements, ambiguities, configuration, covering, foreign)
+    asked = _switches(ambiguities.values())
+    unasked = {
+        switch: ambiguity
+        for switch, ambiguity in _switches(other.ambiguities.values() if other else ()).items()
+        if switch not in asked
+    }
+    return Ledger(name, requirements, ambiguities, configuration, covering, foreign, unasked)
+
+
+def _switches(ambiguities: Iterable[Ambiguity]) -> dict[str, Ambiguity]:
+    """Every switch with the ambiguity it belongs to."""
+    return {switch: one for one in ambiguities for switch in one.switches}
 
 
 def _covering(requirements: Iterable[Requirement], foreign: frozenset[str]) -> dict[str, str]:

@@ -215,13 +215,19 @@ class Family:
     )
 
     def probes(self) -> tuple[Probe, ...]:
-        """Return the family's quirk probes, in the order in which they have to run.
+        """Return the family's quirk probes, in the order in which they have to run, without those
+        that ask what its ledger does not.
 
-        Raises TypeError if two of them share a name.
+        Raises TypeError if two of them share a name, ValueError for a switch that no ledger has.
         """
+        from axistwin_conformance.ledger import load_ledger  # which needs this module
+
+        book = load_ledger(self.ledger)
         found: dict[str, Probe] = {}
         for name in self.probe_modules:
             for probe in importlib.import_module(name).PROBES:
+                if not book.asks(probe.switch):
+                    continue
                 if found.setdefault(probe.check.name, probe) is not probe:
                     raise TypeError(f"two probes are named {probe.check.name}; rename one")
         return tuple(found.values())

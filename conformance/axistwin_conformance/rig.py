@@ -29,7 +29,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol, TextIO
 
-from axistwin_conformance.carrier import Carrier
+from axistwin_conformance.carrier import Carrier, is_twin_url
 from axistwin_conformance.errors import CannotDo, RigError, UsageError
 from axistwin_conformance.targets import TWIN_SCHEME
 
@@ -417,7 +417,7 @@ def choose_rig(kind: str | None, command: str | None, url: str, *, is_allowed: b
     A twin in this process is its own rig.  A command is asked what it can do, unless the run may
     not use a rig anyway.
     """
-    is_twin = url.startswith(TWIN_SCHEME)
+    is_twin = is_twin_url(url)
     if kind is None:
         kind = "command" if command is not None else "twin" if is_twin else ""
     if command is not None and kind != "command":

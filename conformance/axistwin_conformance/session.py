@@ -333,8 +333,9 @@ class Session:
         `reading`: the one seen, or all that explain what was seen.  It must be the one detected
         at the beginning of the run, or, if none was, the first one a check saw: a device that
         shows two readings follows none, and that fails.  Another reading than the default is named
-        as a quirk, once per requirement.  Raises ValueError for a switch or reading the ledger
-        does not know (our mistake).
+        as a quirk, once per requirement.  A question that only the ledger asks which this one
+        covers from, has one reading here, the default.  Raises ValueError for a switch or reading
+        that no ledger knows (our mistake).
         """
         ambiguity = self.run.ledger.ambiguity_of(name)
         seen = (reading,) if isinstance(reading, str) else tuple(reading)
@@ -357,6 +358,8 @@ class Session:
 
     def _held(self, switch: str, seen: tuple[str, ...]) -> tuple[str, ...]:
         """The readings the device may still follow; what is seen first is held from then on."""
+        if not self.run.ledger.asks(switch):
+            return (self.run.ledger.ambiguity_of(switch).default_of(switch),)
         known = self.run.readings.get(switch)
         if known is not None:
             return (known,)

@@ -80,12 +80,14 @@ class Bench(Talk):
 
     def known(self, switch: str, look: Callable[[Bench], int | str] | None = None) -> int:
         """The number of the reading this device follows, as far as known, asking by `look` if it
-        has not shown itself yet; what fits no reading counts as the default here."""
-        readings = self.session.run.ledger.ambiguity_of(switch).switches[switch]
+        has not shown itself yet; what fits no reading counts as the default here, and so does what
+        this module's manual does not leave open."""
+        ledger = self.session.run.ledger
+        readings = ledger.ambiguity_of(switch).switches[switch]
         seen = self.session.readings.get(switch)
         if seen in readings:
             return readings.index(seen)
-        if look is None:
+        if look is None or not ledger.asks(switch):
             return 0
         outcome = look(self)
         if isinstance(outcome, str):

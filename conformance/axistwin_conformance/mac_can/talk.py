@@ -156,7 +156,7 @@ class Talk(talk.Talk):
     def spoilt(self, index: int, parameter: int, how: int) -> tuple[Request, Kind] | None:
         """A request whose frame is too short, which is ignored (MACC-SDO-11); None where this
         device pads such frames (MACC-AMB-19)."""
-        if self.session.reading("short_frame") != "ignored":
+        if self.session.reading("short_frame") != "ignore":
             return None
         return replace(self.request(index, parameter), length=how % 8), Kind.SILENCE
 
