@@ -145,7 +145,9 @@ def open_player(wrap: Callable[[Any], Any] | None = None) -> Player:
     something in front of its port."""
     family, budget = find_family(MODEL), WriteBudget(WRITES_ALLOWED)
     target = open_target(
-        family.twin_url(MODEL, family.default_address, ()), family.default_baud, is_builtin=True
+        family.twin_url(MODEL, family.default_address, ()),
+        family.default_rate or 38400,
+        is_builtin=True,
     )
     if wrap is not None:
         target = Target(wrap(target._port), target.description, is_builtin=True)

@@ -15,8 +15,11 @@ the last second, once.
 from __future__ import annotations
 
 import contextlib
+import difflib
 import errno
+import logging
 import os
+import re
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -37,7 +40,16 @@ ECHO_NS: Final = 1_000_000_000
 SEND_TIMEOUT_S: Final = 3.0
 FULL_QUEUE_PAUSE_S: Final = 0.001  # an adapter's queue of ten frames is empty after 2 ms at 500 k
 FRAMES_KEPT: Final = 4096
+REMEDIES: Final[Mapping[int, str]] = {
+    errno.EAFNOSUPPORT: "this kernel has no CAN, see axistwin doctor",
+    errno.ENODEV: "ip link lists the interfaces",
+    errno.ENETDOWN: "ip link set NAME up",
+}
 DRAINED_TOLD: Final = 4  # frames set aside that are told by name
+
+# What drivers remark while they are looked for is not for the person at the terminal: what matters
+# of it comes as an exception.
+logging.getLogger("can").addHandler(logging.NullHandler())
 
 Wanted = Callable[[Frame], bool]
 
@@ -78,6 +90,9 @@ class CanTarget(Carrier):
     `is_spontaneous`: what devices of the family say unasked.  `is_echoing`: the interface gives us
     our own frames without saying so.  `bitrate`: of the bus in bit/s, None if nobody has told it.
     """
+
+    source_word = "the bus"
+    word = "bus"
 
     def __init__(
         self,
@@ -288,6 +303,17 @@ def split_words(words: str) -> tuple[str, str, dict[str, str]]:
     return interface, channel, {name: value for name, _, value in pairs}
 
 
+def check_interface(words: str) -> None:
+    """Raise UsageError for INTERFACE:CHANNEL that names no interface of python-can."""
+    interface, _, _ = split_words(words)
+    if interface in can.VALID_INTERFACES:
+        return
+    near = difflib.get_close_matches(interface, can.VALID_INTERFACES, n=1)
+    hint = f"did you mean {near[0]}? " if near else ""
+    known = ", ".join(sorted(can.VALID_INTERFACES))
+    raise UsageError(f"--can {words}: python-can has no interface {interface!r}; {hint}{known}")
+
+
 def open_can_target(
     words: str,
     *,
@@ -302,7 +328,11 @@ def open_can_target(
     """
     interface, channel, options = split_words(words)
     asked: dict[str, object] = {**PRESETS.get(interface, {}), **options}
-    if bitrate is not None:
+    said = _bitrate_in(words)
+    if bitrate is not None and said not in (None, bitrate):
+        raise UsageError(f"--bitrate {bitrate}: {words} says {said}; give one of them")
+    bitrate = bitrate or said
+    if bitrate is not None and not (interface == TWIN_INTERFACE and said):
         asked["bitrate"] = bitrate
     try:
         bus = can.Bus(channel, interface, ignore_config=True, **asked)  # type: ignore[arg-type]
@@ -322,6 +352,12 @@ def open_can_target(
     )
 
 
+def _bitrate_in(words: str) -> int | None:
+    """The bit rate among the options of an interface."""
+    found = re.search(r"[?&]bitrate=(\d+)(?=&|$)", words)
+    return int(found[1]) if found else None
+
+
 def _number_of(error: BaseException) -> int | None:
     """The system's number of an error, which python-can keeps under a name of its own."""
     number = getattr(error, "error_code", None)
@@ -330,7 +366,11 @@ def _number_of(error: BaseException) -> int | None:
 
 def _one_line(error: BaseException) -> str:
     """The reason in a line, in the system's words where it is the system's."""
-    number = _number_of(error)
+    number, text = _number_of(error), " ".join(str(error).split())
+    if number is None and (found := re.search(r"\[Errno (\d+)\]", text)):
+        number = int(found[1])
     if number is not None and number in errno.errorcode:
-        return os.strerror(number)
-    return " ".join(str(error).split()) or type(error).__name__
+        remedy = f": {REMEDIES[number]}" if number in REMEDIES else ""
+        return f"{os.strerror(number)}{remedy}"
+    known = isinstance(error, can.CanError | OSError | ValueError | ImportError) and text
+    return text if known else f"{type(error).__name__}: {text}".rstrip(": ")

@@ -41,7 +41,7 @@ def is_twin_url(url: str) -> bool:
 
 
 class Fence(Protocol):
-    """What keeps the axes on a line inside the envelope; it hears everything, either way."""
+    """What keeps the axes behind a carrier inside the envelope; it hears everything, either way."""
 
     def sending(self, data: bytes, now_ns: int, /) -> None:
         """Raise OutsideEnvelope if these bytes must not be sent."""
@@ -65,7 +65,7 @@ class Fence(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RoundTrip:
-    """How long exchanges take on the idle line, in ns."""
+    """How long exchanges take while nothing else is said, in ns."""
 
     samples: int = 0
     median_ns: int = 0
@@ -76,6 +76,7 @@ class Carrier(ABC):
     """A way to a device.  Not thread-safe: one run, one carrier."""
 
     source_word: ClassVar[str] = "it"  # what the source is called in messages
+    word: ClassVar[str] = "line"  # and what the modules behind it share
 
     def __init__(
         self,
@@ -152,7 +153,7 @@ class Carrier(ABC):
         return self.round_trip.max_ns
 
     def measure_round_trip(self, exchange: Callable[[], bool], samples: int) -> RoundTrip:
-        """Time `exchange` on the idle line; only the ones that succeed count."""
+        """Time `exchange` while nothing else is said; only the ones that succeed count."""
         taken: list[int] = []
         for _ in range(samples):
             started_ns = self.now_ns

@@ -8,7 +8,6 @@ the output any more (`| head`).
 from __future__ import annotations
 
 import contextlib
-import difflib
 import errno
 import json
 import os
@@ -16,39 +15,23 @@ import re
 import signal
 import sys
 import threading
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from axistwin_conformance.asked import make_options as make_options
+from axistwin_conformance.asked import parse_allowed as parse_allowed
 from axistwin_conformance.budget import DEFAULT_BUDGET
 from axistwin_conformance.errors import UsageError
-from axistwin_conformance.registry import (
-    FULL,
-    LEVELS,
-    SAFETY_CLASSES,
-    SOAK,
-    Family,
-    families,
-    find_family,
-)
+from axistwin_conformance.registry import FULL, LEVELS, families
 
 if TYPE_CHECKING:
     from axistwin_conformance.engine import Engine
-    from axistwin_conformance.plan import Options
-    from axistwin_conformance.recording import Recording
 
-BENCH_TRAVEL = 2000  # increments: one turn of a MAC23, a fifth of a MAC34
-BENCH_SPEED = 10_000  # increments per second: 300 rpm on a MAC23
-TWIN_TRAVEL = 1_000_000
-TWIN_SPEED = 1_000_000
-TWIN_NEIGHBOUR_STEP = 1  # the built-in twin gets a neighbour at the next address
 UNHEARD = 141  # what a shell tells of a program that a closed pipe has ended: 128 + SIGPIPE
 MOST_SOAK_S = 366 * 24 * 3600.0
-DEFAULT_SOAK_S = 2 * 3600.0
-HOST_AND_PORT = re.compile(r"[\w.-]+:\d+|\[[0-9a-fA-F:]+\]:\d+")
 
 
 class Address(click.ParamType[int]):
@@ -105,22 +88,36 @@ class OutputLost(BaseException):
 @click.argument("model", required=False)
 @click.argument("ids", nargs=-1, metavar="[ID]...")
 @click.option(
-    "--port", metavar="URL", help="Device or pyserial URL; without it: the built-in twin."
+    "--port",
+    metavar="URL",
+    help="Of a device on a line: its port, or a pyserial URL. Without it: the built-in twin.",
 )
-@click.option("--address", type=Address(), help="The device's address on its line.")
+@click.option(
+    "--can",
+    metavar="INTERFACE:CHANNEL",
+    help="Of a device on a CAN bus: interface and channel of python-can, for instance"
+    " socketcan:can0 or slcan:/dev/ttyACM0; further options of the interface as ?NAME=VALUE&...",
+)
+@click.option("--address", type=Address(), help="The device's address on its line or bus.")
 @click.option(
     "--neighbour",
     "neighbours",
     type=Address(),
     multiple=True,
-    help="Address of a further module of this kind on the line; repeatable.",
+    help="Address of a further module of this kind on the line or bus; repeatable.",
 )
 @click.option("--baud", type=click.IntRange(min=1), help="Rate of the line.")
+@click.option(
+    "--bitrate",
+    type=click.IntRange(10_000, 1_000_000),
+    metavar="N",
+    help="Of the bus, in bit/s; given to the interface. Without it: as the interface is set.",
+)
 @click.option(
     "--allow",
     metavar="CLASS,...",
     help="What may be done beside passive tests: motion, stored, rig, destructive. "
-    "Default: nothing on a port, everything on the built-in twin.",
+    "Default: nothing on a port or a bus, everything on the built-in twin.",
 )
 @click.option(
     "--max-travel",
@@ -138,13 +135,13 @@ class OutputLost(BaseException):
     "--eeprom-budget",
     type=click.IntRange(min=0),
     metavar="N",
-    help=f"Ask for no more than N EEPROM writes. Default: {DEFAULT_BUDGET} on a port, any number"
+    help=f"Ask for no more than N EEPROM writes. Default: {DEFAULT_BUDGET}; any number"
     " on a twin; what has to be put back is written all the same.",
 )
 @click.option(
     "--rig",
     type=click.Choice(("twin", "prompt", "command")),
-    help="What works inputs, supply and shaft; needs --allow rig on a port. A twin is its own.",
+    help="What works inputs, supply and shaft; needs --allow rig on a device. A twin is its own.",
 )
 @click.option(
     "--rig-command",
@@ -214,6 +211,7 @@ def conform(ctx: click.Context, /, **given: Any) -> None:  # fmt: skip
     axistwin conform mac23                               the built-in twin, everything
     axistwin conform mac23 --port /dev/ttyUSB0           a real one, passive tests only
     axistwin conform mac23 --port ./mac --allow motion   ... which may move
+    axistwin conform mac23-can --can socketcan:can0      a module on a CAN bus
     axistwin conform mac23 MACS-FRAME MACS-CMD-13-01     some requirements
     axistwin conform mac23 --level soak --duration 8h    random sequences, over night
     axistwin conform mac23 --replay out/operations/...   one failure again
@@ -290,95 +288,6 @@ def _conform(
         ) from error
 
 
-def make_options(
-    *,
-    model: str,
-    ids: tuple[str, ...] = (),
-    port: str | None = None,
-    address: int | None = None,
-    neighbours: tuple[int, ...] = (),
-    baud: int | None = None,
-    allow: str | None = None,
-    max_travel: int | None = None,
-    max_speed: int | None = None,
-    eeprom_budget: int | None = None,
-    rig: str | None = None,
-    rig_command: str | None = None,
-    level: str | None = None,
-    seed: int = 0,
-    is_detection: bool = False,
-    profile: Path | None = None,
-    exitfirst: bool = False,
-    duration: float | None = None,
-    replay: str | None = None,
-    report: str = "",
-) -> Options:
-    """Turn what was typed into options; raises UsageError in one line for what cannot be meant."""
-    from axistwin_conformance.plan import Options
-    from axistwin_conformance.rig import choose_rig
-    from axistwin_conformance.session import Envelope
-    from axistwin_conformance.targets import TWIN_SCHEME
-
-    family = find_family(model)
-    is_builtin = port is None
-    is_twin = port is None or port.startswith(TWIN_SCHEME)
-    address, neighbours = _addresses(family, address, neighbours, is_builtin=is_builtin)
-    _check_port(port)
-    if is_builtin and baud is not None and baud not in (family.bauds or (baud,)):
-        known = ", ".join(map(str, family.bauds))
-        raise UsageError(f"--baud {baud}: a {model} knows {known}")
-    _check_duration(duration, level)
-    alone = {"an ID": ids, "--level": level, "--detect": is_detection}
-    recording = None if replay is None else _recording(family, model, replay, alone)
-    allowed = parse_allowed(allow, is_builtin=is_builtin)
-    options = Options(
-        family=family,
-        model=model,
-        port=port,
-        address=address,
-        neighbours=neighbours,
-        baud=baud or family.default_baud,
-        allowed=allowed,
-        envelope=Envelope(
-            max_travel or (TWIN_TRAVEL if is_builtin else BENCH_TRAVEL),
-            max_speed or (TWIN_SPEED if is_builtin else BENCH_SPEED),
-            is_fenced=bool(max_travel or max_speed) or not is_twin,
-        ),
-        level=level or FULL,
-        seed=seed,
-        words=ids,
-        is_detection=is_detection,
-        is_only_detection=is_detection and not ids and level is None,
-        expected=None if profile is None else _expected(profile, family, model),
-        profile="" if profile is None else str(profile),
-        is_exitfirst=exitfirst,
-        duration_s=(duration or DEFAULT_SOAK_S) if level == SOAK else None,
-        recording=recording,
-        replay_word=replay or "",
-        report=report,
-        eeprom_budget=DEFAULT_BUDGET if eeprom_budget is None and not is_twin else eeprom_budget,
-    )
-    choice = choose_rig(rig, rig_command, options.url, is_allowed="rig" in allowed)
-    return replace(options, rig=choice)
-
-
-def _recording(family: Family, model: str, word: str, others: Mapping[str, object]) -> Recording:
-    """Read what to replay; raises UsageError for that, and for others that do not go with it."""
-    from axistwin_conformance.recording import load_recording
-
-    for name, other in others.items():
-        if other:
-            raise UsageError(f"--replay plays its operations and nothing else: leave out {name}")
-    return load_recording(word, model, family.operation_bytes)
-
-
-def _expected(path: Path, family: Family, model: str) -> dict[str, str]:
-    from axistwin_conformance.ledger import load_ledger
-    from axistwin_conformance.profile import load_profile
-
-    return load_profile(path, model, load_ledger(family.ledger))
-
-
 def _write_profile(engine: Engine, path: Path, is_json: bool) -> None:
     """Write what was detected; nothing where there was no device to ask."""
     from axistwin_conformance.profile import as_toml
@@ -396,52 +305,6 @@ def _write_profile(engine: Engine, path: Path, is_json: bool) -> None:
     except OSError as error:
         raise UsageError(f"cannot write the profile {path}: {error.strerror}") from error
     click.echo(f"profile: {path}", err=is_json)
-
-
-def parse_allowed(text: str | None, *, is_builtin: bool) -> frozenset[str]:
-    """Read the list of `--allow`; raises UsageError for a class that is none."""
-    if text is None:
-        return frozenset(SAFETY_CLASSES) if is_builtin else frozenset({"passive"})
-    words = [word.strip() for word in text.split(",") if word.strip()]
-    for word in words:
-        if word not in SAFETY_CLASSES:
-            near = difflib.get_close_matches(word, SAFETY_CLASSES, n=1)
-            hint = f"did you mean {near[0]}? " if near else ""
-            raise UsageError(
-                f"--allow {word}: {hint}Known: {', '.join(SAFETY_CLASSES)}, separated by commas."
-            )
-    return frozenset({"passive", *words})
-
-
-def _check_port(port: str | None) -> None:
-    if port is not None and HOST_AND_PORT.fullmatch(port) and not Path(port).exists():
-        raise UsageError(f"--port {port} is no device; a line over TCP is --port socket://{port}")
-
-
-def _check_duration(duration: float | None, level: str | None) -> None:
-    if duration is not None and level != SOAK:
-        raise UsageError(f"--duration is how long a soak takes: add --level {SOAK}")
-
-
-def _addresses(
-    family: Family, address: int | None, neighbours: tuple[int, ...], *, is_builtin: bool
-) -> tuple[int, tuple[int, ...]]:
-    """The address to judge and those of further modules, of which the built-in twin has one."""
-    address = family.default_address if address is None else address
-    if is_builtin and not neighbours:
-        neighbours = (_other_address(family, address),)
-    for one in (address, *neighbours):
-        if one not in family.addresses:
-            low, high = family.addresses[0], family.addresses[-1]
-            raise UsageError(f"address {one} is out of range: choose {low} to {high}")
-    if len({address, *neighbours}) <= len(neighbours):
-        raise UsageError("--address and every --neighbour must differ from one another")
-    return address, neighbours
-
-
-def _other_address(family: Family, address: int) -> int:
-    """An address for the twin's neighbour; wraps at the end of the range."""
-    return family.addresses[(address + TWIN_NEIGHBOUR_STEP) % len(family.addresses)]
 
 
 def _compare(old: Path, new: Path, is_json: bool, model: str | None) -> int:

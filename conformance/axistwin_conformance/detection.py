@@ -88,7 +88,7 @@ def _ask_until_believed(run: Run, probe: Probe, keeper: Keeper) -> Detection:
         told.append(one.candidates)
         run.readings.clear()
         run.readings.update(known)
-    text = f"the line is too noisy to tell ({run.quality})"
+    text = f"the {run.target.word} is too noisy to tell ({run.quality})"
     return Detection(probe.switch, None, text)
 
 

@@ -45,6 +45,7 @@ from axistwin_conformance.registry import Check
 from axistwin_conformance.session import Envelope, Run, Session
 from axistwin_conformance.soak import Soak
 from axistwin_conformance.verdicts import Finding, Verdict
+from axistwin_conformance.ways import BUS, LINE
 
 __all__ = ["Engine", "Envelope", "Options", "Result", "Session"]
 
@@ -135,8 +136,10 @@ class Engine:
                 started_at=datetime.now(UTC).isoformat(timespec="seconds"),
                 command=options.command,
                 model=options.model,
-                target=options.url if options.port else f"built-in twin ({options.url})",
-                baud=options.baud,
+                target=f"built-in twin ({options.url})" if options.is_builtin else options.url,
+                carrier=options.family.way.word,
+                baud=options.rate if options.family.way is LINE else None,
+                bitrate=options.rate if options.family.way is BUS else None,
                 address=options.address,
                 neighbours=options.neighbours,
                 allowed=tuple(sorted(options.allowed)),
@@ -170,7 +173,7 @@ class Engine:
 
     def _open(self, neighbours: tuple[int, ...]) -> Carrier:
         url = replace(self.options, neighbours=neighbours).url
-        return self.family.open(url, self.options.baud, is_builtin=self.options.is_builtin)
+        return self.family.open(url, self.options.rate, is_builtin=self.options.is_builtin)
 
     def _run_on_target(self) -> None:
         result = self._result
@@ -240,7 +243,7 @@ class Engine:
 
     def _detect(self, run: Run, *, is_destructive: bool) -> None:
         """Ask the probes that are (not) destructive; those that need the module alone on its line
-        get a line of their own where that is possible (built-in twin)."""
+        get a line or bus of their own where that is possible (built-in twin)."""
         mine = [
             probe
             for probe in self._result.plan.probes
@@ -248,7 +251,7 @@ class Engine:
         ]
         if is_destructive and run.quality.is_noisy and not run.target.is_lossless:
             for probe in mine:
-                leave_out(run, probe, f"too risky on a noisy line: {run.quality}")
+                leave_out(run, probe, f"too risky on a noisy {run.target.word}: {run.quality}")
             return
         for is_alone, row in itertools.groupby(mine, lambda one: "alone" in one.check.needs):
             if is_alone and run.neighbours:
@@ -282,7 +285,7 @@ class Engine:
 
     @staticmethod
     def _inherit(other: Run, run: Run) -> None:
-        """Let a run on another line know, and tell, what is known on this one."""
+        """Let a run on another line or bus know, and tell, what is known on this one."""
         other.identity, other.target.round_trip = run.identity, run.target.round_trip
         other.quality = run.quality
         other.readings, other.detections = run.readings, run.detections
@@ -291,7 +294,7 @@ class Engine:
         if not self._keeper.blocked and not self._keeper.is_sane(run):
             self._keeper.trouble("the device did not answer the closing sanity exchange")
         if run.quality.spoilt:
-            self._emit(events.Note(f"noise on the line: {run.quality}"))
+            self._emit(events.Note(f"noise on the {run.target.word}: {run.quality}"))
 
     # Checks.
 
@@ -355,7 +358,8 @@ class Engine:
         if check.danger > 0 and not self._keeper.remember(run):
             return self._blocked_result(check, self._keeper.unremembered)
         if "destructive" in check.safety and run.quality.is_noisy and not run.target.is_lossless:
-            return self._left_out(check, f"too risky on a noisy line: {run.quality}")
+            reason = f"too risky on a noisy {run.target.word}: {run.quality}"
+            return self._left_out(check, reason)
         return self._after(run, check, self._attempts.believed(run, check))
 
     def _after(self, run: Run, check: Check, result: CheckResult) -> CheckResult:
@@ -387,7 +391,7 @@ class Engine:
         return self._keeper.is_sane(run)
 
     def _run_alone(self, run: Run, check: Check) -> CheckResult:
-        """Run a check that needs the module alone on a line of its own (built-in twin only)."""
+        """Run a check that needs the module alone, on a line or bus of its own (built-in twin)."""
         with self._keeper.opened(()) as other:
             self._inherit(other, run)
             return self._run_one(other, check)

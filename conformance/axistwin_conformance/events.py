@@ -31,7 +31,9 @@ class Outcome(StrEnum):
 class RunStarted:
     """The run begins; `left_out` gives the reason per check that will not run.
 
-    `started_at`: UTC, ISO 8601.  `baud`: of our end of the line.  `command`: starts this run again.
+    `started_at`: UTC, ISO 8601.  `command`: starts this run again.
+    `carrier`: line or bus; `baud`: of our end of the line, None on a bus; `bitrate`: of the bus in
+    bit/s, None on a line and where its interface has one of its own.
     """
 
     suite_version: str
@@ -39,7 +41,9 @@ class RunStarted:
     command: str
     model: str
     target: str
-    baud: int
+    carrier: str
+    baud: int | None
+    bitrate: int | None
     address: int
     neighbours: tuple[int, ...]
     allowed: tuple[str, ...]
@@ -53,7 +57,7 @@ class RunStarted:
 
 @dataclass(frozen=True, slots=True)
 class Identified:
-    """The probe found the model; the idle line's round trip is measured."""
+    """The probe found the model; the round trip is measured while nothing else is said."""
 
     summary: str
     values: Mapping[str, str]

@@ -10,6 +10,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from axistwin_conformance.carrier import is_twin_url
 from axistwin_conformance.errors import UsageError
 from axistwin_conformance.ledger import Ledger
 from axistwin_conformance.profile import Probe
@@ -26,14 +27,14 @@ from axistwin_conformance.registry import (
 )
 from axistwin_conformance.rig import CAPABILITIES, RigChoice
 from axistwin_conformance.session import Envelope
-from axistwin_conformance.targets import TWIN_SCHEME
 
 
 @dataclass(frozen=True, slots=True)
 class Options:
     """What the user asked for.
 
-    `port`: a pyserial URL or device, None for the built-in twin.  `words`: requirement ids,
+    `endpoint`: a pyserial URL or device, or INTERFACE:CHANNEL of python-can; None for the built-in
+    twin.  `rate`: of our end, None where the interface has its own.  `words`: requirement ids,
     prefixes of them, or names of checks; none means everything.  `is_detection`: ask for the
     profile with all that is allowed; `is_only_detection`: and judge nothing else.  `expected`: the
     readings of a profile file, None without one.  `duration_s`: of a soak.  `recording`: play just
@@ -42,10 +43,10 @@ class Options:
 
     family: Family
     model: str
-    port: str | None
+    endpoint: str | None
     address: int
     neighbours: tuple[int, ...]
-    baud: int
+    rate: int | None
     allowed: frozenset[str]
     envelope: Envelope
     level: str
@@ -66,20 +67,22 @@ class Options:
     @property
     def is_builtin(self) -> bool:
         """True if the built-in twin is to be judged."""
-        return self.port is None
+        return self.endpoint is None
 
     @property
     def is_twin(self) -> bool:
         """True if what is judged cannot be harmed: a twin made for this run."""
-        return self.is_builtin or self.url.startswith(TWIN_SCHEME)
+        return self.is_builtin or is_twin_url(self.url)
 
     @property
     def url(self) -> str:
         """What to open."""
-        if self.port is not None:
-            return self.port
+        if self.endpoint is not None:
+            return self.endpoint
         url = self.family.twin_url(self.model, self.address, self.neighbours)
-        return url if self.baud == self.family.default_baud else f"{url}&baud={self.baud}"
+        if self.rate == self.family.default_rate:
+            return url
+        return f"{url}&{self.family.way.rate_parameter}={self.rate}"
 
     @property
     def provided(self) -> frozenset[str]:
@@ -87,7 +90,7 @@ class Options:
         met = {"neighbour"} if self.neighbours else {"alone"}
         if self.is_builtin:
             met.add("alone")  # a second line, with one module, costs nothing there
-        if self.url.startswith(TWIN_SCHEME) and "time=virtual" in self.url:
+        if is_twin_url(self.url) and "time=virtual" in self.url:
             met.add("virtual")
         met.update(f"{RIG}{name}" for name in self.rig.capabilities)
         return frozenset(met)
@@ -111,10 +114,12 @@ class Options:
 
     def _command(self, selected: Sequence[str], level: str = FULL, replay: str = "") -> str:
         words = ["axistwin", "conform", self.model]
-        if self.port is None and self.baud != self.family.default_baud:
-            words += ["--baud", str(self.baud)]
-        if self.port is not None:
-            words += ["--port", self.port, "--baud", str(self.baud)]
+        way = self.family.way
+        if self.endpoint is not None:
+            words += [way.option, self.endpoint]
+        if self.rate != (self.family.default_rate if self.is_builtin else None):
+            words += [way.rate_option, str(self.rate)]
+        if self.endpoint is not None:
             granted = sorted(self.allowed - {"passive"})
             words += ["--allow", ",".join(granted)] if granted else []
             words += ["--max-travel", str(self.envelope.max_travel)]
@@ -122,7 +127,7 @@ class Options:
             if self.eeprom_budget is not None:
                 words += ["--eeprom-budget", str(self.eeprom_budget)]
             words += [text for one in self.neighbours for text in ("--neighbour", str(one))]
-        words += self.rig.words(is_default=self.url.startswith(TWIN_SCHEME))
+        words += self.rig.words(is_default=is_twin_url(self.url))
         if self.address != self.family.default_address:
             words += ["--address", str(self.address)]
         words += ["--profile", self.profile] if self.profile else []

@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from axistwin_conformance.errors import UsageError
 from axistwin_conformance.rig import CAPABILITIES
 from axistwin_conformance.transcript import Record
+from axistwin_conformance.ways import LINE, Way
 
 if TYPE_CHECKING:
     from axistwin_conformance.carrier import Carrier, Fence
@@ -39,8 +40,8 @@ RIG = "rig:"  # what a need of a rig's capability begins with
 
 # What a check may need beside the device itself, and what to tell who does not have it.
 NEEDS: Mapping[str, str] = {
-    "neighbour": "needs a second module on the line (--neighbour ADDRESS)",
-    "alone": "needs the module alone on the line (no --neighbour)",
+    "neighbour": "needs a second module beside it (--neighbour ADDRESS)",
+    "alone": "needs the module alone (no --neighbour)",
     "virtual": "needs virtual time: only the built-in twin can show it",
     **{f"{RIG}{name}": f"needs a rig that {words} (--rig)" for name, words in CAPABILITIES.items()},
 }
@@ -68,6 +69,12 @@ class Check:
     behaviour: str
     module: str
     soaks: bool = False
+    shared: tuple[str, ...] = ()  # taken over by another family: as it names what it judges itself
+
+    @property
+    def declared(self) -> tuple[str, ...]:
+        """The requirements as the check itself names them, whichever family runs it."""
+        return self.shared or self.requirements
 
     def __call__(self, session: Session) -> None:
         """Run the check."""
@@ -167,8 +174,9 @@ class Family:
     `explain(record)`: the bytes of a record in words.
     `twin_url(model, address, neighbours)`: the URL of the built-in twin.
     `open(url, rate, is_builtin=...)`: the way to the device; raises TargetError.
-    `rate_word`: what the URL of a twin calls the rate of its line or bus.
-    `bauds`: the rates its line can have; none named: any.
+    `way`: how the devices are reached, and what that is called.
+    `default_rate`: of the line or bus; None: as the interface is set.
+    `rates`: the ones it can have; none named: any.
     `fence(run)`: what keeps the axes inside the envelope, whatever is sent.
     `writes(data)`: how many writes to nonvolatile memory these bytes ask for.
     `guard(session, data)`: why these bytes must not be sent to this device (outside the envelope,
@@ -190,7 +198,7 @@ class Family:
     modules: tuple[str, ...]
     addresses: range
     default_address: int
-    default_baud: int
+    default_rate: int | None
     probe: Callable[[Session], Identity]
     sanity: Callable[[Session], bool]
     stop: Callable[[Session], None]
@@ -199,9 +207,9 @@ class Family:
     explain: Callable[[Record], str]
     twin_url: Callable[[str, int, tuple[int, ...]], str]
     open: Opener
-    rate_word: str = "baud"
+    way: Way = LINE
     guard: Callable[[Session, bytes], str | None] = lambda session, data: None
-    bauds: tuple[int, ...] = ()
+    rates: tuple[int, ...] = ()
     fence: Callable[[Run], Fence] | None = None
     writes: Callable[[bytes], int] = lambda data: 0
     probe_modules: tuple[str, ...] = ()
@@ -269,7 +277,7 @@ class Family:
         names = book.own(check.requirements)
         if names == check.requirements or not names:
             return check if names else None
-        return replace(check, requirements=names)
+        return replace(check, requirements=names, shared=check.requirements)
 
 
 FAMILY_PACKAGES = ("axistwin_conformance.mac_serial", "axistwin_conformance.mac_can")

@@ -139,7 +139,9 @@ def _template() -> jinja2.Template:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(slug=slug, plot=plot, duration=duration, thousands=thousands)
+    environment.filters.update(
+        slug=slug, plot=plot, duration=duration, thousands=thousands, rate=rate
+    )
     environment.tests["inside"] = is_inside
     return environment.get_template("report.html.j2")
 
@@ -152,6 +154,14 @@ def slug(verdict: str) -> str:
 def thousands(number: int) -> str:
     """A number of many digits in groups that do not break."""
     return f"{number:,}".replace(",", "\N{NARROW NO-BREAK SPACE}")
+
+
+def rate(run: Mapping[str, Any]) -> str:
+    """How fast our end talks."""
+    if run["carrier"] == "line":
+        return f"{run['baud']} baud"
+    bitrate = run["bitrate"]
+    return "bit rate as the interface is set" if bitrate is None else f"{bitrate} bit/s"
 
 
 def duration(seconds: float) -> str:

@@ -29,6 +29,11 @@ ELEMENTS = {
     "info": "skipped",
 }
 
+SUITE_PROPERTIES = (
+    "suite_version", "model", "target", "carrier", "baud", "bitrate", "address", "level", "seed",
+    "command",
+)  # fmt: skip
+
 # What XML 1.0 cannot hold, not even escaped.
 UNSPEAKABLE = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
@@ -61,8 +66,9 @@ def junit(report: Report) -> str:
 
 def _suite_properties(report: Report) -> Iterator[tuple[str, str]]:
     run = report["run"]
-    for key in ("suite_version", "model", "target", "baud", "address", "level", "seed", "command"):
-        yield key, str(run[key])
+    for key in SUITE_PROPERTIES:
+        if run[key] is not None:
+            yield key, str(run[key])
     yield "device", report["device"].get("summary", "")
     for key, value in report["device"].get("values", {}).items():
         yield f"device.{key}", value

@@ -106,6 +106,7 @@ class TerminalReport:
             disable=not console.is_terminal,
         )
         self._task = self._progress.add_task("connecting", total=None)
+        self._carrier = ""  # line or bus
         self._failed: list[events.CheckFinished] = []
         self._judged: list[events.RequirementJudged] = []
         self._readings: list[events.ReadingSeen] = []
@@ -155,14 +156,17 @@ class TerminalReport:
             f"axistwin conform {event.model} · suite {event.suite_version}"
             f" · level {event.level} · seed {event.seed}"
         )
-        self._print(f"target   {event.target}, address {event.address}")
+        self._carrier = event.carrier
+        self._print(f"target   {event.target}, address {event.address}{_rate(event)}")
         self._print(f"allowed  {', '.join(event.allowed)}")
         self._print(f"plan     {_plan_line(len(event.checks), event.left_out)}")
 
     def _identify(self, event: events.Identified) -> None:
         median_ms, max_ms = event.round_trip_median_ns / 1e6, event.round_trip_max_ns / 1e6
         self._print(f"device   {event.summary}")
-        self._print(f"line     idle round trip {median_ms:.2f} ms, at most {max_ms:.2f} ms")
+        self._print(
+            f"{self._carrier:8} idle round trip {median_ms:.2f} ms, at most {max_ms:.2f} ms"
+        )
 
     def _check(self, event: events.CheckFinished) -> None:
         self._pace.end(event.name, event.seconds)
@@ -316,6 +320,13 @@ class TerminalReport:
 
 def _hex(data: bytes) -> str:
     return data.hex(" ").upper()
+
+
+def _rate(event: events.RunStarted) -> str:
+    """How fast, as far as that was said."""
+    if event.baud is not None:
+        return f", {event.baud} baud"
+    return "" if event.bitrate is None else f", {event.bitrate} bit/s"
 
 
 def _plan_line(count: int, left_out: Mapping[str, str]) -> str:

@@ -1,6 +1,6 @@
 """The rig: whatever works the device's inputs, supply, temperature and shaft while it is judged.
 
-    TwinRig      the handles that the port object of a twin in this process offers
+    TwinRig      the handles that the port or bus object of a twin in this process offers
     CommandRig   a command of the user's, run once per act, without a shell
     PromptRig    the person at the terminal, asked to do it
 
@@ -31,7 +31,7 @@ from typing import Any, Final, Protocol, TextIO
 
 from axistwin_conformance.carrier import Carrier, is_twin_url
 from axistwin_conformance.errors import CannotDo, RigError, UsageError
-from axistwin_conformance.targets import TWIN_SCHEME
+from axistwin_conformance.ways import LINE, Way
 
 INPUTS: Final = ("reference", "positive_stop", "negative_stop", "reset")
 FAULTS: Final = ("micro_cut", "amplifier", "encoder")
@@ -55,7 +55,7 @@ KINDS: Final = ("twin", "prompt", "command")
 COMMAND_TIMEOUT_S: Final = 30.0
 CANNOT_STATUS: Final = 3
 PUT_BACK_TIMEOUT_S: Final = 120.0  # nobody at the terminal must not hold a port for ever
-VIRTUAL: Final = "time=virtual"  # in a twin's URL: time passes only while the suite waits
+VIRTUAL: Final = "time=virtual"  # in what opens a twin: time passes only while the suite waits
 PLACEHOLDERS: Final = ("{verb}", "{name}", "{value}")
 
 Window = tuple[int, int]  # the target's clock before and after an act, ns
@@ -191,7 +191,7 @@ class Rig(ABC):
 
 
 class TwinRig(Rig):
-    """Works the twin behind the target's port, by the handles that every twin offers."""
+    """Works the twin behind the target, by the handles that every twin offers."""
 
     def __init__(self, target: Carrier, address: int) -> None:
         super().__init__(target, frozenset(CAPABILITIES))
@@ -235,7 +235,7 @@ class TwinRig(Rig):
 
 
 def _twin_at(target: Carrier, address: int) -> Any:
-    """The twin with that address on the target's line; raises RigError if there is none."""
+    """The twin with that address behind the target; raises RigError if there is none."""
     for twin in target.twins:
         if twin.address == address:
             return twin
@@ -411,7 +411,9 @@ class RigChoice:
         return ["--rig", self.kind, *(["--rig-command", self.command] if self.command else [])]
 
 
-def choose_rig(kind: str | None, command: str | None, url: str, *, is_allowed: bool) -> RigChoice:
+def choose_rig(
+    kind: str | None, command: str | None, url: str, *, is_allowed: bool, way: Way = LINE
+) -> RigChoice:
     """Read `--rig` and `--rig-command`; raises UsageError in one line.
 
     A twin in this process is its own rig.  A command is asked what it can do, unless the run may
@@ -423,7 +425,7 @@ def choose_rig(kind: str | None, command: str | None, url: str, *, is_allowed: b
     if command is not None and kind != "command":
         raise UsageError(f"--rig-command goes with --rig command, not with --rig {kind}")
     if kind == "twin" and not is_twin:
-        raise UsageError(f"--rig twin needs a twin in this process: --port {TWIN_SCHEME}...")
+        raise UsageError(f"--rig twin needs a twin in this process: {way.option} {way.twin}...")
     if kind == "prompt" and is_allowed and not (sys.stdin.isatty() and sys.stderr.isatty()):
         raise UsageError("--rig prompt needs a terminal with somebody to ask; try --rig command")
     if kind != "command":

@@ -152,7 +152,7 @@ def noisy_run(
     def open_noisy(neighbours: tuple[int, ...]) -> Target:
         url = options.family.twin_url(options.model, options.address, neighbours)
         url += "".join(f"&quirk.{name}={value}" for name, value in quirks.items())
-        inner = serial.serial_for_url(url, baudrate=options.baud)
+        inner = serial.serial_for_url(url, baudrate=options.rate or 38400)
         ports.append(NoisyPort(inner, every, seed + len(ports), fates))
         return Target(ports[-1], url, is_builtin=True, is_lossless=False)
 

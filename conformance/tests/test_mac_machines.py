@@ -36,7 +36,9 @@ FOUND_ALONE = (
 def new_player() -> Player:
     """Somebody who plays on a fresh twin."""
     family = find_family("mac23")
-    target = open_target(family.twin_url("mac23", 0, ()), family.default_baud, is_builtin=True)
+    target = open_target(
+        family.twin_url("mac23", 0, ()), family.default_rate or 38400, is_builtin=True
+    )
     one = Run(
         target=target, family=family, model=family.models["mac23"],
         ledger=load_ledger(family.ledger), address=0, neighbours=(),

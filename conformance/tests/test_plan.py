@@ -75,14 +75,14 @@ def test_a_quick_run_leaves_out_what_belongs_to_full(bench: Any) -> None:
 
 def test_a_missing_neighbour_is_named(bench: Any) -> None:
     """A check for two modules waits for --neighbour."""
-    plan = plan_of(bench, port="/dev/null", neighbours=())
+    plan = plan_of(bench, endpoint="/dev/null", neighbours=())
     assert "--neighbour" in reasons(plan)["moving"]
     assert "alone" not in reasons(plan)["destroying"]
 
 
 def test_a_check_that_must_be_alone_does_not_run_beside_a_neighbour(bench: Any) -> None:
     """On a real line; the built-in twin gets a line of its own."""
-    assert "destroying" in reasons(plan_of(bench, port="/dev/null"))
+    assert "destroying" in reasons(plan_of(bench, endpoint="/dev/null"))
     assert "destroying" in names(plan_of(bench))
 
 
@@ -114,7 +114,7 @@ def test_the_replay_command_repeats_port_bounds_and_seed(bench: Any) -> None:
     """One command, ready to paste."""
     check = bench.family.checks()[2]
     assert bench.options().replay(check) == "axistwin conform toy --seed 5 moving"
-    replay = bench.options(port="/dev/tty S", address=3).replay(check)
+    replay = bench.options(endpoint="/dev/tty S", address=3).replay(check)
     assert replay.startswith("axistwin conform toy --port '/dev/tty S' --baud 9600 --allow ")
     for part in ("--max-travel 1000", "--max-speed 1000", "--neighbour 1", "--address 3"):
         assert part in replay
@@ -126,12 +126,12 @@ def test_the_replay_command_repeats_port_bounds_and_seed(bench: Any) -> None:
 )
 def test_virtual_time_is_a_matter_of_the_url(bench: Any, port: str, is_met: bool) -> None:
     """A twin named by URL counts as one too."""
-    assert ("virtual" in bench.options(port=port).provided) is is_met
+    assert ("virtual" in bench.options(endpoint=port).provided) is is_met
 
 
 def test_on_a_port_destructive_checks_run_only_if_named(bench: Any) -> None:
     """Allowing the class is not enough, nor is a prefix: the check's name, or a whole ID."""
-    given = {"port": "/dev/null", "neighbours": ()}
+    given = {"endpoint": "/dev/null", "neighbours": ()}
     for words in ((), ("MACS-CMD",)):
         assert "only if named" in reasons(plan_of(bench, words=words, **given))["destroying"]
     for words in (("destroying",), ("MACS-CMD-08-01",)):

@@ -86,7 +86,9 @@ def judge(good: int, answers: Answers) -> tuple[Result, Peer, float]:
 
     def open_peer(neighbours: tuple[int, ...]) -> Target:
         url = options.family.twin_url(options.model, options.address, neighbours)
-        peers.append(Peer(serial.serial_for_url(url, baudrate=options.baud), good, answers))
+        peers.append(
+            Peer(serial.serial_for_url(url, baudrate=options.rate or 38400), good, answers)
+        )
         return Target(peers[-1], url, is_builtin=True, is_lossless=False)
 
     started = time.monotonic()

@@ -58,7 +58,7 @@ def run(
 
     def open_watch(neighbours: tuple[int, ...]) -> Target:
         url = options.family.twin_url(options.model, options.address, neighbours)
-        watches.append(Watch(serial.serial_for_url(url, baudrate=options.baud), at_call))
+        watches.append(Watch(serial.serial_for_url(url, baudrate=options.rate or 38400), at_call))
         return Target(watches[-1], url, is_builtin=True, is_lossless=is_lossless)
 
     return Engine(options, open_watch).run(lambda event: None), watches

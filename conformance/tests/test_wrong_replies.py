@@ -111,7 +111,7 @@ def judge(
 
     def open_faulty(neighbours: tuple[int, ...]) -> Target:
         url = options.family.twin_url(options.model, options.address, neighbours)
-        twin = serial.serial_for_url(url, baudrate=options.baud)
+        twin = serial.serial_for_url(url, baudrate=options.rate or 38400)
         port = answers(twin) if callable(answers) else Faulty(twin, answers)
         opened.append(Target(port, url, is_builtin=True, is_lossless=is_lossless))
         return opened[-1]

@@ -410,8 +410,8 @@ def open_twin(session: Session) -> Carrier:
         if reading != run.ledger.ambiguity_of(switch).default_of(switch):
             url += f"&quirk.{switch}={urllib.parse.quote(reading, safe='+')}"
     rate = session.carrier.rate
-    if rate is not None and rate != run.family.default_baud:
-        url += f"&{run.family.rate_word}={rate}"
+    if rate is not None and rate != run.family.default_rate:
+        url += f"&{run.family.way.rate_parameter}={rate}"
     return run.family.open(url, rate, is_builtin=True)
 
 

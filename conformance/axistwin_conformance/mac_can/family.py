@@ -23,10 +23,12 @@ from axistwin_conformance.mac_axis.keeping import (
 from axistwin_conformance.mac_axis.safety import STORING, deeds, objection
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench, RigBench
+from axistwin_conformance.mac_can.codec import Reply
 from axistwin_conformance.mac_can.reader import BusReader
 from axistwin_conformance.registry import Family, Identity, Model
-from axistwin_conformance.session import Run, Session
+from axistwin_conformance.session import ATTEMPTS, Run, Session
 from axistwin_conformance.transcript import Record
+from axistwin_conformance.ways import BUS
 
 NOT_ON_CAN: Final = frozenset({0x08, 0x1B})
 OWN_COMMANDS: Final = "address (LMT)"
@@ -40,16 +42,15 @@ MODELS: Final = {
 def probe(session: Session) -> Identity:
     """Ask release and measures; raises TargetError if nobody answers."""
     bench = Bench(session)
-    for _ in range(PROBE_ATTEMPTS):
-        last = bench.ask(0x24).reply
-        if last.kind is Kind.ANSWER:
-            break
+    session.is_strict = True  # the attempts are counted here
+    last = _insisted(bench, 0x24)
     release = last.data if last.kind is Kind.ANSWER else None
     if release is None and not sanity(session):
         raise TargetError(
             f"no module answers at address {bench.address} on {session.carrier.description}:"
             f" {last}; try another --address or --bitrate"
         )
+    session.is_strict = session.carrier.is_lossless
     values = {"release": "unknown" if release is None else f"{release:08X}"}
     measures = bench.ask(0x27).reply
     if measures.data is not None:
@@ -57,6 +58,17 @@ def probe(session: Session) -> Identity:
     told = [f"release {values['release']}"]
     told += [values[name] for name in ("temperature", "supply") if name in values]
     return Identity(f"{session.model.title} at {bench.address}, {', '.join(told)}", values)
+
+
+def _insisted(bench: Bench, index: int) -> Reply:
+    """Ask until there is an answer; longer if what comes differs, which is noise."""
+    seen = set()
+    for number in range(1, ATTEMPTS + 1):
+        reply: Reply = bench.ask(index).reply
+        seen.add(reply.raw)
+        if reply.kind is Kind.ANSWER or (number >= PROBE_ATTEMPTS and len(seen) == 1):
+            break
+    return reply
 
 
 # --- which frame may do what ---------------------------------------------------------------------
@@ -94,7 +106,9 @@ def _index_of(frame: Frame) -> int | None:
         return 0x11
     if frame.identifier & 0x780 != codec.REQUEST or head[2] != codec.INDEX_HIGH:
         return None
-    return head[1] + (0x20 if head[0] == codec.UPLOAD else 0)
+    if head[0] == codec.UPLOAD:
+        return head[1] + 0x20
+    return None if head[1] in NOT_ON_CAN else head[1]  # unassigned here: refused
 
 
 def explain(record: Record) -> str:
@@ -119,7 +133,6 @@ def open_bus(url: str, rate: int | None, *, is_builtin: bool = False) -> CanTarg
 
 
 TWIN_BITRATE: Final = 125_000  # of the built-in twin, unless another one is asked for
-UNKNOWN_RATE: Final = 0  # of a real bus: the interface knows
 
 _SHARED: Final = (
     "checks_queries",
@@ -152,8 +165,8 @@ FAMILY: Final = Family(
     modules=tuple(f"axistwin_conformance.mac_axis.{name}" for name in _SHARED),
     addresses=codec.ADDRESSES,
     default_address=1,
-    default_baud=UNKNOWN_RATE,
-    rate_word="bitrate",
+    default_rate=None,
+    way=BUS,
     probe=probe,
     sanity=sanity,
     stop=stop,

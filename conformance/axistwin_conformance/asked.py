@@ -1,0 +1,158 @@
+"""From the words of the command line to the options of a run; every mistake is one line."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from axistwin_conformance.budget import DEFAULT_BUDGET
+from axistwin_conformance.carrier import is_twin_url
+from axistwin_conformance.errors import UsageError
+from axistwin_conformance.registry import FULL, SAFETY_CLASSES, SOAK, Family, find_family
+from axistwin_conformance.ways import choose_endpoint
+
+if TYPE_CHECKING:
+    from axistwin_conformance.plan import Options
+    from axistwin_conformance.recording import Recording
+
+BENCH_TRAVEL = 2000  # increments: one turn of a MAC23, a fifth of a MAC34
+BENCH_SPEED = 10_000  # increments per second: 300 rpm on a MAC23
+TWIN_TRAVEL = 1_000_000
+TWIN_SPEED = 1_000_000
+DEFAULT_SOAK_S = 2 * 3600.0
+
+
+def make_options(
+    *,
+    model: str,
+    ids: tuple[str, ...] = (),
+    port: str | None = None,
+    can: str | None = None,
+    address: int | None = None,
+    neighbours: tuple[int, ...] = (),
+    baud: int | None = None,
+    bitrate: int | None = None,
+    allow: str | None = None,
+    max_travel: int | None = None,
+    max_speed: int | None = None,
+    eeprom_budget: int | None = None,
+    rig: str | None = None,
+    rig_command: str | None = None,
+    level: str | None = None,
+    seed: int = 0,
+    is_detection: bool = False,
+    profile: Path | None = None,
+    exitfirst: bool = False,
+    duration: float | None = None,
+    replay: str | None = None,
+    report: str = "",
+) -> Options:
+    """Turn what was typed into options; raises UsageError in one line for what cannot be meant."""
+    from axistwin_conformance.plan import Options
+    from axistwin_conformance.rig import choose_rig
+    from axistwin_conformance.session import Envelope
+
+    family = find_family(model)
+    endpoint, rate = choose_endpoint(
+        family.way, model, {"--port": port, "--can": can}, {"--baud": baud, "--bitrate": bitrate}
+    )
+    is_builtin = endpoint is None
+    is_twin = endpoint is None or is_twin_url(endpoint)
+    address, neighbours = _addresses(family, address, neighbours, is_builtin=is_builtin)
+    if is_builtin and rate is not None and rate not in (family.rates or (rate,)):
+        known = ", ".join(map(str, family.rates))
+        raise UsageError(f"{family.way.rate_option} {rate}: a {model} knows {known}")
+    _check_duration(duration, level)
+    alone = {"an ID": ids, "--level": level, "--detect": is_detection}
+    recording = None if replay is None else _recording(family, model, replay, alone)
+    allowed = parse_allowed(allow, is_builtin=is_builtin)
+    options = Options(
+        family=family,
+        model=model,
+        endpoint=endpoint,
+        address=address,
+        neighbours=neighbours,
+        rate=rate or family.default_rate,
+        allowed=allowed,
+        envelope=Envelope(
+            max_travel or (TWIN_TRAVEL if is_builtin else BENCH_TRAVEL),
+            max_speed or (TWIN_SPEED if is_builtin else BENCH_SPEED),
+            is_fenced=bool(max_travel or max_speed) or not is_twin,
+        ),
+        level=level or FULL,
+        seed=seed,
+        words=ids,
+        is_detection=is_detection,
+        is_only_detection=is_detection and not ids and level is None,
+        expected=None if profile is None else _expected(profile, family, model),
+        profile="" if profile is None else str(profile),
+        is_exitfirst=exitfirst,
+        duration_s=(duration or DEFAULT_SOAK_S) if level == SOAK else None,
+        recording=recording,
+        replay_word=replay or "",
+        report=report,
+        eeprom_budget=DEFAULT_BUDGET if eeprom_budget is None and not is_twin else eeprom_budget,
+    )
+    choice = choose_rig(rig, rig_command, options.url, is_allowed="rig" in allowed, way=family.way)
+    return replace(options, rig=choice)
+
+
+def _recording(family: Family, model: str, word: str, others: Mapping[str, object]) -> Recording:
+    """Read what to replay; raises UsageError for that, and for others that do not go with it."""
+    from axistwin_conformance.recording import load_recording
+
+    for name, other in others.items():
+        if other:
+            raise UsageError(f"--replay plays its operations and nothing else: leave out {name}")
+    return load_recording(word, model, family.operation_bytes)
+
+
+def _expected(path: Path, family: Family, model: str) -> dict[str, str]:
+    from axistwin_conformance.ledger import load_ledger
+    from axistwin_conformance.profile import load_profile
+
+    return load_profile(path, model, load_ledger(family.ledger))
+
+
+def parse_allowed(text: str | None, *, is_builtin: bool) -> frozenset[str]:
+    """Read the list of `--allow`; raises UsageError for a class that is none."""
+    if text is None:
+        return frozenset(SAFETY_CLASSES) if is_builtin else frozenset({"passive"})
+    words = [word.strip() for word in text.split(",") if word.strip()]
+    for word in words:
+        if word not in SAFETY_CLASSES:
+            near = difflib.get_close_matches(word, SAFETY_CLASSES, n=1)
+            hint = f"did you mean {near[0]}? " if near else ""
+            raise UsageError(
+                f"--allow {word}: {hint}Known: {', '.join(SAFETY_CLASSES)}, separated by commas."
+            )
+    return frozenset({"passive", *words})
+
+
+def _check_duration(duration: float | None, level: str | None) -> None:
+    if duration is not None and level != SOAK:
+        raise UsageError(f"--duration is how long a soak takes: add --level {SOAK}")
+
+
+def _addresses(
+    family: Family, address: int | None, neighbours: tuple[int, ...], *, is_builtin: bool
+) -> tuple[int, tuple[int, ...]]:
+    """The address to judge and those of further modules, of which the built-in twin has one."""
+    address = family.default_address if address is None else address
+    if is_builtin and not neighbours:
+        neighbours = (_other_address(family, address),)
+    for one in (address, *neighbours):
+        if one not in family.addresses:
+            low, high = family.addresses[0], family.addresses[-1]
+            raise UsageError(f"address {one} is out of range: choose {low} to {high}")
+    if len({address, *neighbours}) <= len(neighbours):
+        raise UsageError("--address and every --neighbour must differ from one another")
+    return address, neighbours
+
+
+def _other_address(family: Family, address: int) -> int:
+    """An address for the twin's neighbour; wraps at the end of the range."""
+    return family.addresses[(address + 1 - family.addresses[0]) % len(family.addresses)]

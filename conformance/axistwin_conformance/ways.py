@@ -1,0 +1,83 @@
+"""The two ways a device hangs on, in the words of the command line: a byte line and a CAN bus."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from axistwin_conformance.errors import UsageError
+
+HOST_AND_PORT = re.compile(r"[\w.-]+:\d+|\[[0-9a-fA-F:]+\]:\d+")
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """How a kind of device is reached, and what that is called.
+
+    `word`: what modules share; `option` and `rate_option`: where it is and how fast, on the command
+    line; `metavar` and `example`: of what stands behind `option`; `twin`: how that begins
+    for a twin in this process.
+    """
+
+    word: str
+    option: str
+    rate_option: str
+    metavar: str
+    example: str
+    twin: str
+
+    @property
+    def rate_parameter(self) -> str:
+        """What the URL of a twin calls the rate."""
+        return self.rate_option.removeprefix("--")
+
+
+LINE: Final = Way("line", "--port", "--baud", "URL", "/dev/ttyUSB0", "axistwin://")
+BUS: Final = Way(
+    "bus",
+    "--can",
+    "--bitrate",
+    "INTERFACE:CHANNEL",
+    "socketcan:can0 or --can slcan:/dev/ttyACM0",
+    "axistwin:",
+)
+WAYS: Final = (LINE, BUS)
+
+
+def choose_endpoint(
+    way: Way, model: str, endpoints: Mapping[str, str | None], rates: Mapping[str, int | None]
+) -> tuple[str | None, int | None]:
+    """What was given of where and how fast, by option; raises UsageError for what the model's way
+    does not have."""
+    for other in WAYS:
+        if other is way:
+            continue
+        if endpoints[other.option] is not None:
+            raise UsageError(
+                f"{other.option} {endpoints[other.option]}: a {model} is on a {way.word}:"
+                f" {way.option} {way.metavar}, for instance {way.option} {way.example}"
+            )
+        if rates[other.rate_option] is not None:
+            raise UsageError(
+                f"{other.rate_option} {rates[other.rate_option]}: a {model} is on a {way.word};"
+                f" its rate is {way.rate_option}"
+            )
+    endpoint = endpoints[way.option]
+    if endpoint is not None:
+        check_endpoint(way, endpoint)
+    return endpoint, rates[way.rate_option]
+
+
+def check_endpoint(way: Way, endpoint: str) -> None:
+    """Raise UsageError for what cannot be meant; whether it is there, shows when it is opened."""
+    if way is BUS:
+        from axistwin_conformance.can_target import check_interface  # python-can is slow to load
+
+        check_interface(endpoint)
+    elif HOST_AND_PORT.fullmatch(endpoint) and not Path(endpoint).exists():
+        raise UsageError(
+            f"--port {endpoint} is no device; a line over TCP is --port socket://{endpoint}"
+        )
