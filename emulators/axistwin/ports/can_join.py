@@ -55,6 +55,9 @@ _OWN_ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {"udp_multicast": {"hop
 _BUSY: Final = (errno.ENOBUFS, errno.EAGAIN, errno.ENOMEM, errno.EINTR)
 _RETRY_NS: Final = (1 * NS_PER_MS, 50 * NS_PER_MS)
 
+_SILENT_AT_END: Final = ("socketcand",)
+"""Interfaces that give nothing, again and again and at once, when their connection has ended."""
+
 _AT_ONCE: Final = 256  # frames read before others have their turn
 _EMPTY_MAX: Final = 64  # times a descriptor may be readable with nothing in it, in a row
 _REST_S: Final = 0.01
@@ -245,26 +248,39 @@ class _Joined:
     def _read(self, timeout_s: float) -> tuple[CanFrame | None, bool]:
         """The next frame, or None for what is no frame for us; whether that was all."""
         try:
-            message = self._outside.recv(timeout_s)
+            message = self._receive(timeout_s)
         except Exception as error:  # whatever an interface may raise
             if _errno(error) is not None:
                 raise self._port.lost(error) from None
             return None, True  # something that could not be understood
         return (None, True) if message is None else (_frame(message), False)
 
+    def _receive(self, timeout_s: float) -> can.Message | None:
+        """``recv`` that does not ask an interface again and again which gives nothing at once."""
+        if type(self._outside).recv is can.BusABC.recv:
+            return self._outside._recv_internal(timeout_s)[0]
+        return self._outside.recv(timeout_s)
+
     def _listen(self) -> None:
         """The thread that reads an interface without a descriptor."""
+        empty = 0
         while not self._stopping:
             began_s = time.monotonic()
             try:
                 frame, _ = self._read(_THREAD_TIMEOUT_S)
+                if empty > _EMPTY_MAX and self._port.interface in _SILENT_AT_END:
+                    raise self._port.lost(EOFError("the connection has ended"))
             except PortError as error:
                 self._server.loop.call_soon(self._fail, error)
                 return
             if frame is not None:
+                empty = 0
                 self._server.loop.call_soon(self._hear_one, frame)
             elif time.monotonic() - began_s < _REST_S:
+                empty += 1
                 time.sleep(_REST_S)  # it does not wait as it should
+            else:
+                empty = 0
 
     def _hear_one(self, frame: CanFrame) -> None:
         if not self._stopping:
