@@ -92,6 +92,9 @@ def test_polling_and_running_change_nothing(
         assert polled.end_ns == left_alone.end_ns
         assert list(polled.legs(now)) == list(left_alone.legs(now))
         assert polled.leg_at(now) == left_alone.leg_at(now) == next(polled.legs(now))
+        for way in (1, -1):
+            starts = [leg.start_ns for leg in polled.legs(now) if leg.direction == way]
+            assert polled.heads_ns(way, now) == (starts[0] if starts else None)
         assert polled.step_in_progress(now) == left_alone.step_in_progress(now)
 
 

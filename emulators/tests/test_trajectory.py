@@ -185,3 +185,13 @@ def test_merging_joins_equal_neighbours_and_drops_empty_ones() -> None:
     assert merged(pieces) == (Piece(5, 9), Piece(None, 8))
     assert first_increments(merged(pieces), 7) == (Piece(5, 9), Piece(2, 8))
     assert first_increments(merged(pieces), 0) == ()
+
+
+@settings(max_examples=100, deadline=None)
+@given(trajectories(), DIRECTIONS, st.integers(0, 5_000_000))
+def test_when_it_heads_somewhere_is_told_without_a_walk(
+    trajectory: Trajectory, direction: int, from_ns: int
+) -> None:
+    """The start of the first leg in that direction, from any time on; none in the other one."""
+    starts = [leg.start_ns for leg in trajectory.legs(from_ns) if leg.direction == direction]
+    assert trajectory.heads_ns(direction, from_ns) == (starts[0] if starts else None)

@@ -219,6 +219,11 @@ class Interpolator:
             reached_ns, displacement = run.end_ns, run.displacement_at(run.end_ns)
         yield Leg(reached_ns, None, 0, 0, displacement)
 
+    def heads_ns(self, direction: int, from_ns: Nanos) -> Nanos | None:
+        """When the first leg from ``from_ns`` on that goes in ``direction`` starts; None: none."""
+        starts = (leg.start_ns for leg in self.legs(from_ns) if leg.direction == direction)
+        return next(starts, None)
+
     @property
     def end_ns(self) -> Nanos:
         """When the last placed segment ends (or ended)."""

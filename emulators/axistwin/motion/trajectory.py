@@ -81,6 +81,9 @@ class SetPoint(Protocol):
     def legs(self, from_ns: Nanos) -> Iterator[Leg]:
         """The stretches of constant speed from the one at ``from_ns`` on, as planned now."""
 
+    def heads_ns(self, direction: int, from_ns: Nanos) -> Nanos | None:
+        """When the first leg from ``from_ns`` on that goes in ``direction`` starts; None: none."""
+
     @property
     def end_ns(self) -> Nanos | None:
         """When the last planned increment is complete; None: never."""
@@ -252,6 +255,12 @@ class Trajectory:
         if self.end_ns is not None:
             total = origin + self.direction * self._counts[-1]
             yield Leg(max(self.end_ns, self.start_ns), None, 0, 0, total)
+
+    def heads_ns(self, direction: int, from_ns: Nanos) -> Nanos | None:
+        """When the first leg from ``from_ns`` on that goes in ``direction`` starts; None: none."""
+        if direction != self.direction:
+            return None
+        return next((leg.start_ns for leg in self.legs(from_ns) if leg.direction), None)
 
     def _leg(self, index: int) -> Leg:
         """Piece ``index`` as a leg."""

@@ -111,8 +111,9 @@ class Stops:
     def _next_of(self, now: Nanos, direction: int, set_point: SetPoint) -> Meeting | None:
         """When the stop of ``direction``, in which nothing is going the barred way, may be met."""
         if self.blocking_bit(now, direction):
-            starts = (leg.start_ns for leg in set_point.legs(now) if leg.direction == direction)
-            start_ns = next(starts, set_point.end_ns)
+            start_ns = set_point.heads_ns(direction, now)
+            if start_ns is None:
+                start_ns = set_point.end_ns
             return None if start_ns is None or start_ns <= now else Meeting(start_ns)
         if not self._values["stops"] & SOFTWARE:
             return None
