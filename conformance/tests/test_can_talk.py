@@ -200,12 +200,14 @@ def test_a_request_is_taken_over_between_its_sending_and_its_reply(talk: Talk) -
 
 
 def test_the_bit_rate_narrows_when_it_was_taken_over(module: Module, toy: Any) -> None:
-    """By the shortest time of the request, and of an answer; a start may count from the reply."""
+    """By the shortest times of the request and of the reply; a restart comes after its reply."""
     talk = make_talk(module, toy, bitrate=1_000_000)
     frame_ns = (44 + 64) * 1000
     assert talk.sample().taken == (frame_ns, REPLY_NS - frame_ns)
     begun_ns = talk.target.now_ns
-    assert talk.command(0x19).taken == (begun_ns + frame_ns, begun_ns + REPLY_NS)
+    assert talk.command(0x19).taken == (begun_ns + frame_ns, begun_ns + REPLY_NS - frame_ns)
+    begun_ns = talk.target.now_ns
+    assert talk.command(0x00).taken == (begun_ns + frame_ns, begun_ns + REPLY_NS)
     slow = make_talk(Module(), toy, bitrate=10_000)  # frames as long as that were never sent
     assert slow.sample().taken == (0, REPLY_NS)
 

@@ -76,12 +76,26 @@ def test_what_the_axis_leaves_open_is_left_open_on_both_wires() -> None:
     """The CAN ledger takes the axis's ambiguities over from the serial one, readings and all."""
     serial, can = load_ledger("mac_serial").ambiguities, load_ledger("mac_can").ambiguities
     shared = [key for key in can if key in serial]
-    assert len(shared) == 41
+    assert len(shared) == 42
     for key in shared:
         assert set(can[key].switches) <= set(serial[key].switches), key
         assert all(can[key].switches[one] == serial[key].switches[one] for one in can[key].switches)
     assert can["MACS-AMB-28"] == serial["MACS-AMB-28"]
     assert set(can["MACS-AMB-08"].switches) == {"motion_lock_set"}
+
+
+def test_a_question_that_can_does_not_ask_is_known_and_has_its_default() -> None:
+    """Not so a switch that neither ledger has."""
+    can, serial = load_ledger("mac_can"), load_ledger("mac_serial")
+    assert not can.asks("cmd_1c_supported")
+    assert can.asks("motion_lock_set")
+    assert serial.asks("cmd_1c_supported")
+    assert can.asks("boot_time_ms")  # under an ambiguity of its own
+    assert can.ambiguity_of("boot_time_ms").id == "MACC-AMB-25"
+    assert can.ambiguity_of("cmd_1c_supported").default_of("cmd_1c_supported") == "true"
+    for ledger in (can, serial):
+        with pytest.raises(ValueError, match="has a switch 'cmd_1c_suported'"):
+            ledger.asks("cmd_1c_suported")
 
 
 def test_entries_are_read() -> None:

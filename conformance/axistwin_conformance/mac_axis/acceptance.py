@@ -11,8 +11,10 @@ Where the manual can be read otherwise, `otherwise` names the switch and what it
 
 from __future__ import annotations
 
+from collections import ChainMap
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Final
 
 from axistwin_conformance.mac_axis.dialogue import Kind
@@ -61,10 +63,17 @@ _SECOND_PRELOAD: Final[Otherwise] = {
     "preload_locks": {1: {"PL": "R"}},
 }
 _SEGMENT: Final[Otherwise] = {"interp_during_profile": {1: {"PO": "R", "VE": "R"}}}
+# By the number of the reading; what is answered with data or not at all, no cell tells.
 _UNASSIGNED: Final[Otherwise] = {"unknown_index": {1: _same(STATES, "A")}}
+_UNASSIGNED_COMMAND: Final[Otherwise] = {
+    "unknown_index": {1: _same(STATES, "A"), 2: _same(STATES, "A")}
+}
 _LOCKABLE: Final[Otherwise] = {"lock_08_1b": {1: _same(RUNNING, "R")}}
 
-ACCEPTANCE: Final[Mapping[int, Row]] = {
+UNASSIGNED_COMMAND: Final = Row("RRRRRRRR", ("MACS-CMD-XX-01",), _UNASSIGNED_COMMAND)
+UNASSIGNED_QUERY: Final = Row("RRRRRRRR", ("MACS-Q-XX-02",), _UNASSIGNED)
+
+ACCEPTANCE: Final[dict[int, Row]] = {
     0x00: Row("AAAAAAAA", ("MACS-CMD-00-03",)),
     0x01: Row("AAAAAAAA", ("MACS-CMD-01-01",)),
     0x02: Row("AARRRAAA", ("MACS-CMD-02-02",), _LOCKED_WITH_PRELOAD),
@@ -113,13 +122,18 @@ ACCEPTANCE: Final[Mapping[int, Row]] = {
     0x1B: Row("AAAAAAAA", ("MACS-CMD-1B-01",), _LOCKABLE),
     0x1C: Row("AAAAAAAA", ("MACS-CMD-1C-01",), {"cmd_1c_supported": {1: _same(STATES, "R")}}),
     0x1E: Row("AAAAFAAR", ("MACS-CMD-1E-01",), _SEGMENT),
-    **{
-        index: Row("RRRRRRRR", ("MACS-CMD-XX-01",), _UNASSIGNED)
-        for index in (0x04, 0x05, 0x06, 0x12, 0x1D, 0x1F)
-    },
+    **dict.fromkeys((0x04, 0x05, 0x06, 0x12, 0x1D, 0x1F), UNASSIGNED_COMMAND),
     **{index: Row("AAAAAAAA", ("MACS-Q-XX-01",)) for index in range(0x20, 0x2A)},
-    **{index: Row("RRRRRRRR", ("MACS-Q-XX-02",), _UNASSIGNED) for index in range(0x2A, 0x30)},
+    **dict.fromkeys(range(0x2A, 0x30), UNASSIGNED_QUERY),
 }
+
+
+@cache
+def table_without(missing: tuple[int, ...]) -> Mapping[int, Row]:
+    """The table of a face that does not have these commands and queries."""
+    rows = {index: UNASSIGNED_COMMAND if index < 0x20 else UNASSIGNED_QUERY for index in missing}
+    return ChainMap(rows, ACCEPTANCE) if rows else ACCEPTANCE
+
 
 # What stays allowed in motion beyond the marks; locking one of these is trap 16 of §8.
 LOCKED_IN_MOTION: Final = tuple(

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from axistwin_conformance.mac_axis.acceptance import ACCEPTANCE, RUNNING, Row, outcome_of
+from axistwin_conformance.mac_axis.acceptance import RUNNING, Row, outcome_of
 from axistwin_conformance.mac_axis.bench import SLOWEST, Bench, bench_of, segment, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.registry import check
@@ -78,7 +78,7 @@ def walk(session: Session, *indices: int) -> None:
     bench = bench_of(session)
     start = bench.ready(SLOWEST)
     for index in indices:
-        row = ACCEPTANCE[index]
+        row = bench.acceptance[index]
         parameter = HARMLESS[index](start) if index in HARMLESS else 0
         for state, enter in ENTER.items():
             enter(bench, start)
@@ -99,7 +99,7 @@ PARTLY: Final[Mapping[str, str]] = {
 
 def _shown_by(session: Session, index: int) -> tuple[str, ...]:
     """Which of its check's requirements the row of an index shows: those that speak of it."""
-    names = session.check.requirements if session.check else ()
+    names = session.check.declared if session.check else ()
     kind = "Q" if index >= 0x20 else "CMD"
     return tuple(
         name
@@ -118,11 +118,10 @@ def _judge(bench: Bench, row: Row, state: str, index: int, kind: Kind) -> None:
         wanted = Kind.ANSWER
     session = bench.session
     if "unknown_index" in row.otherwise:
-        replies = {Kind.REFUSED: 0, Kind.ACCEPTED: 1, Kind.ANSWER: 2, Kind.SILENCE: 3}
-        outcome: int | str = replies.get(kind, f"{kind.value} to {index:02X}h")
-        if outcome == 1 and index < 0x20 and bench.known("unknown_index") == 2:
-            outcome = 2
-        bench.reading("unknown_index", outcome, shown)
+        fitting = tuple(
+            number for number, kinds in enumerate(bench.unassigned) if kinds[index >= 0x20] is kind
+        )
+        bench.reading("unknown_index", fitting or f"{kind.value} to {bench.named(index)}", shown)
         return
     if kind is not wanted:
         others = row.readings(state)
@@ -134,7 +133,7 @@ def _judge(bench: Bench, row: Row, state: str, index: int, kind: Kind) -> None:
                 session.quirk(shown, switch, readings[number])
                 session.expect(True, shown, "", "")
                 return
-    session.step(kind is wanted, f"{wanted.value} to {index:02X}h in {state}", kind.value)
+    session.step(kind is wanted, f"{wanted.value} to {bench.named(index)} in {state}", kind.value)
     session.expect(True, [name for name in shown if name not in PARTLY], "", "")
 
 
@@ -230,13 +229,14 @@ def stops_and_power_are_accepted_in_every_state(session: Session) -> None:
 @check("MACS-CMD-XX-01", "MACS-Q-XX-02", safety=("motion", "stored"), level="full")
 def unassigned_indices_are_refused_in_every_state(session: Session) -> None:
     """What is not assigned is refused in every state, and disturbs none."""
-    walk(session, *(index for index, row in ACCEPTANCE.items() if row.cells == "RRRRRRRR"))
+    table = bench_of(session).acceptance
+    walk(session, *(index for index in sorted(table) if table[index].cells == "RRRRRRRR"))
 
 
 @check("MACS-Q-XX-01", safety=("motion", "stored"), level="full")
 def queries_are_answered_in_every_state(session: Session) -> None:
-    """20h..29h are answered in every state."""
-    walk(session, *range(0x20, 0x2A))
+    """Every query that means something is answered in every state."""
+    walk(session, *bench_of(session).answered)
 
 
 @check("MACS-STATE-01", "MACS-CMD-13-01", safety=("motion", "stored"), level="full")

@@ -80,7 +80,7 @@ def heat(usual: float) -> Cause:
 
 def is_mac23(session: Session) -> bool:
     """True for the model whose thresholds and thermal bit the manual gives."""
-    return session.model.name == "mac23"
+    return facts_of(session).is_mac23
 
 
 def celsius(bench: RigBench) -> float:
@@ -244,7 +244,7 @@ def _judge_parameters(bench: RigBench) -> None:
         bench.accepted(index, parameter, requirement="MACS-STATE-02")
     if bench.has_tolerance():
         bench.accepted(0x1C, modes & 0xFF, requirement="MACS-STATE-02")
-    for index in range(0x20, 0x2A):
+    for index in bench.answered:
         bench.value(index)
 
 

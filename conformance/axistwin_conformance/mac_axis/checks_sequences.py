@@ -13,7 +13,7 @@ from hypothesis.errors import FlakyFailure
 
 from axistwin_conformance import events
 from axistwin_conformance.mac_axis.bench import SAFE_PERIOD, bench_of
-from axistwin_conformance.mac_axis.failures import REPLAYS, Failure, Played, Player, split
+from axistwin_conformance.mac_axis.failures import REPLAYS, Failure, Played, Player
 from axistwin_conformance.mac_axis.probing import MOVES
 from axistwin_conformance.mac_axis.sequences import (
     BLAME,
@@ -65,7 +65,7 @@ def _play(session: Session, level: str) -> None:
         failed = _searched(player, EXAMPLES[level])
     else:
         lists = (
-            split(session.random.randbytes(REAL_OPERATIONS * BYTES_PER_OPERATION))
+            player.split(session.random.randbytes(REAL_OPERATIONS * BYTES_PER_OPERATION))
             for _ in range(REAL_EXAMPLES[level])
         )
         played = (player.play(one, is_counted=True) for one in lists)
@@ -105,7 +105,7 @@ def _searched(player: Player, examples: int) -> Played | None:
     )
     @given(st.binary(min_size=SEQUENCE_BYTES, max_size=SEQUENCE_BYTES))
     def example(data: bytes) -> None:
-        played = player.play(split(data), is_counted=True)
+        played = player.play(player.split(data), is_counted=True)
         if played.mismatch is not None:
             failing.append(played)
             raise played.mismatch
@@ -134,7 +134,7 @@ def _replay(session: Session, recording: Recording) -> None:
     for text in _circumstances(session, recording):
         session.run.tell(events.Note(text))
     player = player_of(session)
-    operations = split(b"".join(recording.operations))
+    operations = player.split(b"".join(recording.operations))
     session.is_replayed = True  # as often as it takes is the business of this check
     is_free = session.carrier.is_lossless
     failed: list[Mismatch] = []

@@ -26,7 +26,7 @@ from axistwin_conformance.events import StatesCovered
 from axistwin_conformance.mac_axis.bench import Bench, Sample, bench_of
 from axistwin_conformance.mac_axis.forecast import Forecast
 from axistwin_conformance.mac_axis.model import AxisModel
-from axistwin_conformance.mac_axis.operations import OPERATIONS
+from axistwin_conformance.mac_axis.operations import OPERATIONS, operations_of
 from axistwin_conformance.mac_axis.sequences import (
     BYTES_PER_OPERATION,
     OPEN_STOPS,
@@ -52,13 +52,12 @@ Operations = tuple[bytes, ...]
 Simpler = Callable[[bytes], list[bytes]]
 
 
-def split(data: bytes) -> Operations:
+def split(data: bytes, kinds: int = len(OPERATIONS)) -> Operations:
     """Cut bytes into operations, each told by its lowest number: one that stays when there are
-    more kinds of operations."""
+    more kinds of operations than these."""
     whole = range(0, len(data) - BYTES_PER_OPERATION + 1, BYTES_PER_OPERATION)
     return tuple(
-        bytes([data[at] % len(OPERATIONS)]) + data[at + 1 : at + BYTES_PER_OPERATION]
-        for at in whole
+        bytes([data[at] % kinds]) + data[at + 1 : at + BYTES_PER_OPERATION] for at in whole
     )
 
 
@@ -113,6 +112,10 @@ class Player:
                 )
         raise AssertionError("the last attempt returns or raises")
 
+    def split(self, data: bytes) -> Operations:
+        """Cut bytes into operations of this module's table."""
+        return split(data, len(operations_of(self.bench)))
+
     def begin(self) -> Sequence:
         """A sequence that begins where every sequence begins."""
         again = None if self.is_fresh or self._last is None else self._last.again()
@@ -149,11 +152,15 @@ class Player:
         """Let count as held what was really judged, and tell what was met; `failed` does not."""
         session, tally = self.bench.session, self.tally
         named = session.check.requirements if session.check else ()
+        judged, own = Counter[str](), session.run.ledger.own
         for name, count in tally.judged.items():
-            if name in named and name != failed:
+            for one in own((name,)):
+                judged[one] += count
+        for name, count in judged.items():
+            if name in named and name not in own((failed,)):
                 session.passed[name] = session.passed.get(name, 0) + count
         for name in named if not failed else ():
-            if not tally.judged[name]:
+            if not judged[name]:
                 session.not_run(name, "nothing that was played came to judge it")
         counts: dict[str, dict[str, int]] = {}
         for (state, operation), count in sorted(tally.operated.items()):
@@ -178,7 +185,8 @@ def model_of(bench: Bench) -> AxisModel:
         for switch, reading in seen.items()
         if reading in ledger.ambiguity_of(switch).switches[switch]
     }
-    return AxisModel(read_parameters(bench), Forecast.rest(0), readings, bench.law)
+    parameters = read_parameters(bench)
+    return AxisModel(parameters, Forecast.rest(0), readings, bench.law, bench.acceptance)
 
 
 # --- a failure -----------------------------------------------------------------------------------
@@ -220,7 +228,7 @@ class Failure:
                 self.played.operations,
                 check=session.check.name if session.check else "",
                 seed=session.seed,
-                requirement=mismatch.requirement,
+                requirement=", ".join(session.run.ledger.own((mismatch.requirement,))),
                 expected=mismatch.expected,
                 actual=mismatch.actual,
                 words=self.played.words,
@@ -283,6 +291,9 @@ class Failure:
     def _shrink_once(self) -> None:
         """Once in a run for each requirement: a soak may meet the same failure a thousand times."""
         run = self.session.run
+        if not run.shrinks:
+            self.history.append("not shrunk: found in a process beside the run")
+            return
         if self.mismatch.requirement in run.shrunk:
             self.history.append("not shrunk: the same requirement has failed before in this run")
             return
@@ -434,4 +445,4 @@ def twin_player(session: Session, twin: Carrier) -> Player:
 def settle(player: Player, data: bytes, mismatch: Mismatch) -> NoReturn:
     """End the check with the verdict on a mismatch that came of these operations, whoever has
     played them."""
-    Failure(player, Played(split(data), mismatch, ())).settle()
+    Failure(player, Played(player.split(data), mismatch, ())).settle()

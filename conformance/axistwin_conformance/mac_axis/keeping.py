@@ -33,6 +33,11 @@ class Facts:
     volts_per_count: float
     imax: int | None
 
+    @property
+    def is_mac23(self) -> bool:
+        """True for the motor with 2000 increments per turn, on whichever face."""
+        return self.increments_per_turn == 2000
+
     def celsius(self, tt: int) -> float:
         """Read byte tt of answer 27h."""
         return self.celsius_gain * tt + self.celsius_offset
@@ -164,7 +169,7 @@ def _read_one(bench: Bench, index: int) -> int:
     data: int | None = reply.data
     # Nothing may be put back as 0: an answer was lost.
     if data is None or not bench.is_answer(index, reply, in_any_reading=True):
-        raise TargetError(f"no answer to query {index:02X}h: {reply}")
+        raise TargetError(f"no answer to {bench.named(index)}: {reply}")
     return data
 
 

@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from axistwin_conformance.mac_axis.acceptance import ACCEPTANCE, RUNNING, outcome_of
+from axistwin_conformance.mac_axis.acceptance import ACCEPTANCE, RUNNING, Row, outcome_of
 from axistwin_conformance.mac_axis.dialogue import Kind, signed
 from axistwin_conformance.mac_axis.forecast import (
     NEVER_NS,
@@ -109,6 +109,7 @@ class AxisModel:
     forecast: Forecast
     readings: Readings = field(default_factory=dict)
     law: Law = field(default_factory=Law)
+    table: Mapping[int, Row] = field(default_factory=lambda: ACCEPTANCE)
     is_armed: bool = False
     preloaded: int | None = None  # index of the motion held back
     preload_parameter: int = 0
@@ -190,8 +191,8 @@ class AxisModel:
         """The cell of the acceptance table, in the readings of this device."""
         content = self._cells.get((index, state))
         if content is None:
-            content = ACCEPTANCE[index].cell(state)
-            for other, switch, number in ACCEPTANCE[index].readings(state):
+            content = self.table[index].cell(state)
+            for other, switch, number in self.table[index].readings(state):
                 if self.readings.get(switch) == number:
                     content = other
             self._cells[index, state] = content

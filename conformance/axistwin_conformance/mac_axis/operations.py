@@ -15,7 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from axistwin_conformance.mac_axis.bench import segment, velocity
+from axistwin_conformance.mac_axis.bench import Bench, segment, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.model import DROPPING, MOTIONS, SEGMENTS
 
@@ -40,6 +40,8 @@ UNRULED_SYNC: Final = ("preload_policy", "abort_flush", "sync_arm_lifetime")
 UNRULED_CHANGES: Final = ("vel_change_law", "ramp_law", "vel_reverse_cmd")
 UNRULED_RAMPED_STOPS: Final = ("stop_ramp_law", "ramp_law")
 UNRULED_RESTARTS: Final = ("persist_modes",)
+UNASSIGNED: Final = (0x04, 0x05, 0x06, 0x12, 0x1D, 0x1F, 0x2A, 0x2F)  # on every face
+TO_COMMANDS: Final = (Kind.ACCEPTED, Kind.REFUSED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +118,14 @@ def _sync(index: int) -> Act:
     return send
 
 
+def _sync_frame(run: Sequence, first: int, second: int) -> None:
+    """What 11h does, told to all at once; it is not answered, so it must be clear what it does."""
+    if run.is_resting and run.follows(*UNRULED_SYNC, "sync_without_preload"):
+        run.synchronise()
+    else:
+        run.command(0x18)
+
+
 def _set(index: int, value: Callable[[Sequence, int], int]) -> Act:
     def send(run: Sequence, first: int, second: int) -> None:
         if not run.is_resting and not run.follows("motion_lock_set"):
@@ -145,13 +155,16 @@ def _at_rest(index: int) -> Act:
 
 
 def _query(run: Sequence, first: int, second: int) -> None:
-    run.query(0x20 + first % 10)
+    answered = run.bench.answered
+    run.query(answered[first % len(answered)])
 
 
 def _unassigned(run: Sequence, first: int, second: int) -> None:
-    if run.known("unknown_index") > 1:
-        return
-    run.command((0x04, 0x05, 0x06, 0x12, 0x1D, 0x1F, 0x2A, 0x2F)[first % 8], second)
+    bench = run.bench
+    indices = UNASSIGNED + bench.missing
+    index = indices[first % len(indices)]
+    if bench.unassigned[run.known("unknown_index")][index >= 0x20] in TO_COMMANDS:
+        run.command(index, second)
 
 
 def _spoilt(run: Sequence, first: int, second: int) -> None:
@@ -166,7 +179,8 @@ def _spoilt(run: Sequence, first: int, second: int) -> None:
 def _astray(run: Sequence, first: int, second: int) -> None:
     session = run.bench.session
     taken = {session.address, *session.neighbours}
-    other = next(one for one in range(first % 0x70, 0x80) if one not in taken)
+    addresses = session.run.family.addresses
+    other = next(one for one in range(first % 0x70, 0x80) if one in addresses and one not in taken)
     index = (*DROPPING, 0x13, 0x20)[second % 5]
     if session.envelope.is_fenced and index == 0x13:
         index = 0x20  # a module that nobody has named might be there and move
@@ -303,5 +317,12 @@ OPERATIONS: Final[tuple[Operation, ...]] = (
     Operation("turn at any speed", _turn_at_any_speed),
     Operation("set any period", _set(0x0D, _any_period)),
 )
+# Beside them, where a face has such a frame.
+WITH_SYNC: Final = (*OPERATIONS, Operation("trigger by SYNC", _sync_frame))
 
-WHAT: Final = {one.name: number for number, one in reversed(list(enumerate(OPERATIONS)))}
+WHAT: Final = {one.name: number for number, one in reversed(list(enumerate(WITH_SYNC)))}
+
+
+def operations_of(bench: Bench) -> tuple[Operation, ...]:
+    """The table for a module on this face."""
+    return WITH_SYNC if bench.has_sync else OPERATIONS

@@ -23,7 +23,7 @@ from axistwin_conformance.mac_axis.model import (
     Parameters,
 )
 from axistwin_conformance.mac_axis.motion import TICK_NS, TICKS_PER_SECOND
-from axistwin_conformance.mac_axis.operations import COEFFICIENTS, OPERATIONS, PERIODS
+from axistwin_conformance.mac_axis.operations import COEFFICIENTS, PERIODS, operations_of
 
 Choices = tuple[int, ...]
 
@@ -100,6 +100,7 @@ class Sequence:
         self._slack = bench.allowance(PERIODS[0])
         self._timeout_s = bench.session.reply_timeout_s
         self._is_direct = bench.is_direct
+        self.operations = operations_of(bench)
         self._cleared: set[int] = set()  # indices that the gate has let pass and nothing stores
         self._inside_until_ns = 0  # when it has to be looked again whether the axis stays inside
         self._log: list[tuple[bytes, bytes] | int] = []  # exchanges, and pauses in ns
@@ -146,7 +147,7 @@ class Sequence:
     def operate(self, what: int, first: int, second: int, pause: int) -> None:
         """Run one operation.  Raises Mismatch for a reply that is not admissible."""
         self.marks.append(len(self._log))
-        operation = OPERATIONS[what % len(OPERATIONS)]
+        operation = self.operations[what % len(self.operations)]
         try:
             state = self._look_after()
             operation.act(self, first, second)
@@ -229,7 +230,8 @@ class Sequence:
             is_of_store = index in SEGMENTS and self.has_segments  # a full one refuses either kind
             raise Mismatch(
                 "MACS-CMD-16-02" if is_of_store else BLAME.get(index, BLAME_OTHERWISE),
-                " or ".join(kind.value for kind in admissible) + f" to {index:02X}h in {states}",
+                " or ".join(kind.value for kind in admissible)
+                + f" to {self.bench.named(index)} in {states}",
                 self.bench.told(received),
             )
         if len(admissible) == 1:
@@ -242,7 +244,7 @@ class Sequence:
         data = self.bench.data_of(received)
         if data is None:
             told = self.bench.told(received)
-            raise Mismatch("MACS-Q-XX-01", f"an answer to {index:02X}h", told)
+            raise Mismatch("MACS-Q-XX-01", f"an answer to {self.bench.named(index)}", told)
         self.judged["MACS-Q-XX-01"] += 1
         if index == 0x20:
             self._judge_position(signed(data), taken)
@@ -258,7 +260,8 @@ class Sequence:
         elif index in (0x22, 0x23, 0x25, 0x26):
             wanted = self.model.parameters.answer(index)
             if data != wanted:
-                raise Mismatch(BLAME[index], f"{index:02X}h {wanted:08X}", f"data {data:08X}")
+                name = self.bench.named(index)
+                raise Mismatch(BLAME[index], f"{name} {wanted:08X}", f"data {data:08X}")
             self.judged[BLAME[index]] += 1
         elif index == 0x24 and data != self.release:
             raise Mismatch(BLAME_OTHERWISE, f"release {self.release:08X}", f"{data:08X}")
@@ -313,6 +316,16 @@ class Sequence:
         if exchange.kind is not wanted:
             raise Mismatch(name, wanted.value, str(exchange.reply))
         self.judged[name] += 1
+
+    def synchronise(self) -> None:
+        """Do what 11h does by the frame that all modules obey and none answers; what comes of it
+        must be beyond doubt."""
+        self._settle_doubt()
+        exchange = self.bench.synchronise()
+        assert exchange is not None, "only a face that has such a frame has this operation"
+        self._log.append((exchange.request, exchange.reply.raw))
+        ((kind, after),) = self.model.outcomes(0x11, 0, exchange.taken).items()
+        self.model.learn(0x11, 0, kind, after)
 
     def _kind_of(self, received: bytes) -> Kind:
         kind = self._kinds[received] = self.bench.kind_of(received)

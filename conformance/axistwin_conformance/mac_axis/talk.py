@@ -9,10 +9,12 @@ pty, on a bus and over a real adapter.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
 from axistwin_conformance.carrier import Carrier
+from axistwin_conformance.mac_axis.acceptance import Row, table_without
 from axistwin_conformance.mac_axis.dialogue import Kind, Reply, signed
 from axistwin_conformance.mac_axis.forecast import Window
 from axistwin_conformance.session import Session
@@ -49,10 +51,14 @@ class Talk(ABC):
     """One module: what is said to it, what it says, and what that proves.
 
     `answered`: the queries it answers; `may_be_silent`: the commands it may obey without a reply.
+    `missing`: commands and queries that other faces have and this one does not.  `unassigned`: what
+    comes to a command and to a query that mean nothing, for each reading of `unknown_index`.
     """
 
     answered: ClassVar[range]
     may_be_silent: ClassVar[frozenset[int]]
+    missing: ClassVar[tuple[int, ...]] = ()
+    unassigned: ClassVar[tuple[tuple[Kind, Kind], ...]]
 
     def __init__(self, session: Session, address: int | None = None) -> None:
         self.session = session
@@ -128,6 +134,11 @@ class Talk(ABC):
 
     @staticmethod
     @abstractmethod
+    def named(index: int) -> str:
+        """What a command or a query is called on this face."""
+
+    @staticmethod
+    @abstractmethod
     def explained(sent: bytes) -> str:
         """A request in words."""
 
@@ -136,7 +147,21 @@ class Talk(ABC):
     def told(received: bytes) -> str:
         """A reply in words."""
 
+    def synchronise(self) -> Exchange | None:
+        """Do what 11h does, to all modules and without a reply; None where there is no such way."""
+        return None
+
+    @property
+    def has_sync(self) -> bool:
+        """True if there is a way to `synchronise`."""
+        return False
+
     # --- values -----------------------------------------------------------------------------------
+
+    @property
+    def acceptance(self) -> Mapping[int, Row]:
+        """The acceptance table of this face."""
+        return table_without(self.missing)
 
     def command(self, index: int, parameter: int = 0, sub_index: int = 0) -> Exchange:
         """Send a command."""
@@ -154,7 +179,7 @@ class Talk(ABC):
         """The 32-bit number a query answers; no answer fails the check."""
         reply: Reply = self.ask(index, sub_index).reply
         if reply.data is None:
-            self.session.fail(None, f"an answer to query {index:02X}h", reply)
+            self.session.fail(None, f"an answer to {self.named(index)}", reply)
         return reply.data
 
     def data_bytes(self, index: int, sub_index: int = 0) -> tuple[int, int, int, int]:
@@ -166,7 +191,7 @@ class Talk(ABC):
         """Read the counter, with the window in which it was read."""
         exchange = self.ask(0x20)
         if exchange.reply.data is None:
-            self.session.fail(None, "an answer to query 20h", exchange.reply)
+            self.session.fail(None, f"an answer to {self.named(0x20)}", exchange.reply)
         return Sample(signed(exchange.reply.data), exchange.taken)
 
     def position(self) -> int:
@@ -192,7 +217,7 @@ class Talk(ABC):
         self._judge(
             exchange.kind is kind,
             requirement,
-            f"{kind.value} to {self.explained(exchange.request)}",
+            f"{kind.value} ({self.explained(exchange.request)})",
             exchange.reply,
         )
         return exchange

@@ -52,6 +52,12 @@ class Talk(talk.Talk):
 
     answered: ClassVar[range] = codec.ANSWERED
     may_be_silent: ClassVar[frozenset[int]] = MAY_BE_SILENT
+    missing: ClassVar[tuple[int, ...]] = (0x08, 0x1B, 0x28, 0x29)  # address, rate, memory
+    unassigned: ClassVar[tuple[tuple[Kind, Kind], ...]] = (  # MACC-AMB-15
+        (Kind.REFUSED, Kind.REFUSED),
+        (Kind.ACCEPTED, Kind.ANSWER),
+        (Kind.SILENCE, Kind.SILENCE),
+    )
 
     def __init__(self, session: Session, address: int | None = None) -> None:
         super().__init__(session, address)
@@ -123,7 +129,9 @@ class Talk(talk.Talk):
         reply = codec.parse(arrival.frame, self.byte_order)
         if flaw:
             reply = replace(reply, kind=Kind.GARBAGE, flaws=(*reply.flaws, flaw))
-        return Exchange(frame.pack(), reply, self._window(frame, sent_ns, reply, arrival.time_ns))
+        is_late = one.index in MAY_BE_SILENT  # obeyed when the reply has left (MACC-CMD-00-02)
+        begun = None if is_late else reply.frame
+        return Exchange(frame.pack(), reply, self._window(frame, sent_ns, begun, arrival.time_ns))
 
     def _reply_to(self, one: Request, timeout_s: float | None) -> Arrival | None:
         """The reply, or else what came from where it had to come from."""
@@ -140,13 +148,10 @@ class Talk(talk.Talk):
         limit_s = self.session.reply_timeout_s if timeout_s is None else timeout_s
         return self.target.receive(is_reply, limit_s) or self.target.receive(comes_from_there, 0)
 
-    def _window(self, request: Frame, sent_ns: int, reply: Reply, done_ns: int) -> Window:
-        """When the module can have taken over a request."""
+    def _window(self, request: Frame, sent_ns: int, begun: Frame | None, done_ns: int) -> Window:
+        """When the module can have taken a request over: at its end, before that reply began."""
         earliest = sent_ns + self.target.least_time_ns(request)
-        latest = done_ns
-        # A motion may count from the end of the reply (MACS-AMB-41): within the window.
-        if reply.kind is not Kind.ACCEPTED and reply.frame is not None:
-            latest -= self.target.least_time_ns(reply.frame)
+        latest = done_ns if begun is None else done_ns - self.target.least_time_ns(begun)
         return Window(sent_ns, done_ns) if latest < earliest else Window(earliest, latest)
 
     def to_all(self, index: int, parameter: int = 0) -> Request:
@@ -207,6 +212,12 @@ class Talk(talk.Talk):
         return _parsed(received).data
 
     @staticmethod
+    def named(index: int) -> str:
+        """What a command or a query is called."""
+        service = "upload" if index in codec.QUERIES else "download"
+        return f"{service} 20{index & 0x1F if index < 0x20 else index & 0x0F:02X}h"
+
+    @staticmethod
     def explained(sent: bytes) -> str:
         """A request in words."""
         return codec.explain(unpack(sent))
@@ -222,9 +233,19 @@ class Talk(talk.Talk):
         An upload behind it bounds that: the bus has one order, and what a host sends later has no
         better identifier than the frames this is for (SYNC, general).
         """
-        sent_ns = self.target.send(frame)
-        behind = self.ask(0x20)
-        return Window(sent_ns + self.target.least_time_ns(frame), behind.taken.latest_ns)
+        earliest_ns = self.target.send(frame) + self.target.least_time_ns(frame)
+        behind = self.ask(0x20).taken.latest_ns - self.frame_ns
+        return Window(earliest_ns, max(earliest_ns, behind))
+
+    def synchronise(self) -> Exchange:
+        """Send SYNC, which does what 11h does (MACC-SYNC-03) and is not answered."""
+        frame = Frame(codec.SYNC)
+        return Exchange(frame.pack(), codec.SILENCE, self.say(frame))
+
+    @property
+    def has_sync(self) -> bool:
+        """True: SYNC is another way to start what is preloaded."""
+        return True
 
     # --- what a module says unasked ---------------------------------------------------------------
 

@@ -39,6 +39,12 @@ class Talk(talk.Talk):
 
     answered: ClassVar[range] = ANSWERED
     may_be_silent: ClassVar[frozenset[int]] = MAY_BE_SILENT
+    unassigned: ClassVar[tuple[tuple[Kind, Kind], ...]] = (  # MACS-AMB-58
+        (Kind.REFUSED, Kind.REFUSED),
+        (Kind.ACCEPTED, Kind.ACCEPTED),
+        (Kind.ACCEPTED, Kind.ANSWER),
+        (Kind.SILENCE, Kind.SILENCE),
+    )
 
     def __init__(self, session: Session, address: int | None = None) -> None:
         super().__init__(session, address)
@@ -226,6 +232,11 @@ class Talk(talk.Talk):
     def data_of(received: bytes) -> int | None:
         """The number in an answer."""
         return codec.answer_data(received)
+
+    @staticmethod
+    def named(index: int) -> str:
+        """What a command or a query is called."""
+        return f"query {index:02X}h" if index in QUERIES else f"{index:02X}h"
 
     @staticmethod
     def explained(sent: bytes) -> str:
