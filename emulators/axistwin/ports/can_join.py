@@ -401,8 +401,11 @@ def _message(frame: CanFrame) -> can.Message:
 
 
 def _frame(message: can.Message) -> CanFrame | None:
-    """None: nothing for the devices (rule 5), or our own."""
-    if message.is_error_frame or message.is_fd or not message.is_rx:
+    """None: nothing for the devices (rule 5).
+
+    ``is_rx`` tells nothing: of SocketCAN's it means sent from another machine.
+    """
+    if message.is_error_frame or message.is_fd:
         return None
     try:
         return CanFrame(
