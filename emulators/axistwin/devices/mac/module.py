@@ -126,8 +126,8 @@ class MacModule:
         self._hear_nothing(self._boot_end)
 
     def _reschedule(self) -> None:
-        motion = self.axis.next_event()
-        self._due = min(self._take_over_at, self._boot_end, NEVER if motion is None else motion)
+        due, motion = min(self._take_over_at, self._boot_end), self.axis.next_event()
+        self._due = due if motion is None or due < motion else motion
 
     def _taken_effects(self) -> list[Effect]:
         effects = self._effects

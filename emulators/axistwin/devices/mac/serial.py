@@ -268,7 +268,9 @@ class MacSerial(MacModule):
 
     def _reply_span(self, size: int) -> tuple[Nanos, Nanos]:
         """Start and end of a reply of ``size`` bytes to the frame in hand."""
-        start_ns = max(self._etx_ns + self._latency_ns, self._sending_until)
+        start_ns = self._etx_ns + self._latency_ns
+        if start_ns < self._sending_until:
+            start_ns = self._sending_until
         return start_ns, start_ns + (self._line_format.span_ns(size) if self._paced else 0)
 
     def _transmit(self, data: bytes) -> None:
