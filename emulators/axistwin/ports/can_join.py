@@ -41,6 +41,8 @@ QUEUE_FRAMES: Final = 1024
 RECEIVE_BUFFER_BYTES: Final = 1 << 20
 """Asked of the kernel: vcan loses what a reader is late for."""
 
+_SO_RCVBUFFORCE: Final = 33  # Linux's asm-generic/socket.h
+
 _ECHOING: Final = ("udp_multicast",)
 _ECHO_S: Final = 1.0  # an echo that has not come by then was lost
 
@@ -386,8 +388,9 @@ def _enlarge_buffer(bus: can.BusABC) -> None:
         getattr(bus, "socket", None), "setsockopt", None
     )
     if setsockopt is not None:
-        with contextlib.suppress(OSError):
-            setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+        for option in (socket.SO_RCVBUF, _SO_RCVBUFFORCE):  # the latter without limit, for root
+            with contextlib.suppress(OSError):
+                setsockopt(socket.SOL_SOCKET, option, RECEIVE_BUFFER_BYTES)
 
 
 def _message(frame: CanFrame) -> can.Message:
