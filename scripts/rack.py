@@ -1,8 +1,9 @@
-"""Starts two lines with a MAC23 at 0 and a MAC34 at 5 on each, judges both over their ptys at once.
+"""Starts two serial lines and a CAN bus, and judges a twin on each over its own pty, all at once.
 
-On the first line the MAC23 is judged, on the second the MAC34; what each says about the other stays
-out of it.  The verdicts are printed one after the other, whole.  Used by ``scripts/run``; ends with
-status 0 when every twin conforms.
+On each line are a MAC23 at 0 and a MAC34 at 5; on the first the MAC23 is judged, on the second the
+MAC34.  On the bus, a hub with an slcan adapter for a pty, are two MAC23, of which the first is
+judged.  What each says about the other stays out of it.  The verdicts are printed one after the
+other, whole.  Used by ``scripts/run``; ends with status 0 when every twin conforms.
 """
 
 from __future__ import annotations
@@ -20,10 +21,41 @@ from pathlib import Path
 from types import FrameType
 from typing import IO
 
-DEVICES = {"mac23": 0, "mac34-1": 5}
-LINES = {"mac23": "./mac", "mac34-1": "./mac34"}  # model judged there → its port
 ENDING_S = 20.0  # a judgement that is broken off stops the axis and puts everything back first
 INTERRUPTED = 130
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A line or a bus: the twins on it, the one that is judged first; where its pty is linked.
+
+    `option` of ``axistwin run`` makes it, `way` of ``axistwin conform`` leads to it.
+    """
+
+    link: str
+    devices: tuple[tuple[str, int], ...]
+    option: str = "--pty"
+    way: tuple[str, str] = ("--port", "{}")
+
+    @property
+    def judged(self) -> str:
+        """The model that is judged."""
+        return self.devices[0][0]
+
+    def judging(self) -> list[str]:
+        """The words after ``axistwin`` that judge it."""
+        (model, address), *others = self.devices
+        option, form = self.way
+        words = ["conform", model, option, form.format(self.link), "--address", str(address)]
+        words += ["--allow", "motion,stored", "--level", "quick"]
+        return words + [word for _, one in others for word in ("--neighbour", str(one))]
+
+
+PLACES = (
+    Place("./mac", (("mac23", 0), ("mac34-1", 5))),
+    Place("./mac34", (("mac34-1", 5), ("mac23", 0))),
+    Place("./mac-can", (("mac23-can", 1), ("mac23-can", 2)), "--slcan", ("--can", "slcan:{}")),
+)
 
 
 class Ended(BaseException):
@@ -34,21 +66,20 @@ class Ended(BaseException):
 class Judgement:
     """A judgement that runs; what it prints waits in a file until it is its turn."""
 
-    model: str
-    command: list[str]
+    place: Place
     process: subprocess.Popen[str]
     said: IO[str]
 
 
 @contextlib.contextmanager
-def line_of_twins(link: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
+def running(place: Place, folder: Path) -> Iterator[subprocess.Popen[str]]:
     """Run a daemon until the block ends; yields when every device has said that it is ready.
 
     What it remarks goes into a log: while it is judged, clients talk at wrong rates on purpose.
     """
-    devices = [f"{model}:{address}" for model, address in DEVICES.items()]
+    devices = [f"{model}:{address}" for model, address in place.devices]
     command = [sys.executable, "-m", "axistwin", "run", *devices]
-    command += ["--pty", link, "--state", str(folder / "state"), "--json"]
+    command += [place.option, place.link, "--state", str(folder / "state"), "--json"]
     folder.mkdir()
     log = folder / "log"
     with (
@@ -63,7 +94,7 @@ def line_of_twins(link: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
             for _ in devices:
                 event = json.loads(daemon.stdout.readline() or "{}")
                 if event.get("event") != "ready":
-                    told = f"{log.read_text()}run: the twins at {link} did not start"
+                    told = f"{log.read_text()}run: the twins at {place.link} did not start"
                     raise SystemExit(told)
                 print(f"ready {event['device']} on {event['url']}", flush=True)
             yield daemon
@@ -72,14 +103,10 @@ def line_of_twins(link: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
             daemon.wait(ENDING_S)
 
 
-def judge(model: str, link: str, said: IO[str] | None) -> tuple[list[str], subprocess.Popen[str]]:
-    """Start to judge the twin of ``model`` over ``link``; it prints into ``said``, or at once."""
-    others = [address for other, address in DEVICES.items() if other != model]
-    command = [sys.executable, "-m", "axistwin", "conform", model, "--port", link]
-    command += ["--address", str(DEVICES[model]), "--allow", "motion,stored", "--level", "quick"]
-    for other in others:
-        command += ["--neighbour", str(other)]
-    return command, subprocess.Popen(
+def judge(place: Place, said: IO[str] | None) -> subprocess.Popen[str]:
+    """Start to judge the twin at a place; it prints into ``said``, or at once."""
+    command = [sys.executable, "-m", "axistwin", *place.judging()]
+    return subprocess.Popen(
         command, stdout=said, stderr=said and subprocess.STDOUT, text=True, process_group=0
     )
 
@@ -90,20 +117,21 @@ def judge_all() -> int:
     The first one is followed while it goes; the others are printed when they are done.
     """
     with contextlib.ExitStack() as stack:
-        running: list[Judgement] = []
-        for model, link in LINES.items():
+        begun: list[Judgement] = []
+        for place in PLACES:
             said = stack.enter_context(tempfile.TemporaryFile("w+"))
-            command, process = judge(model, link, said if running else None)
+            process = judge(place, said if begun else None)
             stack.callback(_end, process)
-            running.append(Judgement(model, command, process, said))
-        print(f"\njudging {' and '.join(LINES)} at the same time", flush=True)
-        for number, one in enumerate(running):
-            print(f"\n$ axistwin {' '.join(one.command[3:])}", flush=True)
+            begun.append(Judgement(place, process, said))
+        names = ", ".join(place.judged for place in PLACES)
+        print(f"\njudging {names} at the same time", flush=True)
+        for number, one in enumerate(begun):
+            print(f"\n$ axistwin {' '.join(one.place.judging())}", flush=True)
             one.process.wait()
             if number:
                 one.said.seek(0)
                 print(one.said.read(), end="", flush=True)
-        return max(one.process.returncode for one in running)
+        return max(one.process.returncode for one in begun)
 
 
 def _end(process: subprocess.Popen[str]) -> None:
@@ -118,19 +146,16 @@ def _terminated(number: int, frame: FrameType | None) -> None:
 
 
 def run(*, is_once: bool) -> int:
-    """Start the lines, judge, and stay until somebody ends it; the exit status."""
+    """Start lines and bus, judge, and stay until somebody ends it; the exit status."""
     with contextlib.ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="axistwin-")))
-        daemons = [
-            stack.enter_context(line_of_twins(link, folder / model))
-            for model, link in LINES.items()
-        ]
+        daemons = [stack.enter_context(running(place, folder / place.judged)) for place in PLACES]
         status = judge_all()
         told = "all conform" if status == 0 else f"status {status}"
-        print(f"\n{len(LINES)} twins judged: {told}", flush=True)
+        print(f"\n{len(PLACES)} twins judged: {told}", flush=True)
         if not is_once:
-            where = ", ".join(f"{link} ({Path(link).resolve()})" for link in LINES.values())
-            print(f"The lines stay open at {where}; Ctrl-C ends them.", flush=True)
+            where = ", ".join(f"{one.link} ({Path(one.link).resolve()})" for one in PLACES)
+            print(f"They stay open at {where}; Ctrl-C ends them.", flush=True)
             with contextlib.suppress(KeyboardInterrupt, Ended):
                 for daemon in daemons:
                     daemon.wait()

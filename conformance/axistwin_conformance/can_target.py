@@ -7,6 +7,9 @@ What is heard is kept in two places.  `receive` gives replies; what modules say 
 lifebeat, emergency) never comes out there, whatever is asked for, but from `receive_spontaneous`
 and `take_spontaneous`.  Each frame is given once, with the time at which it was in our hands.
 
+A bus may have other inhabitants, with traffic of their own.  Identifiers on which others talk while
+nobody has asked anything (`leave_out_others`) are theirs: such frames are counted and go nowhere.
+
 A CAN controller does not hear itself.  Some interfaces give us our own frames all the same: those
 they mark, and on the ones known not to mark them (`ECHOING`) each frame that equals one sent within
 the last second, once.
@@ -36,6 +39,7 @@ TWIN_INTERFACE: Final = "axistwin"  # found by python-can by this name; the suit
 ECHOING: Final = frozenset({"udp_multicast"})
 # What an interface needs unless the user says otherwise: frames stay on this machine.
 PRESETS: Final[Mapping[str, Mapping[str, object]]] = {"udp_multicast": {"hop_limit": 0}}
+EXTENDED: Final = -1
 ECHO_NS: Final = 1_000_000_000
 SEND_TIMEOUT_S: Final = 3.0
 FULL_QUEUE_PAUSE_S: Final = 0.001  # an adapter's queue of ten frames is empty after 2 ms at 500 k
@@ -44,7 +48,11 @@ REMEDIES: Final[Mapping[int, str]] = {
     errno.EAFNOSUPPORT: "this kernel has no CAN, see axistwin doctor",
     errno.ENODEV: "ip link lists the interfaces",
     errno.ENETDOWN: "ip link set NAME up",
+    errno.ENOBUFS: "nobody acknowledges; is anybody connected, and at this bit rate?",
 }
+LATE_FRAMES: Final = 256  # looked at when the time is over; a bus may never fall silent
+ERRORS_MARKED: Final = 20  # error frames that the transcript shows
+FOREIGN_TOLD: Final = 8  # identifiers of others that are told by name
 DRAINED_TOLD: Final = 4  # frames set aside that are told by name
 
 # What drivers remark while they are looked for is not for the person at the terminal: what matters
@@ -119,7 +127,8 @@ class CanTarget(Carrier):
         self._waiting: deque[Arrival] = deque(maxlen=FRAMES_KEPT)
         self._unasked: deque[Arrival] = deque(maxlen=FRAMES_KEPT)
         self.bitrate = bitrate
-        self.error_frames = 0
+        self.error_frames = self.foreign_frames = 0
+        self._foreign: set[int] = set()  # identifiers, and `EXTENDED` for all of 29 bits
 
     def least_time_ns(self, frame: Frame) -> int:
         """How long a frame is on the bus at least; 0 where the bit rate is not known."""
@@ -192,6 +201,34 @@ class CanTarget(Carrier):
             self.mark(f"{len(dropped)} frames nobody asked for were set aside: {told}{more}")
         return dropped
 
+    def leave_out_others(self, seconds: float, is_ours: Wanted) -> None:
+        """Listen for so long; who talks meanwhile on identifiers that are not ours is left out."""
+        self._read_waiting()
+        deadline_ns = self.now_ns + round(seconds * 1e9)
+        while (left_ns := deadline_ns - self.now_ns) > 0:
+            self._read(left_ns)
+        self._foreign = {_line_of(one.frame) for one in self._waiting if not is_ours(one.frame)}
+        self._foreign |= {_line_of(one.frame) for one in self._unasked if not is_ours(one.frame)}
+        if self._foreign:
+            self.drain()
+            self.mark(self.remarks[0])
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """See `Carrier.remarks`."""
+        told = []
+        if self._foreign:
+            names = [f"{one:03X}h" if one >= 0 else "29-bit ones" for one in sorted(self._foreign)]
+            more = ", ..." if len(names) > FOREIGN_TOLD else ""
+            count = f"; {self.foreign_frames} so far" if self.foreign_frames else ""
+            told.append(
+                f"others talk on this bus; their frames are left out:"
+                f" {', '.join(names[:FOREIGN_TOLD])}{more}{count}"
+            )
+        if self.error_frames:
+            told.append(f"{self.error_frames} error frames on the bus: is the bit rate right?")
+        return tuple(told)
+
     def close(self) -> None:
         """Close the bus; one that is gone already is fine."""
         with contextlib.suppress(Exception):
@@ -200,7 +237,7 @@ class CanTarget(Carrier):
     def _await(self, store: deque[Arrival], wanted: Wanted, timeout_s: float) -> Arrival | None:
         started_ns = self.now_ns
         deadline_ns = started_ns + round(timeout_s * 1e9)
-        looked_at = 0
+        looked_at = late = 0
         while True:
             for at in range(looked_at, len(store)):
                 if wanted(store[at].frame):
@@ -210,7 +247,9 @@ class CanTarget(Carrier):
             # A full store drops its oldest frame for each new one: then all have to be looked at.
             looked_at = len(store) if len(store) < FRAMES_KEPT else 0
             left_ns = deadline_ns - self.now_ns
-            if not self._read(self._fenced(max(left_ns, 0))) and left_ns <= 0:
+            is_more = self._read(self._fenced(max(left_ns, 0)))
+            late += left_ns <= 0
+            if left_ns <= 0 and (not is_more or late > LATE_FRAMES):
                 break
         if timeout_s >= SILENCE_NOTED_S:
             self._note_silence(started_ns)
@@ -235,10 +274,14 @@ class CanTarget(Carrier):
         if message.is_error_frame or message.is_fd:
             self.error_frames += message.is_error_frame
             form = "an error frame" if message.is_error_frame else "a CAN FD frame"
-            self.mark(f"{form} on the bus: {message.arbitration_id:X}h {message.data.hex(' ')}")
+            if self.error_frames <= ERRORS_MARKED:
+                self.mark(f"{form} on the bus: {message.arbitration_id:X}h {message.data.hex(' ')}")
             return True
         frame = _frame_of(message)
         if not message.is_rx or (self._is_echoing and self._is_echo(frame)):
+            return True
+        if self._foreign and _line_of(frame) in self._foreign:
+            self.foreign_frames += 1
             return True
         arrival = Arrival(frame, self._arrived(frame.pack()))
         (self._unasked if self._is_spontaneous(frame) else self._waiting).append(arrival)
@@ -275,6 +318,11 @@ class CanTarget(Carrier):
         if isinstance(error, OSError | can.CanError):
             return TargetError(f"the bus failed while {doing}: {_one_line(error)}")
         return None
+
+
+def _line_of(frame: Frame) -> int:
+    """What a frame has in common with others of its sender."""
+    return EXTENDED if frame.is_extended else frame.identifier
 
 
 def _frame_of(message: can.Message) -> Frame:

@@ -170,6 +170,11 @@ class Carrier(ABC):
         """The handles of the twins behind the source; none behind a real one."""
         return cast(Sequence[Any], getattr(self._source, "twins", ()))
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a reader should know of what happened here beside the exchanges."""
+        return ()
+
     def mark(self, text: str) -> None:
         """Write a line into the transcript."""
         self.transcript.note(self.now_ns, Direction.NOTE, text=text)

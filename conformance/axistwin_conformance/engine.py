@@ -291,6 +291,8 @@ class Engine:
         other.readings, other.detections = run.readings, run.detections
 
     def _last_words(self, run: Run) -> None:
+        for text in run.target.remarks:
+            self._emit(events.Note(text))
         if not self._keeper.blocked and not self._keeper.is_sane(run):
             self._keeper.trouble("the device did not answer the closing sanity exchange")
         if run.quality.spoilt:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 import can
 
@@ -99,3 +100,125 @@ class VirtualBus:
     def shutdown(self) -> None:
         """Close."""
         self.is_open = False
+
+
+# --- on a bus in real time: a module that goes wrong, a bus that does -----------------------------
+
+TICK_S = 0.001
+Moment = Callable[[int, Frame, Frame | None], bool]  # how many before, this request, the one before
+
+
+def after(count: int) -> Moment:
+    """From the request of that number on."""
+    return lambda asked, frame, before: asked >= count
+
+
+def behind(index: int) -> Moment:
+    """From the request on that follows the first download of that index."""
+    return lambda asked, frame, before: (
+        before is not None and before.data[:2] == bytes([0x23, index])
+    )
+
+
+class TurningModule:
+    """The built-in twin on python-can's in-process bus up to a moment, then something else.
+
+    `script`: its answers from then on.  `others`: sent all the time, by somebody else, `rate_hz`
+    of them per second.
+    """
+
+    def __init__(
+        self, channel: str, moment: Moment, script: Script, others: Sequence[Frame] = (),
+        rate_hz: int = 0,
+    ) -> None:  # fmt: skip
+        self.turned_at: float | None = None  # time.monotonic() of that moment
+        self.said_by_others = 0
+        self._moment, self._script = moment, script
+        self._others, self._rate_hz = others, rate_hz
+        self._asked = 0
+        self._before: Frame | None = None
+        self._twin = can.Bus(f"mac23-can:1?time=real&bus={channel}", "axistwin", ignore_config=True)
+        self._bus = can.Bus(channel, "virtual", ignore_config=True)
+        self._far = can.Bus(channel, "virtual", ignore_config=True)  # where the others are
+        self._ends = threading.Event()
+        self._threads = [
+            threading.Thread(target=self._serve, daemon=True),
+            threading.Thread(target=self._chatter, daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._ends.set()
+        for thread in self._threads:
+            thread.join()
+        for bus in (self._bus, self._far, self._twin):
+            bus.shutdown()
+
+    def _serve(self) -> None:
+        while not self._ends.is_set():
+            message = self._bus.recv(TICK_S)
+            if message is not None and message.arbitration_id & 0x780 in (0x080, 0x600):
+                self._hear(frame_of(message))
+            while (reply := self._twin.recv(0)) is not None:
+                if self.turned_at is None:
+                    self._bus.send(reply)
+
+    def _hear(self, frame: Frame) -> None:
+        if self.turned_at is None and self._moment(self._asked, frame, self._before):
+            self.turned_at = time.monotonic()
+        self._asked, self._before = self._asked + 1, frame
+        if self.turned_at is None:
+            self._twin.send(message_of(frame))
+        else:
+            for reply in self._script(frame):
+                self._bus.send(message_of(reply))
+
+    def _chatter(self) -> None:
+        begun_at = time.monotonic()
+        while self._others and not self._ends.is_set():
+            due = int((time.monotonic() - begun_at) * self._rate_hz)
+            while self.said_by_others < due:
+                frame = self._others[self.said_by_others % len(self._others)]
+                self._far.send(message_of(frame))
+                self.said_by_others += 1
+            time.sleep(0.002)
+
+
+class FailingBus:
+    """A bus of python-can that fails from a moment on, as adapters do: `error` is raised by what
+    `where` names; if `is_noisy`, frames are spoilt from then on, and error frames tell so."""
+
+    def __init__(
+        self, bus: can.BusABC, good: int, error: Exception | None, where: tuple[str, ...],
+        *, is_noisy: bool = False,
+    ) -> None:  # fmt: skip
+        self.turned_at: float | None = None
+        self._bus, self._good, self._error = bus, good, error
+        self._where, self._is_noisy = where, is_noisy
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Send it while all is well."""
+        self._good -= 1
+        if self._good < 0 and self.turned_at is None:
+            self.turned_at = time.monotonic()
+        self._fail("send")
+        if self.turned_at is None or not self._is_noisy:
+            self._bus.send(msg, timeout)
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """What comes, or an error frame."""
+        self._fail("recv")
+        message = self._bus.recv(timeout)
+        if message is None and timeout and self.turned_at is not None and self._is_noisy:
+            return can.Message(is_error_frame=True, arbitration_id=0x08, data=bytes(8))
+        return message
+
+    def shutdown(self) -> None:
+        """Close it."""
+        self._bus.shutdown()
+
+    def _fail(self, doing: str) -> None:
+        if self.turned_at is not None and doing in self._where and self._error is not None:
+            raise self._error

@@ -24,7 +24,9 @@ from axistwin_conformance.mac_axis.safety import STORING, deeds, objection
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench, RigBench
 from axistwin_conformance.mac_can.codec import Reply
+from axistwin_conformance.mac_can.probes import byte_order_shown
 from axistwin_conformance.mac_can.reader import BusReader
+from axistwin_conformance.mac_can.talk import bus_of
 from axistwin_conformance.registry import Family, Identity, Model
 from axistwin_conformance.session import ATTEMPTS, Run, Session
 from axistwin_conformance.transcript import Record
@@ -32,6 +34,8 @@ from axistwin_conformance.ways import BUS
 
 NOT_ON_CAN: Final = frozenset({0x08, 0x1B})
 OWN_COMMANDS: Final = "address (LMT)"
+LISTEN_S: Final = 0.25  # for traffic of others, before the first question
+SPOKEN: Final = frozenset({codec.REPLY, codec.EMERGENCY, codec.BOOT_UP})  # + address
 SET_ADDRESS: Final = 0x08  # in the safety classes of the axis: what the LMT frames do
 
 MODELS: Final = {
@@ -42,15 +46,20 @@ MODELS: Final = {
 def probe(session: Session) -> Identity:
     """Ask release and measures; raises TargetError if nobody answers."""
     bench = Bench(session)
+    if not session.carrier.is_virtual:
+        _know_the_others(session)
     session.is_strict = True  # the attempts are counted here
     last = _insisted(bench, 0x24)
     release = last.data if last.kind is Kind.ANSWER else None
     if release is None and not sanity(session):
         raise TargetError(
             f"no module answers at address {bench.address} on {session.carrier.description}:"
-            f" {last}; try another --address or --bitrate"
+            f" {'; '.join((str(last), *session.carrier.remarks))};"
+            " try another --address or --bitrate"
         )
     session.is_strict = session.carrier.is_lossless
+    if order := byte_order_shown(bench):  # before anything of more bytes than one is remembered
+        session.run.readings["can_byte_order"] = order
     values = {"release": "unknown" if release is None else f"{release:08X}"}
     measures = bench.ask(0x27).reply
     if measures.data is not None:
@@ -58,6 +67,17 @@ def probe(session: Session) -> Identity:
     told = [f"release {values['release']}"]
     told += [values[name] for name in ("temperature", "supply") if name in values]
     return Identity(f"{session.model.title} at {bench.address}, {', '.join(told)}", values)
+
+
+def _know_the_others(session: Session) -> None:
+    """Hear who else talks on the bus while nothing is asked."""
+    own = {session.address, *session.neighbours}
+
+    def is_ours(frame: Frame) -> bool:
+        is_mine = frame.identifier & 0x7F in own and frame.identifier & ~0x7F in SPOKEN
+        return frame.is_plain and is_mine
+
+    bus_of(session).leave_out_others(LISTEN_S, is_ours)
 
 
 def _insisted(bench: Bench, index: int) -> Reply:
@@ -82,7 +102,9 @@ def guard(session: Session, data: bytes) -> str | None:
 def fence(run: Run) -> Fence:
     """What keeps the axes of a bus inside the envelope."""
     bounds = run.envelope
-    return Fence(BusReader(), bounds.max_travel, bounds.max_speed, run.address, run.readings)
+    return Fence(
+        BusReader(run.readings), bounds.max_travel, bounds.max_speed, run.address, run.readings
+    )
 
 
 def writes(data: bytes) -> int:
@@ -150,12 +172,17 @@ _SHARED: Final = (
     "checks_rig_load",
     "checks_rig_power",
 )
-_SHARED_PROBES: Final = (
-    "probes_parameters",
-    "probes_motion",
-    "probes_sync",
-    "probes_stops",
-    "probes_rig",
+_PROBES: Final = (
+    "mac_can.probes",
+    "mac_can.probes_messages",
+    "mac_axis.probes_parameters",
+    "mac_axis.probes_motion",
+    "mac_can.probes_sync",
+    "mac_axis.probes_sync",
+    "mac_axis.probes_stops",
+    "mac_can.probes_errors",
+    "mac_axis.probes_rig",
+    "mac_can.probes_destructive",
 )
 
 FAMILY: Final = Family(
@@ -183,5 +210,5 @@ FAMILY: Final = Family(
     rig_bench=RigBench,
     replay_module="axistwin_conformance.mac_axis.checks_sequences",
     operation_bytes=4,
-    probe_modules=tuple(f"axistwin_conformance.mac_axis.{name}" for name in _SHARED_PROBES),
+    probe_modules=tuple(f"axistwin_conformance.{name}" for name in _PROBES),
 )
