@@ -173,16 +173,11 @@ _SHARED: Final = (
     "checks_rig_power",
 )
 _PROBES: Final = (
-    "mac_can.probes",
-    "mac_can.probes_messages",
     "mac_axis.probes_parameters",
     "mac_axis.probes_motion",
-    "mac_can.probes_sync",
     "mac_axis.probes_sync",
     "mac_axis.probes_stops",
-    "mac_can.probes_errors",
     "mac_axis.probes_rig",
-    "mac_can.probes_destructive",
 )
 
 FAMILY: Final = Family(
