@@ -74,9 +74,28 @@ def quirks_of(name: str, head: str) -> str:
 
 def requirements() -> str:
     """The ledger that the suite judges MAC serial devices by."""
-    book = ledger.load_ledger("mac_serial")
+    return requirements_of("mac_serial", "# Requirements of the MAC serial interface\n\n")
+
+
+def can_requirements() -> str:
+    """The ledger that the suite judges the MAC23 on CAN by."""
+    return requirements_of(
+        "mac_can",
+        "# Requirements of the MAC23 on CAN\n\n"
+        "What concerns the axis is judged by the checks of the serial interface: the last column\n"
+        "names [its requirements](mac-serial-requirements.md) that come with one here.\n\n",
+    )
+
+
+def requirements_of(name: str, head: str) -> str:
+    """A page with the requirements of a ledger, and the questions it leaves open."""
+    book = ledger.load_ledger(name)
+    has_axis = any(each.covers for each in book.requirements.values())
     rows = (
-        (each.id, each.kind, ", ".join(sorted(each.safety)), each.source, each.text)
+        (
+            *(each.id, each.kind, ", ".join(sorted(each.safety)), each.source, each.text),
+            *([", ".join(each.covers) or "-"] if has_axis else []),
+        )
         for each in book.requirements.values()
     )
     doubts = (
@@ -87,9 +106,10 @@ def requirements() -> str:
         )
         for each in book.ambiguities.values()
     )
+    columns = ["requirement", "kind", "safety", "source", "text"]
     return (
-        "# Requirements of the MAC serial interface\n\n"
-        + table(["requirement", "kind", "safety", "source", "text"], rows)
+        head
+        + table([*columns, "axis"] if has_axis else columns, rows)
         + "\n## Where the manual leaves it open\n\n"
         + table(["entry", "question", "readings, the default first"], doubts)
     )
@@ -98,6 +118,7 @@ def requirements() -> str:
 PAGES = {
     "commands.md": commands,
     "mac-can-quirks.md": can_quirks,
+    "mac-can-requirements.md": can_requirements,
     "mac-serial-quirks.md": quirks,
     "mac-serial-requirements.md": requirements,
 }

@@ -1,24 +1,26 @@
-"""Judges the mutant zoo and writes armed.toml: requirement → mutants its checks have killed."""
+"""Judges the mutant zoo of a family and writes its armed.toml: requirement → mutants its checks
+have killed."""
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
+SUITE = ROOT / "conformance" / "axistwin_conformance"
 sys.path.insert(0, str(ROOT / "conformance" / "tests"))
 
-from zoo import ZOO, armed_by  # noqa: E402
+from zoo import armed_by  # noqa: E402
 from zoo.judge import kills  # noqa: E402
 from zoo.mutant import Mutant  # noqa: E402
 
 from axistwin_conformance.ledger import load_ledger  # noqa: E402
 
-FAMILY = "mac_serial"
-ARMED = ROOT / "conformance" / "axistwin_conformance" / FAMILY / "armed.toml"
+ZOOS = {"mac_serial": "zoo", "mac_can": "zoo_can"}  # family → package of its mutants
 HEAD = """\
 # Written by scripts/zoo: which requirements are armed, that is, which planted firmware faults the
 # checks of each have found.  Do not edit.
@@ -51,9 +53,9 @@ def judged(mutants: tuple[Mutant, ...]) -> list[str]:
     return survivors
 
 
-def summary() -> str:
+def summary(family: str, armed: Mapping[str, tuple[str, ...]]) -> str:
     """How much of the ledger is armed."""
-    ledger, armed = load_ledger(FAMILY), armed_by(ZOO)
+    ledger = load_ledger(family)
     parts = []
     for kind in ("must", "derived", "interpretation"):
         visible = [
@@ -70,20 +72,30 @@ def summary() -> str:
 def main() -> int:
     """Judge, tell, write."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", help="only these mutants; then nothing is written")
-    names = set(parser.parse_args().names)
-    unknown = names - {mutant.name for mutant in ZOO}
+    parser.add_argument(
+        "names",
+        nargs="*",
+        metavar="[FAMILY] [MUTANT]...",
+        help=f"family: {' or '.join(ZOOS)} (the first one if none is named); mutants: only these,"
+        " and then nothing is written",
+    )
+    words = parser.parse_args().names
+    family = words.pop(0) if words and words[0] in ZOOS else next(iter(ZOOS))
+    names = set(words)
+    zoo: tuple[Mutant, ...] = importlib.import_module(ZOOS[family]).ZOO
+    unknown = names - {mutant.name for mutant in zoo}
     if unknown:
-        parser.error(f"no mutant is named {', '.join(sorted(unknown))}")
-    chosen = tuple(mutant for mutant in ZOO if not names or mutant.name in names)
+        parser.error(f"no mutant of {family} is named {', '.join(sorted(unknown))}")
+    chosen = tuple(mutant for mutant in zoo if not names or mutant.name in names)
     survivors = judged(chosen)
     print(f"{len(chosen) - len(survivors)} of {len(chosen)} killed")
     for line in survivors:
         print(f"  {line}", file=sys.stderr)
     if survivors or names:
         return int(bool(survivors))
-    ARMED.write_text(as_toml(armed_by(ZOO)), encoding="utf-8")
-    print(f"{ARMED.relative_to(ROOT)} written\n{summary()}")
+    path, armed = SUITE / family / "armed.toml", armed_by(zoo)
+    path.write_text(as_toml(armed), encoding="utf-8")
+    print(f"{path.relative_to(ROOT)} written\n{summary(family, armed)}")
     return 0
 
 
