@@ -1,6 +1,5 @@
 """The program ``axistwin``: ready lines, events, clean ends, one clear line for each mistake."""
 
-import contextlib
 import json
 import os
 import signal
@@ -8,92 +7,17 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from datetime import datetime
 from importlib.metadata import EntryPoint
 from pathlib import Path
-from typing import IO, Any
 
 import click
 import pytest
 import serial
-from click.testing import CliRunner, Result
+from daemon_process import TIMEOUT_S, assert_one_clear_line, daemon, invoke
 from mac_frames import ACCEPTED, answer_value, request
 
 from axistwin import __version__, catalog
 from axistwin.cli import program
-from axistwin.cli.program import main
-
-TIMEOUT_S = 10.0
-
-
-def invoke(*arguments: str) -> Result:
-    """The program run in this process."""
-    return CliRunner().invoke(main, arguments)
-
-
-def assert_one_clear_line(result: Result, *parts: str) -> None:
-    """Exit status 2, and one line on stderr that has all ``parts``."""
-    assert result.exit_code == 2, result.output
-    assert result.stdout == ""
-    lines = result.stderr.splitlines()
-    assert len(lines) == 1, result.stderr
-    assert lines[0].startswith("axistwin: ")
-    for part in parts:
-        assert part in lines[0]
-
-
-class Daemon:
-    """``axistwin run`` as a process of its own in ``folder``."""
-
-    def __init__(
-        self,
-        folder: Path,
-        *arguments: str,
-        environment: dict[str, str] | None = None,
-        program: tuple[str, ...] = ("-m", "axistwin"),
-        stdout: int | IO[str] = subprocess.PIPE,
-    ):
-        self.folder = folder
-        self.process = subprocess.Popen(
-            [sys.executable, *program, "run", *arguments],
-            cwd=folder,
-            env={**os.environ, **(environment or {})},
-            stdout=stdout,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-
-    def line(self) -> str:
-        """The next line on stdout."""
-        assert self.process.stdout is not None
-        return self.process.stdout.readline().rstrip("\n")
-
-    def event(self) -> dict[str, Any]:
-        """The next line as JSON."""
-        event = json.loads(self.line())
-        assert isinstance(event, dict)
-        age = datetime.now().astimezone() - datetime.fromisoformat(event.pop("time"))
-        assert abs(age.total_seconds()) < TIMEOUT_S
-        return event
-
-    def end(self, number: signal.Signals = signal.SIGTERM) -> tuple[int, str, str]:
-        """Status, rest of stdout, and stderr after a signal."""
-        self.process.send_signal(number)
-        out, err = self.process.communicate(timeout=TIMEOUT_S)
-        return self.process.returncode, out, err
-
-
-@contextlib.contextmanager
-def daemon(folder: Path, *arguments: str, **options: Any) -> Iterator[Daemon]:
-    """A daemon that is gone afterwards, whatever happens."""
-    daemon = Daemon(folder, *arguments, **options)
-    try:
-        yield daemon
-    finally:
-        if daemon.process.poll() is None:
-            daemon.process.kill()
-        daemon.process.communicate()
 
 
 def ask(port: serial.SerialBase, frame: bytes, count: int) -> bytes:

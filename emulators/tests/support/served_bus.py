@@ -1,5 +1,6 @@
 """A server around a bus of real twins in real time, for tests of CAN ports."""
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, Self
@@ -66,8 +67,9 @@ def client(line: str) -> Iterator[can.BusABC]:
 
 def receive(bus: can.BusABC, identifier: int) -> can.Message:
     """The next message with that identifier."""
-    while True:
-        message = bus.recv(TIMEOUT_S)
-        assert message is not None, f"nothing came from {identifier:03X}h"
-        if message.arbitration_id == identifier:
+    end = time.monotonic() + TIMEOUT_S
+    while (left := end - time.monotonic()) > 0:
+        message = bus.recv(left)
+        if message is not None and message.arbitration_id == identifier:
             return message
+    raise AssertionError(f"nothing came from {identifier:03X}h")
