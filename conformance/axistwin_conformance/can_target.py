@@ -12,7 +12,8 @@ nobody has asked anything (`leave_out_others`) are theirs: such frames are count
 
 A CAN controller does not hear itself.  Some interfaces give us our own frames all the same: those
 they mark, and on the ones known not to mark them (`ECHOING`) each frame that equals one sent within
-the last second, once.
+the last second, once.  Linux marks what any program of this machine has sent, us or not, and does
+not give us our own: on its interfaces (`LOCALLY_MARKING`) the mark means nothing.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ from axistwin_conformance.transcript import Transcript
 
 TWIN_INTERFACE: Final = "axistwin"  # found by python-can by this name; the suite never imports it
 ECHOING: Final = frozenset({"udp_multicast"})
+LOCALLY_MARKING: Final = frozenset({"socketcan"})
 # What an interface needs unless the user says otherwise: frames stay on this machine.
 PRESETS: Final[Mapping[str, Mapping[str, object]]] = {"udp_multicast": {"hop_limit": 0}}
 EXTENDED: Final = -1
@@ -96,7 +98,8 @@ class CanTarget(Carrier):
     """A device on a bus.
 
     `is_spontaneous`: what devices of the family say unasked.  `is_echoing`: the interface gives us
-    our own frames without saying so.  `bitrate`: of the bus in bit/s, None if nobody has told it.
+    our own frames without saying so.  `marks_own`: it marks what comes from us, and only that.
+    `bitrate`: of the bus in bit/s, None if nobody has told it.
     """
 
     source_word = "the bus"
@@ -109,6 +112,7 @@ class CanTarget(Carrier):
         *,
         is_spontaneous: Wanted = nothing,
         is_echoing: bool = False,
+        marks_own: bool = True,
         bitrate: int | None = None,
         is_builtin: bool = False,
         is_lossless: bool | None = None,
@@ -123,6 +127,7 @@ class CanTarget(Carrier):
         self._bus = bus
         self._is_spontaneous = is_spontaneous
         self._is_echoing = is_echoing
+        self._marks_own = marks_own
         self._echoes: deque[tuple[int, Frame]] = deque(maxlen=FRAMES_KEPT)
         self._waiting: deque[Arrival] = deque(maxlen=FRAMES_KEPT)
         self._unasked: deque[Arrival] = deque(maxlen=FRAMES_KEPT)
@@ -278,7 +283,8 @@ class CanTarget(Carrier):
                 self.mark(f"{form} on the bus: {message.arbitration_id:X}h {message.data.hex(' ')}")
             return True
         frame = _frame_of(message)
-        if not message.is_rx or (self._is_echoing and self._is_echo(frame)):
+        is_marked = self._marks_own and not message.is_rx
+        if is_marked or (self._is_echoing and self._is_echo(frame)):
             return True
         if self._foreign and _line_of(frame) in self._foreign:
             self.foreign_frames += 1
@@ -395,6 +401,7 @@ def open_can_target(
         words,
         is_spontaneous=is_spontaneous,
         is_echoing=interface in ECHOING,
+        marks_own=interface not in LOCALLY_MARKING,
         bitrate=bitrate,
         is_builtin=is_builtin,
     )

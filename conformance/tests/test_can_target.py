@@ -237,6 +237,15 @@ def test_our_own_frames_are_not_heard(is_marked: bool) -> None:
     assert [one.frame for one in target.drain()] == [ANSWER]
 
 
+def test_on_socketcan_frames_of_other_local_programs_are_heard() -> None:
+    """Linux marks whatever was sent on this machine."""
+    bus = EchoingBus(is_marked=True)
+    target = CanTarget(bus, "toy", is_spontaneous=is_spontaneous, marks_own=False)
+    target.send(ASK)
+    assert target.wait(0.1)
+    assert [one.frame for one in target.drain()] == [ASK, ANSWER]
+
+
 def test_a_frame_like_ours_is_heard_where_nothing_echoes() -> None:
     """A reply that equals what we sent is still a reply."""
     target = virtual(lambda frame: (frame,))
