@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from axistwin.cli import doctor
 from axistwin.cli.doctor import Lack
 from axistwin.cli.program import main
+from axistwin.ports import socketcan
 
 NEEDED = ["pseudo terminals", "inotify", "loopback TCP", "current folder"]
 
@@ -67,6 +68,51 @@ def test_a_folder_that_cannot_be_written_is_noticed(monkeypatch: pytest.MonkeyPa
     monkeypatch.chdir("/proc")
     with pytest.raises(Lack, match="/proc cannot be written"):
         doctor.check_folder()
+
+
+@pytest.mark.parametrize(
+    ("has_can", "states", "found", "remedy"),
+    [
+        (False, {}, "the kernel has no CAN", "--slcan works without"),
+        (True, {}, "there is no interface", "ip link add vcan0 type vcan"),
+        (True, {"can0": "down"}, r"can0 \(down\)", "ip link set can0 up"),
+    ],
+)
+def test_a_machine_without_a_can_bus_gets_the_remedy(
+    monkeypatch: pytest.MonkeyPatch,
+    has_can: bool,
+    states: dict[str, socketcan.LinkState],
+    found: str,
+    remedy: str,
+) -> None:
+    """No CAN in the kernel, no interface, or none that is up."""
+    monkeypatch.setattr(socketcan, "kernel_has_can", lambda: has_can)
+    monkeypatch.setattr(socketcan, "interfaces", lambda: list(states))
+    monkeypatch.setattr(socketcan, "link_state", lambda name: states.get(name, "absent"))
+    with pytest.raises(Lack, match=found) as caught:
+        doctor.check_can()
+    assert remedy in caught.value.remedy
+
+
+def test_can_interfaces_are_told_with_their_states(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that is up is enough."""
+    states: dict[str, socketcan.LinkState] = {"vcan0": "up", "can0": "down"}
+    monkeypatch.setattr(socketcan, "kernel_has_can", lambda: True)
+    monkeypatch.setattr(socketcan, "interfaces", lambda: list(states))
+    monkeypatch.setattr(socketcan, "link_state", lambda name: states[name])
+    assert doctor.check_can() == "can0 (down), vcan0 (up)"
+
+
+@pytest.mark.parametrize("is_installed", [True, False])
+def test_what_multicast_needs_is_named(monkeypatch: pytest.MonkeyPatch, is_installed: bool) -> None:
+    """python-can has it as an extra."""
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: name if is_installed else None)
+    if is_installed:
+        assert doctor.check_python_can().endswith("virtual, udp_multicast")
+        return
+    with pytest.raises(Lack, match="not udp_multicast") as caught:
+        doctor.check_python_can()
+    assert caught.value.remedy == "pip install msgpack"
 
 
 def test_a_serial_port_without_permission_is_named(

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import click
 
-EXIT_LACKING = 1
+from axistwin.ports import socketcan
 
-_VCAN_REMEDY = "modprobe vcan && ip link add vcan0 type vcan && ip link set vcan0 up"
+EXIT_LACKING = 1
 
 
 class Lack(Exception):  # noqa: N818 - a finding, not a failure of ours
@@ -120,15 +120,29 @@ def check_real_ports() -> str:
 
 
 def check_can() -> str:
-    """CAN in the kernel, for the CAN models."""
-    try:
-        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
-    except (AttributeError, OSError):
-        raise Lack("the kernel has no CAN", f"{_VCAN_REMEDY} (on a kernel with CAN)") from None
-    names = [name for _, name in socket.if_nameindex() if "can" in name]
-    if not names:
-        raise Lack("CAN works, but there is no interface", _VCAN_REMEDY)
-    return ", ".join(names)
+    """CAN in the kernel, for the CAN models; without it they are served by an slcan pty."""
+    found = {name: socketcan.link_state(name) for name in socketcan.interfaces()}
+    if not socketcan.kernel_has_can():
+        raise Lack(
+            "the kernel has no CAN",
+            f"--slcan works without; on a kernel with CAN: {socketcan.REMEDY.format('vcan0')}",
+        )
+    if not found:
+        raise Lack("CAN works, but there is no interface", socketcan.remedy("vcan0"))
+    shown = ", ".join(f"{name} ({state})" for name, state in sorted(found.items()))
+    if "up" not in found.values():
+        raise Lack(shown, socketcan.remedy(min(found)))
+    return shown
+
+
+def check_python_can() -> str:
+    """Interfaces of python-can that reach a bus without a driver of their own."""
+    import can
+
+    shown = f"python-can {can.__version__}: slcan, socketcan, socketcand, virtual"
+    if importlib.util.find_spec("msgpack") is None:
+        raise Lack(f"{shown}; not udp_multicast", "pip install msgpack")
+    return f"{shown}, udp_multicast"
 
 
 def check_uhid() -> str:
@@ -161,6 +175,7 @@ CHECKS: tuple[tuple[str, bool, Callable[[], str]], ...] = (
     ("current folder", True, check_folder),
     ("serial ports", False, check_real_ports),
     ("CAN interfaces", False, check_can),
+    ("CAN without kernel", False, check_python_can),
     ("HID (uhid)", False, check_uhid),
     ("conformance suite", False, check_suite),
 )

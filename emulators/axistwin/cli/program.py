@@ -31,7 +31,10 @@ COMMAND_GROUP = "axistwin.commands"
 
 # Name: where it is, and its line in the list of commands (which then needs no import).
 _OWN = {
-    "run": ("axistwin.cli.run", "Run twins on a serial line that any program can open."),
+    "run": (
+        "axistwin.cli.run",
+        "Run twins on a serial line or a CAN bus that any program can open.",
+    ),
     "decode": ("axistwin.cli.decode", "Say what bytes of a line, or frames of a bus, mean."),
     "models": ("axistwin.cli.models", "List the models, or one model's quirks."),
     "doctor": ("axistwin.cli.doctor", "Say what this machine can do, and how to make it do more."),
@@ -166,6 +169,7 @@ def main() -> None:
     \b
     axistwin run mac23                     a MAC23 at ./mac23, for any program that opens a port
     axistwin run mac23:0 mac34-1:5         two modules on one line
+    axistwin run mac23-can                 a MAC23 on vcan0, or behind an slcan adapter
     axistwin models mac23                  what can be switched
     axistwin decode mac23 capture.txt      what was said on a line, in words
     """
