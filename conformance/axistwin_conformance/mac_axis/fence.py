@@ -137,10 +137,14 @@ class Asked:
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """A whole reply: its kind, and the number in it if it is an answer."""
+    """A whole reply: its kind, and the number in it if it is an answer.
+
+    `whom`: where many were asked and one speaks for itself alone, its address.
+    """
 
     kind: Kind
     data: int | None = None
+    whom: int | None = None
 
 
 class Reader(Protocol):
@@ -418,21 +422,25 @@ class Fence:
         reply, asked = self.reader.heard(data), self._asked
         if reply is None or asked is None:
             return
+        axes = self.axes
         if reply.kind is Kind.REFUSED and asked.index == STOP:
-            self.axes = {
+            axes = {
                 address: self._unpowered(self._before.get(address, axis), axis, now_ns)
                 for address, axis in self._after.items()
             }
         elif reply.kind in (Kind.REFUSED, Kind.NACK):
-            self.axes = {address: self._before.get(address, self._after[address])
-                         for address in self._after}  # fmt: skip
+            axes = {address: self._before.get(address, self._after[address])
+                    for address in self._after}  # fmt: skip
         elif reply.kind is Kind.ACCEPTED:
-            self.axes = {
+            axes = {
                 address: self._heeded(self._before.get(address, axis), axis, now_ns)
                 for address, axis in self._after.items()
             }
         elif reply.data is not None and asked.address is not None:
             self._learn(asked.address, asked.index, reply.data, now_ns)
+        if asked.address is None and reply.whom is not None:  # what became of the others is open
+            axes = {**self.axes, **{one: axes[one] for one in axes if one == reply.whom}}
+        self.axes = axes
         self._asked = None
 
     def _unpowered(self, before: Axis, after: Axis, now_ns: int) -> Axis:

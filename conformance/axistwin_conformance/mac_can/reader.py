@@ -3,48 +3,58 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Final
 
 from axistwin_conformance.can_frame import Frame, unpack_all
-from axistwin_conformance.mac_axis.dialogue import signed
+from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.fence import Asked, Heard
 from axistwin_conformance.mac_can import codec
+from axistwin_conformance.mac_can.codec import Request
 
-SYNCHRO = 0x11  # what a SYNC frame does (MACC-SYNC-03)
-NOT_ON_CAN = frozenset({0x08, 0x1B})
-SET_ADDRESS = 0x08  # the serial command that an LMT frame stands for
+SYNCHRO: Final = 0x11  # what a SYNC frame does (MACC-SYNC-03)
+NOT_ON_CAN: Final = frozenset({0x08, 0x1B})
+SET_ADDRESS: Final = 0x08  # the serial command that an LMT frame stands for
+GIVE_ADDRESS: Final = 0x11  # the first byte of that frame
+BYTE_ORDERS: Final = ("big", "little")
 
 
 class BusReader:
     """Reads what is sent and the reply to it.
 
     A frame that only some readings would obey (too short, another command byte, SYNC with data)
-    counts as obeyed.  `readings`: what is known of the device, as the run learns it.
+    counts as obeyed.  `readings`: what is known of the device, as the run learns it.  Until the
+    order of bytes is, a parameter is what it is in either, and no number is learnt from an answer.
+
+    A reply belongs to the request that was sent last if it names the same index, sub-index and
+    direction: one that comes late must not tell what became of another request.
     """
 
     def __init__(self, readings: Mapping[str, str]) -> None:
         self._readings = readings
-        self._whom: int | None = None  # who was asked last; None: nobody who would answer
+        self._request: Request | None = None  # sent last, if it is one that is answered
 
     def foreseen(self, data: bytes) -> list[Asked]:
         """See `fence.Reader`."""
-        return [one for frame in unpack_all(data) if (one := self._asked(frame))]
+        return [one for frame in unpack_all(data) for one in self._asked(frame)]
 
     def sent(self, data: bytes) -> None:
         """See `fence.Reader`."""
-        frames = unpack_all(data)
-        last = frames[-1] if frames else None
-        is_request = last is not None and last.identifier & 0x780 == codec.REQUEST
-        self._whom = last.identifier - codec.REQUEST if last is not None and is_request else None
+        for frame in unpack_all(data):
+            self._request = _request_of(frame)
 
     def heard(self, data: bytes) -> Heard | None:
         """See `fence.Reader`."""
+        asked = self._request
         for frame in unpack_all(data):
-            if self._whom is None or not codec.is_reply(frame):
+            if asked is None or not codec.is_reply(frame):
                 continue
-            if self._whom not in (codec.GENERAL_ADDRESS, frame.identifier - codec.REPLY):
+            whom = frame.identifier - codec.REPLY
+            if asked.address not in (codec.GENERAL_ADDRESS, whom) or codec.mismatch(asked, frame):
                 continue
-            reply = codec.parse(frame, self._byte_order)
-            return Heard(reply.kind, reply.data)
+            order = self._byte_order
+            reply = codec.parse(frame, order or "big")
+            if reply.kind is not Kind.GARBAGE:
+                return Heard(reply.kind, reply.data if order else None, whom)
         return None
 
     def stop(self, address: int) -> bytes:
@@ -55,32 +65,43 @@ class BusReader:
         """See `fence.Reader`."""
         return "; ".join(codec.explain(frame) for frame in unpack_all(raw))
 
-    def _asked(self, frame: Frame) -> Asked | None:
-        """What a frame would ask for; None for what nobody obeys."""
-        raw = frame.pack()
-        if frame.is_extended or frame.is_remote:
-            return None
-        if frame.identifier == codec.SYNC:
-            return Asked(None, SYNCHRO, 0, raw)
-        data = frame.data.ljust(codec.TRANSFER_BYTES, b"\0")
-        if frame.identifier == codec.LMT_REQUEST and data[0] == 0x11:
-            return Asked(None, SET_ADDRESS, data[1], raw)
-        if frame.identifier & 0x780 != codec.REQUEST or data[2] != codec.INDEX_HIGH:
-            return None
-        address = frame.identifier - codec.REQUEST
-        whom = None if address == codec.GENERAL_ADDRESS else address
-        if data[0] == codec.UPLOAD:
-            return Asked(whom, 0x20 + (data[1] & 0x0F), 0, raw)
-        index = data[1] & 0x1F
-        if index in NOT_ON_CAN:  # nothing here, and by no reading what it is on the serial line
-            return None
-        return Asked(whom, index, signed(self._number(index, data[4:])), raw)
-
-    def _number(self, index: int, data: bytes) -> int:
-        if self._byte_order == "little":
-            data = codec.LAYOUTS.get(index, codec.Layout()).reordered(data)
-        return int.from_bytes(data, "big")
-
     @property
-    def _byte_order(self) -> str:
-        return self._readings.get("can_byte_order", "big")
+    def _byte_order(self) -> str | None:
+        return self._readings.get("can_byte_order")
+
+    def _asked(self, frame: Frame) -> list[Asked]:
+        """What a frame would ask for; nothing for what nobody obeys."""
+        raw = frame.pack()
+        if not frame.is_plain:
+            return []
+        if frame.identifier == codec.SYNC:
+            return [Asked(None, SYNCHRO, 0, raw)]
+        if frame.identifier == codec.LMT_REQUEST and frame.data[:1] == bytes([GIVE_ADDRESS]):
+            return [Asked(None, SET_ADDRESS, frame.data[1] if frame.length > 1 else 0, raw)]
+        one = _request_of(frame)
+        if one is None or one.index_high != codec.INDEX_HIGH:
+            return []
+        whom = None if one.address == codec.GENERAL_ADDRESS else one.address
+        if one.command == codec.UPLOAD:
+            return [Asked(whom, 0x20 + (one.index_low & 0x0F), 0, raw)]
+        index = one.index_low & 0x1F
+        if index in NOT_ON_CAN:  # nothing here, and by no reading what it is on the serial line
+            return []
+        orders = BYTE_ORDERS if self._byte_order is None else (self._byte_order,)
+        numbers = dict.fromkeys(_number(index, one.data, order) for order in orders)
+        return [Asked(whom, index, number, raw) for number in numbers]
+
+
+def _request_of(frame: Frame) -> Request | None:
+    """A frame under an identifier of requests, taken apart as if it were whole."""
+    if not frame.is_plain or frame.identifier & 0x780 != codec.REQUEST:
+        return None
+    data = frame.data.ljust(codec.TRANSFER_BYTES, b"\0")
+    command, low, high, sub_index = data[:4]
+    return Request(frame.identifier - codec.REQUEST, command, low, data[4:], sub_index, high)
+
+
+def _number(index: int, data: bytes, order: str) -> int:
+    if order != BYTE_ORDERS[0]:
+        data = codec.LAYOUTS.get(index, codec.Layout()).reordered(data)
+    return int.from_bytes(data, "big")
