@@ -146,12 +146,15 @@ def test_every_field_of_a_request_can_be_spoilt() -> None:
         (0x0E, 0x0A00, "00 00 00 0A"),
         (0x16, 0x03E81000, "E8 03 00 10"),
         (0x13, 0x100, "00 01 00 00"),
+        (0x15, 0x00F60FFF, "00 F6 FF 0F"),
+        (0x25, 0x0A001234, "0A 00 34 12"),
+        (0x26, 0x0A214302, "0A 21 43 02"),
     ],
 )
 def test_the_other_byte_order_turns_each_number_round(
     index: int, parameter: int, turned: str
 ) -> None:
-    """Words where the manual has words, the whole parameter elsewhere (MACC-AMB-01)."""
+    """Words and longs, but not bytes of their own (MACC-AMB-01)."""
     assert codec.parameter_bytes(index, parameter, "little") == bytes.fromhex(turned)
     assert codec.parameter_bytes(index, parameter) == parameter.to_bytes(4, "big")
 

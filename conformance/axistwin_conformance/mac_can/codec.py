@@ -82,8 +82,10 @@ class Field:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """The four bytes of one index: its fields, and in which numbers they would travel if a device
-    took the standard's byte order instead (MACC-AMB-01): one of four bytes, or two of two."""
+    """The four bytes of one index: its fields, and which of them would travel together as numbers
+    if a device took the standard's byte order instead (MACC-AMB-01).  What the manual has as bytes
+    of their own keeps its place then; a lone byte behind three without a meaning is a number of
+    four."""
 
     fields: tuple[Field, ...] = ()
     words: tuple[int, ...] = (4,)
@@ -111,6 +113,7 @@ def _number(name: str) -> Layout:
 
 _SEGMENT: Final = Layout((Field("steps", 0, 2, is_signed=True), Field("period", 2, 2)), (2, 2))
 _NOTHING: Final = Layout()
+_BYTES: Final = (1, 1, 1, 1)
 
 DOWNLOADS: Final[Mapping[int, Layout]] = {
     0x02: _low("standby"),
@@ -123,7 +126,7 @@ DOWNLOADS: Final[Mapping[int, Layout]] = {
     0x0E: Layout((Field("catch_up", 2, 1),), (2, 2)),
     0x0F: _low("coefficient"),
     0x13: _number("target"),
-    0x15: Layout((Field("direction", 1, 1), Field("period", 2, 2)), (2, 2)),
+    0x15: Layout((Field("direction", 1, 1), Field("period", 2, 2)), (1, 1, 2)),
     0x16: _SEGMENT,
     0x1C: _low("tolerance"),
     0x1E: _SEGMENT,
@@ -132,20 +135,25 @@ DOWNLOADS: Final[Mapping[int, Layout]] = {
 UNASSIGNED_DOWNLOADS: Final = tuple(one for one in range(0x20) if one not in DOWNLOADS)
 UPLOADS: Final[Mapping[int, Layout]] = {
     0x20: _number("position"),
-    0x21: Layout((Field("dd", 0, 1), Field("ff", 1, 1), Field("gg", 2, 1), Field("hh", 3, 1))),
+    0x21: Layout(
+        (Field("dd", 0, 1), Field("ff", 1, 1), Field("gg", 2, 1), Field("hh", 3, 1)), _BYTES
+    ),
     0x22: _number("superior"),
     0x23: _number("inferior"),
-    0x24: Layout((Field("release", 0, 4),)),
-    0x25: Layout((Field("catch_up", 0, 1), Field("zero", 1, 1), Field("period", 2, 2)), (2, 2)),
+    0x24: Layout((Field("release", 0, 4),), _BYTES),
+    0x25: Layout((Field("catch_up", 0, 1), Field("zero", 1, 1), Field("period", 2, 2)), (1, 1, 2)),
     0x26: Layout(
         (
             Field("coefficient", 0, 1),
             Field("torque", 1, 1),
             Field("modes", 2, 1),
             Field("tolerance", 3, 1),
-        )
+        ),
+        _BYTES,
     ),
-    0x27: Layout((Field("tt", 0, 1), Field("vv", 1, 1), Field("cc", 2, 1), Field("dd", 3, 1))),
+    0x27: Layout(
+        (Field("tt", 0, 1), Field("vv", 1, 1), Field("cc", 2, 1), Field("dd", 3, 1)), _BYTES
+    ),
 }
 UNASSIGNED_UPLOADS: Final = tuple(one for one in QUERIES if one not in UPLOADS)
 LAYOUTS: Final = {**DOWNLOADS, **UPLOADS}
