@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +24,11 @@ BENCH_SPEED = 10_000  # increments per second: 300 rpm on a MAC23
 TWIN_TRAVEL = 1_000_000
 TWIN_SPEED = 1_000_000
 DEFAULT_SOAK_S = 2 * 3600.0
+
+
+def usable_cores() -> int:
+    """On how many cores this process may run."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def make_options(
@@ -49,6 +55,7 @@ def make_options(
     duration: float | None = None,
     replay: str | None = None,
     report: str = "",
+    jobs: int = 1,
 ) -> Options:
     """Turn what was typed into options; raises UsageError in one line for what cannot be meant."""
     from axistwin_conformance.plan import Options
@@ -94,6 +101,7 @@ def make_options(
         recording=recording,
         replay_word=replay or "",
         report=report,
+        jobs=jobs,
         eeprom_budget=DEFAULT_BUDGET if eeprom_budget is None and not is_twin else eeprom_budget,
     )
     choice = choose_rig(rig, rig_command, options.url, is_allowed="rig" in allowed, way=family.way)

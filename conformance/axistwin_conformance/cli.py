@@ -23,6 +23,7 @@ import click
 
 from axistwin_conformance.asked import make_options as make_options
 from axistwin_conformance.asked import parse_allowed as parse_allowed
+from axistwin_conformance.asked import usable_cores
 from axistwin_conformance.budget import DEFAULT_BUDGET
 from axistwin_conformance.errors import UsageError
 from axistwin_conformance.registry import FULL, LEVELS, families
@@ -158,6 +159,15 @@ class OutputLost(BaseException):
     type=Duration(),
     metavar="TIME",
     help="Of a soak, in real time: 45s, 30m, 2h, or hours. Default: 2h.",
+)
+@click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    default=usable_cores,
+    show_default="usable cores",
+    metavar="N",
+    help="Processes that play random sequences on twins of their own, where the built-in twin is"
+    " judged. What is found does not depend on it.",
 )
 @click.option("-x", "--exitfirst", is_flag=True, help="End after the first check that fails.")
 @click.option(

@@ -26,6 +26,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from functools import partial
 from importlib import metadata
 
 from axistwin_conformance import events
@@ -36,6 +37,7 @@ from axistwin_conformance.carrier import Carrier
 from axistwin_conformance.detection import detect, leave_out
 from axistwin_conformance.errors import TargetError, TwinCrashed, WrongDevice
 from axistwin_conformance.events import Listener, Outcome
+from axistwin_conformance.jobs import Jobs
 from axistwin_conformance.judgement import CheckResult, RequirementResult, conclude
 from axistwin_conformance.keeper import Keeper, Opener
 from axistwin_conformance.ledger import load_ledger
@@ -50,6 +52,7 @@ from axistwin_conformance.ways import BUS, LINE
 __all__ = ["Engine", "Envelope", "Options", "Result", "Session"]
 
 ROUND_TRIPS = 20
+MEANWHILE = 20  # checks: fewer are over before another process has even started
 
 
 @dataclass(slots=True)
@@ -89,6 +92,10 @@ class Engine:
         self._keeper = Keeper(options, self.ledger, opener or self._open, self._tell, self._budget)
         self._is_identified = False
         self._attempts = Attempts(self._tell, self._keeper)
+        # A worker opens what this run opens, and has its word for the writes it may ask for.
+        is_shared = opener is None and options.is_builtin and options.eeprom_budget is None
+        self._cores = options.jobs if is_shared else 1
+        self._jobs = Jobs(self._cores - 1, self._note)  # on one of them, this process is busy
         self._result = Result(options, self.plan(), problems=self._keeper.problems)
 
     def plan(self) -> Plan:
@@ -127,6 +134,9 @@ class Engine:
 
     def _tell(self, event: events.Event) -> None:
         self._emit(event)
+
+    def _note(self, text: str) -> None:
+        self._emit(events.Note(text))
 
     def _announce(self) -> None:
         options, plan = self.options, self._result.plan
@@ -192,6 +202,8 @@ class Engine:
             result.is_interrupted = True
         except Exception as error:  # in a hook of the family; checks are caught one by one
             self._keeper.trouble(describe(error))
+        finally:
+            self._jobs.close()
 
     def _prepare(self, run: Run) -> None:
         """Identity and readings; a device that fails and is lost by it, is judged all the same."""
@@ -302,6 +314,9 @@ class Engine:
 
     def _run_checks(self, run: Run) -> None:
         checks = self._result.plan.to_run
+        for drawing in checks[MEANWHILE:]:
+            if drawing.soaks:
+                self._jobs.begin(run, drawing, run.seed)
         is_detected = False
         for number, check in enumerate(checks, 1):
             if "destructive" in check.safety and not is_detected and not self._keeper.blocked:
@@ -335,9 +350,12 @@ class Engine:
         repeated = [check for check in checks if check.soaks]
         soak = Soak(repeated, options.seed, options.duration_s, self._tell)
         run.tell = soak.hear
+        self._jobs.close()
+        # Here this process only waits for the others.
+        jobs = self._jobs = Jobs(self._cores if self._cores > 1 else 0, self._note)
         try:
-            for check, run.seed in soak.rounds():
-                total = len(checks)
+            for check, seed in soak.rounds(partial(jobs.begin, run), jobs.ahead):
+                run.seed, total = seed, len(checks)
                 self._emit(
                     events.CheckStarted(
                         total, total, check.name, check.behaviour, check.requirements
@@ -362,7 +380,7 @@ class Engine:
         if "destructive" in check.safety and run.quality.is_noisy and not run.target.is_lossless:
             reason = f"too risky on a noisy {run.target.word}: {run.quality}"
             return self._left_out(check, reason)
-        return self._after(run, check, self._attempts.believed(run, check))
+        return self._after(run, check, self._jobs.judged(run, check, self._attempts.believed))
 
     def _after(self, run: Run, check: Check, result: CheckResult) -> CheckResult:
         """Bring the device to rest after a check and see whether it is still there (rule 5)."""

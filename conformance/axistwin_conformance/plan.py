@@ -39,6 +39,7 @@ class Options:
     profile with all that is allowed; `is_only_detection`: and judge nothing else.  `expected`: the
     readings of a profile file, None without one.  `duration_s`: of a soak.  `recording`: play just
     that, given as `replay_word`.  `report`: the folder of the report, empty without one.
+    `jobs`: processes that play random sequences on built-in twins.
     """
 
     family: Family
@@ -63,6 +64,7 @@ class Options:
     recording: Recording | None = None
     replay_word: str = ""
     report: str = ""
+    jobs: int = 1
 
     @property
     def is_builtin(self) -> bool:

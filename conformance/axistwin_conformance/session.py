@@ -77,6 +77,7 @@ class Run:
     patience: Patience = field(default_factory=Patience)
     tell: Listener = lambda event: None  # who is told of what cannot wait for a check's end
     shrunk: set[str] = field(default_factory=set)  # requirements of which a short failure is known
+    shrinks: bool = True  # False: what fails here is shrunk elsewhere
 
 
 class Session:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -24,6 +24,8 @@ from axistwin_conformance.registry import Check
 from axistwin_conformance.verdicts import Finding, Verdict
 
 SEEDS_TOLD = 10
+
+Begin = Callable[[Check, int], None]
 WRONG = (Verdict.FAIL, Verdict.INCONCLUSIVE)
 
 
@@ -48,17 +50,37 @@ class Soak:
     _known: set[tuple[str, str]] = field(default_factory=set)
     _covered: dict[str, StatesCovered] = field(default_factory=dict)
 
-    def rounds(self) -> Iterator[tuple[Check, int]]:
-        """Give each check with the seed it is to be run with, until the time is over."""
+    def rounds(
+        self, begin: Begin = lambda check, seed: None, ahead: int = 0
+    ) -> Iterator[tuple[Check, int]]:
+        """Give each check with the seed it is to be run with, until the time is over.
+
+        `begin` is told of at least `ahead` checks before it is their turn; rounds that it has been
+        told of are finished.
+        """
         self.started = self.clock()
-        number = 0
-        while (elapsed := self.clock() - self.started) < self.duration_s:
-            number += 1
-            seed = round_seed(self.seed, number)
-            self.emit(events.SoakProgress(number, seed, elapsed, self.duration_s))
+        begun: deque[int] = deque()  # seeds of rounds whose turn is still to come
+        rounds_ahead = -(-ahead // max(1, len(self.checks)))
+        number = latest = 0
+        while True:
+            elapsed_s = self._elapsed_s
+            while len(begun) <= rounds_ahead and elapsed_s < self.duration_s:
+                latest += 1
+                begun.append(round_seed(self.seed, latest))
+                for check in self.checks:
+                    begin(check, begun[-1])
+            if not begun:
+                return
+            number, seed = number + 1, begun.popleft()
+            passed_s = min(elapsed_s, self.duration_s)
+            self.emit(events.SoakProgress(number, seed, passed_s, self.duration_s))
             for check in self.checks:
                 yield check, seed
             self.rounds_done = number
+
+    @property
+    def _elapsed_s(self) -> float:
+        return self.clock() - self.started
 
     def hear(self, event: Event) -> None:
         """Take what is told in a round: what was covered is summed up, the rest is handed on."""
@@ -97,12 +119,12 @@ class Soak:
                     for key, count in held.items()
                 )
                 named = replace(check, name=f"{check.name}-soak")
-                seconds = self.clock() - self.started
+                seconds = self._elapsed_s
                 yield CheckResult(named, Outcome.DONE, findings, (), seconds, "")
         self.emit(events.Note(self._sentence()))
 
     def _sentence(self) -> str:
-        seconds = self.clock() - self.started
+        seconds = self._elapsed_s
         words = f"soak: {self.rounds_done} rounds in {seconds:.0f} s, seeds from {self.seed}"
         if not self._wrong:
             return f"{words}, nothing found"
