@@ -57,7 +57,7 @@ STARTING: Final = frozenset({*MOTIONS, *SEGMENTS, 0x0B, 0x10, 0x11})  # where fr
 
 # Where a device follows another reading than the default and the ledger gives no exact rule for
 # it, nothing is judged.
-UNRULED_STOPS: Final = ("soft_stop_compare", "soft_stop_blocks")
+UNRULED_STOPS: Final = ("soft_stop_compare", "soft_stop_blocks", "step_phase")
 UNRULED_STATUS: Final = ("ff_lifetime", "status_ff_layout")
 
 
