@@ -20,7 +20,7 @@ from served_bus import POSITION, TIMEOUT_S, ServedBus, client, receive
 
 from axistwin.errors import PortError, StateError
 from axistwin.ports.can_client import OUTPUT_MAX
-from axistwin.ports.can_hub import SlcanPtyPort, SlcanTcpPort, SocketcandPort
+from axistwin.ports.can_hub import MISTAKES_TOLD_MAX, SlcanPtyPort, SlcanTcpPort, SocketcandPort
 from axistwin.ports.tcp import parse_address
 from axistwin.runtime.bus_server import BusPort
 from axistwin.runtime.storage import MemoryStorage
@@ -300,6 +300,18 @@ def test_a_client_of_another_bus_is_told_and_hung_up(hub: Hub) -> None:
     (mistake,) = [event for event in hub.events if event["event"] == "client_mistake"]
     assert "'can7'" in mistake["message"]
     assert mistake["endpoint"] == "socketcand"
+
+
+def test_a_client_that_goes_on_making_mistakes_is_told_of_a_few_times(hub: Hub) -> None:
+    """Each is dropped all the same, and the client is served."""
+    with connect(hub.daemon) as connection:
+        assert connection.recv(100) == b"< hi >"
+        connection.sendall(b"< open can0 >")
+        assert connection.recv(100) == b"< ok >"
+        for i in range(3 * MISTAKES_TOLD_MAX):
+            connection.sendall(b"< send %d >< echo >" % i)
+            assert connection.recv(100) == b"< echo >"
+    assert hub.names().count("client_mistake") == MISTAKES_TOLD_MAX
 
 
 def test_a_wrong_bit_rate_is_told(hub: Hub) -> None:

@@ -13,7 +13,10 @@ from axistwin import testing
 ROOT = Path(__file__).parents[2]
 README, PYTEST_PAGE = ROOT / "README.md", ROOT / "docs" / "pytest.md"
 CAN_PAGE = ROOT / "docs" / "can.md"
-RUN_ELSEWHERE = {ROOT / "docs" / "pyserial-url.md": 2}  # blocks, by test_url_lines.py
+RUN_ELSEWHERE = {
+    ROOT / "docs" / "pyserial-url.md": 2,  # blocks, by test_url_lines.py
+    ROOT / "docs" / "can-daemon.md": 1,  # by test_run_can.py
+}
 
 DRIVER = '''
 import serial

@@ -6,6 +6,8 @@ import os
 import re
 import signal
 import socket
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -178,6 +180,23 @@ def test_systemd_is_told(tmp_path: Path) -> None:
             assert (tmp_path / "can").is_char_device()
             process.end()
             assert manager.recv(100) == b"STOPPING=1"
+
+
+def test_the_how_to_s_canopen_program_converses(tmp_path: Path) -> None:
+    """docs/can-daemon.md, as printed, from its own process."""
+    page = Path(__file__).parents[2] / "docs" / "can-daemon.md"
+    (program,) = re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), re.DOTALL)
+    with daemon(tmp_path, "mac23-can", "--slcan", "./mac23-can") as process:
+        process.line()
+        done = subprocess.run(
+            [sys.executable, "-c", program],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
 
 
 # ---- the choice ----------------------------------------------------------------------------------

@@ -26,6 +26,9 @@ from axistwin.runtime.bus_server import BusServer
 BUS_NAMES: Final = ("vcan0", "can0")
 """What clients of the socketcand port may call the bus."""
 
+MISTAKES_TOLD_MAX: Final = 10
+"""Mistakes of one client that are told; one that sends junk makes any number of them."""
+
 _TTY_BAUD: Final = 115200  # what it says in the terminal's settings; it means nothing
 
 
@@ -44,6 +47,7 @@ class CanStream(Stream):
         self._server = server
         self._client = CanClient(server.bus, dialect, epoch_ns=server.epoch_ns)
         self._dropped = 0
+        self._mistakes = 0
 
     # -- for the descriptor --
 
@@ -119,7 +123,10 @@ class CanStream(Stream):
 
     def _tell_trouble(self) -> None:
         trouble = self._client.dialect.take_trouble()
-        if trouble is not None:
+        if trouble is None:
+            return
+        self._mistakes += 1
+        if self._mistakes <= MISTAKES_TOLD_MAX:
             self._server.report({"event": "client_mistake", **self.place, "message": trouble})
 
 

@@ -11,11 +11,6 @@ import pytest
 from axistwin.ports import socketcan
 
 
-def pytest_configure(config: pytest.Config) -> None:
-    """The marker."""
-    config.addinivalue_line("markers", "vcan: needs vcan0, run by scripts/vm pytest -m vcan")
-
-
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Skip where there is no vcan0, unless it is promised."""
     if item.get_closest_marker("vcan") is None or socketcan.link_state("vcan0") == "up":

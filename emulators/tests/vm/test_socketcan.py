@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -107,24 +108,22 @@ def test_vcan0_is_chosen_where_it_is_up(tmp_path: Path) -> None:
     assert 'vcan0 is up, the modules join it; clients: can.Bus(interface="socketcan"' in err
 
 
-def test_cansend_and_candump_read_a_position_and_move(tmp_path: Path) -> None:
-    """The transcript of the docs."""
+def test_cansend_and_candump_say_what_is_printed(tmp_path: Path) -> None:
+    """docs/can-daemon.md: a position is read, a move is made, a mistake is refused."""
+    page = (Path(__file__).parents[3] / "docs" / "can-daemon.md").read_text("utf-8")
+    requests = re.findall(r"^\$ cansend vcan0 (\S+)", page, re.MULTILINE)
+    printed = [
+        f"{identifier}#{data.replace(' ', '')}"
+        for identifier, data in re.findall(r"^ \(.*vcan0  (...)   \[8\]  (.*)$", page, re.MULTILINE)
+    ]
+    assert len(printed) == 2 * len(requests) == 8
     with running(tmp_path, "mac23-can", "--can", "socketcan:vcan0") as process:
         assert first_line(process) == "ready mac23-can:1 can=socketcan:vcan0"
-        with dumping("vcan0", 4) as dump:
-            cansend("vcan0", "601#4000200000000000")
-            time.sleep(0.1)
-            cansend("vcan0", "601#23132000000003E8")
-            assert dumped(dump) == [
-                "601#4000200000000000",
-                "581#4200200000000000",
-                "601#23132000000003E8",
-                "581#6013200000000000",
-            ]
-        time.sleep(1.5)
-        with dumping("vcan0", 2) as dump:
-            cansend("vcan0", "601#4000200000000000")
-            assert dumped(dump) == ["601#4000200000000000", "581#42002000000003E8"]
+        with dumping("vcan0", len(printed)) as dump:
+            for request in requests:
+                cansend("vcan0", request)
+                time.sleep(1.2)  # the move
+            assert dumped(dump) == printed
 
 
 def test_canopen_converses(tmp_path: Path) -> None:
