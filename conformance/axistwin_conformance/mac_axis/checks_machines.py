@@ -11,6 +11,8 @@ from typing import Final
 from axistwin_conformance.mac_axis import machines
 from axistwin_conformance.mac_axis.checks_sequences import JUDGED, no_folder, player_of
 from axistwin_conformance.mac_axis.failures import settle
+from axistwin_conformance.mac_axis.machines import AxisMachine
+from axistwin_conformance.mac_axis.machines_sync import SyncMachine
 from axistwin_conformance.mac_axis.probing import MOVES
 from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
@@ -36,7 +38,9 @@ def _run(session: Session, level: str) -> None:
     if not session.carrier.is_lossless:
         session.skip("on a noisy line Hypothesis could not draw the same run twice")
     player = player_of(session)
-    sequences, failing = machines.search(player.begin, EXAMPLES[level], STEPS, session.random)
+    rules = SyncMachine if player.bench.has_sync else AxisMachine
+    found = machines.search(player.begin, EXAMPLES[level], STEPS, session.random, rules)
+    sequences, failing = found
     for sequence in sequences:
         player.tally.add(sequence)
     if failing is not None:

@@ -19,7 +19,7 @@ from __future__ import annotations
 import random
 import sys
 from collections.abc import Callable
-from typing import Final, NamedTuple, Protocol
+from typing import Final
 
 from hypothesis import HealthCheck, Phase, seed, settings
 from hypothesis import strategies as st
@@ -32,7 +32,10 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
-from axistwin_conformance.mac_axis.forecast import Window
+from axistwin_conformance.mac_axis.machine_devices import Device as Device
+from axistwin_conformance.mac_axis.machine_devices import Judged as Judged
+from axistwin_conformance.mac_axis.machine_devices import Trivial as Trivial
+from axistwin_conformance.mac_axis.machine_devices import View as View
 from axistwin_conformance.mac_axis.model import FIFO_STAGES
 from axistwin_conformance.mac_axis.operations import (
     ANCHORS,
@@ -46,119 +49,6 @@ from axistwin_conformance.mac_axis.sequences import Mismatch, Sequence
 
 ASK_EVERY: Final = 9  # steps: an invariant that asked after each would leave no time for chains
 ASK: Final = {0x20: 0, 0x21: 1, 0x27: 7}  # the first argument of the operation "ask"
-
-
-class View(NamedTuple):
-    """What preconditions look at: the state of the model after the last step.
-
-    `mode`: HD, PO, VE, IN, or several where the end of something was near.  `waiting`: segments
-    stored and not begun, in the history that has most of them.  `has_stops`: 03h enables them.
-    """
-
-    mode: str = "HD"
-    is_armed: bool = False
-    is_held: bool = False  # a start is preloaded and waits for 11h
-    waiting: int = 0
-    has_stops: bool = False
-    is_away: bool = False  # at rest at another counter than 0
-
-    @property
-    def is_free(self) -> bool:
-        """At rest, where a motion starts at once."""
-        return self.mode == "HD" and not self.is_armed
-
-    @property
-    def is_moving(self) -> bool:
-        """Surely in motion."""
-        return self.mode in ("PO", "VE", "IN")
-
-
-class Device(Protocol):
-    """What the machine drives: a module held against the model, or one that does nothing."""
-
-    @property
-    def view(self) -> View:
-        """The state after the last operation."""
-
-    def operate(self, what: int, first: int, second: int, pause: int, /) -> None:
-        """Do an operation; raises Mismatch for a reply that is not admissible."""
-
-    def conclude(self) -> None:
-        """Stop and compare everything readable; raises Mismatch."""
-
-    def leave(self) -> None:
-        """Leave the module as it was found."""
-
-
-class Judged:
-    """A module on the line, held against the exact model."""
-
-    def __init__(self, sequence: Sequence) -> None:
-        self.sequence = sequence
-        self.view = View()
-
-    def conclude(self) -> None:
-        """Stop and compare everything readable."""
-        self.sequence.conclude()
-
-    def leave(self) -> None:
-        """Leave the module as it was found."""
-        self.sequence.leave()
-
-    def operate(self, what: int, first: int, second: int, pause: int) -> None:
-        """Do an operation and look at what the model makes of it."""
-        self.sequence.operate(what, first, second, pause)
-        model, now_ns = self.sequence.model, self.sequence.target.now_ns
-        forecast, has_stops = model.forecast, model.parameters.limits is not None
-        is_held = model.preloaded is not None
-        if now_ns >= forecast.over_ns:
-            is_away = forecast.timelines[0].final != 0
-            self.view = View("HD", model.is_armed, is_held, 0, has_stops, is_away)
-            return
-        modes = forecast.modes(Window(now_ns, now_ns))
-        mode = next(iter(modes)) if len(modes) == 1 else "several"
-        waiting = max(
-            [one.waiting(now_ns) for one in forecast.timelines if one.segments], default=0
-        )
-        self.view = View(mode, model.is_armed, is_held, waiting, has_stops)
-
-
-class Trivial:
-    """A device that computes nothing: a table says what state an operation leads to.
-
-    What a run with it costs is what Hypothesis and the rules cost: the limit for any device.
-    """
-
-    _FREE: Final = View(is_away=True)
-    _AFTER: Final = {
-        "move": View("PO"), "move to 0": View("PO"), "nudge": View("PO"),
-        "move to a stop": View("PO", has_stops=True), "turn": View("VE"),
-        "move beside": View("PO"), "turn at any speed": View("VE"),
-        "segment": View("IN", waiting=1), "virtual segment": View("IN", waiting=3),
-        "arm": View("HD", is_armed=True), "enable the stops": View("HD", has_stops=True),
-        "stop": _FREE, "ramped stop": _FREE, "turn at speed 0": _FREE, "trigger": View("PO"),
-        "wait for an instant": _FREE, "power off": _FREE, "restart": _FREE,
-        "clear the counter": View(),
-    }  # fmt: skip
-    _HELD: Final = View("HD", is_armed=True, is_held=True)
-
-    def __init__(self) -> None:
-        names = {number: name for name, number in WHAT.items()}
-        self._after = {number: self._AFTER.get(name) for number, name in names.items()}
-        self.view = self._FREE
-
-    def operate(self, what: int, first: int, second: int, pause: int) -> None:
-        """Go where the table says; an operation that it does not name changes nothing."""
-        after = self._after[what]
-        if after is not None:
-            is_held = self.view.is_armed and after.is_moving and what != WHAT["trigger"]
-            self.view = self._HELD if is_held else after
-
-    def conclude(self) -> None:
-        """There is nothing to compare."""
-
-    def leave(self) -> None:
-        """There is nothing to put back."""
 
 
 # Arguments are drawn by what they mean: the edges of the manual and what the state makes
@@ -209,15 +99,15 @@ DISTURBANCES: Final = st.one_of(
 )
 
 
-def _if(allowed: Callable[[View], bool]) -> Callable[[object], bool]:
+def if_(allowed: Callable[[View], bool]) -> Callable[[object], bool]:
     """A precondition on the state after the last step."""
     return lambda machine: allowed(machine.device.view)  # type: ignore[attr-defined]
 
 
-is_free = precondition(_if(lambda view: view.is_free))
-is_at_rest = precondition(_if(lambda view: view.mode == "HD"))
-is_moving = precondition(_if(lambda view: view.is_moving))
-is_armed = precondition(_if(lambda view: view.is_armed))
+is_free = precondition(if_(lambda view: view.is_free))
+is_at_rest = precondition(if_(lambda view: view.mode == "HD"))
+is_moving = precondition(if_(lambda view: view.is_moving))
+is_armed = precondition(if_(lambda view: view.is_armed))
 
 
 class AxisMachine(RuleBasedStateMachine):
@@ -279,7 +169,7 @@ class AxisMachine(RuleBasedStateMachine):
         """14h."""
         self.do("move to 0", 0, 0, pause)
 
-    @precondition(_if(lambda view: view.is_free and view.has_stops))
+    @precondition(if_(lambda view: view.is_free and view.has_stops))
     @rule(side=SIDES, offset=st.integers(0, 4), pause=PAUSES)
     def move_to_a_stop(self, side: int, offset: int, pause: int) -> None:
         """13h to an enabled stop, or an increment or two beside it."""
@@ -300,14 +190,14 @@ class AxisMachine(RuleBasedStateMachine):
         """13h, which motion locks."""
         self._move(anchor, beside)
 
-    @precondition(_if(lambda view: view.mode in ("PO", "VE") and not view.waiting))
+    @precondition(if_(lambda view: view.mode in ("PO", "VE") and not view.waiting))
     @rule(way=SIDES, speed=SPEEDS, pause=PAUSES)
     def change_the_speed(self, way: int, speed: Setting, pause: int) -> None:
         """15h in a move or an endless motion."""
         name, period = speed
         self.do(name, way, period, pause)
 
-    @precondition(_if(lambda view: view.mode in ("PO", "VE") and not view.waiting))
+    @precondition(if_(lambda view: view.mode in ("PO", "VE") and not view.waiting))
     @rule(pause=PAUSES)
     def turn_at_speed_0(self, pause: int) -> None:
         """15h with period 0."""
@@ -333,32 +223,32 @@ class AxisMachine(RuleBasedStateMachine):
 
     # --- segments ---------------------------------------------------------------------------------
 
-    @precondition(_if(lambda view: view.is_free or (view.mode == "IN" and not view.waiting)))
+    @precondition(if_(lambda view: view.is_free or (view.mode == "IN" and not view.waiting)))
     @rule(steps=STEPS, period=SLOW, is_virtual=st.booleans(), pause=PAUSES)
     def begin_a_row(self, steps: int, period: int, is_virtual: bool, pause: int) -> None:
         """16h or 1Eh at rest, or when the last segment is being executed."""
         self.do("virtual segment" if is_virtual else "segment", steps, period, pause)
 
-    @precondition(_if(lambda view: view.mode == "IN" and view.waiting < FIFO_STAGES))
+    @precondition(if_(lambda view: view.mode == "IN" and view.waiting < FIFO_STAGES))
     @rule(steps=LONG_STEPS, period=SLOW, is_virtual=st.booleans())
     def prolong_a_row(self, steps: int, period: int, is_virtual: bool) -> None:
         """16h or 1Eh while there is room in the FIFO."""
         self.do("virtual segment" if is_virtual else "segment", steps, period)
 
-    @precondition(_if(lambda view: view.is_moving and view.waiting < FIFO_STAGES))
+    @precondition(if_(lambda view: view.is_moving and view.waiting < FIFO_STAGES))
     @rule(steps=LONG_STEPS, period=SLOW)
     def fill_the_fifo(self, steps: int, period: int) -> None:
         """16h until there is no room left: the state that random steps hardly ever come to."""
         for _ in range(FIFO_STAGES - self.device.view.waiting):
             self.do("segment", steps, period)
 
-    @precondition(_if(lambda view: view.waiting >= FIFO_STAGES))
+    @precondition(if_(lambda view: view.waiting >= FIFO_STAGES))
     @rule(steps=BYTES, is_virtual=st.booleans())
     def overfill_the_fifo(self, steps: int, is_virtual: bool) -> None:
         """16h or 1Eh where there is none."""
         self.do("virtual segment" if is_virtual else "segment", steps, 1)
 
-    @precondition(_if(lambda view: view.mode in ("PO", "VE")))
+    @precondition(if_(lambda view: view.mode in ("PO", "VE")))
     @rule(steps=LONG_STEPS, period=SLOW, is_virtual=st.booleans())
     def queue_behind_a_motion(self, steps: int, period: int, is_virtual: bool) -> None:
         """16h or 1Eh that waits for the axis to come to rest."""
@@ -385,13 +275,13 @@ class AxisMachine(RuleBasedStateMachine):
         name, period = speed
         self.do(name, way, period)
 
-    @precondition(_if(lambda view: view.is_held))
+    @precondition(if_(lambda view: view.is_held))
     @rule(pause=PAUSES)
     def trigger(self, pause: int) -> None:
         """11h: what is held starts."""
         self.do("trigger", 0, 0, pause)
 
-    @precondition(_if(lambda view: view.mode == "HD" and not view.is_held))
+    @precondition(if_(lambda view: view.mode == "HD" and not view.is_held))
     @rule(pause=PAUSES)
     def trigger_nothing(self, pause: int) -> None:
         """11h where nothing is held."""
@@ -417,13 +307,13 @@ class AxisMachine(RuleBasedStateMachine):
         """A parameter that stays free in motion."""
         self.do(*setting)
 
-    @precondition(_if(lambda view: view.mode == "HD" and not view.has_stops))
+    @precondition(if_(lambda view: view.mode == "HD" and not view.has_stops))
     @rule(mode=st.integers(1, 2), pause=PAUSES)
     def enable_the_stops(self, mode: int, pause: int) -> None:
         """03h with 8 or 9."""
         self.do("enable the stops", mode, 0, pause)
 
-    @precondition(_if(lambda view: view.has_stops))
+    @precondition(if_(lambda view: view.has_stops))
     @rule(mode=st.sampled_from((0, 3, 4)), pause=PAUSES)
     def disable_the_stops(self, mode: int, pause: int) -> None:
         """03h with 0, 1, or a mode there is not; in motion, too."""
@@ -444,7 +334,7 @@ class AxisMachine(RuleBasedStateMachine):
         """09h or 0Ah at or beside a place that means something."""
         self.do("put a stop beside", anchor << 1 | side, beside)
 
-    @precondition(_if(lambda view: view.is_away))
+    @precondition(if_(lambda view: view.is_away))
     @rule(pause=PAUSES)
     def clear_the_counter(self, pause: int) -> None:
         """0Bh, where that changes something."""
@@ -469,7 +359,7 @@ class AxisMachine(RuleBasedStateMachine):
         """19h or 1Ah."""
         self.do("power on" if is_on else "power off")
 
-    @precondition(_if(lambda view: view.is_held or view.waiting > 1))
+    @precondition(if_(lambda view: view.is_held or view.waiting > 1))
     @rule()
     def restart(self) -> None:
         """00h, which drops whatever is stored."""
@@ -504,7 +394,7 @@ class AxisMachine(RuleBasedStateMachine):
         if self._is_due(2):
             self.do("ask", ASK[0x21])
 
-    @precondition(_if(lambda view: view.has_stops))
+    @precondition(if_(lambda view: view.has_stops))
     @invariant()
     def the_counter_is_where_the_stops_let_it_be(self) -> None:
         """20h: no further than the model, which knows the stops, lets the axis go."""
@@ -512,10 +402,14 @@ class AxisMachine(RuleBasedStateMachine):
             self.do("ask", ASK[0x20])
 
 
-def driven(begin: Callable[[], Device], record: Callable[[bytes], None]) -> type[AxisMachine]:
+def driven(
+    begin: Callable[[], Device],
+    record: Callable[[bytes], None],
+    rules: type[AxisMachine] = AxisMachine,
+) -> type[AxisMachine]:
     """The machine on devices that `begin` makes; `record` is told of each operation."""
     members = {"begin": staticmethod(begin), "record": staticmethod(record)}
-    return type("DrivenAxis", (AxisMachine,), members)
+    return type("DrivenAxis", (rules,), members)
 
 
 def run(
@@ -545,7 +439,11 @@ def run(
 
 
 def search(
-    begin: Callable[[], Sequence], examples: int, steps: int, source: random.Random
+    begin: Callable[[], Sequence],
+    examples: int,
+    steps: int,
+    source: random.Random,
+    rules: type[AxisMachine] = AxisMachine,
 ) -> tuple[list[Sequence], tuple[bytes, Mismatch] | None]:
     """Let Hypothesis look for a run that the model does not admit.
 
@@ -563,7 +461,7 @@ def search(
     while len(sequences) < examples:
         left = examples - len(sequences)
         try:
-            run(driven(start, operations.extend), left, steps, source.getrandbits(32))
+            run(driven(start, operations.extend, rules), left, steps, source.getrandbits(32))
             break
         except (Mismatch, Flaky):
             if failing:
