@@ -232,3 +232,7 @@ class Watch(PortInFront):
         return any(
             order.index in ACTING for data in self.sent[:before] for order in orders(b"", data)
         )
+
+    def orders_after(self, sent: int) -> list[Order]:
+        """What was asked for later than that."""
+        return [order for data in self.sent[sent:] for order in orders(b"", data)]

@@ -1,28 +1,27 @@
 """Hardware safety, seen from outside: everything a run sends, where the shafts then are, and how a
 run ends that is interrupted, crashes or loses its port.
 
-Runs are in virtual time.  At each of the moments chosen for trouble the process forks, and the
-child meets it there: so hundreds of interrupts all over a run cost little more than that run.
+Runs are in virtual time.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import random
 import signal
 import subprocess
 import sys
 import time
-import traceback
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
 from itertools import count
 from typing import Any, NoReturn
 
 import pytest
 import serial
-from shaft_watch import ACTING, Watch, orders
+from shaft_watch import Watch
+from trouble import Trouble, interrupt, judge_way_out, meet, moments_of
 
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine, Result
@@ -32,7 +31,6 @@ from axistwin_conformance.targets import TWIN_HANDLER, Target
 
 TRAVEL, SPEED = 2000, 10_000
 MOVING = ("MACS-CMD-13", "MACS-CMD-15", "MACS-CMD-16", "MACS-CMD-0D", "MACS-CMD-09")
-STOP = 0x18
 SLOW = pytest.mark.slow
 SOAK = pytest.mark.soak
 NOBODY: Callable[[Watch], None] = lambda watch: None  # noqa: E731 - a default, not a function
@@ -62,6 +60,17 @@ def run(
         return Target(watches[-1], url, is_builtin=True, is_lossless=is_lossless)
 
     return Engine(options, open_watch).run(lambda event: None), watches
+
+
+def watched(
+    at_call: Callable[[Watch], None],
+    *,
+    words: Sequence[str] = (),
+    level: str = "quick",
+    is_lossless: bool = True,
+) -> tuple[Result, list[Watch]]:
+    """A run of which somebody is told call by call."""
+    return run(*words, level=level, at_call=at_call, is_lossless=is_lossless)
 
 
 # --- the envelope --------------------------------------------------------------------------------
@@ -101,125 +110,26 @@ class Crash(Exception):  # noqa: N818 - no error of anybody's
     """A mistake in a check."""
 
 
-@dataclass
-class Trouble:
-    """Counts what is done with a port, and at chosen moments lets a child of this process meet
-    trouble there; `judge` looks at how that child's run ends."""
-
-    moments: frozenset[int]
-    befall: Callable[[], None]
-    judge: Callable[[Result, list[Watch], Watch, int], None]
-    calls: int = 0
-    failures: list[str] = field(default_factory=list)
-    met: tuple[Watch, int] | None = None  # in the child: where, and after how many requests
-    _pipe: int = -1
-
-    def __call__(self, watch: Watch) -> None:
-        """A moment of the run."""
-        if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-            return  # on the way out: interrupts are held back, and no other trouble is made there
-        self.calls += 1
-        if self.met is not None or self.calls not in self.moments:
-            return
-        reading, writing = os.pipe()
-        child = os.fork()
-        if child == 0:
-            os.close(reading)
-            self.met, self._pipe = (watch, len(watch.sent)), writing
-            self.befall()
-            return
-        os.close(writing)
-        with os.fdopen(reading, "rb") as pipe:
-            told = pipe.read().decode()
-        _, status = os.waitpid(child, 0)
-        if told or status:
-            self.failures.append(f"at call {self.calls}: {told or status}")
-
-    def finish(self, result: Result, watches: list[Watch]) -> None:
-        """In the child: judge, tell, and be gone."""
-        if self.met is None:
-            return
-        try:
-            self.judge(result, watches, *self.met)
-            self._leave("")
-        except BaseException:
-            self._leave(f"{result.sentence} {result.problems}\n{traceback.format_exc()}")
-
-    def _leave(self, text: str) -> NoReturn:
-        os.write(self._pipe, text[-60_000:].encode())
-        os._exit(0)
-
-
-def meet(trouble: Trouble, *words: str, level: str, is_lossless: bool = True) -> None:
-    """Run with trouble; every child must have ended well."""
-    parent = os.getpid()
-    try:
-        result, watches = run(*words, level=level, at_call=trouble, is_lossless=is_lossless)
-        trouble.finish(result, watches)
-        assert result.exit_status == 0, result.sentence
-    except BaseException:
-        if os.getpid() != parent:
-            trouble._leave(traceback.format_exc())
-        raise
-    assert "\n".join(trouble.failures) == ""
-
-
-def moments_of(
-    number: int, *words: str, level: str, seed: int, is_lossless: bool = True
-) -> frozenset[int]:
-    """That many moments, all over the true length of the run."""
-    measured = Trouble(frozenset(), NOBODY, lambda *given: None)  # type: ignore[arg-type]
-    run(*words, level=level, at_call=measured, is_lossless=is_lossless)
-    return frozenset(random.Random(seed).sample(range(1, measured.calls + 1), number))
-
-
-def judge_way_out(watches: list[Watch], met: Watch, sent: int, *, is_ended: bool = True) -> None:
-    """The stop went out first, every shaft rests inside, and every EEPROM is as it was.
-
-    `is_ended`: what was being done ended there; otherwise it may have been the putting back.
-    """
-    if met.has_acted(sent):
-        after = [order.index for data in met.sent[sent:] for order in orders(b"", data)]
-        # A module that has another address or rate just now could not hear the stop.
-        acts = [index for index in after if index in ACTING - {0x00, 0x08, 0x1B}]
-        assert acts[0] == STOP or (not is_ended and STOP in acts), [
-            f"{index:02X}h" for index in after[:9]
-        ]
-    for watch in watches:
-        before = [shaft.place for shaft in watch.shafts]
-        watch.rest()
-        assert [shaft.place for shaft in watch.shafts] == before, "at rest"
-        assert not any(shaft.twin.is_moving for shaft in watch.shafts)
-        assert watch.stored() == watch.cells
-        for shaft in watch.shafts:
-            assert max(shaft.asked, shaft.furthest) <= TRAVEL + shaft.blur
-
-
-def interrupt() -> None:
-    """Ctrl-C."""
-    raise KeyboardInterrupt
-
-
 def judge_interrupted(result: Result, watches: list[Watch], met: Watch, sent: int) -> None:
     """Stopped, put back, 130."""
     assert result.is_interrupted
     assert result.exit_status == 130
     assert result.problems == []
-    judge_way_out(watches, met, sent)
+    judge_way_out(watches, met, sent, most=TRAVEL)
 
 
 @SLOW
 def test_an_interrupt_at_any_moment_leaves_the_axis_at_rest_and_its_memory_as_it_was() -> None:
     """Forty random moments of a run at level quick."""
-    moments = moments_of(40, level="quick", seed=3)
-    meet(Trouble(moments, interrupt, judge_interrupted), level="quick")
+    quick = partial(watched, level="quick")
+    meet(Trouble(moments_of(40, quick, seed=3), interrupt, judge_interrupted), quick)
 
 
 @SOAK
 def test_an_interrupt_at_two_hundred_random_moments() -> None:
     """All over a run of everything."""
-    moments = moments_of(200, level="full", seed=1)
-    meet(Trouble(moments, interrupt, judge_interrupted), level="full")
+    full = partial(watched, level="full")
+    meet(Trouble(moments_of(200, full, seed=1), interrupt, judge_interrupted), full)
 
 
 @SLOW
@@ -235,8 +145,8 @@ def test_a_port_lost_at_any_moment_ends_the_run_soon() -> None:
             assert "could not stop the axis or put its parameters back" in told
 
     lost = Lost(for_good=True)
-    moments = moments_of(5, *MOVING[:3], level="quick", seed=5, is_lossless=False)
-    meet(Trouble(moments, lost.begin, judge), *MOVING[:3], level="quick", is_lossless=False)
+    moving = partial(watched, words=MOVING[:3], is_lossless=False)
+    meet(Trouble(moments_of(5, moving, seed=5), lost.begin, judge), moving)
 
 
 @SLOW
@@ -247,11 +157,11 @@ def test_a_port_that_fails_once_does_not_keep_the_axis_from_being_stopped() -> N
         told = " ".join([*result.problems, result.refusal])
         assert "error in the suite" not in told
         assert result.exit_status in (0, 3, 4)
-        judge_way_out(watches, met, sent, is_ended=False)
+        judge_way_out(watches, met, sent, most=TRAVEL, is_ended=False)
 
     lost = Lost(for_good=False)
-    moments = moments_of(5, *MOVING[:3], level="quick", seed=6, is_lossless=False)
-    meet(Trouble(moments, lost.begin, judge), *MOVING[:3], level="quick", is_lossless=False)
+    moving = partial(watched, words=MOVING[:3], is_lossless=False)
+    meet(Trouble(moments_of(5, moving, seed=6), lost.begin, judge), moving)
 
 
 @dataclass
@@ -284,7 +194,7 @@ def test_a_crash_of_a_check_at_any_moment_leaves_the_others_to_be_run(
         assert "Crash: a mistake" in told
         assert len(result.checks) == len(result.plan.to_run)
         assert result.exit_status == 4
-        judge_way_out(watches, met, sent)
+        judge_way_out(watches, met, sent, most=TRAVEL)
 
     crashing = Crashing(Session.expect, random.Random(4).sample(range(60), 3), judge)
 
@@ -292,7 +202,7 @@ def test_a_crash_of_a_check_at_any_moment_leaves_the_others_to_be_run(
         crashing(session, *given)
 
     monkeypatch.setattr(Session, "expect", expect)
-    meet(crashing.trouble, *MOVING[-2:], level="quick")
+    meet(crashing.trouble, partial(watched, words=MOVING[-2:]))
 
 
 class Crashing:
