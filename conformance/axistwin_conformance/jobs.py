@@ -240,9 +240,8 @@ class Jobs:
             return
         self._is_lost = True  # nobody need hear of it: they are ended
         with _deaf():
-            self._pool.shutdown(wait=False, cancel_futures=True)
             self._leash.close()
-            self._pool.shutdown(wait=True)
+            self._pool.shutdown(cancel_futures=True)
         self._pool = None
 
 
