@@ -246,7 +246,9 @@ class Family:
             raise UsageError(f"--replay: nothing records operations of a {recording.model}")
         made = importlib.import_module(self.replay_module).replay_check(recording)
         assert isinstance(made, Check)
-        return made
+        own = self._own(made)
+        assert own is not None, "what is recorded of an axis is judged by what covers it here"
+        return own
 
     def checks(self) -> tuple[Check, ...]:
         """Return the family's checks, in the order of its modules and of their text.

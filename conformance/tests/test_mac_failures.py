@@ -46,7 +46,7 @@ FILLING = (
     operation("stop"),
     operation("set the tolerance", 3),
     operation("ask", 7),
-    operation("spoil a checksum", 4, 9),
+    operation("spoil a frame", 4, 9),
 )
 LONG = (*FILLING, RAMPED_STOP, *FILLING[1:], POWER_ON, *FILLING)
 

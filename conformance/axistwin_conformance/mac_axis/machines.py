@@ -94,7 +94,7 @@ LOCKED_SETTINGS: Final = st.one_of(
 Setting = tuple[str, int]
 DISTURBANCES: Final = st.one_of(
     st.tuples(st.just("send an unassigned index"), st.integers(0, 7), BYTES),
-    st.tuples(st.just("spoil a checksum"), BYTES, st.one_of(st.sampled_from((0, 0xFE)), BYTES)),
+    st.tuples(st.just("spoil a frame"), BYTES, st.one_of(st.sampled_from((0, 0xFE)), BYTES)),
     st.tuples(st.just("call another address"), st.integers(0, 0x6F), st.integers(0, 4)),
 )
 

@@ -305,7 +305,7 @@ OPERATIONS: Final[tuple[Operation, ...]] = (
     Operation("power on", _tell(0x19)),
     Operation("move to 0", _home),
     Operation("send an unassigned index", _unassigned),
-    Operation("spoil a checksum", _spoilt),
+    Operation("spoil a frame", _spoilt),
     Operation("call another address", _astray),
     Operation("restart", _restart),
     Operation("wait for an instant", _wait_for_instant),

@@ -3,6 +3,7 @@ bus, and which frame may do what to the axis."""
 
 from __future__ import annotations
 
+import itertools
 from functools import lru_cache
 from typing import Final
 
@@ -145,15 +146,17 @@ def twin_url(model: str, address: int, neighbours: tuple[int, ...]) -> str:
 
 
 def open_bus(url: str, rate: int | None, *, is_builtin: bool = False) -> CanTarget:
-    """Open INTERFACE:CHANNEL, at that bit rate if one is given."""
+    """Open INTERFACE:CHANNEL, at that bit rate if one is given; the built-in twin on a bus of its
+    own, however many of its kind are open in this process."""
     return open_can_target(
-        url,
+        f"{url}&bus=suite{next(_BUSES)}" if is_builtin else url,
         bitrate=rate or (TWIN_BITRATE if is_builtin else None),
         is_spontaneous=codec.is_spontaneous,
         is_builtin=is_builtin,
     )
 
 
+_BUSES: Final = itertools.count()
 TWIN_BITRATE: Final = 125_000  # of the built-in twin, unless another one is asked for
 
 _SHARED: Final = (
