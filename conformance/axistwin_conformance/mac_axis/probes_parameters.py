@@ -1,15 +1,32 @@
-"""Which readings a module follows in what it stores (MACS-AMB-09, -10, -46, -47, -60)."""
+"""Which readings a module follows in what it shows and stores (MACS-AMB-09, -10, -46, -47, -59,
+-60)."""
 
 from __future__ import annotations
 
 from typing import Final
 
 from axistwin_conformance.mac_axis.bench import Bench
+from axistwin_conformance.mac_axis.checks_queries import MEASURES_RESERVED, STATUS_RESERVED
 from axistwin_conformance.mac_axis.dialogue import Kind
-from axistwin_conformance.mac_axis.probing import ACCEPTED_OR_REFUSED, Outcome, probe, reply_of
+from axistwin_conformance.mac_axis.probing import (
+    ACCEPTED_OR_REFUSED,
+    Measured,
+    Outcome,
+    probe,
+    reply_of,
+)
 from axistwin_conformance.profile import Probe
 
 ABOVE_IMAX: Final = 0x21  # no multiple of a power of two: clamping and masking differ
+
+
+@probe()
+def reserved_bits(bench: Bench) -> Outcome:
+    """Reserved bits of 21h and 27h."""
+    bits = bench.value(0x21) & STATUS_RESERVED, bench.value(0x27) & MEASURES_RESERVED
+    if bits == (STATUS_RESERVED, MEASURES_RESERVED):
+        return Measured("1")
+    return Measured("mixed") if any(bits) else 0
 
 
 @probe(safety="stored")

@@ -25,7 +25,6 @@ from axistwin_conformance.mac_axis.safety import STORING, deeds, objection
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench, RigBench
 from axistwin_conformance.mac_can.codec import Reply
-from axistwin_conformance.mac_can.probes import byte_order_shown
 from axistwin_conformance.mac_can.reader import BusReader
 from axistwin_conformance.mac_can.talk import bus_of
 from axistwin_conformance.registry import Family, Identity, Model
@@ -59,8 +58,6 @@ def probe(session: Session) -> Identity:
             " try another --address or --bitrate"
         )
     session.is_strict = session.carrier.is_lossless
-    if order := byte_order_shown(bench):  # before anything of more bytes than one is remembered
-        session.run.readings["can_byte_order"] = order
     values = {"release": "unknown" if release is None else f"{release:08X}"}
     measures = bench.ask(0x27).reply
     if measures.data is not None:
@@ -176,11 +173,16 @@ _SHARED: Final = (
     "checks_rig_power",
 )
 _PROBES: Final = (
+    "mac_can.probes",
+    "mac_can.probes_messages",
     "mac_axis.probes_parameters",
     "mac_axis.probes_motion",
+    "mac_can.probes_sync",
     "mac_axis.probes_sync",
     "mac_axis.probes_stops",
+    "mac_can.probes_errors",
     "mac_axis.probes_rig",
+    "mac_can.probes_destructive",
 )
 
 FAMILY: Final = Family(

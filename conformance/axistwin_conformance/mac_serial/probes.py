@@ -14,7 +14,6 @@ from dataclasses import replace
 from typing import Final
 
 from axistwin_conformance.mac_axis.bench import QUIET_S
-from axistwin_conformance.mac_axis.checks_queries import MEASURES_RESERVED, STATUS_RESERVED
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.probing import (
     Measured,
@@ -152,15 +151,6 @@ def unknown_index(bench: Bench) -> Outcome:
 
 
 # --- what queries show ---------------------------------------------------------------------------
-
-
-@probe()
-def reserved_bits(bench: Bench) -> Outcome:
-    """Reserved bits of 21h and 27h."""
-    bits = bench.value(0x21) & STATUS_RESERVED, bench.value(0x27) & MEASURES_RESERVED
-    if bits == (STATUS_RESERVED, MEASURES_RESERVED):
-        return Measured("1")
-    return Measured("mixed") if any(bits) else 0
 
 
 @probe()
