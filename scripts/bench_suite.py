@@ -4,9 +4,14 @@ Four contestants in one process: the stateful machine with a device that compute
 limit that Hypothesis and the rules set), the same machine on the twin, one-draw sequences on the
 twin, and such sequences with the twin's replies played back, which is what the suite alone costs.
 All but the first are judged by the exact model, with everything the engine does to each frame on
-its way out.  Their slices alternate, so that a noisy machine hits all alike, and what is counted is
-processor time of this process: quote the ratios, not the rates.  A step is one rule of the machine,
-with its invariants, or one operation of a sequence.
+its way out.  A fifth one plays one-draw sequences as a soak does, in as many processes as there are
+usable cores (`--jobs`).
+
+Their slices alternate, so that a noisy machine hits all alike, and what is counted of the four is
+processor time of this process: quote the ratios, not the rates.  What several processes do is told
+twice: by the clock, beside the stateful machine by the clock, which is what a user has of it and
+means little while others use the cores; and by processor time, as if each had a core to itself.
+A step is one rule of the machine, with its invariants, or one operation of a sequence.
 """
 
 from __future__ import annotations
@@ -14,6 +19,7 @@ from __future__ import annotations
 import argparse
 import gc
 import json
+import multiprocessing
 import os
 import random
 import statistics
@@ -24,16 +30,21 @@ from dataclasses import dataclass, field
 from importlib import metadata
 from typing import Any
 
+import psutil
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
+from axistwin_conformance.asked import usable_cores
 from axistwin_conformance.budget import WriteBudget
+from axistwin_conformance.events import Event, StatesCovered
+from axistwin_conformance.jobs import Jobs
+from axistwin_conformance.judgement import CheckResult
 from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.mac_axis import checks_machines, checks_sequences, machines
 from axistwin_conformance.mac_axis.failures import Player
 from axistwin_conformance.mac_axis.sequences import BYTES_PER_OPERATION
 from axistwin_conformance.mac_serial import codec
-from axistwin_conformance.registry import SAFETY_CLASSES, find_family
+from axistwin_conformance.registry import SAFETY_CLASSES, Check, find_family
 from axistwin_conformance.session import Envelope, Run, Session
 from axistwin_conformance.targets import Target, open_target
 
@@ -44,6 +55,8 @@ ONE_DRAW_AIM = 10.0  # times the stateful rate
 # Hypothesis begins with the simplest example, the same step all the time: one in so many here.
 SLICE_EXAMPLES = 12
 SLICE_SEQUENCES = 12
+SLICE_ROUNDS = 1  # of each process
+DRAWN = "many_mixed_sequences_agree_with_the_model"
 
 
 @dataclass
@@ -52,11 +65,13 @@ class Rates:
 
     steps: int = 0
     rates: list[float] = field(default_factory=list)
+    by_clock: list[float] = field(default_factory=list)
 
-    def add(self, steps: int, seconds: float) -> None:
+    def add(self, steps: int, seconds: float, clock_seconds: float) -> None:
         """Note a slice."""
         self.steps += steps
         self.rates.append(steps / seconds)
+        self.by_clock.append(steps / clock_seconds)
 
     @property
     def median(self) -> float:
@@ -71,7 +86,10 @@ class Rates:
 
     def as_json(self) -> dict[str, Any]:
         """The same for programs."""
-        return {"steps": self.steps, "median_per_s": self.median, "slices_per_s": self.rates}
+        return {
+            "steps": self.steps, "median_per_s": self.median, "slices_per_s": self.rates,
+            "slices_by_clock_per_s": self.by_clock,
+        }  # fmt: skip
 
 
 class Canned:
@@ -226,16 +244,63 @@ class CannedSlice:
         return self._play(number)
 
 
+class SharedSlice:
+    """One-draw sequences in several processes, as a soak lets them play."""
+
+    def __init__(self, count: int) -> None:
+        self.count, self._told = count, list[Event]()
+        self._run = open_player().bench.session.run
+        self._run.tell = self._told.append
+        self._check = next(one for one in self._run.family.checks() if one.name == DRAWN)
+        self._jobs = Jobs(count, self._lost)
+
+    @staticmethod
+    def _lost(text: str) -> None:
+        raise SystemExit(text)
+
+    @staticmethod
+    def _not_here(run: Run, check: Check) -> CheckResult:
+        raise AssertionError(f"{check.name} with seed {run.seed} came back to this process")
+
+    def run(self, number: int) -> int:
+        """Let each process play a few lists of sequences; return how many operations that were."""
+        seeds = [number + at for at in range(SLICE_ROUNDS * self.count)]
+        self._told.clear()
+        for one in seeds:
+            self._jobs.begin(self._run, self._check, one)
+        for self._run.seed in seeds:
+            self._jobs.judged(self._run, self._check, self._not_here)
+        return sum(one.operations for one in self._told if isinstance(one, StatesCovered))
+
+    def seconds(self) -> float:
+        """Processor time of the processes so far, as if each had a core of its own."""
+        times = [psutil.Process(one.pid).cpu_times() for one in multiprocessing.active_children()]
+        return sum(one.user + one.system for one in times) / self.count
+
+    def close(self) -> None:
+        """End the processes."""
+        self._jobs.close()
+
+
 @dataclass(frozen=True)
 class Contestant:
     """Runs a slice and returns its steps; what `prepare` does is not counted."""
 
     run: Callable[[int], int]
     prepare: Callable[[int], None] = lambda number: None
+    seconds: Callable[[], float] = time.process_time
 
 
-def measure(seconds: float) -> dict[str, Rates]:
+def measure(seconds: float, jobs: int) -> dict[str, Rates]:
     """Alternate slices of all contestants until the time is over."""
+    shared = SharedSlice(jobs)
+    try:
+        return _measured(seconds, shared)
+    finally:
+        shared.close()
+
+
+def _measured(seconds: float, shared: SharedSlice) -> dict[str, Rates]:
     player, canned, source = open_player(), CannedSlice(), random.Random(0)
     contestants = {
         "machine, trivial device": Contestant(
@@ -246,6 +311,7 @@ def measure(seconds: float) -> dict[str, Rates]:
         ),
         "one-draw, built-in twin": Contestant(lambda number: sequence_slice(player, number)),
         "one-draw, canned replies": Contestant(canned.run, canned.prepare),
+        "one-draw, all cores": Contestant(shared.run, seconds=shared.seconds),
     }
     results = {name: Rates() for name in contestants}
     for contestant in contestants.values():  # warm up, not counted
@@ -261,22 +327,25 @@ def measure(seconds: float) -> dict[str, Rates]:
             # have left.
             gc.collect()
             gc.freeze()
-            begin = time.process_time()
+            begin, begin_s = contestant.seconds(), time.perf_counter()
             steps = contestant.run(number)
-            results[name].add(steps, time.process_time() - begin)
+            passed_s = time.perf_counter() - begin_s
+            results[name].add(steps, contestant.seconds() - begin, passed_s)
     return results
 
 
 def ratios(results: dict[str, Rates]) -> list[tuple[str, float, float, float, float]]:
     """What is aimed at: name, the median of the ratios of slices that ran one behind the other, the
     spread of these ratios, aim."""
-    limit, stateful, one_draw, _ = results.values()
+    limit, stateful, one_draw, _, shared = results.values()
     told = []
     for name, one, other, aim in (
-        ("stateful / limit", stateful, limit, STATEFUL_AIM),
-        ("one-draw / stateful", one_draw, stateful, ONE_DRAW_AIM),
+        ("stateful / limit", stateful.rates, limit.rates, STATEFUL_AIM),
+        ("one-draw / stateful", one_draw.rates, stateful.rates, ONE_DRAW_AIM),
+        ("all cores / stateful", shared.rates, stateful.rates, ONE_DRAW_AIM),
+        ("the same by the clock", shared.by_clock, stateful.by_clock, ONE_DRAW_AIM),
     ):
-        pairs = [mine / its for mine, its in zip(one.rates, other.rates, strict=True)]
+        pairs = [mine / its for mine, its in zip(one, other, strict=True)]
         told.append((name, statistics.median(pairs), min(pairs), max(pairs), aim))
     return told
 
@@ -285,9 +354,12 @@ def main() -> None:
     """Measure, and tell."""
     parser = argparse.ArgumentParser(description=__doc__, prog="scripts/bench-suite")
     parser.add_argument("--seconds", type=float, default=20.0, help="in all (default 20)")
+    parser.add_argument(
+        "--jobs", type=int, default=usable_cores(), help="processes (default: the usable cores)"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object instead")
     arguments = parser.parse_args()
-    results = measure(arguments.seconds)
+    results = measure(arguments.seconds, max(1, arguments.jobs))
     told = ratios(results)
     if arguments.json:
         aims = {
@@ -298,7 +370,9 @@ def main() -> None:
         print(json.dumps({**{name: one.as_json() for name, one in results.items()}, **aims}))
         return
     version = metadata.version("axistwin")
-    print(f"axistwin {version}, Python {sys.version.split()[0]}, {os.cpu_count()} cores\n")
+    python = sys.version.split()[0]
+    cores = f"{os.cpu_count()} cores, {arguments.jobs} used at once"
+    print(f"axistwin {version}, Python {python}, {cores}\n")
     for name, one in results.items():
         print(f"  {name:<25}{one.row()}")
     print()
