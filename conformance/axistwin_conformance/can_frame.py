@@ -67,6 +67,13 @@ class Frame:
         head = self.identifier | _EXTENDED * self.is_extended | _REMOTE * self.is_remote
         return head.to_bytes(4, "big") + bytes([self.length]) + self.data
 
+    @property
+    def candump(self) -> str:
+        """The frame as candump's log has it: 581#6013200000000000, 123#R8."""
+        digits = 8 if self.is_extended else 3
+        body = f"R{self.length}" if self.is_remote else self.data.hex().upper()
+        return f"{self.identifier:0{digits}X}#{body}"
+
     def __str__(self) -> str:
         digits = 8 if self.is_extended else 3
         body = f"remote, {self.length}" if self.is_remote else self.data.hex(" ").upper()

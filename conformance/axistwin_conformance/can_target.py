@@ -357,9 +357,11 @@ def split_words(words: str) -> tuple[str, str, dict[str, str]]:
     return interface, channel, {name: value for name, _, value in pairs}
 
 
-def check_interface(words: str) -> None:
-    """Raise UsageError for INTERFACE:CHANNEL that names no interface of python-can."""
+def check_interface(words: str, bitrate: int | None = None) -> None:
+    """Raise UsageError for INTERFACE:CHANNEL that names no interface of python-can, or another bit
+    rate than that one."""
     interface, _, _ = split_words(words)
+    _bitrate_of(words, bitrate)
     if interface in can.VALID_INTERFACES:
         return
     near = difflib.get_close_matches(interface, can.VALID_INTERFACES, n=1)
@@ -382,11 +384,9 @@ def open_can_target(
     """
     interface, channel, options = split_words(words)
     asked: dict[str, object] = {**PRESETS.get(interface, {}), **options}
-    said = _bitrate_in(words)
-    if bitrate is not None and said not in (None, bitrate):
-        raise UsageError(f"--bitrate {bitrate}: {words} says {said}; give one of them")
-    bitrate = bitrate or said
-    if bitrate is not None and not (interface == TWIN_INTERFACE and said):
+    is_said = _bitrate_in(words) is not None
+    bitrate = _bitrate_of(words, bitrate)
+    if bitrate is not None and not (interface == TWIN_INTERFACE and is_said):
         asked["bitrate"] = bitrate
     try:
         bus = can.Bus(channel, interface, ignore_config=True, **asked)  # type: ignore[arg-type]
@@ -405,6 +405,14 @@ def open_can_target(
         bitrate=bitrate,
         is_builtin=is_builtin,
     )
+
+
+def _bitrate_of(words: str, bitrate: int | None) -> int | None:
+    """The bit rate that was given, in either place; raises UsageError for two that differ."""
+    said = _bitrate_in(words)
+    if bitrate is not None and said not in (None, bitrate):
+        raise UsageError(f"--bitrate {bitrate}: {words} says {said}; give one of them")
+    return bitrate or said
 
 
 def _bitrate_in(words: str) -> int | None:

@@ -356,18 +356,18 @@ def _run(engine: Engine, is_json: bool, report: Path | None) -> int:
     from axistwin_conformance.pace import Pace, weigh
     from axistwin_conformance.reports import ReportFolder, past_seconds
 
-    explain = engine.family.explain
+    explain, spell = engine.family.explain, engine.family.way.spell
     listeners: list[Listener] = []
     folder, past = None, {}
     if report is not None:
         past = past_seconds(report, engine.options.url)
         with _report_trouble():  # before a long run, not after it
-            folder = ReportFolder(report, explain)
+            folder = ReportFolder(report, explain, spell)
         listeners.append(folder)
     with contextlib.ExitStack() as stack:
         stack.enter_context(_termination_interrupts())
         if is_json:
-            listeners.append(report_json.JsonStream(sys.stdout, explain))
+            listeners.append(report_json.JsonStream(sys.stdout, explain, spell))
         else:
             console = report_terminal.make_console()
             listeners.append(
@@ -382,6 +382,7 @@ def _run(engine: Engine, is_json: bool, report: Path | None) -> int:
                             afterwards_s=engine.options.duration_s or 0.0,
                         ),
                         engine.options.report,
+                        spell,
                     )
                 )
             )

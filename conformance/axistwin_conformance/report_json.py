@@ -19,15 +19,18 @@ from axistwin_conformance.errors import UsageError
 from axistwin_conformance.ledger import Ledger
 from axistwin_conformance.plan import Options, Plan
 from axistwin_conformance.transcript import Record
+from axistwin_conformance.ways import in_hex
 
 FORMAT = 1  # of events and report; raised when a field changes its meaning
 
 Explain = Callable[[Record], str]
+Spell = Callable[[bytes], str]
 Report = dict[str, Any]
 
 
-def plain(value: object, explain: Explain | None = None) -> Any:
-    """Turn events and findings into what JSON knows: bytes as hex, sets sorted, enums by value.
+def plain(value: object, explain: Explain | None = None, spell: Spell = in_hex) -> Any:
+    """Turn events and findings into what JSON knows: sets sorted, enums by value, bytes as `spell`
+    writes them.
 
     `explain` puts the bytes of a record into words; they are added as `decoded`.
     """
@@ -35,25 +38,27 @@ def plain(value: object, explain: Explain | None = None) -> Any:
         case Enum():
             return value.value
         case bytes():
-            return value.hex(" ").upper()
+            return spell(value)
         case Mapping():
-            return {str(plain(key)): plain(one, explain) for key, one in value.items()}
+            return {str(plain(key)): plain(one, explain, spell) for key, one in value.items()}
         case Set():
-            return sorted(plain(one, explain) for one in value)
+            return sorted(plain(one, explain, spell) for one in value)
         case list() | tuple():
-            return [plain(one, explain) for one in value]
+            return [plain(one, explain, spell) for one in value]
     if is_dataclass(value) and not isinstance(value, type):
-        named = {one.name: plain(getattr(value, one.name), explain) for one in fields(value)}
+        named = {one.name: plain(getattr(value, one.name), explain, spell) for one in fields(value)}
         if isinstance(value, Record) and explain is not None:
             named["decoded"] = explain(value) if value.data else ""
         return named
     return value
 
 
-def event_object(event: events.Event, explain: Explain | None = None) -> dict[str, Any]:
+def event_object(
+    event: events.Event, explain: Explain | None = None, spell: Spell = in_hex
+) -> dict[str, Any]:
     """Return an event as a JSON object; its kind is under `event`, in snake_case."""
     kind = "".join(f"_{c.lower()}" if c.isupper() else c for c in type(event).__name__)
-    return {"event": kind.lstrip("_"), **plain(event, explain)}
+    return {"event": kind.lstrip("_"), **plain(event, explain, spell)}
 
 
 def write_line(out: TextIO, told: Mapping[str, Any]) -> None:
@@ -65,13 +70,13 @@ def write_line(out: TextIO, told: Mapping[str, Any]) -> None:
 class JsonStream:
     """Listens to a run and writes one line of JSON per event."""
 
-    def __init__(self, out: TextIO, explain: Explain | None = None) -> None:
+    def __init__(self, out: TextIO, explain: Explain | None = None, spell: Spell = in_hex) -> None:
         self._out = out
-        self._explain = explain
+        self._explain, self._spell = explain, spell
 
     def __call__(self, event: events.Event) -> None:
         """Take an event."""
-        write_line(self._out, event_object(event, self._explain))
+        write_line(self._out, event_object(event, self._explain, self._spell))
 
 
 def fold(told: Iterable[Mapping[str, Any]]) -> Report:

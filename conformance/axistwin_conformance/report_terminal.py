@@ -35,6 +35,7 @@ from axistwin_conformance.plan import Options, Plan
 from axistwin_conformance.registry import Check
 from axistwin_conformance.transcript import Direction, Record
 from axistwin_conformance.verdicts import Finding, Verdict
+from axistwin_conformance.ways import in_hex
 
 LEFT_TOLD_EVERY_S = 60
 MOST_IN_HEX = 50  # operations told on the terminal: what is longer is about to be shrunk
@@ -79,7 +80,8 @@ class TimeLeftColumn(ProgressColumn):
 
 
 class TerminalReport:
-    """Listens to a run and prints it; `explain` puts a wire record into words."""
+    """Listens to a run and prints it; `explain` puts a wire record into words, `spell` writes its
+    bytes."""
 
     def __init__(
         self,
@@ -88,13 +90,14 @@ class TerminalReport:
         explain: Callable[[Record], str],
         pace: Pace | None = None,
         folder: str = "",
+        spell: Callable[[bytes], str] = in_hex,
     ) -> None:
         self._console = console
         self._pace = pace or Pace({})
         self._folder = folder  # of the report, empty if there is none
         self._told_left_at = time.monotonic()
         self._ledger = ledger
-        self._explain = explain
+        self._explain, self._spell = explain, spell
         self._progress = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -313,13 +316,9 @@ class TerminalReport:
         origin_ns = records[0].time_ns
         for one in records:
             time_ms = (one.time_ns - origin_ns) / 1e6
-            words = one.text if not one.data else f"{_hex(one.data)}  {self._explain(one)}"
+            words = one.text if not one.data else f"{self._spell(one.data)}  {self._explain(one)}"
             who = "" if one.direction is Direction.NOTE else one.direction.value
             self._print(f"   {time_ms:12.3f}  {who:7}  {words}")
-
-
-def _hex(data: bytes) -> str:
-    return data.hex(" ").upper()
 
 
 def _rate(event: events.RunStarted) -> str:

@@ -7,7 +7,8 @@ from typing import Any, TextIO
 
 from axistwin_conformance import events, report_html, report_json, report_junit
 from axistwin_conformance.errors import UsageError
-from axistwin_conformance.report_json import Explain
+from axistwin_conformance.report_json import Explain, Spell
+from axistwin_conformance.ways import in_hex
 
 EVENTS, REPORT, JUNIT, PAGE = "events.jsonl", "report.json", "junit.xml", "report.html"
 
@@ -31,10 +32,10 @@ class ReportFolder:
     `events.jsonl` grows while the run goes, so that a run that is cut off leaves its traces.
     """
 
-    def __init__(self, directory: Path, explain: Explain) -> None:
+    def __init__(self, directory: Path, explain: Explain, spell: Spell = in_hex) -> None:
         directory.mkdir(parents=True, exist_ok=True)
         self.directory = directory
-        self._explain = explain
+        self._explain, self._spell = explain, spell
         self._stream: TextIO = (directory / EVENTS).open("w", encoding="utf-8")
         self._told: list[dict[str, Any]] = []
 
@@ -42,7 +43,7 @@ class ReportFolder:
         """Take an event."""
         if isinstance(event, events.FailureStored):
             event.recording.write(self.directory)
-        told = report_json.event_object(event, self._explain)
+        told = report_json.event_object(event, self._explain, self._spell)
         self._told.append(told)
         report_json.write_line(self._stream, told)
 

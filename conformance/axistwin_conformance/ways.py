@@ -8,9 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from axistwin_conformance.can_frame import unpack_all
 from axistwin_conformance.errors import UsageError
 
 HOST_AND_PORT = re.compile(r"[\w.-]+:\d+|\[[0-9a-fA-F:]+\]:\d+")
+
+
+def in_hex(data: bytes) -> str:
+    """Bytes as people read them."""
+    return data.hex(" ").upper()
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +34,12 @@ class Way:
     metavar: str
     example: str
     twin: str
+
+    def spell(self, data: bytes) -> str:
+        """What was said, as reports show it: bytes in hex, frames as candump's log has them."""
+        if self.word == "line":
+            return in_hex(data)
+        return " ".join(one.candump for one in unpack_all(data))
 
     @property
     def rate_parameter(self) -> str:
@@ -67,16 +79,16 @@ def choose_endpoint(
             )
     endpoint = endpoints[way.option]
     if endpoint is not None:
-        check_endpoint(way, endpoint)
+        check_endpoint(way, endpoint, rates[way.rate_option])
     return endpoint, rates[way.rate_option]
 
 
-def check_endpoint(way: Way, endpoint: str) -> None:
+def check_endpoint(way: Way, endpoint: str, rate: int | None) -> None:
     """Raise UsageError for what cannot be meant; whether it is there, shows when it is opened."""
     if way is BUS:
         from axistwin_conformance.can_target import check_interface  # python-can is slow to load
 
-        check_interface(endpoint)
+        check_interface(endpoint, rate)
     elif HOST_AND_PORT.fullmatch(endpoint) and not Path(endpoint).exists():
         raise UsageError(
             f"--port {endpoint} is no device; a line over TCP is --port socket://{endpoint}"
