@@ -101,7 +101,14 @@ DONT_CARE: Final[Mapping[int, int]] = {
 }
 WITHOUT_PARAMETER: Final = (0x10, 0x17, 0x19, 0x18, 0x1A)
 LOCKED: Final = (0x02, 0x13)
-LOCKED_BY_THE_LIST: Final = (0x03, 0x09, 0x0A, 0x0D, 0x0F, 0x14)  # of C; the serial one has lost them
+LOCKED_BY_THE_LIST: Final = (
+    0x03,
+    0x09,
+    0x0A,
+    0x0D,
+    0x0F,
+    0x14,
+)  # of C; the serial one has lost them
 EXPEDITED: Final = (0x22, 0x27, 0x2B, 0x2F)  # the standard's other first bytes of such a download
 
 
@@ -364,10 +371,12 @@ def numbers_travel_most_significant_byte_first(session: Session) -> None:
 
 @check("MACC-SDO-04", safety="stored")
 def every_byte_of_a_number_keeps_its_place(session: Session) -> None:
-    """Four different bytes written by 2009h and 200Ah are read back by 2002h and 2003h."""
+    """Four different bytes written by 2009h and 200Ah are read back by 2002h and 2003h, and two
+    written by 200Dh by 2005h."""
     bench = Bench(session)
-    for index in (0x09, 0x0A):
-        for value in (0x01020304, 0x3FFEFDFC, 0xFEDCBA98, 0x00000001, 0xFFFFFFFF, 0x00010000):
+    longs = (0x01020304, 0x3FFEFDFC, 0xFEDCBA98, 0x00000001, 0xFFFFFFFF, 0x00010000)
+    for index, values in ((0x09, longs), (0x0A, longs), (0x0D, (0xF012, 0x12F0, 0x2000))):
+        for value in values:
             bench.command(index, value)
             seen = SETTINGS[index].read(bench)
             session.expect(seen == value, None, f"{value:08X}", f"{seen:08X}")
@@ -412,7 +421,7 @@ def reading_an_index_does_not_do_what_writing_it_does(session: Session) -> None:
 
 @check("MACC-SDO-05", safety=MOVES)
 def download_and_upload_of_an_index_are_two_things(session: Session) -> None:
-    """What 20xxh writes shows elsewhere; an upload of 200Bh to 200Fh is none of their downloads."""
+    """What 20xxh writes shows elsewhere; no upload of 2000h to 200Fh is one of their downloads."""
     bench = Bench(session)
     start = bench.ready()
     place = bench.finish(bench.go(start + 7))
@@ -429,7 +438,7 @@ def download_and_upload_of_an_index_are_two_things(session: Session) -> None:
         session.expect(after == before, None, f"{kept:02X}h {before:08X}", f"{after:08X}")
     bench.accepted(0x03, 0)
     before_all = held(bench)
-    for index in codec.UNASSIGNED_UPLOADS:
+    for index in codec.QUERIES:
         replies(bench, bench.request(index).frame(), is_awaited=False)
     unchanged(bench, before_all, "MACC-SDO-05")
     session.expect(bench.position() == place, None, f"still at {place}", bench.position())
@@ -464,7 +473,8 @@ def objects_outside_the_area_are_refused(session: Session) -> None:
     bench = Bench(session)
     every = [one for one in range(0x100) if one != codec.INDEX_HIGH]
     highs = every if session.carrier.is_virtual else HIGH_BYTES
-    objects = [*MINIMUM, *STANDARD, *(one << 8 | 0x02 for one in highs)]
+    turned = [one << 8 | codec.INDEX_HIGH for one in range(len(codec.ANSWERED))]
+    objects = [*MINIMUM, *STANDARD, *turned, *(one << 8 | 0x02 for one in highs)]
     for number in objects:
         one = replace(bench.request(0x20), index_low=number & 0xFF, index_high=number >> 8)
         bench.reading("od_outside_20", _outside(bench, one, number))

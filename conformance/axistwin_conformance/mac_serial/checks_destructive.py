@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Final
 
+from axistwin_conformance.mac_axis import factory
 from axistwin_conformance.mac_axis.bench import QUIET_S
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_serial.bench import Bench
@@ -27,9 +28,6 @@ from axistwin_conformance.session import Session
 
 OTHER_RATE: Final = 0x02  # of 1Bh: not the factory's
 NEW_ADDRESSES: Final = (0x2A, 0x7F, 0x01)
-
-# §5.10; only the address, the rate and the tolerance are the manual's, the rest is the ledger's.
-FACTORY_ANSWERS: Final = {0x22: 0x3FFFFFFF, 0x23: 0xC0000000, 0x25: 0x05000320, 0x26: 0x0A601000}
 
 
 @check("MACS-CMD-08-01", "MACS-CMD-08-02", safety=DESTRUCTIVE, needs=("alone",))
@@ -170,12 +168,7 @@ def a_factory_reset_brings_the_factory_values(session: Session) -> None:
     """01h writes the factory values over all parameters, deaf for 2 s; address 00, 38400 baud."""
     bench = Bench(session)
     place = bench.finish(bench.go(bench.ready() + 25))
-    for index, parameter in (
-        (0x02, 0), (0x03, 9), (0x09, 1000), (0x0A, -1000), (0x0C, 0x22), (0x0D, 0x0777),
-        (0x0E, 0x2200), (0x0F, 0x22), (0x1C, 0x22),
-    ):  # fmt: skip
-        bench.command(index, parameter)
-    changed = {index: bench.value(index) for index in FACTORY_ANSWERS}
+    changed = factory.spoil(bench, 0)
     with address_put_back(bench), _other_address_and_rate(bench):
         exchange = bench.send(bench.request(0x01), QUIET_S * 2)
         session.expect(
@@ -191,8 +184,8 @@ def a_factory_reset_brings_the_factory_values(session: Session) -> None:
         bench.wait(bench.awake_surely_s - bench.deaf_surely_s + QUIET_S * 5)
         bench.alive("MACS-CMD-01-02")
         bench.reading("factory_reset_scope", int(not is_deaf), "MACS-CMD-01-03")
-        _judge_factory_values(bench, changed)
-        _judge_again(bench)
+        factory.judge_values(bench, changed)
+        factory.judge_again(bench, lambda: _reset(bench))
         kept = bench.position()
         session.expect(kept == place, "MACS-CMD-01-01", f"position {place} kept", kept)
 
@@ -227,39 +220,6 @@ def _find(bench: Bench, addresses: Sequence[int], rates: Sequence[int]) -> None:
                 return
 
 
-def _judge_again(bench: Bench) -> None:
-    """From other values a second 01h must come to the same: what it does not write shows."""
-    found = {index: bench.value(index) for index in FACTORY_ANSWERS}
-    for index, parameter in (
-        (0x02, 1), (0x03, 8), (0x09, 2000), (0x0A, -2000), (0x0C, 0x33), (0x0D, 0x0888),
-        (0x0E, 0x3300), (0x0F, 0x33), (0x1C, 0x33),
-    ):  # fmt: skip
-        bench.command(index, parameter)
-    for index, value in found.items():
-        changed = bench.value(index)
-        bench.session.step(
-            changed != value, f"{index:02X}h other than {value:08X}", f"{changed:08X}"
-        )
+def _reset(bench: Bench) -> None:
     bench.send(bench.request(0x01), QUIET_S * 2)
     bench.wait_awake()
-    for index, value in found.items():
-        again = bench.value(index)
-        bench.session.expect(
-            again == value, "MACS-CMD-01-01", f"{index:02X}h {value:08X} again", f"{again:08X}"
-        )
-
-
-def _judge_factory_values(bench: Bench, changed: dict[int, int]) -> None:
-    session = bench.session
-    found = {index: bench.value(index) for index in FACTORY_ANSWERS}
-    words = ", ".join(f"{index:02X}h {value:08X}" for index, value in found.items())
-    for index, value in found.items():
-        session.expect(
-            value != changed[index], "MACS-CMD-01-01", f"{index:02X}h overwritten", f"{value:08X}"
-        )
-    tolerance = found[0x26] & 0xFF
-    session.expect(tolerance == 0, "MACS-CMD-1C-01", "tolerance 0", tolerance)
-    imax = bench.data_bytes(0x28, 0xAF)[0]
-    limit = found[0x26] >> 16 & 0xFF
-    session.expect(limit <= imax, "MACS-CMD-01-01", f"torque 00..{imax:02X}", f"{limit:02X}")
-    session.info("MACS-CMD-01-01", f"factory values: {words}")

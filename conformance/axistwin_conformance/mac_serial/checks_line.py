@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance.mac_axis.bench import QUIET_S, SLOWEST, Exchange, segment, velocity
+from axistwin_conformance.mac_axis.bench import QUIET_S, Exchange, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind
-from axistwin_conformance.mac_axis.forecast import Segment
 from axistwin_conformance.mac_axis.probes_stops import restarted_ns
 from axistwin_conformance.mac_axis.probing import MOVES
 from axistwin_conformance.mac_serial import codec
@@ -21,13 +20,6 @@ POLL_S: Final = 0.05
 # What MACS-CMD-00-02 leaves to MACS-AMB-21: a host may talk 2.5 s after 00h, and what it sends
 # within 1.5 s must not count.
 DEAF_MS: Final = range(1500, 2501)
-
-
-def restart(bench: Bench) -> Exchange:
-    """Send 00h and wait until the module surely listens again."""
-    exchange = bench.command(0x00)
-    bench.wait_awake()
-    return exchange
 
 
 @check("MACS-CMD-00-03", "MACS-CMD-00-02", "MACS-CMD-00-01", safety=MOVES)
@@ -95,107 +87,6 @@ def just_after_two_seconds_it_listens(session: Session) -> None:
         )  # fmt: skip
         bench.wait_awake()
     bench.alive("MACS-CMD-00-01")
-
-
-@check("MACS-CMD-00-01", "MACS-CMD-18-03", safety=MOVES)
-def after_00h_parameters_and_position_are_kept(session: Session) -> None:
-    """00h keeps position and stored parameters at rest; sync, preload and stop bits are gone."""
-    bench = Bench(session)
-    start = bench.ready(0x1000, 3)
-    bench.finish(bench.go(start + 30))
-    for index, parameter in (
-        (0x09, start + 40), (0x0A, start - 5000), (0x0C, 0x33), (0x0E, 0x0700), (0x1C, 0x02),
-        (0x03, 8),
-    ):  # fmt: skip
-        bench.command(index, parameter)
-    bench.accepted(0x13, start + 100)
-    bench.wait(0.4)
-    bench.run_out()
-    before = [bench.value(index) for index in PARAMETER_QUERIES]
-    place = bench.position()
-    stopped_on = bench.stopped_on()
-    bench.command(0x10)
-    bench.command(0x13, start)
-    restart(bench)
-    after = [bench.value(index) for index in PARAMETER_QUERIES]
-    modes = 0x0000FFFF  # K, m and TT of 26h: whether they are stored is open (MACS-AMB-24)
-    if after[:3] == before[:3] and after[3] & ~modes == before[3] & ~modes:
-        bench.reading("persist_modes", int(after != before), "MACS-CMD-00-01")
-    else:
-        session.fail("MACS-CMD-00-01", _hex(before), _hex(after))
-    session.expect(
-        bench.position() == place, "MACS-CMD-00-01", f"position {place}", bench.position()
-    )
-    session.expect(
-        bench.stopped_on() == 0 or bench.known("ff_lifetime") == 1,
-        "MACS-CMD-00-01", f"ff 00 (was {stopped_on:02X})",
-        f"{bench.stopped_on():02X}",
-    )  # fmt: skip
-    bench.command(0x11)
-    bench.wait(0.1)
-    session.expect(
-        bench.position() == place, ("MACS-CMD-00-01", "MACS-CMD-18-03"),
-        "nothing preloaded any more", bench.position(),
-    )  # fmt: skip
-
-
-@check("MACS-CMD-00-01", "MACS-CMD-18-03", safety=MOVES, level="full")
-def in_motion_00h_drops_the_motion(session: Session) -> None:
-    """00h during a move or segments: the axis stands, nothing resumes or is locked."""
-    bench = Bench(session)
-    for begin in ((0x13, 100), (0x16, segment(60, SLOWEST))):
-        start = bench.ready(SLOWEST)
-        index, parameter = begin
-        for _ in range(2):
-            bench.command(index, start + parameter if index == 0x13 else parameter)
-        bench.wait(0.2)
-        restart(bench)
-        place = bench.position()
-        session.expect(
-            abs(place - start) < 60, "MACS-CMD-00-01", "motion dropped", f"{place - start}"
-        )
-        bench.wait(0.5)
-        session.expect(
-            bench.position() == place, ("MACS-CMD-00-01", "MACS-CMD-18-03"),
-            f"at rest at {place}", bench.position(),
-        )  # fmt: skip
-        bench.accepted(0x0F, 0, requirement="MACS-CMD-00-01")
-        bench.finish(bench.go(start), "MACS-CMD-00-01")
-
-
-@check("MACS-CMD-0B-02", "MACS-CMD-0B-01", safety=MOVES, level="full")
-def clearing_the_counter_during_a_move(session: Session) -> None:
-    """0Bh half-way through 13h: the target stays a number, or the remaining distance stays."""
-    bench = Bench(session)
-    start = bench.ready(0x4000, 0)
-    if abs(start) > bench.room() // 2:
-        session.skip("the counter's origin could not be put back: it is too far away")
-    distance = 150
-    target = start + distance
-    forecast = bench.go(target)
-    bench.wait(0.15)
-    cleared = bench.accepted(0x0B)
-    lowest, highest = forecast.bounds(cleared.taken)
-    bench.wait(0.8 + abs(target) * 2 * bench.period * 125e-9)
-    final = bench.position()
-    # 0Bh made some place in lowest..highest the new 0.
-    remaining = range(target - highest - 1, target - lowest + 2)
-    outcome: int | str = f"rest at {final}"
-    if final == target and final not in remaining:
-        outcome = 0
-    elif final in remaining:
-        outcome = 1
-    bench.reading("reset_in_motion", outcome, "MACS-CMD-0B-02")
-    session.expect(True, "MACS-CMD-0B-01", "", "")
-    bench.at_rest()
-    here = lowest
-    if abs(here) <= bench.room():
-        bench.finish(bench.go(-here))
-        bench.command(0x0B)
-
-
-def _hex(values: list[int]) -> str:
-    return " ".join(f"{value:08X}" for value in values)
 
 
 # --- several modules -----------------------------------------------------------------------------
@@ -294,55 +185,3 @@ def general_commands_are_executed_by_all(session: Session) -> None:
 def _general_reply(bench: Bench, exchange: Exchange) -> None:
     kind = Kind.ANSWER if exchange.kind is Kind.ACCEPTED else exchange.kind
     bench.reading("general_reply_policy", general_replies(bench, kind), "MACS-MULTI-03")
-
-
-@check("MACS-MULTI-02", "MACS-CMD-11-01", safety=MOVES, needs=("neighbour",))
-def one_11h_starts_all_preloaded_axes_together(session: Session) -> None:
-    """10h and 13h to each module, 11h to FF: all start on the same frame."""
-    everybody = _everybody(session)
-    starts = [bench.ready(0x2000) for bench in everybody]
-    try:
-        for bench, start in zip(everybody, starts, strict=True):
-            bench.accepted(0x10)
-            bench.accepted(0x13, start + 200)
-        sync = general(everybody[0], 0x11)
-        for bench, start in zip(everybody, starts, strict=True):
-            forecast = bench.to_position(sync, start, start + 200)
-            bench.follow(forecast, ("MACS-MULTI-02", "MACS-CMD-11-01"), bench.allowance(0x2000))
-        for bench, start in zip(everybody, starts, strict=True):
-            bench.finish(
-                bench.to_position(sync, start, start + 200), ("MACS-MULTI-02", "MACS-CMD-11-01")
-            )
-    finally:
-        _all_back(everybody, starts)
-
-
-@check("MACS-MULTI-02", "MACS-CMD-1E-01", "MACS-CMD-16-01", safety=MOVES, needs=("neighbour",))
-def axes_keep_step_through_virtual_segments(session: Session) -> None:
-    """While one axis moves, the other waits the same ticks: afterwards both are in step."""
-    everybody = _everybody(session)[:2]
-    starts = [bench.ready() for bench in everybody]
-    one = (Segment(40, 0x2000), Segment(30, 0x3000, moves=False), Segment(20, 0x2000))
-    other = (Segment(40, 0x2000, moves=False), Segment(30, 0x3000), Segment(20, 0x2000))
-    try:
-        forecasts = [
-            bench.feed(start, *row)
-            for bench, start, row in zip(everybody, starts, (one, other), strict=True)
-        ]
-        for _ in range(6):
-            for bench, forecast in zip(everybody, forecasts, strict=True):
-                bench.follow(
-                    forecast,
-                    ("MACS-MULTI-02", "MACS-CMD-1E-01", "MACS-CMD-16-01"),
-                    bench.allowance(0x2000),
-                )
-        for bench, forecast in zip(everybody, forecasts, strict=True):
-            bench.finish(forecast, ("MACS-MULTI-02", "MACS-CMD-1E-01", "MACS-CMD-16-01"))
-    finally:
-        _all_back(everybody, starts)
-
-
-def _all_back(everybody: list[Bench], starts: list[int]) -> None:
-    for bench, start in zip(everybody, starts, strict=True):
-        bench.at_rest()
-        bench.finish(bench.go_plainly(start))

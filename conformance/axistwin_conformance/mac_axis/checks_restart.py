@@ -1,0 +1,113 @@
+"""Re-initialisation (00h): what it keeps, what it ends; and the counter cleared in a move (0Bh)."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from axistwin_conformance.mac_axis.bench import SLOWEST, bench_of, segment
+from axistwin_conformance.mac_axis.probing import MOVES
+from axistwin_conformance.registry import check
+from axistwin_conformance.session import Session
+
+PARAMETER_QUERIES: Final = (0x22, 0x23, 0x25, 0x26)
+
+
+@check("MACS-CMD-00-01", "MACS-CMD-18-03", safety=MOVES)
+def after_00h_parameters_and_position_are_kept(session: Session) -> None:
+    """00h keeps position and stored parameters at rest; sync, preload and stop bits are gone."""
+    bench = bench_of(session)
+    start = bench.ready(0x1000, 3)
+    bench.finish(bench.go(start + 30))
+    for index, parameter in (
+        (0x09, start + 40), (0x0A, start - 5000), (0x0C, 0x33), (0x0E, 0x0700), (0x1C, 0x02),
+        (0x03, 8),
+    ):  # fmt: skip
+        bench.command(index, parameter)
+    bench.accepted(0x13, start + 100)
+    bench.wait(0.4)
+    bench.run_out()
+    before = [bench.value(index) for index in PARAMETER_QUERIES]
+    place = bench.position()
+    stopped_on = bench.stopped_on()
+    bench.command(0x10)
+    bench.command(0x13, start)
+    bench.reinitialise()
+    after = [bench.value(index) for index in PARAMETER_QUERIES]
+    modes = 0x0000FFFF  # K, m and TT of 26h: whether they are stored is open (MACS-AMB-24)
+    if after[:3] == before[:3] and after[3] & ~modes == before[3] & ~modes:
+        bench.reading("persist_modes", int(after != before), "MACS-CMD-00-01")
+    else:
+        session.fail("MACS-CMD-00-01", _hex(before), _hex(after))
+    session.expect(
+        bench.position() == place, "MACS-CMD-00-01", f"position {place}", bench.position()
+    )
+    session.expect(
+        bench.stopped_on() == 0 or bench.known("ff_lifetime") == 1,
+        "MACS-CMD-00-01", f"ff 00 (was {stopped_on:02X})",
+        f"{bench.stopped_on():02X}",
+    )  # fmt: skip
+    bench.command(0x11)
+    bench.wait(0.1)
+    session.expect(
+        bench.position() == place, ("MACS-CMD-00-01", "MACS-CMD-18-03"),
+        "nothing preloaded any more", bench.position(),
+    )  # fmt: skip
+
+
+@check("MACS-CMD-00-01", "MACS-CMD-18-03", safety=MOVES, level="full")
+def in_motion_00h_drops_the_motion(session: Session) -> None:
+    """00h during a move or segments: the axis stands, nothing resumes or is locked."""
+    bench = bench_of(session)
+    for begin in ((0x13, 100), (0x16, segment(60, SLOWEST))):
+        start = bench.ready(SLOWEST)
+        index, parameter = begin
+        for _ in range(2):
+            bench.command(index, start + parameter if index == 0x13 else parameter)
+        bench.wait(0.2)
+        bench.reinitialise()
+        place = bench.position()
+        session.expect(
+            abs(place - start) < 60, "MACS-CMD-00-01", "motion dropped", f"{place - start}"
+        )
+        bench.wait(0.5)
+        session.expect(
+            bench.position() == place, ("MACS-CMD-00-01", "MACS-CMD-18-03"),
+            f"at rest at {place}", bench.position(),
+        )  # fmt: skip
+        bench.accepted(0x0F, 0, requirement="MACS-CMD-00-01")
+        bench.finish(bench.go(start), "MACS-CMD-00-01")
+
+
+@check("MACS-CMD-0B-02", "MACS-CMD-0B-01", safety=MOVES, level="full")
+def clearing_the_counter_during_a_move(session: Session) -> None:
+    """0Bh half-way through 13h: the target stays a number, or the remaining distance stays."""
+    bench = bench_of(session)
+    start = bench.ready(0x4000, 0)
+    if abs(start) > bench.room() // 2:
+        session.skip("the counter's origin could not be put back: it is too far away")
+    distance = 150
+    target = start + distance
+    forecast = bench.go(target)
+    bench.wait(0.15)
+    cleared = bench.accepted(0x0B)
+    lowest, highest = forecast.bounds(cleared.taken)
+    bench.wait(0.8 + abs(target) * 2 * bench.period * 125e-9)
+    final = bench.position()
+    # 0Bh made some place in lowest..highest the new 0.
+    remaining = range(target - highest - 1, target - lowest + 2)
+    outcome: int | str = f"rest at {final}"
+    if final == target and final not in remaining:
+        outcome = 0
+    elif final in remaining:
+        outcome = 1
+    bench.reading("reset_in_motion", outcome, "MACS-CMD-0B-02")
+    session.expect(True, "MACS-CMD-0B-01", "", "")
+    bench.at_rest()
+    here = lowest
+    if abs(here) <= bench.room():
+        bench.finish(bench.go(-here))
+        bench.command(0x0B)
+
+
+def _hex(values: list[int]) -> str:
+    return " ".join(f"{value:08X}" for value in values)
