@@ -383,7 +383,8 @@ def open_can_target(
     UsageError for words without an interface or a channel, TargetError with the reason in a line.
     """
     interface, channel, options = split_words(words)
-    asked: dict[str, object] = {**PRESETS.get(interface, {}), **options}
+    asked: dict[str, object] = {**PRESETS.get(interface, {})}
+    asked |= {name: _value(text) for name, text in options.items()}
     is_said = _bitrate_in(words) is not None
     bitrate = _bitrate_of(words, bitrate)
     if bitrate is not None and not (interface == TWIN_INTERFACE and is_said):
@@ -405,6 +406,18 @@ def open_can_target(
         bitrate=bitrate,
         is_builtin=is_builtin,
     )
+
+
+def _value(text: str) -> object:
+    """An option of an interface as its driver expects it: a number, a truth value or a word."""
+    if text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
 
 
 def _bitrate_of(words: str, bitrate: int | None) -> int | None:

@@ -486,11 +486,13 @@ def test_options_and_bit_rate_reach_the_interface(monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(can, "Bus", fake)
     open_can_target("udp_multicast:239.74.163.2")
-    open_can_target("slcan:/dev/x?ttyBaudrate=115200", bitrate=125_000)
+    options = "ttyBaudrate=115200&sleep_after_open=0.5&fd=false&name=x"
+    open_can_target(f"slcan:/dev/x?{options}", bitrate=125_000)
     assert asked == [
         ("239.74.163.2", "udp_multicast", {"ignore_config": True, "hop_limit": 0}),
         ("/dev/x", "slcan",
-         {"ignore_config": True, "ttyBaudrate": "115200", "bitrate": 125_000}),
+         {"ignore_config": True, "ttyBaudrate": 115_200, "sleep_after_open": 0.5, "fd": False,
+          "name": "x", "bitrate": 125_000}),
     ]  # fmt: skip
 
 
