@@ -183,7 +183,9 @@ class Bench(Talk):
         N is still asked for, 100.
         """
         number = self.session.readings.get("brake_increments", "" if self._may_run_on else "0")
-        increments = int(number) if number.isdigit() else 0 if number else MOST_RUN_OUT
+        increments = int(number) if number.isdigit() else MOST_RUN_OUT
+        if number and not number.isdigit():  # as its plant makes it
+            increments = 0 if self.has_ideal_plant else self.braking(self.period)
         if not increments:
             return
         pause_s = (2 * math.sqrt(increments) + 1) * SLOWEST_LEVEL_TICKS / TICKS_PER_SECOND
@@ -404,8 +406,9 @@ class Bench(Talk):
         self.wait((moment_ns - self.target.now_ns) / 1e9)
 
     def allowance(self, period: int) -> int:
-        """Increments a real axis may trail or lead its set-point by; none in virtual time."""
-        if self.target.is_virtual:
+        """Increments a real axis may trail or lead its set-point by; none in virtual time, where
+        the built-in twin's plant is ideal."""
+        if self.target.is_virtual and self.has_ideal_plant:
             return 0
         return 2 + TICKS_PER_SECOND // max(1, period) // 200  # 5 ms of motion
 

@@ -80,7 +80,29 @@ def arming_concerns_one_motion(session: Session) -> None:
     place = bench.finish(bench.to_position(exchange, start, start + 30))
     bench.reading("sync_without_preload", _without_preload(bench), "MACS-CMD-11-02")
     session.expect(is_held(bench, place), "MACS-CMD-11-02", f"at {place}", bench.position())
-    bench.finish(bench.go(start), "MACS-CMD-10-02")
+    if not _is_permanent(bench):
+        bench.finish(bench.go(start), "MACS-CMD-10-02")
+        return
+    bench.accepted(0x10)
+    bench.accepted(0x13, start)
+    exchange = bench.accepted(0x11)
+    bench.finish(bench.to_position(exchange, place, start))
+    bench.accepted(0x13, start + 30)  # armed by no 10h of its own
+    outcome = 2 if is_held(bench, start) else (0, 1)
+    bench.reading("sync_arm_lifetime", outcome, "MACS-CMD-10-02")
+
+
+def _is_permanent(bench: Bench) -> bool:
+    """True on a device that 10h leaves armed, motion after motion (MACC-AMB-31)."""
+    return bench.known("sync_arm_lifetime") == 2
+
+
+def _armed_still(bench: Bench, *, held: bool) -> tuple[int, ...]:
+    """The readings of a motion behind something that is not held: held itself, or not."""
+    if not held:
+        return (1,)
+    switches = bench.session.run.ledger.ambiguity_of("sync_arm_lifetime").switches
+    return tuple(one for one in range(len(switches["sync_arm_lifetime"])) if one != 1)
 
 
 def _without_preload(bench: Bench) -> int | str:
@@ -118,7 +140,7 @@ def segments_are_not_held_by_10h(session: Session) -> None:
     place = bench.position()
     session.expect(place == start + 25, "MACS-CMD-10-03", start + 25, place)
     bench.accepted(0x13, start)
-    outcome = 0 if is_held(bench, place) else 1
+    outcome = _armed_still(bench, held=is_held(bench, place))
     bench.reading("sync_arm_lifetime", outcome, "MACS-CMD-10-01")
     bench.command(0x11)
     bench.wait(0.1)
@@ -181,7 +203,7 @@ def a_preloaded_move_started_during_segments(session: Session) -> None:
     """11h while segments run: the move follows them, or starts at once, or is dropped."""
     bench = bench_of(session)
     if bench.known("sync_arm_lifetime"):
-        session.skip("segments disarm this device: nothing is left to start")
+        session.skip("this device's sync_arm_lifetime leaves nothing to start, or all")
     bench.again(sync_during_interp, ("MACS-CMD-11-01", "MACS-CMD-10-03"))
     if not bench.known("sync_during_interp"):
         start = bench.ready(0x4000)
@@ -225,7 +247,7 @@ def arming_in_motion_concerns_the_next_motion(session: Session) -> None:
     place = bench.watch(forecast, samples=2)
     bench.accepted(0x13, start)
     held = is_held(bench, place)
-    bench.reading("sync_arm_lifetime", 0 if held else 1)
+    bench.reading("sync_arm_lifetime", _armed_still(bench, held=held))
     if held:
         exchange = bench.accepted(0x11)
         bench.finish(bench.to_position(exchange, place, start))

@@ -127,9 +127,8 @@ class Talk(ABC):
     def kind_of(received: bytes) -> Kind:
         """What kind of reply these bytes are."""
 
-    @staticmethod
     @abstractmethod
-    def data_of(received: bytes) -> int | None:
+    def data_of(self, received: bytes) -> int | None:
         """The number in an answer; None for what is none."""
 
     @staticmethod
@@ -142,9 +141,8 @@ class Talk(ABC):
     def explained(sent: bytes) -> str:
         """A request in words."""
 
-    @staticmethod
     @abstractmethod
-    def told(received: bytes) -> str:
+    def told(self, received: bytes) -> str:
         """A reply in words."""
 
     def synchronise(self) -> Exchange | None:

@@ -204,12 +204,14 @@ class Talk(talk.Talk):
     @staticmethod
     def kind_of(received: bytes) -> Kind:
         """What kind of reply this frame is."""
-        return _parsed(received).kind
+        return codec.parse(unpack(received) if received else None).kind
 
-    @staticmethod
-    def data_of(received: bytes) -> int | None:
+    def data_of(self, received: bytes) -> int | None:
         """The number in an answer."""
-        return _parsed(received).data
+        return self._parsed(received).data
+
+    def _parsed(self, received: bytes) -> Reply:
+        return codec.parse(unpack(received) if received else None, self.byte_order)
 
     @staticmethod
     def named(index: int) -> str:
@@ -222,10 +224,9 @@ class Talk(talk.Talk):
         """A request in words."""
         return codec.explain(unpack(sent))
 
-    @staticmethod
-    def told(received: bytes) -> str:
+    def told(self, received: bytes) -> str:
         """A reply in words."""
-        return str(_parsed(received))
+        return str(self._parsed(received))
 
     def say(self, frame: Frame) -> Window:
         """Send a frame that is not answered; return when the modules can have heard it.
@@ -281,7 +282,3 @@ class Talk(talk.Talk):
         actual = "silence" if heard is None else codec.explain(heard.frame)
         self._judge(heard is None, requirement, f"silence after {codec.explain(frame)}", actual)
         self.alive(requirement)
-
-
-def _parsed(received: bytes) -> Reply:
-    return codec.parse(unpack(received) if received else None)

@@ -228,8 +228,7 @@ class Talk(talk.Talk):
         """What kind of reply these bytes are."""
         return codec.parse(received).kind
 
-    @staticmethod
-    def data_of(received: bytes) -> int | None:
+    def data_of(self, received: bytes) -> int | None:
         """The number in an answer."""
         return codec.answer_data(received)
 
@@ -243,8 +242,7 @@ class Talk(talk.Talk):
         """A request in words."""
         return codec.explain(sent)
 
-    @staticmethod
-    def told(received: bytes) -> str:
+    def told(self, received: bytes) -> str:
         """A reply in words."""
         return str(codec.parse(received))
 
