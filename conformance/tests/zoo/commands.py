@@ -7,6 +7,7 @@ from typing import Any
 from axistwin.devices.mac.axis import Axis
 from axistwin.devices.mac.drive import Drive
 from axistwin.devices.mac.memory_map import RATES
+from axistwin.devices.mac.module import MacModule
 from axistwin.devices.mac.parameters import Parameters
 from axistwin.devices.mac.serial import MacSerial
 from zoo.mutant import MOVING, Any_, MonkeyPatch, State, cells, frames, mutant, on, setter, wrap
@@ -69,14 +70,14 @@ def it_listens_while_it_starts(patch: MonkeyPatch) -> None:
 def every_second_start_takes_longer(patch: MonkeyPatch) -> None:
     """After 00h the module is deaf for 2 s or for 4 s in turn, which is no reading of the 2 s."""
 
-    def make(restart: Any_) -> Any_:
-        def restarting(module: MacSerial, *args: Any, **options: Any) -> Any:
+    def make(begin: Any_) -> Any_:
+        def beginning(module: MacModule, now: int) -> None:
             module._boot_ns = 6_000_000_000 - module._boot_ns
-            return restart(module, *args, **options)
+            begin(module, now)
 
-        return restarting
+        return beginning
 
-    wrap(patch, MacSerial, "_restart", make)
+    wrap(patch, MacModule, "_begin_boot", make)
 
 
 def _boots_in(patch: MonkeyPatch, boot_ns: int) -> None:
@@ -178,24 +179,18 @@ class _Whole:
 
 def _factory_reset(patch: MonkeyPatch, act: Any_) -> None:
     def make(restore: Any_) -> Any_:
-        def restoring(module: MacSerial, *rest: Any) -> Any:
-            return act(module, lambda: restore(module, *rest))
+        return lambda axis, now: act(axis, now, lambda: restore(axis, now))
 
-        return restoring
-
-    from axistwin.devices.mac import serial
-
-    patch.setitem(serial._FACE_COMMANDS, 0x01, make(serial._FACE_COMMANDS[0x01]))
+    wrap(patch, Axis, "restore_factory_values", make)
 
 
 def _keeps(name: str) -> Any_:
-    def act(module: MacSerial, go: Any_) -> Any:
-        kept = module.axis.stored[name]
-        reply = go()
-        module.axis.parameters.store(name, kept)
-        if name in module.axis.values:
-            module.axis.parameters.values[name] = kept
-        return reply
+    def act(axis: Axis, _: int, go: Any_) -> None:
+        kept = axis.stored[name]
+        go()
+        axis.parameters.store(name, kept)
+        if name in axis.values:
+            axis.parameters.values[name] = kept
 
     return act
 
@@ -210,10 +205,9 @@ def a_factory_reset_forgets_the_inferior_stop(patch: MonkeyPatch) -> None:
 def a_factory_reset_clears_the_position(patch: MonkeyPatch) -> None:
     """01h clears the counter, which is no parameter."""
 
-    def act(module: MacSerial, go: Any_) -> Any:
-        reply = go()
-        module.axis.drive.counter.set(module._etx_ns, 0)
-        return reply
+    def act(axis: Axis, now: int, go: Any_) -> None:
+        go()
+        axis.drive.counter.set(now, 0)
 
     _factory_reset(patch, act)
 
@@ -234,23 +228,25 @@ def a_factory_reset_keeps_the_rate(patch: MonkeyPatch) -> None:
 def after_a_factory_reset_it_is_deaf_for_half_a_second(patch: MonkeyPatch) -> None:
     """01h restarts four times as fast as 00h."""
 
-    def act(module: MacSerial, go: Any_) -> Any:
-        boot_ns, module._boot_ns = module._boot_ns, 500_000_000
-        reply = go()
-        wanted = module._take_over_at
-        take_over = module._take_over
+    def make(restore: Any_) -> Any_:
+        def restoring(axis: Any, now: int) -> None:
+            axis.hurries = True
+            restore(axis, now)
 
-        def taking_over(now: int) -> None:
-            module._boot_ns = 500_000_000
-            take_over(now)
-            module._boot_ns = boot_ns
+        return restoring
 
-        assert wanted
-        module._take_over = taking_over  # type: ignore[method-assign]
-        module._boot_ns = boot_ns
-        return reply
+    def make_boot(begin: Any_) -> Any_:
+        def beginning(module: MacModule, now: int) -> None:
+            begin(module, now)
+            if getattr(module.axis, "hurries", False):
+                module._boot_end = now + 500_000_000
+                module._hear_nothing(module._boot_end)
+            module.axis.hurries = False  # type: ignore[attr-defined]
 
-    _factory_reset(patch, act)
+        return beginning
+
+    wrap(patch, Axis, "restore_factory_values", make)
+    wrap(patch, MacModule, "_begin_boot", make_boot)
 
 
 # --- parameters ----------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ from axistwin.devices.mac import stops as stops_module
 from axistwin.devices.mac.acceptance import State
 from axistwin.devices.mac.axis import Axis
 from axistwin.devices.mac.drive import Drive
-from axistwin.devices.mac.serial import MacSerial
+from axistwin.devices.mac.module import MacModule
 from axistwin.devices.mac.stops import HARDWARE, Stops
 from zoo.mutant import Any_, MonkeyPatch, answers, motion_of, mutant, wrap
 
@@ -123,12 +123,12 @@ def the_reference_needs_no_enable(patch: MonkeyPatch) -> None:
 def the_reset_input_is_an_edge(patch: MonkeyPatch) -> None:
     """Held low, the module starts once and then talks again."""
 
-    def set_reset(module: MacSerial, now: int, held: bool) -> None:
+    def set_reset(module: MacModule, now: int, held: bool) -> None:
         if held and module._powered:
             module._take_over_at = 1 << 62
             module._begin_boot(now)
 
-    patch.setattr(MacSerial, "_set_reset_input", set_reset)
+    patch.setattr(MacModule, "_set_reset_input", set_reset)
 
 
 @mutant("MACS-CMD-1A-02")

@@ -63,9 +63,10 @@ def checks_of(requirement: str, model: str = "mac23") -> tuple[Check, ...]:
     return tuple(sorted(naming, key=lambda check: (check.name in LAST, len(check.requirements))))
 
 
-def run(check: str, model: str = "mac23") -> Result:
+def run(check: str, model: str = "mac23", address: int | None = None) -> Result:
     """Judge the built-in twin, as this process has it now, by one check."""
-    return Engine(make_options(model=model, ids=(check,))).run(lambda event: None)
+    options = make_options(model=model, ids=(check,), address=address)
+    return Engine(options).run(lambda event: None)
 
 
 def failed(result: Result) -> frozenset[str]:
@@ -88,6 +89,7 @@ def kills(mutant: Mutant) -> Mapping[str, str]:
                 if claim in found:
                     break
                 with suppress(Overrun), limited(LIMIT_S):
-                    fallen = failed(run(check.name, mutant.model)) & set(mutant.claims)
+                    result = run(check.name, mutant.model, mutant.address)
+                    fallen = failed(result) & set(mutant.claims)
                     found |= dict.fromkeys(fallen - found.keys(), check.name)
     return found

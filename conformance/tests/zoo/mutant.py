@@ -30,7 +30,8 @@ class Mutant:
     """One planted firmware fault.
 
     `claims`: the requirements it breaks, each of which must be seen broken.  `traps`: entries of
-    the ledger's list of traps (§8).  `model`: the twin that has the fault.
+    the ledger's list of traps (§8).  `model`: the twin that has the fault; `address`: where it is
+    judged, if not where the family's twin is.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Mutant:
     alter: Alteration
     traps: tuple[int, ...] = ()
     model: str = "mac23"
+    address: int | None = None
 
     @contextmanager
     def plant(self) -> Iterator[None]:
@@ -63,13 +65,13 @@ def _forget() -> None:
 
 
 def mutant(
-    *claims: str, traps: Sequence[int] = (), model: str = "mac23"
+    *claims: str, traps: Sequence[int] = (), model: str = "mac23", address: int | None = None
 ) -> Callable[[Alteration], Mutant]:
     """Declare the function below as a mutant: it plants the fault, its docstring describes it."""
 
     def declare(alter: Alteration) -> Mutant:
         text = " ".join((alter.__doc__ or "").split())
-        return Mutant(alter.__name__, claims, text, alter, tuple(traps), model)
+        return Mutant(alter.__name__, claims, text, alter, tuple(traps), model, address)
 
     return declare
 
