@@ -359,6 +359,7 @@ def requests_to_it_put_the_lifebeat_off(session: Session) -> None:
         return
     bench.reading("lifebeat_restart", (0, 1), "MACC-EMCY-05")
     for index in requests if session.carrier.is_virtual else requests[:1]:
+        bench.wait(SPOKEN_TO_S)  # or it could be the last message that is counted from
         own = bench.within(QUIET_S, index)
         message = beat(bench)
         if message is None:

@@ -24,6 +24,7 @@ from axistwin_conformance.mac_axis.keeping import (
 from axistwin_conformance.mac_axis.safety import STORING, deeds, objection
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench, RigBench
+from axistwin_conformance.mac_can.blame import blame
 from axistwin_conformance.mac_can.codec import Reply
 from axistwin_conformance.mac_can.reader import BusReader
 from axistwin_conformance.mac_can.talk import bus_of
@@ -216,6 +217,7 @@ FAMILY: Final = Family(
     deeds=deeds(OWN_COMMANDS, NOT_ON_CAN),
     bench=Bench,
     rig_bench=RigBench,
+    blame=blame,
     replay_module="axistwin_conformance.mac_axis.checks_sequences",
     operation_bytes=4,
     probe_modules=tuple(f"axistwin_conformance.{name}" for name in _PROBES),
