@@ -28,7 +28,7 @@ from axistwin_conformance.mac_axis.forecast import (
     slowed_down,
     speed_changed,
 )
-from axistwin_conformance.mac_axis.motion import Course, Law
+from axistwin_conformance.mac_axis.motion import Course, Law, once
 
 FIFO_STAGES: Final = 3
 TARGET_EDGE: Final = 0x40000000
@@ -98,6 +98,7 @@ SETTINGS: Final[Mapping[int, Setting]] = {
     0x1C: Setting("tolerance", lambda p: p & 0xFF),
 }
 
+Laws = tuple[Law, ...]
 Readings = Mapping[str, int]  # switch → the number of its reading, 0 the default
 
 
@@ -115,7 +116,12 @@ class AxisModel:
     preload_parameter: int = 0
     _cells: dict[tuple[int, str], str] = field(default_factory=dict)
     _fixed: dict[tuple[int, str], Kind | None] = field(default_factory=dict)
-    _rounded: tuple[Law, ...] | None = None
+    _latest_begun: Forecast | None = None
+
+    @once
+    def _rounded(self) -> Laws:
+        """Both roundings of the periods of a ramp: the fast one, the slow one."""
+        return tuple(replace(self.law, rounding=one) for one in ROUNDINGS)
 
     @property
     def leads(self) -> bool:
@@ -154,16 +160,20 @@ class AxisModel:
                 return {kind: forecast}
             if index == 0x18:
                 return {kind: forecast.halted(window)}
-            return {kind: self._followed(forecast, window, index, parameter)}
+            return {kind: self._followed(self._whole(forecast), window, index, parameter)}
         branches: dict[Kind, list[Timeline]] = {}
-        for timeline in self.forecast.timelines:
+        for timeline in self._whole(forecast).timelines:
+            is_told = False  # a row that goes on is the same from either edge
             for edge in window.edges:
                 mode = timeline.mode_at(edge)
                 now = timeline.at_rest(edge) if mode == "HD" else timeline
                 kind = self._reply(now, edge, index, parameter, self._state(mode))
                 followers = branches.setdefault(kind, [])
                 if kind is Kind.ACCEPTED and index in ACTING:
-                    followers += self._effect(now, edge, index, parameter)
+                    goes_on = index in SEGMENTS and mode != "HD"
+                    if not (goes_on and is_told):
+                        followers += self._effect(now, edge, index, parameter, self._rounded)
+                    is_told |= goes_on
                 elif not followers or followers[-1] is not now:
                     followers.append(now)
         return {kind: Forecast.of(timelines) for kind, timelines in branches.items()}
@@ -174,7 +184,41 @@ class AxisModel:
         kind = self._reply(rested.timelines[0], earliest_ns, index, parameter, self._state("HD"))
         if kind is not Kind.ACCEPTED or index not in ACTING or index in STOPPING:
             return {kind: rested}
+        if (index in MOTIONS and not self.is_armed) or index == 0x11:
+            return {kind: self._begun(rested, window, index, parameter)}
         return {kind: self._followed(rested, window, index, parameter)}
+
+    def _begun(self, rested: Forecast, window: Window, index: int, parameter: int) -> Forecast:
+        """A start, by what bounds it.
+
+        Until something changes it, no motion is ahead of the one that starts first with periods
+        rounded down, and none behind the one that starts last with periods rounded up.
+        """
+        down, up = self._rounded
+        self._latest_begun = Forecast.of(
+            [
+                follower
+                for timeline in rested.timelines
+                for edge, laws in ((window.earliest_ns, (down,)), (window.latest_ns, (up,)))
+                for follower in self._effect(timeline, edge, index, parameter, laws)
+            ]
+        )
+        return self._latest_begun
+
+    def _whole(self, forecast: Forecast) -> Forecast:
+        """A forecast in which nothing is left out: of two courses that lie between the bounds of a
+        start, one may be the extreme after a change."""
+        if forecast is not self._latest_begun:
+            return forecast
+        return Forecast.of([one for each in forecast.timelines for one in self._both(each)])
+
+    def _both(self, timeline: Timeline) -> list[Timeline]:
+        """A start from rest by both roundings; any other timeline as it is."""
+        course = timeline.course
+        if course is None or not course.coefficient or timeline.segments or not course.is_plain:
+            return [timeline]
+        mode = timeline.mode
+        return [timeline.turned(mode, course.rounded(law), ()) for law in self._rounded]
 
     def _followed(self, forecast: Forecast, window: Window, index: int, parameter: int) -> Forecast:
         """What follows a command that is obeyed, whichever history is true."""
@@ -183,7 +227,7 @@ class AxisModel:
                 follower
                 for timeline in forecast.timelines
                 for edge in window
-                for follower in self._effect(timeline, edge, index, parameter)
+                for follower in self._effect(timeline, edge, index, parameter, self._rounded)
             ]
         )
 
@@ -247,17 +291,20 @@ class AxisModel:
 
     # --- what then happens to the axis ------------------------------------------------------------
 
-    def _effect(self, now: Timeline, edge: int, index: int, parameter: int) -> list[Timeline]:
+    def _effect(
+        self, now: Timeline, edge: int, index: int, parameter: int, laws: Laws
+    ) -> list[Timeline]:
+        """What follows if the command was taken over then; a start follows each of the laws."""
         is_resting = now.mode_at(edge) == "HD"
         if index in MOTIONS and is_resting and self.is_armed:
             # Accepted now, or when 11h comes: ff may stay so long.
             return [now, now.told(0)]
         if index in MOTIONS:
-            return self._motion(now, edge, index, parameter, is_resting)
+            return self._motion(now, edge, index, parameter, laws if is_resting else ())
         if index in SEGMENTS:
             return [self._segment(now, index, parameter, edge, is_resting)]
         if index == 0x11 and is_resting and self.preloaded is not None:
-            return self._start(now, edge, self.preloaded, self.preload_parameter)
+            return self._start(now, edge, self.preloaded, self.preload_parameter, laws)
         if index == 0x17:
             return [slowed_down(now, edge)]
         if index in (0x18, 0x1A, REINITIALISE):
@@ -268,43 +315,38 @@ class AxisModel:
         return [now]
 
     def _motion(
-        self, now: Timeline, edge: int, index: int, parameter: int, is_resting: bool
+        self, now: Timeline, edge: int, index: int, parameter: int, laws: Laws
     ) -> list[Timeline]:
-        if is_resting:
-            return self._start(now, edge, index, parameter)
+        if laws:
+            return self._start(now, edge, index, parameter, laws)
         # Only 15h gets here: 13h and 14h are refused while running.
         period = parameter & 0xFFFF
         return [speed_changed(now, edge, period) if period else slowed_down(now, edge)]
 
-    def _start(self, now: Timeline, edge: int, index: int, parameter: int) -> list[Timeline]:
+    def _start(
+        self, now: Timeline, edge: int, index: int, parameter: int, laws: Laws
+    ) -> list[Timeline]:
         one = self.parameters
+        laws = laws if one.coefficient else self._rounded[:1]  # without ramp nothing is rounded
         origin = now.position_at(edge)
         if index == 0x15:
             period = parameter & 0xFFFF
             if not period:
                 return [now, now.told(0)]
             direction = _way(parameter)
-            courses = [
-                Course.endless(period, one.coefficient, law) for law in self._laws(one.coefficient)
-            ]
+            courses = [Course.endless(period, one.coefficient, law) for law in laws]
         else:
             target = 0 if index == 0x14 else signed(parameter)
             direction = (target > origin) - (target < origin)
             courses = [
                 Course.to_position(abs(target - origin), one.period, one.coefficient, law)
-                for law in self._laws(one.coefficient)
+                for law in laws
             ]
         mode = "VE" if index == 0x15 else "PO"
         return [
             Timeline(mode, origin, edge, direction, course, stops=one.limits, leads=self.leads)
             for course in courses
         ]
-
-    def _laws(self, coefficient: int) -> tuple[Law, ...]:
-        """Both roundings of the periods of a ramp; without ramp nothing is rounded."""
-        if self._rounded is None:
-            self._rounded = tuple(replace(self.law, rounding=one) for one in ROUNDINGS)
-        return self._rounded if coefficient else self._rounded[:1]
 
     def _segment(
         self, now: Timeline, index: int, parameter: int, edge: int, is_resting: bool

@@ -20,7 +20,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import accumulate, pairwise
+from itertools import pairwise
 from typing import Any, Final, Generic, Self, TypeVar, overload
 
 TICK_NS: Final = 125
@@ -91,9 +91,15 @@ class Profile:
     @once
     def _starts(self) -> tuple[list[int], list[int]]:
         """Steps and ticks at which each run begins."""
-        finite = [run for run in self.runs if run.count is not None]
-        steps = [0, *accumulate(run.count or 0 for run in finite)]
-        ticks = [0, *accumulate((run.count or 0) * run.period for run in finite)]
+        done, passed = 0, 0
+        steps, ticks = [0], [0]
+        for run in self.runs:
+            if run.count is None:
+                break
+            done += run.count
+            passed += run.count * run.period
+            steps.append(done)
+            ticks.append(passed)
         return steps, ticks
 
     @once
@@ -260,6 +266,17 @@ class Course:
     def endless(cls, period: int, coefficient: int, law: Law) -> Course:
         """A 15h from rest."""
         return cls(climb_and_cruise(period, coefficient, law), period, coefficient, law)
+
+    @property
+    def is_plain(self) -> bool:
+        """True if nothing has changed it since it began."""
+        return self.changed_at is None and self.descent_at is None
+
+    def rounded(self, law: Law) -> Course:
+        """A plain course, as another rounding makes it."""
+        if self.distance is None:
+            return Course.endless(self.base, self.coefficient, law)
+        return Course.to_position(self.distance, self.base, self.coefficient, law)
 
     def _climbed(self, done: int) -> int:
         """The ramp counter j after `done` increments, none of them of a descent."""
