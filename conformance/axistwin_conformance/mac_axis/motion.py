@@ -142,19 +142,21 @@ class Profile:
 
     def first(self, steps: int) -> Profile:
         """The first `steps` increments only."""
-        left, kept = steps, []
-        for run in self.runs:
-            if run.count is None or run.count > left:
-                kept.append(Run(left, run.period))
-                break
-            kept.append(run)
-            left -= run.count
-        return Profile(_tidy(kept))
+        first_steps, first_ticks = self._starts
+        at = bisect_right(first_steps, steps) - 1
+        left = steps - first_steps[at]
+        if at == len(self.runs) or not left:
+            return Profile(self.runs[:at])
+        last = Run(left, self.runs[at].period)
+        shorter = Profile((*self.runs[:at], last))
+        passed = first_ticks[at] + left * last.period
+        vars(shorter)["_starts"] = [*first_steps[: at + 1], steps], [*first_ticks[: at + 1], passed]
+        return shorter
 
     def then(self, more: Iterable[Run]) -> Profile:
         """This motion, which must have an end, and then `more`."""
         assert not self.is_endless, "nothing follows an endless run"
-        return Profile(_tidy([*self.runs, *more]))
+        return Profile(self.runs + _tidy(more))
 
 
 def _tidy(runs: Iterable[Run]) -> tuple[Run, ...]:
