@@ -374,6 +374,7 @@ def test_each_built_in_twin_is_on_a_bus_of_its_own() -> None:
     """Two runs in one process, or the twin to shrink on beside another, have nothing in common."""
     url = FAMILY.twin_url("mac23-can", 1, ())
     one, other = (FAMILY.open(url, None, is_builtin=True) for _ in range(2))
+    assert one.description == other.description == url, "it opens a third"
     one.twins[0].power_off()
     assert other.twins[0].state != one.twins[0].state
     one.close()

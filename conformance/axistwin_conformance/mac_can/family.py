@@ -146,12 +146,14 @@ def twin_url(model: str, address: int, neighbours: tuple[int, ...]) -> str:
 def open_bus(url: str, rate: int | None, *, is_builtin: bool = False) -> CanTarget:
     """Open INTERFACE:CHANNEL, at that bit rate if one is given; the built-in twin on a bus of its
     own, however many of its kind are open in this process."""
-    return open_can_target(
+    target = open_can_target(
         f"{url}&bus=suite{next(_BUSES)}" if is_builtin else url,
         bitrate=rate or (TWIN_BITRATE if is_builtin else None),
         is_spontaneous=codec.is_spontaneous,
         is_builtin=is_builtin,
     )
+    target.description = url  # which opens another such bus
+    return target
 
 
 _BUSES: Final = itertools.count()
@@ -160,6 +162,7 @@ TWIN_BITRATE: Final = 125_000  # of the built-in twin, unless another one is ask
 _CHECKS: Final = (
     "mac_can.checks_identifiers",
     "mac_can.checks_transfers",
+    "mac_can.checks_malformed",
     "mac_can.checks_messages",
     "mac_can.checks_sync_frames",
     "mac_axis.checks_queries",
