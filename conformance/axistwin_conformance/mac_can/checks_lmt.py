@@ -17,12 +17,15 @@ from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench, RigBench
 from axistwin_conformance.mac_can.checks_messages import (
     await_boot_up,
+    beat,
     boot_patience_s,
+    is_free,
+    judge_due,
     judge_form,
     judge_time,
     restart,
+    silenced,
 )
-from axistwin_conformance.mac_can.checks_transfers import TORQUE
 from axistwin_conformance.mac_can.hearing import replies, slack_ns, told
 from axistwin_conformance.mac_can.probes_destructive import (
     ALONE,
@@ -33,6 +36,8 @@ from axistwin_conformance.mac_can.probes_destructive import (
     configure,
     give_address,
 )
+from axistwin_conformance.mac_can.probes_messages import LIFEBEAT_S
+from axistwin_conformance.mac_can.settings import TORQUE
 from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
@@ -137,7 +142,8 @@ def procedure(bench: Bench, new: int, length: int = codec.TRANSFER_BYTES) -> Non
     configure(bench, codec.lmt_leave(length))
     boot_up, _ = await_boot_up(bench, address=new)
     is_there = boot_up is not None and answers(bench, new)
-    bench.session.expect(is_there, "MACC-LMT-01", f"boots and answers as {new}", "does not")
+    names = ("MACC-LMT-01", "MACC-LMT-04")
+    bench.session.expect(is_there, names, f"boots and answers as {new}", "does not")
     bench.address = new
     if old != new:
         bench.session.step(not answers(bench, old), f"silence at {old}", "an answer")
@@ -204,7 +210,6 @@ def addresses_at_the_bounds_can_be_had(session: Session) -> None:
     with address_put_back(bench):
         for new in BOUNDS:
             procedure(bench, new)
-            session.expect(True, "MACC-LMT-04", f"answers as {new}", "")
 
 
 @check("MACC-LMT-04", "MACC-LMT-01", safety=DESTRUCTIVE, needs=("alone", "virtual"), level="full")
@@ -215,7 +220,6 @@ def every_address_can_be_had(session: Session) -> None:
     with address_put_back(bench):
         for new in reversed(codec.ADDRESSES):
             procedure(bench, new)
-            session.expect(True, "MACC-LMT-04", f"answers as {new}", "")
 
 
 @check("MACC-LMT-01", safety=DESTRUCTIVE, needs=ALONE)
@@ -376,8 +380,9 @@ def other_lmt_services_are_ignored(session: Session) -> None:
         configure(bench, codec.lmt_leave())
         boot_up, _ = await_boot_up(bench, address=new)
         session.expect(
-            boot_up is not None and answers(bench, new), "MACC-LMT-03", f"as {new}", "silence"
-        )
+            boot_up is not None and answers(bench, new), ("MACC-LMT-09", "MACC-LMT-03"),
+            f"as {new}", "silence",
+        )  # fmt: skip
 
 
 def _judge_service(bench: Bench, service: int, *, is_configuring: bool) -> None:
@@ -390,6 +395,24 @@ def _judge_service(bench: Bench, service: int, *, is_configuring: bool) -> None:
         is_telling = is_configuring and service in REPLIED_BY_THE_CONVENTION
         outcome = 0 if is_telling and not bench.known("lmt_other") else (0, 1)
     bench.reading("lmt_other", outcome, "MACC-LMT-09")
+
+
+@check("MACC-EMCY-05", safety=DESTRUCTIVE, needs=ALONE)
+def the_address_procedure_does_not_put_the_lifebeat_off(session: Session) -> None:
+    """Ten seconds after the module's own last request it speaks, whatever came on 7E5h since."""
+    bench = Bench(session)
+    if silenced(bench) or is_free(bench):
+        session.skip("it sends no such message, or sends it in any case")
+    bench.at_rest()
+    with address_put_back(bench):
+        own = bench.ask(0x20).taken
+        bench.target.take_spontaneous()
+        bench.wait(LIFEBEAT_S / 2)
+        configure(bench, codec.lmt_enter())
+        message = beat(bench)
+        if message is None:
+            session.fail(None, "a lifebeat", "none")
+        judge_due(bench, own, message, "MACC-EMCY-05")
 
 
 # --- what the address is for ---------------------------------------------------------------------
@@ -472,5 +495,7 @@ def _reset_to_factory(bench: Bench) -> bool:
     outcome: int | str = {Kind.ACCEPTED: 0, Kind.SILENCE: 1}.get(exchange.kind, str(exchange.reply))
     bench.reading("reset_reply", outcome, "MACC-CMD-01-01")
     boot_up, _ = await_boot_up(bench, boot_patience_s(bench), FACTORY_ADDRESS)
-    bench.address = FACTORY_ADDRESS
+    old, bench.address = bench.address, FACTORY_ADDRESS
+    is_old = old != FACTORY_ADDRESS and bench.boot_up(0, old) is not None
+    bench.session.expect(not is_old, "MACC-CMD-01-02", f"no boot-up message as {old}", "one")
     return boot_up is not None

@@ -6,12 +6,13 @@ from, until it has been quiet for a while.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Final
 
 from axistwin_conformance.can_frame import Frame
 from axistwin_conformance.can_target import Arrival
 from axistwin_conformance.mac_axis.bench import CLOCK_ERROR, QUIET_S, Part
+from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
 from axistwin_conformance.mac_can.codec import Reply, Request
@@ -89,6 +90,29 @@ def reply_frame(one: Request, command: int, data: bytes = codec.ZEROS) -> Frame:
     """The reply to a request that has this first byte: what was named repeated, then the data."""
     head = bytes([command, one.index_low, one.index_high, one.sub_index])
     return Frame(codec.REPLY + one.address, head + data)
+
+
+def with_a_reason(bench: Bench, reply: Reply) -> str:
+    """What is wrong with a refusal beside the reading of MACC-AMB-17 it shows."""
+    is_bare = bench.session.reading("abort_code_form") == "zeros" and reply.abort_code
+    return f"{reply}, on a module whose refusals carry zeros" if is_bare else ""
+
+
+def outcome_of(bench: Bench, one: Request, readings: Mapping[Kind, int]) -> int | str:
+    """Which reading one reply, or none, to a request stands for; else what came."""
+    heard = replies(bench, one.frame(), is_awaited=False)
+    if len(heard) > 1:
+        return told(heard)
+    reply = codec.parse(heard[0] if heard else None, bench.byte_order)
+    if heard:
+        own = codec.REPLY + bench.address
+        flaw = codec.mismatch(one, heard[0]) or (
+            "" if heard[0].identifier == own else "not its own"
+        )
+        flaw = flaw or (with_a_reason(bench, reply) if reply.kind is Kind.REFUSED else "")
+        if flaw:
+            return f"{heard[0]}: {flaw}"
+    return readings.get(reply.kind, str(reply))
 
 
 # --- what is said unasked, and when --------------------------------------------------------------
