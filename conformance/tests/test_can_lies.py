@@ -248,7 +248,7 @@ LIES: dict[str, Lie] = {
     "boot-up has another byte": (
         "a_reset_is_answered_and_ends_with_one_boot_up_message",
         {"says": instead(is_boot_up, lambda one: Frame(one.identifier, b"\x7f"))},
-        "MACC-BOOT-01",
+        "MACC-BOOT-02",
     ),
     "a reset resets all": (
         "a_reset_is_answered_and_ends_with_one_boot_up_message",

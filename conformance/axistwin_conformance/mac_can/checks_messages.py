@@ -38,6 +38,7 @@ SPOKEN_TO_S: Final = 3.0  # between requests that keep a lifebeat away
 SPOKEN_TO_TIMES: Final = 8
 ALMOST_S: Final = 9.99  # as late as that a request still puts it off
 TRAFFIC_S: Final = 1.0  # between frames that are not for this module
+SELDOM_S: Final = 30.0  # a module that says nothing after ten seconds says nothing in these either
 AFTERWARDS_S: Final = 3.0  # what is said twice is said again by then
 EDGE_S: Final = 0.02  # before the boot-up message, where a request must be lost
 # What MACC-BOOT-04 leaves to MACC-AMB-25, unless the device was found to take another time.
@@ -141,6 +142,9 @@ def a_reset_is_answered_and_ends_with_one_boot_up_message(session: Session) -> N
     reply = one.exchange.reply
     outcome: int | str = {Kind.ACCEPTED: 0, Kind.SILENCE: 1}.get(reply.kind, str(reply))
     bench.reading("reset_reply", outcome, "MACC-CMD-00-02")
+    strange = [str(early.frame) for early in one.before if not codec.is_emergency(early.frame)]
+    if one.boot_up is None and strange:
+        session.fail("MACC-BOOT-02", "00h under 700h plus the address", " ".join(strange))
     session.expect(
         one.boot_up is not None, ("MACC-BOOT-01", "MACC-CMD-00-01"), "a boot-up message", "none"
     )
@@ -158,6 +162,11 @@ def a_reset_is_answered_and_ends_with_one_boot_up_message(session: Session) -> N
     others = [other for other in session.neighbours if bench.boot_up(0, other) is not None]
     session.expect(not again, "MACC-BOOT-01", "one boot-up message", f"{1 + len(again)} of them")
     session.expect(not others, "MACC-BOOT-01", "no other module restarts", f"{others} as well")
+    late = bench.target.receive(codec.is_reply, 0)
+    session.expect(
+        late is None, "MACC-CMD-00-02", "no reply but the one before the restart",
+        "none" if late is None else str(late.frame),
+    )  # fmt: skip
     bench.alive("MACC-CMD-00-01")
 
 
@@ -297,6 +306,8 @@ def a_lifebeat_comes_every_ten_seconds_of_silence(session: Session) -> None:
     bench.must(Kind.ANSWER, own)
     status = own.reply.data.to_bytes(4, "big")
     message = beat(bench)
+    if message is None:
+        _judge_silence(bench)
     if message is None or silenced(bench):
         came = "a message of a module found to send none"
         bench.reading("emcy_payload", 3 if message is None else came, "MACC-EMCY-01")
@@ -316,6 +327,16 @@ def a_lifebeat_comes_every_ten_seconds_of_silence(session: Session) -> None:
         )
         message = following
     bench.alive("MACC-EMCY-01")
+
+
+def _judge_silence(bench: Bench) -> None:
+    """Judge that a module without a lifebeat has none later, or under SYNC's identifier, either."""
+    late = bench.emergency(SELDOM_S)
+    stray = bench.target.receive(lambda frame: frame.identifier == codec.SYNC, 0)
+    came = " ".join(str(one.frame) for one in (late, stray) if one is not None)
+    bench.session.expect(
+        not came, ("MACC-EMCY-01", "MACC-EMCY-03"), "a message after ten seconds, or none", came
+    )
 
 
 def _restarted_by(
@@ -353,6 +374,7 @@ def requests_to_it_put_the_lifebeat_off(session: Session) -> None:
         gaps = [later.time_ns - one.time_ns for one, later in pairwise(heard)]
         slack = slack_ns(bench, LIFEBEAT_NS)
         is_regular = all(abs(gap - LIFEBEAT_NS) <= slack for gap in gaps)
+        is_regular &= len(heard) >= int(SPOKEN_TO_S * SPOKEN_TO_TIMES / LIFEBEAT_S)
         came = f"{len(heard)} messages amid requests"
         bench.reading("lifebeat_restart", 2 if is_regular else came, "MACC-EMCY-05")
         session.expect(is_regular, "MACC-EMCY-01", "every ten seconds", came)

@@ -148,10 +148,14 @@ def sync_neither_arms_nor_spends_what_is_armed(session: Session) -> None:
     session.expect(is_held(bench, start + 5), "MACC-SYNC-04", start + 5, bench.position())
     forecast = bench.go(start + STEPS)
     bench.watch(forecast, "MACC-SYNC-04", samples=3)
-    bench.accepted(0x18)
-    preload(bench, 0x13, start)
+    bench.at_rest()
+    place = bench.position()
+    bench.accepted(0x10)
+    bench.say(codec.sync())
+    bench.accepted(0x13, start)
+    session.expect(is_held(bench, place), "MACC-SYNC-04", f"held at {place}", bench.position())
     exchange = started(bench, codec.sync())
-    bench.finish(bench.to_position(exchange, start + STEPS, start), "MACC-SYNC-01")
+    bench.finish(bench.to_position(exchange, place, start), "MACC-SYNC-01")
 
 
 @check("MACC-SYNC-05", safety=MOVES)
