@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from axistwin_conformance.mac_axis.bench import QUIET_S, Bench, Sample
+from axistwin_conformance.mac_axis.bench import Bench, Sample
 from axistwin_conformance.mac_axis.dialogue import Kind, signed
 from axistwin_conformance.mac_axis.forecast import RESTING, Forecast, Timeline, Window
 from axistwin_conformance.mac_axis.model import (
@@ -311,7 +311,7 @@ class Sequence:
     def lost(self, request: Any, wanted: Kind, name: str) -> None:
         """Send a request that must not be executed and gets just that reply; `name`: the
         requirement that says so."""
-        exchange = self.bench.send(request, QUIET_S)
+        exchange = self.bench.in_vain(request)
         self._log.append((exchange.request, exchange.reply.raw))
         if exchange.kind is not wanted:
             raise Mismatch(name, wanted.value, str(exchange.reply))

@@ -169,6 +169,10 @@ class Talk(ABC):
         """Send a command or a query to which nothing need come; wait so long for a reply."""
         return self.send(self.request(index, parameter), timeout_s)
 
+    def in_vain(self, request: Any) -> Exchange:
+        """Send a request that must not be obeyed, and listen for `QUIET_S`."""
+        return self.send(request, QUIET_S)
+
     def ask(self, index: int, sub_index: int = 0) -> Exchange:
         """Send a query."""
         return self.command(index, 0, sub_index)

@@ -13,7 +13,7 @@ from typing import ClassVar, Final
 from axistwin_conformance.mac_axis import talk
 from axistwin_conformance.mac_axis.dialogue import QUERIES, Kind
 from axistwin_conformance.mac_axis.forecast import Window
-from axistwin_conformance.mac_axis.talk import Exchange
+from axistwin_conformance.mac_axis.talk import QUIET_S, Exchange
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.codec import Reply, Request
 from axistwin_conformance.session import ATTEMPTS, Session
@@ -29,6 +29,7 @@ REPEATABLE: Final = frozenset(
      0x04, 0x05, 0x06, 0x12, 0x1D, 0x1F}
 )  # fmt: skip
 NACK_BY_ALL: Final = "any"
+NACK_BYTES: Final = 1
 MAY_BE_SILENT: Final = frozenset({0x00, 0x01, 0x08, 0x1B})  # MACS-AMB-20, §6
 OTHER_DIGITS: Final = {0x21: 2, 0x23: 2}  # MACS-AMB-03, -04
 GLANCE_BYTES: Final = codec.REQUEST_BYTES + 12  # a query, and the reply as far as its data
@@ -134,6 +135,19 @@ class Talk(talk.Talk):
                 self._noted.add(reply.final)
                 self._note_spelling(reply)
         return received, self._window(sent_ns, len(data), len(received), done_ns)
+
+    def in_vain(self, request: Request | bytes) -> Exchange:
+        """See `talk.Talk.in_vain`; a Nack at most is expected, where nothing disturbs."""
+        if not self.target.is_direct:
+            return super().in_vain(request)
+        data = request if isinstance(request, bytes) else request.encode()
+        received, taken = self.exchange(data, NACK_BYTES, QUIET_S)
+        while received and (count := codec.missing_bytes(received)) > 0:
+            arrived = self.target.receive(count, QUIET_S)
+            if not arrived:
+                break
+            received += arrived
+        return Exchange(data, codec.parse(received), taken)
 
     def _window(self, sent_ns: int, sent: int, received: int, done_ns: int) -> Window:
         """When the module can have taken over a request of `sent` bytes."""
