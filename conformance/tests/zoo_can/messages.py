@@ -85,7 +85,7 @@ def it_is_operational_at_once(patch: MonkeyPatch) -> None:
     _boot_ups(patch, lambda send, module, identifier, data, now: send(identifier, b"\x05", now))
 
 
-@can_mutant("MACC-BOOT-02")
+@can_mutant("MACC-BOOT-01")
 def the_boot_up_message_has_no_address(patch: MonkeyPatch) -> None:
     """It comes under 700h, whoever sends it."""
     _boot_ups(patch, lambda send, module, identifier, data, now: send(BOOT_UP, data, now))
@@ -335,39 +335,32 @@ def a_lifebeat_tells_the_status_of_the_start(patch: MonkeyPatch) -> None:
 
 
 @can_mutant("MACC-EMCY-04")
-def both_warnings_have_one_code(patch: MonkeyPatch) -> None:
-    """Too low a supply is told as too high a one."""
-    _codes(patch, lambda code, register: (0x3210 if code == 0x3220 else code, register))
+def a_lifebeat_has_no_code(patch: MonkeyPatch) -> None:
+    """The code is told when it changes; a lifebeat has code 0 and the status."""
+
+    def act(go: Any_, module: Any, now: int) -> None:
+        module.is_lifebeat = True
+        go()
+        module.is_lifebeat = False
+
+    def error(go: Any_, module: Any) -> Any:
+        return (0, 0) if getattr(module, "is_lifebeat", False) else go()
+
+    around(patch, "_lifebeat", act)
+    around(patch, "_error", error)
 
 
 @can_mutant("MACC-EMCY-04")
-def error_codes_are_big_endian(patch: MonkeyPatch) -> None:
-    """The code is told like a parameter, its high byte first."""
-    _codes(patch, lambda code, register: ((code & 0xFF) << 8 | code >> 8, register))
+def the_first_error_keeps_the_code(patch: MonkeyPatch) -> None:
+    """While there is an error, a graver one that comes does not change the code."""
 
-
-@can_mutant("MACC-EMCY-04")
-def the_error_register_is_1(patch: MonkeyPatch) -> None:
-    """The register tells that there is an error and not of what kind."""
-    _codes(patch, lambda code, register: (code, min(register, 1)))
-
-
-@can_mutant("MACC-EMCY-04")
-def heat_has_no_priority(patch: MonkeyPatch) -> None:
-    """Of several errors the supply's is told, not the temperature's."""
-
-    def act(go: Any_, module: MacCan) -> tuple[int, int]:
-        word = module.axis.faults.word
-        for bits, code, register in reversed(module._codes):
-            if word & bits:
-                return code, register
-        return 0, 0
+    def act(go: Any_, module: Any) -> Any:
+        before = getattr(module, "first_error", (0, 0))
+        now = go()
+        module.first_error = before if before != (0, 0) and now != (0, 0) else now
+        return module.first_error
 
     around(patch, "_error", act)
-
-
-def _codes(patch: MonkeyPatch, change: Any_) -> None:
-    around(patch, "_error", lambda go, module: change(*go()))
 
 
 def _told_only(patch: MonkeyPatch, is_told: Any_) -> None:
@@ -551,18 +544,6 @@ def sync_starts_20_ms_late(patch: MonkeyPatch) -> None:
 
     around(patch, "_sync", act)
     wrap(patch, Axis, "_start_held", make)
-
-
-@can_mutant("MACC-SYNC-01")
-def sync_leaves_the_motion_preloaded(patch: MonkeyPatch) -> None:
-    """What SYNC has started can be started again by the next one."""
-
-    def act(go: Any_, module: MacCan, data: bytes) -> None:
-        held = module.axis._preload
-        go()
-        module.axis._preload = held
-
-    around(patch, "_sync", act)
 
 
 @can_mutant("MACC-SYNC-05")

@@ -203,8 +203,8 @@ def address_0_is_acknowledged(patch: MonkeyPatch) -> None:
 
 
 @can_mutant("MACC-LMT-05")
-def a_bad_address_makes_it_module_1(patch: MonkeyPatch) -> None:
-    """An impossible address is answered with 11 01 00, and 1 taken instead of it."""
+def a_bad_address_counts_as_99(patch: MonkeyPatch) -> None:
+    """An impossible address is answered with 11 01 00, and 99 taken instead of it."""
 
     def act(go: Any_, module: MacCan, address: int) -> None:
         go()
@@ -251,19 +251,6 @@ def without_an_address_it_stays_in_the_mode(patch: MonkeyPatch) -> None:
     def act(go: Any_, module: MacCan) -> None:
         if module._given_address is not None:
             go()
-
-    _leaving(patch, act)
-
-
-@can_mutant("MACC-LMT-07")
-def without_an_address_the_last_one_counts_again(patch: MonkeyPatch) -> None:
-    """04 01, 04 00 without an address leaves the mode and says boot-up, but does not restart."""
-
-    def act(go: Any_, module: MacCan) -> None:
-        was = module._configures and module._given_address is None
-        go()
-        if was:
-            module._send(BOOT_UP + module.address, b"\0", module._now)
 
     _leaving(patch, act)
 
@@ -379,53 +366,31 @@ def a_reset_acknowledges_nothing(patch: MonkeyPatch) -> None:
 
 
 @can_mutant("MACC-CMD-01-02")
-def factory_values_come_without_a_restart_of_their_own(patch: MonkeyPatch) -> None:
-    """2001h restarts without a boot-up message."""
+def factory_values_are_announced_by_the_old_address(patch: MonkeyPatch) -> None:
+    """After 2001h the boot-up message has the address that the module had before."""
 
-    def act(go: Any_, module: Any, request: bytes) -> Any:
-        module.is_silent = request[:3] == b"\x23\x01\x20"
-        return go()
+    def act(serve: Any_, module: Any, request: bytes) -> Any:
+        module.announced = module.address if request[:3] == b"\x23\x01\x20" else None
+        return serve()
 
     def sending(send: Any_, module: Any, identifier: int, data: bytes, now: int) -> Any:
-        if BOOT_UP < identifier < 0x780 and getattr(module, "is_silent", False):
-            return None
+        old = getattr(module, "announced", None)
+        if BOOT_UP < identifier < 0x780 and old is not None:
+            module.announced = None
+            return send(BOOT_UP + old, data, now)
         return send(identifier, data, now)
 
     around(patch, "_serve", act)
     sends(patch, sending)
 
 
-@can_mutant("MACC-CMD-01-01", "MACC-CMD-01-02")
-def factory_values_make_it_module_2(patch: MonkeyPatch) -> None:
-    """The address from the factory is 2."""
-    _factory_address(patch, lambda before: 2 if before != 2 else 3)
-
-
-@can_mutant("MACC-CMD-01-01", "MACC-CMD-01-02")
-def factory_values_leave_the_address(patch: MonkeyPatch) -> None:
-    """2001h keeps the address, which is no parameter."""
-    _factory_address(patch, lambda before: before)
-
-
-def _factory_address(patch: MonkeyPatch, choose: Any_) -> None:
-    def make(restore: Any_) -> Any_:
-        def restoring(axis: Axis, now: int) -> None:
-            before = axis.stored["address"]
-            restore(axis, now)
-            axis.parameters.store("address", choose(before))
-
-        return restoring
-
-    wrap(patch, Axis, "restore_factory_values", make)
-
-
 @can_mutant("MACC-CMD-01-01")
-def factory_values_leave_the_modes(patch: MonkeyPatch) -> None:
-    """2001h leaves stops mode and tolerance as they were."""
+def factory_values_leave_ramp_and_torque(patch: MonkeyPatch) -> None:
+    """2001h leaves ramp and torque limit as they were."""
 
     def make(restore: Any_) -> Any_:
         def restoring(axis: Axis, now: int) -> None:
-            kept = {name: axis.stored[name] for name in ("stops", "tolerance")}
+            kept = {name: axis.stored[name] for name in ("ramp", "torque")}
             restore(axis, now)
             for name, value in kept.items():
                 axis.parameters.store(name, value)
@@ -468,7 +433,7 @@ def the_torque_limit_is_not_stored(patch: MonkeyPatch) -> None:
     wrap(patch, Parameters, "store", make)
 
 
-@can_mutant("MACC-STATE-02", "MACC-BOOT-01")
+@can_mutant("MACC-BOOT-01")
 def released_from_reset_it_says_nothing(patch: MonkeyPatch) -> None:
     """When the reset input opens, the module starts without a boot-up message."""
 
