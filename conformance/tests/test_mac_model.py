@@ -182,3 +182,19 @@ def test_a_row_made_segment_by_segment_is_the_row_made_at_once() -> None:
         grown = grown.followed_by(one)
     assert grown == whole
     assert grown.legs == whole.legs
+
+
+def test_an_axis_abandoned_in_a_window_may_stand_where_it_turned_round_in_it() -> None:
+    """Two segments there and back, dropped at nobody knows what time: the turning place counts."""
+    for index in (0x00, 0x18, 0x1A):
+        axis = model()
+        tell(axis, 0x16, segment(20, PERIOD), at(0))
+        tell(axis, 0x16, segment(-30, PERIOD), at(0.1))
+        tell(axis, index, 0, at(1, 3.5))  # between +10 and -5, over +20
+        lowest, highest = axis.bounds(at(100))
+        assert (lowest, highest) == (-5, 20), f"{index:02X}h"
+        axis = model()
+        tell(axis, 0x16, segment(20, PERIOD), at(0))
+        tell(axis, 0x16, segment(-30, PERIOD), at(0.1))
+        tell(axis, index, 0, at(1, 500))  # or when all is over
+        assert axis.bounds(at(1000)) == (-10, 20), f"{index:02X}h"

@@ -138,6 +138,15 @@ class Timeline:
             place, now_ns = leg.final, now_ns + segment.duration_ns
         return tuple(legs)
 
+    def turns_in(self, window: Window) -> tuple[int, ...]:
+        """The edges of a window, and when the axis may turn round in between: its extreme places
+        are at some of these."""
+        if not self.segments:
+            return window
+        ends_ns = [leg.end_ns for leg in self.legs if leg.end_ns is not None]
+        earliest_ns, latest_ns = window
+        return (*window, *[end_ns for end_ns in ends_ns if earliest_ns < end_ns < latest_ns])
+
     def _cut(self, leg: Leg) -> tuple[Leg, bool]:
         """Cut the leg at the first step beyond a software stop in its direction (§5.8)."""
         if self.stops is None or leg.direction == 0:
@@ -402,11 +411,17 @@ class Forecast:
         """18h was taken over in the window: the axis stands where it is (§5.7)."""
         told = {(timeline.ff, timeline.doubt) for timeline in self.timelines}
         if window.latest_ns >= self.steady_until_ns or len(told) > 1:
-            return self.map(window, lambda timeline, edge: timeline.at_rest(edge))
+            return Forecast.of(
+                [one.at_rest(moment) for one in self.timelines for moment in one.turns_in(window)]
+            )
         # Nothing but the place differs, and only how far it may be on either side counts.
-        places = {one.position_at(edge): (one, edge) for one in self.timelines for edge in window}
+        places = {
+            one.position_at(moment): (one, moment)
+            for one in self.timelines
+            for moment in one.turns_in(window)
+        }
         extremes = (places[min(places)], places[max(places)])
-        return Forecast.of([one.at_rest(edge) for one, edge in extremes])
+        return Forecast.of([one.at_rest(moment) for one, moment in extremes])
 
     def changed(self, window: Window, period: int) -> Forecast:
         """15h with a new period was taken over in the window, during 13h, 14h or 15h."""

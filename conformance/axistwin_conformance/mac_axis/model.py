@@ -38,6 +38,7 @@ DROPPING: Final = (0x17, 0x18, 0x1A)
 REINITIALISE: Final = 0x00
 NOT_BUSY: Final = frozenset({False})
 STOPPING: Final = frozenset(DROPPING)
+ABANDONING: Final = frozenset({0x18, 0x1A, REINITIALISE})  # the axis stays where it then is
 ACTING: Final = frozenset({*MOTIONS, *SEGMENTS, *DROPPING, REINITIALISE, 0x0B, 0x11})  # on the axis
 
 
@@ -164,7 +165,7 @@ class AxisModel:
         branches: dict[Kind, list[Timeline]] = {}
         for timeline in self._whole(forecast).timelines:
             is_told = False  # a row that goes on is the same from either edge
-            for edge in window.edges:
+            for edge in self._moments(timeline, window, index):
                 mode = timeline.mode_at(edge)
                 now = timeline.at_rest(edge) if mode == "HD" else timeline
                 kind = self._reply(now, edge, index, parameter, self._state(mode))
@@ -226,10 +227,15 @@ class AxisModel:
             [
                 follower
                 for timeline in forecast.timelines
-                for edge in window
+                for edge in self._moments(timeline, window, index)
                 for follower in self._effect(timeline, edge, index, parameter, self._rounded)
             ]
         )
+
+    @staticmethod
+    def _moments(timeline: Timeline, window: Window, index: int) -> tuple[int, ...]:
+        """The instants of a window that bound what follows a command."""
+        return timeline.turns_in(window) if index in ABANDONING else window
 
     def _content(self, index: int, state: str) -> str:
         """The cell of the acceptance table, in the readings of this device."""
@@ -307,7 +313,7 @@ class AxisModel:
             return self._start(now, edge, self.preloaded, self.preload_parameter, laws)
         if index == 0x17:
             return [slowed_down(now, edge)]
-        if index in (0x18, 0x1A, REINITIALISE):
+        if index in ABANDONING:
             rest = now.at_rest(edge)
             return [rest.told(0) if index == REINITIALISE else rest]
         if index == 0x0B:
