@@ -164,6 +164,15 @@ def test_a_frame_that_is_too_short_counts_as_padded(bus: Bus, length: int) -> No
     assert bus.holds_back(fast) is False, "without its last byte it has no period"
 
 
+def test_a_short_frame_asks_a_device_that_ignores_them_for_nothing(bus: Bus) -> None:
+    """Or each one would leave another doubt behind, of a counter cleared or not."""
+    bus.readings["short_frame"] = "ignore"
+    axes = dict(bus.fence.axes)
+    for index, parameter in ((0x0B, 0), (0x13, 0x00ABCDEF), (0x16, 0x7FFF1000)):
+        bus.send(replace(bus.request(index, parameter), length=7).frame())
+    assert bus.fence.axes == axes
+
+
 def test_another_command_byte_counts_as_a_download(bus: Bus) -> None:
     """What a device makes of 22h is a reading."""
     assert bus.holds_back(replace(bus.request(0x13, 0x00ABCDEF), command=0x22).frame())

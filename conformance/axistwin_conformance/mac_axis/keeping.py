@@ -150,9 +150,10 @@ def _remembered(bench: Bench) -> Memory:
 
 
 def _read(bench: Bench) -> Memory:
+    position = signed(_read_one(bench, 0x20))  # first: of an axis in no known place nothing is kept
     speeds, modes = _read_one(bench, 0x25), _read_one(bench, 0x26)
     return Memory(
-        position=signed(_read_one(bench, 0x20)),
+        position=position,
         superior=_read_one(bench, 0x22),
         inferior=_read_one(bench, 0x23),
         catch_up=speeds >> 24,

@@ -65,10 +65,11 @@ def _write_torque(bench: Bench, order: int, value: int) -> None:
 
 
 def _learnt(bench: Bench, order: int) -> int:
-    """What was remembered before this was known is read again; nothing has changed yet."""
+    """What was remembered before this was known is read again; nothing has changed yet, and the
+    fence has learnt nothing until now."""
     run = bench.session.run
-    if order == LITTLE and run.memory is not None:
-        run.readings["can_byte_order"] = "little"
+    if run.memory is not None:
+        run.readings["can_byte_order"] = ("big", "little")[order]
         run.memory = run.family.remember(bench.session)
     return order
 

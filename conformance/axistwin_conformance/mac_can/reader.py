@@ -22,8 +22,9 @@ class BusReader:
     """Reads what is sent and the reply to it.
 
     A frame that only some readings would obey (too short, another command byte, SYNC with data)
-    counts as obeyed.  `readings`: what is known of the device, as the run learns it.  Until the
-    order of bytes is, a parameter is what it is in either, and no number is learnt from an answer.
+    counts as obeyed; a short one no longer once this device is known to ignore them.  `readings`:
+    what is known of it, as the run learns it.  Until the order of bytes is, a parameter is what it
+    is in either, and no number is learnt from an answer.
 
     A reply belongs to the request that was sent last if it names the same index, sub-index and
     direction: one that comes late must not tell what became of another request.
@@ -80,6 +81,9 @@ class BusReader:
             return [Asked(None, SET_ADDRESS, frame.data[1] if frame.length > 1 else 0, raw)]
         one = _request_of(frame)
         if one is None or one.index_high != codec.INDEX_HIGH:
+            return []
+        is_short = frame.length < codec.TRANSFER_BYTES
+        if is_short and self._readings.get("short_frame") == "ignore":
             return []
         whom = None if one.address == codec.GENERAL_ADDRESS else one.address
         if one.command == codec.UPLOAD:
