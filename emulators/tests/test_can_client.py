@@ -129,6 +129,7 @@ def test_a_sleeping_client_harms_nobody() -> None:
     for _ in range(rounds):
         sender.input(line * per_round)
         read(sender)
+        bus.sync()
         sleeper.pump()
         awake.pump()
         assert read(awake) == line * per_round
@@ -156,6 +157,7 @@ def test_messages_leave_in_pieces_of_any_size(sizes: list[int], frames: int) -> 
 
     for size in sizes:
         sender.input(b"t2003112233\r" * frames)
+        bus.sync()
         listener.pump()
         write_some(size)
     written += read(listener)
@@ -195,6 +197,24 @@ def test_errors_reach_the_client() -> None:
     one.input(b"F\r")
     flags = int(read(one).split(b"F")[1][:2], 16)
     assert flags & 0x80
+
+
+def test_frames_and_errors_are_told_in_the_order_of_time() -> None:
+    """A frame that went before two senders destroyed theirs is told before the errors."""
+    bus = a_bus()
+    first, one, other = (an_slcan_client(bus) for _ in range(3))
+    session = CanClient(bus, SocketcandSession(["can0"]))
+    session.start()
+    session.input(b"< open can0 >< rawmode >< send 001 0 >")
+    read(session)
+    first.input(b"t1000\r")
+    one.input(b"t200100\r")
+    other.input(b"t200101\r")
+    settle(bus, session, time_ns=200 * MS)
+    told = [words.split() for words in read(session).split(b"<")[1:]]
+    assert [told[0][:2], told[1][:2]] == [[b"frame", b"100"], [b"error", b"088"]]
+    times = [words[2] for words in told]
+    assert times == sorted(times)
 
 
 def test_a_controller_that_becomes_passive_is_told() -> None:

@@ -19,14 +19,15 @@ Rules
 
 import contextlib
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from operator import itemgetter
 from typing import Final
 
 from axistwin.errors import StateError
 from axistwin.kernel.time import NS_PER_S, Nanos
 from axistwin.ports.dialect import BusError, CanDialect, Out
 from axistwin.runtime.bus import Bus
-from axistwin.runtime.can_network import ErrorReport
+from axistwin.runtime.can_network import Arrival, ErrorReport
 from axistwin.wire.can_bus import ControllerState, Fault
 from axistwin.wire.can_frame import CanFrame
 
@@ -35,7 +36,6 @@ OUTPUT_MAX: Final = 64 * 1024
 
 BACKLOG_FRAMES: Final = 64
 """Frames waiting for the bus above which a client is not read."""
-
 
 FAREWELL_NS: Final[Nanos] = NS_PER_S
 """How long the frames of a client that has gone still go out."""
@@ -87,8 +87,8 @@ class CanClient:
         """After ``finish``: whether that is over; it is stopped then."""
         assert self._port is not None
         assert self._leaves_ns is not None
-        backlog, now_ns = self._bus.backlog(self._port), self._bus.sync()
-        if backlog and now_ns < self._leaves_ns:
+        now_ns = self._bus.sync()
+        if self._bus.backlog(self._port) and now_ns < self._leaves_ns:
             return False
         self.stop()
         return True
@@ -102,20 +102,23 @@ class CanClient:
         self._perform(self.dialect.receive(data, now_ns + self._epoch_ns))
 
     def pump(self) -> None:
-        """Take what the bus has for the client, and do what its dialect has to do by itself."""
+        """Take what the bus has for the client, and do what its dialect has to do by itself.
+
+        Of the time up to the last ``Bus.sync``.
+        """
         assert self._port is not None
-        now_ns = self._bus.sync()
         self._count_sent()
-        for report in self._bus.receive_errors(self._port):
-            error = self._error_of(report)
-            time_ns = report.end_ns if isinstance(report, Fault) else report.time_ns
-            if error is not None:
-                self._put(self.dialect.deliver_error(error, time_ns + self._epoch_ns))
-        for arrival in self._bus.receive(self._port):
-            self._put(self.dialect.deliver(arrival.frame, arrival.end_ns + self._epoch_ns))
+        arrivals, reports = self._bus.receive_all(self._port)
+        news: Iterable[Arrival | ErrorReport] = arrivals
+        if reports:
+            news = sorted([*arrivals, *reports], key=itemgetter(0))  # all begin with their time
+        for each in news:
+            self._tell(each)
         due_ns = self.dialect.next_event()
-        if due_ns is not None and due_ns <= now_ns + self._epoch_ns:
-            self._perform(self.dialect.wake(now_ns + self._epoch_ns))
+        if due_ns is not None:
+            now_ns = self._bus.sync() + self._epoch_ns
+            if due_ns <= now_ns:
+                self._perform(self.dialect.wake(now_ns))
 
     def next_event_ns(self) -> Nanos | None:
         """When the dialect has something to do by itself, in the time of the bus."""
@@ -133,8 +136,18 @@ class CanClient:
     @property
     def is_behind(self) -> bool:
         """Whether so much waits for the bus that the client must wait (rule 3)."""
-        assert self._port is not None
-        return self._bus.backlog(self._port) > BACKLOG_FRAMES
+        if self._on_the_way > BACKLOG_FRAMES:
+            self._bus.sync()  # on one without time they have left already
+            self._count_sent()
+        return self._on_the_way > BACKLOG_FRAMES
+
+    def _tell(self, news: Arrival | ErrorReport) -> None:
+        """Put it in the words of the dialect."""
+        time_ns = news[0] + self._epoch_ns
+        if isinstance(news, Arrival):
+            self._put(self.dialect.deliver(news.frame, time_ns))
+        elif (error := self._error_of(news)) is not None:
+            self._put(self.dialect.deliver_error(error, time_ns))
 
     def _perform(self, outs: list[Out]) -> None:
         assert self._port is not None
@@ -144,10 +157,12 @@ class CanClient:
                 self._on_the_way += 1
             else:
                 self._put(out)
-        self._count_sent()  # on a bus without time they have left already
 
     def _count_sent(self) -> None:
+        """Find out what has left; afterwards ``_on_the_way`` is what has not."""
         assert self._port is not None
+        if not self._on_the_way:
+            return
         backlog = self._bus.backlog(self._port)
         while self._on_the_way > backlog:
             self._on_the_way -= 1

@@ -67,9 +67,7 @@ class CanStream(Stream):
         """Perform what the client says."""
         self._client.input(data)
         self._tell_trouble()
-        self._flush()
-        if self.running:
-            self._server.heard(self)
+        self._server.heard(self)  # which hands out what there is to say, at once
 
     def write_waiting(self) -> bool:
         """Write what waits; whether something still does."""

@@ -130,7 +130,7 @@ class Bus(Owner[CanNetwork]):
         """A new port of a host, on the bus from now on; its number.
 
         hears_own: it gets its own frames too, when they have left.  hears_errors: see
-        ``receive_errors``.
+        ``receive_all``.
         """
         with self.changing():
             return self._network.attach(hears_own=hears_own, hears_errors=hears_errors)
@@ -155,29 +155,30 @@ class Bus(Owner[CanNetwork]):
             return self._network.host_take(port, limit)
 
     def has_news(self, port: int) -> bool:
-        """Whether ``port`` has something to receive already, without looking at the clock."""
+        """Whether ``receive_all`` would take something."""
         with self._lock:
             return self._network.host_has_news(port)
 
-    def receive_errors(self, port: int) -> list[ErrorReport]:
-        """Take what the controller of ``port`` has to report: failed frames, its own states."""
-        with self._lock:
-            self._sync()
-            return self._network.host_take_errors(port)
-
     def receive_all(self, port: int) -> tuple[list[Arrival], list[ErrorReport]]:
-        """Take both: what has arrived at ``port``, and what its controller has to report."""
+        """Take what has arrived at ``port``, and what its controller has to report.
+
+        Reports are of failed frames, and of the controller's own states.  The clock is not looked
+        at: all as it was at the last ``sync``, or whatever else pushed time.
+        """
         with self._lock:
-            self._sync()
+            if self._failure is not None:
+                raise self._failure
             network = self._network
             if not network.host_has_news(port):
                 return [], []
             return network.host_take(port), network.host_take_errors(port)
 
     def backlog(self, port: int) -> int:
-        """How many frames ``port`` has still to send, one under way included."""
+        """How many frames ``port`` has still to send, one under way included.
+
+        As ``receive_all``, without looking at the clock.
+        """
         with self._lock:
-            self._sync()
             return self._network.host_backlog(port)
 
     def purge_output(self, port: int) -> None:

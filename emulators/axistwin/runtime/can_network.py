@@ -209,6 +209,8 @@ class CanNetwork:
 
     def take_heard(self) -> list[Heard]:
         """All frames since last time (the last ``HEARD_MAX`` at most), for the record."""
+        if not self._heard:
+            return []
         heard = list(self._heard)
         self._heard.clear()
         return heard
