@@ -301,6 +301,8 @@ class Engine:
         other.identity, other.target.round_trip = run.identity, run.target.round_trip
         other.quality = run.quality
         other.readings, other.detections = run.readings, run.detections
+        if other.target.fence is not None and other.family.fence is not None:
+            other.target.fence = other.family.fence(other)  # nothing has been said there yet
 
     def _last_words(self, run: Run) -> None:
         for text in run.target.remarks:

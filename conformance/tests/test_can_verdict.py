@@ -154,3 +154,16 @@ def test_the_same_seed_gives_the_same_frames_at_the_same_times(
 
     assert frames(7) == frames(7)
     assert frames(7) != frames(8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("travel", "speed"), [(300, 3000), (3000, 10_000)])
+def test_behind_the_fence_the_twin_conforms_in_what_is_left(travel: int, speed: int) -> None:
+    """Nothing fails for being held back, all is put back, and what needs more says how much."""
+    status, events = run("--max-travel", str(travel), "--max-speed", str(speed))
+    assert troubles(events) == []
+    assert (status, events[-1]["problems"]) == (0, [])
+    judged = of_kind(events, "requirement_judged")
+    left = [one for one in judged if one["verdict"] == "not run"]
+    assert len(left) < len(judged) // 20, [one["reason"] for one in left]
+    assert all("needs --max-" in one["reason"] for one in left)
