@@ -29,13 +29,15 @@ INTERRUPTED = 130
 class Place:
     """A line or a bus: the twins on it, the one that is judged first; where its pty is linked.
 
-    `option` of ``axistwin run`` makes it, `way` of ``axistwin conform`` leads to it.
+    `option` of ``axistwin run`` makes it, `way` of ``axistwin conform`` leads to it.  `ids`: what
+    is judged there; none means all of the level.
     """
 
     link: str
     devices: tuple[tuple[str, int], ...]
     option: str = "--pty"
     way: tuple[str, str] = ("--port", "{}")
+    ids: tuple[str, ...] = ()
 
     @property
     def judged(self) -> str:
@@ -48,13 +50,23 @@ class Place:
         option, form = self.way
         words = ["conform", model, option, form.format(self.link), "--address", str(address)]
         words += ["--allow", "motion,stored", "--level", "quick"]
-        return words + [word for _, one in others for word in ("--neighbour", str(one))]
+        words += [word for _, one in others for word in ("--neighbour", str(one))]
+        return [*words, *self.ids]
 
 
+# What is left out on the bus takes longer than all that is judged on a line: a lifebeat comes every
+# 10 s.
+ON_THE_BUS = ("MACC-ID", "MACC-SYNC", "MACC-GEN", "MACC-CMD-1", "MACC-Q", "MACC-STATE")
 PLACES = (
     Place("./mac", (("mac23", 0), ("mac34-1", 5))),
     Place("./mac34", (("mac34-1", 5), ("mac23", 0))),
-    Place("./mac-can", (("mac23-can", 1), ("mac23-can", 2)), "--slcan", ("--can", "slcan:{}")),
+    Place(
+        "./mac-can",
+        (("mac23-can", 1), ("mac23-can", 2)),
+        "--slcan",
+        ("--can", "slcan:{}"),
+        ON_THE_BUS,
+    ),
 )
 
 

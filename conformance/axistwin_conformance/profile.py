@@ -46,11 +46,14 @@ class Probe:
 
     Two probes may tell the same switch: the second then narrows down what the first leaves open.
     `check` carries name, safety classes and needs, and is what the run attempts; `look` asks.
+    `serves`: beginnings of requirements.  A question that takes long is left out of a run that
+    judges none of those, unless the profile itself is wanted; empty: it is asked in every run.
     """
 
     switch: str
     look: Look
     check: Check
+    serves: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,8 @@ from axistwin_conformance.registry import Check, find_family
 
 FAMILY, LEDGER = find_family("mac23-can"), load_ledger("mac_can")
 TWIN = "axistwin:mac23-can:1,mac23-can:3?time=virtual"
-ACTING = {*range(0x04), *range(0x08, 0x0B), *range(0x0C, 0x11), *range(0x13, 0x1D), 0x1E}
+# 08h and 1Bh, which act on the serial line, are unassigned here (MACC-CMD-XX-01).
+ACTING = {*range(0x04), 0x09, 0x0A, *range(0x0C, 0x11), *range(0x13, 0x1B), 0x1C, 0x1E}
 SERIAL_ONLY = ("MACS-LINE", "MACS-CMD-08", "MACS-CMD-1B", "MACS-Q-28", "MACS-Q-29")
 
 

@@ -38,8 +38,12 @@ def probe(
     safety: str | Sequence[str] = "passive",
     needs: Sequence[str] = (),
     switch: str | None = None,
+    serves: tuple[str, ...] = (),
 ) -> Callable[[Callable[[Any], Outcome]], Probe]:
-    """Declare the function below as the probe of `switch`, or of the one it is named after."""
+    """Declare the function below as the probe of `switch`, or of the one it is named after.
+
+    `serves`: see `profile.Probe`.
+    """
     classes = (safety,) if isinstance(safety, str) else tuple(safety)
 
     def declare(function: Callable[[Any], Outcome]) -> Probe:
@@ -53,7 +57,7 @@ def probe(
             f"detect_{function.__name__}", lambda session: None, (), classes, "quick", tuple(needs),
             question, function.__module__,
         )  # fmt: skip
-        return Probe(told, look, check)
+        return Probe(told, look, check, serves)
 
     return declare
 

@@ -21,6 +21,7 @@ from axistwin_conformance.mac_can.bench import Bench
 from axistwin_conformance.mac_can.probes_messages import (
     LATE_S,
     LIFEBEAT_S,
+    MESSAGES,
     lifebeat,
     longest_boot_s,
     payload_readings,
@@ -63,7 +64,7 @@ def stopped_beyond(bench: Bench) -> Iterator[None]:
     bench.accepted(0x03, 0)
 
 
-@probe(safety=MOVES, switch="emcy_payload")
+@probe(safety=MOVES, switch="emcy_payload", serves=MESSAGES)
 def emcy_payload_of_a_stopped_axis(bench: Bench) -> Outcome:
     """The lifebeat beside 2001h while ff shows a stop."""
     with stopped_beyond(bench):
