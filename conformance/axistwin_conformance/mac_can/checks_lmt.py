@@ -75,9 +75,9 @@ def address_put_back(bench: Bench) -> Iterator[None]:
                 break
 
 
-def lmt_replies(bench: Bench, frame: Frame) -> tuple[Frame, ...]:
-    """Everything that comes of an LMT frame at once."""
-    return replies(bench, frame, is_awaited=False)
+def lmt_replies(bench: Bench, frame: Frame, *, is_awaited: bool = False) -> tuple[Frame, ...]:
+    """Everything that comes of an LMT frame; of one that is answered, as late as a reply may."""
+    return replies(bench, frame, is_awaited=is_awaited)
 
 
 def silently(bench: Bench, frame: Frame, requirement: str) -> Window:
@@ -90,7 +90,7 @@ def silently(bench: Bench, frame: Frame, requirement: str) -> Window:
 
 def take_address(bench: Bench, frame: Frame, requirement: str = "MACC-LMT-02") -> None:
     """Judge the reply to an address that can be had: 11 00 00 and zeros, of 8 or 7 bytes."""
-    heard = lmt_replies(bench, frame)
+    heard = lmt_replies(bench, frame, is_awaited=True)
     is_one = len(heard) == 1 and heard[0].identifier == codec.LMT_REPLY
     length = len(heard[0].data) if is_one else 0
     lengths = {8: 0, 7: 1}
@@ -285,7 +285,7 @@ def addresses_out_of_range_are_refused(session: Session) -> None:
     with address_put_back(bench):
         silently(bench, codec.lmt_enter(), "MACC-LMT-05")
         for bad in every if session.carrier.is_virtual else BAD_ADDRESSES:
-            heard = lmt_replies(bench, codec.lmt_address(bad))
+            heard = lmt_replies(bench, codec.lmt_address(bad), is_awaited=True)
             outcome: int | str = f"{told(heard)} to address {bad:02X}h" if heard else 2
             if len(heard) == 1 and heard[0].identifier == codec.LMT_REPLY:
                 rest, length = heard[0].data[3:], len(heard[0].data)
@@ -429,8 +429,9 @@ def a_lone_module_other_than_1_obeys_all_in_silence(session: Session) -> None:
             bench.address = address
             session.expect(answers(bench, address), "MACC-ID-01", f"as {address}", "silence")
             value = TORQUE.other(bench)
-            heard = replies(bench, bench.to_all(0x0C, value).frame(), is_awaited=False)
-            is_spoken = len(heard) == (address == codec.SPOKESMAN)
+            is_one = address == codec.SPOKESMAN
+            heard = replies(bench, bench.to_all(0x0C, value).frame(), is_awaited=is_one)
+            is_spoken = len(heard) == is_one
             session.expect(is_spoken, "MACC-GEN-02", f"{address} answers as 1 only", told(heard))
             seen = TORQUE.read(bench)
             session.expect(seen == value, "MACC-GEN-01", f"torque {value:02X}", f"{seen:02X}")

@@ -70,7 +70,7 @@ def objects_outside_the_area_are_refused(session: Session) -> None:
 
 
 def _outside(bench: Bench, one: Request, number: int) -> int | tuple[int, ...] | str:
-    heard = replies(bench, one.frame(), is_awaited=False)
+    heard = replies(bench, one.frame())
     if not heard:
         return 2
     reply = codec.parse(heard[0])

@@ -100,7 +100,7 @@ def with_a_reason(bench: Bench, reply: Reply) -> str:
 
 def outcome_of(bench: Bench, one: Request, readings: Mapping[Kind, int]) -> int | str:
     """Which reading one reply, or none, to a request stands for; else what came."""
-    heard = replies(bench, one.frame(), is_awaited=False)
+    heard = replies(bench, one.frame())
     if len(heard) > 1:
         return told(heard)
     reply = codec.parse(heard[0] if heard else None, bench.byte_order)
