@@ -99,6 +99,7 @@ def one_sync_starts_one_motion_once(session: Session) -> None:
     bench.accepted(0x13, start)
     if session.reading("sync_arm_lifetime") == "permanent":
         session.expect(is_held(bench, place), None, f"held back at {place}", bench.position())
+        bench.reading("sync_arm_lifetime", 2)
         exchange = started(bench, codec.sync())
         bench.finish(bench.to_position(exchange, place, start))
         bench.at_rest()
