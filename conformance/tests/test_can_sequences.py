@@ -121,8 +121,7 @@ def test_any_byte_names_an_operation_and_sync_is_one_more() -> None:
 def test_random_bytes_are_judged_by_the_ids_that_this_family_translates(
     readings: dict[str, str],
 ) -> None:
-    """No judgement is lost on the way from the axis's names to those of CAN, however this device
-    spells its frames."""
+    """No judgement is lost on the way from the axis's names, however this device spells frames."""
     run = Case(readings=readings).played(random.Random(len(readings)).randbytes(240))
     assert "MACS-REPLY-05" in run.judged
     own_names = load_ledger("mac_can").own

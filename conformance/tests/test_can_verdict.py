@@ -85,8 +85,7 @@ def test_a_twin_with_three_other_readings_of_the_axis_conforms_with_them_named()
 
 
 def test_what_the_axis_is_judged_by_on_the_line_judges_it_on_the_bus_too() -> None:
-    """Every check that serial and CAN share is taken over, and so is every probe of a question
-    that both ask: nothing of it is written twice."""
+    """Every shared check is taken over, and every probe of a question that both ask."""
     serial = find_family("mac23")
     on_axis = {one.name for one in serial.checks() if ".mac_axis." in one.module}
     assert {one.name for one in shared_checks()} == on_axis

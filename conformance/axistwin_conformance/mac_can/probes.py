@@ -65,12 +65,14 @@ def _write_torque(bench: Bench, order: int, value: int) -> None:
 
 
 def _learnt(bench: Bench, order: int) -> int:
-    """What was remembered before this was known is read again; nothing has changed yet, and the
-    fence has learnt nothing until now."""
+    """What was remembered before this was known is read again, and the fence learns it now.  Only
+    the torque may have changed, where noise has kept it from being put back: it is a byte, and was
+    read rightly before."""
     run = bench.session.run
     if run.memory is not None:
         run.readings["can_byte_order"] = ("big", "little")[order]
-        run.memory = run.family.remember(bench.session)
+        again = run.family.remember(bench.session)
+        run.memory = replace(again, torque=run.memory.torque)
     return order
 
 
