@@ -410,6 +410,17 @@ def test_a_full_disk_ends_the_server_and_leaves_nothing(tmp_path: Path) -> None:
     assert not os.path.lexists(hub.pty.url)
 
 
+def test_a_bus_that_has_failed_when_a_client_comes_ends_the_server(tmp_path: Path) -> None:
+    """With that error, and no other one."""
+    hub = Hub(tmp_path)
+    hub.server.start()
+    hub.bus.close()
+    with connect(hub.tcp) as connection:
+        assert connection.recv(100) == b""
+    with pytest.raises(StateError, match="the bus is closed"):
+        hub.server.stop()
+
+
 def test_ports_that_cannot_be_had_are_one_clear_line(hub: Hub, tmp_path: Path) -> None:
     """A link and an address that are taken, with the option that chooses another."""
     with pytest.raises(PortError, match="choose another --slcan"):

@@ -10,6 +10,7 @@ real daemon say is told in ``slcan`` and ``socketcand``, queues and their bounds
 
 import socket
 import time
+from abc import abstractmethod
 from collections.abc import Callable
 from typing import Final
 
@@ -133,6 +134,10 @@ def _bitrate(server: BusServer) -> int | None:
     return server.bus.bitrate if server.bus.is_paced else None
 
 
+def _slcan_line(channel: str) -> str:
+    return f'can.Bus(interface="slcan", channel="{channel}")'
+
+
 class SlcanPtyPort(PseudoTerminal[BusServer]):
     """An adapter that speaks slcan, behind the symbolic link ``link``."""
 
@@ -145,7 +150,7 @@ class SlcanPtyPort(PseudoTerminal[BusServer]):
     @property
     def client_line(self) -> str:
         """For python-can."""
-        return f'can.Bus(interface="slcan", channel="{self.url}")'
+        return _slcan_line(self.url)
 
     def make_stream(self, server: BusServer, master: int, on_end: Callable[[], None]) -> Stream:
         """A new adapter."""
@@ -171,7 +176,22 @@ class _PtyFarewell:
         return time.monotonic() - self._closed_s >= REST_S
 
 
-class SlcanTcpPort(Listener[BusServer]):
+class _CanListener(Listener[BusServer]):
+    """A conversation of its own for each client, on TCP."""
+
+    @abstractmethod
+    def make_dialect(self, server: BusServer) -> CanDialect:
+        """What a new client is spoken to in."""
+
+    def make_stream(
+        self, server: BusServer, connection: socket.socket, on_end: Callable[[], None]
+    ) -> Stream:
+        """The stream of a new client."""
+        is_over = Farewell(connection).is_over
+        return CanStream(server, connection.fileno(), on_end, is_over, self.make_dialect(server))
+
+
+class SlcanTcpPort(_CanListener):
     """An adapter that speaks slcan for each client, on TCP."""
 
     kind = "slcan-tcp"
@@ -180,22 +200,14 @@ class SlcanTcpPort(Listener[BusServer]):
     @property
     def client_line(self) -> str:
         """For python-can."""
-        return f'can.Bus(interface="slcan", channel="{self.url}")'
+        return _slcan_line(self.url)
 
-    def make_stream(
-        self, server: BusServer, connection: socket.socket, on_end: Callable[[], None]
-    ) -> Stream:
+    def make_dialect(self, server: BusServer) -> CanDialect:
         """A new adapter."""
-        return CanStream(
-            server,
-            connection.fileno(),
-            on_end,
-            Farewell(connection).is_over,
-            SlcanPort(_bitrate(server)),
-        )
+        return SlcanPort(_bitrate(server))
 
 
-class SocketcandPort(Listener[BusServer]):
+class SocketcandPort(_CanListener):
     """The daemon socketcand."""
 
     kind = "socketcand"
@@ -209,14 +221,6 @@ class SocketcandPort(Listener[BusServer]):
             f'host="{self.host}", port={self.port})'
         )
 
-    def make_stream(
-        self, server: BusServer, connection: socket.socket, on_end: Callable[[], None]
-    ) -> Stream:
+    def make_dialect(self, server: BusServer) -> CanDialect:
         """A new session."""
-        return CanStream(
-            server,
-            connection.fileno(),
-            on_end,
-            Farewell(connection).is_over,
-            SocketcandSession(BUS_NAMES),
-        )
+        return SocketcandSession(BUS_NAMES)

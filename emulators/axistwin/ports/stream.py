@@ -72,10 +72,10 @@ class Stream(ABC):
     # -- the descriptor --
 
     def start(self) -> None:
-        """Take part."""
+        """Take part; not if ``join`` raises."""
+        self.join()
         self.running = True
         self._loop.add_reader(self._fd, self._readable)
-        self.join()
 
     def stop(self) -> None:
         """Take part no more; what the client has not taken yet is dropped."""
