@@ -237,6 +237,22 @@ def test_echoes_of_one_s_own_frames_are_not_heard(interface: Interface) -> None:
     assert [each.frame for each in passed if each.from_host] == [frame_of(POSITION)] * 3 + [REPLY]
 
 
+def test_echoes_that_never_come_are_forgotten(interface: Interface) -> None:
+    """No more are waited for than may be under way."""
+    with joined("udp_multicast:x") as served:
+        sender = served.bus.attach()
+        rounds, per_round = 12, 100
+        for number in range(1, rounds + 1):
+            for i in range(per_round):
+                served.bus.send(sender, CanFrame(i))
+            assert eventually(lambda: len(interface.sent) == number * per_round)  # noqa: B023
+        (port,) = served.server.ports
+        assert isinstance(port, JoinPort)
+        assert port._member is not None
+        assert port._member._echoes is not None
+        assert len(port._member._echoes) == QUEUE_FRAMES
+
+
 def test_junk_on_the_bus_is_passed_over(interface: Interface) -> None:
     """Something that python-can cannot read."""
     junk = [ValueError("no frame"), can.CanOperationError("could not unpack")]
@@ -411,6 +427,8 @@ def test_a_place_that_cannot_be_read_is_a_usage_error(place: str, part: str) -> 
     ("place", "part"),
     [
         ("socketcan:nocan7", "there is no such interface"),
+        ("socketcan:\udcff", "there is no such interface"),
+        ("socketcand:vcan0", "its arguments go behind the channel: socketcand:CHANNEL?NAME=VALUE"),
         ("slcan:/dev/nothing", "No such file or directory"),
         ("axistwin:mac99-can", "unknown model 'mac99-can'"),
         ("udp_multicast:127.0.0.1", "can udp_multicast:127.0.0.1"),

@@ -126,6 +126,9 @@ class JoinPort:
                 ignore_config=True,
                 **self._arguments,
             )
+        except TypeError as error:  # an argument that it needs, or does not know
+            remedy = f"its arguments go behind the channel: {self.interface}:CHANNEL?NAME=VALUE&..."
+            raise self._failed(_reason(error), remedy) from None
         except Exception as error:  # whatever an interface of anybody's may raise
             raise self._failed(_reason(error), "see 'axistwin doctor'") from None
         _enlarge_buffer(self._can)
@@ -179,7 +182,9 @@ class _Joined:
         self._port = port
         self._outside = outside
         self._timeout_s = timeout_s
-        self._echoes: deque[tuple[CanFrame, float]] | None = deque() if echoes else None
+        self._echoes: deque[tuple[CanFrame, float]] | None = (
+            deque(maxlen=QUEUE_FRAMES) if echoes else None
+        )
         self._station = -1
         self._waiting: deque[CanFrame] = deque()
         self._retry_ns: Nanos | None = None

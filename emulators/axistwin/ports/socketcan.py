@@ -1,6 +1,7 @@
 """What the kernel says of CAN and of its interfaces."""
 
 import fcntl
+import os
 import socket
 import struct
 from typing import Final, Literal, TypeAlias
@@ -33,11 +34,12 @@ def interfaces() -> list[str]:
 
 def link_state(name: str) -> LinkState:
     """Whether there is an interface ``name``, and whether it is up."""
-    if len(name.encode()) > _NAME_MAX:
+    raw_name = os.fsencode(name)
+    if len(raw_name) > _NAME_MAX:
         return "absent"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as any_socket:
         try:
-            answer = fcntl.ioctl(any_socket, _SIOCGIFFLAGS, _REQUEST.pack(name.encode(), 0))
+            answer = fcntl.ioctl(any_socket, _SIOCGIFFLAGS, _REQUEST.pack(raw_name, 0))
         except OSError:
             return "absent"
     flags: int = _REQUEST.unpack(answer)[1]
