@@ -533,6 +533,33 @@ def test_after_the_end_everything_is_an_error_that_says_so(opened: Opener) -> No
             use()
 
 
+def test_shutting_down_just_before_a_look_is_an_error_that_says_so(
+    opened: Opener, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another thread may do so at any moment, while others still use the bus."""
+    bus, _ = opened(), opened()
+    look = bus._next_message
+
+    def look_late() -> can.Message | None:
+        bus.shutdown()
+        return look()
+
+    monkeypatch.setattr(bus, "_next_message", look_late)
+    with pytest.raises(can.CanOperationError, match="is shut down"):
+        bus.recv(1)
+
+
+def test_a_bus_that_has_failed_is_not_joined_and_not_kept() -> None:
+    """One clear line; the last who leaves ends it all the same."""
+    bus = AxistwinBus("mac23-can:1", time="virtual")
+    bus._bus.close()
+    with pytest.raises(can.CanInitializationError, match="the bus is closed"):
+        AxistwinBus("mac23-can:1")
+    with pytest.raises(can.CanOperationError, match="the bus is closed"):
+        bus.shutdown()
+    assert open_names() == []
+
+
 def test_what_was_queued_is_sent_before_the_end(opened: Opener) -> None:
     """As a kernel does with a closed socket; where nobody acknowledges, it ends all the same."""
     sends, hears = opened(), opened()

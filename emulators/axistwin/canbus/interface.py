@@ -132,17 +132,24 @@ class AxistwinBus(can.BusABC):
             kwargs.setdefault("bitrate", timing.bitrate)
         try:
             self._shared = open_bus(parse_channel(str(channel), kwargs))
+            self._bus = self._shared.bus
+            self._port = self._attached(receive_own_messages, not ignore_rx_error_frames)
         except AxistwinError as error:
             raise can.CanInitializationError(str(error)) from None
-        self._bus = self._shared.bus
-        self._port = self._bus.attach(
-            hears_own=receive_own_messages, hears_errors=not ignore_rx_error_frames
-        )
         self._received: deque[can.Message] = deque()
         self._controller: ControllerState = "active"
         self.channel = channel
         self.channel_info = f"axistwin {channel}"
         super().__init__(channel, can_filters)
+
+    def _attached(self, hears_own: bool, hears_errors: bool) -> int:
+        """The number of a new port; the bus is let go of if there is none to be had."""
+        try:
+            return self._bus.attach(hears_own=hears_own, hears_errors=hears_errors)
+        except AxistwinError:
+            self._is_shutdown = True
+            close_bus(self._shared)
+            raise
 
     # -- python-can's contract --
 
@@ -396,3 +403,6 @@ class AxistwinBus(can.BusABC):
         except AxistwinError as error:
             self._check_open()  # the bus is closed because this port is shut down
             raise can.CanOperationError(str(error)) from error
+        except KeyError:
+            self._check_open()  # another thread has taken the port off the bus just now
+            raise
