@@ -1,5 +1,8 @@
 """Samples automatic mutants of the twin's device code; the black-box suite alone judges each.
 
+A family of the suite judges the code of its own face: `mac_serial` with it that of the axis and of
+motion, which the faces share; `mac_can` the CAN face and the module below it.
+
 A mutant is one small change of the source: a comparison or an operator replaced, a constant one
 more or less, a condition negated, a statement left out.  Drawn are changes of code that the suite
 has the default twins execute; the seed decides which, in an order that stays when code elsewhere
@@ -46,16 +49,55 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "emulators" / "axistwin"
 SUITE = ROOT / "conformance" / "axistwin_conformance"
 JUDGE = ROOT / "scripts" / "mutate_judge.py"
-SOURCES = ("devices/mac", "motion")
-# Words for people, of which nothing reaches the wire, and the other face of the same module.
-LEFT_OUT = ("devices/mac/decode.py", "devices/mac/can")
-SURVIVORS = ROOT / "conformance" / "tests" / "zoo" / "survivors.toml"
 KNOWN = ROOT / "build" / "mutants"
 # What judges, one after the other, until something is said: model and level.
 Stages = Sequence[tuple[str, str]]
-STAGES: Stages = (("mac23", "quick"), ("mac23", "full"), ("mac34-1", "quick"))
 NICENESS = 10  # others may want to work on this machine
 WAIT_S = 600  # of real time, however busy the machine is
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """What is mutated for a family of the suite, and what judges it.
+
+    `sources`: files of the twins, as patterns; `left_out`: how paths begin that are none of it;
+    `survivors`: the table of what is not seen; `known`: how the files of what is known begin.
+    """
+
+    sources: tuple[str, ...]
+    left_out: tuple[str, ...]
+    stages: Stages
+    survivors: Path
+    known: str
+
+    def paths(self, package: Path) -> list[str]:
+        """The files to be mutated, relative to the package of the twins."""
+        found = {
+            str(path.relative_to(package))
+            for pattern in self.sources
+            for path in package.glob(pattern)
+        }
+        return sorted(path for path in found if not path.startswith(self.left_out))
+
+
+TESTS = ROOT / "conformance" / "tests"
+FAMILIES: Mapping[str, Family] = {
+    "mac_serial": Family(
+        ("devices/mac/*.py", "motion/*.py"),
+        # Words for people, of which nothing reaches the wire, and the other face of the module.
+        ("devices/mac/decode.py", "devices/mac/can"),
+        (("mac23", "quick"), ("mac23", "full"), ("mac34-1", "quick")),
+        TESTS / "zoo" / "survivors.toml",
+        "",
+    ),
+    "mac_can": Family(
+        ("devices/mac/can*.py", "devices/mac/module.py"),
+        ("devices/mac/can_decode.py",),
+        (("mac23-can", "quick"), ("mac23-can", "full")),
+        TESTS / "zoo_can" / "survivors.toml",
+        "mac_can-",
+    ),
+}
 
 UNJUDGED = ("crash", "time-out")
 SEEN = ("killed", "quirk", "refused", "equivalent")
@@ -236,15 +278,16 @@ def _column(line: str, offset: int) -> int:
 # --- the sample ----------------------------------------------------------------------------------
 
 
-def reached_lines(folder: Path) -> dict[str, set[int]]:
+def reached_lines(folder: Path, family: Family) -> dict[str, set[int]]:
     """The lines that the suite has the default twins execute; the others are code of other readings
     of the manual, of other plants, or for panels, and no judgement of these twins can see them."""
     sources = sorted(folder.rglob("*.py"))
     state = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:16]
-    kept = KNOWN / f"reached-{state}.json"
+    kept = KNOWN / f"{family.known}reached-{state}.json"
     if not kept.is_file():
-        package = str(folder / PACKAGE.name)
-        command = [sys.executable, str(JUDGE), "reach", json.dumps(STAGES), package]
+        package = folder / PACKAGE.name
+        words = [json.dumps(family.stages), str(package), json.dumps(family.paths(package))]
+        command = [sys.executable, str(JUDGE), "reach", *words]
         environment = {**os.environ, "PYTHONPATH": str(folder)}
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
         kept.parent.mkdir(parents=True, exist_ok=True)
@@ -253,16 +296,12 @@ def reached_lines(folder: Path) -> dict[str, set[int]]:
     return {name: set(lines) for name, lines in table.items()}
 
 
-def sample(folder: Path, seed: int) -> list[Mutation]:
+def sample(folder: Path, family: Family, seed: int) -> list[Mutation]:
     """All mutations of the code that the default twins execute, in the order of the seed."""
     package = folder / PACKAGE.name
-    reached = reached_lines(folder)
-    paths = sorted(
-        str(path.relative_to(package)) for name in SOURCES for path in (package / name).glob("*.py")
-    )
-    found = [
-        one for path in paths if not path.startswith(LEFT_OUT) for one in mutations(package, path)
-    ]
+    reached = reached_lines(folder, family)
+    paths = family.paths(package)
+    found = [one for path in paths for one in mutations(package, path)]
     seen = [one for one in found if one.line in reached.get(one.path, ())]
     print(f"{len(found)} mutations of {len(paths)} files, {len(seen)} of them reached", flush=True)
     return sorted(seen, key=lambda one: hashlib.sha256(f"{seed} {one.name}".encode()).digest())
@@ -277,7 +316,7 @@ class Bench:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
-    def judge(self, mutation: Mutation | None, stages: Stages = STAGES) -> dict[str, Any]:
+    def judge(self, mutation: Mutation | None, stages: Stages) -> dict[str, Any]:
         """Return what the stages say about a mutation, or about the healthy twins."""
         if mutation is None:
             return self._run(stages)
@@ -333,8 +372,9 @@ def outcome_of(said: Mapping[str, Any], reason: str) -> str:
 class Sampler:
     """Judges the sample, mutation after mutation, and remembers what came of each."""
 
-    def __init__(self, seed: int, reasons: Mapping[str, str]) -> None:
-        self._path = KNOWN / f"seed-{seed}.jsonl"
+    def __init__(self, family: Family, seed: int, reasons: Mapping[str, str]) -> None:
+        self._path = KNOWN / f"{family.known}seed-{seed}.jsonl"
+        self._stages = family.stages
         self._reasons = reasons
         self._lock = Lock()
         self.said: dict[str, dict[str, Any]] = {}
@@ -353,8 +393,8 @@ class Sampler:
         by the others as well; nothing if all is known."""
         outcome = self.outcome(mutation)
         if not outcome:
-            return STAGES[:1] if mutation.name in self._reasons else stages
-        done = self.said[mutation.name].get("stages", len(STAGES))
+            return self._stages[:1] if mutation.name in self._reasons else stages
+        done = self.said[mutation.name].get("stages", len(self._stages))
         return stages if outcome == "survived" and done < len(stages) else ()
 
     def forget(self, outcomes: Sequence[str], chosen: Sequence[Mutation]) -> None:
@@ -391,15 +431,17 @@ class Sampler:
 # --- the table of survivors ----------------------------------------------------------------------
 
 
-def known_reasons() -> dict[str, str]:
+def known_reasons(family: Family) -> dict[str, str]:
     """Mutations that somebody has read, and why they cannot be seen."""
-    if not SURVIVORS.is_file():
+    if not family.survivors.is_file():
         return {}
-    table = tomllib.loads(SURVIVORS.read_text(encoding="utf-8"))
+    table = tomllib.loads(family.survivors.read_text(encoding="utf-8"))
     return {one["mutation"]: one["reason"] for one in table.get("survivor", []) if one["reason"]}
 
 
-def write(taken: Sequence[Mutation], sampler: Sampler, reasons: Mapping[str, str]) -> None:
+def write(
+    family: Family, taken: Sequence[Mutation], sampler: Sampler, reasons: Mapping[str, str]
+) -> None:
     """Write survivors.toml: one entry each, with the reason if there is one."""
     rows = ["# Written by scripts/mutate; only the reasons are written by hand.\n"]
     rows += ["# What the black-box suite does not see; without a reason: a hole of the suite.\n"]
@@ -411,7 +453,7 @@ def write(taken: Sequence[Mutation], sampler: Sampler, reasons: Mapping[str, str
                 f'at = "{one.path}:{one.line}"\noutcome = "{outcome}"\n'
                 f"reason = {json.dumps(reasons.get(one.name, ''), ensure_ascii=False)}\n"
             )
-    SURVIVORS.write_text("".join(rows), encoding="utf-8")
+    family.survivors.write_text("".join(rows), encoding="utf-8")
 
 
 def summary(outcomes: Counter[str]) -> str:
@@ -430,6 +472,9 @@ def summary(outcomes: Counter[str]) -> str:
 def main() -> int:
     """Sample, judge, tell, write; 1 if something survives that nobody has explained."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument(
+        "--family", choices=FAMILIES, default="mac_serial", help="whose code (default mac_serial)"
+    )
     parser.add_argument("--count", type=int, default=200, help="how many to judge (default 200)")
     parser.add_argument("--seed", type=int, default=1, help="of the sample (default 1)")
     parser.add_argument("--minutes", type=float, default=0, help="end early after so many")
@@ -438,24 +483,25 @@ def main() -> int:
     parser.add_argument("--again", default="", help="judge again: outcomes, such as survived,crash")
     options = parser.parse_args()
     os.setpriority(os.PRIO_PROCESS, 0, max(NICENESS, os.getpriority(os.PRIO_PROCESS, 0)))
-    reasons = known_reasons()
-    sampler = Sampler(options.seed, reasons)
+    family = FAMILIES[options.family]
+    reasons = known_reasons(family)
+    sampler = Sampler(family, options.seed, reasons)
     until = time.monotonic() + 60 * options.minutes if options.minutes else float("inf")
     with tempfile.TemporaryDirectory() as name:
         folder = copy_sources(Path(name) / "sources")
-        ordered = sample(folder, options.seed)
+        ordered = sample(folder, family, options.seed)
         if options.again:
             sampler.forget(options.again.split(","), ordered)
         copies = [folder, *(Path(name) / str(number) for number in range(1, options.jobs))]
         for other in copies[1:]:
             shutil.copytree(folder, other)
-        stages = STAGES[:1] if options.quick else STAGES
+        stages = family.stages[:1] if options.quick else family.stages
         if problem := run(sampler, ordered, options.count, copies, until, stages):
             print(problem, file=sys.stderr)
             return 2
     taken = sampler.judged(ordered, options.count)
     outcomes = Counter(sampler.outcome(one) for one in taken)
-    write(taken, sampler, reasons)
+    write(family, taken, sampler, reasons)
     print(f"seed {options.seed}: {summary(outcomes)}")
     return int(outcomes["survived"] > 0)
 

@@ -1,7 +1,8 @@
 """The judge of automatic mutants: runs the black-box suite on the twins that PYTHONPATH offers.
 
 Started by scripts/mutate in a process of its own, which a mutant may crash or keep busy for ever.
-Arguments: what to do (`judge` or `reach`), the stages as JSON, for `reach` the folder of the twins.
+Arguments: what to do (`judge` or `reach`), the stages as JSON, for `reach` the folder of the twins
+and the files of it that matter, as JSON.
 Prints one line of JSON: for `judge` what was said first, for `reach` the executed lines per file.
 """
 
@@ -66,12 +67,14 @@ def allot() -> None:
 
 def judge(stages: Stages) -> None:
     """Run stage after stage until something is said; `passed` if nothing is."""
+    from axistwin.devices.mac.can import MacCan
     from axistwin.devices.mac.serial import MacSerial
+    from axistwin.runtime.bus import Bus
     from axistwin.runtime.line import Line
     from axistwin_conformance.cli import make_options
     from axistwin_conformance.engine import Engine
 
-    for owner in (MacSerial, Line):
+    for owner in (MacSerial, Line, MacCan, Bus):
         watch(owner)
     readings: list[str] = []
     unsettled: list[str] = []
@@ -121,10 +124,11 @@ class _Listener:
             say("crash", **({"stage": self.stage} | said), text=crashes[0] if crashes else text)
 
 
-def reach(stages: Stages, root: str) -> None:
-    """Print which lines of the twins the stages have them execute."""
+def reach(stages: Stages, root: str, paths: Iterable[str]) -> None:
+    """Print which lines of these files of the twins the stages have them execute."""
     reached: dict[str, set[int]] = {}
     followers: dict[str, Callable[..., Any]] = {}
+    chosen = {f"{root}/{path}" for path in paths}
 
     def follower(name: str) -> Callable[..., Any]:
         lines = reached.setdefault(name, set())
@@ -137,7 +141,7 @@ def reach(stages: Stages, root: str) -> None:
 
     def trace(frame: FrameType, event: str, arg: object) -> Callable[..., Any] | None:
         name = frame.f_code.co_filename
-        if not name.startswith(root):
+        if name not in chosen:
             return None
         if name not in followers:
             followers[name] = follower(name[len(root) + 1 :])
@@ -158,7 +162,8 @@ def main(arguments: Iterable[str]) -> None:
     what, stages, *rest = arguments
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
     if what == "reach":
-        reach(json.loads(stages), *rest)
+        root, paths = rest
+        reach(json.loads(stages), root, json.loads(paths))
     else:
         judge(json.loads(stages))
 
