@@ -102,7 +102,7 @@ class Attempts:
     def _run(self, session: Session, check: Check) -> tuple[Outcome, str, Verdict, str]:
         """Run the check; give how it ended, what befell it, what is then said of all that it has
         not judged, and what was spoilt on the way."""
-        target, disturbance = session.target, ""
+        target, disturbance = session.carrier, ""
         outcome, trouble, verdict = Outcome.DONE, "", Verdict.INCONCLUSIVE
         target.gate = lambda data: self._keeper.guard(session, data)
         try:

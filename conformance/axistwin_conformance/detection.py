@@ -120,7 +120,7 @@ def _ask(run: Run, probe: Probe, keeper: Keeper) -> Detection:
 
 def _look(session: Session, probe: Probe, keeper: Keeper) -> Seen | Detection:
     """What the probe saw, or why it saw nothing."""
-    target, act = session.target, (probe.check.name, probe.check.behaviour)
+    target, act = session.carrier, (probe.check.name, probe.check.behaviour)
     target.gate = lambda data: keeper.guard(session, data)
     try:
         target.drain()

@@ -191,18 +191,21 @@ class FailingBus:
     `where` names; if `is_noisy`, frames are spoilt from then on, and error frames tell so."""
 
     def __init__(
-        self, bus: can.BusABC, good: int, error: Exception | None, where: tuple[str, ...],
+        self, bus: can.BusABC, moment: Moment, error: Exception | None, where: tuple[str, ...],
         *, is_noisy: bool = False,
     ) -> None:  # fmt: skip
         self.turned_at: float | None = None
-        self._bus, self._good, self._error = bus, good, error
+        self._bus, self._moment, self._error = bus, moment, error
         self._where, self._is_noisy = where, is_noisy
+        self._asked = 0
+        self._before: Frame | None = None
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Send it while all is well."""
-        self._good -= 1
-        if self._good < 0 and self.turned_at is None:
+        frame = frame_of(msg)
+        if self.turned_at is None and self._moment(self._asked, frame, self._before):
             self.turned_at = time.monotonic()
+        self._asked, self._before = self._asked + 1, frame
         self._fail("send")
         if self.turned_at is None or not self._is_noisy:
             self._bus.send(msg, timeout)

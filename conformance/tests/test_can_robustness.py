@@ -29,6 +29,7 @@ from axistwin_conformance.verdicts import Verdict
 SHORT_S = 1.0  # patience of most of these tests
 LONGEST_S = 20.0  # from the moment of the change to the end of the run
 NEVER = after(1_000_000)
+FIRST = ("axistwin_conformance.mac_can.probes",)  # what motion waits for: the order of bytes
 PASSIVE = ("the_release_is_eight_digits_that_stay",)
 MOVING = (*PASSIVE, "moves_take_the_time_of_the_closed_form")
 FOREIGN = (
@@ -97,14 +98,14 @@ def judge(
     rate_hz: int = 0,
     listener: Callable[[Event], None] = lambda event: None,
 ) -> Result:
-    """Judge a module that turns at that moment, without detection."""
+    """Judge a module that turns at that moment, after few questions."""
     module = TurningModule(channel, moment, script, others, rate_hz)
     try:
         options = make_options(
             model="mac23-can", can=f"virtual:{channel}", ids=ids, allow="motion,stored",
             level="quick",
         )  # fmt: skip
-        options = replace(options, family=replace(options.family, probe_modules=()))
+        options = replace(options, family=replace(options.family, probe_modules=FIRST))
         result = Engine(options).run(listener)
         ended_at = time.monotonic()
     finally:
@@ -192,20 +193,20 @@ FAILURES: dict[str, tuple[Exception | None, tuple[str, ...], str]] = {
 
 @pytest.fixture
 def bench(channel: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    """Judges a sound module by way of a bus that fails after so many frames."""
+    """Judges a sound module by way of a bus that fails from a moment on."""
     monkeypatch.setattr("axistwin_conformance.can_target.SEND_TIMEOUT_S", 0.5)
     module = TurningModule(channel, NEVER, SCRIPTS["silence"])
 
     def run(
-        good: int, error: Exception | None, where: tuple[str, ...], *, is_noisy: bool = False
+        moment: Moment, error: Exception | None, where: tuple[str, ...], *, is_noisy: bool = False
     ) -> Result:
         options = make_options(
             model="mac23-can", can=f"virtual:{channel}", ids=MOVING, allow="motion,stored",
             level="quick",
         )  # fmt: skip
-        options = replace(options, family=replace(options.family, probe_modules=()))
+        options = replace(options, family=replace(options.family, probe_modules=FIRST))
         inner = can.Bus(channel, "virtual", ignore_config=True)
-        bus = FailingBus(inner, good, error, where, is_noisy=is_noisy)
+        bus = FailingBus(inner, moment, error, where, is_noisy=is_noisy)
 
         def opened(neighbours: tuple[int, ...]) -> CanTarget:
             return CanTarget(bus, "failing", is_spontaneous=codec.is_spontaneous)
@@ -223,7 +224,7 @@ def test_an_interface_that_fails_at_once_leaves_the_device_unreachable(
 ) -> None:
     """Exit 3, with the system's reason."""
     error, where, words = FAILURES[name]
-    result = bench(0, error, where)
+    result = bench(after(0), error, where)
     assert result.exit_status == 3
     assert words in result.sentence
 
@@ -232,7 +233,7 @@ def test_an_interface_that_fails_at_once_leaves_the_device_unreachable(
 def test_an_interface_that_fails_in_a_motion_leaves_no_verdict(bench: Any, name: str) -> None:
     """Exit 4, with the reason; that the axis could not be stopped is said."""
     error, where, words = FAILURES[name]
-    result = bench(80, error, where)
+    result = bench(behind(0x13), error, where)
     assert result.exit_status == 4
     assert words in " ".join([result.sentence, *result.problems])
     assert any("could not stop the axis" in one for one in result.problems)
@@ -241,6 +242,6 @@ def test_an_interface_that_fails_in_a_motion_leaves_no_verdict(bench: Any, name:
 
 def test_error_frames_instead_of_replies_are_told(bench: Any) -> None:
     """As with the wrong bit rate: the line asks for it."""
-    result = bench(0, None, (), is_noisy=True)
+    result = bench(after(0), None, (), is_noisy=True)
     assert result.exit_status == 3
     assert "error frames on the bus: is the bit rate right?" in result.sentence
