@@ -262,7 +262,7 @@ def a_motion_for_all_moves_all_and_one_stop_ends_it(session: Session) -> None:
     benches = everybody(session)
     first = benches[0]
     starts = [bench.ready(SLOWEST) for bench in benches]
-    period = first.gentle(0x2000, 0.5)
+    period = first.gentle(0x2000, 4.0)  # until each has told that the stop has ended it
     try:
         replies(first, first.to_all(0x15, velocity(1, period)).frame())
         first.wait(0.3)
