@@ -20,11 +20,13 @@ def order_of(message: can.Message) -> Order | None:
     """What some module would execute; None for what nobody does."""
     if message.is_extended_id or message.is_remote_frame or message.is_error_frame:
         return None
-    identifier, data = message.arbitration_id, bytes(message.data).ljust(8, b"\0")
+    identifier, data = message.arbitration_id, bytes(message.data)
     if identifier == SYNC:
         return Order(ALL, SYNCHRONOUS_START, 0)
     if identifier == LMT_REQUEST:
         return Order(ALL, SET_ADDRESS, 0)
+    if len(data) < 8:  # ignored (MACC-SDO-11)
+        return None
     if identifier & ~0x7F != REQUEST or data[2] != 0x20 or data[0] == UPLOAD:
         return None
     return Order(identifier - REQUEST or ALL, data[1], int.from_bytes(data[4:], "big"))

@@ -3,8 +3,9 @@ how a run ends that is interrupted or loses its bus.  Runs are in virtual time."
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import count
 from typing import Any, NoReturn
 
 import can
@@ -22,6 +23,16 @@ from axistwin_conformance.mac_can import codec
 TRAVEL, SPEED = 2000, 10_000
 MOVING = ("MACC-CMD-13", "MACC-CMD-15", "MACC-CMD-16")
 SLOW, SOAK = pytest.mark.slow, pytest.mark.soak
+NUMBERS = count()  # a bus of its own for each target
+OPEN: list[Any] = []
+
+
+@pytest.fixture(autouse=True)
+def _closed() -> Iterator[None]:
+    """After each test, the buses that were left open for questions are closed."""
+    yield
+    while OPEN:
+        OPEN.pop().shutdown()
 
 
 def run(
@@ -40,17 +51,14 @@ def run(
 
     def opened(neighbours: tuple[int, ...]) -> CanTarget:
         url = options.family.twin_url(options.model, options.address, neighbours)
-        watches.append(BusWatch(twin_bus(f"{url}&bus=watch{len(watches)}"), at_call))
+        OPEN.append(twin_bus(f"{url}&bus=watch{next(NUMBERS)}"))
+        watches.append(BusWatch(OPEN[-1], at_call))
         return CanTarget(
             watches[-1], url, is_spontaneous=codec.is_spontaneous, bitrate=BITRATE,
             is_builtin=True, is_lossless=is_lossless,
         )  # fmt: skip
 
-    try:
-        return Engine(options, opened).run(lambda event: None), watches
-    finally:
-        for watch in watches[:-1]:
-            watch.bus.shutdown()
+    return Engine(options, opened).run(lambda event: None), watches
 
 
 # --- the envelope ---------------------------------------------------------------------------------
