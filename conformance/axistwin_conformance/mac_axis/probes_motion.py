@@ -37,6 +37,7 @@ TARGET_OUT_OF_RANGE: Final = 0x40000000
 ROUNDINGS: Final = ("down", "half_up", "up")  # the soonest end first
 STEP_SEEN_NS: Final = 600_000
 SWING_READS: Final = 12
+SWING_PAUSE_S: Final = 0.003
 LONGEST_RAMP: Final = 0xFF
 ROUNDING_PERIOD: Final = 0x07F1  # the three roundings of its levels lie evenly apart, 3.3 ms
 STOP_PERIOD: Final = 0x1000
@@ -231,7 +232,10 @@ def standby_swing(bench: Bench) -> Outcome:
     end = bench.go(start + 50).end
     assert end is not None
     bench.wait_until(end.latest_ns + 100_000_000)
-    places = {bench.position() - start for _ in range(SWING_READS)}
+    places = set()
+    for number in range(SWING_READS):  # at no even pace: it must not fall in with the swing's
+        bench.wait(number * SWING_PAUSE_S)
+        places.add(bench.position() - start)
     bench.accepted(0x18)
     bench.command(0x02, 0)
     if places == {50}:

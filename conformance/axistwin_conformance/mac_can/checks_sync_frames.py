@@ -8,7 +8,7 @@ from axistwin_conformance.can_frame import Frame
 from axistwin_conformance.mac_axis.bench import Exchange, segment, velocity
 from axistwin_conformance.mac_axis.forecast import Forecast, Window
 from axistwin_conformance.mac_axis.motion import TICK_NS
-from axistwin_conformance.mac_axis.probes_sync import is_held
+from axistwin_conformance.mac_axis.probes_sync import back, is_held
 from axistwin_conformance.mac_axis.probing import MOVES
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
@@ -132,10 +132,12 @@ def sync_is_not_answered_by_who_obeys_it_either(session: Session) -> None:
     bench.wait(20 * SLOW * TICK_NS / 1e9 + 0.1)
     place = bench.position()
     session.expect(place == start + 20, "MACC-SYNC-02", f"{start + 20}, started", place)
-    exchange = bench.accepted(0x16, segment(-20, SLOW))
+    steps = back(bench, 20)
+    exchange = bench.accepted(0x16, segment(steps, SLOW))
     sync_silently(bench, codec.sync(), "MACC-SYNC-04")
     bench.wait_until(exchange.taken.latest_ns + 20 * SLOW * TICK_NS + 100_000_000)
-    session.expect(bench.position() == start, "MACC-SYNC-04", start, bench.position())
+    place += steps
+    session.expect(bench.position() == place, "MACC-SYNC-04", place, bench.position())
 
 
 @check("MACC-SYNC-04", "MACC-SYNC-01", safety=MOVES)

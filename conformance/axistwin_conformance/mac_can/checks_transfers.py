@@ -137,8 +137,10 @@ def _judge_golden_to_all(bench: Bench, golden: GoldenExchange) -> None:
         for name in ("MACC-GEN-01", "MACC-GEN-03"):
             session.not_run(name, "there is no module 1 on this bus")
         return
-    data = tuple(one.data for one in heard)
-    session.expect(data == (golden.reply.data,), golden.requirements, golden.reply, told(heard))
+    data, wanted = tuple(one.data for one in heard), golden.reply.data
+    if bench.known("sync_without_preload"):  # its 2011h starts nothing (MACS-AMB-34)
+        data, wanted = tuple(one[:4] for one in data), bytes([codec.REFUSED]) + wanted[1:4]
+    session.expect(data == (wanted,), golden.requirements, golden.reply, told(heard))
     whence = {codec.REPLY + 1: 0, codec.REQUEST + 1: 1}.get(heard[0].identifier, told(heard))
     bench.reading("general_reply_id", whence, "MACC-GEN-03")
 
@@ -305,6 +307,9 @@ def bytes_without_a_meaning_may_hold_anything(session: Session) -> None:
         outcome = outcome_of(bench, asked, {Kind.ACCEPTED: 0, Kind.REFUSED: 1})
         bench.reading("dont_care_digits", outcome)
     bench.at_rest()
+    bench.accepted(0x13, bench.position())  # spends an arm that stops leave (MACS-AMB-36)
+    bench.command(0x11)
+    bench.at_rest()
 
 
 # --- reading is not writing ----------------------------------------------------------------------
@@ -340,7 +345,8 @@ def download_and_upload_of_an_index_are_two_things(session: Session) -> None:
         )
         after = bench.value(kept)
         session.expect(after == before, None, f"{kept:02X}h {before:08X}", f"{after:08X}")
-    bench.accepted(0x03, 0)
+    for index in (0x02, 0x03):  # an axis in standby may swing by one increment
+        bench.accepted(index, 0)
     before_all = held(bench)
     for index in codec.QUERIES:
         replies(bench, bench.request(index).frame(), is_awaited=False)
