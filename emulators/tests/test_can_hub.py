@@ -237,7 +237,7 @@ def test_canopen_converses_from_another_process(tmp_path: Path) -> None:
             hub.bus.twins[0].supply_volts = 24
         out, err = process.communicate(timeout=30)
         assert (process.returncode, out) == (0, "conversed\n"), err
-        assert hub.bus.twins[0].address == 5
+        assert hub.bus.twins[0].address == 1  # the factory's, after another one
 
 
 # ---- clients that misbehave ----------------------------------------------------------------------

@@ -33,6 +33,11 @@ def node_of(network: Any, address: int) -> Any:
     return node
 
 
+def until_at(node: Any, position: bytes) -> None:
+    """Wait until the axis is there."""
+    until(lambda: node.sdo.upload(0x2000, 0) == position)
+
+
 def abort_code(node: Any, index: int, data: bytes) -> int | None:
     """Of a download that is refused; None: it was taken."""
     try:
@@ -42,15 +47,50 @@ def abort_code(node: Any, index: int, data: bytes) -> int | None:
     return None
 
 
+# Parameters: what is written to which object, and where which bytes of it are read back.
+WRITTEN = (
+    (0x2002, "00000001", 0x2006, slice(2, 3), "10"),  # half torque at rest; the stops stay
+    (0x2003, "00000000", 0x2006, slice(2, 3), "10"),
+    (0x2002, "00000000", 0x2006, slice(2, 3), "00"),
+    (0x2007, "00000001", 0x2007, slice(0, 0), ""),  # the reference input: not read back
+    (0x2007, "00000000", 0x2007, slice(0, 0), ""),
+    (0x2009, "00012345", 0x2002, slice(0, 4), "00012345"),
+    (0x200A, "fffedcba", 0x2003, slice(0, 4), "fffedcba"),
+    (0x200C, "00000040", 0x2006, slice(1, 2), "40"),
+    (0x200D, "00000320", 0x2005, slice(2, 4), "0320"),
+    (0x200E, "00000a00", 0x2005, slice(0, 1), "0a"),
+    (0x200F, "00000000", 0x2006, slice(0, 1), "00"),
+    (0x201C, "00000003", 0x2006, slice(3, 4), "03"),
+    (0x201C, "00000000", 0x2006, slice(3, 4), "00"),
+    (0x200B, "00000000", 0x2000, slice(0, 4), "00000000"),
+)
+# Motions: what is written, and the position that then comes.
+MOVED = (
+    (((0x2019, "00000000"), (0x2013, "00000064")), 100),
+    (((0x2014, "00000000"),), 0),
+    (((0x2010, "00000000"), (0x2013, "0000000a"), (0x2011, "00000000")), 10),
+    (((0x201E, "000a0320"), (0x2016, "fff60320")), 0),
+    (((0x2015, "00000320"), (0x2017, "00000000"), (0x2018, "00000000")), None),
+    (((0x201A, "00000000"),), None),
+)
+UNASSIGNED = (0x2004, 0x2005, 0x2006, 0x2008, 0x2012, 0x201B, 0x201D, 0x201F)
+
+
 def converse_by_sdo(node: Any) -> None:
-    """Objects are written and read; a value that is not allowed is refused."""
+    """Every object is written and read; what is not there or not allowed is refused."""
     for index in range(0x2000, 0x2008):
         assert len(node.sdo.upload(index, 0)) == 4
-    node.sdo.download(0x200C, 0, bytes((0, 0, 0, 0x40)))  # torque
-    assert node.sdo.upload(0x2006, 0)[1] == 0x40
+    for index, data, shown, place, wanted in WRITTEN:
+        node.sdo.download(index, 0, bytes.fromhex(data))
+        assert node.sdo.upload(shown, 0)[place] == bytes.fromhex(wanted), hex(index)
+    for commands, target in MOVED:
+        for index, data in commands:
+            node.sdo.download(index, 0, bytes.fromhex(data))
+        if target is not None:
+            until_at(node, target.to_bytes(4, "big"))
+    for index in UNASSIGNED:
+        assert abort_code(node, index, bytes(4)) == 0, hex(index)
     assert abort_code(node, 0x200C, bytes((0, 0, 0, 0x81))) == 0
-    node.sdo.download(0x2013, 0, (100).to_bytes(4, "big"))  # go to 100
-    until(lambda: node.sdo.upload(0x2000, 0) == (100).to_bytes(4, "big"))
 
 
 def receive_messages(node: Any, wait_for_fault: bool) -> None:
@@ -77,12 +117,19 @@ def change_the_address(network: Any) -> None:
     lss.send_switch_state_global(lss.WAITING_STATE)
     until(lambda: moved.nmt.timestamp)
     assert len(moved.sdo.upload(0x2001, 0)) == 4
-    network[1].sdo.RESPONSE_TIMEOUT = 0.05
+    old = network[1]
+    old.sdo.RESPONSE_TIMEOUT = 0.05
     try:
-        network[1].sdo.upload(0x2000, 0)
+        old.sdo.upload(0x2000, 0)
     except SdoCommunicationError:
-        return
-    raise AssertionError("the old address still answers")
+        pass
+    else:
+        raise AssertionError("the old address still answers")
+    old.nmt.timestamp = None
+    moved.sdo.download(0x2001, 0, bytes(4))  # factory values: address 1 again
+    until(lambda: old.nmt.timestamp)
+    old.sdo.RESPONSE_TIMEOUT = TIMEOUT_S
+    assert len(old.sdo.upload(0x2000, 0)) == 4
 
 
 def main(interface: str, channel: str, *rest: str) -> None:
