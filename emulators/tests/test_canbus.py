@@ -538,13 +538,8 @@ def test_shutting_down_just_before_a_look_is_an_error_that_says_so(
 ) -> None:
     """Another thread may do so at any moment, while others still use the bus."""
     bus, _ = opened(), opened()
-    look = bus._next_message
-
-    def look_late() -> can.Message | None:
-        bus.shutdown()
-        return look()
-
-    monkeypatch.setattr(bus, "_next_message", look_late)
+    acts = iter((bus.shutdown, bus._next_message))
+    monkeypatch.setattr(bus, "_next_message", lambda: [act() for act in acts])
     with pytest.raises(can.CanOperationError, match="is shut down"):
         bus.recv(1)
 
