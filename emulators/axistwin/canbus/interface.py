@@ -1,5 +1,6 @@
 """The port of a bus of twins that python-can opens; the rules stand at the head of the package."""
 
+import logging
 import threading
 import time
 from collections import deque
@@ -18,13 +19,15 @@ from can.typechecking import AutoDetectedConfig, CanFilters
 
 from axistwin import catalog
 from axistwin.canbus.channel import parse_channel
-from axistwin.canbus.shared import close_bus, open_bus, open_names
+from axistwin.canbus.shared import abandon, close_bus, open_bus, open_names
 from axistwin.errors import AxistwinError
 from axistwin.kernel.time import NS_PER_S, Nanos
 from axistwin.runtime.can_network import Arrival, ErrorReport
 from axistwin.runtime.twin import Twin
 from axistwin.wire.can_bus import ControllerState, Fault
 from axistwin.wire.can_frame import INTERMISSION_BITS, CanFrame
+
+_LOG: Final = logging.getLogger("can.axistwin")
 
 SEND_QUEUE_FRAMES: Final = 256
 """Frames that a port's controller holds; ``send`` waits for room behind them."""
@@ -336,6 +339,15 @@ class AxistwinBus(can.BusABC):
             raise can.CanOperationError(str(error)) from error
         finally:
             close_bus(self._shared)
+
+    def __del__(self) -> None:
+        """Leave the bus, but later: whoever is collected may be so in the midst of what another
+        port of the same bus does in this very thread."""
+        if not self._is_shutdown:
+            _LOG.warning("%s was not properly shut down", type(self).__name__)
+            self._is_shutdown = True
+            if hasattr(self, "_port"):
+                abandon(self._shared, self._port)
 
     def _send_the_rest(self) -> None:
         now, slice_ns = self._bus.sync(), self._shared.bits_ns(LONGEST_BITS)

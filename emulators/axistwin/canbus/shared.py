@@ -1,14 +1,17 @@
 """The buses of this process, which several ports share, and their periodic tasks."""
 
+import atexit
+import contextlib
 import threading
 import time
 import weakref
+from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
 from axistwin import catalog
 from axistwin.canbus.channel import ChannelRequest
-from axistwin.errors import UsageError
+from axistwin.errors import AxistwinError, UsageError
 from axistwin.kernel.time import NS_PER_S, Nanos
 from axistwin.runtime.bus import Bus
 from axistwin.runtime.clock import PacedClock, VirtualClock
@@ -65,6 +68,7 @@ class SharedBus:
         self, until_ns: Nanos | None, port: int | None, stop: Callable[[], bool] = lambda: False
     ) -> Nanos:
         """``Bus.wait``, which stops for what is due of periodic tasks."""
+        sweep()
         due_ns = min((task.due_ns for task in tuple(self._tasks)), default=None)
         if due_ns is None or (until_ns is not None and until_ns < due_ns):
             return self.bus.wait(until_ns, port, stop=stop)
@@ -102,6 +106,7 @@ _known: "weakref.WeakSet[SharedBus]" = weakref.WeakSet()
 
 def open_bus(request: ChannelRequest) -> SharedBus:
     """The bus that ``request`` asks for, new or shared.  Raises UsageError and StateError."""
+    sweep()
     with _registry_lock:
         found = _shared.get(request.name)
         if found is None:
@@ -130,6 +135,30 @@ def close_bus(shared: SharedBus) -> None:
             return
         del _shared[shared.name]
     shared.bus.close()
+
+
+_abandoned: deque[tuple[SharedBus, int]] = deque()
+
+
+def abandon(shared: SharedBus, port: int) -> None:
+    """Leave it to ``sweep`` to take ``port`` off its bus; safe in the midst of anything."""
+    _abandoned.append((shared, port))
+
+
+def sweep() -> None:
+    """Take the ports off their buses that nobody can use any more."""
+    while _abandoned:
+        try:
+            shared, port = _abandoned.popleft()
+        except IndexError:  # another thread does it
+            return
+        with contextlib.suppress(AxistwinError):  # there is nobody to be told
+            shared.bus.detach(port)
+        with contextlib.suppress(AxistwinError):
+            close_bus(shared)
+
+
+atexit.register(sweep)
 
 
 def open_names() -> list[str]:
