@@ -2,12 +2,18 @@
 
 import gc
 import logging
+import threading
+from typing import Any
 
 import can
 import pytest
 
+from axistwin import catalog
 from axistwin.canbus import AxistwinBus
 from axistwin.canbus.shared import open_names, sweep
+from axistwin.devices.mac.can import MacCan
+from axistwin.runtime.bus import Bus
+from axistwin.wire.can_frame import CanFrame
 
 READ = can.Message(
     arbitration_id=0x601, data=bytes.fromhex("4000200000000000"), is_extended_id=False
@@ -21,13 +27,19 @@ def opened(name: str) -> AxistwinBus:
     return bus
 
 
-def test_a_port_may_be_collected_while_another_one_is_told_of_a_frame(
-    caplog: pytest.LogCaptureFixture,
+def test_a_port_may_be_collected_while_a_frame_is_handed_out(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It is taken off the bus later; nobody else notices, and the log says what was forgotten."""
     one = opened("told")
     forgotten = [opened("told")]
-    one._bus.subscribe_frames(lambda *_: forgotten.clear())  # with the bus locked, amid a frame
+    accepts = MacCan.accepts
+
+    def accepting(device: MacCan, frame: CanFrame) -> bool:
+        forgotten.clear()  # after it is known who hears the frame, before all are told
+        return accepts(device, frame)
+
+    monkeypatch.setattr(MacCan, "accepts", accepting)
     with caplog.at_level(logging.WARNING):
         one.send(READ)
         replies = [one.recv(0.1), one.recv(0.1)]
@@ -48,26 +60,23 @@ def test_the_bus_ends_with_its_last_port_though_forgotten() -> None:
     other.shutdown()
 
 
-def test_a_port_may_be_collected_while_another_one_is_opened() -> None:
+def test_a_port_may_be_collected_while_another_one_is_opened(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The registry of buses is locked then, and must not be asked for again."""
     forgotten = [opened("registry")]
-    callback = gc.callbacks
-    seen = []
+    build_bus = catalog.build_bus
 
-    def forget(phase: str, _: object) -> None:
-        if phase == "start" and forgotten:
-            seen.append(phase)
-            forgotten.clear()
+    def building(*arguments: Any, **options: Any) -> Bus:
+        forgotten.clear()
+        return build_bus(*arguments, **options)
 
-    callback.append(forget)
-    threshold = gc.get_threshold()
-    try:
-        gc.set_threshold(1)
-        other = opened("besides")
-    finally:
-        gc.set_threshold(*threshold)
-        callback.remove(forget)
-    assert seen
-    other.shutdown()
+    monkeypatch.setattr(catalog, "build_bus", building)
+    others: list[AxistwinBus] = []
+    thread = threading.Thread(target=lambda: others.append(opened("besides")), daemon=True)
+    thread.start()
+    thread.join(10)
+    assert others, "it waits for itself"
+    others[0].shutdown()
     sweep()
     assert open_names() == []
