@@ -292,6 +292,13 @@ class Bench(Talk):
             self.command(0x11)
             self.command(0x18)
 
+    def disarm(self) -> None:
+        """Spend a 10h that no motion has followed: stops may leave it (MACS-AMB-36)."""
+        self.at_rest()
+        self.command(0x13, self.position())
+        self.command(0x11)
+        self.at_rest()
+
     def room(self) -> int:
         """Increments a check may use up in one direction: half of the envelope."""
         return self.session.envelope.max_travel // 2

@@ -306,10 +306,7 @@ def bytes_without_a_meaning_may_hold_anything(session: Session) -> None:
         asked = bench.request(index, 0xFFFFFF00 if index == 0x07 else 0xFFFFFFFF)
         outcome = outcome_of(bench, asked, {Kind.ACCEPTED: 0, Kind.REFUSED: 1})
         bench.reading("dont_care_digits", outcome)
-    bench.at_rest()
-    bench.accepted(0x13, bench.position())  # spends an arm that stops leave (MACS-AMB-36)
-    bench.command(0x11)
-    bench.at_rest()
+    bench.disarm()
 
 
 # --- reading is not writing ----------------------------------------------------------------------
