@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from axistwin.catalog import build_bus, parse_device
 from axistwin.devices.mac.can import MacCan
 from axistwin.devices.mac.can_decode import explain_frame
 from axistwin.errors import StateError
@@ -14,7 +15,7 @@ from axistwin.kernel.effects import Trace
 from axistwin.kernel.time import NS_PER_MS, NS_PER_S
 from axistwin.runtime import can_network
 from axistwin.runtime.bus import TRANSCRIPT_FRAMES, Bus, Passed
-from axistwin.runtime.can_network import CanNetwork
+from axistwin.runtime.can_network import MANY_STEPS, CanNetwork
 from axistwin.runtime.clock import PacedClock, VirtualClock
 from axistwin.runtime.owner import Station
 from axistwin.runtime.storage import MemorySlot, MemoryStorage
@@ -169,6 +170,30 @@ def test_ports_come_and_go() -> None:
     rig.bus.twins[0].power_on()
     rig.bus.advance(3 * NS_PER_S)
     assert "701#00" in [str(each.frame) for each in rig.bus.receive(second)]
+
+
+def test_time_does_not_run_away_from_who_computes_it() -> None:
+    """Lifebeats that come faster than they can be computed slow time down, and end no sync."""
+    passed_ns = 0
+    clock = PacedClock(1e6, source=lambda: passed_ns)
+    heard = 0
+
+    def work(_: Passed) -> None:
+        nonlocal passed_ns, heard
+        passed_ns += 30_000  # in which three more come
+        heard += 1
+
+    bus = build_bus([parse_device("mac23-can:1")], clock=clock)
+    bus.subscribe_frames(work)
+    bus.attach()
+    times = [bus.sync()]
+    for _ in range(40):
+        passed_ns += 100_000
+        heard = 0
+        times.append(bus.sync())
+        assert heard < 4 * MANY_STEPS
+    assert times == sorted(times)
+    assert times[-1] > times[-2]
 
 
 def test_twins_work_on_a_bus_as_on_a_line() -> None:

@@ -4,6 +4,8 @@ What holds for every owner (time, storage, threads) is told in ``owner``; here a
 what was on the bus.
 
 - A port hears what is on the bus while it is attached, in one order with everybody else.
+- Lifebeats go on for ever; at a speed at which they come faster than they can be computed, time
+  passes as fast as it can.
 - ``transcript``: the last frames with their times, whoever sent them; ``subscribe_frames`` gives
   all of them to a recording.
 """
@@ -71,6 +73,8 @@ class Bus(Owner[CanNetwork]):
 
     def _note_readable(self) -> bool:
         self._record()
+        if self._network.long_span_ns:
+            self.clock.keep_up(self._network.now_ns, self._network.long_span_ns)
         seen, self._seen_arrivals = self._seen_arrivals, self._network.arrivals_count
         return self._seen_arrivals > seen
 

@@ -33,6 +33,9 @@ from axistwin.wire.can_frame import CanFrame
 PORT_QUEUE_FRAMES: Final = 4096
 """Frames, and as many error reports, that a port keeps for a host that does not take them."""
 
+MANY_STEPS: Final = 512
+"""So many that it is asked whether time runs away from who computes it."""
+
 HEARD_MAX: Final = 65536
 """Frames kept for the record until somebody takes them."""
 
@@ -82,6 +85,7 @@ class CanNetwork:
     bitrate: bits per second, > 0.  paced: frames take their time; otherwise none.
     ``settled_ns``: the time at which nothing is left to be done, until something else is done.
     ``arrivals_count``: how many frames have ever been put into ports.
+    ``long_span_ns``: the time over which ``run_until`` went last if that was much work, else 0.
     """
 
     def __init__(
@@ -97,6 +101,7 @@ class CanNetwork:
         self.bitrate = bitrate
         self.is_paced = paced
         self.arrivals_count = 0
+        self.long_span_ns: Nanos = 0
         self._bus = CanBus(bitrate if paced else None, start_ns)
         for index in range(len(self.devices)):
             station = self._bus.attach(start_ns)
@@ -126,8 +131,10 @@ class CanNetwork:
         assert now >= self.now_ns, f"time went back from {self.now_ns} to {now} ns"
         if now == self.settled_ns:
             return
+        steps, began_ns = 0, self.now_ns
         while self._run_next(now):
-            pass
+            steps += 1
+        self.long_span_ns = now - began_ns if steps >= MANY_STEPS else 0
         self._stand_at(now)
         self.settled_ns = now
 

@@ -31,6 +31,13 @@ class Clock(Protocol):
     def delay_s(self, until_ns: Nanos) -> float:
         """Seconds a program has to sleep until it is ``until_ns``; 0.0 if it is by now."""
 
+    def keep_up(self, reached_ns: Nanos, span_ns: Nanos) -> None:
+        """It took until now to compute the ``span_ns`` before ``reached_ns``.
+
+        If that was longer than the span, time goes on from there, and so never runs away from
+        whoever computes it.
+        """
+
 
 class VirtualClock:
     """Stands still until it is moved."""
@@ -53,6 +60,9 @@ class VirtualClock:
         """Nobody needs to sleep for virtual time: 0.0."""
         return 0.0
 
+    def keep_up(self, reached_ns: Nanos, span_ns: Nanos) -> None:
+        """Virtual time waits for everybody."""
+
 
 class PacedClock:
     """Runs ``speed`` times as fast as ``source``, from ``start_ns`` on.
@@ -70,8 +80,9 @@ class PacedClock:
         source: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self._source = source
-        self._base_source_ns = source()
-        self._base_ns = self._last_ns = start_ns
+        self._last_ns = start_ns
+        # What it was when the source showed that; one value, for other threads look at it.
+        self._base = (start_ns, source())
         self._speed = _checked_speed(speed)
 
     @property
@@ -82,19 +93,28 @@ class PacedClock:
     @speed.setter
     def speed(self, speed: float) -> None:
         checked = _checked_speed(speed)
-        self._base_ns = self.now_ns()
-        self._base_source_ns = self._source()
+        self._base = (self.now_ns(), self._source())
         self._speed = checked
 
     def now_ns(self) -> Nanos:
         """The present time, rounded down."""
-        passed = self._source() - self._base_source_ns
-        if self._speed != 1.0:
-            passed = math.floor(passed * self._speed)
-        now = self._base_ns + passed
+        now = self._untold_ns()
         if now > self._last_ns:
             self._last_ns = now
         return self._last_ns
+
+    def _untold_ns(self) -> Nanos:
+        """The present time, which may be less than what was told."""
+        base_ns, base_source_ns = self._base
+        passed = self._source() - base_source_ns
+        if self._speed != 1.0:
+            passed = math.floor(passed * self._speed)
+        return base_ns + passed
+
+    def keep_up(self, reached_ns: Nanos, span_ns: Nanos) -> None:
+        """Go on from ``reached_ns`` if more than ``span_ns`` has passed since."""
+        if self._untold_ns() - reached_ns > span_ns:
+            self._base = (max(reached_ns, self._last_ns), self._source())
 
     def advance_to(self, until_ns: Nanos) -> None:
         """This time cannot be moved, only waited for (see ``delay_s``)."""
