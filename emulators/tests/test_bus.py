@@ -172,6 +172,17 @@ def test_ports_come_and_go() -> None:
     assert "701#00" in [str(each.frame) for each in rig.bus.receive(second)]
 
 
+def test_a_module_alone_on_the_bus_keeps_one_lifebeat_for_who_comes() -> None:
+    """However long nobody acknowledges; from then on they come every ten seconds."""
+    bus = build_bus([parse_device("mac23-can:1")], clock=VirtualClock())
+    bus.advance(3600 * NS_PER_S)
+    port = bus.attach()
+    bus.advance(NS_PER_S)
+    assert [each.frame.identifier for each in bus.receive(port)] == [0x081]
+    bus.advance(30 * NS_PER_S)
+    assert [each.frame.identifier for each in bus.receive(port)] == [0x081] * 3
+
+
 def test_time_does_not_run_away_from_who_computes_it() -> None:
     """Lifebeats that come faster than they can be computed slow time down, and end no sync."""
     passed_ns = 0

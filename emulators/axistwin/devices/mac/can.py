@@ -24,7 +24,8 @@ Rules
    that asks for it (ledger §5 item 10).
 4. A restart acts when its own reply has left (MACC-CMD-00-02); the boot-up message ends it.
 5. The message on 080h+adr goes out when dd of the status changes, and 10 s after the last request
-   to 600h+adr or message of its own (MACC-EMCY-01, -02, -05).
+   to 600h+adr or message of its own (MACC-EMCY-01, -02, -05).  A lifebeat that still waits for
+   somebody to acknowledge it is not joined by another one.
 6. An address is taken over, and stored, by the 04 00 of a complete procedure (MACC-LMT-03).
 """
 
@@ -113,6 +114,7 @@ class MacCan(MacModule):
         self._awaited: CanFrame | None = None
         # Network state.
         self._lifebeat_at: Nanos = NEVER
+        self._waiting_lifebeat: CanFrame | None = None
         self._told_status = 0
         self._nmt_state = "pre-operational"
         self._configures = False
@@ -144,6 +146,8 @@ class MacCan(MacModule):
     def sent(self, frame: CanFrame, end_ns: Nanos) -> list[Effect]:
         """A frame of this module has left: the reply to a restart lets it act (rule 4)."""
         self._run_until(end_ns)
+        if frame == self._waiting_lifebeat:
+            self._waiting_lifebeat = None
         if frame != self._awaited:
             return self._taken_effects()
         self._awaited = None
@@ -338,7 +342,7 @@ class MacCan(MacModule):
         """Off, held or starting up: no dialogue, no message, no procedure (MACC-BOOT-04)."""
         self._listens = self._configures = self._wants_restart = False
         self._lifebeat_at = NEVER
-        self._awaited = self._given_address = None
+        self._awaited = self._given_address = self._waiting_lifebeat = None
 
     def _booted(self, now: Nanos) -> None:
         """Alive: say so (MACC-BOOT-01, -02)."""
@@ -383,7 +387,8 @@ class MacCan(MacModule):
 
     def _lifebeat(self, now: Nanos) -> None:
         """10 s of silence (MACC-EMCY-01); the content is the present one."""
-        self._send_emergency(now, self.axis.query(now, 0x21))
+        if self._waiting_lifebeat is None:
+            self._waiting_lifebeat = self._send_emergency(now, self.axis.query(now, 0x21))
         self._restart_lifebeat(now)
 
     def _error(self) -> tuple[int, int]:
@@ -394,11 +399,11 @@ class MacCan(MacModule):
                 return code, register
         return 0, 0
 
-    def _send_emergency(self, now: Nanos, status: int) -> None:
-        """080h + address (MACC-EMCY-03, -04)."""
+    def _send_emergency(self, now: Nanos, status: int) -> CanFrame | None:
+        """080h + address (MACC-EMCY-03, -04); None: not in this mode."""
         form = self.quirks.emcy_payload
         if form == "none" or self._nmt_state == "stopped":
-            return
+            return None
         code, register = self._error()
         head, shown = code.to_bytes(2, "little") + bytes((register,)), status.to_bytes(4, "big")
         payloads = {
@@ -406,7 +411,7 @@ class MacCan(MacModule):
             "status_first": shown + NOTHING,
             "code_only": head + bytes(5),
         }
-        self._send(EMERGENCY + self.address, payloads[form], now)
+        return self._send(EMERGENCY + self.address, payloads[form], now)
 
     # ---- SYNC, address procedure, NMT ------------------------------------------------------------
 
