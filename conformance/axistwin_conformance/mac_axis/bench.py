@@ -6,7 +6,8 @@ Built on `talk.py`, which tells for each exchange when the module can have taken
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Final
 
 from axistwin_conformance.errors import OutsideEnvelope
@@ -262,6 +263,13 @@ class Bench(Talk):
         ):
             if present != wanted:  # an EEPROM bears only so many writes
                 self.command(index, wanted)
+
+    @contextmanager
+    def torque_kept(self) -> Iterator[None]:
+        """Put the torque limit back at the end: what is asked next may have to move the axis."""
+        own = self.data_bytes(0x26)[1]
+        yield
+        self.command(0x0C, own)
 
     def come_home(self) -> int:
         """Go back to where the run found the axis if it has come far; give the position."""

@@ -39,7 +39,8 @@ def cmd_1c_supported(bench: Bench) -> Outcome:
 def torque_range(bench: Bench) -> Outcome:
     """0Ch with 00 and with Imax."""
     imax = bench.imax
-    kinds = [bench.command(0x0C, value).kind for value in (0, imax)]
+    with bench.torque_kept():
+        kinds = [bench.command(0x0C, value).kind for value in (0, imax)]
     if kinds[0] is not kinds[1]:
         return f"0Ch 00: {kinds[0].value}, 0Ch {imax:02X}: {kinds[1].value}"
     return reply_of(kinds[0], ACCEPTED_OR_REFUSED)
@@ -51,8 +52,9 @@ def torque_over(bench: Bench) -> Outcome:
     imax = bench.imax
     if imax + ABOVE_IMAX > 0xFF:
         bench.session.skip(f"Imax {imax:02X}h leaves no value above it")
-    bench.command(0x0C, 0x20)
-    return excessive_torque(bench, imax, imax + ABOVE_IMAX)
+    with bench.torque_kept():
+        bench.command(0x0C, 0x20)
+        return excessive_torque(bench, imax, imax + ABOVE_IMAX)
 
 
 def excessive_torque(bench: Bench, imax: int, value: int) -> int | str:
