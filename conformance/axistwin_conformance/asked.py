@@ -18,6 +18,7 @@ from axistwin_conformance.ways import choose_endpoint
 if TYPE_CHECKING:
     from axistwin_conformance.plan import Options
     from axistwin_conformance.recording import Recording
+    from axistwin_conformance.session import Envelope
 
 BENCH_TRAVEL = 2000  # increments: one turn of a MAC23, a fifth of a MAC34
 BENCH_SPEED = 10_000  # increments per second: 300 rpm on a MAC23
@@ -60,7 +61,6 @@ def make_options(
     """Turn what was typed into options; raises UsageError in one line for what cannot be meant."""
     from axistwin_conformance.plan import Options
     from axistwin_conformance.rig import choose_rig
-    from axistwin_conformance.session import Envelope
 
     family = find_family(model)
     endpoint, rate = choose_endpoint(
@@ -73,8 +73,7 @@ def make_options(
         known = ", ".join(map(str, family.rates))
         raise UsageError(f"{family.way.rate_option} {rate}: a {model} knows {known}")
     _check_duration(duration, level)
-    alone = {"an ID": ids, "--level": level, "--detect": is_detection}
-    recording = None if replay is None else _recording(family, model, replay, alone)
+    others = {"an ID": ids, "--level": level, "--detect": is_detection}
     allowed = parse_allowed(allow, is_builtin=is_builtin)
     options = Options(
         family=family,
@@ -84,11 +83,7 @@ def make_options(
         neighbours=neighbours,
         rate=rate or family.default_rate,
         allowed=allowed,
-        envelope=Envelope(
-            max_travel or (TWIN_TRAVEL if is_builtin else BENCH_TRAVEL),
-            max_speed or (TWIN_SPEED if is_builtin else BENCH_SPEED),
-            is_fenced=bool(max_travel or max_speed) or not is_twin,
-        ),
+        envelope=_envelope(max_travel, max_speed, is_builtin=is_builtin, is_twin=is_twin),
         level=level or FULL,
         seed=seed,
         words=ids,
@@ -98,7 +93,7 @@ def make_options(
         profile="" if profile is None else str(profile),
         is_exitfirst=exitfirst,
         duration_s=(duration or DEFAULT_SOAK_S) if level == SOAK else None,
-        recording=recording,
+        recording=None if replay is None else _recording(family, model, replay, others),
         replay_word=replay or "",
         report=report,
         jobs=jobs,
@@ -106,6 +101,19 @@ def make_options(
     )
     choice = choose_rig(rig, rig_command, options.url, is_allowed="rig" in allowed, way=family.way)
     return replace(options, rig=choice)
+
+
+def _envelope(
+    max_travel: int | None, max_speed: int | None, *, is_builtin: bool, is_twin: bool
+) -> Envelope:
+    """The bounds of motion; enforced unless nobody has asked for any and a twin is moved."""
+    from axistwin_conformance.session import Envelope
+
+    return Envelope(
+        max_travel or (TWIN_TRAVEL if is_builtin else BENCH_TRAVEL),
+        max_speed or (TWIN_SPEED if is_builtin else BENCH_SPEED),
+        is_fenced=bool(max_travel or max_speed) or not is_twin,
+    )
 
 
 def _recording(family: Family, model: str, word: str, others: Mapping[str, object]) -> Recording:

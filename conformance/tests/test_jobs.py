@@ -249,8 +249,7 @@ def workers_of(process: psutil.Process) -> list[int]:
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL], ids=lambda one: one.name)
 def test_nothing_survives_the_run(number: signal.Signals) -> None:
-    """Ctrl-C reaches all processes of a terminal, but only the run's own ends by it, with what was
-    found; where the run is killed, its workers find out."""
+    """Of all processes of a terminal Ctrl-C ends the run's own; workers of one killed find out."""
     with subprocess.Popen(
         SOAK, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as process:
