@@ -12,15 +12,14 @@ import errno
 import json
 import os
 import re
-import signal
 import sys
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from axistwin_conformance import interrupts
 from axistwin_conformance.asked import make_options as make_options
 from axistwin_conformance.asked import parse_allowed as parse_allowed
 from axistwin_conformance.asked import usable_cores
@@ -365,7 +364,7 @@ def _run(engine: Engine, is_json: bool, report: Path | None) -> int:
             folder = ReportFolder(report, explain, spell)
         listeners.append(folder)
     with contextlib.ExitStack() as stack:
-        stack.enter_context(_termination_interrupts())
+        stack.enter_context(interrupts.heeded())
         if is_json:
             listeners.append(report_json.JsonStream(sys.stdout, explain, spell))
         else:
@@ -415,22 +414,3 @@ def _report_trouble() -> Iterator[None]:
         yield
     except OSError as error:
         raise UsageError(f"cannot write the report: {error.strerror}: {error.filename}") from error
-
-
-@contextlib.contextmanager
-def _termination_interrupts() -> Iterator[None]:
-    """Make SIGTERM and SIGHUP end the run as Ctrl-C does: stopped, put back, reported."""
-
-    def interrupt(number: int, frame: object) -> None:
-        raise KeyboardInterrupt
-
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    ending = (signal.SIGTERM, signal.SIGHUP)
-    before = {number: signal.signal(number, interrupt) for number in ending}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

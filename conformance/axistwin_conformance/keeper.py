@@ -15,12 +15,10 @@ Rules.
 from __future__ import annotations
 
 import contextlib
-import signal
-import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
-from axistwin_conformance import events
+from axistwin_conformance import events, interrupts
 from axistwin_conformance.attempts import describe
 from axistwin_conformance.budget import WriteBudget
 from axistwin_conformance.carrier import Carrier
@@ -33,7 +31,6 @@ from axistwin_conformance.registry import Breach, Check
 from axistwin_conformance.session import Run, Session
 from axistwin_conformance.verdicts import Finding, Verdict
 
-ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 SANITY_PAUSES_S = (0.0, 1.0, 1.5)  # together longer than the 2 s for which a module may be deaf
 
 Opener = Callable[[tuple[int, ...]], Carrier]  # neighbours on the line → an open target
@@ -76,7 +73,7 @@ class Keeper:
         try:
             yield run
         finally:
-            with _uninterrupted():
+            with interrupts.held_back():
                 self._make_safe(run)
                 run.target.close()
 
@@ -268,19 +265,3 @@ class Keeper:
         """Tell what had to be asked again beside the checks."""
         for text in session.retries:
             self.tell(events.Note(f"between checks, asked again: {text}"))
-
-
-@contextlib.contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """Hold back Ctrl-C and termination while the device is made safe (bounded by time-outs)."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = {number: signal.getsignal(number) for number in ENDING_SIGNALS}
-    for number in before:
-        signal.signal(number, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -1,0 +1,90 @@
+"""Signals that end a run are heard wherever they come."""
+
+from __future__ import annotations
+
+import gc
+import os
+import signal
+import time
+from collections.abc import Callable
+
+import pytest
+
+from axistwin_conformance import interrupts
+
+ENDING = pytest.mark.parametrize("number", interrupts.ENDING, ids=lambda one: one.name)
+
+
+def soon(number: signal.Signals) -> None:
+    """Send this process the signal; its handler runs before this returns."""
+    os.kill(os.getpid(), number)
+    for _ in range(100):
+        pass
+
+
+def is_interrupted_by(act: Callable[[], object]) -> bool:
+    """Whether that is followed, soon, by an interrupt."""
+    deadline = time.monotonic() + 5
+    try:
+        act()
+        while time.monotonic() < deadline:
+            pass
+    except KeyboardInterrupt:
+        return True
+    return False
+
+
+@ENDING
+def test_each_of_them_interrupts(number: signal.Signals) -> None:
+    """As Ctrl-C does."""
+    before = signal.getsignal(number)
+    with interrupts.heeded():
+        assert is_interrupted_by(lambda: soon(number))
+    assert signal.getsignal(number) is before
+
+
+@ENDING
+def test_one_amid_a_collection_of_garbage_is_not_lost(number: signal.Signals) -> None:
+    """What is raised in a callback of the collector is dropped by Python."""
+
+    def callback(phase: str, _: object) -> None:
+        if phase == "start":
+            soon(number)
+
+    gc.callbacks.append(callback)
+    try:
+        with interrupts.heeded():
+            assert is_interrupted_by(gc.collect)
+    finally:
+        gc.callbacks.remove(callback)
+
+
+@ENDING
+def test_one_amid_a_finaliser_is_not_lost(number: signal.Signals) -> None:
+    """Nor in `__del__`, however deep."""
+
+    class Fleeting:
+        def __del__(self) -> None:
+            soon(number)
+
+    with interrupts.heeded():
+        assert is_interrupted_by(Fleeting)
+
+
+def test_what_is_ignored_stays_ignored() -> None:
+    """nohup is heeded."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with interrupts.heeded():
+            soon(signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+@ENDING
+def test_while_a_device_is_made_safe_none_is_heard(number: signal.Signals) -> None:
+    """Afterwards they are again."""
+    with interrupts.heeded():
+        with interrupts.held_back():
+            soon(number)
+        assert is_interrupted_by(lambda: soon(number))
