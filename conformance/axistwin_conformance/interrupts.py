@@ -1,8 +1,8 @@
 """Ctrl-C, SIGTERM and SIGHUP end a run in the same way: stopped, put back, reported.
 
-Python drops what a signal's handler raises while a finaliser or a callback of the garbage collector
-runs, and Hypothesis has such a callback.  An interrupt that comes there is tried again a moment
-later, until it comes where it is heard.
+Python drops what a signal's handler raises while a finaliser runs, or a callback of the garbage
+collector (Hypothesis has one).  An interrupt that comes there is tried again a moment later,
+until it comes where it is heard.
 """
 
 from __future__ import annotations
@@ -31,13 +31,16 @@ def heeded() -> Iterator[None]:
         yield
         return
     before = {number: signal.getsignal(number) for number in SIGNALS}
+    interrupter = _Interrupter()
+    gc.callbacks.append(interrupter.note)
     for number, handler in before.items():
         if handler is not signal.SIG_IGN:
-            signal.signal(number, _interrupt)
+            signal.signal(number, interrupter)
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
+        gc.callbacks.remove(interrupter.note)
         for number, handler in before.items():
             signal.signal(number, handler)
 
@@ -58,11 +61,21 @@ def held_back() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    if _is_dropped(frame):
-        signal.setitimer(signal.ITIMER_REAL, RETRY_S)
-    else:
-        raise KeyboardInterrupt
+class _Interrupter:
+    """The handler of the signals, and a callback of the garbage collector."""
+
+    def __init__(self) -> None:
+        self._is_collecting = False  # a collection runs finalisers of all kinds
+
+    def note(self, phase: str, info: object) -> None:
+        """A collection begins or ends."""
+        self._is_collecting = phase == "start"
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        if self._is_collecting or _is_dropped(frame):
+            signal.setitimer(signal.ITIMER_REAL, RETRY_S)
+        else:
+            raise KeyboardInterrupt
 
 
 def _is_dropped(frame: FrameType | None) -> bool:

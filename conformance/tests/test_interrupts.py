@@ -6,7 +6,7 @@ import gc
 import os
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import pytest
 
@@ -57,6 +57,27 @@ def test_one_amid_a_collection_of_garbage_is_not_lost(number: signal.Signals) ->
             assert is_interrupted_by(gc.collect)
     finally:
         gc.callbacks.remove(callback)
+
+
+@ENDING
+def test_one_amid_what_a_collection_finalises_is_not_lost(number: signal.Signals) -> None:
+    """A generator that is collected runs its last words, and what they raise is dropped."""
+
+    def speaking(own: list[object]) -> Iterator[None]:
+        try:
+            yield
+        finally:
+            soon(number)
+
+    def leave_behind() -> None:
+        own: list[object] = []
+        one = speaking(own)
+        next(one)
+        own.append(one)
+
+    with interrupts.heeded():
+        leave_behind()
+        assert is_interrupted_by(gc.collect)
 
 
 @ENDING
