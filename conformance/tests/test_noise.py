@@ -117,10 +117,12 @@ def named(*names: str) -> list[Mutant]:
     return found
 
 
+@pytest.mark.slow
 def test_noise_does_not_hide_a_fault() -> None:
     """One byte in 500: most faults are found all the same, none passes for conforming."""
-    statuses = [judge_mutant(one, 500, 1).result.exit_status for one in named(*MUTANTS[:4])]
-    assert statuses.count(1) >= 3
+    faults, seeds = named(*MUTANTS[:4]), range(1, 5)
+    statuses = [judge_mutant(one, 500, seed).result.exit_status for one in faults for seed in seeds]
+    assert statuses.count(1) > len(statuses) / 2  # 11 of these 16, the rest is not settled
 
 
 @pytest.mark.soak
