@@ -12,53 +12,63 @@ import gc
 import signal
 import threading
 import weakref
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Final
 
 ENDING: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 SIGNALS: Final = (*ENDING, signal.SIGALRM)  # the last one: to try again
 RETRY_S: Final = 0.01
-FINALISERS: Final = ("__del__", "_remove", "remove")  # by name; the last two: of weak references
-WEAKREF_FILES: Final = (weakref.__file__, "_weakrefset.py")
+WEAK_REFERENCES: Final = (weakref.__file__, "_weakrefset.py")
+CALLED_BY_THEM: Final = ("_remove", "remove")  # when what they refer to is gone
 
 
 @contextlib.contextmanager
 def heeded() -> Iterator[None]:
     """In the block each of these signals raises KeyboardInterrupt, unless it is ignored already, as
     a shell's background jobs and nohup have it."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = {number: signal.getsignal(number) for number in SIGNALS}
     interrupter = _Interrupter()
     gc.callbacks.append(interrupter.note)
-    for number, handler in before.items():
-        if handler is not signal.SIG_IGN:
-            signal.signal(number, interrupter)
     try:
-        yield
+        with _handled_by(interrupter):
+            try:
+                yield
+            finally:
+                _forget_retry()
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
         gc.callbacks.remove(interrupter.note)
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @contextlib.contextmanager
 def held_back() -> Iterator[None]:
     """Ignore them while a device is made safe (bounded by time-outs)."""
+    with _handled_by(signal.SIG_IGN):
+        yield
+
+
+@contextlib.contextmanager
+def _handled_by(
+    handler: Callable[[int, FrameType | None], None] | signal.Handlers,
+) -> Iterator[None]:
+    """Let the signals that are not ignored already go there; only the main thread can."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.getsignal(number) for number in SIGNALS}
+    heard = {number: signal.getsignal(number) for number in SIGNALS}
+    before = {number: one for number, one in heard.items() if one is not signal.SIG_IGN}
     for number in before:
-        signal.signal(number, signal.SIG_IGN)
+        signal.signal(number, handler)
     try:
         yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number, one in before.items():
+            signal.signal(number, one)
+
+
+def _forget_retry() -> None:
+    """What is to be tried again would end the process once nobody handles it."""
+    if threading.current_thread() is threading.main_thread():
+        signal.setitimer(signal.ITIMER_REAL, 0)
 
 
 class _Interrupter:
@@ -85,7 +95,7 @@ def _is_dropped(frame: FrameType | None) -> bool:
         code = frame.f_code
         if code in callbacks or code.co_name == "__del__":
             return True
-        if code.co_name in FINALISERS and code.co_filename.endswith(WEAKREF_FILES):
+        if code.co_name in CALLED_BY_THEM and code.co_filename.endswith(WEAK_REFERENCES):
             return True
         frame = frame.f_back
     return False

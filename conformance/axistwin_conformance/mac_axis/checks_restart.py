@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.mac_axis.bench import SLOWEST, bench_of, segment
+from axistwin_conformance.mac_axis.probes_motion import cleared_in_a_move
 from axistwin_conformance.mac_axis.probing import MOVES
 from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
@@ -82,31 +83,10 @@ def in_motion_00h_drops_the_motion(session: Session) -> None:
 def clearing_the_counter_during_a_move(session: Session) -> None:
     """0Bh half-way through 13h: the target stays a number, or the remaining distance stays."""
     bench = bench_of(session)
-    start = bench.ready(0x4000, 0)
-    if abs(start) > bench.room() // 2:
-        session.skip("the counter's origin could not be put back: it is too far away")
-    distance = 150
-    target = start + distance
-    forecast = bench.go(target)
-    bench.wait(0.15)
-    cleared = bench.accepted(0x0B)
-    lowest, highest = forecast.bounds(cleared.taken)
-    bench.wait(0.8 + abs(target) * 2 * bench.period * 125e-9)
-    final = bench.position()
-    # 0Bh made some place in lowest..highest the new 0.
-    remaining = range(target - highest - 1, target - lowest + 2)
-    outcome: int | str = f"rest at {final}"
-    if final == target and final not in remaining:
-        outcome = 0
-    elif final in remaining:
-        outcome = 1
+    outcome, _ = cleared_in_a_move(bench)
+    assert isinstance(outcome, int | str), "the look tells its readings apart"
     bench.reading("reset_in_motion", outcome, "MACS-CMD-0B-02")
     session.expect(True, "MACS-CMD-0B-01", "", "")
-    bench.at_rest()
-    here = lowest
-    if abs(here) <= bench.room():
-        bench.finish(bench.go(-here))
-        bench.command(0x0B)
 
 
 def _hex(values: list[int]) -> str:
