@@ -18,6 +18,7 @@ from zoo.motion import a_ramped_stop_stops_dead
 from axistwin_conformance.can_frame import Frame
 from axistwin_conformance.can_target import CanTarget
 from axistwin_conformance.cli import conform
+from axistwin_conformance.drawing import no_folder
 from axistwin_conformance.events import Event, FailureStored
 from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.mac_axis import failures, machines
@@ -27,7 +28,6 @@ from axistwin_conformance.mac_axis.checks_machines import (
 from axistwin_conformance.mac_axis.checks_sequences import (
     many_mixed_sequences_agree_with_the_model as many_sequences,
 )
-from axistwin_conformance.mac_axis.checks_sequences import no_folder
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.failures import Failure, Player
 from axistwin_conformance.mac_axis.machines_sync import SyncMachine

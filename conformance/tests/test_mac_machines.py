@@ -10,12 +10,13 @@ from zoo import ZOO
 from zoo.judge import run
 from zoo.mutant import Mutant
 
+from axistwin_conformance.drawing import no_folder
 from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.mac_axis import machines
 from axistwin_conformance.mac_axis.checks_machines import (
     some_runs_of_the_machine_agree_with_the_model as some_runs,
 )
-from axistwin_conformance.mac_axis.checks_sequences import no_folder, player_of
+from axistwin_conformance.mac_axis.checks_sequences import player_of
 from axistwin_conformance.mac_axis.failures import Player
 from axistwin_conformance.mac_axis.machines import Device, Judged, Trivial
 from axistwin_conformance.mac_axis.operations import OPERATIONS, WHAT

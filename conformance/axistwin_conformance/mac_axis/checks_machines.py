@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from typing import Final
 
+from axistwin_conformance.drawing import no_folder
 from axistwin_conformance.mac_axis import machines
-from axistwin_conformance.mac_axis.checks_sequences import JUDGED, no_folder, player_of
+from axistwin_conformance.mac_axis.checks_sequences import JUDGED, player_of
 from axistwin_conformance.mac_axis.failures import settle
 from axistwin_conformance.mac_axis.machines import AxisMachine
 from axistwin_conformance.mac_axis.machines_sync import SyncMachine

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Final
 
-from hypothesis import HealthCheck, Phase, configuration, given, seed, settings
+from hypothesis import given, seed
 from hypothesis import strategies as st
 from hypothesis.errors import FlakyFailure
 
 from axistwin_conformance import events
+from axistwin_conformance.drawing import no_folder, only_drawing
 from axistwin_conformance.mac_axis.bench import SAFE_PERIOD, bench_of
 from axistwin_conformance.mac_axis.failures import REPLAYS, Failure, Played, Player
 from axistwin_conformance.mac_axis.probing import MOVES
@@ -75,34 +74,13 @@ def _play(session: Session, level: str) -> None:
     player.credit()
 
 
-@contextmanager
-def no_folder() -> Iterator[None]:
-    """Hypothesis keeps notes in a folder where it is started: not in the user's."""
-    before = vars(configuration)["__hypothesis_home_directory"]
-    with tempfile.TemporaryDirectory() as folder:
-        configuration.set_hypothesis_home_dir(folder)
-        try:
-            yield
-        finally:
-            configuration.set_hypothesis_home_dir(before)
-
-
 @no_folder()
 def _searched(player: Player, examples: int) -> Played | None:
-    """Let Hypothesis draw; give the first list that fails.  Its shrinker knows nothing of
-    operations and would need thousands of runs where `shrink` needs some dozens."""
+    """Let Hypothesis draw; give the first list that fails."""
     failing: list[Played] = []
 
     @seed(player.bench.session.random.getrandbits(32))
-    @settings(
-        max_examples=examples,
-        database=None,
-        deadline=None,
-        phases=(Phase.generate,),
-        suppress_health_check=list(HealthCheck),
-        print_blob=False,
-        report_multiple_bugs=False,
-    )
+    @only_drawing(examples)
     @given(st.binary(min_size=SEQUENCE_BYTES, max_size=SEQUENCE_BYTES))
     def example(data: bytes) -> None:
         played = player.play(player.split(data), is_counted=True)

@@ -21,7 +21,7 @@ import sys
 from collections.abc import Callable
 from typing import Final
 
-from hypothesis import HealthCheck, Phase, seed, settings
+from hypothesis import seed
 from hypothesis import strategies as st
 from hypothesis.errors import Flaky
 from hypothesis.stateful import (
@@ -32,6 +32,7 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
+from axistwin_conformance.drawing import only_drawing
 from axistwin_conformance.mac_axis.machine_devices import Device as Device
 from axistwin_conformance.mac_axis.machine_devices import Judged as Judged
 from axistwin_conformance.mac_axis.machine_devices import Trivial as Trivial
@@ -422,19 +423,10 @@ def run(
     """Run a machine with the seed `number`: so many examples of so many steps; `told` how many
     each really had.
 
-    Raises Mismatch.  Hypothesis does not shrink here (see `shrink.py`), and keeps no notes.
+    Raises Mismatch.
     """
     machine.told = staticmethod(told)
-    bounds = settings(
-        max_examples=examples,
-        stateful_step_count=steps,
-        database=None,
-        deadline=None,
-        phases=(Phase.generate,),
-        suppress_health_check=list(HealthCheck),
-        print_blob=False,
-        report_multiple_bugs=False,
-    )
+    bounds = only_drawing(examples, steps)
     run_state_machine_as_test(seed(number)(machine), settings=bounds)
 
 

@@ -1,0 +1,42 @@
+"""What Hypothesis is used for here: to draw.  Failing runs are shrunk and kept elsewhere."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
+
+from hypothesis import HealthCheck, Phase, configuration, settings
+
+STEPS: Final = 50
+
+
+def only_drawing(examples: int, steps: int = STEPS) -> settings:
+    """So many examples (of so many steps, for a state machine), and no more than that.
+
+    Its shrinker knows nothing of operations and would need thousands of runs where `shrink` needs
+    some dozens; it keeps no notes, and finds nothing unhealthy.
+    """
+    return settings(
+        max_examples=examples,
+        stateful_step_count=steps,
+        database=None,
+        deadline=None,
+        phases=(Phase.generate,),
+        suppress_health_check=list(HealthCheck),
+        print_blob=False,
+        report_multiple_bugs=False,
+    )
+
+
+@contextmanager
+def no_folder() -> Iterator[None]:
+    """Hypothesis keeps notes in a folder where it is started: not in the user's."""
+    before = vars(configuration)["__hypothesis_home_directory"]
+    with tempfile.TemporaryDirectory() as folder:
+        configuration.set_hypothesis_home_dir(folder)
+        try:
+            yield
+        finally:
+            configuration.set_hypothesis_home_dir(before)
