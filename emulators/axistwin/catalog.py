@@ -205,6 +205,18 @@ def parse_settings(texts: Iterable[str]) -> dict[str, str]:
     return settings
 
 
+def all_settings(
+    specs: Iterable[DeviceSpec], profile: str | Path | None, quirks: Mapping[str, Value]
+) -> dict[str, Value]:
+    """The quirks of the file ``profile``, if one is given, and ``quirks``, which override those.
+
+    Raises UsageError as ``read_profile``.
+    """
+    if profile is None:
+        return dict(quirks)
+    return {**read_profile(profile, {spec.model for spec in specs}), **quirks}
+
+
 def read_profile(path: str | Path, known_models: Iterable[str]) -> dict[str, Value]:
     """The quirks in the TOML file at ``path``, meant for one of ``known_models`` (of a line).
 

@@ -37,13 +37,9 @@ class SharedBus:
         self._tasks: list[Task] = []
         self._tasks_lock = threading.RLock()
         specs = [catalog.parse_device(device) for device in options.devices]
-        quirks: dict[str, catalog.Value] = {}
-        if options.profile is not None:
-            quirks.update(catalog.read_profile(options.profile, {spec.model for spec in specs}))
-        quirks.update(options.quirks)
         self.bus: Bus = catalog.build_bus(
             specs,
-            quirks=quirks,
+            quirks=catalog.all_settings(specs, options.profile, options.quirks),
             seed=options.seed,
             clock=VirtualClock() if options.speed is None else PacedClock(options.speed),
             paced=options.pacing,

@@ -43,11 +43,7 @@ class Shared:
         """The quirks by name, the profile's and those given besides.  Raises UsageError."""
         from axistwin import catalog
 
-        settings: dict[str, Value] = {}
-        if self.profile is not None:
-            settings.update(catalog.read_profile(self.profile, {spec.model for spec in specs}))
-        settings.update(catalog.parse_settings(self.quirks))
-        return settings
+        return catalog.all_settings(specs, self.profile, catalog.parse_settings(self.quirks))
 
     def clock(self) -> Clock:
         """Real time, or a multiple of it.  Raises UsageError."""

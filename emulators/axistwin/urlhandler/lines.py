@@ -55,14 +55,10 @@ class OpenLine:
 def build_line(options: LineOptions) -> Line:
     """A new line, as ``options`` say.  Raises UsageError and StateError."""
     specs = [catalog.parse_device(device) for device in options.devices]
-    quirks: dict[str, catalog.Value] = {}
-    if options.profile is not None:
-        quirks.update(catalog.read_profile(options.profile, {spec.model for spec in specs}))
-    quirks.update(options.quirks)
     clock = VirtualClock() if options.speed is None else PacedClock(options.speed)
     return catalog.build_line(
         specs,
-        quirks=quirks,
+        quirks=catalog.all_settings(specs, options.profile, options.quirks),
         seed=options.seed,
         clock=clock,
         paced=options.pacing,
