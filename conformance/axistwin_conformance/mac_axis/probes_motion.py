@@ -23,13 +23,8 @@ from axistwin_conformance.mac_axis.motion import (
     Course,
     ramp_increments,
 )
-from axistwin_conformance.mac_axis.probing import (
-    ACCEPTED_OR_REFUSED,
-    MOVES,
-    Outcome,
-    probe,
-    reply_of,
-)
+from axistwin_conformance.mac_axis.probing import ACCEPTED_OR_REFUSED, MOVES, reply_of
+from axistwin_conformance.probing import Outcome, probe
 from axistwin_conformance.profile import Probe
 
 RAMP_LAWS: Final = ("equal_time", "equal_increments")

@@ -8,7 +8,8 @@ from axistwin_conformance.mac_axis.bench import QUIET_S, SLOWEST, Bench
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.keeping import facts_of
 from axistwin_conformance.mac_axis.motion import TICK_NS
-from axistwin_conformance.mac_axis.probing import ACCEPTED_OR_REFUSED, Outcome, probe, reply_of
+from axistwin_conformance.mac_axis.probing import ACCEPTED_OR_REFUSED, reply_of
+from axistwin_conformance.probing import Outcome, probe
 from axistwin_conformance.profile import Probe
 
 WORKED: Final = ("motion", "stored", "rig")

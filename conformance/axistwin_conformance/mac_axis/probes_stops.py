@@ -12,7 +12,8 @@ from axistwin_conformance.mac_axis.bench import (
 )
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.motion import TICKS_PER_SECOND
-from axistwin_conformance.mac_axis.probing import MOVES, Measured, Outcome, probe
+from axistwin_conformance.mac_axis.probing import MOVES
+from axistwin_conformance.probing import Measured, Outcome, probe
 from axistwin_conformance.profile import Probe
 
 PERIOD: Final = 0x1000

@@ -7,13 +7,8 @@ from typing import Final
 from axistwin_conformance.mac_axis.bench import SLOWEST, Bench, Exchange, segment, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Segment
-from axistwin_conformance.mac_axis.probing import (
-    ACCEPTED_OR_REFUSED,
-    MOVES,
-    Outcome,
-    probe,
-    reply_of,
-)
+from axistwin_conformance.mac_axis.probing import ACCEPTED_OR_REFUSED, MOVES, reply_of
+from axistwin_conformance.probing import Outcome, probe
 from axistwin_conformance.profile import Probe
 
 WAIT_STEPS: Final = 0x20  # of a virtual segment at the slowest period: 262 ms

@@ -1,6 +1,6 @@
 """Which readings a module follows, asked on the bus alone: spelling of replies, frames, indices.
 
-Each function asks the device one question of chapter 7 of the ledger (`mac_axis.probing`).
+Each function asks the device one question of chapter 7 of the ledger (`probing`).
 
 The probes run in the order of `Family.probe_modules` and of their text: the order of bytes and the
 spelling of replies first, since everything is heard through them; then what needs no write.
@@ -17,10 +17,11 @@ from typing import Final
 
 from axistwin_conformance.mac_axis.bench import QUIET_S
 from axistwin_conformance.mac_axis.dialogue import Kind
-from axistwin_conformance.mac_axis.probing import Measured, Outcome, probe, reply_of
+from axistwin_conformance.mac_axis.probing import reply_of
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
 from axistwin_conformance.mac_can.codec import Reply, Request
+from axistwin_conformance.probing import Measured, Outcome, probe
 from axistwin_conformance.profile import Probe
 
 BIG, LITTLE = 0, 1  # readings of MACC-AMB-01

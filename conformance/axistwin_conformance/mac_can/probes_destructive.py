@@ -13,9 +13,10 @@ from typing import Final
 from axistwin_conformance.can_frame import Frame
 from axistwin_conformance.mac_axis.bench import QUIET_S
 from axistwin_conformance.mac_axis.dialogue import Kind
-from axistwin_conformance.mac_axis.probing import Measured, Outcome, probe, reply_of
+from axistwin_conformance.mac_axis.probing import reply_of
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
+from axistwin_conformance.probing import Measured, Outcome, probe
 from axistwin_conformance.profile import Probe
 
 DESTRUCTIVE: Final = ("motion", "stored", "destructive")

@@ -15,7 +15,7 @@ from axistwin_conformance.mac_axis.bench import QUIET_S
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.probes_rig import TOO_MUCH_VOLTS
 from axistwin_conformance.mac_axis.probes_stops import fence, rest
-from axistwin_conformance.mac_axis.probing import MOVES, Measured, Outcome, probe
+from axistwin_conformance.mac_axis.probing import MOVES
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
 from axistwin_conformance.mac_can.probes_messages import (
@@ -28,6 +28,7 @@ from axistwin_conformance.mac_can.probes_messages import (
     said,
     speaks,
 )
+from axistwin_conformance.probing import Measured, Outcome, probe
 from axistwin_conformance.profile import Probe
 from axistwin_conformance.rig import Rig
 

@@ -14,9 +14,9 @@ from axistwin_conformance.can_target import Arrival
 from axistwin_conformance.mac_axis.bench import DEAF_S, QUIET_S
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Window
-from axistwin_conformance.mac_axis.probing import Measured, Outcome, probe
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
+from axistwin_conformance.probing import Measured, Outcome, probe
 from axistwin_conformance.profile import Probe
 
 MESSAGES: Final = ("MACC-EMCY",)  # what the lifebeat has to do with

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.mac_axis.probes_sync import is_held
-from axistwin_conformance.mac_axis.probing import MOVES, Outcome, probe
+from axistwin_conformance.mac_axis.probing import MOVES
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
+from axistwin_conformance.probing import Outcome, probe
 from axistwin_conformance.profile import Probe
 
 STEPS: Final = 30

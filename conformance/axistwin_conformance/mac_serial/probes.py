@@ -1,6 +1,6 @@
 """Which readings a module follows, asked on the line alone: replies, frames, addresses, memory.
 
-Each function asks the device one question of chapter 7 of the ledger (`mac_axis.probing`).
+Each function asks the device one question of chapter 7 of the ledger (`probing`).
 
 The probes run in the order of `Family.probe_modules` and of their text: spelling of replies first,
 since everything is heard through it; then what commands of any kind do; then what ends motions;
@@ -15,15 +15,11 @@ from typing import Final
 
 from axistwin_conformance.mac_axis.bench import QUIET_S
 from axistwin_conformance.mac_axis.dialogue import Kind
-from axistwin_conformance.mac_axis.probing import (
-    Measured,
-    Outcome,
-    probe,
-    reply_of,
-)
+from axistwin_conformance.mac_axis.probing import reply_of
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.bench import Bench
 from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS, IMAX_ADDRESS
+from axistwin_conformance.probing import Measured, Outcome, probe
 from axistwin_conformance.profile import Probe
 
 EARLY_BYTES: Final = 3  # 0.8 ms at 38400 baud: a reply does not come sooner

@@ -11,10 +11,11 @@ from typing import Final
 
 from axistwin_conformance.mac_axis.bench import QUIET_S, SLOWEST
 from axistwin_conformance.mac_axis.dialogue import Kind
-from axistwin_conformance.mac_axis.probing import ACCEPTED_OR_REFUSED, Outcome, probe, reply_of
+from axistwin_conformance.mac_axis.probing import ACCEPTED_OR_REFUSED, reply_of
 from axistwin_conformance.mac_serial.bench import Bench
 from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS
 from axistwin_conformance.mac_serial.probes import answers_to_all
+from axistwin_conformance.probing import Outcome, probe
 from axistwin_conformance.profile import Probe
 
 DESTRUCTIVE: Final = ("motion", "stored", "destructive")

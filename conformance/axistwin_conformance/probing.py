@@ -1,0 +1,71 @@
+"""How a probe is written: a function that asks the device one question of the ledger.
+
+It is named after the switch that it tells, is handed the device as its family's checks handle it
+(`Family.bench`), has the evidence for a docstring, and returns
+
+    a number     the reading seen, 0 the default, in the order of the ledger
+    numbers      the readings that explain what came, where this look cannot tell them apart
+    Measured     the value of a reading that is a number of the unit's own
+    a sentence   what came, if it fits no reading
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from axistwin_conformance.profile import Probe, Seen
+from axistwin_conformance.registry import Check
+from axistwin_conformance.session import Session
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """A reading that is a value of the unit's own, spelled as the ledger spells it."""
+
+    value: str
+
+
+Outcome = int | tuple[int, ...] | Measured | str
+
+
+def probe(
+    *,
+    safety: str | Sequence[str] = "passive",
+    needs: Sequence[str] = (),
+    switch: str | None = None,
+    serves: tuple[str, ...] = (),
+) -> Callable[[Callable[[Any], Outcome]], Probe]:
+    """Declare the function below as the probe of `switch`, or of the one it is named after.
+
+    `serves`: see `profile.Probe`.
+    """
+    classes = (safety,) if isinstance(safety, str) else tuple(safety)
+
+    def declare(function: Callable[[Any], Outcome]) -> Probe:
+        told = switch or function.__name__
+        question = " ".join((function.__doc__ or "").split()).rstrip(".")
+
+        def look(session: Session) -> Seen:
+            make = session.run.family.bench
+            assert make is not None, "a family with probes says how its devices are handled"
+            return _seen(session, told, question, function(make(session, None)))
+
+        check = Check(
+            f"detect_{function.__name__}", lambda session: None, (), classes, "quick", tuple(needs),
+            question, function.__module__,
+        )  # fmt: skip
+        return Probe(told, look, check, serves)
+
+    return declare
+
+
+def _seen(session: Session, switch: str, question: str, outcome: Outcome) -> Seen:
+    readings = session.run.ledger.ambiguity_of(switch).switches[switch]
+    if isinstance(outcome, str):
+        return Seen((), f"{question}: {outcome}")
+    if isinstance(outcome, Measured):
+        return Seen((outcome.value,), f"{question}: {outcome.value}")
+    numbers = (outcome,) if isinstance(outcome, int) else outcome
+    return Seen(tuple(readings[number] for number in numbers), question)
