@@ -2,10 +2,10 @@
 
 import threading
 import time
-from collections.abc import Mapping
 from typing import Any
 
 import pytest
+from spy_storage import SpySlot, SpyStorage
 
 from axistwin.catalog import build_bus, parse_device
 from axistwin.devices.mac.can import MacCan
@@ -18,7 +18,6 @@ from axistwin.runtime.bus import TRANSCRIPT_FRAMES, Bus, Passed
 from axistwin.runtime.can_network import MANY_STEPS, CanNetwork
 from axistwin.runtime.clock import PacedClock, VirtualClock
 from axistwin.runtime.owner import Station
-from axistwin.runtime.storage import MemorySlot, MemoryStorage
 from axistwin.runtime.twin import Twin
 from axistwin.wire.can_frame import CanFrame, wire_bits
 
@@ -29,28 +28,6 @@ BIT_NS = 8000
 def download(index: int, value: int = 0) -> CanFrame:
     """A request to module 1."""
     return CanFrame(0x601, bytes((0x23, index, 0x20, 0)) + value.to_bytes(4, "big"))
-
-
-class SpySlot(MemorySlot):
-    """Remembers every write with the frames readable then; ``fail`` makes the next ones fail."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.writes: list[tuple[dict[str, int], bool]] = []
-        self.fail = False
-
-    def save(self, cells: Mapping[str, int], *, durable: bool) -> None:
-        """Note, or fail."""
-        if self.fail:
-            raise StateError("state x: cannot be written (disk full); make room")
-        self.writes.append((dict(cells), durable))
-        super().save(cells, durable=durable)
-
-
-class SpyStorage(MemoryStorage):
-    """A disk as far as the bus knows."""
-
-    is_volatile = False
 
 
 class Rig:

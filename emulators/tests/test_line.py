@@ -1,8 +1,9 @@
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import pytest
+from spy_storage import SpySlot, SpyStorage
 from toy_device import LATENCY_NS, ToyDevice
 
 from axistwin.errors import StateError
@@ -17,33 +18,6 @@ from axistwin.runtime.twin import Twin
 from axistwin.wire.framing import LineFormat
 
 BYTE_NS = LineFormat(38400).span_ns(1)
-
-
-class SpySlot(MemorySlot):
-    """Remembers every write; ``fail`` makes the next ones fail."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.writes: list[tuple[dict[str, int], bool]] = []
-        self.fail = False
-
-    def save(self, cells: Mapping[str, int], *, durable: bool) -> None:
-        """Note, or fail."""
-        if self.fail:
-            raise StateError("state x: cannot be written (disk full); make room")
-        self.writes.append((dict(cells), durable))
-        super().save(cells, durable=durable)
-
-
-class SpyStorage(MemoryStorage):
-    """Counts how often it was closed; a disk as far as the line knows."""
-
-    is_volatile = False
-    closed = 0
-
-    def close(self) -> None:
-        """Count."""
-        self.closed += 1
 
 
 class Rig:
