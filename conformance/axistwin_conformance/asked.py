@@ -7,12 +7,20 @@ import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from axistwin_conformance.budget import DEFAULT_BUDGET
 from axistwin_conformance.carrier import is_twin_url
 from axistwin_conformance.errors import UsageError
-from axistwin_conformance.registry import FULL, SAFETY_CLASSES, SOAK, Family, find_family
+from axistwin_conformance.registry import (
+    FULL,
+    NO_GROUNDS,
+    SAFETY_CLASSES,
+    SOAK,
+    Family,
+    Grounds,
+    find_family,
+)
 from axistwin_conformance.ways import choose_endpoint
 
 if TYPE_CHECKING:
@@ -45,6 +53,9 @@ def make_options(
     allow: str | None = None,
     max_travel: int | None = None,
     max_speed: int | None = None,
+    variables: range | None = None,
+    flags: range | None = None,
+    bench_program: tuple[int, int] | None = None,
     eeprom_budget: int | None = None,
     rig: str | None = None,
     rig_command: str | None = None,
@@ -73,6 +84,13 @@ def make_options(
         known = ", ".join(map(str, family.rates))
         raise UsageError(f"{family.way.rate_option} {rate}: a {model} knows {known}")
     _check_duration(duration, level)
+    _refuse_bounds(family, model, {"--max-travel": max_travel, "--max-speed": max_speed})
+    grounds = _grounds(
+        family,
+        model,
+        {"--variables": variables, "--flags": flags, "--bench-program": bench_program},
+        is_builtin=is_builtin,
+    )
     others = {"an ID": ids, "--level": level, "--detect": is_detection}
     allowed = parse_allowed(allow, is_builtin=is_builtin)
     options = Options(
@@ -84,6 +102,7 @@ def make_options(
         rate=rate or family.default_rate,
         allowed=allowed,
         envelope=_envelope(max_travel, max_speed, is_builtin=is_builtin, is_twin=is_twin),
+        grounds=grounds,
         level=level or FULL,
         seed=seed,
         words=ids,
@@ -97,10 +116,44 @@ def make_options(
         replay_word=replay or "",
         report=report,
         jobs=jobs,
-        eeprom_budget=DEFAULT_BUDGET if eeprom_budget is None and not is_twin else eeprom_budget,
+        eeprom_budget=_writes(family, eeprom_budget, is_twin=is_twin),
     )
-    choice = choose_rig(rig, rig_command, options.url, is_allowed="rig" in allowed, way=family.way)
+    choice = choose_rig(
+        rig,
+        rig_command,
+        options.url,
+        is_allowed="rig" in allowed,
+        way=family.way,
+        capabilities=family.capabilities,
+    )
     return replace(options, rig=choice)
+
+
+def _refuse_bounds(family: Family, model: str, bounds: Mapping[str, int | None]) -> None:
+    """Raise UsageError for bounds of motion where the suite moves nothing."""
+    for option, bound in bounds.items():
+        if bound is not None and not family.has_axis:
+            raise UsageError(f"{option} {bound}: the suite drives no axis of a {model}")
+
+
+def _grounds(family: Family, model: str, given: Mapping[str, Any], *, is_builtin: bool) -> Grounds:
+    """What of a controller is the suite's to use: as named, else what the built-in twin has."""
+    named = {option: ground for option, ground in given.items() if ground is not None}
+    if family.grounds is None:
+        for option in named:
+            raise UsageError(f"{option}: a {model} has no variables and no flags to be named")
+        return NO_GROUNDS
+    own = family.grounds if is_builtin else NO_GROUNDS
+    return Grounds(
+        named.get("--variables", own.variables),
+        named.get("--flags", own.flags),
+        named.get("--bench-program", own.program),
+    )
+
+
+def _writes(family: Family, budget: int | None, *, is_twin: bool) -> int | None:
+    """How many writes to an EEPROM may be asked for; None: any number, or there is none."""
+    return DEFAULT_BUDGET if budget is None and not is_twin and family.has_axis else budget
 
 
 def _envelope(

@@ -66,6 +66,44 @@ class Duration(click.ParamType[float]):
         return seconds
 
 
+class Span(click.ParamType[range]):
+    """FIRST-LAST, both meant; one number alone is a span of its own."""
+
+    name = "span"
+
+    def __init__(self, highest: int) -> None:
+        self.highest = highest
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> range:
+        """Read it; the highest number there can be is known here."""
+        first, dash, last = str(value).partition("-")
+        low = Address().convert(first, param, ctx)
+        high = Address().convert(last, param, ctx) if dash else low
+        if not 0 <= low <= high <= self.highest:
+            self.fail(f"{value!r} is no span: write FIRST-LAST within 0-{self.highest}", param, ctx)
+        return range(low, high + 1)
+
+
+class Place(click.ParamType[tuple[int, int]]):
+    """FLAG:ADDRESS, where the bench program begins."""
+
+    name = "place"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int]:
+        """Read it; the program has four flags, and variables behind its address."""
+        flag, colon, address = str(value).partition(":")
+        if not colon:
+            self.fail(f"{value!r} is no FLAG:ADDRESS, such as 240:6144", param, ctx)
+        first, place = (Address().convert(one, param, ctx) for one in (flag, address))
+        if not (0 <= first <= 252 and 0 <= place <= 0xFFFF):
+            self.fail(f"{value!r} is out of range: 0-252 and 0-65535", param, ctx)
+        return first, place
+
+
 class Mistake(click.ClickException):
     """A wrong word on the command line, told in one line; `ctx` tells whose help to look at."""
 
@@ -130,6 +168,25 @@ class OutputLost(BaseException):
     type=click.IntRange(min=1),
     metavar="STEPS/S",
     help="Never move faster than this.",
+)
+@click.option(
+    "--variables",
+    type=Span(0xFFFF),
+    metavar="FIRST-LAST",
+    help="Of an MSC: addresses of its data area that nobody else uses; written only with --allow"
+    " stored, and put back.",
+)
+@click.option(
+    "--flags",
+    type=Span(0xFF),
+    metavar="FIRST-LAST",
+    help="Of an MSC: user flags that nobody else uses; set only with --allow stored, and put back.",
+)
+@click.option(
+    "--bench-program",
+    type=Place(),
+    metavar="FLAG:ADDRESS",
+    help="Of an MSC: the bench program runs in it, with its flags and variables there.",
 )
 @click.option(
     "--eeprom-budget",
@@ -221,6 +278,8 @@ def conform(ctx: click.Context, /, **given: Any) -> None:  # fmt: skip
     axistwin conform mac23 --port /dev/ttyUSB0           a real one, passive tests only
     axistwin conform mac23 --port ./mac --allow motion   ... which may move
     axistwin conform mac23-can --can socketcan:can0      a module on a CAN bus
+    axistwin conform msc-250 --port /dev/ttyUSB0 --variables 2048-3071
+                                                         ... with addresses to read
     axistwin conform mac23 MACS-FRAME MACS-CMD-13-01     some requirements
     axistwin conform mac23 --level soak --duration 8h    random sequences, over night
     axistwin conform mac23 --replay out/operations/...   one failure again

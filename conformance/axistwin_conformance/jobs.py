@@ -34,7 +34,7 @@ from axistwin_conformance.judgement import CheckResult
 from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.profile import Detection
 from axistwin_conformance.recording import Recording
-from axistwin_conformance.registry import Check, Identity, find_family
+from axistwin_conformance.registry import Check, Grounds, Identity, find_family
 from axistwin_conformance.session import Envelope, Run, Session
 from axistwin_conformance.verdicts import Finding, Verdict
 
@@ -58,6 +58,7 @@ class Place:
     round_trip: RoundTrip
     readings: Mapping[str, str]
     detections: Mapping[str, Detection]
+    grounds: Grounds
 
     @classmethod
     def of(cls, run: Run) -> Place:
@@ -65,7 +66,7 @@ class Place:
         return cls(
             run.model.name, run.target.description, run.target.rate, run.address, run.neighbours,
             run.allowed, run.envelope, run.identity, run.target.round_trip, dict(run.readings),
-            dict(run.detections),
+            dict(run.detections), run.grounds,
         )  # fmt: skip
 
 
@@ -128,7 +129,7 @@ def judge(place: Place, name: str, seed: int) -> Told:
             ledger=load_ledger(family.ledger), address=place.address, neighbours=place.neighbours,
             allowed=place.allowed, envelope=place.envelope, seed=seed, identity=place.identity,
             readings=dict(place.readings), detections=dict(place.detections),
-            budget=WriteBudget(), tell=events.append, shrinks=False,
+            budget=WriteBudget(), tell=events.append, shrinks=False, grounds=place.grounds,
         )  # fmt: skip
         target.meter = lambda data: run.budget.note(family.writes(data))
         if family.fence is not None and run.envelope.is_fenced:

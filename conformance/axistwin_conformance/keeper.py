@@ -88,6 +88,7 @@ class Keeper:
             neighbours=neighbours,
             allowed=options.allowed,
             envelope=options.envelope,
+            grounds=options.grounds,
             seed=options.seed,
             budget=self.budget,
             tell=self.tell,

@@ -16,14 +16,17 @@ from axistwin_conformance.ledger import Ledger
 from axistwin_conformance.profile import Probe
 from axistwin_conformance.recording import Recording
 from axistwin_conformance.registry import (
+    BENCH,
     FULL,
     LEVELS,
     NEEDS,
+    NO_GROUNDS,
     RIG,
     SAFETY_CLASSES,
     SOAK,
     Check,
     Family,
+    Grounds,
 )
 from axistwin_conformance.rig import CAPABILITIES, RigChoice
 from axistwin_conformance.session import Envelope
@@ -65,6 +68,7 @@ class Options:
     replay_word: str = ""
     report: str = ""
     jobs: int = 1
+    grounds: Grounds = NO_GROUNDS
 
     @property
     def is_builtin(self) -> bool:
@@ -94,6 +98,9 @@ class Options:
             met.add("alone")  # a second line, with one module, costs nothing there
         if is_twin_url(self.url) and "time=virtual" in self.url:
             met.add("virtual")
+        if self.is_twin or "rig" in self.allowed:
+            met.add(BENCH)
+        met.update(self.grounds.met)
         met.update(f"{RIG}{name}" for name in self.rig.capabilities)
         return frozenset(met)
 
@@ -124,11 +131,13 @@ class Options:
         if self.endpoint is not None:
             granted = sorted(self.allowed - {"passive"})
             words += ["--allow", ",".join(granted)] if granted else []
-            words += ["--max-travel", str(self.envelope.max_travel)]
-            words += ["--max-speed", str(self.envelope.max_speed)]
+            if self.family.has_axis:
+                words += ["--max-travel", str(self.envelope.max_travel)]
+                words += ["--max-speed", str(self.envelope.max_speed)]
             if self.eeprom_budget is not None:
                 words += ["--eeprom-budget", str(self.eeprom_budget)]
             words += [text for one in self.neighbours for text in ("--neighbour", str(one))]
+        words += grounds_words(self.grounds) if self.grounds != self.family.grounds else []
         words += self.rig.words(is_default=is_twin_url(self.url))
         if self.address != self.family.default_address:
             words += ["--address", str(self.address)]
@@ -138,6 +147,16 @@ class Options:
             words += ["--duration", duration_word(self.duration_s)]
         words += ["--replay", replay] if replay else []
         return shlex.join([*words, "--seed", str(self.seed), *selected])
+
+
+def grounds_words(grounds: Grounds) -> list[str]:
+    """The options that name them again."""
+    words = []
+    for option, ground in (("--variables", grounds.variables), ("--flags", grounds.flags)):
+        words += [option, f"{ground[0]}-{ground[-1]}"] if ground else []
+    if grounds.program is not None:
+        words += ["--bench-program", "{}:{}".format(*grounds.program)]
+    return words
 
 
 @dataclass(frozen=True, slots=True)

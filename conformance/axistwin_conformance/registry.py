@@ -23,7 +23,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 from axistwin_conformance.errors import UsageError
-from axistwin_conformance.rig import CAPABILITIES
+from axistwin_conformance.rig import CAPABILITIES, OF_AN_AXIS
 from axistwin_conformance.transcript import Record
 from axistwin_conformance.ways import LINE, Way
 
@@ -37,12 +37,17 @@ SAFETY_CLASSES = ("passive", "motion", "stored", "rig", "destructive")  # in the
 LEVELS = ("quick", "full", "soak")
 FULL, SOAK = LEVELS[1:]  # full: what is run unless the user says otherwise
 RIG = "rig:"  # what a need of a rig's capability begins with
+BENCH = "bench"  # the need of what may go wrong where hands on the wiring have to be near
 
 # What a check may need beside the device itself, and what to tell who does not have it.
 NEEDS: Mapping[str, str] = {
     "neighbour": "needs a second module beside it (--neighbour ADDRESS)",
     "alone": "needs the module alone (no --neighbour)",
     "virtual": "needs virtual time: only the built-in twin can show it",
+    "variables": "needs variables to use as it likes (--variables FIRST-LAST)",
+    "flags": "needs user flags to use as it likes (--flags FIRST-LAST)",
+    "program": "needs the bench program in the controller (--bench-program FLAG:ADDRESS)",
+    "bench": "may disturb a controller that is in use: only on a bench (--allow rig)",
     **{f"{RIG}{name}": f"needs a rig that {words} (--rig)" for name, words in CAPABILITIES.items()},
 }
 
@@ -119,8 +124,8 @@ def check(
         _refuse_unknown(name, "safety", classes, SAFETY_CLASSES)
         _refuse_unknown(name, "level", (level,), LEVELS)
         _refuse_unknown(name, "needs", needs, tuple(NEEDS))
-        if ("rig" in classes) is not any(need.startswith(RIG) for need in needs):
-            raise TypeError(f"{name}: safety 'rig' and a need of 'rig:...' go together")
+        if ("rig" in classes) is not any(one == BENCH or one.startswith(RIG) for one in needs):
+            raise TypeError(f"{name}: safety 'rig' and a need of 'rig:...' or 'bench' go together")
         return Check(
             name, function, requirements, classes, level, tuple(needs), behaviour,
             function.__module__, soaks,
@@ -153,6 +158,25 @@ class Model:
 
 
 @dataclass(frozen=True, slots=True)
+class Grounds:
+    """What of a controller is the suite's to use: addresses of variables, numbers of user flags,
+    and where the bench program is (its first flag, its first address); None: it is not there."""
+
+    variables: range = range(0)
+    flags: range = range(0)
+    program: tuple[int, int] | None = None
+
+    @property
+    def met(self) -> frozenset[str]:
+        """The needs (of `NEEDS`) that they meet."""
+        has = {"variables": self.variables, "flags": self.flags, "program": self.program}
+        return frozenset(name for name, ground in has.items() if ground)
+
+
+NO_GROUNDS = Grounds()
+
+
+@dataclass(frozen=True, slots=True)
 class Breach:
     """What a reply to a question of the engine's own breaks; see `Family.blame`."""
 
@@ -181,6 +205,9 @@ class Family:
     `writes(data)`: how many writes to nonvolatile memory these bytes ask for.
     `guard(session, data)`: why these bytes must not be sent to this device (outside the envelope,
         of a class the running check did not declare), or None.
+    `capabilities`: what of a rig serves such a device.
+    `grounds`: of the built-in twin; None: the family has no variables or flags to be named.
+    `has_axis`: an envelope of motion means something to it.
     `deeds`: safety class → what its checks do to a device, in words, for `--dry-run`.
     `blame(session, request, reply)`: which requirement a reply to these bytes breaks, if it is one
         that no device of the family gives; `reply` None: there was none, the twin had crashed.
@@ -217,6 +244,9 @@ class Family:
     rig_bench: Callable[[Session, int | None], Any] | None = None
     replay_module: str = ""
     operation_bytes: int = 0
+    capabilities: frozenset[str] = OF_AN_AXIS
+    grounds: Grounds | None = None
+    has_axis: bool = True
     deeds: Mapping[str, str] = field(default_factory=dict)
     blame: Callable[[Session, bytes, bytes | None], Breach | None] = (
         lambda session, request, reply: None

@@ -50,7 +50,13 @@ CAPABILITIES: Final[Mapping[str, str]] = {
     "micro_cut": "makes a micro-cut of the supply",
     "amplifier": "makes the amplifier report a fault",
     "encoder": "takes the encoder away",
+    "flag": "works the inputs, timers and motors behind the controller's flags",
+    "status": "brings about the conditions of the status word",
+    "program": "starts and stops the macroprogram",
+    "battery": "takes the battery of the memory away",
 }
+OF_A_CONTROLLER: Final = frozenset({"power", "flag", "status", "program", "battery"})
+OF_AN_AXIS: Final = frozenset(CAPABILITIES) - (OF_A_CONTROLLER - {"power"})
 KINDS: Final = ("twin", "prompt", "command")
 COMMAND_TIMEOUT_S: Final = 30.0
 CANNOT_STATUS: Final = 3
@@ -89,17 +95,21 @@ class Act:
         """True if it leaves nothing to put back."""
         if self.verb == "turn" or self.value is None:
             return True
-        return self.value is (self.verb == "power")
+        return self.value is (self.verb in _ON_AT_REST)
 
     @property
     def undone(self) -> Act:
         """The act that brings it back to rest."""
-        rest = {"power": True, "supply": None, "temperature": None}.get(self.verb, False)
+        rest = None if self.verb in ("supply", "temperature") else self.verb in _ON_AT_REST
         return Act(self.verb, self.name, rest)
 
 
-# What must be put back first: a held shaft, before anything drives it.
-_RESET_ORDER: Final = ("hold", "fault", "input", "temperature", "supply", "power")
+_ON_AT_REST: Final = ("power", "program")
+# What must be put back first: a held shaft, before anything drives it; what a start needs.
+_RESET_ORDER: Final = (
+    "hold", "fault", "input", "flag", "status", "battery", "temperature", "supply", "power",
+    "program",
+)  # fmt: skip
 
 
 class Rig(ABC):
@@ -153,6 +163,22 @@ class Rig(ABC):
         """Let a fault of `FAULTS` be there, or be gone."""
         return self._do(Act("fault", name, present))
 
+    def set_flag(self, number: int, on: bool) -> Window:
+        """Have the machine turn an input, timer or motor flag of a controller on, or off again."""
+        return self._do(Act("flag", str(number), on))
+
+    def set_status(self, bit: int, on: bool) -> Window:
+        """Bring about the condition of a bit of a controller's status word, or end it."""
+        return self._do(Act("status", str(bit), on))
+
+    def run_program(self, running: bool) -> Window:
+        """Start a controller's macroprogram, or stop it."""
+        return self._do(Act("program", "macroprogram", running))
+
+    def set_battery(self, flat: bool) -> Window:
+        """Let the battery of a controller's memory be empty, or put a good one in."""
+        return self._do(Act("battery", "memory", flat))
+
     def require(self, capability: str) -> None:
         """Raise CannotDo if the rig cannot do that."""
         if capability not in self.capabilities:
@@ -193,13 +219,16 @@ class Rig(ABC):
 class TwinRig(Rig):
     """Works the twin behind the target, by the handles that every twin offers."""
 
-    def __init__(self, target: Carrier, address: int) -> None:
-        super().__init__(target, frozenset(CAPABILITIES))
+    def __init__(
+        self, target: Carrier, address: int, capabilities: frozenset[str] = OF_AN_AXIS
+    ) -> None:
+        super().__init__(target, capabilities)
         self.is_exact = VIRTUAL in target.description  # else time passes while we are at it
         self._twin = _twin_at(target, address)
         self._usual = {
-            "supply_volts": self._twin.supply_volts,
-            "temperature_celsius": self._twin.temperature_celsius,
+            name: getattr(self._twin, name)
+            for name in ("supply_volts", "temperature_celsius")
+            if name.partition("_")[0] in capabilities
         }
 
     def _work(self, act: Act) -> None:
@@ -232,6 +261,14 @@ class TwinRig(Rig):
                 twin.push(value)
             case "fault":
                 twin.set_fault(act.name, value)
+            case "flag":
+                twin.flags[int(act.name)] = value
+            case "status":
+                twin.set_status(int(act.name), value)
+            case "program":
+                (twin.start_program if value else twin.stop_program)()
+            case "battery":
+                twin.battery = "flat" if value else "good"
 
 
 def _twin_at(target: Carrier, address: int) -> Any:
@@ -327,8 +364,9 @@ class PromptRig(Rig):
         target: Carrier,
         terminal: Terminal | None = None,
         notify: Notify = lambda is_open, text: None,
+        capabilities: frozenset[str] = OF_AN_AXIS,
     ) -> None:
-        super().__init__(target, frozenset(CAPABILITIES))
+        super().__init__(target, capabilities)
         self._terminal = terminal or Console()
         self._notify = notify
         self._is_resetting = False
@@ -367,6 +405,11 @@ _ORDERS: Final[Mapping[tuple[str, str], tuple[str, str]]] = {
         "Bring the module to {} °C.",
         "Bring the module back to its usual temperature.",
     ),
+    ("program", "macroprogram"): ("Start the macroprogram.", "Stop the macroprogram."),
+    ("battery", "memory"): (
+        "Take the battery of the memory away.",
+        "Put a good battery of the memory in.",
+    ),
     ("turn", "shaft"): ("Turn the shaft by about {} increments (+ is clockwise).", ""),
 }
 
@@ -377,6 +420,11 @@ def in_words(act: Act) -> str:
     forms = {
         "input": (f"Close the contact of the {name} input.", f"Open the {name} contact."),
         "fault": (f"Let there be this fault: {name}.", f"End the fault: {name}."),
+        "flag": (f"Work the machine until flag {name} is on.", f"Let flag {name} go off again."),
+        "status": (
+            f"Bring about the condition of status bit {name}.",
+            f"End the condition of status bit {name}.",
+        ),
     }
     done, undone = _ORDERS.get((act.verb, act.name)) or forms[act.verb]
     return (undone if act.value is False or act.value is None else done).format(act.text)
@@ -397,9 +445,9 @@ class RigChoice:
         """The rig for one open target; raises RigError if the target offers no handles."""
         match self.kind:
             case "twin":
-                return TwinRig(target, address)
+                return TwinRig(target, address, self.capabilities)
             case "prompt":
-                return PromptRig(target, notify=notify)
+                return PromptRig(target, notify=notify, capabilities=self.capabilities)
             case "command":
                 return CommandRig(target, self.command, self.capabilities)
         return None
@@ -412,12 +460,18 @@ class RigChoice:
 
 
 def choose_rig(
-    kind: str | None, command: str | None, url: str, *, is_allowed: bool, way: Way = LINE
+    kind: str | None,
+    command: str | None,
+    url: str,
+    *,
+    is_allowed: bool,
+    way: Way = LINE,
+    capabilities: frozenset[str] = OF_AN_AXIS,
 ) -> RigChoice:
     """Read `--rig` and `--rig-command`; raises UsageError in one line.
 
-    A twin in this process is its own rig.  A command is asked what it can do, unless the run may
-    not use a rig anyway.
+    A twin in this process is its own rig.  A command is asked what it can do of `capabilities`,
+    those that serve the kind of device, unless the run may not use a rig anyway.
     """
     is_twin = is_twin_url(url)
     if kind is None:
@@ -429,11 +483,12 @@ def choose_rig(
     if kind == "prompt" and is_allowed and not (sys.stdin.isatty() and sys.stderr.isatty()):
         raise UsageError("--rig prompt needs a terminal with somebody to ask; try --rig command")
     if kind != "command":
-        return RigChoice(kind, "", frozenset(CAPABILITIES) if kind else frozenset())
+        return RigChoice(kind, "", capabilities if kind else frozenset())
     if command is None:
         raise UsageError("--rig command needs --rig-command 'PROGRAM {verb} {name} {value}'")
     _check_template(command)
-    return RigChoice(kind, command, ask_capabilities(command) if is_allowed else frozenset())
+    able = ask_capabilities(command, sorted(capabilities)) if is_allowed else frozenset()
+    return RigChoice(kind, command, able)
 
 
 def _check_template(template: str) -> None:
@@ -446,7 +501,7 @@ def _check_template(template: str) -> None:
         raise UsageError(f"--rig-command {template!r} lacks {', '.join(missing)}")
 
 
-def ask_capabilities(template: str, names: Sequence[str] = tuple(CAPABILITIES)) -> frozenset[str]:
+def ask_capabilities(template: str, names: Sequence[str]) -> frozenset[str]:
     """Ask a rig's command for each capability: verb `can`, its name, value `-`."""
     try:
         return frozenset(

@@ -23,7 +23,7 @@ from axistwin_conformance.noise import Disturbed, LineQuality
 from axistwin_conformance.patience import Patience
 from axistwin_conformance.profile import Detection
 from axistwin_conformance.recording import Recording
-from axistwin_conformance.registry import Check, Family, Identity, Model
+from axistwin_conformance.registry import NO_GROUNDS, Check, Family, Grounds, Identity, Model
 from axistwin_conformance.rig import Rig
 from axistwin_conformance.targets import Target
 from axistwin_conformance.transcript import Direction, Record
@@ -78,6 +78,22 @@ class Run:
     tell: Listener = lambda event: None  # who is told of what cannot wait for a check's end
     shrunk: set[str] = field(default_factory=set)  # requirements of which a short failure is known
     shrinks: bool = True  # False: what fails here is shrunk elsewhere
+    grounds: Grounds = NO_GROUNDS
+
+    @property
+    def variables(self) -> range:
+        """The addresses that the suite may use as it likes."""
+        return self.grounds.variables
+
+    @property
+    def flags(self) -> range:
+        """The user flags that the suite may use as it likes."""
+        return self.grounds.flags
+
+    @property
+    def bench_program(self) -> tuple[int, int] | None:
+        """The first flag and the first address of the bench program, if it is there."""
+        return self.grounds.program
 
 
 class Session:

@@ -22,6 +22,7 @@ from axistwin_conformance.registry import find_family
 from axistwin_conformance.rig import (
     CAPABILITIES,
     INPUTS,
+    OF_AN_AXIS,
     Act,
     CommandRig,
     PromptRig,
@@ -36,7 +37,7 @@ from axistwin_conformance.session import Session
 from axistwin_conformance.targets import Target, open_target
 from axistwin_conformance.verdicts import Verdict
 
-ALL = frozenset(CAPABILITIES)
+ALL = OF_AN_AXIS
 TWIN = "axistwin://mac23:0,mac23:1?time=virtual"
 RIG_CHECKS = tuple(one.name for one in find_family("mac23").checks() if one.rig_needs)
 # Every verb once, each away from rest.
@@ -220,7 +221,7 @@ def test_a_command_is_asked_what_it_can_do(relay: Relay) -> None:
     """With the verb `can`; the plan then says exactly what is missing."""
     choice = choose_rig(None, relay.template, "/dev/null", is_allowed=True)
     assert choice.capabilities == ALL - {"temperature", "encoder", "amplifier"}
-    assert set(relay.said) == {f"can {name} -" for name in CAPABILITIES}
+    assert set(relay.said) == {f"can {name} -" for name in OF_AN_AXIS}
     options = make_options(
         model="mac23", port="/dev/null", allow="motion,stored,rig", rig_command=relay.template
     )
@@ -298,8 +299,12 @@ def test_every_act_has_words_for_a_person() -> None:
     """Both to do it and to undo it."""
     for name in CAPABILITIES:
         verb = "input" if name in INPUTS else "fault" if name in rig_module.FAULTS else name
-        place = {"supply": "volts", "temperature": "celsius", "power": "supply"}.get(name, "shaft")
-        act = Act(verb, name if verb in ("input", "fault") else place, True)
+        places = {
+            "supply": "volts", "temperature": "celsius", "power": "supply", "flag": "3",
+            "status": "1", "program": "macroprogram", "battery": "memory",
+        }  # fmt: skip
+        place = name if verb in ("input", "fault") else places.get(name, "shaft")
+        act = Act(verb, place, True)
         assert in_words(act).endswith(".")
         if verb != "turn":
             assert in_words(act.undone).endswith(".")

@@ -13,7 +13,7 @@ from axistwin_conformance.engine import Engine
 from axistwin_conformance.events import CheckFinished, Event
 from axistwin_conformance.registry import find_family
 from axistwin_conformance.rig import (
-    CAPABILITIES,
+    OF_AN_AXIS,
     Act,
     Rig,
     RigChoice,
@@ -44,7 +44,7 @@ class SlowRig(TwinRig):
 class SlowChoice(RigChoice):
     """Hands out a slow rig."""
 
-    capabilities: frozenset[str] = frozenset(CAPABILITIES)
+    capabilities: frozenset[str] = OF_AN_AXIS
 
     def open(self, target: Carrier, address: int, notify: Any) -> Rig:
         """Make it."""

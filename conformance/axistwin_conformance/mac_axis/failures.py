@@ -432,6 +432,7 @@ def twin_player(session: Session, twin: Carrier) -> Player:
     other = Run(
         target=twin, family=run.family, model=run.model, ledger=run.ledger, address=run.address,
         neighbours=run.neighbours, allowed=frozenset(SAFETY_CLASSES), envelope=run.envelope,
+        grounds=run.grounds,
         seed=run.seed, readings=dict(run.readings), detections=dict(run.detections),
     )  # fmt: skip
     if run.family.fence is not None and run.envelope.is_fenced:
