@@ -22,10 +22,11 @@ from axistwin.canbus.channel import parse_channel
 from axistwin.canbus.shared import abandon, close_bus, open_bus, open_names
 from axistwin.errors import AxistwinError
 from axistwin.kernel.time import NS_PER_S, Nanos
+from axistwin.ports.can_message import frame_of, message_of
 from axistwin.runtime.can_network import Arrival, ErrorReport
 from axistwin.runtime.twin import Twin
 from axistwin.wire.can_bus import ControllerState, Fault
-from axistwin.wire.can_frame import INTERMISSION_BITS, CanFrame
+from axistwin.wire.can_frame import INTERMISSION_BITS
 
 _LOG: Final = logging.getLogger("can.axistwin")
 
@@ -216,16 +217,9 @@ class AxistwinBus(can.BusABC):
         return (self._shared.epoch_ns + time_ns) / NS_PER_S
 
     def _message_of(self, arrival: Arrival) -> can.Message:
-        frame = arrival.frame
-        return can.Message(
-            timestamp=self._stamp(arrival.end_ns),
-            arbitration_id=frame.identifier,
-            is_extended_id=frame.is_extended,
-            is_remote_frame=frame.is_remote,
-            channel=self.channel,
-            dlc=frame.length,
-            data=frame.data,
-            is_rx=not arrival.is_own,
+        time_s = self._stamp(arrival.end_ns)
+        return message_of(
+            arrival.frame, time_s=time_s, channel=self.channel, is_rx=not arrival.is_own
         )
 
     def _error_message(self, report: ErrorReport) -> can.Message:
@@ -272,13 +266,7 @@ class AxistwinBus(can.BusABC):
         if msg.is_fd or msg.is_error_frame:
             kind = "FD" if msg.is_fd else "error"
             raise can.CanOperationError(f"{kind} frames cannot be sent; the bus is classical CAN")
-        frame = CanFrame(
-            msg.arbitration_id,
-            b"" if msg.is_remote_frame else bytes(msg.data),
-            is_extended=msg.is_extended_id,
-            is_remote=msg.is_remote_frame,
-            length=msg.dlc,
-        )
+        frame = frame_of(msg)
         self._check_open()
         with self._translated():
             if self._bus.backlog(self._port) >= SEND_QUEUE_FRAMES:

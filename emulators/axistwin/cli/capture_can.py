@@ -17,6 +17,7 @@ import can
 
 from axistwin.cli.capture import FLUSH_S, CaptureFile
 from axistwin.kernel.time import NS_PER_S, Nanos
+from axistwin.ports.can_message import message_of
 from axistwin.runtime.bus import Bus, Passed
 from axistwin.runtime.loop import Loop
 
@@ -54,17 +55,9 @@ class BusRecorder:
     def _write(self) -> None:
         while self._waiting:
             passed = self._waiting.popleft()
-            frame = passed.frame
+            time_s = (self._epoch_ns + passed.end_ns) / NS_PER_S
             self._writer.on_message_received(
-                can.Message(
-                    timestamp=(self._epoch_ns + passed.end_ns) / NS_PER_S,
-                    arbitration_id=frame.identifier,
-                    is_extended_id=frame.is_extended,
-                    is_remote_frame=frame.is_remote,
-                    dlc=frame.length,
-                    data=frame.data,
-                    is_rx=not passed.from_host,
-                )
+                message_of(passed.frame, time_s=time_s, is_rx=not passed.from_host)
             )
 
 

@@ -32,6 +32,7 @@ import serial
 from axistwin.errors import PortError, UsageError, nearest
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.ports import socketcan
+from axistwin.ports.can_message import frame_of, message_of
 from axistwin.runtime.bus_server import BusServer
 from axistwin.wire.can_frame import CanFrame
 
@@ -358,7 +359,7 @@ class _Joined:
     def _offer(self, frame: CanFrame) -> bool:
         """Whether the interface has taken ``frame``.  Raises PortError if the bus is gone."""
         try:
-            self._outside.send(_message(frame), self._timeout_s)
+            self._outside.send(message_of(frame), self._timeout_s)
         except Exception as error:  # whatever an interface may raise
             number = _errno(error)
             if number is not None and number not in _BUSY:
@@ -398,16 +399,6 @@ def _enlarge_buffer(bus: can.BusABC) -> None:
                 setsockopt(socket.SOL_SOCKET, option, RECEIVE_BUFFER_BYTES)
 
 
-def _message(frame: CanFrame) -> can.Message:
-    return can.Message(
-        arbitration_id=frame.identifier,
-        is_extended_id=frame.is_extended,
-        is_remote_frame=frame.is_remote,
-        dlc=frame.length,
-        data=frame.data,
-    )
-
-
 def _frame(message: can.Message) -> CanFrame | None:
     """None: nothing for the devices (rule 5).
 
@@ -416,13 +407,7 @@ def _frame(message: can.Message) -> CanFrame | None:
     if message.is_error_frame or message.is_fd:
         return None
     try:
-        return CanFrame(
-            message.arbitration_id,
-            b"" if message.is_remote_frame else bytes(message.data),
-            message.is_extended_id,
-            message.is_remote_frame,
-            message.dlc,
-        )
+        return frame_of(message)
     except ValueError:
         return None
 
