@@ -5,16 +5,13 @@ from __future__ import annotations
 import pytest
 from zoo import ZOO as SERIAL_ZOO
 from zoo import armed_by
-from zoo.judge import NEVER, checks_of, kills
+from zoo.judge import checks_of, judge_armed, judge_names, kills, wrong
 from zoo.mutant import MonkeyPatch, Mutant
 from zoo_can import OWN, ZOO
 from zoo_can.axis import NOT_CLAIMED, NOT_ON_THE_BUS, alters_the_line
 
 from axistwin_conformance.armed import load_armed
-from axistwin_conformance.cli import make_options
-from axistwin_conformance.engine import Engine
 from axistwin_conformance.ledger import load_ledger
-from axistwin_conformance.verdicts import Verdict
 
 MODEL = "mac23-can"
 LEDGER = load_ledger("mac_can")
@@ -35,28 +32,13 @@ def test_the_healthy_twin_passes_all_that_kills(address: int | None) -> None:
     """The same checks find nothing wrong with a twin that nobody has tampered with."""
     claims = {claim for mutant in ZOO if mutant.address == address for claim in mutant.claims}
     names = {check.name for claim in claims for check in checks_of(claim, MODEL)}
-    options = make_options(model=MODEL, ids=tuple(sorted(names)), address=address)
-    result = Engine(options).run(lambda event: None)
-    wrong = [
-        (ran.check.name, finding.requirement, finding.actual)
-        for ran in result.checks
-        for finding in ran.findings
-        if finding.verdict in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.QUIRK)
-    ]
-    assert wrong == []
-    assert not NEVER & names
-    assert result.exit_status == 0
+    assert wrong(names, MODEL, address) == []
 
 
 def test_mutants_have_names_of_their_own_and_claim_what_the_ledger_asks() -> None:
     """A mutant is told by its name; a claim is a requirement that some check names."""
-    assert len({mutant.name for mutant in ZOO}) == len(ZOO)
-    for mutant in ZOO:
-        assert mutant.description.endswith("."), mutant.name
-        assert mutant.claims, mutant.name
-        for claim in mutant.claims:
-            assert claim in LEDGER.requirements, (mutant.name, claim)
-            assert checks_of(claim, MODEL), (mutant.name, claim)
+    judge_names(ZOO, LEDGER)
+    assert all(mutant.claims for mutant in ZOO)
 
 
 def test_faults_of_the_face_are_of_all_families_of_the_ledger() -> None:
@@ -119,10 +101,4 @@ def test_what_is_shipped_as_armed_is_what_the_zoo_kills() -> None:
 
 def test_nine_in_ten_requirements_of_the_manual_are_armed() -> None:
     """Of what is stated or follows, and can be seen on the wire, little stays unproven."""
-    visible = {
-        one.id
-        for one in LEDGER.requirements.values()
-        if one.kind != "interpretation" and not one.not_on_wire
-    }
-    armed = visible & set(armed_by(ZOO))
-    assert len(armed) >= 0.9 * len(visible), sorted(visible - armed)
+    judge_armed(armed_by(ZOO), LEDGER)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
 from types import FrameType
@@ -11,6 +11,7 @@ from types import FrameType
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine, Result
 from axistwin_conformance.events import CheckFinished, Event, Outcome
+from axistwin_conformance.ledger import Ledger
 from axistwin_conformance.registry import Check, find_family
 from axistwin_conformance.verdicts import Verdict
 from zoo.mutant import Mutant
@@ -28,6 +29,7 @@ NEVER = frozenset(
         "many_runs_of_the_machine_agree_with_the_model",
     }
 )
+Flaw = tuple[str, str, str | None]
 LIMIT_S = 10.0  # of one check; a twin that never comes to an end is not killed by that
 
 
@@ -108,6 +110,43 @@ def _together(mutant: Mutant, checks: Sequence[Check], claims: frozenset[str]) -
     with suppress(Overrun, Settled), limited(LIMIT_S):
         Engine(options).run(hear)
     return found
+
+
+def wrong(checks: Iterable[str], model: str, address: int | None = None) -> list[Flaw]:
+    """What these checks, which must all be done, find wrong with a twin that nobody has tampered
+    with: check, requirement, what was seen."""
+    names = set(checks)
+    options = make_options(model=model, ids=tuple(sorted(names)), address=address)
+    result = Engine(options).run(lambda event: None)
+    assert not NEVER & names
+    found = [
+        (ran.check.name, finding.requirement, finding.actual)
+        for ran in result.checks
+        for finding in ran.findings
+        if finding.verdict in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.QUIRK)
+    ]
+    assert found or result.exit_status == 0, result.sentence
+    return found
+
+
+def judge_names(zoo: Sequence[Mutant], ledger: Ledger) -> None:
+    """A mutant is told by its name; a claim is a requirement that some check names."""
+    assert len({mutant.name for mutant in zoo}) == len(zoo)
+    for mutant in zoo:
+        assert mutant.description.endswith("."), mutant.name
+        for claim in mutant.claims:
+            assert claim in ledger.requirements, (mutant.name, claim)
+            assert checks_of(claim, mutant.model), (mutant.name, claim)
+
+
+def judge_armed(armed: Collection[str], ledger: Ledger) -> None:
+    """Of what is stated or follows, and can be seen on the wire, nine in ten are proven."""
+    visible = {
+        one.id
+        for one in ledger.requirements.values()
+        if one.kind != "interpretation" and not one.not_on_wire
+    }
+    assert len(visible & set(armed)) >= 0.9 * len(visible), sorted(visible - set(armed))
 
 
 def kills(mutant: Mutant) -> Mapping[str, str]:
