@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from axistwin.canbus.shared import SharedBus
     from axistwin.runtime.bus import Bus
     from axistwin.runtime.line import Line
-    from axistwin.runtime.twin import Twin
+    from axistwin.runtime.twin import AnyTwin
 
 Connection: TypeAlias = "Line | Bus"
 """What twins are connected by."""
@@ -185,7 +185,7 @@ class StartedLine:
         return self._bus
 
     @property
-    def twins(self) -> Sequence["Twin"]:
+    def twins(self) -> Sequence["AnyTwin"]:
         """The twins, in the order in which they were named."""
         return tuple(self._line.twins)
 
@@ -194,7 +194,7 @@ class StartedLine:
         """The twins and where they are found."""
         return _title(self._line, self.port)
 
-    def __getitem__(self, key: int | str) -> "Twin":
+    def __getitem__(self, key: int | str) -> "AnyTwin":
         if isinstance(key, int):
             return self.twins[key]
         known = {twin.name: twin for twin in self.twins}
@@ -205,7 +205,7 @@ class StartedLine:
     def __len__(self) -> int:
         return len(self.twins)
 
-    def __iter__(self) -> Iterator["Twin"]:
+    def __iter__(self) -> Iterator["AnyTwin"]:
         return iter(self.twins)
 
     @property
@@ -251,7 +251,7 @@ class StartedLine:
 
 if TYPE_CHECKING:
 
-    class _LineAndTwin(StartedLine, Twin):
+    class _LineAndTwin(StartedLine, AnyTwin):
         """What a started twin offers; it has the twin's part by delegation."""
 
 else:
@@ -262,7 +262,7 @@ class StartedTwin(_LineAndTwin):
     """A line with one twin: whatever can be read from, set on or done to the twin, can on this."""
 
     @property
-    def twin(self) -> "Twin":
+    def twin(self) -> "AnyTwin":
         """The twin itself."""
         return self._line.twins[0]
 

@@ -24,7 +24,7 @@ from axistwin.errors import AxistwinError
 from axistwin.kernel.time import NS_PER_S, Nanos
 from axistwin.ports.can_message import frame_of, message_of
 from axistwin.runtime.can_network import Arrival, ErrorReport
-from axistwin.runtime.twin import Twin
+from axistwin.runtime.twin import AnyTwin
 from axistwin.wire.can_bus import ControllerState, Fault
 from axistwin.wire.can_frame import INTERMISSION_BITS
 
@@ -364,7 +364,7 @@ class AxistwinBus(can.BusABC):
     # -- what only twins have --
 
     @property
-    def twins(self) -> list[Twin]:
+    def twins(self) -> list[AnyTwin]:
         """The devices, to be looked at and worked: inputs, supply, load, position."""
         return self._bus.twins
 

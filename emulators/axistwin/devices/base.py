@@ -5,7 +5,7 @@ Calls arrive in the order of time.  A device never looks at anything but its arg
 """
 
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 from axistwin.kernel.effects import Effect
 from axistwin.kernel.time import Nanos
@@ -101,9 +101,63 @@ class MotionDevice(Device, Protocol):
         """
 
 
+class ControllerDevice(Device, Protocol):
+    """A device with flags, variables and a status word, in which a user's program runs."""
+
+    def describe(self, now: Nanos) -> Mapping[str, Any]:
+        """Everything worth showing, by name.
+
+        At least ``address``, ``state_text``.
+        """
+
+    def flag_at(self, now: Nanos, number: int) -> bool:
+        """Whether a flag is on, of any kind.  Raises UsageError for a number that is none."""
+
+    def set_flag(self, now: Nanos, number: int, on: bool) -> list[Effect]:
+        """Turn a flag of any kind on or off, as the machine or a hand does.  Raises UsageError."""
+
+    def variable_at(self, now: Nanos, address: int) -> int:
+        """The signed 32-bit value at ``address``.  Raises UsageError outside the data area."""
+
+    def set_variable(self, now: Nanos, address: int, value: int) -> list[Effect]:
+        """Store a signed 32-bit ``value`` at ``address``.  Raises UsageError out of range."""
+
+    def status_at(self, now: Nanos) -> int:
+        """The status word; looking at it changes nothing."""
+
+    def set_status(self, now: Nanos, bit: int, on: bool) -> list[Effect]:
+        """Let the condition of a status bit, 0..15, be there or gone.  Raises UsageError."""
+
+    def load_program(self, now: Nanos, program: Any) -> list[Effect]:
+        """Put a program (``axistwin.macroprogram``) in, or with None take it out.
+
+        It does not run yet.  Raises UsageError if it does not fit the device.
+        """
+
+    def start_program(self, now: Nanos) -> list[Effect]:
+        """Start the program from its beginning.  Raises UsageError if there is none."""
+
+    def stop_program(self, now: Nanos) -> list[Effect]:
+        """Stop the program; flags, outputs and data stay as they are."""
+
+    def clear_program(self, now: Nanos) -> list[Effect]:
+        """Reset the system and clear the program, with the data."""
+
+    def set_battery(self, now: Nanos, level: str) -> list[Effect]:
+        """Let the memory's battery be ``good``, ``low`` or ``flat``.  Raises UsageError."""
+
+
 class MotionSerialDevice(MotionDevice, SerialDevice, Protocol):
     """A device that turns a shaft, on a serial line."""
 
 
 class MotionCanDevice(MotionDevice, CanDevice, Protocol):
     """A device that turns a shaft, on a CAN bus."""
+
+
+class ControllerSerialDevice(ControllerDevice, SerialDevice, Protocol):
+    """A controller with a program in it, on a serial line."""
+
+
+TwinDevice: TypeAlias = MotionDevice | ControllerDevice
+"""What a user can have a handle on; see ``runtime/twin.py``."""

@@ -17,30 +17,34 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Generic, Protocol, Self, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Generic, Protocol, Self, TypeAlias, TypeVar, cast
 
-from axistwin.devices.base import MotionDevice
+from axistwin.devices.base import TwinDevice
 from axistwin.errors import StateError
 from axistwin.kernel.effects import Effect, Store, Trace
 from axistwin.kernel.time import Nanos
 from axistwin.runtime.clock import Clock
 from axistwin.runtime.storage import Slot, Stores
-from axistwin.runtime.twin import Twin
+from axistwin.runtime.twin import AnyTwin, MotionTwin, Twin
 
 if TYPE_CHECKING:
     from types import TracebackType
 
-Subscriber: TypeAlias = Callable[[Twin, Trace], None]
+Subscriber: TypeAlias = Callable[[AnyTwin, Trace], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Station:
-    """A device of a network: what it is called (``mac23:0``), its model, and its memory."""
+    """A device of a network: what it is called (``mac23:0``), its model, and its memory.
+
+    handle: what a user gets to work it.
+    """
 
     name: str
     model: str
-    device: MotionDevice
+    device: TwinDevice
     slot: Slot
+    handle: type[Twin] = MotionTwin
 
 
 class Network(Protocol):
@@ -96,7 +100,10 @@ class Owner(ABC, Generic[Net]):
         self._wakes = 0
         self._sleepers = 0
         self._is_closed = False
-        self.twins = [Twin(self, index, station) for index, station in enumerate(self._stations)]
+        self.twins = [
+            cast(AnyTwin, station.handle(self, index, station))
+            for index, station in enumerate(self._stations)
+        ]
 
     # -- time ---------------------------------------------------------------------------------
 

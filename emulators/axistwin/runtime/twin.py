@@ -1,5 +1,8 @@
 """A user's handle on one device: what a hand, a supply and a load can do to it.
 
+``Twin`` is what every device has, ``MotionTwin`` adds a shaft with its pins, ``ControllerTwin`` the
+flags, variables and program of a controller.
+
 Everything here acts at the present time of its line or bus and is over when it returns; from any
 thread.
 """
@@ -17,8 +20,15 @@ if TYPE_CHECKING:
 
 INPUTS = ("reference", "positive_stop", "negative_stop", "reset")
 
+_PLAIN = ("name", "model")
+"""What a twin has besides its properties."""
+
 SUPPLY_MAX_VOLTS = 1000.0
 TEMPERATURE_MIN_CELSIUS, TEMPERATURE_MAX_CELSIUS = -273.0, 1000.0
+
+
+class _NoSuchAttributeError(UsageError, AttributeError):
+    """What is asked for is not there: a user's mistake, and ``hasattr`` understands it."""
 
 
 class Inputs:
@@ -29,10 +39,10 @@ class Inputs:
 
     __slots__ = ("_twin", "_values")
 
-    _twin: "Twin"
+    _twin: "MotionTwin"
     _values: dict[str, bool]
 
-    def __init__(self, twin: "Twin") -> None:
+    def __init__(self, twin: "MotionTwin") -> None:
         object.__setattr__(self, "_twin", twin)
         object.__setattr__(self, "_values", dict.fromkeys(INPUTS, False))
 
@@ -60,9 +70,9 @@ class LoadHandle:
 
     __slots__ = ("_twin",)
 
-    _twin: "Twin"
+    _twin: "MotionTwin"
 
-    def __init__(self, twin: "Twin") -> None:
+    def __init__(self, twin: "MotionTwin") -> None:
         object.__setattr__(self, "_twin", twin)
 
     def __getattr__(self, name: str) -> Any:
@@ -86,15 +96,15 @@ class LoadHandle:
 
 
 class Twin:
-    """One device of a line or a bus.  Made by its owner; see ``Owner.twins``."""
+    """One device of a line or a bus, of any kind.  Made by its owner; see ``Owner.twins``."""
+
+    kind = "device"
+    """What messages call it."""
 
     def __init__(self, owner: "Owner[Any]", index: int, station: "Station") -> None:
         self._owner = owner
         self._index = index
-        self._device = station.device
-        self._load = Load()
-        self._inputs = Inputs(self)
-        self._load_handle = LoadHandle(self)
+        self._device: Any = station.device
         self._is_powered = True
         self.name = station.name
         self.model = station.model
@@ -102,18 +112,28 @@ class Twin:
     def __repr__(self) -> str:
         return f"<Twin {self.name}: {self.state}>"
 
+    if not TYPE_CHECKING:  # or else no misspelt name would be found by a type checker
+
+        def __getattr__(self, name: str) -> Any:
+            if name.startswith("_"):
+                raise AttributeError(name)
+            raise _NoSuchAttributeError(self._no_such(name))
+
+        def __setattr__(self, name: str, value: Any) -> None:
+            if not (name.startswith("_") or hasattr(type(self), name) or name in _PLAIN):
+                raise UsageError(self._no_such(name))
+            object.__setattr__(self, name, value)
+
+    def _no_such(self, name: str) -> str:
+        known = [each for each in dir(self) if not each.startswith("_")]
+        return f"{self.name} is a {self.kind} and has no {name}: {nearest(name, known)}"
+
     # -- what can be read ---------------------------------------------------------------------
 
     @property
     def address(self) -> int:
-        """The address it answers at now, which 08h may have changed."""
+        """The address it answers at now, which a command may have changed."""
         return int(self.describe()["address"])
-
-    @property
-    def position(self) -> int:
-        """Where the axis is now, in increments."""
-        with self._owner.present() as now:
-            return int(self._device.position_at(now))
 
     @property
     def state(self) -> str:
@@ -122,7 +142,7 @@ class Twin:
 
     @property
     def is_moving(self) -> bool:
-        """Whether the axis moves now."""
+        """Whether cells change by themselves now: the axis moves."""
         with self._owner.present() as now:
             return bool(self._device.is_moving(now))
 
@@ -136,6 +156,55 @@ class Twin:
         """Everything worth showing of it, by name, as it is now."""
         with self._owner.present() as now:
             return dict(self._device.describe(now))
+
+    # -- power --------------------------------------------------------------------------------
+
+    @property
+    def is_powered(self) -> bool:
+        """Whether the supply is applied."""
+        return self._is_powered
+
+    def power_off(self) -> None:
+        """Cut the supply; nothing happens if it is off."""
+        with self._owner.present():
+            if self._is_powered:
+                self._is_powered = False
+                self._owner.set_power(self._index, on=False)
+
+    def power_on(self) -> None:
+        """Apply the supply; nothing happens if it is on."""
+        with self._owner.present():
+            if not self._is_powered:
+                self._is_powered = True
+                self._owner.set_power(self._index, on=True)
+
+    def power_cycle(self, off_s: float = 0.0) -> None:
+        """Cut the supply for ``off_s`` seconds of the twin's time, then apply it.
+
+        Returns when it is applied; the device then still needs the time it takes to start.
+        """
+        seconds = _checked_number("off_s", off_s, 0.0, 1e6, "s")
+        self.power_off()
+        self._owner.advance(round(seconds * NS_PER_S))
+        self.power_on()
+
+
+class MotionTwin(Twin):
+    """A device that turns a shaft: its pins, supply, load and position."""
+
+    kind = "motion device"
+
+    def __init__(self, owner: "Owner[Any]", index: int, station: "Station") -> None:
+        super().__init__(owner, index, station)
+        self._load = Load()
+        self._inputs = Inputs(self)
+        self._load_handle = LoadHandle(self)
+
+    @property
+    def position(self) -> int:
+        """Where the axis is now, in increments."""
+        with self._owner.present() as now:
+            return int(self._device.position_at(now))
 
     # -- pins, supply, load -------------------------------------------------------------------
 
@@ -190,41 +259,23 @@ class Twin:
         """Let a fault be there or gone that no measure shows.  Raises UsageError with the names."""
         self._owner.act(self._index, lambda now: self._device.set_fault(now, name, present))
 
-    # -- power --------------------------------------------------------------------------------
-
-    @property
-    def is_powered(self) -> bool:
-        """Whether the supply is applied."""
-        return self._is_powered
-
-    def power_off(self) -> None:
-        """Cut the supply; nothing happens if it is off."""
-        with self._owner.present():
-            if self._is_powered:
-                self._is_powered = False
-                self._owner.set_power(self._index, on=False)
-
-    def power_on(self) -> None:
-        """Apply the supply; nothing happens if it is on."""
-        with self._owner.present():
-            if not self._is_powered:
-                self._is_powered = True
-                self._owner.set_power(self._index, on=True)
-
-    def power_cycle(self, off_s: float = 0.0) -> None:
-        """Cut the supply for ``off_s`` seconds of the twin's time, then apply it.
-
-        Returns when it is applied; the device then still needs the time it takes to start.
-        """
-        seconds = _checked_number("off_s", off_s, 0.0, 1e6, "s")
-        self.power_off()
-        self._owner.advance(round(seconds * NS_PER_S))
-        self.power_on()
-
-    # -- for the handles ----------------------------------------------------------------------
-
     def _set_input(self, name: str, active: bool) -> None:
         self._owner.act(self._index, lambda now: self._device.set_input(now, name, active))
+
+
+class ControllerTwin(Twin):
+    """A controller in which a user's program runs: its flags, variables, status and program."""
+
+    kind = "controller"
+
+
+if TYPE_CHECKING:
+
+    class AnyTwin(MotionTwin, ControllerTwin):
+        """A twin as a type checker sees it that cannot know the kind: with what any kind has."""
+
+else:
+    AnyTwin = Twin
 
 
 def _names_of(load: Load) -> tuple[str, ...]:

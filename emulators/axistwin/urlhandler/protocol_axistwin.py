@@ -39,7 +39,7 @@ from serial.serialutil import (  # type: ignore[attr-defined]  # the stubs lack 
 from axistwin.errors import AxistwinError
 from axistwin.kernel.time import NS_PER_S, Nanos
 from axistwin.runtime.line import Line
-from axistwin.runtime.twin import Twin
+from axistwin.runtime.twin import AnyTwin
 from axistwin.urlhandler.lines import OpenLine, open_line
 from axistwin.urlhandler.url import parse_url
 from axistwin.wire.framing import LineFormat
@@ -96,7 +96,7 @@ class Serial(SerialBase):
         return self._shared.line
 
     @property
-    def twins(self) -> Sequence[Twin]:
+    def twins(self) -> Sequence[AnyTwin]:
         """The twins on the line, in the order of the URL."""
         return self.line.twins
 
