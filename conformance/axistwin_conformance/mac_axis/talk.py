@@ -10,14 +10,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Final
 
 from axistwin_conformance.carrier import Carrier
 from axistwin_conformance.mac_axis.acceptance import Row, table_without
-from axistwin_conformance.mac_axis.dialogue import Kind, Reply, signed
+from axistwin_conformance.mac_axis.dialogue import QUERIES, Kind, Reply, signed
 from axistwin_conformance.mac_axis.forecast import Window
-from axistwin_conformance.session import Session
+from axistwin_conformance.session import ATTEMPTS, Session
 
 QUIET_S: Final = 0.05  # ten times any reply seen; silence is proven by the next exchange, not by it
 
@@ -51,12 +51,15 @@ class Talk(ABC):
     """One module: what is said to it, what it says, and what that proves.
 
     `answered`: the queries it answers; `may_be_silent`: the commands it may obey without a reply.
+    `repeatable`: what it may be told twice and does the same, with the same reply; after anything
+    else the check is in doubt about the first (a second 13h is refused, a second segment runs).
     `missing`: commands and queries that other faces have and this one does not.  `unassigned`: what
     comes to a command and to a query that mean nothing, for each reading of `unknown_index`.
     """
 
     answered: ClassVar[range]
     may_be_silent: ClassVar[frozenset[int]]
+    repeatable: ClassVar[frozenset[int]]
     missing: ClassVar[tuple[int, ...]] = ()
     unassigned: ClassVar[tuple[tuple[Kind, Kind], ...]]
 
@@ -153,6 +156,42 @@ class Talk(ABC):
     def has_sync(self) -> bool:
         """True if there is a way to `synchronise`."""
         return False
+
+    # --- noise ------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def _once(self, request: Any, timeout_s: float | None) -> Exchange:
+        """Send, and take the reply apart."""
+
+    @abstractmethod
+    def _is_good(self, index: int, reply: Any, *, may_be_silent: bool) -> bool:
+        """True if a module could say that, as far as is known of this one."""
+
+    def _undisturbed(
+        self, request: Any, index: int, exchange: Exchange, timeout_s: float | None
+    ) -> Exchange:
+        """Send again until noise is not the reason for the reply; only what may be sent twice.
+
+        What was Nacked was not obeyed (MACS-REPLY-04), and may be sent again whatever it is.
+        """
+        bad: list[bytes] = []
+        since_ns: int | None = None  # the first sending that may have been obeyed
+        for _ in range(ATTEMPTS):
+            is_good = self._is_good(index, exchange.reply, may_be_silent=timeout_s is not None)
+            if self.session.is_believed(bad, exchange.reply.raw, is_good=is_good):
+                break
+            words = f"{self.explained(exchange.request)}: {exchange.reply}"
+            if exchange.kind is not Kind.NACK:
+                if index not in self.repeatable:
+                    if self.session.check is not None:
+                        self.session.disturbed(words)
+                    break
+                since_ns = exchange.taken.earliest_ns if since_ns is None else since_ns
+            self.session.record_retry(words)
+            exchange = self._once(request, timeout_s)
+        if since_ns is None or index in QUERIES:
+            return exchange
+        return replace(exchange, taken=Window(since_ns, exchange.taken.latest_ns))
 
     # --- values -----------------------------------------------------------------------------------
 

@@ -27,13 +27,11 @@ from axistwin_conformance.mac_axis.forecast import Window
 from axistwin_conformance.mac_axis.talk import QUIET_S, Exchange, Part
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.codec import Reply, Request
-from axistwin_conformance.session import ATTEMPTS, Session
+from axistwin_conformance.session import Session
 
 BOOT_S: Final = 2.0  # MACC-BOOT-04
 BOOT_PATIENCE_S: Final = 1.0  # how much longer than that a boot-up message is waited for
-# What a module may be told twice and does the same, with the same reply: uploads, settings except
-# the counter reset, the end of a motion and of powering.  A second 2013h is refused and a second
-# segment runs; both leave the check in doubt about the first.
+# Uploads, settings except the counter reset, the end of a motion and of powering.
 REPEATABLE: Final = frozenset(
     {*codec.QUERIES, 0x02, 0x03, 0x07, 0x09, 0x0A, 0x0C, 0x0D, 0x0E, 0x0F, 0x18, 0x19, 0x1A, 0x1C,
      *codec.UNASSIGNED_DOWNLOADS}
@@ -52,6 +50,7 @@ class Talk(talk.Talk):
 
     answered: ClassVar[range] = codec.ANSWERED
     may_be_silent: ClassVar[frozenset[int]] = MAY_BE_SILENT
+    repeatable: ClassVar[frozenset[int]] = REPEATABLE
     missing: ClassVar[tuple[int, ...]] = (0x08, 0x1B, 0x28, 0x29)  # address, rate, memory
     unassigned: ClassVar[tuple[tuple[Kind, Kind], ...]] = (  # MACC-AMB-15
         (Kind.REFUSED, Kind.REFUSED),
@@ -88,33 +87,12 @@ class Talk(talk.Talk):
         exchange = self._once(one, timeout_s)
         if self.target.is_lossless or not one.is_well_formed:
             return exchange
-        return self._undisturbed(one, exchange, timeout_s)
+        return self._undisturbed(one, one.index, exchange, timeout_s)
 
-    def _undisturbed(self, one: Request, exchange: Exchange, timeout_s: float | None) -> Exchange:
-        bad: list[bytes] = []
-        since_ns: int | None = None  # the first sending that may have been obeyed
-        for _ in range(ATTEMPTS):
-            is_good = self._is_good(one, exchange.reply, may_be_silent=timeout_s is not None)
-            if self.session.is_believed(bad, exchange.reply.raw, is_good=is_good):
-                break
-            words = f"{self.explained(exchange.request)}: {exchange.reply}"
-            if one.index not in REPEATABLE:
-                if self.session.check is not None:
-                    self.session.disturbed(words)
-                break
-            since_ns = exchange.taken.earliest_ns if since_ns is None else since_ns
-            self.session.record_retry(words)
-            exchange = self._once(one, timeout_s)
-        if since_ns is None or one.index in codec.QUERIES:
-            return exchange
-        return replace(exchange, taken=Window(since_ns, exchange.taken.latest_ns))
-
-    @staticmethod
-    def _is_good(one: Request, reply: Reply, *, may_be_silent: bool) -> bool:
-        """True if a module could say that, as far as is known of this one."""
+    def _is_good(self, index: int, reply: Reply, *, may_be_silent: bool) -> bool:
         if reply.kind is Kind.SILENCE:
-            return may_be_silent or one.index in MAY_BE_SILENT
-        if one.index in codec.ANSWERED:
+            return may_be_silent or index in MAY_BE_SILENT
+        if index in codec.ANSWERED:
             return reply.kind is Kind.ANSWER
         return reply.kind is not Kind.GARBAGE
 

@@ -7,7 +7,6 @@ holds in virtual time, over a pty and over a real adapter.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import ClassVar, Final
 
 from axistwin_conformance.mac_axis import talk
@@ -16,14 +15,12 @@ from axistwin_conformance.mac_axis.forecast import Window
 from axistwin_conformance.mac_axis.talk import QUIET_S, Exchange
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.codec import Reply, Request
-from axistwin_conformance.session import ATTEMPTS, Session
+from axistwin_conformance.session import Session
 from axistwin_conformance.targets import Target
 
 SPELLINGS_ALIKE: Final = 3
 ANSWERED: Final = range(0x20, 0x2A)
-# What a module may be told twice and does the same, with the same reply: the queries, every setting
-# but the counter reset, the end of a motion and of powering (§4.2).  A second 13h is refused and a
-# second segment runs; both leave the check in doubt about the first.
+# The queries, every setting but the counter reset, the end of a motion and of powering (§4.2).
 REPEATABLE: Final = frozenset(
     {*QUERIES, 0x02, 0x03, 0x07, 0x09, 0x0A, 0x0C, 0x0D, 0x0E, 0x0F, 0x18, 0x19, 0x1A, 0x1C,
      0x04, 0x05, 0x06, 0x12, 0x1D, 0x1F}
@@ -40,6 +37,7 @@ class Talk(talk.Talk):
 
     answered: ClassVar[range] = ANSWERED
     may_be_silent: ClassVar[frozenset[int]] = MAY_BE_SILENT
+    repeatable: ClassVar[frozenset[int]] = REPEATABLE
     unassigned: ClassVar[tuple[tuple[Kind, Kind], ...]] = (  # MACS-AMB-58
         (Kind.REFUSED, Kind.REFUSED),
         (Kind.ACCEPTED, Kind.ACCEPTED),
@@ -65,31 +63,6 @@ class Talk(talk.Talk):
         if self.target.is_lossless or not isinstance(frame, Request) or not frame.is_well_formed:
             return exchange
         return self._undisturbed(data, int(frame.index, 16), exchange, timeout_s)
-
-    def _undisturbed(
-        self, data: bytes, index: int, exchange: Exchange, timeout_s: float | None
-    ) -> Exchange:
-        """Send again until noise is not the reason for the reply; only what may be sent twice."""
-        bad: list[bytes] = []
-        since_ns: int | None = None  # the first sending that may have been obeyed
-        for _ in range(ATTEMPTS):
-            if self._is_good(index, exchange.reply, may_be_silent=timeout_s is not None):
-                self.session.is_believed(bad, exchange.reply.raw, is_good=True)
-                break
-            if self.session.is_believed(bad, exchange.reply.raw, is_good=False):
-                break
-            words = f"{codec.explain(data)}: {exchange.reply}"
-            if exchange.kind is not Kind.NACK:
-                if index not in REPEATABLE and self.session.check is not None:
-                    self.session.disturbed(words)
-                if index not in REPEATABLE:
-                    break
-                since_ns = exchange.taken.earliest_ns if since_ns is None else since_ns
-            self.session.record_retry(words)
-            exchange = self._once(data, timeout_s)
-        if since_ns is None or index in QUERIES:
-            return exchange
-        return replace(exchange, taken=Window(since_ns, exchange.taken.latest_ns))
 
     def _is_good(self, index: int, reply: Reply, *, may_be_silent: bool) -> bool:
         """True if a module could say that, as far as is known of this one."""
