@@ -17,6 +17,7 @@ from typing import Any, NoReturn, Protocol
 from shaft_watch import ACTING, Order, Shaft
 
 from axistwin_conformance.engine import Result
+from axistwin_conformance.events import Outcome
 
 STOP = 0x18
 
@@ -139,6 +140,46 @@ def judge_way_out(
         assert watch.stored() == watch.cells
         for shaft in watch.shafts:
             assert max(shaft.asked, shaft.furthest) <= most + shaft.blur
+
+
+def judge_interrupted(
+    result: Result, watches: list[Any], met: Witness, sent: int, *, most: int
+) -> None:
+    """Stopped, put back, 130."""
+    assert result.is_interrupted
+    assert result.exit_status == 130
+    assert result.problems == []
+    judge_way_out(watches, met, sent, most=most)
+
+
+def judge_lost(result: Result, met: Witness, sent: int, *, carrier: str) -> None:
+    """The port or bus was lost: nothing can be stopped then; that is said, and it is no crash."""
+    assert result.exit_status in (3, 4)
+    told = " ".join([*result.problems, result.refusal])
+    assert "error in the suite" not in told
+    assert f"the {carrier} failed" in told or "cannot open" in told
+    if met.has_acted(sent):
+        assert "could not stop the axis or put its parameters back" in told
+
+
+def judge_envelope(result: Result, watches: list[Any], *, travel: int, speed: int) -> None:
+    """No position further away was asked for, or reached, and every EEPROM is as it was.
+
+    The twin's plant is ideal: it brakes within the increment.  Each 0Bh in motion leaves the
+    witness itself in doubt about one (`blur`).
+    """
+    assert result.problems == []
+    held_back = [one.trouble for one in result.checks if one.outcome is not Outcome.DONE]
+    assert held_back == [], "the checks know the envelope; the fence had nothing to do"
+    shafts = [shaft for watch in watches for shaft in watch.shafts]
+    for shaft in shafts:
+        assert shaft.asked <= travel + shaft.blur
+        assert shaft.furthest <= travel + shaft.blur
+        assert shaft.fastest <= speed
+    assert max(shaft.furthest for shaft in shafts) > travel // 2, "there was motion"
+    assert max(shaft.asked for shaft in shafts) > travel // 2
+    for watch in watches:
+        assert watch.stored() == watch.cells, "what the EEPROMs held is back"
 
 
 def interrupt() -> None:
