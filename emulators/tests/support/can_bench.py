@@ -11,7 +11,7 @@ from mac_bench import ACCEPTED, MS, REFUSED, SILENCE, MacBench
 
 from axistwin.devices.mac.can import MacCan
 from axistwin.devices.mac.can_quirks import parse_can_quirks
-from axistwin.devices.mac.quirks import Value
+from axistwin.devices.switches import Value
 from axistwin.kernel.effects import Effect, SendFrame, Silence
 from axistwin.wire.can_frame import CanFrame, wire_bits
 

@@ -13,16 +13,8 @@ Rules
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from axistwin.devices.mac.quirks import (
-    CAN,
-    MacQuirks,
-    Quirk,
-    Settings,
-    number,
-    parse_settings,
-    quirk,
-    switches,
-)
+from axistwin.devices.mac.quirks import CAN, MacQuirks
+from axistwin.devices.switches import Quirk, Settings, number, parse_settings, quirk, switches
 
 ErrorCodes = tuple[tuple[int, int, int], ...]
 """Bits of dd, error code, error register; the first entry that matches counts."""

@@ -1,0 +1,1 @@
+"""The MSC family: motion system controllers with an executive port (packets, flags, variables)."""

@@ -1,0 +1,184 @@
+"""The macroprogram's data area: signed 32-bit values under 16-bit addresses (ledger §5.2).
+
+Rules
+-----
+1. The area is a row of bytes; a value is four of them, high byte first.  Neighbouring values are
+   one stride apart: 4 addresses (bytes), 2 (words) or 1 (variables) (MSC-AMB-18).
+2. An address inside a value reaches parts of two (MSC-AMB-19), one outside the area is refused
+   (MSC-AMB-20), a block over the end is refused whole (MSC-AMB-21), unless a quirk says otherwise.
+3. Nothing but its end protects the area: 32 values written to an array of 20 land on what follows.
+4. Its battery keeps it.  A cell is a value that was ever written; all others are 0.
+
+``read`` and its kin return None, and ``write`` and its kin False, for what is refused.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final
+
+from axistwin.devices.msc.quirks import MscQuirks
+
+BLOCK_VALUES: Final = 32
+"""Of BREAD and BWRITE."""
+
+VALUE_MIN, VALUE_MAX = -(1 << 31), (1 << 31) - 1
+VALUE_BYTES: Final = 4
+
+CELL_PREFIX: Final = "data_"
+
+
+def signed(value: int) -> int:
+    """``value`` as 32 bits in two's complement: arithmetic that wraps around."""
+    return (value + 0x8000_0000 & 0xFFFF_FFFF) - 0x8000_0000
+
+
+class DataArea:
+    """The data area of one unit, all zeros."""
+
+    def __init__(self, quirks: MscQuirks) -> None:
+        self.stride = quirks.data_address_stride
+        self.size = quirks.data_size - quirks.data_size % self.stride
+        """Addresses: 0 to one less."""
+        self.end = self.size - self.stride
+        """The last address at which a whole value lies."""
+        self._misaligned = quirks.data_misaligned
+        self._outside = quirks.data_out_of_range
+        self._overrun = quirks.block_overrun
+        self._values: dict[int, int] = {}
+        self._changed: dict[int, int] = {}
+
+    # -- by the wire and by programs --
+
+    def read(self, address: int) -> int | None:
+        """The value at ``address``."""
+        if 0 <= address <= self.end and not address % self.stride:  # by far the most common
+            return self._values.get(address, 0)
+        place = self._place(address)
+        if place is None:
+            return None
+        return self._read_bytes(place) if place >= 0 else 0
+
+    def write(self, address: int, value: int) -> bool:
+        """Store ``value`` at ``address``."""
+        place = self._place(address)
+        if place is None:
+            return False
+        if place >= 0:
+            self._write_bytes(place, value)
+        return True
+
+    def read_block(self, address: int) -> list[int] | None:
+        """The 32 values from ``address`` on (MSC-BREAD-03)."""
+        places = self.block_places(address)
+        if places is None:
+            return None
+        return [self._read_bytes(place) if place >= 0 else 0 for place in places]
+
+    def write_block(self, address: int, values: Sequence[int]) -> bool:
+        """Store ``values`` one after another from ``address`` on (MSC-BWRITE-02)."""
+        places = self.block_places(address, len(values))
+        if places is None:
+            return False
+        for place, value in zip(places, values, strict=True):
+            self.put(place, value)
+        return True
+
+    def block_places(self, address: int, count: int = BLOCK_VALUES) -> Sequence[int] | None:
+        """Where each value of a block belongs, -1 for nowhere; None if the block is refused."""
+        first = self._place(address)
+        if first is None:
+            return None
+        if first < 0:
+            return [-1] * count
+        places = range(first, first + count * self.stride, self.stride)
+        if not count or places[-1] <= self.end or (self._overrun == "wrap"):
+            return [place % self.size for place in places]
+        if self._overrun == "nak_atomic":
+            return None
+        return [place if place <= self.end else -1 for place in places]
+
+    def put(self, place: int, value: int) -> None:
+        """Store ``value`` at a place of ``block_places``."""
+        if place >= 0:
+            self._write_bytes(place, value)
+
+    def _place(self, address: int) -> int | None:
+        """Where a value addressed as ``address`` lies; -1: nowhere; None: it is refused."""
+        if address % self.stride:
+            if self._misaligned == "nak":
+                return None
+            if self._misaligned == "round_down":
+                address -= address % self.stride
+        if 0 <= address <= self.end:
+            return address
+        if self._outside == "wrap":
+            return address % self.size
+        return None if self._outside == "nak" else -1
+
+    # -- bytes --
+
+    def _read_bytes(self, address: int) -> int:
+        inside = address % self.stride
+        if not inside:
+            return self._values.get(address, 0)
+        first = self._values.get(address - inside, 0) & 0xFFFF_FFFF
+        second = self._values.get((address - inside + self.stride) % self.size, 0) & 0xFFFF_FFFF
+        shift = self._bits(inside)
+        return signed((first << 32 | second) >> 32 - shift)
+
+    def _write_bytes(self, address: int, value: int) -> None:
+        inside = address % self.stride
+        if not inside:
+            self._values[address] = self._changed[address] = value
+            return
+        low = address - inside
+        high = (low + self.stride) % self.size
+        shift = 32 - self._bits(inside)
+        both = (self._values.get(low, 0) & 0xFFFF_FFFF) << 32 | self._values.get(
+            high, 0
+        ) & 0xFFFF_FFFF
+        both &= ~(0xFFFF_FFFF << shift)
+        both |= (value & 0xFFFF_FFFF) << shift
+        self._values[low] = self._changed[low] = signed(both >> 32)
+        self._values[high] = self._changed[high] = signed(both)
+
+    def _bits(self, addresses: int) -> int:
+        return addresses * 8 * VALUE_BYTES // self.stride
+
+    # -- memory --
+
+    def lose(self) -> None:
+        """The battery was flat: everything ever written is 0 now."""
+        self._values = dict.fromkeys(self._values, 0)
+        self._changed = dict(self._values)
+
+    @property
+    def is_changed(self) -> bool:
+        """Whether there is something for ``take_changed``."""
+        return bool(self._changed)
+
+    def take_changed(self) -> tuple[tuple[str, int], ...]:
+        """The cells written since last time."""
+        changed, self._changed = self._changed, {}
+        return tuple((_cell(address), value) for address, value in changed.items())
+
+    def cells(self) -> dict[str, int]:
+        """Every value ever written: ``data_07D8`` and so on."""
+        return {_cell(address): value for address, value in self._values.items()}
+
+    def restore(self, cells: Mapping[str, int]) -> None:
+        """Take back what ``cells`` gave in an earlier life; what does not fit is left out."""
+        for address, value in _stored(cells):
+            if 0 <= address <= self.end and not address % self.stride:
+                self._values[address] = signed(value)
+
+
+def _stored(cells: Mapping[str, int]) -> Iterable[tuple[int, int]]:
+    """Address and value of each cell of a data area."""
+    for name, value in cells.items():
+        digits = name.removeprefix(CELL_PREFIX)
+        if digits != name and len(digits) == 4 and set(digits) <= set("0123456789ABCDEF"):
+            yield int(digits, 16), value
+
+
+def _cell(address: int) -> str:
+    return f"{CELL_PREFIX}{address:04X}"
