@@ -1,32 +1,24 @@
-"""Writes docs/reference from the code; ``--check`` only compares."""
+"""Writes docs/reference and the protocol page from the code; ``--check`` only compares."""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 
 import click
 
-from axistwin import catalog
-from axistwin.cli.program import main as program
-from axistwin_conformance import ledger
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))
 
-REFERENCE = Path(__file__).parents[1] / "docs" / "reference"
+from scripts.reference_tables import table  # noqa: E402
+
+from axistwin import catalog  # noqa: E402
+from axistwin.cli.program import main as program  # noqa: E402
+from axistwin_conformance import ledger  # noqa: E402
+
+DOCS = ROOT / "docs"
 NOTE = "<!-- Written by scripts/reference from the code; do not edit. -->\n\n"
-
-
-def cell(text: object) -> str:
-    """``text`` as it may stand in a table."""
-    return str(text).replace("|", "\\|").replace("\n", " ")
-
-
-def table(head: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
-    """A Markdown table."""
-    head = list(head)
-    lines = [head, ["---"] * len(head), *([cell(each) for each in row] for row in rows)]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
 def commands() -> str:
@@ -87,6 +79,11 @@ def can_requirements() -> str:
     )
 
 
+def msc_requirements() -> str:
+    """The ledger that the suite judges MSC controllers by."""
+    return requirements_of("msc", "# Requirements of the MSC executive port\n\n")
+
+
 def requirements_of(name: str, head: str) -> str:
     """A page with the requirements of a ledger, and the questions it leaves open."""
     book = ledger.load_ledger(name)
@@ -116,11 +113,12 @@ def requirements_of(name: str, head: str) -> str:
 
 
 PAGES = {
-    "commands.md": commands,
-    "mac-can-quirks.md": can_quirks,
-    "mac-can-requirements.md": can_requirements,
-    "mac-serial-quirks.md": quirks,
-    "mac-serial-requirements.md": requirements,
+    "reference/commands.md": commands,
+    "reference/mac-can-quirks.md": can_quirks,
+    "reference/mac-can-requirements.md": can_requirements,
+    "reference/mac-serial-quirks.md": quirks,
+    "reference/mac-serial-requirements.md": requirements,
+    "reference/msc-requirements.md": msc_requirements,
 }
 
 
@@ -131,7 +129,7 @@ def main() -> int:
     check = parser.parse_args().check
     stale = []
     for name, make in PAGES.items():
-        path, text = REFERENCE / name, NOTE + make()
+        path, text = DOCS / name, NOTE + make()
         if path.exists() and path.read_text(encoding="utf-8") == text:
             continue
         stale.append(name)
