@@ -37,6 +37,7 @@ VALUE_BYTES: Final = 4
 READS: Final = ("BREAD", "DREAD", "RFLAG", "RFLAGS", "RQSTAT")
 WRITES: Final = ("BWRITE", "CFLAG", "DWRITE", "SFLAG")
 NAMES: Final = tuple(sorted((*READS, *WRITES)))  # MSC-CMD-06
+IMPOSSIBLE_NAME: Final = "ZZZZZZ"  # what no maker calls a command: names must never be guessed
 
 # What a body holds behind its comma (§2.4).
 REQUEST_PAYLOADS: Final[Mapping[str, int]] = {

@@ -113,9 +113,9 @@ class Talk:
             received = self.hear(1, limit_s)
         if received != STX:
             return None, strays + received
-        return self._rest(strays)
+        return self.rest_of_packet(strays)
 
-    def _rest(self, strays: bytes = b"") -> tuple[Packet | None, bytes]:
+    def rest_of_packet(self, strays: bytes = b"") -> tuple[Packet | None, bytes]:
         """The packet whose first byte has been heard, behind these bytes."""
         received = STX
         while count := codec.missing_bytes(received):
@@ -239,7 +239,7 @@ class Talk:
         sign = first if first in (ACK, NAK) else b""
         reply, extra = None, b""
         if first == STX or (sign == ACK and awaits):
-            reply, extra = self._rest() if first == STX else self.hear_packet()
+            reply, extra = self.rest_of_packet() if first == STX else self.hear_packet()
             replied_ns = self.target.now_ns
             if answer is not None and (reply or STX in extra):
                 self.target.send(answer)

@@ -1,0 +1,91 @@
+"""What the engine must know of the MSC family beside its checks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from axistwin_conformance.msc import codec
+from axistwin_conformance.msc.bench import Bench
+from axistwin_conformance.msc.blame import blame
+from axistwin_conformance.msc.keeping import probe, remember, restore, sanity, stop
+from axistwin_conformance.msc.safety import DEEDS, objection
+from axistwin_conformance.registry import Family, Grounds, Model
+from axistwin_conformance.rig import OF_A_CONTROLLER
+from axistwin_conformance.session import Session
+from axistwin_conformance.targets import Target, open_target
+from axistwin_conformance.transcript import Direction, Record
+
+BAUD: Final = 9600  # MSC-PHY-01
+TWIN_GROUNDS: Final = Grounds(range(1024, 5120), range(128, 192), (240, 6144))
+CHECKS: Final = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What differs between the models on the wire (MSC-MOD-01)."""
+
+    has_rflags: bool
+
+
+MODELS: Final = {
+    model.name: model
+    for model in (
+        Model("msc-generic", "MSC of any model", Facts(has_rflags=False)),
+        Model("msc-250", "MSC-250", Facts(has_rflags=True)),
+        Model("msc-850", "MSC-850", Facts(has_rflags=False)),
+        Model("msc-850-32", "MSC-850/32", Facts(has_rflags=True)),
+    )
+}
+
+
+def guard(session: Session, data: bytes) -> str | None:
+    """Why these bytes must not be sent; see `safety`."""
+    return objection(session, data)
+
+
+def explain(record: Record) -> str:
+    """Put what was said into words."""
+    if record.direction is Direction.HOST:
+        return codec.explain_request(record.data)
+    return codec.explain(record.data)
+
+
+def twin_url(model: str, address: int, neighbours: tuple[int, ...]) -> str:
+    """The built-in twin, in virtual time, with its neighbours on one line and the bench program in
+    each of them."""
+    devices = ",".join(f"{model}:{one}" for one in (address, *neighbours))
+    return f"axistwin://{devices}?time=virtual&program=bench"
+
+
+def open_line(url: str, rate: int | None, *, is_builtin: bool = False) -> Target:
+    """Open a port at that rate, or at the only one there is."""
+    return open_target(url, rate or BAUD, is_builtin=is_builtin)
+
+
+FAMILY: Final = Family(
+    name="msc",
+    ledger="msc",
+    models=MODELS,
+    modules=(),
+    addresses=range(codec.UNITS.start, codec.UNITS.stop),
+    default_address=1,
+    default_rate=BAUD,
+    rates=(BAUD,),
+    probe=probe,
+    sanity=sanity,
+    stop=stop,
+    remember=remember,
+    restore=restore,
+    explain=explain,
+    twin_url=twin_url,
+    open=open_line,
+    guard=guard,
+    capabilities=OF_A_CONTROLLER,
+    grounds=TWIN_GROUNDS,
+    has_axis=False,
+    deeds=DEEDS,
+    blame=blame,
+    bench=Bench,
+    probe_modules=(),
+)
