@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import Packet
+from axistwin_conformance.msc.safety import may_set, may_write
 from axistwin_conformance.msc.talk import Exchange, Talk
 from axistwin_conformance.session import Session
 
@@ -39,6 +40,18 @@ class Bench:
     def flags_free(self) -> range:
         """The flags the operator has named as free; none named: empty."""
         return self.session.run.flags
+
+    def may_write(self, address: int, values: int = 1) -> bool:
+        """True if so many values from an address on may be written in this check."""
+        return may_write(self.session.run, address, values, has_program=self._has_program)
+
+    def may_set(self, number: int) -> bool:
+        """True if a flag may be set and cleared in this check."""
+        return may_set(self.session.run, number, has_program=self._has_program)
+
+    @property
+    def _has_program(self) -> bool:
+        return self.session.check is not None and "program" in self.session.check.needs
 
     @property
     def stride(self) -> int:
