@@ -8,8 +8,6 @@ Rules
    (MSC-AMB-20), a block over the end is refused whole (MSC-AMB-21), unless a quirk says otherwise.
 3. Nothing but its end protects the area: 32 values written to an array of 20 land on what follows.
 4. Its battery keeps it.  A cell is a value that was ever written; all others are 0.
-
-``read`` and its kin return None, and ``write`` and its kin False, for what is refused.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -48,52 +46,51 @@ class DataArea:
 
     # -- by the wire and by programs --
 
-    def read(self, address: int) -> int | None:
-        """The value at ``address``."""
-        if 0 <= address <= self.end and not address % self.stride:  # by far the most common
-            return self._values.get(address, 0)
+    def has(self, address: int) -> bool:
+        """Whether a value at ``address`` can be read and written; else it is to be refused."""
+        return self._place(address) is not None
+
+    def read(self, address: int) -> int:
+        """The value at ``address``, which it ``has``."""
         place = self._place(address)
-        if place is None:
-            return None
+        assert place is not None, f"{address} is to be refused"
         return self._read_bytes(place) if place >= 0 else 0
 
-    def write(self, address: int, value: int) -> bool:
-        """Store ``value`` at ``address``."""
+    def write(self, address: int, value: int) -> None:
+        """Store ``value``, signed 32 bits, at ``address``, which it ``has``."""
         place = self._place(address)
-        if place is None:
-            return False
-        if place >= 0:
-            self._write_bytes(place, value)
-        return True
+        assert place is not None, f"{address} is to be refused"
+        self.put(place, value)
 
-    def read_block(self, address: int) -> list[int] | None:
-        """The 32 values from ``address`` on (MSC-BREAD-03)."""
-        places = self.block_places(address)
-        if places is None:
-            return None
-        return [self._read_bytes(place) if place >= 0 else 0 for place in places]
-
-    def write_block(self, address: int, values: Sequence[int]) -> bool:
-        """Store ``values`` one after another from ``address`` on (MSC-BWRITE-02)."""
-        places = self.block_places(address, len(values))
-        if places is None:
-            return False
-        for place, value in zip(places, values, strict=True):
-            self.put(place, value)
-        return True
-
-    def block_places(self, address: int, count: int = BLOCK_VALUES) -> Sequence[int] | None:
-        """Where each value of a block belongs, -1 for nowhere; None if the block is refused."""
+    def has_block(self, address: int) -> bool:
+        """Whether 32 values from ``address`` on can be read and written; else it is refused."""
         first = self._place(address)
         if first is None:
-            return None
+            return False
+        last = first + (BLOCK_VALUES - 1) * self.stride
+        return first < 0 or last <= self.end or self._overrun != "nak_atomic"
+
+    def read_block(self, address: int) -> list[int]:
+        """The 32 values from ``address`` on, of which it ``has_block`` (MSC-BREAD-03)."""
+        places = self.block_places(address)
+        return [self._read_bytes(place) if place >= 0 else 0 for place in places]
+
+    def write_block(self, address: int, values: Sequence[int]) -> None:
+        """Store ``values`` one after another from ``address`` on (MSC-BWRITE-02)."""
+        for place, value in zip(self.block_places(address, len(values)), values, strict=True):
+            self.put(place, value)
+
+    def block_places(self, address: int, count: int = BLOCK_VALUES) -> Sequence[int]:
+        """Where each value of a block belongs, -1 for nowhere."""
+        first = self._place(address)
+        assert first is not None, f"{address} is to be refused"
         if first < 0:
             return [-1] * count
         places = range(first, first + count * self.stride, self.stride)
-        if not count or places[-1] <= self.end or (self._overrun == "wrap"):
+        if not count or places[-1] <= self.end:
+            return places
+        if self._overrun == "wrap":
             return [place % self.size for place in places]
-        if self._overrun == "nak_atomic":
-            return None
         return [place if place <= self.end else -1 for place in places]
 
     def put(self, place: int, value: int) -> None:
@@ -103,6 +100,8 @@ class DataArea:
 
     def _place(self, address: int) -> int | None:
         """Where a value addressed as ``address`` lies; -1: nowhere; None: it is refused."""
+        if 0 <= address <= self.end and not address % self.stride:  # by far the most common
+            return address
         if address % self.stride:
             if self._misaligned == "nak":
                 return None
@@ -145,6 +144,10 @@ class DataArea:
         return addresses * 8 * VALUE_BYTES // self.stride
 
     # -- memory --
+
+    def is_written(self, address: int) -> bool:
+        """Whether a value was ever stored at ``address``."""
+        return address in self._values
 
     def lose(self) -> None:
         """The battery was flat: everything ever written is 0 now."""

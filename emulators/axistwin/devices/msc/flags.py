@@ -149,6 +149,10 @@ class Flags:
         """Stop timer ``number``: its flag is off."""
         self.set(number, on=False)
 
+    def due_ns(self, number: int) -> Nanos | None:
+        """When timer ``number`` runs out, or ran out; None if nobody started it."""
+        return self._timers.get(number)
+
     def next_expiry(self, now: Nanos) -> Nanos | None:
         """When the next timer runs out; None: none runs."""
         if self._held_ns is not None:

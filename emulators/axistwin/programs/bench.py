@@ -1,0 +1,51 @@
+"""The bench program: what a test of a controller needs running in it.
+
+The same can be written in a real controller, for its own language.  Flags from 240 on:
+
+``count``  while it is on, a scan clears it and adds 1 to ``counter``
+``pulse``  each rise from one scan to the next adds 1 to ``pulses``; it is not cleared
+``halt``   the program clears it and stops itself
+``timed``  its rise starts timer 32 for 250 ms, and the program clears it
+
+Variables from 6144 on: ``counter``, ``ticks`` (1 more every scan), ``pulses``, ``torn`` (scans in
+which the first and the last value of the block differed), and at 6272 the ``block`` of 32 values.
+"""
+
+from axistwin.macroprogram import Array, Macroprogram, Timer, UserFlag, Variable
+
+FLAGS, TIMER, VARIABLES = 240, 32, 6144
+
+TIMED_MS = 250
+
+
+class Bench(Macroprogram):
+    """See above."""
+
+    count = UserFlag(FLAGS)
+    pulse = UserFlag(FLAGS + 1)
+    halt = UserFlag(FLAGS + 2)
+    timed = UserFlag(FLAGS + 3)
+    timer = Timer(TIMER)
+
+    counter = Variable(VARIABLES)
+    ticks = Variable(VARIABLES + 4)
+    pulses = Variable(VARIABLES + 8)
+    torn = Variable(VARIABLES + 12)
+    block = Array(VARIABLES + 128, 32)
+
+    def scan(self) -> None:
+        """One scan."""
+        self.ticks += 1
+        if self.count:
+            self.count = False
+            self.counter += 1
+        if self.pulse.rise:
+            self.pulses += 1
+        if self.timed.rise:
+            self.timed = False
+            self.timer.start(TIMED_MS)
+        if self.block[0] != self.block[-1]:
+            self.torn += 1
+        if self.halt:
+            self.halt = False
+            self.stop()
