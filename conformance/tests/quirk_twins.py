@@ -22,9 +22,9 @@ Readings = Mapping[str, str]
 class QuirkTwins:
     """The twins of a model, one per set of readings.
 
-    `prefix`: what stands before the devices in the twin's URL.  `hidden`: switches that no probe
-    can tell, with the reason.  `values`: what to ask of those whose readings are values of the
-    unit's own.
+    `prefix`: what stands before the devices in the twin's URL, `always`: what every twin is made
+    with beside the readings.  `hidden`: switches that no probe can tell, with the reason.
+    `values`: what to ask of those whose readings are values of the unit's own.
     """
 
     model: str
@@ -32,6 +32,7 @@ class QuirkTwins:
     prefix: str
     hidden: Readings
     values: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    always: str = ""
 
     @cached_property
     def ledger(self) -> Ledger:
@@ -59,7 +60,7 @@ class QuirkTwins:
 
         def twin_url(model: str, address: int, neighbours: tuple[int, ...]) -> str:
             devices = ",".join(f"{model}:{one}" for one in (address, *neighbours))
-            return f"{self.prefix}{devices}?time=virtual{query}"
+            return f"{self.prefix}{devices}?time=virtual{self.always}{query}"
 
         return Engine(
             replace(

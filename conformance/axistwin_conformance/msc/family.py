@@ -87,5 +87,10 @@ FAMILY: Final = Family(
     deeds=DEEDS,
     blame=blame,
     bench=Bench,
-    probe_modules=(),
+    probe_modules=(
+        "axistwin_conformance.msc.probes",
+        "axistwin_conformance.msc.probes_writes",
+        "axistwin_conformance.msc.probes_bench",
+        "axistwin_conformance.msc.probes_program",
+    ),
 )

@@ -1,0 +1,363 @@
+"""Which readings a unit follows in what may disturb a controller in use: unknown names, bodies of a
+wrong size, places that do not exist; and in what somebody has to bring about by hand."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from axistwin_conformance.msc import codec
+from axistwin_conformance.msc.bench import SAFE_STRIDE, Bench
+from axistwin_conformance.msc.codec import (
+    BLOCK_VALUES,
+    COMMA,
+    IMPOSSIBLE_NAME,
+    MAX_BODY,
+    NAK,
+    RQSTAT,
+    VALUE_BYTES,
+)
+from axistwin_conformance.msc.probes import lone_stx
+from axistwin_conformance.msc.probes_writes import MARK, OTHER
+from axistwin_conformance.msc.probing import Drawn, drawn_by, glance_s, odd_packet, variable
+from axistwin_conformance.probing import Outcome, probe
+from axistwin_conformance.profile import Probe
+
+BENCH: Final = ("bench",)
+WORKED: Final = ("stored", "rig")
+WITH_VARIABLES: Final = ("bench", "variables")
+BEYOND: Final = 256  # of a flag number
+LAST: Final = 0xFFFC  # the last address of a value there can be
+SIZES: Final = tuple(1 << bit for bit in range(15, 9, -1))  # of a data area that wraps
+SLOW_BAUD: Final = 4800
+# At half the rate its start bit and four zeros are ten bits of ours: one 00h without a stop bit.
+STOPLESS: Final = b"\xf0"
+INPUT: Final = 0  # in the twin's flag map
+ERROR_BIT: Final = 12
+LOADING_BIT: Final = 10
+UNKNOWN: Final = {"nak": Drawn.NAK, "ack_ignore": Drawn.ACK, "silent": Drawn.SILENCE}
+
+
+# --- bodies --------------------------------------------------------------------------------------
+
+
+@probe(safety="rig", needs=BENCH)
+def unknown_command(bench: Bench) -> Outcome:
+    """A name no command can have."""
+    drawn = drawn_by(bench, odd_packet(bench, codec.body(IMPOSSIBLE_NAME)))
+    readings = list(UNKNOWN.values())
+    return readings.index(drawn) if drawn in readings else drawn.value
+
+
+def _as_unknown(bench: Bench) -> Drawn:
+    return UNKNOWN[bench.session.reading("unknown_command")]
+
+
+@probe(safety="rig", needs=BENCH)
+def rflags_unsupported(bench: Bench) -> Outcome:
+    """RFLAGS to a model that does not have it."""
+    if bench.has_rflags:
+        bench.session.skip("this model has RFLAGS")
+    return _unknown_or_acked(bench, codec.RFLAGS)
+
+
+@probe(safety="rig", needs=BENCH)
+def empty_body(bench: Bench) -> Outcome:
+    """A packet of length 0."""
+    return _unknown_or_acked(bench, b"")
+
+
+def _unknown_or_acked(bench: Bench, body: bytes) -> Outcome:
+    drawn, usual = drawn_by(bench, odd_packet(bench, body)), _as_unknown(bench)
+    if drawn is Drawn.ACK:
+        return (0, 1) if usual is Drawn.ACK else 1
+    return 0 if drawn is usual else drawn.value
+
+
+@probe(safety="rig", needs=BENCH)
+def malformed_body(bench: Bench) -> Outcome:
+    """RQSTAT with one byte too many."""
+    drawn = drawn_by(bench, odd_packet(bench, RQSTAT + b"\x00"))
+    return {Drawn.NAK: 0, Drawn.ACK: 1, Drawn.REPLY: 2}.get(drawn, drawn.value)
+
+
+@probe(safety="rig", needs=BENCH)
+def comma(bench: Bench) -> Outcome:
+    """RQSTAT without its comma."""
+    return _refused_or_served(bench, RQSTAT.removesuffix(COMMA))
+
+
+@probe(safety="rig", needs=BENCH)
+def case_sensitive(bench: Bench) -> Outcome:
+    """RQSTAT in lower case."""
+    return _refused_or_served(bench, RQSTAT.lower())
+
+
+def _refused_or_served(bench: Bench, body: bytes) -> Outcome:
+    drawn = drawn_by(bench, odd_packet(bench, body))
+    if drawn is Drawn.REPLY:
+        return 1
+    return 0 if drawn is _as_unknown(bench) else drawn.value
+
+
+@probe(safety="rig", needs=BENCH)
+def overlength(bench: Bench) -> Outcome:
+    """A header that announces 241 bytes, alone; then all of such a packet."""
+    body, heard_as = _too_long(bench)
+    whole = odd_packet(bench, body + bytes(MAX_BODY + 1 - len(body)))
+    bench.target.drain()
+    bench.talk.send(whole[: codec.HEADER_BYTES])
+    is_early = bench.talk.hear(1, min(glance_s(bench), bench.packet_timeout_s / 2)) == NAK
+    bench.talk.settle()
+    if is_early:
+        return 1
+    drawn = drawn_by(bench, whole, len(whole) * bench.target.byte_ns / 1e9 + glance_s(bench))
+    if drawn is Drawn.SILENCE:
+        is_late = bench.talk.hear(1, bench.packet_timeout_s + glance_s(bench)) == NAK
+        bench.talk.settle()
+        return 2 if is_late else "no NAK at all"
+    if drawn is Drawn.NAK:
+        return (0, 3) if heard_as is Drawn.NAK else 0
+    return 3 if drawn is heard_as else drawn.value
+
+
+def _too_long(bench: Bench) -> tuple[bytes, Drawn]:
+    """The beginning of a body, and what a unit that takes too long a one draws it for: something
+    else than a NAK, if there is any."""
+    malformed = bench.session.reading("malformed_body")
+    if malformed != "nak":
+        return RQSTAT, Drawn.REPLY if malformed == "lenient" else Drawn.ACK
+    return codec.body(IMPOSSIBLE_NAME), _as_unknown(bench)
+
+
+@probe(safety="rig", needs=BENCH)
+def uart_error(bench: Bench) -> Outcome:
+    """RQSTAT with a character without a stop bit in its block number."""
+    if bench.target.description.startswith("socket:"):
+        bench.session.skip("a plain socket carries bytes, not the shape of a character")
+    raw, own = bench.talk.request(RQSTAT), bench.target.baud
+    place = codec.HEADER_BYTES - 1
+    bench.target.drain()
+    bench.talk.send(raw[:place])
+    bench.target.wait((place + 1) * bench.target.byte_ns / 1e9)
+    try:
+        bench.target.baud = SLOW_BAUD
+        bench.talk.send(STOPLESS)
+        bench.target.wait(2 * bench.target.byte_ns / 1e9)
+    finally:
+        bench.target.baud = own
+    rest = raw[place + 1 :]
+    bench.talk.send(rest)
+    first = bench.talk.hear(1, bench.talk.limit_s(len(rest)))
+    if first == NAK:
+        return 0
+    if not first:
+        late = bench.talk.hear(1, bench.packet_timeout_s + glance_s(bench))
+        bench.talk.settle()
+        return 2 if late == NAK else "no NAK"
+    bench.talk.settle()
+    return 1
+
+
+@probe(safety="rig", needs=BENCH, switch="timeout_before_unit")
+def timeout_before_unit_on_rs485(bench: Bench) -> Outcome:
+    """A lone 02h on RS-485."""
+    if not bench.is_rs485:
+        bench.session.skip("a unit 1 alone may be on RS-232")
+    return 2 if lone_stx(bench) else (0, 1)
+
+
+# --- places --------------------------------------------------------------------------------------
+
+
+@probe(safety=WORKED, needs=WITH_VARIABLES)
+def data_misaligned(bench: Bench) -> Outcome:
+    """DREAD of A+1 between two known values."""
+    if bench.stride == 1:
+        bench.session.skip("every address is a variable's own")
+    address, values = variable(bench), (MARK, OTHER)
+    for number, value in enumerate(values):
+        bench.write(address + number * bench.stride, value)
+    exchange = bench.ask(codec.dread(address + 1))
+    if exchange.reply is None:
+        return 1 if exchange.is_naked else str(exchange)
+    within = VALUE_BYTES // bench.stride  # of the bytes of both: where A+1 begins
+    overlapping = b"".join(map(codec.i32, values))[within : within + VALUE_BYTES]
+    value = exchange.reply.values[0]
+    return {int.from_bytes(overlapping, "big", signed=True): 0, MARK: 2}.get(value, f"{value:X}h")
+
+
+@probe(safety=WORKED, needs=WITH_VARIABLES)
+def data_out_of_range(bench: Bench) -> Outcome:
+    """DREAD of FFFCh, and of where a named variable would be found again."""
+    exchange = bench.ask(codec.dread(LAST))
+    if exchange.is_naked:
+        return 0
+    if exchange.reply is None:
+        return str(exchange)
+    if _wrapped_size(bench):
+        return 2
+    if exchange.reply.values[0]:
+        bench.session.skip("it has a value at FFFCh")
+    return 1
+
+
+def _wrapped_size(bench: Bench) -> int:
+    """The size of the data area, where addresses behind it begin again; 0 if they do not."""
+    address = variable(bench)
+    bench.write(address, MARK)
+    for size in SIZES:
+        reply = bench.ask(codec.dread(address + size)).reply
+        if reply is not None and reply.values[0] == MARK:
+            return _least(bench, address, size)
+    return 0
+
+
+def _least(bench: Bench, address: int, size: int) -> int:
+    """The smallest of the sizes after which a value comes again, given one of its multiples."""
+    for smaller in reversed(SIZES):
+        reply = bench.ask(codec.dread(address + smaller)).reply
+        if smaller < size and reply is not None and reply.values[0] == MARK:
+            return smaller
+    return size
+
+
+def _end(bench: Bench) -> int:
+    """The first address behind the data area; 0 if nothing shows it."""
+    reading = bench.session.reading("data_out_of_range")
+    if reading != "nak":
+        return _wrapped_size(bench) if reading == "wrap" else SIZES[0]
+    low, high = variable(bench), LAST
+    if not bench.ask(codec.dread(high)).is_naked:
+        return 0
+    while high - low > SAFE_STRIDE:
+        middle = (low + high) // 2 // SAFE_STRIDE * SAFE_STRIDE
+        if bench.ask(codec.dread(middle)).is_naked:
+            high = middle
+        else:
+            low = middle
+    return high
+
+
+@probe(safety=WORKED, needs=WITH_VARIABLES)
+def block_overrun(bench: Bench) -> Outcome:
+    """BREAD of the last value of the data area and what follows, beside its first ones."""
+    end = _end(bench)
+    if not end:
+        bench.session.skip("the end of the data area does not show")
+    exchange = bench.ask(codec.bread(end - SAFE_STRIDE))
+    if exchange.reply is None:
+        return 0 if exchange.is_naked else str(exchange)
+    values = exchange.reply.values
+    inside = SAFE_STRIDE // bench.stride
+    if len(values) < BLOCK_VALUES:
+        return 1
+    first = bench.read(0)
+    if not first:  # only on a twin: no operator names the beginning of somebody's program
+        bench.write(0, MARK)
+        values = bench.query(codec.bread(end - SAFE_STRIDE)).values
+        first = bench.read(0)
+        bench.write(0, 0)
+    if values[inside] == first:
+        return 2
+    return f"{values[inside:]} behind the end" if any(values[inside:]) else 1
+
+
+@probe(safety="rig", needs=BENCH)
+def flag_out_of_range(bench: Bench) -> Outcome:
+    """RFLAG of 256 and a flag that is on."""
+    states = bench.flags()
+    on = sorted(codec.flags_on(states)) if states is not None else []
+    return _beyond(bench, on[0] if on else None)
+
+
+@probe(safety=WORKED, needs=("bench", "flags"), switch="flag_out_of_range")
+def flag_out_of_range_of_a_set_flag(bench: Bench) -> Outcome:
+    """RFLAG of 256 and a flag that was set."""
+    number = bench.flags_free[0]
+    bench.set_flag(number)
+    try:
+        return _beyond(bench, number)
+    finally:
+        bench.clear_flag(number)
+
+
+def _beyond(bench: Bench, on: int | None) -> Outcome:
+    exchange = bench.ask(codec.rflag(BEYOND + (on or 0)))
+    if exchange.reply is None:
+        return 0 if exchange.is_naked else str(exchange)
+    if exchange.reply.numbers == (1,):
+        return 2
+    return (1, 2) if on is None else 1
+
+
+@probe(safety=WORKED, needs=("bench", "rig:program"))
+def flag_write_readonly(bench: Bench) -> Outcome:
+    """SFLAG of an input, and RFLAG of it while no program scans it."""
+    rig = bench.session.rig
+    if bench.flag(INPUT):
+        bench.session.skip("the input is on")
+    rig.run_program(False)
+    try:
+        exchange = bench.ask(codec.sflag(INPUT))
+        is_on = bench.flag(INPUT)
+        if is_on:
+            bench.ask(codec.cflag(INPUT))
+    finally:
+        rig.run_program(True)
+    if exchange.is_naked:
+        return 1
+    return 2 * is_on if exchange.sign else str(exchange)
+
+
+# --- states --------------------------------------------------------------------------------------
+
+
+@probe(safety="rig", needs=("rig:status",))
+def status_latch(bench: Bench) -> Outcome:
+    """RQSTAT twice, while an error is brought about."""
+    bench.session.rig.set_status(ERROR_BIT, True)
+    first, second = (bench.status() >> ERROR_BIT & 1 for _ in range(2))
+    bench.session.rig.set_status(ERROR_BIT, False)
+    return int(not second) if first else f"bit {ERROR_BIT} does not show"
+
+
+@probe(safety="rig", needs=("rig:program",))
+def stopped_access(bench: Bench) -> Outcome:
+    """DREAD while the macroprogram is stopped."""
+    bench.session.rig.run_program(False)
+    try:
+        return _read_or_refused(bench)
+    finally:
+        bench.session.rig.run_program(True)
+
+
+@probe(safety="rig", needs=("rig:status",))
+def loading_access(bench: Bench) -> Outcome:
+    """DREAD while a program load is in progress."""
+    bench.session.rig.set_status(LOADING_BIT, True)
+    try:
+        return _read_or_refused(bench)
+    finally:
+        bench.session.rig.set_status(LOADING_BIT, False)
+
+
+def _read_or_refused(bench: Bench) -> Outcome:
+    exchange = bench.ask(codec.dread(bench.variables[0] if bench.variables else 0))
+    if exchange.reply is None:
+        return 1 if exchange.is_naked else str(exchange)
+    return 0
+
+
+@probe()
+def rs485_mode(bench: Bench) -> Outcome:
+    """Two wires or four."""
+    bench.session.skip("nothing that is said tells: look at the cable")
+
+
+@probe()
+def ack_order(bench: Bench) -> Outcome:
+    """Whether a write is carried out before its ACK."""
+    bench.session.skip("the next command is served after both: it takes an output and an eye on it")
+
+
+PROBES: Final = tuple(one for one in vars().values() if isinstance(one, Probe))

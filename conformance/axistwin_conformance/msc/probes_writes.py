@@ -1,0 +1,64 @@
+"""Which readings a unit follows, as far as it takes a write to one of the named variables; the
+family puts back what it was."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from axistwin_conformance.msc import codec
+from axistwin_conformance.msc.bench import SAFE_STRIDE, Bench
+from axistwin_conformance.msc.codec import ACK
+from axistwin_conformance.msc.probing import Drawn, drawn_by, glance_s, variable
+from axistwin_conformance.probing import Outcome, probe
+from axistwin_conformance.profile import Probe
+
+NAMED: Final = ("variables",)
+PLACES: Final = {1: 0, 2: 1, 4: 2}  # where in a block the value four addresses on is → the reading
+MARK: Final = 0x1D3C5A96  # in all four bytes something else
+OTHER: Final = 0x2B4D6F87
+
+
+@probe(safety="stored", needs=NAMED)
+def write_reply(bench: Bench) -> Outcome:
+    """DWRITE of the value that is there, and what follows its ACK."""
+    address = variable(bench)
+    same = codec.dwrite(address, bench.read(address))
+    exchange = bench.ask(same)
+    if exchange.sign != ACK:
+        return str(exchange)
+    reply, strays = bench.talk.hear_packet(glance_s(bench))
+    if reply is None and not strays:
+        return 0
+    bench.talk.send(ACK)
+    bench.talk.settle()
+    return 1 if reply is not None and not strays else codec.explain(strays)
+
+
+@probe(safety="stored", needs=NAMED, switch="data_address_stride")
+def data_address_stride_of_a_mark(bench: Bench) -> Outcome:
+    """Where in BREAD of A a value is that DWRITE has put at A+4."""
+    address = variable(bench)
+    before = bench.read_block(address)
+    mark = next(one for one in (MARK, OTHER, MARK ^ OTHER) if one not in before)
+    bench.write(address + SAFE_STRIDE, mark)
+    after = bench.read_block(address)
+    if after.count(mark) != 1:
+        return f"{mark} {after.count(mark)} times in the block"
+    place = after.index(mark)
+    return PLACES.get(place, f"it is value {place + 1}")
+
+
+@probe(safety="stored", needs=(*NAMED, "alone"), switch="invalid_unit")
+def invalid_unit_obeyed(bench: Bench) -> Outcome:
+    """DWRITE with unit 0, and what is then read there."""
+    address = variable(bench)
+    before = bench.read(address)
+    mark = MARK if before != MARK else OTHER
+    drawn = drawn_by(bench, codec.packet(0, codec.dwrite(address, mark)))
+    is_written = bench.read(address) == mark
+    if drawn is not Drawn.SILENCE:
+        bench.session.skip(f"on this line unit 0 draws {drawn.value}")
+    return 2 if is_written else 0
+
+
+PROBES: Final = tuple(one for one in vars().values() if isinstance(one, Probe))

@@ -1,0 +1,116 @@
+"""What probes of an MSC unit share: replies kept without an answer, refused, or waited for; what an
+odd packet draws; measured times as readings."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Final
+
+from axistwin_conformance.msc import codec
+from axistwin_conformance.msc.bench import SAFE_STRIDE, Bench
+from axistwin_conformance.msc.codec import ACK, NAK, RQSTAT, STX, Packet
+from axistwin_conformance.msc.talk import QUIET_S
+from axistwin_conformance.probing import Measured
+
+MS: Final = 1_000_000
+LONGEST_S: Final = 10.0  # a time-out of a unit that has not run out by then counts as none
+LIMITS: Final = {"5_repeats": 5, "5_total": 4}  # MSC-AMB-01: how many repeats there are
+MOST_REFUSED: Final = 8  # NAKs: more than any unit repeats for
+LINE_SLACK_NS: Final = 5 * MS  # what a serial adapter and its driver may add to a time
+COARSE_MS: Final = 20  # a time measured on a real line is told in steps of so many
+
+
+class Drawn(StrEnum):
+    """What one packet has drawn, all told."""
+
+    SILENCE = "nothing"
+    NAK = "NAK"
+    ACK = "ACK alone"
+    REPLY = "ACK and a reply"
+    OTHER = "something else"
+
+
+def drawn_by(bench: Bench, raw: bytes, timeout_s: float | None = None) -> Drawn:
+    """Send a packet that no unit need understand; whatever it draws is taken to its end.
+
+    `timeout_s`: until the sign comes.
+    """
+    exchange = bench.talk.ask(raw, is_read=True, timeout_s=timeout_s)
+    known = {b"": Drawn.SILENCE, NAK: Drawn.NAK, ACK: Drawn.ACK}
+    if exchange.reply is not None and exchange.is_acked:
+        return Drawn.REPLY
+    return known.get(exchange.raw, Drawn.OTHER)
+
+
+def glance_s(bench: Bench) -> float:
+    """How long to listen for what a unit sends at once, as far as it is known how long it takes."""
+    delay_s = int(bench.session.reading("reply_delay_ms")) / 1000
+    return QUIET_S + delay_s + bench.target.uncertainty_ns / 1e9
+
+
+def unanswered(bench: Bench, body: bytes = RQSTAT) -> tuple[Packet, int]:
+    """Ask and keep our answer to the reply back; the reply, and when it was over (ns)."""
+    exchange = bench.ask(body, answer=None)
+    bench.session.step(exchange.is_acked and exchange.reply is not None, "a reply", exchange)
+    assert exchange.reply is not None, "the step above has seen to it"
+    return exchange.reply, exchange.replied_ns
+
+
+def repeat_at_once(bench: Bench) -> bool:
+    """True if the unit now sends a packet on its own."""
+    again, strays = bench.talk.hear_packet(glance_s(bench))
+    return again is not None or STX in strays
+
+
+def refusals(bench: Bench) -> int:
+    """How many packets NAKs draw, one after another, until one draws none; then it is idle."""
+    for count in range(MOST_REFUSED):
+        bench.talk.send(NAK)
+        if not repeat_at_once(bench):
+            return count
+    bench.talk.send(ACK)
+    return MOST_REFUSED
+
+
+def is_waiting(bench: Bench) -> bool | None:
+    """Whether the unit, asked nothing since, still waits for our answer to its reply; None: a NAK
+    draws the same from one that does not (MSC-AMB-29).  Afterwards it is idle."""
+    count = refusals(bench)
+    if bench.session.reading("stray_nak") == "ignore" or not count:
+        return bool(count)
+    bench.ask(RQSTAT)
+    in_idle = refusals(bench)
+    return None if count == in_idle else count != in_idle
+
+
+def default_of(bench: Bench, switch: str) -> int:
+    """The default of a switch whose reading is a number."""
+    return int(bench.session.run.ledger.ambiguity_of(switch).default_of(switch))
+
+
+def in_ms(bench: Bench, measured_ns: int, switch: str) -> Measured:
+    """A time as the reading of a switch: exact where time is, else the default if it may be that,
+    and in steps that the line does not blur."""
+    ms = max(0, round(measured_ns / MS))
+    target = bench.target
+    if target.is_virtual:
+        return Measured(str(ms))
+    default = default_of(bench, switch)
+    jitter_ns = target.round_trip.max_ns - target.round_trip.median_ns
+    if abs(measured_ns - default * MS) <= LINE_SLACK_NS + jitter_ns:
+        return Measured(str(default))
+    return Measured(str(max(1, round(ms / COARSE_MS)) * COARSE_MS))
+
+
+def variable(bench: Bench, number: int = 0) -> int:
+    """The address of one of the named variables; they are apart from each other in every reading.
+    Skips if there are not so many."""
+    free = [one for one in bench.variables if one % SAFE_STRIDE == 0]
+    if number >= len(free):
+        bench.session.skip(f"needs {number + 1} named variables (--variables FIRST-LAST)")
+    return free[number]
+
+
+def odd_packet(bench: Bench, body: bytes) -> bytes:
+    """A packet whose header, length and checksum are right, whatever its body."""
+    return codec.packet(bench.unit, body)
