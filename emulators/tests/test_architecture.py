@@ -20,7 +20,7 @@ FILE_LINES_MAX = 600
 PURE = sorted(
     [
         path
-        for layer in ("kernel", "wire", "memory", "motion", "devices")
+        for layer in ("kernel", "wire", "memory", "motion", "macroprogram", "devices")
         for path in (TWINS / layer).rglob("*.py")
     ]
     + [TWINS / "errors.py", TWINS / "runtime" / "network.py"]

@@ -1,9 +1,7 @@
 """The base class of programs, and the follower of a cam."""
 
-import inspect
-import traceback
 from collections.abc import Callable, Generator, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeAlias
 
 from axistwin.errors import nearest
 from axistwin.kernel.time import NS_PER_MS
@@ -90,18 +88,28 @@ def declared(program: type[Macroprogram]) -> dict[str, Any]:
     return {name: each for name, each in found.items() if isinstance(each, kinds)}
 
 
-_OWN_FOLDER = inspect.getfile(Scan).removesuffix("scan.py")
-_OURS = ("axistwin/devices/msc/program.py", "axistwin/programs/__init__.py")
+def is_generator(function: Callable[..., object]) -> bool:
+    """Whether ``function`` has a ``yield``."""
+    code = getattr(function, "__code__", None)
+    return code is not None and bool(code.co_flags & _CO_GENERATOR)
+
+
+_CO_GENERATOR: Final = 0x20
+"""As in ``inspect.CO_GENERATOR``."""
+
+_OWN_FOLDER: Final = __file__.removesuffix("program.py")
+_OWN_FILES: Final = ("axistwin/devices/msc/program.py", "axistwin/programs/__init__.py")
 
 
 def located(error: BaseException) -> str:
     """Where in the user's file ``error`` arose, and what it says."""
-    frames = [
-        frame
-        for frame in traceback.extract_tb(error.__traceback__)
-        if not frame.filename.startswith(_OWN_FOLDER) and not frame.filename.endswith(_OURS)
-    ]
-    place = f"{frames[-1].filename}:{frames[-1].lineno}: " if frames else ""
+    place = ""
+    trace = error.__traceback__
+    while trace is not None:
+        file = trace.tb_frame.f_code.co_filename
+        if not (file.startswith(_OWN_FOLDER) or file.replace("\\", "/").endswith(_OWN_FILES)):
+            place = f"{file}:{trace.tb_lineno}: "
+        trace = trace.tb_next
     kind = "" if isinstance(error, ProgramError) else f"{type(error).__name__}: "
     return f"{place}{kind}{error}"
 

@@ -16,7 +16,6 @@ Rules
 """
 
 import contextlib
-import inspect
 from typing import Final
 
 from axistwin.devices.msc.data_area import DataArea
@@ -27,7 +26,15 @@ from axistwin.errors import UsageError
 from axistwin.kernel.effects import Trace
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.macroprogram.declarations import Array, FlagDeclaration, FlagInUse, Variable
-from axistwin.macroprogram.program import Macroprogram, Program, Steps, attach, declared, located
+from axistwin.macroprogram.program import (
+    Macroprogram,
+    Program,
+    Steps,
+    attach,
+    declared,
+    is_generator,
+    located,
+)
 from axistwin.macroprogram.scan import Condition, ProgramError, Scan, Until
 
 BATCH_SCANS: Final = 10
@@ -369,6 +376,6 @@ def _made(program: object) -> Macroprogram:
     has_run, has_scan = kind.run is not Macroprogram.run, kind.scan is not Macroprogram.scan
     if not (has_run or has_scan):
         raise UsageError(f"program {name} does nothing; give it a method run or scan")
-    if has_run and not inspect.isgeneratorfunction(kind.run):
+    if has_run and not is_generator(kind.run):
         raise UsageError(f"{name}.run never yields; write yield where it waits, or use scan")
     return made
