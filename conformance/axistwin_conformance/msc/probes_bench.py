@@ -37,7 +37,7 @@ LOADING_BIT: Final = 10
 UNKNOWN: Final = {"nak": Drawn.NAK, "ack_ignore": Drawn.ACK, "silent": Drawn.SILENCE}
 
 
-# --- bodies --------------------------------------------------------------------------------------
+# --- bodies ---------------------------------------------------------------------------------------
 
 
 @probe(safety="rig", needs=BENCH)
@@ -166,7 +166,7 @@ def timeout_before_unit_on_rs485(bench: Bench) -> Outcome:
     return 2 if lone_stx(bench) else (0, 1)
 
 
-# --- places --------------------------------------------------------------------------------------
+# --- places ---------------------------------------------------------------------------------------
 
 
 @probe(safety=WORKED, needs=WITH_VARIABLES)
@@ -309,7 +309,7 @@ def flag_write_readonly(bench: Bench) -> Outcome:
     return 2 * is_on if exchange.sign else str(exchange)
 
 
-# --- states --------------------------------------------------------------------------------------
+# --- states ---------------------------------------------------------------------------------------
 
 
 @probe(safety="rig", needs=("rig:status",))
@@ -346,18 +346,6 @@ def _read_or_refused(bench: Bench) -> Outcome:
     if exchange.reply is None:
         return 1 if exchange.is_naked else str(exchange)
     return 0
-
-
-@probe()
-def rs485_mode(bench: Bench) -> Outcome:
-    """Two wires or four."""
-    bench.session.skip("nothing that is said tells: look at the cable")
-
-
-@probe()
-def ack_order(bench: Bench) -> Outcome:
-    """Whether a write is carried out before its ACK."""
-    bench.session.skip("the next command is served after both: it takes an output and an eye on it")
 
 
 PROBES: Final = tuple(one for one in vars().values() if isinstance(one, Probe))

@@ -4,48 +4,24 @@ from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import Bench
-from axistwin_conformance.msc.codec import ACK, BLOCK_VALUES, NAK
-from axistwin_conformance.msc.controller import BenchProgram
-from axistwin_conformance.msc.probing import unanswered
+from axistwin_conformance.msc.codec import BLOCK_VALUES
+from axistwin_conformance.msc.probing import running_program
 from axistwin_conformance.probing import Outcome, probe
 from axistwin_conformance.profile import Probe
 
 STARTS: Final = ("stored", "motion")
 PROGRAM: Final = ("program",)
-SCANS_S: Final = 0.1  # in which a program that runs has counted
 PULSES: Final = 12
 BLOCKS: Final = 8
 TIMER_FLAG: Final = 32
 TIMER_S: Final = 0.25
 
 
-def running(bench: Bench) -> BenchProgram:
-    """The bench program; skips if it stands still."""
-    program = BenchProgram(bench.session)
-    program.must_run()
-    return program
-
-
-@probe(needs=PROGRAM)
-def retransmit_content(bench: Bench) -> Outcome:
-    """DREAD of a variable that counts, its reply refused."""
-    program = running(bench)
-    first, _ = unanswered(bench, codec.dread(program.address + 4))
-    bench.target.wait(SCANS_S)
-    bench.talk.send(NAK)
-    again, _ = bench.talk.hear_packet()
-    bench.talk.send(ACK)
-    if again is None:
-        return "no repeat"
-    return int(again.raw != first.raw)
-
-
 @probe(safety=STARTS, needs=PROGRAM)
 def write_visibility(bench: Bench) -> Outcome:
     """SFLAG and CFLAG back to back, and how many such pulses the program has seen."""
-    program = running(bench)
+    program = running_program(bench)
     before, ticks, began_ns = program.pulses(), program.ticks(), bench.target.now_ns
     shortest_ns = None
     for _ in range(PULSES):
@@ -66,7 +42,7 @@ def write_visibility(bench: Bench) -> Outcome:
 @probe(safety=STARTS, needs=PROGRAM)
 def bwrite_atomic(bench: Bench) -> Outcome:
     """BWRITEs of blocks of one value, and whether the program ever finds two in one."""
-    program = running(bench)
+    program = running_program(bench)
     before = program.torn()
     for number in range(BLOCKS):
         bench.write_block(program.block, [number + 1] * BLOCK_VALUES)
@@ -76,7 +52,7 @@ def bwrite_atomic(bench: Bench) -> Outcome:
 @probe(safety=STARTS, needs=PROGRAM)
 def timer_flag(bench: Bench) -> Outcome:
     """A timer's flag while it runs, and when it has run out."""
-    program = running(bench)
+    program = running_program(bench)
     bench.set_flag(program.timed)
     program.until(lambda: not bench.flag(program.timed), TIMER_S / 2)
     while_running = bench.flag(TIMER_FLAG)

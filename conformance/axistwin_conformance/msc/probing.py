@@ -9,6 +9,7 @@ from typing import Final
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import SAFE_STRIDE, Bench
 from axistwin_conformance.msc.codec import ACK, NAK, RQSTAT, STX, Packet
+from axistwin_conformance.msc.controller import BenchProgram
 from axistwin_conformance.msc.talk import QUIET_S
 from axistwin_conformance.probing import Measured
 
@@ -114,3 +115,10 @@ def variable(bench: Bench, number: int = 0) -> int:
 def odd_packet(bench: Bench, body: bytes) -> bytes:
     """A packet whose header, length and checksum are right, whatever its body."""
     return codec.packet(bench.unit, body)
+
+
+def running_program(bench: Bench) -> BenchProgram:
+    """The bench program; skips if it stands still."""
+    program = BenchProgram(bench.session)
+    program.must_run()
+    return program
