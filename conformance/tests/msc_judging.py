@@ -1,0 +1,55 @@
+"""Checks of the MSC family run on small units of the tests' own, sound ones and faulty ones."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterable
+from typing import Any
+
+from msc_device import MscPort, session_on
+
+from axistwin_conformance.msc.family import FAMILY
+from axistwin_conformance.registry import SAFETY_CLASSES, Check
+from axistwin_conformance.session import Stop
+from axistwin_conformance.verdicts import Finding, Verdict
+
+LINK_MODULES = tuple(
+    f"axistwin_conformance.msc.checks_{name}"
+    for name in ("packets", "link", "time", "line", "random", "golden")
+)
+
+
+def link_checks() -> dict[str, Check]:
+    """The checks of packets, link, time, line and what is drawn of them, by name."""
+    return {one.name: one for one in FAMILY.checks() if one.module in LINK_MODULES}
+
+
+def judge(name: str, port: MscPort, **how: Any) -> tuple[Finding, ...]:
+    """Run one check on that unit; nothing it may not send is sent."""
+    check = link_checks()[name]
+    how = {"allowed": frozenset(SAFETY_CLASSES), **how}
+    session = session_on(port, check, **how)
+
+    def gate(data: bytes) -> None:
+        reason = FAMILY.guard(session, data)
+        assert reason is None, f"{name} sends what its class does not allow: {reason}"
+
+    session.target.gate = gate
+    with contextlib.suppress(Stop):
+        check(session)
+    return session.conclude("")
+
+
+def failed(findings: Iterable[Finding]) -> set[str]:
+    """The requirements that failed."""
+    return {one.requirement for one in findings if one.verdict is Verdict.FAIL}
+
+
+def troubles(findings: Iterable[Finding]) -> list[str]:
+    """All that is not a pass or a piece of information, in words."""
+    fine = (Verdict.PASS, Verdict.INFO)
+    return [
+        f"{one.requirement} {one.verdict.name}: {one.text} {one.expected} {one.actual}"
+        for one in findings
+        if one.verdict not in fine
+    ]
