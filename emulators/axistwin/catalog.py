@@ -1,19 +1,19 @@
 """What there is to be run: the models, their switches, profiles, and how lines and buses are built.
 
-A new family of devices registers with one entry in ``_FAMILIES``.  Its modules are imported when a
-model of it is used, not before: listing the models costs nothing.
+The models stand in ``families``.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
-from typing import Any, Literal, Protocol, TypeAlias, cast
+from typing import Any, cast
 
-from axistwin.devices.base import MotionCanDevice, MotionDevice, MotionSerialDevice
+from axistwin.devices.base import CanDevice, SerialDevice
 from axistwin.errors import StateError, UsageError, nearest, suggestion
+from axistwin.families import DEFAULT_BITRATE, MODELS, Carrier, Family, Model, Quirk, Value
 from axistwin.kernel.seed import derive_seed
 from axistwin.kernel.time import NS_PER_US, Nanos
+from axistwin.programs import Program, ProgramSource, find_program
 from axistwin.runtime.bus import Bus
 from axistwin.runtime.can_network import CanNetwork
 from axistwin.runtime.clock import Clock, PacedClock
@@ -21,130 +21,31 @@ from axistwin.runtime.line import Line
 from axistwin.runtime.network import SerialNetwork
 from axistwin.runtime.owner import Station
 from axistwin.runtime.storage import MemoryStorage, Stores
-from axistwin.wire.can_frame import CanFrame
 
-Value: TypeAlias = str | int | bool
-"""A quirk's value: text as on a command line, or what TOML makes of it."""
+__all__ = [
+    "BITRATE_MAX",
+    "DEFAULT_BITRATE",
+    "Carrier",
+    "DeviceSpec",
+    "Family",
+    "Model",
+    "Quirk",
+    "Value",
+    "build_bus",
+    "build_line",
+    "find_model",
+    "models",
+    "parse_device",
+    "parse_programs",
+    "parse_settings",
+    "read_profile",
+]
 
-Carrier: TypeAlias = Literal["serial", "can"]
-"""What a device is reached over."""
-
-DEFAULT_BITRATE = 125_000
 BITRATE_MAX = 1_000_000
-"""Of a bus, bits per second; 1 Mbit/s is the limit of ISO 11898-2."""
+"""Of a bus, bits per second; the limit of ISO 11898-2."""
 
 _SKEW_MIN_NS, _SKEW_MAX_NS = 30 * NS_PER_US, 200 * NS_PER_US
 _PROFILE_KEYS = ("model", "quirks")
-
-
-class Quirk(Protocol):
-    """One switch: a point that the manuals leave open, with its readings, default first."""
-
-    @property
-    def name(self) -> str:
-        """As in ``--quirk NAME=VALUE``."""
-
-    @property
-    def source(self) -> str:
-        """ID in the requirement ledger."""
-
-    @property
-    def doc(self) -> str:
-        """The meaning, in one line."""
-
-    @property
-    def allowed(self) -> tuple[str, ...]:
-        """The values, or one text that describes a range."""
-
-    @property
-    def default(self) -> str:
-        """As a user would write it."""
-
-    def parse(self, value: Value) -> Value:
-        """The setting that ``value`` means.  Raises UsageError."""
-
-
-class _Maker(Protocol):
-    """Builds a device of a family: model, address, quirks by name, cells, skew."""
-
-    def __call__(
-        self,
-        model: str,
-        address: int,
-        *,
-        quirks: Mapping[str, Value],
-        cells: Mapping[str, int],
-        skew_ns: Nanos,
-        alone: bool,
-    ) -> MotionDevice: ...
-
-
-@dataclass(frozen=True, slots=True)
-class Family:
-    """What the models of a family share, each loaded when it is asked for.
-
-    make: of ``MotionSerialDevice`` or ``MotionCanDevice``, as ``carrier`` says.
-    explain: bytes of a serial line, or a ``CanFrame``, in words.
-    """
-
-    quirks: Callable[[], Mapping[str, Quirk]]
-    make: _Maker
-    explain: Callable[[Any], str]
-    carrier: Carrier = "serial"
-
-
-@dataclass(frozen=True, slots=True)
-class Model:
-    """One kind of device.
-
-    default_baud: the rate it leaves the factory with; on a bus, the one that is used unless another
-    is given.  bauds: those that the device itself can be set to, bits per second; none on a bus.
-    """
-
-    name: str
-    description: str
-    addresses: range
-    default_address: int
-    default_baud: int
-    bauds: tuple[int, ...]
-    family: Family
-
-    @property
-    def quirks(self) -> Mapping[str, Quirk]:
-        """All switches by name."""
-        return self.family.quirks()
-
-    @property
-    def carrier(self) -> Carrier:
-        """What it is reached over."""
-        return self.family.carrier
-
-    def make(
-        self,
-        address: int,
-        *,
-        quirks: Mapping[str, Value] | None = None,
-        cells: Mapping[str, int] | None = None,
-        skew_ns: Nanos = 0,
-        alone: bool = True,
-    ) -> MotionDevice:
-        """A device at ``address``, with ``cells`` in place of what the factory stored.
-
-        skew_ns: how much later than its siblings it answers.  alone: no other is on its line.
-        Raises UsageError for bad quirks.
-        """
-        return self.family.make(
-            self.name,
-            address,
-            quirks=quirks or {},
-            cells=cells or {},
-            skew_ns=skew_ns,
-            alone=alone,
-        )
-
-    def explain(self, data: bytes | CanFrame) -> str:
-        """The frames in ``data``, of either direction, in words; on a bus, the frame ``data``."""
-        return self.family.explain(data)
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,16 +61,16 @@ class DeviceSpec:
 
 def models() -> dict[str, Model]:
     """All models by name."""
-    return dict(_MODELS)
+    return dict(MODELS)
 
 
 def find_model(name: str) -> Model:
     """The model called ``name``.  Raises UsageError with the nearest name."""
     try:
-        return _MODELS[name]
+        return MODELS[name]
     except KeyError:
-        hint = suggestion(name, _MODELS)
-        models_known = f"known: {', '.join(_MODELS)}"
+        hint = suggestion(name, MODELS)
+        models_known = f"known: {', '.join(MODELS)}"
         raise UsageError(
             f"unknown model {name!r}: {f'{hint} ' if hint else ''}{models_known}"
         ) from None
@@ -217,6 +118,26 @@ def all_settings(
     return {**read_profile(profile, {spec.model for spec in specs}), **quirks}
 
 
+def parse_programs(texts: Iterable[str]) -> dict[int | None, ProgramSource]:
+    """``PROGRAM`` or ``UNIT=PROGRAM`` texts by unit, None for all.  Raises UsageError.
+
+    A unit is written as an address is: 2, 2h or 0x2.
+    """
+    programs: dict[int | None, ProgramSource] = {}
+    for text in texts:
+        unit, equals, source = text.partition("=")
+        number = _parse_number(unit) if equals else None
+        if number is None:
+            source = text
+        if not source:
+            raise UsageError(f"program {text!r}: write FILE.py, FILE.py:CLASS, or UNIT=FILE.py")
+        if number in programs:
+            whose = "all units" if number is None else f"unit {number}"
+            raise UsageError(f"program {text}: {whose} had {programs[number]} already; give one")
+        programs[number] = source
+    return programs
+
+
 def read_profile(path: str | Path, known_models: Iterable[str]) -> dict[str, Value]:
     """The quirks in the TOML file at ``path``, meant for one of ``known_models`` (of a line).
 
@@ -241,7 +162,7 @@ def read_profile(path: str | Path, known_models: Iterable[str]) -> dict[str, Val
         if not isinstance(value, str | int):
             raise UsageError(f"profile {path}: quirk {name} is {value!r}; write a text or a number")
         try:
-            _check_quirk(_MODELS[model], name, value)
+            _check_quirk(MODELS[model], name, value)
         except UsageError as error:
             raise UsageError(f"profile {path}: {error}") from None
     return quirks
@@ -257,6 +178,7 @@ def build_line(
     storage: Stores | None = None,
     baud: int | None = None,
     cold: bool = False,
+    programs: Mapping[int | None, ProgramSource] | None = None,
 ) -> Line:
     """A line with the devices of ``specs``; two may have the same address, and then collide.
 
@@ -264,18 +186,25 @@ def build_line(
     clock: real time unless given.  paced: bytes take their time.  storage: none unless given; it
     belongs to the line from now on.  baud: the rate that devices without a stored one have.
     cold: the supply is applied now, else they have started long ago.
+    programs: what runs in the controllers, by address, None for all; a cold one starts by itself if
+    it does at any other power-up.
 
     Raises UsageError and StateError; the storage is closed then.
     """
     storage = MemoryStorage() if storage is None else storage
     try:
         used = _checked_models(specs, "serial", quirks or {})
+        loads = _programs_of(specs, programs or {})
         clock = PacedClock() if clock is None else clock
         stations = _stations(specs, quirks or {}, seed, storage, baud)
-        devices = [cast(MotionSerialDevice, station.device) for station in stations]
+        devices = [cast(SerialDevice, station.device) for station in stations]
         network = SerialNetwork(devices, start_ns=clock.now_ns(), paced=paced)
         network.host_format = devices[0].line_format
         line = Line(network, clock, storage, stations, explain=used[0].explain)
+        for index, program in loads.items():
+            line.twins[index].load_program(program)
+            if not cold:
+                line.twins[index].start_program()
         if cold:
             for twin in line.twins:
                 twin.power_cycle()
@@ -309,7 +238,7 @@ def build_bus(
             raise UsageError(f"bitrate {bitrate} is out of range: 1..{BITRATE_MAX} bits per second")
         clock = PacedClock() if clock is None else clock
         stations = _stations(specs, quirks or {}, seed, storage, None)
-        devices = [cast(MotionCanDevice, station.device) for station in stations]
+        devices = [cast(CanDevice, station.device) for station in stations]
         network = CanNetwork(devices, bitrate=bitrate, start_ns=clock.now_ns(), paced=paced)
         bus = Bus(network, clock, storage, stations, explain=used[0].explain)
         if cold:
@@ -319,6 +248,25 @@ def build_bus(
         storage.close()
         raise
     return bus
+
+
+def _programs_of(
+    specs: Sequence[DeviceSpec], programs: Mapping[int | None, ProgramSource]
+) -> dict[int, Program]:
+    """The program of each device that gets one, by its place on the line.  Raises UsageError."""
+    places = [place for place, spec in enumerate(specs) if find_model(spec.model).has_program]
+    if programs and not places:
+        raise UsageError(
+            f"{specs[0]} runs no program; leave it out, or name a controller such as msc-250"
+        )
+    units = [specs[place].address for place in places]
+    for unit in programs:
+        if unit is not None and unit not in units:
+            known = ", ".join(map(str, units))
+            raise UsageError(f"program {unit}={programs[unit]}: no unit {unit}; there is {known}")
+    found = {unit: find_program(source) for unit, source in programs.items()}
+    wanted = {place: found.get(specs[place].address, found.get(None)) for place in places}
+    return {place: program for place, program in wanted.items() if program is not None}
 
 
 _CARRIED: dict[Carrier, tuple[str, str]] = {
@@ -372,14 +320,15 @@ def _station(
     alone: bool,
 ) -> Station:
     """The device of ``spec``, with its memory: what is stored, else what the factory stored."""
-    model = _MODELS[spec.model]
+    model = MODELS[spec.model]
     slot = storage.slot(f"{spec.model}-{spec.address}", spec.model)
     cells = dict(slot.cells)
     if not cells and baud is not None:
         if baud not in model.bauds:
             rates = ", ".join(map(str, model.bauds))
             raise UsageError(f"baud {baud} is no rate of {spec.model}: {rates}")
-        cells["baud"] = baud
+        if len(model.bauds) > 1:  # or else there is nothing to remember
+            cells["baud"] = baud
     own = {name: value for name, value in quirks.items() if name in model.quirks}
     skew_ns = _skew_ns(seed, spec, index)
     device = model.make(spec.address, quirks=own, cells=cells, skew_ns=skew_ns, alone=alone)
@@ -391,7 +340,7 @@ def _station(
             "restore a good copy, or remove it to start with factory values"
         )
     slot.save(present, durable=True)
-    return Station(str(spec), spec.model, device, slot)
+    return Station(str(spec), spec.model, device, slot, model.family.handle)
 
 
 def _skew_ns(seed: int, spec: DeviceSpec, index: int) -> Nanos:
@@ -444,98 +393,3 @@ def _parse_number(text: str) -> int | None:
         body, base = body[2:], 16
     known = set("0123456789abcdef"[:base])
     return int(body, base) if body and set(body) <= known and len(body) <= 9 else None
-
-
-# -- families -----------------------------------------------------------------------------------
-
-
-@cache
-def _mac_quirks() -> Mapping[str, Quirk]:
-    from axistwin.devices.mac.quirks import QUIRKS
-
-    return QUIRKS
-
-
-def _make_mac(
-    model: str,
-    address: int,
-    *,
-    quirks: Mapping[str, Value],
-    cells: Mapping[str, int],
-    skew_ns: Nanos,
-    alone: bool,
-) -> MotionSerialDevice:
-    from axistwin.devices.mac.quirks import parse_quirks
-    from axistwin.devices.mac.serial import MacSerial
-
-    settings = parse_quirks(quirks)
-    return MacSerial(model, address, quirks=settings, cells=cells, skew_ns=skew_ns, alone=alone)
-
-
-def _explain_mac(data: bytes) -> str:
-    from axistwin.devices.mac.decode import explain
-
-    return explain(data)
-
-
-@cache
-def _mac_can_quirks() -> Mapping[str, Quirk]:
-    from axistwin.devices.mac.can_quirks import CAN_QUIRKS
-
-    return CAN_QUIRKS
-
-
-def _make_mac_can(
-    model: str,
-    address: int,
-    *,
-    quirks: Mapping[str, Value],
-    cells: Mapping[str, int],
-    skew_ns: Nanos,
-    alone: bool,
-) -> MotionCanDevice:
-    from axistwin.devices.mac.can import MacCan
-    from axistwin.devices.mac.can_quirks import parse_can_quirks
-
-    return MacCan(address, quirks=parse_can_quirks(quirks), cells=cells, skew_ns=skew_ns)
-
-
-def _explain_mac_can(frame: CanFrame) -> str:
-    from axistwin.devices.mac.can_decode import explain_frame
-
-    return explain_frame(frame)
-
-
-_MAC = Family(_mac_quirks, _make_mac, _explain_mac)
-_MAC_CAN = Family(_mac_can_quirks, _make_mac_can, _explain_mac_can, carrier="can")
-
-
-def _mac(name: str, description: str) -> Model:
-    return Model(
-        name,
-        f"{description}, serial expert frames",
-        addresses=range(0x80),
-        default_address=0,
-        default_baud=38400,
-        bauds=(9600, 19200, 38400),
-        family=_MAC,
-    )
-
-
-_MODELS: dict[str, Model] = {
-    model.name: model
-    for model in (
-        _mac("mac23", "MAC23 motor with controller, 2000 increments per turn"),
-        _mac("mac34-1", "MAC34 motor with controller, 10000 increments per turn, to 102 V"),
-        _mac("mac34-2", "MAC34 motor with controller, 10000 increments per turn, to 204 V"),
-        Model(
-            "mac23-can",
-            "MAC23 motor with controller, 2000 increments per turn, on a CAN bus",
-            addresses=range(1, 0x80),
-            default_address=1,
-            default_baud=DEFAULT_BITRATE,
-            bauds=(),
-            family=_MAC_CAN,
-        ),
-    )
-}

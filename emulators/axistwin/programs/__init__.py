@@ -12,6 +12,8 @@ from typing import Final, TypeAlias
 from axistwin.errors import UsageError, nearest
 from axistwin.macroprogram.program import Macroprogram, Program, located
 
+__all__ = ["BUILT_IN", "Program", "ProgramSource", "find_program"]
+
 ProgramSource: TypeAlias = str | Path | Program
 """``FILE.py``, ``FILE.py:CLASS``, the name of a program that comes with axistwin, or a class."""
 

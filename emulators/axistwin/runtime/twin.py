@@ -16,6 +16,8 @@ from axistwin.kernel.time import NS_PER_S
 from axistwin.motion.plant import Load
 
 if TYPE_CHECKING:
+    from axistwin.macroprogram import Macroprogram
+    from axistwin.programs import ProgramSource
     from axistwin.runtime.owner import Owner, Station
 
 INPUTS = ("reference", "positive_stop", "negative_stop", "reset")
@@ -53,10 +55,9 @@ class Inputs:
 
     def __setattr__(self, name: str, active: bool) -> None:
         _checked_name("input", name, self._values)
-        if active not in (False, True):
-            raise UsageError(f"input {name}: {active!r} is not allowed; set True or False")
-        self._twin._set_input(name, bool(active))
-        self._values[name] = bool(active)
+        value = _checked_switch(f"input {name}", active)
+        self._twin._set_input(name, value)
+        self._values[name] = value
 
     def __repr__(self) -> str:
         return f"Inputs({', '.join(f'{name}={value}' for name, value in self._values.items())})"
@@ -93,6 +94,54 @@ class LoadHandle:
 
     def __repr__(self) -> str:
         return repr(self._twin._load)
+
+
+class Flags:
+    """The flags of a controller, by number or by the program's names."""
+
+    __slots__ = ("_twin",)
+
+    def __init__(self, twin: "ControllerTwin") -> None:
+        self._twin = twin
+
+    def __getitem__(self, key: int | str) -> bool:
+        number, twin = self._twin._key("flag", key), self._twin
+        with twin._owner.present() as now:
+            return bool(twin._device.flag_at(now, number))
+
+    def __setitem__(self, key: int | str, on: bool) -> None:
+        number, twin = self._twin._key("flag", key), self._twin
+        value = _checked_switch(f"flag {key}", on)
+        twin._owner.act(twin._index, lambda now: twin._device.set_flag(now, number, value))
+
+    @property
+    def on(self) -> list[int]:
+        """The numbers of all flags that are on, ascending."""
+        with self._twin._owner.present() as now:
+            return [number for number in range(256) if self._twin._device.flag_at(now, number)]
+
+    def __repr__(self) -> str:
+        return f"<Flags on: {', '.join(map(str, self.on)) or 'none'}>"
+
+
+class Variables:
+    """The variables of a controller, by address or by the program's names."""
+
+    __slots__ = ("_twin",)
+
+    def __init__(self, twin: "ControllerTwin") -> None:
+        self._twin = twin
+
+    def __getitem__(self, key: int | str) -> int:
+        address, twin = self._twin._key("variable", key), self._twin
+        with twin._owner.present() as now:
+            return int(twin._device.variable_at(now, address))
+
+    def __setitem__(self, key: int | str, value: int) -> None:
+        address, twin = self._twin._key("variable", key), self._twin
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise UsageError(f"variable {key} = {value!r} is no whole number")
+        twin._owner.act(twin._index, lambda now: twin._device.set_variable(now, address, value))
 
 
 class Twin:
@@ -268,6 +317,102 @@ class ControllerTwin(Twin):
 
     kind = "controller"
 
+    def __init__(self, owner: "Owner[Any]", index: int, station: "Station") -> None:
+        super().__init__(owner, index, station)
+        self._flags = Flags(self)
+        self._variables = Variables(self)
+
+    # -- flags, variables, status ---------------------------------------------------------------
+
+    @property
+    def flags(self) -> Flags:
+        """Every flag, of any kind, also those that the host cannot set: ``twin.flags[3] = True``.
+
+        By number, or by the name that the program gives it: ``twin.flags["start"]``.
+        """
+        return self._flags
+
+    @property
+    def variables(self) -> Variables:
+        """Every variable: ``twin.variables[2008]``, or by the program's name for it."""
+        return self._variables
+
+    @property
+    def status(self) -> int:
+        """The status word, as RQSTAT gives it; looking at it changes nothing."""
+        with self._owner.present() as now:
+            return int(self._device.status_at(now))
+
+    def set_status(self, bit: int, on: bool) -> None:
+        """Let the condition that ``bit``, 0..15, tells be there or gone.  Raises UsageError."""
+        value = _checked_switch(f"status bit {bit}", on)
+        self._owner.act(self._index, lambda now: self._device.set_status(now, bit, value))
+
+    @property
+    def battery(self) -> str:
+        """The battery of the memory: ``good``, ``low`` or ``flat``.
+
+        When it is flat, what is stored is lost at the next power-up.  Raises UsageError when set
+        to anything else.
+        """
+        return str(self.describe()["battery"])
+
+    @battery.setter
+    def battery(self, level: str) -> None:
+        self._owner.act(self._index, lambda now: self._device.set_battery(now, level))
+
+    # -- program ------------------------------------------------------------------------------
+
+    @property
+    def program(self) -> "Macroprogram | None":
+        """The program's object as it runs, or ran last; None before the first start."""
+        with self._owner.present() as now:
+            self._device.describe(now)  # brings it to the present
+            found: Macroprogram | None = self._device.program.instance
+            return found
+
+    @property
+    def program_error(self) -> str | None:
+        """Where and why the program ended with a script error, if it did."""
+        with self._owner.present() as now:
+            self._device.describe(now)
+            found: str | None = self._device.program.error
+            return found
+
+    def load_program(self, program: "ProgramSource") -> None:
+        """Put a program in, in place of the one that is there; ``start_program`` starts it.
+
+        program: a class derived from ``axistwin.macroprogram.Macroprogram``, ``FILE.py``,
+        ``FILE.py:CLASS``, or the name of one that comes with axistwin.  Raises UsageError.
+        """
+        from axistwin.programs import find_program
+
+        found = find_program(program)
+        self._owner.act(self._index, lambda now: self._device.load_program(now, found))
+
+    def start_program(self) -> None:
+        """Start the program from its beginning.  Raises UsageError if there is none."""
+        self._owner.act(self._index, self._device.start_program)
+
+    def stop_program(self) -> None:
+        """Stop the program; flags, outputs and data stay as they are."""
+        self._owner.act(self._index, self._device.stop_program)
+
+    def clear_program(self) -> None:
+        """Reset the system and clear the program, with the data (status bit 3)."""
+        self._owner.act(self._index, self._device.clear_program)
+
+    def _key(self, kind: str, key: int | str) -> int:
+        """The number of a flag, or address of a variable, that ``key`` means."""
+        if isinstance(key, bool) or not isinstance(key, int | str):
+            raise UsageError(f"{kind} {key!r} is no number; give a number, or a name")
+        if isinstance(key, int):
+            return key
+        names: Mapping[str, int] = self._device.program.names
+        if not names:
+            raise UsageError(f"{kind} {key!r}: {self.name} has no program with names; load one")
+        return names[_checked_name(kind, key, names)]
+
 
 if TYPE_CHECKING:
 
@@ -280,6 +425,12 @@ else:
 
 def _names_of(load: Load) -> tuple[str, ...]:
     return tuple(each.name for each in fields(load))
+
+
+def _checked_switch(name: str, on: object) -> bool:
+    if on not in (False, True):
+        raise UsageError(f"{name}: {on!r} is not allowed; set True or False")
+    return bool(on)
 
 
 def _checked_name(kind: str, name: str, known: "Mapping[str, object] | tuple[str, ...]") -> str:
