@@ -110,7 +110,9 @@ def overlength(bench: Bench) -> Outcome:
     bench.talk.settle()
     if is_early:
         return 1
-    drawn = drawn_by(bench, whole, len(whole) * bench.target.byte_ns / 1e9 + glance_s(bench))
+    whole_s = len(whole) * bench.target.byte_ns / 1e9
+    before_t1_s = max(0.0, bench.packet_timeout_s - whole_s) / 2
+    drawn = drawn_by(bench, whole, whole_s + min(glance_s(bench), before_t1_s))
     if drawn is Drawn.SILENCE:
         is_late = bench.talk.hear(1, bench.packet_timeout_s + glance_s(bench)) == NAK
         bench.talk.settle()

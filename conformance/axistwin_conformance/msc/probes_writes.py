@@ -48,14 +48,20 @@ def data_address_stride_of_a_mark(bench: Bench) -> Outcome:
     return PLACES.get(place, f"it is value {place + 1}")
 
 
-@probe(safety="stored", needs=(*NAMED, "alone"), switch="invalid_unit")
+@probe(safety="stored", needs=NAMED, switch="invalid_unit")
 def invalid_unit_obeyed(bench: Bench) -> Outcome:
     """DWRITE with unit 0, and what is then read there."""
+    others = [Bench(bench.session, unit) for unit in bench.session.neighbours]
+    if others and not bench.target.is_builtin:
+        bench.session.skip("a write to all would reach the neighbours too")
     address = variable(bench)
     before = bench.read(address)
+    kept = [other.read(address) for other in others]
     mark = MARK if before != MARK else OTHER
     drawn = drawn_by(bench, codec.packet(0, codec.dwrite(address, mark)))
     is_written = bench.read(address) == mark
+    for other, value in zip(others, kept, strict=True):
+        other.write(address, value)
     if drawn is not Drawn.SILENCE:
         bench.session.skip(f"on this line unit 0 draws {drawn.value}")
     return 2 if is_written else 0

@@ -46,7 +46,8 @@ def drawn_by(bench: Bench, raw: bytes, timeout_s: float | None = None) -> Drawn:
 def glance_s(bench: Bench) -> float:
     """How long to listen for what a unit sends at once, as far as it is known how long it takes."""
     delay_s = int(bench.session.reading("reply_delay_ms")) / 1000
-    return QUIET_S + delay_s + bench.target.uncertainty_ns / 1e9
+    spare_ns = 0 if bench.target.is_virtual else bench.target.uncertainty_ns
+    return QUIET_S + delay_s + spare_ns / 1e9
 
 
 def unanswered(bench: Bench, body: bytes = RQSTAT) -> tuple[Packet, int]:
@@ -58,8 +59,8 @@ def unanswered(bench: Bench, body: bytes = RQSTAT) -> tuple[Packet, int]:
 
 
 def repeat_at_once(bench: Bench) -> bool:
-    """True if the unit now sends a packet on its own."""
-    again, strays = bench.talk.hear_packet(glance_s(bench))
+    """True if the unit now sends a packet on its own, before T2 could make it do so."""
+    again, strays = bench.talk.hear_packet(min(glance_s(bench), bench.ack_timeout_s / 2))
     return again is not None or STX in strays
 
 
