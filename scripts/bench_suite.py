@@ -34,14 +34,17 @@ import psutil
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
+from axistwin_conformance import machines
 from axistwin_conformance.asked import usable_cores
 from axistwin_conformance.budget import WriteBudget
 from axistwin_conformance.events import Event, StatesCovered
 from axistwin_conformance.jobs import Jobs
 from axistwin_conformance.judgement import CheckResult
 from axistwin_conformance.ledger import load_ledger
-from axistwin_conformance.mac_axis import checks_machines, checks_sequences, machines
-from axistwin_conformance.mac_axis.failures import Player
+from axistwin_conformance.mac_axis import checks_machines, checks_sequences
+from axistwin_conformance.mac_axis.machine_devices import Judged, Trivial
+from axistwin_conformance.mac_axis.machines import AxisMachine
+from axistwin_conformance.mac_axis.player import Player
 from axistwin_conformance.mac_axis.sequences import BYTES_PER_OPERATION
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.registry import SAFETY_CLASSES, Check, find_family
@@ -50,6 +53,7 @@ from axistwin_conformance.targets import Target, open_target
 
 MODEL = "mac23"
 WRITES_ALLOWED = 1 << 40
+SEQUENCE_BYTES = checks_sequences.OPERATIONS_PLAYED * BYTES_PER_OPERATION
 STATEFUL_AIM = 0.5  # of the limit
 ONE_DRAW_AIM = 10.0  # times the stateful rate
 # Hypothesis begins with the simplest example, the same step all the time: one in so many here.
@@ -189,7 +193,7 @@ def open_player(wrap: Callable[[Any], Any] | None = None) -> Player:
 
 def machine_slice(begin: Callable[[], machines.Device], number: int) -> int:
     """Run the machine for a slice; return how many steps it took."""
-    driven = machines.driven(begin, lambda operation: None)
+    driven = machines.driven(begin, lambda operation: None, AxisMachine)
     steps: list[int] = []
     machines.run(driven, SLICE_EXAMPLES, checks_machines.STEPS, number, steps.append)
     return sum(steps)
@@ -197,7 +201,7 @@ def machine_slice(begin: Callable[[], machines.Device], number: int) -> int:
 
 def sequence_slice(player: Player, number: int) -> int:
     """Play one-draw sequences for a slice; return how many operations that were."""
-    size = checks_sequences.SEQUENCE_BYTES
+    size = SEQUENCE_BYTES
     played = []
 
     @seed(number)
@@ -229,8 +233,8 @@ class CannedSlice:
         source, player = random.Random(number), Player(self.player.bench, self.player.home)
         player.bench.target.drain()  # so that the clock is looked at anew
         for _ in range(SLICE_SEQUENCES):
-            player.begin().play(source.randbytes(checks_sequences.SEQUENCE_BYTES))
-        return SLICE_SEQUENCES * checks_sequences.SEQUENCE_BYTES // BYTES_PER_OPERATION
+            player.begin().play(source.randbytes(SEQUENCE_BYTES))
+        return SLICE_SEQUENCES * checks_sequences.OPERATIONS_PLAYED
 
     def prepare(self, number: int) -> None:
         """Note the replies."""
@@ -303,11 +307,9 @@ def measure(seconds: float, jobs: int) -> dict[str, Rates]:
 def _measured(seconds: float, shared: SharedSlice) -> dict[str, Rates]:
     player, canned, source = open_player(), CannedSlice(), random.Random(0)
     contestants = {
-        "machine, trivial device": Contestant(
-            lambda number: machine_slice(machines.Trivial, number)
-        ),
+        "machine, trivial device": Contestant(lambda number: machine_slice(Trivial, number)),
         "machine, built-in twin": Contestant(
-            lambda number: machine_slice(lambda: machines.Judged(player.begin()), number)
+            lambda number: machine_slice(lambda: Judged(player.begin()), number)
         ),
         "one-draw, built-in twin": Contestant(lambda number: sequence_slice(player, number)),
         "one-draw, canned replies": Contestant(canned.run, canned.prepare),

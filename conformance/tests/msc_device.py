@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from axistwin_conformance.ledger import load_ledger
@@ -63,8 +64,7 @@ class MscPort:
         self.heard += data
         for one in data:
             self._host_free_ns = max(self._host_free_ns, self.virtual_time_ns) + BYTE_NS
-            byte = bytes([one])
-            self._at(self._host_free_ns, lambda byte=byte: self._hear(byte))
+            self._at(self._host_free_ns, partial(self._hear, bytes([one])))
         return len(data)
 
     def read(self, size: int = 1) -> bytes:
@@ -74,8 +74,9 @@ class MscPort:
             self._run(self._events[0][0])
         if len(self._ready) < size:
             self._run(end_ns)
-        taken, self._ready = self._ready[:size], self._ready[size:]
-        return b"".join(taken)
+        taken = b"".join(self._ready[:size])
+        del self._ready[:size]
+        return taken
 
     def close(self) -> None:
         """Nothing to close."""
@@ -97,7 +98,7 @@ class MscPort:
         at_ns = max(self.virtual_time_ns, self._free_ns) + delay_ns
         for one in self.spoil(data):
             at_ns += BYTE_NS
-            self._at(at_ns, lambda byte=bytes([one]): self._ready.append(byte))
+            self._at(at_ns, partial(self._ready.append, bytes([one])))
         self._free_ns = at_ns
         return at_ns
 

@@ -15,13 +15,14 @@ import pytest
 from click.testing import CliRunner
 from zoo.motion import a_ramped_stop_stops_dead
 
+from axistwin_conformance import failures, machines
 from axistwin_conformance.can_frame import Frame
 from axistwin_conformance.can_target import CanTarget
 from axistwin_conformance.cli import conform
 from axistwin_conformance.drawing import no_folder
 from axistwin_conformance.events import Event, FailureStored
+from axistwin_conformance.failures import Failure
 from axistwin_conformance.ledger import load_ledger
-from axistwin_conformance.mac_axis import failures, machines
 from axistwin_conformance.mac_axis.checks_machines import (
     some_runs_of_the_machine_agree_with_the_model as some_runs,
 )
@@ -29,13 +30,16 @@ from axistwin_conformance.mac_axis.checks_sequences import (
     many_mixed_sequences_agree_with_the_model as many_sequences,
 )
 from axistwin_conformance.mac_axis.dialogue import Kind
-from axistwin_conformance.mac_axis.failures import Failure, Player
+from axistwin_conformance.mac_axis.machine_devices import Judged
+from axistwin_conformance.mac_axis.machines import AxisMachine
 from axistwin_conformance.mac_axis.machines_sync import SyncMachine
 from axistwin_conformance.mac_axis.operations import OPERATIONS, WHAT, WITH_SYNC
-from axistwin_conformance.mac_axis.sequences import Mismatch, Sequence
+from axistwin_conformance.mac_axis.player import Player
+from axistwin_conformance.mac_axis.sequences import Sequence
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
 from axistwin_conformance.noise import Disturbed
+from axistwin_conformance.playing import Mismatch
 from axistwin_conformance.registry import SAFETY_CLASSES, Check, find_family
 from axistwin_conformance.session import Envelope, Run, Session, Stop
 from axistwin_conformance.verdicts import Verdict
@@ -224,11 +228,11 @@ def test_the_machine_synchronises_by_the_frame_too() -> None:
     """Among its rules are all of the axis."""
     case = Case(some_runs)
     begin = case.player.begin
-    sequences, failing = machines.search(begin, 6, 60, random.Random(5), SyncMachine)
+    sequences, failing = machines.search(begin, Judged, 6, 60, random.Random(5), SyncMachine)
     assert failing is None
     names = {name for run in sequences for _, name in run.operated}
     assert "trigger by SYNC" in names
-    plain = {one.function.__name__ for one in machines.AxisMachine.setup_state().rules}
+    plain = {one.function.__name__ for one in AxisMachine.setup_state().rules}
     assert plain < {one.function.__name__ for one in SyncMachine.setup_state().rules}
 
 
@@ -260,7 +264,7 @@ def test_the_twin_to_shrink_on_is_one_on_a_bus_with_the_same_readings() -> None:
     assert isinstance(twin, CanTarget)
     assert twin.bitrate == BITRATE
     assert "quirk.ramp_law=equal_increments" in twin.description
-    other = failures.twin_player(case.session, twin)
+    other = case.player.on(failures.twin_session(case.session, twin))
     assert other.play((operation("turn", 0, 2), operation("nudge"))).mismatch is None
     assert sorted(one.address for one in twin.twins) == [1, 3]
     twin.close()

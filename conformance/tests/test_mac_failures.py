@@ -13,18 +13,19 @@ import serial
 from port_in_front import PortInFront
 from zoo.motion import a_ramped_stop_stops_dead
 
+from axistwin_conformance import failures
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.events import Event, FailureStored, StatesCovered
+from axistwin_conformance.failures import Failure
 from axistwin_conformance.ledger import load_ledger
-from axistwin_conformance.mac_axis import failures
 from axistwin_conformance.mac_axis.checks_sequences import (
     many_mixed_sequences_agree_with_the_model,
 )
-from axistwin_conformance.mac_axis.failures import Failure, Player, split
 from axistwin_conformance.mac_axis.operations import OPERATIONS, WHAT
-from axistwin_conformance.mac_axis.sequences import Mismatch
+from axistwin_conformance.mac_axis.player import Player, split
 from axistwin_conformance.mac_serial.bench import Bench
 from axistwin_conformance.noise import Disturbed
+from axistwin_conformance.playing import Mismatch
 from axistwin_conformance.session import Run, Session, Stop
 from axistwin_conformance.shrink import Budget
 from axistwin_conformance.targets import TWIN_HANDLER, Target
@@ -233,7 +234,7 @@ def test_the_twin_to_shrink_on_reads_the_manual_as_the_device_does() -> None:
     case.run.readings |= {"xonerror_byte": "18h", "xon_byte": "1Ah"}
     twin = failures.open_twin(case.session)
     assert twin.description == ("axistwin://mac23:0,mac23:1?time=virtual&quirk.xonerror_byte=18h")
-    other = failures.twin_player(case.session, twin)
+    other = case.player.on(failures.twin_session(case.session, twin))
     refused = other.play((operation("turn", 0, 2), operation("nudge")))
     assert refused.mismatch is None, "and is held to them"
     twin.close()

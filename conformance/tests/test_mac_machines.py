@@ -10,17 +10,20 @@ from zoo import ZOO
 from zoo.judge import run
 from zoo.mutant import Mutant
 
+from axistwin_conformance import machines
 from axistwin_conformance.drawing import no_folder
 from axistwin_conformance.ledger import load_ledger
-from axistwin_conformance.mac_axis import machines
 from axistwin_conformance.mac_axis.checks_machines import (
     some_runs_of_the_machine_agree_with_the_model as some_runs,
 )
 from axistwin_conformance.mac_axis.checks_sequences import player_of
-from axistwin_conformance.mac_axis.failures import Player
-from axistwin_conformance.mac_axis.machines import Device, Judged, Trivial
+from axistwin_conformance.mac_axis.machine_devices import Judged, Trivial
+from axistwin_conformance.mac_axis.machines import AxisMachine
 from axistwin_conformance.mac_axis.operations import OPERATIONS, WHAT
-from axistwin_conformance.mac_axis.sequences import BYTES_PER_OPERATION, Mismatch
+from axistwin_conformance.mac_axis.player import Player
+from axistwin_conformance.mac_axis.sequences import BYTES_PER_OPERATION
+from axistwin_conformance.machines import Device
+from axistwin_conformance.playing import Mismatch
 from axistwin_conformance.registry import SAFETY_CLASSES, find_family
 from axistwin_conformance.session import Envelope, Run, Session
 from axistwin_conformance.targets import open_target
@@ -52,7 +55,7 @@ def new_player() -> Player:
 
 def rules() -> set[str]:
     """The names of the machine's rules."""
-    return {one.function.__name__ for one in machines.AxisMachine.setup_state().rules}
+    return {one.function.__name__ for one in AxisMachine.setup_state().rules}
 
 
 def planted(name: str) -> Mutant:
@@ -65,7 +68,9 @@ def planted(name: str) -> Mutant:
 def found_in(mutant: Mutant) -> tuple[bytes, Mismatch]:
     """The operations and the mismatch with which the machine finds a mutant, on its own."""
     with mutant.plant():
-        _, failing = machines.search(new_player().begin, 15, 100, random.Random(1))
+        _, failing = machines.search(
+            new_player().begin, Judged, 15, 100, random.Random(1), AxisMachine
+        )
     assert failing is not None, mutant.description
     return failing
 
@@ -115,7 +120,7 @@ def test_every_rule_is_reached_and_every_state_is_met() -> None:
         devices.append(Counted(player.begin()))
         return devices[-1]
 
-    machines.run(machines.driven(begin, lambda operation: None), 40, 100, 5)
+    machines.run(machines.driven(begin, lambda operation: None, AxisMachine), 40, 100, 5)
     states = {state for one in devices for state, _ in one.sequence.operated}
     assert {"HD", "PO", "VE", "IN", "AR", "PL"} <= states
     unreached = {one.name for one in OPERATIONS} - set(reached)
@@ -127,7 +132,7 @@ def test_a_trivial_device_meets_every_precondition() -> None:
     device, allowed = Trivial(), set[str]()
     source = random.Random(1)
     preconditions = {
-        one.function.__name__: one.preconditions for one in machines.AxisMachine.setup_state().rules
+        one.function.__name__: one.preconditions for one in AxisMachine.setup_state().rules
     }
 
     class Looking:
@@ -149,7 +154,7 @@ def test_the_same_seed_draws_the_same_run() -> None:
 
     def drawn() -> bytes:
         record = bytearray()
-        machines.run(machines.driven(Trivial, record.extend), 5, 30, 7)
+        machines.run(machines.driven(Trivial, record.extend, AxisMachine), 5, 30, 7)
         return bytes(record)
 
     assert drawn() == drawn() != b""

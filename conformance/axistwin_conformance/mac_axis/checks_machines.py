@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance.drawing import no_folder
-from axistwin_conformance.mac_axis import machines
+from axistwin_conformance.drawn import play_machine
 from axistwin_conformance.mac_axis.checks_sequences import JUDGED, player_of
-from axistwin_conformance.mac_axis.failures import settle
+from axistwin_conformance.mac_axis.machine_devices import Judged
 from axistwin_conformance.mac_axis.machines import AxisMachine
 from axistwin_conformance.mac_axis.machines_sync import SyncMachine
 from axistwin_conformance.mac_axis.probing import MOVES
@@ -34,16 +33,7 @@ def many_runs_of_the_machine_agree_with_the_model(session: Session) -> None:
     _run(session, "full")
 
 
-@no_folder()
 def _run(session: Session, level: str) -> None:
-    if not session.carrier.is_lossless:
-        session.skip("on a noisy line Hypothesis could not draw the same run twice")
     player = player_of(session)
     rules = SyncMachine if player.bench.has_sync else AxisMachine
-    found = machines.search(player.begin, EXAMPLES[level], STEPS, session.random, rules)
-    sequences, failing = found
-    for sequence in sequences:
-        player.tally.add(sequence)
-    if failing is not None:
-        settle(player, *failing)
-    player.credit()
+    play_machine(player, Judged, rules, EXAMPLES[level], STEPS)

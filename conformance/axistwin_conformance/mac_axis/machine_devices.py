@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
 from axistwin_conformance.mac_axis.forecast import Window
 from axistwin_conformance.mac_axis.operations import WHAT
@@ -32,23 +32,6 @@ class View(NamedTuple):
     def is_moving(self) -> bool:
         """Surely in motion."""
         return self.mode in ("PO", "VE", "IN")
-
-
-class Device(Protocol):
-    """What the machine drives: a module held against the model, or one that does nothing."""
-
-    @property
-    def view(self) -> View:
-        """The state after the last operation."""
-
-    def operate(self, what: int, first: int, second: int, pause: int, /) -> None:
-        """Do an operation; raises Mismatch for a reply that is not admissible."""
-
-    def conclude(self) -> None:
-        """Stop and compare everything readable; raises Mismatch."""
-
-    def leave(self) -> None:
-        """Leave the module as it was found."""
 
 
 class Judged:

@@ -16,27 +16,13 @@ enabled the counter is where they let it be.
 
 from __future__ import annotations
 
-import random
-import sys
 from collections.abc import Callable
 from typing import Final
 
-from hypothesis import seed
 from hypothesis import strategies as st
-from hypothesis.errors import Flaky
-from hypothesis.stateful import (
-    RuleBasedStateMachine,
-    invariant,
-    precondition,
-    rule,
-    run_state_machine_as_test,
-)
+from hypothesis.stateful import invariant, precondition, rule
 
-from axistwin_conformance.drawing import only_drawing
-from axistwin_conformance.mac_axis.machine_devices import Device as Device
-from axistwin_conformance.mac_axis.machine_devices import Judged as Judged
-from axistwin_conformance.mac_axis.machine_devices import Trivial as Trivial
-from axistwin_conformance.mac_axis.machine_devices import View as View
+from axistwin_conformance.mac_axis.machine_devices import View
 from axistwin_conformance.mac_axis.model import FIFO_STAGES
 from axistwin_conformance.mac_axis.operations import (
     ANCHORS,
@@ -46,7 +32,7 @@ from axistwin_conformance.mac_axis.operations import (
     TOLERANCES,
     WHAT,
 )
-from axistwin_conformance.mac_axis.sequences import Mismatch, Sequence
+from axistwin_conformance.machines import Machine
 
 ASK_EVERY: Final = 9  # steps: an invariant that asked after each would leave no time for chains
 ASK: Final = {0x20: 0, 0x21: 1, 0x27: 7}  # the first argument of the operation "ask"
@@ -111,38 +97,10 @@ is_moving = precondition(if_(lambda view: view.is_moving))
 is_armed = precondition(if_(lambda view: view.is_armed))
 
 
-class AxisMachine(RuleBasedStateMachine):
-    """The rules; `driven` makes a machine of them that drives a device of its own."""
+class AxisMachine(Machine):
+    """The rules of the axis."""
 
-    begin: Callable[[], Device]
-    record: Callable[[bytes], None]
-    told: Callable[[int], None]
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.device = type(self).begin()
-        self.steps = 0
-        self.is_refuted = False
-
-    def do(self, name: str, first: int = 0, second: int = 0, pause: int = 0) -> None:
-        """Do an operation, and record it first."""
-        what = WHAT[name]
-        type(self).record(bytes((what, first, second, pause)))
-        try:
-            self.device.operate(what, first, second, pause)
-        except Mismatch:
-            self.is_refuted = True
-            raise
-
-    def teardown(self) -> None:
-        """Compare everything at the end, and leave the module as it was found."""
-        type(self).told(self.steps - 1)  # the invariants are asked once before the first step
-        try:
-            # What tidying up then found would take the place of the interrupt, as a failure.
-            if not self.is_refuted and not isinstance(sys.exception(), KeyboardInterrupt):
-                self.device.conclude()
-        finally:
-            self.device.leave()
+    what = WHAT
 
     def _move(self, anchor: int, beside: int, pause: int = 0) -> None:
         if anchor == ANYWHERE:
@@ -401,87 +359,3 @@ class AxisMachine(RuleBasedStateMachine):
         """20h: no further than the model, which knows the stops, lets the axis go."""
         if self._is_due(1):
             self.do("ask", ASK[0x20])
-
-
-def driven(
-    begin: Callable[[], Device],
-    record: Callable[[bytes], None],
-    rules: type[AxisMachine] = AxisMachine,
-) -> type[AxisMachine]:
-    """The machine on devices that `begin` makes; `record` is told of each operation."""
-    members = {"begin": staticmethod(begin), "record": staticmethod(record)}
-    return type("DrivenAxis", (rules,), members)
-
-
-def run(
-    machine: type[AxisMachine],
-    examples: int,
-    steps: int,
-    number: int,
-    told: Callable[[int], None] = lambda steps: None,
-) -> None:
-    """Run a machine with the seed `number`: so many examples of so many steps; `told` how many
-    each really had.
-
-    Raises Mismatch.
-    """
-    machine.told = staticmethod(told)
-    bounds = only_drawing(examples, steps)
-    run_state_machine_as_test(seed(number)(machine), settings=bounds)
-
-
-def search(
-    begin: Callable[[], Sequence],
-    examples: int,
-    steps: int,
-    source: random.Random,
-    rules: type[AxisMachine] = AxisMachine,
-) -> tuple[list[Sequence], tuple[bytes, Mismatch] | None]:
-    """Let Hypothesis look for a run that the model does not admit.
-
-    Give all sequences begun, and the operations of a failing run with what came, if one was found.
-    """
-    sequences: list[Sequence] = []
-    operations = bytearray()
-    failing: list[tuple[bytes, Mismatch]] = []
-
-    def start() -> Device:
-        operations.clear()
-        sequences.append(begin())
-        return _Noticing(sequences[-1], operations, failing)
-
-    while len(sequences) < examples:
-        left = examples - len(sequences)
-        try:
-            run(driven(start, operations.extend, rules), left, steps, source.getrandbits(32))
-            break
-        except (Mismatch, Flaky):
-            if failing:
-                return sequences, failing[0]
-            # The module has kept something from the run before, so that the same steps led
-            # elsewhere: Hypothesis gives up, and draws anew.
-    return sequences, None
-
-
-class _Noticing(Judged):
-    """Keeps the operations that led to a mismatch."""
-
-    def __init__(
-        self, sequence: Sequence, operations: bytearray, failing: list[tuple[bytes, Mismatch]]
-    ) -> None:
-        super().__init__(sequence)
-        self._operations, self._failing = operations, failing
-
-    def operate(self, what: int, first: int, second: int, pause: int) -> None:
-        try:
-            super().operate(what, first, second, pause)
-        except Mismatch as mismatch:
-            self._failing.append((bytes(self._operations), mismatch))
-            raise
-
-    def conclude(self) -> None:
-        try:
-            super().conclude()
-        except Mismatch as mismatch:
-            self._failing.append((bytes(self._operations), mismatch))
-            raise

@@ -24,6 +24,7 @@ from axistwin_conformance.mac_axis.model import (
 )
 from axistwin_conformance.mac_axis.motion import TICK_NS, TICKS_PER_SECOND
 from axistwin_conformance.mac_axis.operations import COEFFICIENTS, PERIODS, operations_of
+from axistwin_conformance.playing import Mismatch
 
 Choices = tuple[int, ...]
 
@@ -59,15 +60,6 @@ STARTING: Final = frozenset({*MOTIONS, *SEGMENTS, 0x0B, 0x10, 0x11})  # where fr
 # it, nothing is judged.
 UNRULED_STOPS: Final = ("soft_stop_compare", "soft_stop_blocks", "step_phase")
 UNRULED_STATUS: Final = ("ff_lifetime", "status_ff_layout")
-
-
-class Mismatch(Exception):  # noqa: N818 - a finding, not an error
-    """A reply outside the admissible set."""
-
-    def __init__(self, requirement: str, expected: str, actual: str) -> None:
-        super().__init__(f"{requirement}: admissible {expected}, came {actual}")
-        self.requirement, self.expected, self.actual = requirement, expected, actual
-        self.story: tuple[str, ...] = ()
 
 
 @dataclass

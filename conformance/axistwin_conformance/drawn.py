@@ -1,0 +1,125 @@
+"""Checks that play operations, whatever the family: drawn at random, by a machine, or recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+from hypothesis import given, seed
+from hypothesis import strategies as st
+from hypothesis.errors import FlakyFailure
+
+from axistwin_conformance import events, machines
+from axistwin_conformance.drawing import no_folder, only_drawing
+from axistwin_conformance.failures import REPLAYS, Failure, settle
+from axistwin_conformance.machines import Device, Machine
+from axistwin_conformance.playing import Mismatch, Played, Player
+from axistwin_conformance.recording import Recording
+from axistwin_conformance.session import Session
+
+
+def play_lists(player: Player, examples: int, operations: int) -> None:
+    """Play so many drawn lists of so many operations; ends the check with the verdict on one that
+    fails.  Where bytes may get lost, the lists are drawn without Hypothesis: it could not play the
+    same one twice."""
+    session, size = player.session, operations * player.operation_bytes
+    if session.carrier.is_lossless:
+        failed = _searched(player, examples, size)
+    else:
+        lists = (player.split(session.random.randbytes(size)) for _ in range(examples))
+        played = (player.play(one, is_counted=True) for one in lists)
+        failed = next((one for one in played if one.mismatch), None)
+    if failed is not None:
+        Failure(player, failed).settle()
+    player.credit()
+
+
+@no_folder()
+def _searched(player: Player, examples: int, size: int) -> Played | None:
+    """Let Hypothesis draw; give the first list that fails."""
+    failing: list[Played] = []
+
+    @seed(player.session.random.getrandbits(32))
+    @only_drawing(examples)
+    @given(st.binary(min_size=size, max_size=size))
+    def example(data: bytes) -> None:
+        played = player.play(player.split(data), is_counted=True)
+        if played.mismatch is not None:
+            failing.append(played)
+            raise played.mismatch
+
+    try:
+        example()
+    except (Mismatch, FlakyFailure):
+        return failing[-1]
+    return None
+
+
+@no_folder()
+def play_machine(
+    player: Player,
+    judged: Callable[[Any], Device],
+    rules: type[Machine],
+    examples: int,
+    steps: int,
+) -> None:
+    """Let a machine run so many times; ends the check with the verdict on a run that fails."""
+    session = player.session
+    if not session.carrier.is_lossless:
+        session.skip("on a noisy line Hypothesis could not draw the same run twice")
+    begun, failing = machines.search(player.begin, judged, examples, steps, session.random, rules)
+    for one in begun:
+        player.tally.add(one)
+    if failing is not None:
+        settle(player, *failing)
+    player.credit()
+
+
+# --- recorded ones -------------------------------------------------------------------------------
+
+
+def replay(session: Session, recording: Recording, player_of: Callable[[Session], Player]) -> None:
+    """Play recorded operations and judge them, as often as it takes on this line."""
+    for text in _circumstances(session, recording):
+        session.run.tell(events.Note(text))
+    player = player_of(session)
+    operations = player.split(b"".join(recording.operations))
+    session.is_replayed = True  # as often as it takes is the business of this check
+    is_free = session.carrier.is_lossless
+    failed: list[Mismatch] = []
+    for player.is_fresh in (True, False) if is_free else (False,) * REPLAYS:
+        played = player.play(operations, is_counted=True, is_plotted=not failed)
+        if played.mismatch is not None:
+            failed.append(played.mismatch)
+            if is_free:
+                break
+    if not failed:
+        player.credit()
+        return
+    mismatch = failed[-1]
+    told = "" if is_free else f"failed {len(failed)} of {REPLAYS} times; "
+    player.credit(mismatch.requirement)
+    session.fail(
+        mismatch.requirement,
+        mismatch.expected,
+        mismatch.actual,
+        f"{told}after: {'; '.join(mismatch.story)}",
+    )
+
+
+def _circumstances(session: Session, recording: Recording) -> Iterator[str]:
+    """What is different from when it was recorded."""
+    if not recording.check:  # nothing is known of that
+        return
+    for switch in sorted({*recording.readings, *session.readings}):
+        try:
+            default = session.run.ledger.ambiguity_of(switch).default_of(switch)
+        except ValueError:  # a switch of another version of the ledger
+            continue
+        then, now = (_of(seen, switch, default) for seen in (recording.readings, session.readings))
+        if then != now:
+            yield f"recorded on a device with {switch}={then}; this one has {now}"
+
+
+def _of(seen: Mapping[str, str], switch: str, default: str) -> str:
+    return seen.get(switch, default)

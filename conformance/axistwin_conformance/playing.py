@@ -1,0 +1,181 @@
+"""Lists of operations played on a device and held against a model, whatever the family.
+
+An operation is some bytes; a family says what they mean (`Playable.play`), how a sequence begins,
+and how a device of the suite's own is played on alike.  Who plays, counts what was judged and met,
+and begins anew what noise has broken off.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import ClassVar, Final, Protocol
+
+from axistwin_conformance.events import StatesCovered
+from axistwin_conformance.noise import Disturbed
+from axistwin_conformance.session import Session
+
+PLAY_ATTEMPTS: Final = 5  # of one list that noise breaks off
+
+Operations = tuple[bytes, ...]
+
+
+class Mismatch(Exception):  # noqa: N818 - a finding, not an error
+    """A reply outside the admissible set."""
+
+    def __init__(self, requirement: str, expected: str, actual: str) -> None:
+        super().__init__(f"{requirement}: admissible {expected}, came {actual}")
+        self.requirement, self.expected, self.actual = requirement, expected, actual
+        self.story: tuple[str, ...] = ()
+
+
+class Playable(Protocol):
+    """One run of operations on one device.
+
+    `judged`: requirement → how many replies were held against it, counted only where some other
+    reply would not have done.  `operated`: state of the model and name of the operation → how often
+    it was done there.  `marks`: where in the story each operation begins.
+    """
+
+    judged: Counter[str]
+    operated: Counter[tuple[str, str]]
+    marks: list[int]
+
+    @property
+    def story(self) -> list[str]:
+        """What was sent, said and waited, in words."""
+
+    def play(self, data: bytes, /) -> None:
+        """Run all operations and compare everything at the end; raises Mismatch."""
+
+
+def split(data: bytes, kinds: int, size: int) -> Operations:
+    """Cut bytes into operations of `size`, each told by its lowest number: one that stays when
+    there are more kinds of operations than these."""
+    whole = range(0, len(data) - size + 1, size)
+    return tuple(bytes([data[at] % kinds]) + data[at + 1 : at + size] for at in whole)
+
+
+@dataclass(slots=True)
+class Tally:
+    """What sequences have judged and met."""
+
+    judged: Counter[str] = field(default_factory=Counter)  # requirement → judgements
+    operated: Counter[tuple[str, str]] = field(default_factory=Counter)  # state, operation
+    sequences: int = 0
+
+    def add(self, run: Playable) -> None:
+        """Count a sequence that has been played."""
+        self.judged += run.judged
+        self.operated += run.operated
+        self.sequences += 1
+
+
+@dataclass(frozen=True, slots=True)
+class Played:
+    """One playing of a list: what did not fit, if anything, and what each operation did."""
+
+    operations: Operations  # those that were begun
+    mismatch: Mismatch | None
+    words: tuple[str, ...]
+
+
+class Player(ABC):
+    """Plays operations on one device, always from the same beginning.
+
+    `operation_bytes`: of one operation.  `arguments`: which of them shrinking makes smaller, the
+    pause first.  `beginning`: in words, what `is_fresh` begins with.
+    """
+
+    operation_bytes: ClassVar[int]
+    arguments: ClassVar[tuple[int, ...]]
+    beginning: ClassVar[str]
+
+    def __init__(self, session: Session) -> None:
+        self.session = session
+        self.tally = Tally()
+        # Beginning anew, a list cannot fail by what another one has left behind.  That costs time,
+        # so only where time is free.
+        self.is_fresh = False
+
+    # --- what a family brings ---------------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def kinds(self) -> int:
+        """How many operations there are on this device."""
+
+    @abstractmethod
+    def begin(self) -> Playable:
+        """A sequence that begins where every sequence begins."""
+
+    @abstractmethod
+    def on(self, session: Session) -> Player:
+        """The same on another device: the twin of this one."""
+
+    def watched(self, run: Playable) -> None:
+        """Have what this run does told to the report, where there is more to tell than replies."""
+        assert run.marks == [], "before it is played"
+
+    # --- what is the same for all -----------------------------------------------------------------
+
+    def play(
+        self, operations: Operations, *, is_counted: bool = False, is_plotted: bool = False
+    ) -> Played:
+        """Play a list; one that noise breaks off begins anew, and raises Disturbed in the end."""
+        for attempt in range(PLAY_ATTEMPTS, 0, -1):
+            try:
+                return self._once(operations, is_counted, is_plotted)
+            except Disturbed:
+                if attempt == 1:
+                    raise
+                self.session.retries.append("a sequence was broken off by noise and begins anew")
+        raise AssertionError("the last attempt returns or raises")
+
+    def split(self, data: bytes) -> Operations:
+        """Cut bytes into operations of this device's table."""
+        return split(data, self.kinds, self.operation_bytes)
+
+    def _once(self, operations: Operations, is_counted: bool, is_plotted: bool) -> Played:
+        run = self.begin()
+        if is_plotted:
+            self.watched(run)
+            self.session.note(f"here {len(operations)} operations begin")
+        mismatch = None
+        try:
+            run.play(b"".join(operations))
+        except Mismatch as found:
+            mismatch = found
+        if is_counted:
+            self.tally.add(run)
+        words = () if mismatch is None else _words(run)
+        return Played(operations[: len(run.marks)], mismatch, words)
+
+    def credit(self, failed: str = "") -> None:
+        """Let count as held what was really judged, and tell what was met; `failed` does not."""
+        session, tally = self.session, self.tally
+        named = session.check.requirements if session.check else ()
+        judged, own = Counter[str](), session.run.ledger.own
+        for name, count in tally.judged.items():
+            for one in own((name,)):
+                judged[one] += count
+        for name, count in judged.items():
+            if name in named and name not in own((failed,)):
+                session.passed[name] = session.passed.get(name, 0) + count
+        for name in named if not failed else ():
+            if not judged[name]:
+                session.not_run(name, "nothing that was played came to judge it")
+        counts: dict[str, dict[str, int]] = {}
+        for (state, operation), count in sorted(tally.operated.items()):
+            counts.setdefault(state, {})[operation] = count
+        name = session.check.name if session.check else ""
+        total = tally.operated.total()
+        session.run.tell(StatesCovered(name, tally.sequences, total, counts))
+
+
+def _words(run: Playable) -> tuple[str, ...]:
+    """What each operation sent, heard and waited."""
+    story = run.story
+    ends = [*run.marks[1:], len(story)]
+    return tuple("; ".join(story[begun:end]) for begun, end in zip(run.marks, ends, strict=False))
