@@ -9,7 +9,12 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, Literal, Protocol, TypeAlias
 
-from axistwin.devices.base import MotionCanDevice, MotionSerialDevice, TwinDevice
+from axistwin.devices.base import (
+    ControllerSerialDevice,
+    MotionCanDevice,
+    MotionSerialDevice,
+    TwinDevice,
+)
 from axistwin.kernel.time import Nanos
 from axistwin.runtime.twin import ControllerTwin, MotionTwin, Twin
 from axistwin.wire.can_frame import CanFrame
@@ -198,8 +203,38 @@ def _explain_mac_can(frame: CanFrame) -> str:
     return explain_frame(frame)
 
 
+@cache
+def _msc_quirks() -> Mapping[str, Quirk]:
+    from axistwin.devices.msc.quirks import QUIRKS
+
+    return QUIRKS
+
+
+def _make_msc(
+    model: str,
+    address: int,
+    *,
+    quirks: Mapping[str, Value],
+    cells: Mapping[str, int],
+    skew_ns: Nanos,
+    alone: bool,
+) -> ControllerSerialDevice:
+    from axistwin.devices.msc.controller import MscController
+    from axistwin.devices.msc.quirks import parse_quirks
+
+    settings = parse_quirks(quirks)
+    return MscController(model, address, quirks=settings, cells=cells, skew_ns=skew_ns, alone=alone)
+
+
+def _explain_msc(data: bytes) -> str:
+    from axistwin.devices.msc.decode import explain
+
+    return explain(data)
+
+
 _MAC = Family(_mac_quirks, _make_mac, _explain_mac)
 _MAC_CAN = Family(_mac_can_quirks, _make_mac_can, _explain_mac_can, carrier="can")
+_MSC = Family(_msc_quirks, _make_msc, _explain_msc, handle=ControllerTwin)
 
 
 def _mac(name: str, description: str) -> Model:
@@ -211,6 +246,18 @@ def _mac(name: str, description: str) -> Model:
         default_baud=38400,
         bauds=(9600, 19200, 38400),
         family=_MAC,
+    )
+
+
+def _msc(name: str, description: str) -> Model:
+    return Model(
+        name,
+        f"{description}, executive port",
+        addresses=range(1, 16),
+        default_address=1,
+        default_baud=9600,
+        bauds=(9600,),
+        family=_MSC,
     )
 
 
@@ -229,6 +276,10 @@ MODELS: dict[str, Model] = {
             bauds=(),
             family=_MAC_CAN,
         ),
+        _msc("msc-250", "MSC-250 motion system controller"),
+        _msc("msc-850-32", "MSC-850/32 motion system controller"),
+        _msc("msc-850", "MSC-850 motion system controller, without RFLAGS"),
+        _msc("msc-generic", "any other MSC motion system controller, without RFLAGS"),
     )
 }
 """All models by name."""

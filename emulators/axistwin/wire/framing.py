@@ -68,12 +68,15 @@ class Chunk(NamedTuple):  # made for every stretch: a third of a frozen dataclas
     ``start_ns`` is the beginning of the first start bit of the stretch they belong to, of which
     ``skipped`` bytes were handed over earlier; ``format`` gives the spacing, or None on a line
     without pacing, where every byte arrives at ``start_ns``.  Receivers go by ``arrival_ns`` alone.
+    ``errors`` are the indices of those bytes whose stop bit was bad.  A device is handed such a
+    byte in a chunk of its own.
     """
 
     start_ns: Nanos
     data: bytes
     format: LineFormat | None
     skipped: int = 0
+    errors: tuple[int, ...] = ()
 
     def arrival_ns(self, index: int) -> Nanos:
         """When byte ``index`` of ``data`` is complete at the receiver."""

@@ -20,6 +20,7 @@ BLOCK_VALUES: Final = 32
 
 VALUE_MIN, VALUE_MAX = -(1 << 31), (1 << 31) - 1
 VALUE_BYTES: Final = 4
+_MASK: Final = 0xFFFF_FFFF
 
 CELL_PREFIX: Final = "data_"
 
@@ -54,7 +55,7 @@ class DataArea:
         """The value at ``address``, which it ``has``."""
         place = self._place(address)
         assert place is not None, f"{address} is to be refused"
-        return self._read_bytes(place) if place >= 0 else 0
+        return self.peek(place) if place >= 0 else 0
 
     def write(self, address: int, value: int) -> None:
         """Store ``value``, signed 32 bits, at ``address``, which it ``has``."""
@@ -73,7 +74,7 @@ class DataArea:
     def read_block(self, address: int) -> list[int]:
         """The 32 values from ``address`` on, of which it ``has_block`` (MSC-BREAD-03)."""
         places = self.block_places(address)
-        return [self._read_bytes(place) if place >= 0 else 0 for place in places]
+        return [self.peek(place) if place >= 0 else 0 for place in places]
 
     def write_block(self, address: int, values: Sequence[int]) -> None:
         """Store ``values`` one after another from ``address`` on (MSC-BWRITE-02)."""
@@ -93,11 +94,6 @@ class DataArea:
             return [place % self.size for place in places]
         return [place if place <= self.end else -1 for place in places]
 
-    def put(self, place: int, value: int) -> None:
-        """Store ``value`` at a place of ``block_places``."""
-        if place >= 0:
-            self._write_bytes(place, value)
-
     def _place(self, address: int) -> int | None:
         """Where a value addressed as ``address`` lies; -1: nowhere; None: it is refused."""
         if 0 <= address <= self.end and not address % self.stride:  # by far the most common
@@ -115,32 +111,32 @@ class DataArea:
 
     # -- bytes --
 
-    def _read_bytes(self, address: int) -> int:
+    def peek(self, address: int) -> int:
+        """The four bytes from ``address`` on, as a value."""
         inside = address % self.stride
         if not inside:
             return self._values.get(address, 0)
-        first = self._values.get(address - inside, 0) & 0xFFFF_FFFF
-        second = self._values.get((address - inside + self.stride) % self.size, 0) & 0xFFFF_FFFF
-        shift = self._bits(inside)
-        return signed((first << 32 | second) >> 32 - shift)
+        low, high = address - inside, (address - inside + self.stride) % self.size
+        both = (self.peek(low) & _MASK) << 32 | self.peek(high) & _MASK
+        return signed(both >> 32 - self._bits(inside))
 
-    def _write_bytes(self, address: int, value: int) -> None:
+    def put(self, address: int, value: int) -> None:
+        """Store ``value`` in the four bytes from ``address`` on; -1 is nowhere."""
+        if address < 0:
+            return
         inside = address % self.stride
         if not inside:
             self._values[address] = self._changed[address] = value
             return
-        low = address - inside
-        high = (low + self.stride) % self.size
+        low, high = address - inside, (address - inside + self.stride) % self.size
         shift = 32 - self._bits(inside)
-        both = (self._values.get(low, 0) & 0xFFFF_FFFF) << 32 | self._values.get(
-            high, 0
-        ) & 0xFFFF_FFFF
-        both &= ~(0xFFFF_FFFF << shift)
-        both |= (value & 0xFFFF_FFFF) << shift
+        both = (self.peek(low) & _MASK) << 32 | self.peek(high) & _MASK
+        both = both & ~(_MASK << shift) | (value & _MASK) << shift
         self._values[low] = self._changed[low] = signed(both >> 32)
         self._values[high] = self._changed[high] = signed(both)
 
     def _bits(self, addresses: int) -> int:
+        """How many bits so many addresses are."""
         return addresses * 8 * VALUE_BYTES // self.stride
 
     # -- memory --

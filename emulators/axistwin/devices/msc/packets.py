@@ -37,6 +37,6 @@ def is_sum_right(raw: bytes) -> bool:
     return (sum(raw) - STX - high - low) & 0xFFFF == high << 8 | low
 
 
-def body_length(raw: bytes) -> int:
+def body_length(raw: bytes | bytearray) -> int:
     """What the header of a packet announces; ``raw`` has at least four bytes."""
     return raw[2] << 8 | raw[3]

@@ -1,0 +1,161 @@
+"""Bytes of an executive port in words, for transcripts and traces.
+
+``explain`` reads either direction: packets of a host and of a unit, single ACK and NAK characters.
+It judges what it sees (a wrong sum is told as such) and never fails: what is no packet is shown as
+hex.  The direction is not in the bytes: RFLAG asks for flag 1 with the very bytes that answer "on".
+"""
+
+from collections.abc import Callable, Iterator
+from struct import iter_unpack
+
+from axistwin.devices.msc.packets import (
+    ACK,
+    BODY_MAX,
+    CHECKSUM_BYTES,
+    FRAME_BYTES,
+    HEADER_BYTES,
+    NAK,
+    STX,
+    UNITS,
+    body_length,
+    is_sum_right,
+)
+from axistwin.devices.msc.status import StatusBit
+
+_SHOWN_MAX = 4
+"""Values of a block that are told; the others are counted."""
+
+
+def explain(data: bytes) -> str:
+    """What ``data`` (one or more packets, either direction) says, in one line."""
+    return "; ".join(_parts(bytes(data)))
+
+
+def _parts(data: bytes) -> Iterator[str]:
+    """Packets and characters in ``data`` one by one; stretches that are neither as hex."""
+    at = junk = 0
+    while at < len(data):
+        text, length = _part_at(data, at)
+        if length:
+            if junk < at:
+                yield _spaced(data[junk:at])
+            yield text
+            junk = at + length
+        at += length or 1
+    if junk < len(data):
+        yield _spaced(data[junk:])
+
+
+def _part_at(data: bytes, at: int) -> tuple[str, int]:
+    """The text and length of what begins at ``at``; length 0 if nothing does."""
+    first = data[at]
+    if first == ACK:
+        return "ACK", 1
+    if first == NAK:
+        return "NAK", 1
+    if first != STX or len(data) < at + FRAME_BYTES:
+        return "", 0
+    length = body_length(data[at : at + HEADER_BYTES])
+    raw = data[at : at + FRAME_BYTES + length]
+    if length > BODY_MAX or len(raw) < FRAME_BYTES + length:
+        return "", 0
+    return _packet(raw), len(raw)
+
+
+def _packet(raw: bytes) -> str:
+    """A whole packet in words."""
+    body = raw[HEADER_BYTES:-CHECKSUM_BYTES]
+    name, comma, values = body.partition(b",")
+    say = _SAID.get(name) if comma else None
+    text = say(values) if say is not None else ""
+    if say is None or (values and not text):
+        told = f"body {_spaced(body)}" if body else "no body"
+    else:
+        told = f"{name.decode()}{' ' if text else ''}{text}"
+    notes = [f"unit {raw[1]}" if raw[1] in UNITS else f"unit {raw[1]}, which is none"]
+    if raw[4:6] != b"\0\0":
+        notes.append(f"block {raw[4:6].hex().upper()}h")
+    doubt = ""
+    if not is_sum_right(raw):
+        right = (sum(raw[1:-CHECKSUM_BYTES])) & 0xFFFF
+        doubt = f" [checksum wrong, {right:04X}h is right]"
+    return f"{told} ({', '.join(notes)}){doubt}"
+
+
+def _word(data: bytes) -> int:
+    return int.from_bytes(data[:2], "big")
+
+
+def _numbers(data: bytes) -> str:
+    """Signed values in words, of many the first ones."""
+    values = [str(value) for (value,) in iter_unpack(">i", data)]
+    more = len(values) - _SHOWN_MAX
+    return " ".join(values[:_SHOWN_MAX]) + (f" and {more} more" if more > 0 else "")
+
+
+def _read(size: int) -> Callable[[bytes], str]:
+    """BREAD and DREAD: an address is asked for, ``size`` bytes of values are the answer."""
+
+    def say(values: bytes) -> str:
+        if len(values) == 2:
+            return f"at {_word(values)}?"
+        return f"= {_numbers(values)}" if len(values) == size else ""
+
+    return say
+
+
+def _write(size: int) -> Callable[[bytes], str]:
+    """BWRITE and DWRITE."""
+
+    def say(values: bytes) -> str:
+        return f"at {_word(values)}: {_numbers(values[2:])}" if len(values) == 2 + size else ""
+
+    return say
+
+
+def _flag(values: bytes) -> str:
+    """SFLAG and CFLAG."""
+    return f"{_word(values)}" if len(values) == 2 else ""
+
+
+def _rflag(values: bytes) -> str:
+    """RFLAG: a flag's number, or its state; for 0 and 1 that cannot be told apart."""
+    if len(values) != 2:
+        return ""
+    number = _word(values)
+    return f"{number}?" + (f" (or = {('off', 'on')[number]})" if number < 2 else "")
+
+
+def _rflags(values: bytes) -> str:
+    """RFLAGS: nothing, or 256 flags."""
+    if len(values) != 32:
+        return ""
+    states = int.from_bytes(values, "little")
+    on = [str(number) for number in range(256) if states >> number & 1]
+    return f"= on: {' '.join(on) if on else 'none'}"
+
+
+def _rqstat(values: bytes) -> str:
+    """RQSTAT: nothing, or the status word."""
+    if len(values) not in (6, 8):
+        return ""
+    word = _word(values)
+    names = [str(bit.name).lower() for bit in StatusBit if word & bit]
+    return f"= {word}" + (f" ({', '.join(names)})" if names else "")
+
+
+_SAID: dict[bytes, Callable[[bytes], str]] = {
+    b"BREAD": _read(128),
+    b"BWRITE": _write(128),
+    b"CFLAG": _flag,
+    b"DREAD": _read(4),
+    b"DWRITE": _write(4),
+    b"RFLAG": _rflag,
+    b"RFLAGS": _rflags,
+    b"RQSTAT": _rqstat,
+    b"SFLAG": _flag,
+}
+
+
+def _spaced(data: bytes) -> str:
+    return data.hex(" ").upper()
