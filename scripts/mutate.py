@@ -1,7 +1,8 @@
 """Samples automatic mutants of the twin's device code; the black-box suite alone judges each.
 
 A family of the suite judges the code of its own face: `mac_serial` with it that of the axis and of
-motion, which the faces share; `mac_can` the CAN face and the module below it.
+motion, which the faces share; `mac_can` the CAN face and the module below it; `msc` all of the
+controller.
 
 A mutant is one small change of the source: a comparison or an operator replaced, a constant one
 more or less, a condition negated, a statement left out.  Drawn are changes of code that the suite
@@ -50,7 +51,8 @@ PACKAGE = ROOT / "emulators" / "axistwin"
 SUITE = ROOT / "conformance" / "axistwin_conformance"
 JUDGE = ROOT / "scripts" / "mutate_judge.py"
 KNOWN = ROOT / "build" / "mutants"
-# What judges, one after the other, until something is said: model and level.
+# What judges, one after the other, until something is said: model, behind a colon the address if
+# it is not the model's own, and level.
 Stages = Sequence[tuple[str, str]]
 NICENESS = 10  # others may want to work on this machine
 WAIT_S = 600  # of real time, however busy the machine is
@@ -96,6 +98,14 @@ FAMILIES: Mapping[str, Family] = {
         (("mac23-can", "quick"), ("mac23-can", "full")),
         TESTS / "zoo_can" / "survivors.toml",
         "mac_can-",
+    ),
+    "msc": Family(
+        ("devices/msc/*.py",),
+        ("devices/msc/decode.py",),
+        # A unit that is not number 1 is on RS-485.
+        (("msc-250", "quick"), ("msc-250", "full"), ("msc-generic:6", "full")),
+        TESTS / "zoo_msc" / "survivors.toml",
+        "msc-",
     ),
 }
 

@@ -65,23 +65,31 @@ def allot() -> None:
     signal.setitimer(signal.ITIMER_PROF, CHECK_S)
 
 
+def options_of(model: str, level: str) -> Any:
+    """The options of a run against the built-in twin `MODEL[:ADDRESS]`."""
+    from axistwin_conformance.cli import make_options
+
+    name, _, address = model.partition(":")
+    return make_options(model=name, level=level, address=int(address) if address else None)
+
+
 def judge(stages: Stages) -> None:
     """Run stage after stage until something is said; `passed` if nothing is."""
     from axistwin.devices.mac.can import MacCan
     from axistwin.devices.mac.serial import MacSerial
+    from axistwin.devices.msc.controller import MscController
     from axistwin.runtime.bus import Bus
     from axistwin.runtime.line import Line
-    from axistwin_conformance.cli import make_options
     from axistwin_conformance.engine import Engine
 
-    for owner in (MacSerial, Line, MacCan, Bus):
+    for owner in (MacSerial, MscController, Line, MacCan, Bus):
         watch(owner)
     readings: list[str] = []
     unsettled: list[str] = []
     for model, level in stages:
         listener = _Listener(f"{model} {level}")
         allot()
-        result = Engine(make_options(model=model, level=level)).run(listener.hear)
+        result = Engine(options_of(model, level)).run(listener.hear)
         listener.heed_crash(result.refusal)
         if result.refusal:
             say("refused", stage=listener.stage, text=result.refusal)
@@ -148,11 +156,10 @@ def reach(stages: Stages, root: str, paths: Iterable[str]) -> None:
         return followers[name](frame, event, arg)  # type: ignore[no-any-return]
 
     sys.settrace(trace)
-    from axistwin_conformance.cli import make_options
     from axistwin_conformance.engine import Engine
 
     for model, level in stages:
-        Engine(make_options(model=model, level=level)).run(lambda event: None)
+        Engine(options_of(model, level)).run(lambda event: None)
     sys.settrace(None)
     print(json.dumps({name: sorted(lines) for name, lines in reached.items()}))
 

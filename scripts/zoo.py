@@ -20,7 +20,8 @@ from zoo.mutant import Mutant  # noqa: E402
 
 from axistwin_conformance.ledger import load_ledger  # noqa: E402
 
-ZOOS = {"mac_serial": "zoo", "mac_can": "zoo_can"}  # family → package of its mutants
+# Family → package of its mutants.
+ZOOS = {"mac_serial": "zoo", "mac_can": "zoo_can", "msc": "zoo_msc"}
 HEAD = """\
 # Written by scripts/zoo: which requirements are armed, that is, which planted firmware faults the
 # checks of each have found.  Do not edit.
