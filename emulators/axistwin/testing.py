@@ -41,6 +41,7 @@ from axistwin.urlhandler.url import SCHEME, SPEED, LineOptions, addressed, parse
 if TYPE_CHECKING:
     from axistwin.canbus import AxistwinBus
     from axistwin.canbus.shared import SharedBus
+    from axistwin.programs import ProgramSource
     from axistwin.runtime.bus import Bus
     from axistwin.runtime.line import Line
     from axistwin.runtime.twin import AnyTwin
@@ -65,7 +66,9 @@ class Options(TypedDict, total=False):
     model's name.  quirks: by name.  profile: a file of quirks.  state: a directory for what a real
     unit keeps.  baud: the devices' factory rate on a serial line.  bitrate: of a CAN bus.
     pacing: whether bytes and frames take time.  seed: of all that is random.  cold: switch the
-    devices on now; they start up first.
+    devices on now; they start up first.  program: what runs in a controller: a class derived from
+    ``axistwin.macroprogram.Macroprogram``, ``FILE.py``, ``FILE.py:CLASS``, or the name of one that
+    comes with axistwin; of several controllers also a mapping of such by unit.
     """
 
     time: str | float
@@ -78,6 +81,7 @@ class Options(TypedDict, total=False):
     pacing: bool
     seed: int
     cold: bool
+    program: "ProgramSource | Mapping[int, ProgramSource]"
 
 
 @overload
@@ -300,8 +304,10 @@ def _settings(
                 remedy = f"write time={dict(options)[name]}"
             raise UsageError(f"unknown option {name}: {remedy}")
     given: dict[str, Any] = {
-        name: value for name, value in options.items() if name not in ("time", "address")
+        name: value for name, value in options.items() if name not in ("time", "address", "program")
     }
+    if "program" in options:
+        given["programs"] = _programs(names[0], options["program"])
     for name in ("profile", "state"):
         if given.get(name) is not None:
             given[name] = str(given[name])
@@ -310,6 +316,17 @@ def _settings(
         raise UsageError(f"{other}: not for {names[0]}; write {rate}={given[other]}")
     given["speed"] = parse_speed(options.get("time", "real"))
     return names, given
+
+
+def _programs(
+    device: str, program: "ProgramSource | Mapping[int, ProgramSource]"
+) -> "Mapping[int | None, ProgramSource]":
+    """What runs in each unit, None for all.  Raises UsageError."""
+    if _carrier(device) == "can":
+        raise UsageError(f"program: {device} runs none; leave it out")
+    if isinstance(program, Mapping):
+        return {unit: each for unit, each in program.items()}  # noqa: C416  # of a wider type
+    return {None: program}
 
 
 def _carrier(device: str) -> catalog.Carrier:

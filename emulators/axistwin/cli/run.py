@@ -20,6 +20,11 @@ _HELP_TCP = "Raw TCP, several clients; port 0: any free one.  For socket://HOST:
 _HELP_RFC2217 = "TCP with rate, framing and break, one client.  For rfc2217://HOST:PORT."
 _HELP_BAUD = "Rate of modules that have none stored yet, bits per second (default: the factory's)."
 
+_HELP_PROGRAM = (
+    "What runs in the controllers: FILE.py, FILE.py:CLASS, or a name such as bench; UNIT=PROGRAM "
+    "for one of several."
+)
+
 # On CAN.
 _HELP_CAN = (
     "Join a bus through any python-can interface: socketcan:vcan0, udp_multicast:239.74.163.2, "
@@ -32,7 +37,13 @@ _HELP_BITRATE = "Rate of the bus, bits per second (default: 125000)."
 
 # Options that only one kind of model has: parameter, option.
 _OWN_OPTIONS: Mapping[Carrier, Mapping[str, str]] = {
-    "serial": {"links": "--pty", "tcp": "--tcp", "rfc2217": "--rfc2217", "baud": "--baud"},
+    "serial": {
+        "links": "--pty",
+        "tcp": "--tcp",
+        "rfc2217": "--rfc2217",
+        "baud": "--baud",
+        "programs": "--program",
+    },
     "can": {
         "can": "--can",
         "slcan": "--slcan",
@@ -70,6 +81,14 @@ def _named(_: click.Context, option: click.Parameter, value: Any) -> Any:
     "--quirk", "quirks", metavar="NAME=VALUE", multiple=True, help="One quirk; beats --profile."
 )
 @click.option("--baud", type=int, metavar="N", help=_HELP_BAUD)
+@click.option(
+    "--program",
+    "programs",
+    callback=_named,
+    metavar="[UNIT=]PROGRAM",
+    multiple=True,
+    help=_HELP_PROGRAM,
+)
 @click.option("--can", "can", metavar="INTERFACE:CHANNEL", multiple=True, help=_HELP_CAN)
 @click.option("--slcan", callback=_named, metavar="LINK", multiple=True, help=_HELP_SLCAN)
 @click.option("--slcan-tcp", metavar="HOST:PORT", multiple=True, help=_HELP_SLCAN_TCP)
@@ -119,10 +138,11 @@ def run(devices: tuple[str, ...], as_json: bool, **options: Any) -> int:
     axistwin run mac23:0 mac34-1:5 --pty ./mac --state ./mac.state
     axistwin run mac23 --tcp 127.0.0.1:5000 --rfc2217 127.0.0.1:5001
     axistwin run mac23:7Fh --no-pacing --quirk reply_latency_us=0
+    axistwin run msc-250 --program table.py
     axistwin run mac23-can:1 mac23-can:2 --can socketcan:vcan0
     axistwin run mac23-can --slcan ./can --socketcand 127.0.0.1:29536
 
-    ADDRESS: 0..127, also as 7Fh or 0x7F; default 0.  On CAN: 1..127; default 1.
+    ADDRESS: 0..127, also as 7Fh or 0x7F; default 0.  On CAN: 1..127; of an MSC: 1..15; default 1.
     """
     if not devices:
         raise UsageError("run: which devices? such as 'axistwin run mac23'; see 'axistwin models'")

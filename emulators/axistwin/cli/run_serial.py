@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING
@@ -11,12 +12,14 @@ from axistwin.catalog import DeviceSpec
 from axistwin.cli.capture import recording_line
 from axistwin.cli.reporter import Reporter, warn
 from axistwin.cli.serving import Run, Shared
+from axistwin.kernel.effects import Trace
 from axistwin.runtime.line import Line
 from axistwin.runtime.server import Server
 
 if TYPE_CHECKING:
     from axistwin.runtime.loop import Loop
     from axistwin.runtime.server import Port
+    from axistwin.runtime.twin import Twin
 
 
 class SerialRun(Run[Line]):
@@ -31,12 +34,14 @@ class SerialRun(Run[Line]):
         tcp: tuple[str, ...],
         rfc2217: tuple[str, ...],
         baud: int | None,
+        programs: tuple[str, ...],
     ) -> None:
         super().__init__(specs, shared)
         if not (links or tcp or rfc2217):
             links = (f"./{specs[0].model}",)
         self._links, self._tcp, self._rfc2217 = links, tcp, rfc2217
         self._baud = baud
+        self._programs = programs
 
     def build(self) -> Line:
         """The line with its modules."""
@@ -50,10 +55,12 @@ class SerialRun(Run[Line]):
             storage=shared.storage(),
             baud=self._baud,
             cold=shared.cold,
+            programs=catalog.parse_programs(self._programs),
         )
 
     def serve(self, owner: Line, reporter: Reporter) -> Server:
         """The line behind all endpoints that were asked for."""
+        owner.subscribe(functools.partial(_tell_of_program, reporter))
         return Server(owner, self._make_ports(owner), report=reporter.event)
 
     def _make_ports(self, line: Line) -> list[Port]:
@@ -81,7 +88,7 @@ class SerialRun(Run[Line]):
         found: dict[int, DeviceSpec] = {}
         for spec, twin in zip(self.specs, owner.twins, strict=True):
             wanted = self._baud or catalog.find_model(spec.model).default_baud
-            stored, address = twin.cells["baud"], twin.address
+            stored, address = twin.cells.get("baud", wanted), twin.address
             differences = []
             if address != spec.address:
                 differences.append(f"address {address} (asked for: {spec.address})")
@@ -92,3 +99,18 @@ class SerialRun(Run[Line]):
             if address in found:
                 warn(f"{found[address]} and {spec} answer on top of one another: address {address}")
             found.setdefault(address, spec)
+
+
+_PROGRAM_ENDS = {
+    "program_error": "its program has stopped with an error",
+    "stray_return": "its program has stopped: run came to its end",
+}
+
+
+def _tell_of_program(reporter: Reporter, twin: Twin, trace: Trace) -> None:
+    """Say that a program has ended otherwise than it should."""
+    if trace.kind in _PROGRAM_ENDS:
+        details = dict(trace.details)
+        error = f": {details['error']}" if "error" in details else ""
+        warn(f"{twin.name}: {_PROGRAM_ENDS[trace.kind]}{error}")
+        reporter.event({"event": trace.kind, "device": twin.name, **details})

@@ -107,7 +107,7 @@ class ControllerDevice(Device, Protocol):
     def describe(self, now: Nanos) -> Mapping[str, Any]:
         """Everything worth showing, by name.
 
-        At least ``address``, ``state_text``.
+        At least ``address``, ``state_text``, ``battery``, ``program_error``, ``program_names``.
         """
 
     def flag_at(self, now: Nanos, number: int) -> bool:
@@ -127,6 +127,10 @@ class ControllerDevice(Device, Protocol):
 
     def set_status(self, now: Nanos, bit: int, on: bool) -> list[Effect]:
         """Let the condition of a status bit, 0..15, be there or gone.  Raises UsageError."""
+
+    @property
+    def program(self) -> Any:
+        """The program's object as it runs, or ran last; None before its first start."""
 
     def load_program(self, now: Nanos, program: Any) -> list[Effect]:
         """Put a program (``axistwin.macroprogram``) in, or with None take it out.

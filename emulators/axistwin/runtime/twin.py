@@ -147,7 +147,7 @@ class Variables:
 class Twin:
     """One device of a line or a bus, of any kind.  Made by its owner; see ``Owner.twins``."""
 
-    kind = "device"
+    _kind = "device"
     """What messages call it."""
 
     def __init__(self, owner: "Owner[Any]", index: int, station: "Station") -> None:
@@ -175,7 +175,7 @@ class Twin:
 
     def _no_such(self, name: str) -> str:
         known = [each for each in dir(self) if not each.startswith("_")]
-        return f"{self.name} is a {self.kind} and has no {name}: {nearest(name, known)}"
+        return f"{self.name} is a {self._kind} and has no {name}: {nearest(name, known)}"
 
     # -- what can be read ---------------------------------------------------------------------
 
@@ -188,12 +188,6 @@ class Twin:
     def state(self) -> str:
         """What it is doing now, such as ``at rest, powered``."""
         return str(self.describe()["state_text"])
-
-    @property
-    def is_moving(self) -> bool:
-        """Whether cells change by themselves now: the axis moves."""
-        with self._owner.present() as now:
-            return bool(self._device.is_moving(now))
 
     @property
     def cells(self) -> dict[str, int]:
@@ -241,7 +235,7 @@ class Twin:
 class MotionTwin(Twin):
     """A device that turns a shaft: its pins, supply, load and position."""
 
-    kind = "motion device"
+    _kind = "motion device"
 
     def __init__(self, owner: "Owner[Any]", index: int, station: "Station") -> None:
         super().__init__(owner, index, station)
@@ -254,6 +248,12 @@ class MotionTwin(Twin):
         """Where the axis is now, in increments."""
         with self._owner.present() as now:
             return int(self._device.position_at(now))
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the axis moves now."""
+        with self._owner.present() as now:
+            return bool(self._device.is_moving(now))
 
     # -- pins, supply, load -------------------------------------------------------------------
 
@@ -315,7 +315,7 @@ class MotionTwin(Twin):
 class ControllerTwin(Twin):
     """A controller in which a user's program runs: its flags, variables, status and program."""
 
-    kind = "controller"
+    _kind = "controller"
 
     def __init__(self, owner: "Owner[Any]", index: int, station: "Station") -> None:
         super().__init__(owner, index, station)
@@ -366,18 +366,15 @@ class ControllerTwin(Twin):
     @property
     def program(self) -> "Macroprogram | None":
         """The program's object as it runs, or ran last; None before the first start."""
-        with self._owner.present() as now:
-            self._device.describe(now)  # brings it to the present
-            found: Macroprogram | None = self._device.program.instance
-            return found
+        self.describe()  # brings it to the present
+        found: Macroprogram | None = self._device.program
+        return found
 
     @property
     def program_error(self) -> str | None:
         """Where and why the program ended with a script error, if it did."""
-        with self._owner.present() as now:
-            self._device.describe(now)
-            found: str | None = self._device.program.error
-            return found
+        found: str | None = self.describe()["program_error"]
+        return found
 
     def load_program(self, program: "ProgramSource") -> None:
         """Put a program in, in place of the one that is there; ``start_program`` starts it.
@@ -408,7 +405,7 @@ class ControllerTwin(Twin):
             raise UsageError(f"{kind} {key!r} is no number; give a number, or a name")
         if isinstance(key, int):
             return key
-        names: Mapping[str, int] = self._device.program.names
+        names: Mapping[str, int] = self.describe()["program_names"]
         if not names:
             raise UsageError(f"{kind} {key!r}: {self.name} has no program with names; load one")
         return names[_checked_name(kind, key, names)]

@@ -65,6 +65,7 @@ def build_line(options: LineOptions) -> Line:
         storage=MemoryStorage() if options.state is None else Storage(options.state),
         baud=options.baud,
         cold=options.cold,
+        programs=options.programs,
     )
 
 

@@ -14,6 +14,8 @@
 ``pacing=no``             bytes take no time on the line
 ``baud=9600``             the rate that the devices left the factory with
 ``cold=yes``              switch the devices on now: they start up first
+``program=PROGRAM``       what runs in the controllers: a file, ``FILE.py:CLASS``, or a name
+``program.UNIT=PROGRAM``  what runs in one of several
 ``line=NAME``             a line of this name, the same for all who open it
 ========================= ====================================================================
 """
@@ -24,10 +26,13 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 from urllib.parse import unquote
 
+from axistwin import catalog
 from axistwin.errors import UsageError, nearest
+from axistwin.programs import ProgramSource
 
 SCHEME = "axistwin://"
 QUIRK_PREFIX = "quirk."
+PROGRAM_PREFIX = "program."
 
 VIRTUAL = "virtual"
 REAL = "real"
@@ -42,7 +47,8 @@ class LineOptions:
 
     devices: ``MODEL`` or ``MODEL:ADDRESS`` each.  speed: seconds of the devices' time per real
     second, > 0, or None for virtual time.  baud: the devices' factory rate, None for the model's
-    own.  cold: start the devices up now instead of finding them ready.
+    own.  cold: start the devices up now instead of finding them ready.  programs: what runs in the
+    controllers, by unit, None for all.
     """
 
     devices: tuple[str, ...]
@@ -54,6 +60,7 @@ class LineOptions:
     pacing: bool = True
     baud: int | None = None
     cold: bool = False
+    programs: Mapping[int | None, ProgramSource] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,10 +116,15 @@ def parse_url(url: str) -> TwinUrl:
         raise UsageError(f"{url}: a device is missing at a comma; remove it, or name one")
     values: dict[str, Any] = {}
     quirks: dict[str, str] = {}
+    programs: list[str] = []
     line = None
-    for name, value in split_query(query, (*_PARAMETERS, "address", "line")):
+    for name, value in split_query(query, (*_PARAMETERS, "address", "line", "program")):
         if name.startswith(QUIRK_PREFIX):
             quirks[name.removeprefix(QUIRK_PREFIX)] = value
+        elif name == "program":
+            programs.append(value)
+        elif name.startswith(PROGRAM_PREFIX):
+            programs.append(f"{_unit(name)}={value}")
         elif name == "line":
             line = _name(value)
         elif name == "address":
@@ -122,6 +134,8 @@ def parse_url(url: str) -> TwinUrl:
             values[field_name] = parse(value)
     if quirks:
         values["quirks"] = quirks
+    if programs:
+        values["programs"] = catalog.parse_programs(programs)
     if devices:
         values["devices"] = tuple(devices)
     elif line is None:
@@ -136,12 +150,13 @@ def split_query(query: str, known: Sequence[str]) -> list[tuple[str, str]]:
 
     Raises UsageError.
     """
+    prefixes = (QUIRK_PREFIX, PROGRAM_PREFIX) if "program" in known else (QUIRK_PREFIX,)
     found: dict[str, str] = {}
     for part in query.split("&"):
         if not part:
             continue
         name, equals, value = (unquote(piece) for piece in part.partition("="))
-        if name not in known and not name.startswith(QUIRK_PREFIX):
+        if name not in known and not name.startswith(prefixes):
             remedy = nearest(name, (*known, QUIRK_PREFIX + "NAME"))
             if name == SPEED:
                 remedy = f"write time={value or 20}"
@@ -161,6 +176,14 @@ def addressed(devices: list[str], address: str) -> list[str]:
             f"address={address}: is for one device without an address; write MODEL:ADDRESS instead"
         )
     return [f"{devices[0]}:{address}"]
+
+
+def _unit(name: str) -> str:
+    """The unit in ``program.2``.  Raises UsageError."""
+    unit = name.removeprefix(PROGRAM_PREFIX)
+    if not (unit.isascii() and unit.isdigit()):
+        raise UsageError(f"{name}: {unit or 'nothing'} is no unit; write program.2=FILE.py")
+    return unit
 
 
 def _name(text: str) -> str:
@@ -194,7 +217,7 @@ def _shown(value: object) -> str:
     if isinstance(value, tuple):
         return ",".join(value)
     if isinstance(value, Mapping):
-        return ", ".join(f"{name}={setting}" for name, setting in value.items()) or "none"
+        return ", ".join(f"{name or 'all'}={setting}" for name, setting in value.items()) or "none"
     return str(value)
 
 

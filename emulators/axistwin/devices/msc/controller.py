@@ -31,6 +31,7 @@ from axistwin.devices.msc.status import Status, StatusBit, status_bit
 from axistwin.errors import UsageError, nearest
 from axistwin.kernel.effects import Effect, Silence, Store, Trace
 from axistwin.kernel.time import NS_PER_MS, Nanos
+from axistwin.macroprogram.program import Macroprogram
 from axistwin.wire.framing import Chunk, LineFormat
 
 BATTERY_LEVELS: Final = ("good", "low", "flat")
@@ -155,6 +156,8 @@ class MscController:
         """Let the program do its scans up to ``now`` (rules 1 and 2)."""
         if self._runner.is_running and self._runner.wake(now):
             self._effects.append(Store(self.data.take_changed(), durable=False))
+        if not self._runner.is_running:
+            self._effects += self._runner.take_traces()
 
     def _wrote(self, now: Nanos) -> None:
         """The host has written (rule 2, MSC-AMB-33)."""
@@ -259,6 +262,11 @@ class MscController:
         self.status.set(StatusBit.AUTO_START, runner.is_auto_started)
         self._store()
         return self._settle(now)
+
+    @property
+    def program(self) -> Macroprogram | None:
+        """The program's object as it runs, or ran last; None before its first start."""
+        return self._runner.instance
 
     def start_program(self, now: Nanos) -> list[Effect]:
         """Start the program from its beginning.  Raises UsageError if there is none."""

@@ -352,10 +352,11 @@ class ProgramRunner:
             )
 
     def _store_initial(self, part: Variable | Array) -> None:
-        """Give ``part`` its first values where nothing was ever stored."""
+        """Give ``part`` its first values where nothing is stored; everywhere after a clearing."""
+        is_cleared = self._status.has(StatusBit.PROGRAM_CLEARED)
         for index, value in enumerate(part.initial):
             address = part.address + index * self._data.stride
-            if not self._data.is_written(address):
+            if is_cleared or not self._data.is_written(address):
                 self._data.write(address, value)
 
 
