@@ -23,6 +23,8 @@ from axistwin.runtime.storage import MemoryStorage, Storage
 from axistwin.wire.can_frame import CanFrame
 from axistwin.wire.framing import LineFormat
 
+KNOWN = "mac23, mac34-1, mac34-2, mac23-can, msc-250, msc-850-32, msc-850, msc-generic"
+
 
 def line_of(*devices: str, **options: object) -> Line:
     """A line in virtual time."""
@@ -40,7 +42,10 @@ def ask(line: Line, frame: bytes, count: int = ANSWER_LENGTH) -> bytes:
 def test_the_models_are_listed_with_all_that_a_user_needs() -> None:
     """Names, descriptions, addresses, rate, and quirks with values, default, ID and meaning."""
     models = catalog.models()
-    assert list(models) == ["mac23", "mac34-1", "mac34-2", "mac23-can"]
+    assert list(models) == [
+        *("mac23", "mac34-1", "mac34-2", "mac23-can"),
+        *("msc-250", "msc-850-32", "msc-850", "msc-generic"),
+    ]
     for name, model in models.items():
         assert model.name == name
         assert model.description
@@ -48,12 +53,17 @@ def test_the_models_are_listed_with_all_that_a_user_needs() -> None:
             assert quirk.doc
             assert quirk.allowed
     serial = [model for model in models.values() if model.carrier == "serial"]
-    assert len(serial) == 3
-    for model in serial:
+    assert len(serial) == 7
+    for model in serial[:3]:
         assert (model.addresses, model.default_address) == (range(0x80), 0)
         assert model.default_baud == 38400
         assert model.quirks["xon_byte"].default == "1Ah"
         assert all(quirk.source.startswith("MACS-") for quirk in model.quirks.values())
+    for model in serial[3:]:
+        assert (model.addresses, model.default_address) == (range(1, 16), 1)
+        assert (model.default_baud, model.bauds) == (9600, (9600,))
+        assert model.quirks["ack_timeout_ms"].default == "1000"
+        assert all(quirk.source.startswith("MSC-") for quirk in model.quirks.values())
     on_can = models["mac23-can"]
     assert on_can.carrier == "can"
     assert (on_can.addresses, on_can.default_address) == (range(1, 0x80), 1)
@@ -66,7 +76,7 @@ def test_listing_the_models_loads_no_device() -> None:
     program = (
         "import sys; from axistwin import catalog; catalog.models()\n"
         "catalog.parse_device('mac23')\n"
-        "print([name for name in sys.modules if name.startswith('axistwin.devices.mac')])"
+        "print([name for name in sys.modules if name.startswith('axistwin.devices.m')])"
     )
     shown = subprocess.check_output([sys.executable, "-c", program], text=True)
     assert shown.strip() == "[]"
@@ -97,9 +107,12 @@ def test_a_device_is_named_by_model_and_address(text: str, spec: DeviceSpec) -> 
     [
         (
             "mac24",
-            "unknown model 'mac24': did you mean mac23? known: mac23, mac34-1, mac34-2, mac23-can",
+            f"unknown model 'mac24': did you mean mac23? known: {KNOWN}",
         ),
-        ("", "unknown model '': known: mac23, mac34-1, mac34-2, mac23-can"),
+        (
+            "",
+            f"unknown model '': known: {KNOWN}",
+        ),
         ("mac23:80h", "address 80h (128) is out of range for mac23: 0..7Fh (0..127)"),
         ("mac23:128", "address 128 is out of range for mac23: 0..7Fh (0..127)"),
         ("mac23:0xFF", "address 0xFF (255) is out of range for mac23: 0..7Fh (0..127)"),

@@ -17,6 +17,9 @@ def listen(line: InstantLine, until_ns: int, most: int = 10**9) -> list[tuple[in
         assert chunk.format is None
         count = min(most, len(chunk.data))
         line.accept(count)
+        if chunk.errors and stations != (HOST,):
+            assert (len(chunk.data), chunk.errors) == (1, (0,))
+            continue
         heard += [
             (chunk.start_ns, each, value) for value in chunk.data[:count] for each in stations
         ]

@@ -41,8 +41,10 @@ class Echo:
         return len(data) if end < 0 else end
 
     def receive(self, chunk: Chunk) -> list[Effect]:
-        """Note the bytes; a full stop ends a request."""
+        """Note the bytes; a full stop ends a request.  Bad characters are dropped."""
         effects: list[Effect] = []
+        if chunk.errors:
+            return effects
         for index, value in enumerate(chunk.data):
             assert not effects, "heard bytes beyond its own reaction"
             now = chunk.arrival_ns(index)

@@ -26,13 +26,20 @@ class SampledLine(SerialLine):
         return False
 
 
-def listen(line: SerialLine, until_ns: int, most: int = 10**9) -> Heard:
-    """Let time pass and note who hears what when, taking ``most`` bytes at a time."""
+def listen(line: SerialLine, until_ns: int, most: int = 10**9, *, drops_bad: bool = True) -> Heard:
+    """Let time pass and note who hears what when, taking ``most`` bytes at a time.
+
+    Devices drop bad characters unless told otherwise.
+    """
     heard: Heard = []
     while (offer := line.offer(until_ns)) is not None:
         chunk, stations = offer
         count = min(most, len(chunk.data))
         line.accept(count)
+        if chunk.errors and stations != (HOST,):
+            assert (len(chunk.data), chunk.errors, len(stations)) == (1, (0,), 1)
+            if drops_bad:
+                continue
         for index in range(count):
             assert chunk.arrival_ns(index) <= until_ns
             heard += [(chunk.arrival_ns(index), each, chunk.data[index]) for each in stations]
@@ -189,6 +196,17 @@ def test_a_parity_bit_is_a_bad_or_good_stop_bit_to_one_who_expects_none() -> Non
     line.transmit(HOST, 0, b"\x07")
     line.transmit(HOST, 10**8, b"\x03")
     assert bytes_at(listen(line, 10**9), 1) == b"\x07"
+
+
+def test_a_bad_character_comes_alone_and_is_told() -> None:
+    """A device gets it as sampled, in a chunk of its own between good ones."""
+    line = SerialLine([LineFormat(9600, 8, "E"), F9600])
+    line.transmit(HOST, 0, b"\x07\x03\x07")
+    heard = []
+    while (offer := line.offer(10**9)) is not None:
+        heard.append((offer[0].data, offer[0].errors))
+        line.accept(len(offer[0].data))
+    assert heard[:2] == [(b"\x07", ()), (b"\x03", (0,))]
 
 
 def test_a_receiver_that_changes_its_rate_gets_back_in_step_at_the_next_gap() -> None:
@@ -487,7 +505,7 @@ def test_the_next_arrival_is_foretold(
         listen(line, line.now_ns + wait_ns)
     expected = line.next_arrival_at(station)
     anything = line.next_arrival()
-    heard = listen(line, line.now_ns + 10**9)
+    heard = listen(line, line.now_ns + 10**9, drops_bad=False)
     own = [time for time, each, _ in heard if each == station]
     if line._is_on[station]:
         assert expected == (own[0] if own else None)

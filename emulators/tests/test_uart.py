@@ -13,11 +13,11 @@ MS = 1_000_000
 def hear(
     line: list[Transmission], line_format: LineFormat = F1000, *, is_host: bool = False
 ) -> list[tuple[int, int]]:
-    """All (done_ns, value) that a receiver gets from ``line``."""
+    """All (done_ns, value) that a receiver gets from ``line``; at a device only the good ones."""
     receiver = Receiver(0, line_format, is_host=is_host)
     heard = []
     while (character := receiver.next_character(line)) is not None:
-        if character.value is not None:
+        if character.value is not None and (is_host or not character.is_bad):
             heard.append((character.done_ns, character.value))
         receiver.take(character)
     return heard
@@ -37,7 +37,7 @@ def test_a_start_bit_must_last_to_its_middle(width_ns: int, is_heard: bool) -> N
 
 @pytest.mark.parametrize(("width_ns", "value"), [(9 * MS + MS // 2 - 1, 0), (10 * MS, None)])
 def test_a_stop_bit_must_be_mark_in_its_middle(width_ns: int, value: int | None) -> None:
-    """Nine bits of space are a NUL, more are a bad character: nothing, or NUL at the host."""
+    """Nine bits of space are a NUL, more are a bad character: told as such, or NUL at the host."""
     line = [make_break(1, 0, width_ns, F1000)]
     assert hear(line) == ([] if value is None else [(10 * MS, value)])
     assert hear(line, is_host=True) == [(10 * MS, 0)]
@@ -66,8 +66,22 @@ def test_rates_may_differ_by_about_five_percent(baud: int, is_understood: bool) 
     assert (bytes(values) == data) is is_understood
 
 
-def test_bad_parity_is_dropped_or_nul() -> None:
-    """At a device nothing arrives, at the host a NUL."""
+def test_a_bad_character_is_handed_to_a_device_as_sampled() -> None:
+    """With word that it is bad, one character after its edge; a good one comes without."""
+    line = [
+        Transmission(1, 0, LineFormat(1000, 8, "E"), b"\x03"),  # parity 0, where 8N1 wants a stop
+        Transmission(1, 50 * MS, F1000, b"a"),
+    ]
+    receiver = Receiver(0, F1000, is_host=False)
+    heard = []
+    while (character := receiver.next_character(line)) is not None:
+        heard.append((character.done_ns, character.value, character.is_bad))
+        receiver.take(character)
+    assert heard == [(10 * MS, 3, True), (60 * MS, 0x61, False)]
+
+
+def test_bad_parity_is_bad_or_nul() -> None:
+    """At a device nothing good arrives, at the host a NUL."""
     line = [Transmission(1, 0, LineFormat(1000, 7, "O"), b"a")]
     even = LineFormat(1000, 7, "E")
     assert hear(line, even) == []

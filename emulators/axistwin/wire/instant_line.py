@@ -32,15 +32,33 @@ def _by_time(transmission: Transmission) -> tuple[Nanos, int]:
 
 
 class _Heard:
-    """Bytes that are being handed over to ``stations``, all at ``time_ns``."""
+    """Bytes that are being handed over to ``stations``, all at ``time_ns``.
 
-    __slots__ = ("data", "offset", "stations", "time_ns")
+    errors: the places of the bad ones, in ascending order.
+    """
 
-    def __init__(self, time_ns: Nanos, data: bytes, stations: tuple[int, ...]) -> None:
+    __slots__ = ("data", "errors", "offset", "stations", "time_ns")
+
+    def __init__(
+        self,
+        time_ns: Nanos,
+        data: bytes,
+        stations: tuple[int, ...],
+        errors: Sequence[int] = (),
+    ) -> None:
         self.time_ns = time_ns
         self.data = data
         self.stations = stations
+        self.errors = errors
         self.offset = 0
+
+    def next_piece(self) -> tuple[bytes, tuple[int, ...]]:
+        """What is handed over next: a stretch of good bytes, or a bad one alone, and where."""
+        start, end = self.offset, len(self.data)
+        bad = next((place for place in self.errors if place >= start), None)
+        if bad == start:
+            return self.data[start : start + 1], (0,)
+        return self.data[start : min(end if bad is None else bad, start + STRETCH_BYTES)], ()
 
 
 class InstantLine:
@@ -150,12 +168,13 @@ class InstantLine:
             self._hear_next()
         heard = self._heard[0]
         data = heard.data
-        if heard.offset or len(data) > STRETCH_BYTES:
-            data = data[heard.offset : heard.offset + STRETCH_BYTES]
+        errors: tuple[int, ...] = ()
+        if heard.offset or heard.errors or len(data) > STRETCH_BYTES:
+            data, errors = heard.next_piece()
         stations = heard.stations
         if not all(self._is_on[each] for each in stations):
             stations = tuple(each for each in stations if self._is_on[each])
-        return Chunk(heard.time_ns, data, None), stations
+        return Chunk(heard.time_ns, data, None, errors=errors), stations
 
     def accept(self, count: int) -> None:
         """Take the first ``count`` bytes (>= 1) of what was just offered."""
@@ -203,9 +222,9 @@ class InstantLine:
             if alone is not None and alone.format == line_format:
                 in_step.append(station)
                 continue
-            data = _sample_all(group, station, line_format)
+            data, errors = _sample_all(group, station, line_format)
             if data:
-                sampled.append(_Heard(start_ns, data, (station,)))
+                sampled.append(_Heard(start_ns, data, (station,), errors))
         if in_step and alone is not None:
             self._heard.append(_Heard(start_ns, alone.data(0, alone.count), tuple(in_step)))
         self._heard.extend(sampled)
@@ -227,13 +246,17 @@ class InstantLine:
         return group
 
 
-def _sample_all(group: Sequence[Transmission], station: int, line_format: LineFormat) -> bytes:
-    """All that the receiver of ``station`` makes of ``group`` at its true rate."""
+def _sample_all(
+    group: Sequence[Transmission], station: int, line_format: LineFormat
+) -> tuple[bytes, list[int]]:
+    """All that the receiver of ``station`` makes of ``group`` at its true rate, and what is bad."""
     receiver = Receiver(station, line_format, is_host=station == HOST)
     receiver.search_from(group[0].start_ns << FINE_BITS)
-    data = bytearray()
+    data, errors = bytearray(), []
     while (character := receiver.next_character(group)) is not None:
         if character.value is not None:
+            if character.is_bad:
+                errors.append(len(data))
             data.append(character.value)
         receiver.take(character)
-    return bytes(data)
+    return bytes(data), errors

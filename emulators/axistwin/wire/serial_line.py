@@ -331,7 +331,9 @@ class SerialLine:
                 self._sampled = earliest
                 start_ns = character.done_ns - receiver.format.span_ns(1)
                 data = bytes((character.value,))
-                return Chunk(start_ns, data, receiver.format), (receiver.station,)
+                errors = (0,) if character.is_bad else ()
+                chunk = Chunk(start_ns, data, receiver.format, errors=errors)
+                return chunk, (receiver.station,)
             receiver.take(character)
             self._stand_at(character.done_ns)
         return None

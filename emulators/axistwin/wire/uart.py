@@ -9,8 +9,9 @@ Rules
    (a second stop bit is not looked at).
 4. After the sample of the stop bit, good or bad, the search for the next falling edge begins.  A
    line that stays at space (a break) therefore gives one bad character, not many.
-5. A character with a bad stop bit or bad parity is dropped by a device.  The host's end gives NUL
-   in its place, as a POSIX terminal does that checks its input (``INPCK`` without ``PARMRK``).
+5. A character with a bad stop bit or bad parity is handed to a device as sampled, with word that it
+   is bad.  The host's end gives NUL in its place, as a POSIX terminal does that checks its input
+   (``INPCK`` without ``PARMRK``).
 6. The byte counts as heard one whole character after its edge.
 
 Two rates understand each other as long as the last sample, 9.5 bits after the edge in 8N1, still
@@ -38,15 +39,17 @@ ROUNDING = 2
 
 @dataclass(frozen=True, slots=True)
 class Character:
-    """One character as sampled, or None as ``value`` for one that is dropped.
+    """One character as sampled, or None as ``value`` for a glitch, which is none.
 
     ``edge`` and ``resume`` (where the search goes on) are fine times; it counts at ``done_ns``.
+    ``is_bad``: stop bit or parity were wrong.
     """
 
     edge: int
     resume: int
     done_ns: Nanos
     value: int | None
+    is_bad: bool = False
 
 
 @lru_cache(maxsize=32)
@@ -106,7 +109,8 @@ class Receiver:
         station = self.station
         offsets = _sample_offsets(self.format)
         if not is_space(line, station, edge + offsets[0]):
-            return _dropped(edge, edge + offsets[0] - ROUNDING)
+            resume = edge + offsets[0] - ROUNDING
+            return Character(edge, resume, -(-resume >> FINE_BITS), None)
         value = 0
         for place in range(self.format.data_bits):
             if not is_space(line, station, edge + offsets[1 + place]):
@@ -116,11 +120,7 @@ class Receiver:
             mark = not is_space(line, station, edge + offsets[-2])
             good = good and mark == bool(parity_bit(self.format.parity, value))
         resume = edge + offsets[-1] - ROUNDING
-        if good or self.is_host:
-            done_ns = edge + _character_span(self.format) >> FINE_BITS
-            return Character(edge, resume, done_ns, value if good else 0)
-        return _dropped(edge, resume)
-
-
-def _dropped(edge: int, resume: int) -> Character:
-    return Character(edge, resume, -(-resume >> FINE_BITS), None)
+        done_ns = edge + _character_span(self.format) >> FINE_BITS
+        if not good and self.is_host:
+            value = 0
+        return Character(edge, resume, done_ns, value, is_bad=not good)

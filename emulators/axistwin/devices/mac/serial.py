@@ -141,7 +141,12 @@ class MacSerial(MacModule):
         return len(data)
 
     def receive(self, chunk: Chunk) -> list[Effect]:
-        """Take the bytes of ``chunk``; answer the frames they complete."""
+        """Take the bytes of ``chunk``; answer the frames they complete.
+
+        A bad character is dropped, as if it had never been (ledger §2).
+        """
+        if chunk.errors:
+            return []
         data, first = chunk.data, 0
         request = self._lone_request(data)
         if request is not None and chunk.start_ns >= self._deaf_until:
