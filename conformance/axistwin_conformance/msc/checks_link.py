@@ -378,24 +378,22 @@ def a_repeat_carries_the_data_of_the_first_reply(session: Session) -> None:
     )  # fmt: skip
 
 
-@check("MSC-LNK-18", safety=("stored", "motion"), needs=("program",))
+@check("MSC-LNK-18", safety=("stored", "motion"), needs=("program", "variables"))
 def a_repeated_write_is_carried_out_again(session: Session) -> None:
-    """The same SFLAG sent twice counts twice in a program that uses the flag up, whatever the block
-    numbers: nothing marks a repeat."""
+    """The same SFLAG sent twice counts twice in a program that uses the flag up, and the same
+    DWRITE writes again: nothing marks a repeat."""
     link = Link(session)
     program = session.run.bench_program
     assert program is not None, "the check needs it"
     flag, counter = program[0], program[1] + COUNTER_AT
-    for block in (0, 1, 1):
+    for block in (0, 0, 1, 1):
         before = link.read(counter)
         exchange = link.ask(codec.sflag(flag), block)
         session.step(exchange.is_acked, "ACK to SFLAG", exchange)
         session.target.wait(SCANS_S)
         after = link.read(counter)
         session.expect(codec.signed(before + 1) == after, None, f"{before} + 1", after)
-    for value in (5, 5):
-        link.write(counter, value)
-        exchange = link.ask(codec.sflag(flag), 1)
-        session.step(exchange.is_acked, "ACK to SFLAG", exchange)
-        session.target.wait(SCANS_S)
-        session.expect(link.read(counter) == value + 1, None, value + 1, link.read(counter))
+    spot = link.spots(1)[0]
+    for value in (5, 6, 5):
+        link.write(spot, value)
+    session.expect(link.read(spot) == 5, None, "5, written a second time", link.read(spot))

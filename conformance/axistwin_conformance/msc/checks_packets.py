@@ -55,7 +55,8 @@ def judge_reply(link: Link, exchange: Exchange) -> Packet:
     session, raw = link.session, exchange.raw[1:]
     told = codec.explain_request(exchange.request)
     session.step(exchange.sign == ACK and bool(raw), f"ACK and a packet ({told})", exchange)
-    session.expect(raw[0] == 2, ("MSC-PKT-02", "MSC-PKT-17"), "02h first", f"{raw[0]:02X}h")
+    first = (exchange.extra or raw)[0]  # what comes before a packet is set apart
+    session.expect(first == 2, ("MSC-PKT-02", "MSC-PKT-17"), "02h first", f"{first:02X}h")
     one = codec.parse(raw)
     if one is None:
         session.fail(("MSC-PKT-01", "MSC-PKT-17"), "8 bytes and a body", f"{len(raw)} bytes")

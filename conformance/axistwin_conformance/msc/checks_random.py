@@ -214,9 +214,15 @@ def drawn_junk(link: Link) -> bytes:
     draw = link.session.random
     for _ in range(1000):
         junk = b"".join(_piece(link) for _ in range(draw.randrange(1, 5)))[:LONGEST_JUNK]
-        if is_harmless(junk):
+        if is_harmless(junk) and not _announces_too_much(junk):
             return junk
     return bytes(LONGEST_JUNK)
+
+
+def _announces_too_much(junk: bytes) -> bool:
+    """True if some of it may be a header with a length above 240: that is for a bench."""
+    starts = (at for at in range(len(junk)) if junk[at : at + 1] == STX)
+    return any(int.from_bytes(junk[at + 2 : at + 4], "big") > codec.MAX_BODY for at in starts)
 
 
 def _piece(link: Link) -> bytes:

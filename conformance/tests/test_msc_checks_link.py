@@ -1,0 +1,552 @@
+"""The checks of packets, link, time-outs and shared lines: none accuses a sound unit, each sees
+what it is there to see."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from msc_device import BYTE_NS, MscPort
+from msc_faulty import (
+    PROGRAM,
+    Answering,
+    Confused,
+    Hunting,
+    Impatient,
+    Line,
+    Powered,
+    Programmed,
+    Refusing,
+    Repeating,
+    Restarting,
+    Storing,
+    Summing,
+    Timing,
+    Uart,
+    packets_spoilt,
+    resummed,
+    signs_spoilt,
+    sums_to,
+    swapped_sum,
+    with_byte,
+)
+from msc_judging import failed, judge, link_checks, troubles
+
+from axistwin_conformance.msc import codec
+from axistwin_conformance.msc.checks_golden import golden_exchanges
+from axistwin_conformance.msc.checks_packets import WRONG_SUMS, block_readings
+from axistwin_conformance.msc.codec import ACK, NAK, STX
+from axistwin_conformance.registry import Check, Grounds
+from axistwin_conformance.verdicts import Verdict
+
+GROUNDS = Grounds(range(1024, 5120), range(128, 240), PROGRAM)
+Make = Callable[[], MscPort]
+
+
+def around(check: Check, port: MscPort) -> dict[str, Any]:
+    """What a run needs for a check beside the port."""
+    how: dict[str, Any] = {"grounds": GROUNDS}
+    if "neighbour" in check.needs:
+        how["neighbours"] = (2, 3)
+    if any(need in check.needs for need in ("rig:power", "rig:flag")):
+        how["rig"] = port
+    return how
+
+
+def sound(check: Check) -> MscPort:
+    """A unit without fault that has what a check needs."""
+    if "neighbour" in check.needs:
+        return Line()
+    if "program" in check.needs:
+        return Programmed()
+    return Powered() if check.rig_needs else Uart()
+
+
+@pytest.mark.parametrize("name", link_checks())
+def test_a_sound_unit_is_not_accused(name: str) -> None:
+    """Every requirement that the check names is judged and holds."""
+    check = link_checks()[name]
+    port = sound(check)
+    findings = judge(name, port, **around(check, port))
+    assert not troubles(findings)
+    assert {one.requirement for one in findings} >= set(check.requirements)
+
+
+@pytest.mark.parametrize("name", [one.name for one in link_checks().values() if one.soaks])
+@pytest.mark.parametrize("seed", range(5))
+def test_no_seed_accuses_a_sound_unit(name: str, seed: int) -> None:
+    """Whatever is drawn."""
+    check = link_checks()[name]
+    port = sound(check)
+    assert not troubles(judge(name, port, seed=seed, **around(check, port)))
+
+
+@pytest.mark.parametrize("name", link_checks())
+def test_a_dead_unit_passes_nothing_but_silence(name: str) -> None:
+    """A unit that says nothing at all fails every check: silence alone proves none."""
+    check = link_checks()[name]
+    port = sound(check)
+    port.spoil = lambda data: b""
+    for one in getattr(port, "others", ()):
+        one.spoil = lambda data: b""
+    findings = judge(name, port, **around(check, port))
+    assert any(one.verdict is Verdict.FAIL for one in findings), findings
+
+
+def doubled(raw: bytes) -> bytes:
+    """The packet twice."""
+    return raw + raw
+
+
+def only_low(raw: bytes) -> bool:
+    """True if the low byte of the sum is right."""
+    return raw[-1] == codec.checksum(raw[1:-2]) & 0xFF
+
+
+def has_odd_body(raw: bytes) -> bool:
+    """True for a body of odd length."""
+    return raw[3] % 2 == 1
+
+
+def values_reversed(raw: bytes) -> bytes:
+    """A DREAD reply with its value low byte first."""
+    is_value = raw[6:12] == b"DREAD,"
+    return resummed(raw[:12] + raw[-3:-7:-1] + raw[-2:]) if is_value else raw
+
+
+def no_xoff(raw: bytes) -> bytes:
+    """The bytes without XON and XOFF, as a terminal driver hands them on."""
+    return raw.translate(None, b"\x11\x13")
+
+
+def length_swapped(raw: bytes) -> bytes:
+    """The packet with its length low byte first."""
+    return resummed(raw[:2] + raw[3:1:-1] + raw[4:])
+
+
+def flags_reversed(raw: bytes) -> bytes:
+    """An RFLAGS reply with its bytes in the other order."""
+    is_flags = raw[6:13] == b"RFLAGS,"
+    return resummed(raw[:13] + raw[-3:12:-1] + raw[-2:]) if is_flags else raw
+
+
+def reversed_flags() -> MscPort:
+    """A unit with a rig whose RFLAGS goes the other way."""
+    port = Powered()
+    port.spoil = flags_reversed
+    return port
+
+
+class Swift(MscPort):
+    """Sends its replies at twice the rate."""
+
+    def _say(self, data: bytes, delay_ns: int) -> int:
+        at_ns = max(self.virtual_time_ns, self._free_ns) + delay_ns
+        for one in data:
+            at_ns += BYTE_NS // 2
+            self._at(at_ns, lambda byte=bytes([one]): self._ready.append(byte))  # type: ignore[misc]
+        self._free_ns = at_ns
+        return at_ns
+
+
+class Chatting(MscPort):
+    """Says something by itself after some time."""
+
+    def __init__(self, after_ns: int) -> None:
+        super().__init__()
+        self._at(after_ns, lambda: self._ready.append(STX))
+
+
+class Forgetful(MscPort):
+    """Loses what comes while it talks."""
+
+    def _hear_idle(self, byte: bytes) -> None:
+        if self.virtual_time_ns >= self._free_ns:
+            super()._hear_idle(byte)
+
+
+def for_block_0(raw: bytes) -> bool:
+    """True for a packet whose block number is not 0."""
+    return raw[4:6] != b"\x00\x00"
+
+
+def summed_wrongly(how: str) -> Make:
+    """A unit that computes its sum in one of the usual wrong ways, and takes the right one too."""
+    wrong = WRONG_SUMS[how]
+
+    def accepts(raw: bytes) -> bool:
+        right = sums_to(raw, codec.checksum(raw[1:-2]))
+        return right or sums_to(raw, wrong(raw[1:6], raw[6:-2]))
+
+    return lambda: Summing(accepts)
+
+
+# What is wrong with the unit, the check that must see it, the requirement it breaks.
+LIES: dict[str, tuple[str, Make, str]] = {
+    # packets
+    "its packets begin with 01h": (
+        "every_reply_is_a_packet_as_the_manual_draws_it",
+        packets_spoilt(lambda raw: b"\x01" + raw[1:]), "MSC-PKT-02",
+    ),
+    "its packets begin with 03h, then with 02h": (
+        "every_reply_is_a_packet_as_the_manual_draws_it",
+        packets_spoilt(lambda raw: b"\x03" + raw), "MSC-PKT-02",
+    ),
+    "its number is 0": (
+        "every_reply_is_a_packet_as_the_manual_draws_it",
+        packets_spoilt(lambda raw: with_byte(raw, 1, 0)), "MSC-PKT-03",
+    ),
+    "its number is another one": (
+        "every_reply_is_a_packet_as_the_manual_draws_it",
+        packets_spoilt(lambda raw: with_byte(raw, 1, 4)), "MSC-PKT-18",
+    ),
+    "its length counts the checksum": (
+        "every_reply_is_a_packet_as_the_manual_draws_it",
+        packets_spoilt(lambda raw: with_byte(raw, 3, raw[3] + 2)), "MSC-PKT-06",
+    ),
+    "its length goes low byte first": (
+        "the_longest_body_is_served_and_its_reply_tells_134",
+        packets_spoilt(length_swapped), "MSC-PKT-08",
+    ),
+    "its sum goes low byte first": (
+        "every_reply_is_a_packet_as_the_manual_draws_it",
+        packets_spoilt(swapped_sum), "MSC-PKT-11",
+    ),
+    "it sums its 02h": (
+        "every_reply_is_a_packet_as_the_manual_draws_it",
+        packets_spoilt(lambda raw: codec.with_wrong_checksum(raw, 2)), "MSC-PKT-12",
+    ),
+    "its number is a character": (
+        "on_rs232_replies_carry_unit_1",
+        packets_spoilt(lambda raw: with_byte(raw, 1, 0x31)), "MSC-PKT-04",
+    ),
+    "odd lengths are refused": (
+        "bodies_of_odd_and_of_even_length_are_served",
+        lambda: Refusing(has_odd_body), "MSC-PKT-07",
+    ),
+    "137 bytes are too many for it": (
+        "the_longest_body_is_served_and_its_reply_tells_134",
+        lambda: Refusing(lambda raw: len(raw) > 136), "MSC-PKT-07",
+    ),
+    "it looks at block numbers": (
+        "any_block_number_is_served_alike", lambda: Refusing(for_block_0), "MSC-PKT-09",
+    ),
+    "its block numbers follow nothing": (
+        "any_block_number_is_served_alike",
+        packets_spoilt(lambda raw: with_byte(raw, 5, raw[-1])), "MSC-PKT-19",
+    ),
+    "it restarts at 02h in a header": (
+        "any_block_number_is_served_alike", Restarting, "MSC-PKT-15",
+    ),
+    "it restarts at 02h in a checksum": (
+        "checksums_that_hold_02h_06h_or_15h_are_no_signs", Restarting, "MSC-PKT-15",
+    ),
+    "it answers for unit 3 as well": (
+        "on_rs232_other_unit_numbers_are_not_its_own",
+        lambda: Line((), answers_for=(3,)), "MSC-PKT-04",
+    ),
+    "it answers for unit 16 as well": (
+        "on_rs232_other_unit_numbers_are_not_its_own",
+        lambda: Line((), answers_for=(16,)), "MSC-PKT-03",
+    ),
+    "it obeys unit 0 and tells": (
+        "unit_0_is_no_broadcast", lambda: Line((), answers_for=(0,)), "MSC-PKT-03",
+    ),
+    "the low byte of a sum is enough": (
+        "every_other_checksum_is_refused", lambda: Summing(only_low), "MSC-PKT-12",
+    ),
+    **{
+        f"its sum has {how}": (
+            "every_other_checksum_is_refused", summed_wrongly(how), "MSC-PKT-12",
+        )
+        for how in WRONG_SUMS
+    },
+    "it refuses by two signs": (
+        "every_other_checksum_is_refused", signs_spoilt(NAK, NAK + NAK), "MSC-LNK-02",
+    ),
+    "its sum is signed": (
+        "sums_above_32767_are_still_sums",
+        lambda: Refusing(lambda raw: codec.checksum(raw[1:-2]) > 0x7FFF), "MSC-PKT-12",
+    ),
+    "values go low byte first": (
+        "numbers_go_high_byte_first", packets_spoilt(values_reversed), "MSC-PKT-14",
+    ),
+    "XON and XOFF are swallowed": (
+        "no_byte_of_a_value_is_special", packets_spoilt(no_xoff), "MSC-PHY-05",
+    ),
+    "a packet in a value is served": (
+        "a_packet_inside_a_packet_is_data", Hunting, "MSC-PKT-15",
+    ),
+    "noise draws an ACK": (
+        "bytes_that_start_no_packet_are_ignored", lambda: Answering({b"\xff": ACK}), "MSC-PKT-20",
+    ),
+    "some noise draws a NAK": (
+        "bytes_that_start_no_packet_are_ignored", lambda: Answering({b"R": NAK}), "MSC-PKT-20",
+    ),
+    "the manual's example is refused": (
+        "the_manuals_example_is_a_valid_packet",
+        lambda: Refusing(lambda raw: b"DWRITE" in raw), "MSC-PKT-21",
+    ),
+    "a written reply has a block number": (
+        "the_written_exchanges_of_variables_come_byte_for_byte",
+        packets_spoilt(lambda raw: with_byte(raw, 5, 1)), "MSC-PKT-12",
+    ),
+    "RFLAGS is one big number": (
+        "the_written_exchanges_of_flags_and_status_come_byte_for_byte",
+        reversed_flags,
+        "MSC-PKT-12",
+    ),
+    # link
+    "two ACKs": ("each_packet_draws_one_sign", signs_spoilt(ACK, ACK + ACK), "MSC-LNK-04"),
+    "a NAK with something behind it": (
+        "each_packet_draws_one_sign", signs_spoilt(NAK, NAK + b"\r"), "MSC-LNK-05",
+    ),
+    "no ACK before a reply": ("each_packet_draws_one_sign", signs_spoilt(ACK, b""), "MSC-LNK-01"),
+    "ACK to everything": (
+        "each_packet_draws_one_sign", lambda: Summing(lambda raw: True), "MSC-LNK-02",
+    ),
+    "two ACKs to a write": (
+        "a_write_draws_the_ack_and_nothing_else", signs_spoilt(ACK, ACK + ACK), "MSC-LNK-14",
+    ),
+    "a stray ACK is answered": (
+        "a_write_draws_the_ack_and_nothing_else", lambda: Answering({ACK: NAK}), "MSC-LNK-14",
+    ),
+    "a refused write is stored": ("a_refused_write_stores_nothing", Storing, "MSC-LNK-06"),
+    "a refused SFLAG is carried out": ("a_refused_sflag_turns_nothing_on", Storing, "MSC-LNK-06"),
+    "a refused packet is searched": (
+        "bytes_of_a_refused_packet_are_not_looked_at_again", Hunting, "MSC-LNK-24",
+    ),
+    "six repeats": (
+        "a_refused_reply_comes_again_up_to_five_times", lambda: Repeating(6), "MSC-LNK-09",
+    ),
+    "three repeats": (
+        "a_refused_reply_comes_again_up_to_five_times", lambda: Repeating(3), "MSC-LNK-09",
+    ),
+    "a count that is not reset": (
+        "a_refused_reply_comes_again_up_to_five_times",
+        lambda: Repeating(5, resets=False), "MSC-LNK-09",
+    ),
+    "an ACK before a repeat": (
+        "a_refused_reply_comes_again_up_to_five_times",
+        lambda: Repeating(ack=True), "MSC-LNK-10",
+    ),
+    "a repeat with other bytes": (
+        "a_refused_reply_comes_again_up_to_five_times",
+        lambda: Repeating(turn=True), "MSC-LNK-10",
+    ),
+    "T2 outlives the ACK": ("no_time_out_outlives_its_exchange", Impatient, "MSC-LNK-11"),
+    "an idle unit answers ACK": (
+        "signs_outside_an_exchange_are_ignored", lambda: Answering({ACK: NAK}), "MSC-LNK-15",
+    ),
+    "an idle unit answers NAK with a sign": (
+        "signs_outside_an_exchange_are_ignored", lambda: Answering({NAK: ACK}), "MSC-LNK-15",
+    ),
+    "the old reply comes behind the new one": (
+        "a_new_packet_ends_the_wait_for_the_hosts_sign", Impatient, "MSC-LNK-16",
+    ),
+    "another byte draws a sign": ("another_byte_is_no_sign", Confused, "MSC-LNK-08"),
+    "signs are lost while it talks": (
+        "a_sign_that_comes_while_it_talks_counts_when_it_ends", Forgetful, "MSC-LNK-08",
+    ),
+    "three signs for two packets": (
+        "packets_behind_one_another_are_each_served", signs_spoilt(NAK, NAK + NAK), "MSC-LNK-04",
+    ),
+    "a packet during a repeat is lost": (
+        "a_packet_that_comes_during_a_repeat_is_served_after_it", Forgetful, "MSC-LNK-16",
+    ),
+    "a repeat is neither old nor new": (
+        "a_repeat_carries_the_data_of_the_first_reply",
+        lambda: Repeating(turn=True), "MSC-LNK-10",
+    ),
+    "a repeated SFLAG is dropped": (
+        "a_repeated_write_is_carried_out_again", lambda: Programmed(once=True), "MSC-LNK-18",
+    ),
+    # time
+    "characters come at 19200 baud": (
+        "a_character_takes_ten_bits_of_9600_baud", Swift, "MSC-PHY-01",
+    ),
+    "it talks by itself": (
+        "an_idle_unit_says_nothing", lambda: Chatting(40_000_000_000), "MSC-PHY-03",
+    ),
+    "T1 is short": (
+        "a_packet_broken_off_is_refused_when_its_time_is_over",
+        lambda: Timing(990_000_000), "MSC-LNK-03",
+    ),
+    "T1 is long": (
+        "a_packet_broken_off_is_refused_when_its_time_is_over",
+        lambda: Timing(1_015_000_000), "MSC-LNK-03",
+    ),
+    "two NAKs to what broke off": (
+        "a_packet_broken_off_is_refused_when_its_time_is_over",
+        lambda: Timing(twice=True), "MSC-LNK-03",
+    ),
+    "a lone 02h draws an ACK": (
+        "a_lone_start_is_refused_on_rs232", signs_spoilt(NAK, ACK), "MSC-LNK-03",
+    ),
+    "everybody refuses a lone 02h, and then again": (
+        "a_lone_start_is_nobodys_on_rs485", lambda: Chatting(1_100_000_000), "MSC-LNK-03",
+    ),
+    "T1 is far too short for the longest packet": (
+        "the_longest_packet_has_time_enough", lambda: Timing(200_000_000), "MSC-LNK-17",
+    ),
+    "T1 ends a little early": (
+        "the_longest_packet_has_time_enough", lambda: Timing(990_000_000), "MSC-LNK-03",
+    ),
+    "T1 begins with noise": (
+        "the_time_limit_begins_with_each_packet", lambda: Timing(from_noise=True), "MSC-LNK-03",
+    ),
+    "T2 is long": (
+        "a_reply_without_answer_comes_again", lambda: Timing(t2_ns=1_040_000_000), "MSC-LNK-12",
+    ),
+    "T2 is short": (
+        "a_reply_without_answer_comes_again", lambda: Timing(t2_ns=980_000_000), "MSC-LNK-12",
+    ),
+    "six repeats by time-out": (
+        "a_reply_without_answer_comes_again", lambda: Repeating(6), "MSC-LNK-09",
+    ),
+    "time-outs count apart from NAKs": (
+        "refusals_and_time_outs_share_one_limit", lambda: Repeating(6), "MSC-LNK-09",
+    ),
+    "what is refused at T1 by a pause is served": (
+        "the_time_limit_is_for_the_whole_packet",
+        lambda: Timing(is_gap=True),
+        "MSC-LNK-03",
+    ),
+    # line
+    "it refuses packets for others": (
+        "packets_for_others_are_followed_by_their_length",
+        lambda: Line((), answers_for=(15,)), "MSC-PKT-15",
+    ),
+    "it refuses what breaks off for others": (
+        "what_breaks_off_for_others_draws_nothing", lambda: Line((), nosy=True), "MSC-LNK-19",
+    ),
+    "it answers inside another unit's packet": (
+        "the_rest_of_another_units_packet_is_counted_off",
+        lambda: Line((), hunts=True, answers_for=(15,)), "MSC-LNK-19",
+    ),
+    "it answers for an absent unit": (
+        "each_unit_answers_its_own_number_only", lambda: Line(answers_for=(9,)), "MSC-PKT-05",
+    ),
+    "it answers for its neighbour": (
+        "each_unit_answers_its_own_number_only", lambda: Line(answers_for=(3,)), "MSC-PKT-05",
+    ),
+    "it refuses what is broken for its neighbour": (
+        "broken_packets_for_one_unit_concern_it_alone", lambda: Line(nosy=True), "MSC-LNK-19",
+    ),
+    "it meddles among units": (
+        "each_unit_behaves_as_if_alone", lambda: Line(nosy=True), "MSC-PROP-14",
+    ),
+    "it hunts among units": (
+        "each_unit_behaves_as_if_alone", lambda: Line(hunts=True), "MSC-PROP-14",
+    ),
+    # on a bench
+    "a length above 240 draws two NAKs": (
+        "a_header_that_announces_too_much_is_refused", lambda: Timing(twice=True), "MSC-LNK-20",
+    ),
+    "an empty body draws two NAKs": (
+        "an_empty_body_is_no_command", signs_spoilt(NAK, NAK + NAK), "MSC-LNK-04",
+    ),
+    "it is deaf after a framing error": (
+        "a_character_without_its_stop_bit_spoils_its_packet", lambda: Uart("deaf"), "MSC-LNK-02",
+    ),
+    "it answers a framing error": (
+        "a_character_without_its_stop_bit_spoils_its_packet", lambda: Uart("answers"), "MSC-LNK-02",
+    ),
+    "power-up greets": (
+        "power_up_says_nothing", lambda: Powered(greets=b"MSC"), "MSC-PHY-04",
+    ),
+    "a reply outlives the power": (
+        "power_up_says_nothing", lambda: Powered(keeps=True), "MSC-PHY-04",
+    ),
+    # drawn
+    "every reply comes twice": (
+        "any_reply_is_sound_and_fits_its_request",
+        packets_spoilt(lambda raw: raw[:-1] + b"\x00"), "MSC-PROP-01",
+    ),
+    "a block number changes the reply": (
+        "block_numbers_change_no_reply", lambda: Refusing(for_block_0), "MSC-PROP-02",
+    ),
+    "a pause of 0.5 s ends a packet": (
+        "packets_may_come_in_pieces", lambda: Timing(500_000_000), "MSC-PROP-03",
+    ),
+    "some bits are not summed": (
+        "any_bit_turned_is_found", lambda: Summing(only_low), "MSC-PROP-04",
+    ),
+    "the sum knows places": (
+        "the_sum_does_not_see_bytes_exchanged",
+        lambda: Refusing(lambda raw: raw[4] > raw[5]), "MSC-PROP-05",
+    ),
+    "a beginning draws two NAKs": (
+        "any_beginning_of_a_read_draws_one_nak", lambda: Timing(twice=True), "MSC-PROP-06",
+    ),
+    "a beginning is refused before it is over": (
+        "any_beginning_of_a_read_draws_one_nak", lambda: Timing(3_000_000), "MSC-PROP-06",
+    ),
+    "three repeats at most": (
+        "each_nak_draws_one_repeat_up_to_the_limit", lambda: Repeating(3), "MSC-PROP-07",
+    ),
+    "some byte draws an ACK": (
+        "bytes_without_02h_draw_nothing", lambda: Answering({b"\x41": ACK}), "MSC-PROP-15",
+    ),
+    "junk makes it restart for ever": (
+        "after_any_junk_it_serves_again", Restarting, "MSC-PROP-16",
+    ),
+}  # fmt: skip
+
+# What had been seen of the unit before.
+HELD: dict[str, dict[str, str]] = {
+    "what is refused at T1 by a pause is served": {"packet_timeout_mode": "total"},
+}
+
+
+@pytest.mark.parametrize("what", LIES)
+def test_what_is_wrong_is_seen(what: str) -> None:
+    """The check that is there for it fails the requirement that is broken."""
+    name, make, requirement = LIES[what]
+    port = make()
+    readings = dict(HELD.get(what, {}))
+    findings = judge(name, port, readings=readings, **around(link_checks()[name], port))
+    assert requirement in failed(findings), troubles(findings)
+
+
+def test_every_check_has_a_unit_that_fails_it() -> None:
+    """No check of these modules is without one."""
+    assert set(link_checks()) == {name for name, _, _ in LIES.values()}
+
+
+def test_the_unit_6_of_the_ledger_is_unit_1_readdressed() -> None:
+    """Readdressing changes the number and what it adds to the sum, and nothing else."""
+    rows = {one.name: one for one in golden_exchanges()}
+    one, six = rows["DREAD 2008, holding 1234"], rows["unit 6 on RS-485, DREAD 2008"]
+    assert one.readdressed(6) == six.said
+    assert six.readdressed(1) == one.said
+    refused = rows["a refused packet, its repeat, and a reply that the host refuses once"]
+    assert refused.readdressed(6)[0][1] == codec.with_wrong_checksum(six.said[0][1])
+
+
+def test_every_written_packet_is_sound_but_the_refused_one() -> None:
+    """What is shipped parses, and sums up."""
+    packets = [
+        codec.parse(data) for row in golden_exchanges() for _, data in row.said if len(data) > 1
+    ]
+    assert sum(one is None or not one.is_sound for one in packets) == 1
+    assert {one.name for one in packets if one} == set(codec.NAMES)
+
+
+@pytest.mark.parametrize(
+    ("sent", "got", "readings"),
+    [
+        ((0, 0x1234, 1), (0, 0, 0), ("zero",)),
+        ((0, 0x1234, 1), (0, 0x1234, 1), ("echo",)),
+        ((0, 0x1234, 1), (7, 8, 9), ("counter",)),
+        ((0, 0x1234, 1), (0xFFFF, 0, 1), ("counter",)),
+        ((0, 1, 2), (0, 1, 2), ("echo", "counter")),
+        ((0, 0x1234, 1), (0x1234, 0, 1), ()),
+    ],
+)
+def test_block_numbers_tell_their_reading(
+    sent: tuple[int, ...], got: tuple[int, ...], readings: tuple[str, ...]
+) -> None:
+    """Zeros, the request's, a counter, or none of these."""
+    assert block_readings(sent, got) == readings
