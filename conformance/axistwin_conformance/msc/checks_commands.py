@@ -69,6 +69,7 @@ def a_write_draws_its_ack_and_nothing_else(session: Session) -> None:
             if reply is not None:
                 unit.talk.send(codec.ACK)
         is_empty = reply is not None and reply.is_sound and reply.unit == unit.unit
+        is_empty = is_empty and reply is not None and not reply.payload
         if strays or (reply is not None and not is_empty):
             heard = codec.explain(strays + (reply.raw if reply else b""))
             session.fail(names, ["nothing behind the ACK", "an empty packet"], heard)

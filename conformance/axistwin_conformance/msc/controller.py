@@ -97,8 +97,14 @@ class Controller(Link):
         elif exchange.is_silence:
             kind = SILENCE
         elif exchange.is_acked:
-            kind = ACKED if exchange.reply is None else SERVED
+            is_bare = exchange.reply is None or self._is_empty(exchange.reply)
+            kind = ACKED if is_bare else SERVED
         return kind, exchange
+
+    def _is_empty(self, reply: Packet) -> bool:
+        """True for what a device says behind the ACK to a write that packs that up as well."""
+        is_packed = self.session.reading("write_reply") == "empty_packet"
+        return is_packed and reply.is_sound and reply.name in codec.WRITES and not reply.payload
 
     def follows(self, raw: bytes, switch: str, readings: Readings, names: Names) -> Exchange:
         """Judge that a packet draws what some reading of a switch admits, then nothing more, and
