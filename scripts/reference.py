@@ -11,6 +11,7 @@ import click
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
+from scripts import reference_msc  # noqa: E402
 from scripts.reference_tables import table  # noqa: E402
 
 from axistwin import catalog  # noqa: E402
@@ -51,6 +52,17 @@ def can_quirks() -> str:
         "Where the manual can be read in several ways, a switch chooses: a profile's `[quirks]`,\n"
         "`quirk.NAME=VALUE` in a channel's name, or `quirks={...}` of `can.Bus`. Entries `MACS-`\n"
         "concern the axis, which this module shares with the serial one.\n\n",
+    )
+
+
+def msc_quirks() -> str:
+    """Every switch of the MSC controllers."""
+    return quirks_of(
+        "msc-250",
+        "# Quirks of the MSC controllers\n\n"
+        "Where the manual can be read in several ways, a switch chooses: `--quirk NAME=VALUE`, a\n"
+        "profile's `[quirks]`, `quirk.NAME=VALUE` in a URL, or `quirks={...}` of the fixture. The\n"
+        "last ones, from `data_size` on, are no doubts: each unit is set up in its own way.\n\n",
     )
 
 
@@ -113,11 +125,13 @@ def requirements_of(name: str, head: str) -> str:
 
 
 PAGES = {
+    "msc-protocol.md": reference_msc.page,
     "reference/commands.md": commands,
     "reference/mac-can-quirks.md": can_quirks,
     "reference/mac-can-requirements.md": can_requirements,
     "reference/mac-serial-quirks.md": quirks,
     "reference/mac-serial-requirements.md": requirements,
+    "reference/msc-quirks.md": msc_quirks,
     "reference/msc-requirements.md": msc_requirements,
 }
 

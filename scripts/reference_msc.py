@@ -1,0 +1,437 @@
+"""The protocol page of the MSC: its tables are the twin's, its transcripts what the twin says."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from scripts.reference_tables import table
+
+from axistwin import catalog
+from axistwin.devices.msc.commands import COMMANDS
+from axistwin.devices.msc.controller import MscController
+from axistwin.devices.msc.data_area import BLOCK_VALUES
+from axistwin.devices.msc.flags import FLAGS, FlagKind
+from axistwin.devices.msc.models import MODELS
+from axistwin.devices.msc.packets import (
+    ACK,
+    BODY_MAX,
+    CHECKSUM_BYTES,
+    FRAME_BYTES,
+    HEADER_BYTES,
+    NAK,
+    STX,
+    packet,
+)
+from axistwin.devices.msc.quirks import QUIRKS
+from axistwin.devices.msc.receiver import LINE_FORMAT
+from axistwin.devices.msc.status import ERRORS, StatusBit
+from axistwin.kernel.time import NS_PER_MS, NS_PER_S, Nanos
+from axistwin.runtime.clock import VirtualClock
+
+MODEL: Final = "msc-250"
+BYTE_NS: Final[Nanos] = LINE_FORMAT.span_ns(1)
+QUIET_NS: Final[Nanos] = 20 * NS_PER_MS  # longer than from the ACK to the reply
+BYTES_A_LINE: Final = 24
+WIDTH: Final = 100
+MARGIN: Final = " " * 14
+ACKNOWLEDGED: Final = bytes((ACK,))
+REFUSED: Final = bytes((NAK,))
+
+ADDRESS, VALUE, BLOCK, FLAG = 2008, 1234, 2048, 200
+VALUES: Final = range(1, BLOCK_VALUES + 1)
+
+HEAD: Final = """\
+# The MSC executive port
+
+What goes over the executive port of an MSC controller, for those who write a host: the tables are
+those of the twin, the transcripts are what it says in virtual time, byte for byte. Requirements are
+[listed apart](reference/msc-requirements.md), and so are the
+[switches](reference/msc-quirks.md) for what the manual leaves open; this page shows their defaults.
+
+The controller is passive. A host asks, with one packet; the controller answers the packet with one
+bare character, ACK or NAK. What writes gets nothing else. What reads gets a packet of the same form
+behind the ACK, and that is for the host to answer, with ACK or NAK.
+
+"""
+
+# What each command is for: its effect, the values of the request and of the reply.
+MEANINGS: Final = {
+    "BREAD": ("read 32 values", "address", "32 values"),
+    "BWRITE": ("write 32 values; shorter arrays are padded", "address, 32 values", ""),
+    "CFLAG": ("turn an output or a user flag off", "flag", ""),
+    "DREAD": ("read a value", "address", "value"),
+    "DWRITE": ("write a value", "address, value", ""),
+    "RFLAG": ("read a flag", "flag", "0 or 1, in 2 bytes"),
+    "RFLAGS": ("read all flags", "none", "32 bytes: flag f is bit f mod 8 of byte f / 8"),
+    "RQSTAT": ("read the status word", "none", "status word, 6 bytes that mean nothing"),
+    "SFLAG": ("turn an output or a user flag on", "flag", ""),
+}
+KINDS: Final = {
+    FlagKind.INPUT: "the machine",
+    FlagKind.OUTPUT: "the program, the host",
+    FlagKind.TIMER: "the clock: on while the timer runs",
+    FlagKind.MOTOR: "the motion",
+    FlagKind.USER: "the program, the host",
+    FlagKind.UNASSIGNED: "nobody: off",
+}
+CONDITIONS: Final = {
+    StatusBit.RUNNING: "the program is running",
+    StatusBit.BATTERY_LOW: "the battery of the memory is low",
+    StatusBit.RAM_UNRELIABLE: "the memory may have lost its content",
+    StatusBit.PROGRAM_CLEARED: "the system was reset, and the program cleared",
+    StatusBit.SYSTEM_RETURN: "the program has met a system return",
+    StatusBit.SYSTEM_FAULT: "the program has met a system fault",
+    StatusBit.AUTO_START: "the program starts at power-up",
+    StatusBit.SELF_TEST: "the self-test is in progress",
+    StatusBit.LOAD_OVER_RUNNING: "a load was attempted over a running program",
+    StatusBit.LOAD_CHECKSUM: "a checksum was wrong",
+    StatusBit.LOADING: "a program is being loaded",
+    StatusBit.LOAD_SEQUENCE: "a load was out of sequence",
+    StatusBit.BAD_OPCODE: "the program has met a bad opcode",
+    StatusBit.STACK_OVERFLOW: "a stack has run over",
+    StatusBit.STACK_UNDERFLOW: "a stack has run empty",
+    StatusBit.INTERRUPT_TABLE_FULL: "the table of software interrupts was full",
+}
+TIMES: Final = ("response_delay_ms", "reply_delay_ms", "packet_timeout_ms", "ack_timeout_ms")
+
+
+def word(number: int) -> bytes:
+    """An address or a flag number."""
+    return number.to_bytes(2, "big")
+
+
+def value(number: int) -> bytes:
+    """A value."""
+    return number.to_bytes(4, "big", signed=True)
+
+
+def request(name: str, *values: bytes, unit: int = 1) -> bytes:
+    """A packet for a unit."""
+    return packet(unit, name.encode() + b"," + b"".join(values))
+
+
+BLOCK_OF_VALUES: Final = b"".join(value(each) for each in VALUES)
+EXCHANGES: Final = {
+    "BWRITE": request("BWRITE", word(BLOCK), BLOCK_OF_VALUES),
+    "BREAD": request("BREAD", word(BLOCK)),
+    "DWRITE": request("DWRITE", word(ADDRESS), value(VALUE)),
+    "DREAD": request("DREAD", word(ADDRESS)),
+    "SFLAG": request("SFLAG", word(FLAG)),
+    "RFLAG": request("RFLAG", word(FLAG)),
+    "RFLAGS": request("RFLAGS"),
+    "CFLAG": request("CFLAG", word(FLAG)),
+    "RQSTAT": request("RQSTAT"),
+}
+
+
+@dataclass(slots=True)
+class Burst:
+    """Bytes in one direction without a pause: from their first start bit to their last stop bit."""
+
+    begin_ns: Nanos
+    arrow: str
+    data: bytes
+    end_ns: Nanos
+
+
+class Host:
+    """A host on a line of twins, in virtual time, and what was said there."""
+
+    def __init__(self, *devices: str, program: str | None = None) -> None:
+        specs = [catalog.parse_device(device) for device in devices or (MODEL,)]
+        self.line = catalog.build_line(
+            specs,
+            clock=VirtualClock(),
+            quirks={} if program is None else {"auto_start": True},
+            programs={} if program is None else {None: program},
+        )
+        self._said: list[Burst] = []
+
+    def send(self, data: bytes) -> None:
+        """Send, and wait until it is on the line."""
+        now = self.line.sync()
+        span_ns = len(data) * BYTE_NS
+        self._said.append(Burst(now, ">", data, now + span_ns))
+        self.line.send(data)
+        self.hear(span_ns)
+
+    def hear(self, patience_ns: Nanos = QUIET_NS) -> bytes:
+        """Hear what comes until nothing more has come for so long, and return it."""
+        heard = b""
+        until_ns = self.line.sync() + patience_ns
+        while (now := self.line.wait(until_ns, count=1)) < until_ns or self.line.available:
+            data = self.line.receive(1)
+            if data:
+                heard += data
+                self._note(now, data)
+                until_ns = now + patience_ns
+        return heard
+
+    def _note(self, now: Nanos, data: bytes) -> None:
+        last = self._said[-1]
+        if last.arrow == "<" and now - last.end_ns < 2 * BYTE_NS:
+            last.data += data
+            last.end_ns = now
+        else:
+            self._said.append(Burst(now - BYTE_NS, "<", data, now))
+
+    def ask(self, data: bytes) -> bytes:
+        """A whole exchange: the request, what comes, and the ACK if that was a packet."""
+        self.send(data)
+        heard = self.hear()
+        if len(heard) > len(ACKNOWLEDGED):
+            self.send(ACKNOWLEDGED)
+        return heard
+
+    def told(self) -> str:
+        """What was said since the last time, in hex and in words; times from the first byte on."""
+        began_ns = self._said[0].begin_ns
+        lines = [line for burst in self._said for line in shown(burst, began_ns)]
+        self._said.clear()
+        return "```text\n" + "".join(f"{line}\n" for line in lines) + "```\n"
+
+
+def shown(burst: Burst, began_ns: Nanos) -> Iterator[str]:
+    """A burst as lines: when it began, all its bytes, and below them what they mean."""
+    data = burst.data
+    time_ms = (burst.begin_ns - began_ns) / NS_PER_MS
+    for start in range(0, len(data), BYTES_A_LINE):
+        head = MARGIN if start else f"{time_ms:8.1f} ms {burst.arrow} "
+        yield f"{head}{data[start : start + BYTES_A_LINE].hex(' ').upper()}"
+    meaning = catalog.find_model(MODEL).explain(data)
+    if meaning != data.hex(" ").upper():  # what is no packet is explained by its bytes
+        yield f"{MARGIN}{meaning}"
+
+
+# --- tables ---------------------------------------------------------------------------------------
+
+
+def prose(text: str) -> str:
+    """A paragraph, in lines of the usual length."""
+    return textwrap.fill(" ".join(text.split()), WIDTH) + "\n\n"
+
+
+def line_and_packet() -> str:
+    """The character, the packet, the two answers."""
+    rows = (
+        (0, 1, "start of packet", f"{STX:02X}h"),
+        (1, 1, "unit number", "1 to 15; 1 on RS-232"),
+        (2, 2, "length N", f"bytes of the body, 1 to {BODY_MAX}"),
+        (4, 2, "block number", "anything; 0 in replies"),
+        (HEADER_BYTES, "N", "body", "name of the command, comma, values"),
+        (
+            f"{HEADER_BYTES} + N",
+            CHECKSUM_BYTES,
+            "checksum",
+            "sum of all bytes from the unit number to the end of the body",
+        ),
+    )
+    example = EXCHANGES["DWRITE"]
+    total = sum(example[1:-CHECKSUM_BYTES])
+    return (
+        "## Line and packet\n\n"
+        + prose(
+            f"""{LINE_FORMAT.baud} baud, 8 data bits, no parity, 1 stop bit:
+            {BYTE_NS / NS_PER_MS:.3f} ms a byte. No byte value is reserved: turn XON/XOFF off.
+            Numbers go high byte first; values are signed, of 32 bits."""
+        )
+        + table(["offset", "bytes", "field", "value"], rows)
+        + "\n"
+        + prose(
+            f"""ACK is {ACK:02X}h, NAK {NAK:02X}h, alone, in no packet. Nothing is escaped: inside
+            a packet the length alone tells where it ends, and 02h, 06h and 15h are data."""
+        )
+        + f"`DWRITE` of {VALUE} to address {ADDRESS}, with the checksum {total} = {total:04X}h:\n\n"
+        f"```text\n{example.hex(' ').upper()}\n```\n\n"
+    )
+
+
+def commands() -> str:
+    """The commands, with the sizes of their packets and the time of a reply."""
+    rows = []
+    host = Host()
+    for command in COMMANDS:
+        name = command.name.decode()
+        does, asked, answered = MEANINGS[name]
+        request_bytes = FRAME_BYTES + len(name) + 1 + command.value_bytes
+        assert request_bytes == len(EXCHANGES[name])
+        reply_bytes = len(host.ask(EXCHANGES[name])) - len(ACKNOWLEDGED)
+        sizes = f"{request_bytes} / {reply_bytes or '-'}"
+        time = f"{reply_bytes * BYTE_NS / NS_PER_MS:.1f} ms" if reply_bytes else "-"
+        rows.append((f"`{name}`", does, asked, answered or "ACK only", sizes, time))
+    head = ["command", "what it does", "request", "reply", "bytes of the packets", "reply takes"]
+    having, lacking = (
+        " and ".join(f"`{each.name}`" for each in MODELS.values() if each.has_rflags is has)
+        for has in (True, False)
+    )
+    return (
+        "## Commands\n\n"
+        + prose(
+            """The name is what stands before the first comma, in upper case; the comma is there
+            without values, too."""
+        )
+        + table(head, rows)
+        + f"\n`RFLAGS` is known to {having}; to {lacking} it is an unknown command.\n\n"
+        + prose(
+            f"""Refused with NAK, and nothing done: a wrong checksum, an unknown name, a body of the
+            wrong size, a flag above {FLAGS - 1}, an address outside the data area, a block that
+            runs over its end."""
+        )
+    )
+
+
+def behind_the_packets() -> str:
+    """Data area, flags, status word."""
+    unit = MscController(MODEL)
+    data = unit.data
+    flags = ((kind.value, unit.flags.spans(kind), KINDS[kind]) for kind in FlagKind)
+    bits = (
+        (bit.bit_length() - 1, int(bit), CONDITIONS[bit], "error" if bit & ERRORS else "")
+        for bit in StatusBit
+    )
+    return (
+        "## What is behind the packets\n\n"
+        + prose(
+            f"""*Data area.* Addresses 0 to {data.size - 1}, a value every {data.stride}: where its
+            values are, the listing of the program tells. Nothing protects what is behind an array:
+            `BWRITE` always stores {BLOCK_VALUES} values. The battery keeps it all."""
+        )
+        + prose(
+            """*Flags.* What a number stands for the manual does not tell; this map is the twin's
+            own, and the switch `flag_map` makes another. `SFLAG` and `CFLAG` of other kinds than
+            outputs and user flags get an ACK, and have no effect."""
+        )
+        + table(["flags", "numbers", "turned on and off by"], flags)
+        + "\n*Status word.* 65 is 64 + 1: a program is running, and starts at power-up.\n\n"
+        + table(["bit", "value", "set when", ""], bits)
+        + "\n"
+    )
+
+
+def times() -> str:
+    """Delays and time limits."""
+    rows = ((f"`{name}`", f"{QUIRKS[name].default} ms", QUIRKS[name].doc) for name in TIMES)
+    return (
+        "## Times\n\n"
+        + prose(
+            """The manual gives none of these; they are switches. A host waits for an answer longer
+            than the packet time limit before it sends again."""
+        )
+        + table(["switch", "default", "what it is"], rows)
+    )
+
+
+# --- transcripts ----------------------------------------------------------------------------------
+
+
+def each_command() -> str:
+    """One exchange of each command."""
+    host = Host(program="bench")
+    page = "\n## Each command once\n\n" + prose(
+        f"""`>` is the host, `<` the controller, unit 1; the time is that of a burst's first byte,
+        at {LINE_FORMAT.baud} baud, from the beginning of the exchange. A program is running. The
+        direction is not in the bytes: asking for flag 1 looks like the answer "on"."""
+    ).rstrip("\n")
+    for name, data in EXCHANGES.items():
+        host.ask(data)
+        page += f"\n\n### {name}\n\n{host.told()}".rstrip("\n")
+    return page + "\n"
+
+
+def what_goes_wrong() -> str:
+    """Refused packets and replies, silence, several units."""
+    host = Host()
+    host.ask(EXCHANGES["DWRITE"])
+    host.told()
+    page = "\n## When something goes wrong\n"
+    for title, words, happens in MISHAPS:
+        happens(host)
+        page += f"\n### {title}\n\n{prose(words)}{host.told()}"
+    return page + shared_line()
+
+
+def damaged_request(host: Host) -> None:
+    """Refused, and sent again."""
+    host.ask(spoilt(EXCHANGES["DREAD"]))
+    host.ask(EXCHANGES["DREAD"])
+
+
+def refused_reply(host: Host) -> None:
+    """Refused once, then acknowledged."""
+    host.send(EXCHANGES["DREAD"])
+    host.hear()
+    host.send(REFUSED)
+    host.hear()
+    host.send(ACKNOWLEDGED)
+
+
+def no_acknowledgement(host: Host) -> None:
+    """The host says nothing."""
+    host.send(EXCHANGES["DREAD"])
+    host.hear(8 * NS_PER_S)
+
+
+def broken_off(host: Host) -> None:
+    """Half a request."""
+    host.send(EXCHANGES["DREAD"][: HEADER_BYTES + 4])
+    host.hear(2 * NS_PER_S)
+
+
+MISHAPS: Final = (
+    (
+        "A damaged request",
+        "It gets NAK, and the host sends it again. Here the checksum is one too high.",
+        damaged_request,
+    ),
+    (
+        "A reply that the host refuses",
+        "The same packet comes again, without another ACK before it; five times at most.",
+        refused_reply,
+    ),
+    (
+        "A host that does not acknowledge",
+        """The reply comes again when the time limit for the host's answer is over. After five
+        repeats the controller gives up, and is ready for the next packet.""",
+        no_acknowledgement,
+    ),
+    (
+        "A request that breaks off",
+        """It gets NAK when the packet time limit is over, which runs from the first byte. A host
+        that sends again before that has its packet swallowed as the rest of the first.""",
+        broken_off,
+    ),
+)
+
+
+def shared_line() -> str:
+    """Units on RS-485."""
+    host = Host(f"{MODEL}:1", f"{MODEL}:6")
+    host.ask(request("DREAD", word(ADDRESS), unit=6))
+    host.ask(spoilt(request("DREAD", word(ADDRESS), unit=3)))
+    words = prose(
+        """On RS-485 each unit follows every packet and answers its own. What is for a unit that is
+        not there nobody answers, damaged or not: here units 1 and 6 are on the line, and the second
+        packet is for unit 3."""
+    )
+    return f"\n### Several units on one line\n\n{words}{host.told()}"
+
+
+def spoilt(data: bytes) -> bytes:
+    """The packet with a checksum one too high."""
+    return data[:-1] + bytes((data[-1] + 1 & 0xFF,))
+
+
+def page() -> str:
+    """The whole page."""
+    return (
+        HEAD
+        + line_and_packet()
+        + commands()
+        + behind_the_packets()
+        + times()
+        + each_command()
+        + what_goes_wrong()
+    )
