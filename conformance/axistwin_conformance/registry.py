@@ -312,7 +312,11 @@ class Family:
         return replace(check, requirements=names, shared=check.requirements)
 
 
-FAMILY_PACKAGES = ("axistwin_conformance.mac_serial", "axistwin_conformance.mac_can")
+FAMILY_PACKAGES = (
+    "axistwin_conformance.mac_serial",
+    "axistwin_conformance.mac_can",
+    "axistwin_conformance.msc",
+)
 
 
 def families() -> tuple[Family, ...]:

@@ -18,7 +18,6 @@ from axistwin_conformance.transcript import Direction, Record
 
 BAUD: Final = 9600  # MSC-PHY-01
 TWIN_GROUNDS: Final = Grounds(range(1024, 5120), range(128, 192), (240, 6144))
-CHECKS: Final = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +77,7 @@ FAMILY: Final = Family(
         "axistwin_conformance.msc.checks_status",
         "axistwin_conformance.msc.checks_random",
         "axistwin_conformance.msc.checks_golden",
+        "axistwin_conformance.msc.checks_sequences",
         "axistwin_conformance.msc.checks_program",
         "axistwin_conformance.msc.checks_bench",
         "axistwin_conformance.msc.checks_rig",
@@ -101,6 +101,8 @@ FAMILY: Final = Family(
     deeds=DEEDS,
     blame=blame,
     bench=Bench,
+    replay_module="axistwin_conformance.msc.checks_sequences",
+    operation_bytes=4,
     probe_modules=(
         "axistwin_conformance.msc.probes",
         "axistwin_conformance.msc.probes_writes",

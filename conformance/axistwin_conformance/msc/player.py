@@ -1,0 +1,41 @@
+"""Who plays operations on a unit, and what they begin with."""
+
+from __future__ import annotations
+
+from axistwin_conformance import playing
+from axistwin_conformance.msc.bench import Bench
+from axistwin_conformance.msc.operations import OPERATIONS
+from axistwin_conformance.msc.sequences import BYTES_PER_OPERATION, Sequence, begin
+from axistwin_conformance.session import Session
+
+
+class Player(playing.Player):
+    """Plays operations on one unit, always from the same values and flags."""
+
+    operation_bytes = BYTES_PER_OPERATION
+    arguments = (3, 1, 2)
+    beginning = "all values 0 and all flags off"
+
+    def __init__(self, bench: Bench) -> None:
+        super().__init__(bench.session)
+        self.bench = bench
+
+    @property
+    def kinds(self) -> int:
+        """How many operations there are."""
+        return len(OPERATIONS)
+
+    def on(self, session: Session) -> Player:
+        """The same on the twin of this unit."""
+        return Player(Bench(session))
+
+    def begin(self) -> Sequence:
+        """A sequence on a line at rest, with known values and flags."""
+        if self.is_fresh:
+            self.bench.talk.settle()
+        return begin(self.bench)
+
+
+def player_of(session: Session) -> Player:
+    """Somebody who plays on the unit under test."""
+    return Player(Bench(session))
