@@ -27,6 +27,8 @@ class Echo:
     "a3." makes "a" want to be woken 3 ms later, when it says "!" and notes it.
     """
 
+    is_full_duplex = False
+
     def __init__(self, name: str, line_format: LineFormat = F38400, skew_ns: int = 0) -> None:
         self.name = ord(name)
         self.line_format = line_format
@@ -432,6 +434,7 @@ class Sink:
     """A device that counts, and answers one request in a thousand."""
 
     line_format = F38400
+    is_full_duplex = False
 
     def __init__(self) -> None:
         self.count = 0

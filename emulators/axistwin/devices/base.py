@@ -43,6 +43,10 @@ class SerialDevice(Device, Protocol):
     def line_format(self) -> LineFormat:
         """Rate and framing that the UART uses now, in both directions."""
 
+    @property
+    def is_full_duplex(self) -> bool:
+        """Whether each direction has wires of its own, so that both ends may send at a time."""
+
     def quiet_prefix(self, data: bytes) -> int:
         """How many leading bytes of ``data`` surely cause no effect, whatever follows.
 

@@ -25,6 +25,7 @@ from axistwin.devices.base import SerialDevice
 from axistwin.kernel.effects import Effect, Silence, Store, Trace, Transmit
 from axistwin.kernel.schedule import Schedule
 from axistwin.kernel.time import Nanos
+from axistwin.wire.duplex_line import DuplexLine
 from axistwin.wire.framing import Chunk, LineFormat
 from axistwin.wire.instant_line import InstantLine
 from axistwin.wire.serial_line import HOST, STRETCH_BYTES, SerialLine
@@ -53,7 +54,8 @@ class _Seat:
 class SerialNetwork:
     """The pair, the devices on it, and the host's end.  Pure: the shell says how late it is.
 
-    paced: bytes take their time; otherwise none (see ``wire/instant_line.py``).
+    paced: bytes take their time; otherwise none (see ``wire/instant_line.py``).  Each direction has
+    wires of its own if all devices are made for that.
     host_format: the host's format; by default that of the first device.
     ``host_overruns`` counts the bytes lost because the host's buffer was full.
     ``settled_ns``: the time at which nothing is left to be done, until something else is done.
@@ -71,8 +73,12 @@ class SerialNetwork:
         self.devices = tuple(devices)
         self.host_overruns = 0
         formats = [each.line_format for each in self.devices]
-        line = SerialLine if paced else InstantLine
-        self._line: SerialLine | InstantLine = line([host_format or formats[0], *formats], start_ns)
+        all_formats = [host_format or formats[0], *formats]
+        self._line: SerialLine | InstantLine | DuplexLine
+        if all(device.is_full_duplex for device in self.devices):
+            self._line = DuplexLine(all_formats, start_ns, paced=paced)
+        else:
+            self._line = (SerialLine if paced else InstantLine)(all_formats, start_ns)
         self._formats = formats
         self._others = tuple(
             tuple(each for each in self.devices if each is not device) for device in self.devices

@@ -189,6 +189,8 @@ class InstantLine:
 
     def next_arrival(self) -> Nanos | None:
         """When something is next heard by some receiver, as far as the line is known."""
+        if self._heard:
+            return self._heard[0].time_ns
         return self._waiting[0].start_ns if self._waiting else None
 
     def next_arrival_at(self, station: int) -> Nanos | None:

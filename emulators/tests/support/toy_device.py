@@ -21,6 +21,7 @@ class ToyDevice:
     """See above; notes everything done to it in ``done``."""
 
     line_format = LineFormat(38400)
+    is_full_duplex = False
 
     def __init__(self, cells: Mapping[str, int] | None = None) -> None:
         self.stored = {"address": 0, "writes": 0, "position": 0, **(cells or {})}

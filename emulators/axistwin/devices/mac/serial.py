@@ -64,6 +64,9 @@ class MacSerial(MacModule):
     Raises UsageError for an unknown model or an address out of range.
     """
 
+    is_full_duplex: Final = False
+    """RS-485 on one pair of wires."""
+
     def __init__(
         self,
         model: str | MacModel,
