@@ -274,14 +274,15 @@ class Programmed(MscPort):
 class Powered(MscPort):
     """Has a supply; `greets`: says something when it comes; `keeps`: what waits outlives a cut."""
 
-    capabilities = frozenset({"power", "flag", "status"})
+    capabilities = frozenset({"power", "flag", "status", "program"})
 
     def __init__(self, *, greets: bytes = b"", keeps: bool = False) -> None:
         super().__init__()
         self.greets, self.keeps, self.is_off = greets, keeps, False
 
     def power_off(self) -> tuple[int, int]:
-        """Cut the supply."""
+        """Cut the supply; the macroprogram does not start by itself after that."""
+        self.set_status(0, False)
         self.is_off = True
         if not self.keeps:
             self._packet, self._reply = b"", b""
@@ -294,6 +295,10 @@ class Powered(MscPort):
         if self.greets:
             self._say(self.greets, 0)
         return self.virtual_time_ns, self.virtual_time_ns
+
+    def run_program(self, running: bool) -> None:
+        """Start the macroprogram, or stop it."""
+        self.set_status(0, running)
 
     def set_flag(self, number: int, on: bool) -> None:
         """Turn a flag on or off by the machine."""

@@ -515,6 +515,14 @@ def test_every_check_has_a_unit_that_fails_it() -> None:
     assert set(link_checks()) == {name for name, _, _ in LIES.values()}
 
 
+def test_a_program_that_ran_before_the_power_was_cut_runs_after_it() -> None:
+    """Power-up does not start it."""
+    check = link_checks()["power_up_says_nothing"]
+    port = Powered()
+    judge(check.name, port, **around(check, port))
+    assert port.status & 1
+
+
 def test_the_unit_6_of_the_ledger_is_unit_1_readdressed() -> None:
     """Readdressing changes the number and what it adds to the sum, and nothing else."""
     rows = {one.name: one for one in golden_exchanges()}

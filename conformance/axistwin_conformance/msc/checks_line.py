@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from axistwin_conformance.msc import codec
+from axistwin_conformance.msc.checks_packets import INVALID_UNITS
 from axistwin_conformance.msc.checks_time import judge_broken_off
 from axistwin_conformance.msc.codec import ACK, NAK, RQSTAT, STX
 from axistwin_conformance.msc.link import MS, Link
@@ -18,6 +19,8 @@ HALF_RATE: Final = 4800
 SPOILT_CHARACTER: Final = b"\xf0"
 SPOILT_AT: Final = {"header": 4, "checksum": 13}  # places in RQSTAT where a byte is spoilt
 FILLER: Final = b"0"
+MOST_SIGNS: Final = 15  # one of each unit, if they do not speak at the same time
+RUNNING: Final = 1  # bit 0 of the status word
 START_S: Final = 2.0  # for how long after power-up nothing must be said
 ROUNDS_REAL: Final = 12
 ROUNDS: Final = 60
@@ -131,6 +134,23 @@ def each_unit_answers_its_own_number_only(session: Session) -> None:
         span_s = len(raw) * own.byte_ns / 1e9
         told = f"RQSTAT to unit {unit}, which is not there"
         own.nothing_more(("MSC-PKT-05", "MSC-LNK-19"), told, span_s + own.glance_s)
+    for unit in INVALID_UNITS:
+        _judge_invalid(own, unit)
+    own.alive("MSC-PKT-05")
+
+
+def _judge_invalid(link: Link, unit: int) -> None:
+    """What a shared line says to a number that no unit can have (MSC-AMB-13)."""
+    raw = codec.packet(unit, RQSTAT)
+    link.target.drain()
+    link.target.send(raw)
+    heard = link.talk.listen(len(raw) * link.byte_ns / 1e9 + link.glance_s)
+    if len(heard) > MOST_SIGNS:
+        told = f"nothing to unit {unit}"
+        link.session.fail("MSC-LNK-19", [told, "NAK of everybody"], codec.explain(heard))
+    # Several that refuse at once garble each other.
+    readings = ("nak",) if heard else ("silent", "broadcast")
+    link.reading("invalid_unit", readings, "MSC-LNK-19")
 
 
 @check("MSC-LNK-19", "MSC-LNK-04", "MSC-LNK-03", needs=("neighbour",))
@@ -325,6 +345,7 @@ def power_up_says_nothing(session: Session) -> None:
     packet, or waiting for the host's sign; then it serves, counting from 0.  (power cycle)"""
     link = Link(session)
     longer_s = max(link.packet_timeout_s, link.ack_timeout_s) * 1.2 + START_S
+    was_running = link.status() & RUNNING
     for state in ("idle", "inside a packet", "waiting for a sign"):
         if state == "inside a packet":
             session.target.send(link.talk.request(RQSTAT)[:9])
@@ -344,3 +365,5 @@ def power_up_says_nothing(session: Session) -> None:
             session.expect(link.refuse_in("MSC-PHY-04") is not None, "MSC-PHY-04", told, "nothing")
         session.target.send(ACK)
         link.nothing_more("MSC-PHY-04", "the last repeat")
+    if was_running and not link.status() & RUNNING and "program" in session.rig.capabilities:
+        session.rig.run_program(True)

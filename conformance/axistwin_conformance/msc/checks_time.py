@@ -28,6 +28,8 @@ def a_character_takes_ten_bits_of_9600_baud(session: Session) -> None:
     link = Link(session)
     session.step(session.target.baud == 9600, "9600 baud", session.target.baud)
     link.alive("MSC-PHY-01")
+    if session.target.description.startswith("socket:"):
+        return  # a plain socket carries bytes, not a rate
     session.target.drain()
     session.target.send(link.talk.request(RQSTAT))
     session.step(link.talk.hear(2)[:1] == ACK, "ACK and the beginning of a packet", "not that")
@@ -66,6 +68,8 @@ def judge_broken_off(link: Link, count: int) -> None:
         return
     heard, sent_ns, came_ns = link.break_off(raw)
     session.expect(heard == NAK, "MSC-LNK-03", f"NAK to {told}", heard.hex(" ") or "nothing")
+    if link.unit != session.address:  # whose time-outs nobody has measured
+        return
     due = link.sign_window(sent_ns, count)
     session.expect(
         came_ns in due, "MSC-LNK-03", f"NAK to {told} {due.since(sent_ns)}",
