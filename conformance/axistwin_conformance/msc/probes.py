@@ -17,12 +17,14 @@ from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import SAFE_BLOCK, Bench
 from axistwin_conformance.msc.codec import ACK, NAK, RQSTAT, STX
 from axistwin_conformance.msc.probing import (
+    COARSE_MS,
     LIMITS,
     LINE_SLACK_NS,
     LONGEST_S,
     MS,
     Drawn,
     default_of,
+    down_to_the_last,
     drawn_by,
     glance_s,
     in_ms,
@@ -143,21 +145,23 @@ def stray_nak(bench: Bench) -> Outcome:
 
 @probe()
 def ack_timeout_action(bench: Bench) -> Outcome:
-    """RQSTAT, and no answer to its reply: what comes by itself, and what it is after that."""
+    """RQSTAT, and no answer to its reply: what comes by itself, and what a NAK draws after that."""
     unanswered(bench)
-    repeats, wait_s, since_ns = 0, LONGEST_S, bench.target.now_ns
-    while repeats <= max(LIMITS.values()):
+    most, repeats, wait_s, since_ns = max(LIMITS.values()), 0, LONGEST_S, bench.target.now_ns
+    while repeats <= most:
         again, strays = bench.talk.hear_packet(wait_s)
         if again is None and STX not in strays:
             break
         repeats += 1
         wait_s = 2 * (bench.target.now_ns - since_ns) / 1e9 + glance_s(bench)
         since_ns = bench.target.now_ns
-    if repeats > max(LIMITS.values()):
-        bench.talk.send(ACK)
+    bench.talk.send(ACK)
+    if repeats > most:
         return f"{repeats} repeats and more"
     if repeats:
         return 0
+    down_to_the_last(bench)
+    bench.target.wait(LONGEST_S)
     waits = is_waiting(bench)
     return (1, 2) if waits is None else 2 if waits else 1
 
@@ -165,9 +169,9 @@ def ack_timeout_action(bench: Bench) -> Outcome:
 @probe()
 def ack_timeout_ms(bench: Bench) -> Outcome:
     """From the end of a reply nobody answers to its repeat, or to where a NAK draws none."""
-    action = bench.session.reading("ack_timeout_action")
-    if action == "wait":
-        bench.session.skip("it waits for ever")
+    action = bench.session.readings.get("ack_timeout_action", "")
+    if action in ("", "wait"):
+        bench.session.skip("it waits for ever" if action else "it may wait for ever")
     if action == "abandon":
         return _given_up_after(bench)
     _, replied_ns = unanswered(bench)
@@ -181,13 +185,11 @@ def ack_timeout_ms(bench: Bench) -> Outcome:
 
 
 def _given_up_after(bench: Bench) -> Outcome:
-    """How long a reply can be refused, found by refusing it at different times."""
-    if bench.session.reading("stray_nak") != "ignore":
-        bench.session.skip("a NAK draws the reply at any time")
+    """For how long a reply can be refused, found by refusing it at different times."""
     default_ms = default_of(bench, "ack_timeout_ms")
     low_ms, high_ms = 0, round(LONGEST_S * 1000)
     tried_ms = default_ms
-    while high_ms - low_ms > (1 if bench.target.is_virtual else 20):
+    while high_ms - low_ms > (1 if bench.target.is_virtual else COARSE_MS):
         if _is_held_for(bench, tried_ms):
             low_ms = tried_ms
         else:
@@ -198,10 +200,10 @@ def _given_up_after(bench: Bench) -> Outcome:
 
 def _is_held_for(bench: Bench, after_ms: int) -> bool:
     """True if a NAK that is there half a ms after that time still draws the reply again."""
-    _, replied_ns = unanswered(bench)
-    lasts_ns = after_ms * MS + MS // 2 - bench.target.byte_ns
-    bench.target.wait(max(0, replied_ns + lasts_ns - bench.target.now_ns) / 1e9)
-    return refusals(bench) > 0
+    over_ns = down_to_the_last(bench)
+    due_ns = over_ns + after_ms * MS + MS // 2 - bench.target.byte_ns
+    bench.target.wait(max(0, due_ns - bench.target.now_ns) / 1e9)
+    return bool(is_waiting(bench))
 
 
 # --- what a unit makes of bytes that are no packets -----------------------------------------------
@@ -238,37 +240,42 @@ def stx_while_waiting(bench: Bench) -> Outcome:
 
 @probe()
 def junk_while_waiting(bench: Bench) -> Outcome:
-    """00h instead of our answer to RQSTAT's reply, then NAKs."""
-    unanswered(bench)
+    """00h instead of our answer to RQSTAT's reply, and what comes then."""
+    if bench.session.neighbours and bench.session.reading("noise_in_idle") == "nak":
+        bench.session.skip("the neighbours refuse it, and their NAKs are heard")
+    return _after_junk(bench)
+
+
+def _after_junk(bench: Bench) -> Outcome:
+    down_to_the_last(bench)
     bench.talk.send(b"\x00")
     if repeat_at_once(bench):
         bench.talk.send(ACK)
         return 1
-    waits = is_waiting(bench)
-    if waits is None and bench.session.reading("ack_timeout_action") == "retransmit":
-        unanswered(bench)
-        bench.talk.send(b"\x00")
+    if bench.session.readings.get("ack_timeout_action") == "retransmit":
         again, _ = bench.talk.hear_packet(bench.ack_timeout_s + glance_s(bench))
         bench.talk.send(ACK)
-        waits = again is not None
+        return 0 if again is not None else 2
+    waits = is_waiting(bench)
     return (0, 2) if waits is None else 0 if waits else 2
 
 
 @probe()
 def rx_while_busy(bench: Bench) -> Outcome:
-    """Two RQSTATs under wrong checksums, back to back: a NAK after each, or not."""
+    """The 02h of a packet right behind another one, and the rest of it later: whether that is a
+    packet."""
     bad = codec.packet(bench.unit, RQSTAT, checksum=NO_SUM)
     bench.target.drain()
-    sent_ns = bench.talk.send(bad + bad)
+    bench.talk.send(bad + bad[:1])  # the NAK to the first comes later than that: two wires suffice
     first = bench.talk.hear(1, bench.talk.limit_s(len(bad)))
-    second = bench.talk.hear(1, (len(bad) * bench.target.byte_ns) / 1e9 + glance_s(bench))
-    # One that comes before the second packet is over answers something else (MSC-AMB-30).
-    is_early = bench.target.now_ns < sent_ns + 2 * len(bad) * bench.target.byte_ns
-    more = bench.talk.settle()
+    bench.talk.send(bad[1:2])
+    early = bench.talk.listen(glance_s(bench))  # to a unit number that stands alone (MSC-AMB-30)
+    bench.talk.send(bad[2:])
+    late = bench.talk.hear(1, bench.talk.limit_s(len(bad)))
+    bench.talk.settle()
     if first != NAK:
-        return codec.explain(first + second + more) or "nothing"
-    is_other = is_early and bench.session.reading("noise_in_idle") == "nak"
-    return int(second != NAK or is_other or bool(more))
+        return codec.explain(first + early + late) or "nothing"
+    return int(bool(early) or late != NAK)
 
 
 # --- what is in a reply ---------------------------------------------------------------------------
@@ -311,6 +318,12 @@ def rs232_unit_check(bench: Bench) -> Outcome:
     _only_on_rs232(bench)
     drawn = drawn_by(bench, codec.packet(2, RQSTAT))
     return {Drawn.SILENCE: 0, Drawn.NAK: 1, Drawn.REPLY: 2}.get(drawn, drawn.value)
+
+
+@probe(needs=("alone",), switch="junk_while_waiting")
+def junk_while_waiting_alone(bench: Bench) -> Outcome:
+    """The same without neighbours."""
+    return _after_junk(bench)
 
 
 @probe(needs=("alone",))
@@ -400,9 +413,21 @@ def data_address_stride(bench: Bench) -> Outcome:
 @probe(needs=("program",))
 def retransmit_content(bench: Bench) -> Outcome:
     """DREAD of a variable that counts, its reply refused."""
+    if bench.session.neighbours and bench.session.reading("stray_nak") == "resend_last":
+        bench.session.skip("the neighbours send again too")
+    return _counting_on(bench)
+
+
+@probe(needs=("program", "alone"), switch="retransmit_content")
+def retransmit_content_alone(bench: Bench) -> Outcome:
+    """The same without neighbours."""
+    return _counting_on(bench)
+
+
+def _counting_on(bench: Bench) -> Outcome:
     program = running_program(bench)
     first, _ = unanswered(bench, codec.dread(program.address + 4))
-    bench.target.wait(SCANS_S)
+    bench.target.wait(min(SCANS_S, bench.ack_timeout_s / 2))
     bench.talk.send(NAK)
     again, _ = bench.talk.hear_packet()
     bench.talk.send(ACK)

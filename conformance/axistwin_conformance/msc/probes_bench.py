@@ -116,7 +116,9 @@ def overlength(bench: Bench) -> Outcome:
     if drawn is Drawn.SILENCE:
         is_late = bench.talk.hear(1, bench.packet_timeout_s + glance_s(bench)) == NAK
         bench.talk.settle()
-        return 2 if is_late else "no NAK at all"
+        if is_late:
+            return 2
+        return 3 if heard_as is Drawn.SILENCE else "no NAK at all"
     if drawn is Drawn.NAK:
         return (0, 3) if heard_as is Drawn.NAK else 0
     return 3 if drawn is heard_as else drawn.value

@@ -62,6 +62,8 @@ def invalid_unit_obeyed(bench: Bench) -> Outcome:
     is_written = bench.read(address) == mark
     for other, value in zip(others, kept, strict=True):
         other.write(address, value)
+    if others:  # one that hunts for packets in others' (MSC-AMB-14) may have begun to read one
+        bench.talk.settle()
     if drawn is not Drawn.SILENCE:
         bench.session.skip(f"on this line unit 0 draws {drawn.value}")
     return 2 if is_written else 0

@@ -8,7 +8,7 @@ from typing import Final
 
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import SAFE_STRIDE, Bench
-from axistwin_conformance.msc.codec import ACK, NAK, RQSTAT, STX, Packet
+from axistwin_conformance.msc.codec import ACK, NAK, RQSTAT, Packet
 from axistwin_conformance.msc.controller import BenchProgram
 from axistwin_conformance.msc.talk import QUIET_S
 from axistwin_conformance.probing import Measured
@@ -59,9 +59,11 @@ def unanswered(bench: Bench, body: bytes = RQSTAT) -> tuple[Packet, int]:
 
 
 def repeat_at_once(bench: Bench) -> bool:
-    """True if the unit now sends a packet on its own, before T2 could make it do so."""
+    """True if the unit now sends something on its own, before T2 could make it do so."""
     again, strays = bench.talk.hear_packet(min(glance_s(bench), bench.ack_timeout_s / 2))
-    return again is not None or STX in strays
+    if strays:  # of several units that talk at once nothing can be read
+        bench.talk.listen(glance_s(bench))
+    return again is not None or bool(strays)
 
 
 def refusals(bench: Bench) -> int:
@@ -74,15 +76,21 @@ def refusals(bench: Bench) -> int:
     return MOST_REFUSED
 
 
+def down_to_the_last(bench: Bench) -> int:
+    """Ask, and refuse the reply until it will be repeated but once; when the last one was over."""
+    _, over_ns = unanswered(bench)
+    for _ in range(LIMITS[bench.session.reading("retransmit_limit")] - 1):
+        bench.talk.send(NAK)
+        bench.session.step(repeat_at_once(bench), "the reply again", "nothing")
+        over_ns = bench.target.now_ns
+    return over_ns
+
+
 def is_waiting(bench: Bench) -> bool | None:
-    """Whether the unit, asked nothing since, still waits for our answer to its reply; None: a NAK
-    draws the same from one that does not (MSC-AMB-29).  Afterwards it is idle."""
+    """Whether a unit that has one repeat left still waits for our answer; None: it sends its last
+    reply again to any NAK, so that this tells nothing (MSC-AMB-29).  Afterwards it is idle."""
     count = refusals(bench)
-    if bench.session.reading("stray_nak") == "ignore" or not count:
-        return bool(count)
-    bench.ask(RQSTAT)
-    in_idle = refusals(bench)
-    return None if count == in_idle else count != in_idle
+    return None if count == 1 and bench.session.reading("stray_nak") != "ignore" else count == 1
 
 
 def default_of(bench: Bench, switch: str) -> int:

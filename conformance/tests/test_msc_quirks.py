@@ -1,0 +1,130 @@
+"""Every reading an MSC unit may follow is detected, written down, made again and conforms."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from quirk_twins import QuirkTwins, Readings
+
+from axistwin_conformance.cli import conform
+from axistwin_conformance.profile import load_profile
+
+TWINS = QuirkTwins(
+    model="msc-250",
+    ledger_name="msc",
+    prefix="axistwin://",
+    hidden={
+        "ack_order": "it takes an output and an eye on it",
+        "overlength": "nak_after_packet or accept",
+        "reply_unit": "it answers its own number only",
+        "rflags_unsupported": "this model has RFLAGS",
+        "rs485_mode": "look at the cable",
+        "write_visibility": "its scans are too short",
+    },
+    values={
+        "packet_timeout_ms": ("400", "2501"),
+        "ack_timeout_ms": ("299", "1700"),
+        "reply_delay_ms": ("0", "37"),
+    },
+    always="&program=bench",
+)
+OTHERS = TWINS.others
+IDS = [f"{name}={reading}" for name, reading in OTHERS]
+
+# What hides in a unit that follows the defaults otherwise, and shows in one that does not.
+TOGETHER: list[dict[str, str]] = [
+    {"overlength": "nak_after_header"},
+    {"overlength": "timeout_only"},
+    {"overlength": "accept", "malformed_body": "lenient"},
+    {"overlength": "accept", "unknown_command": "silent"},
+    {"reply_unit": "echo", "rs232_unit_check": "ignore"},
+    {"ack_timeout_action": "abandon", "ack_timeout_ms": "650"},
+    {"ack_timeout_action": "wait", "retransmit_limit": "5_total"},
+    {"junk_while_waiting": "abandon", "stray_nak": "resend_last"},
+    {"junk_while_waiting": "abandon", "ack_timeout_action": "abandon"},
+    {"retransmit_content": "fresh", "stray_nak": "resend_last"},
+    {"write_visibility": "immediate"},
+    {"stx_while_waiting": "ignore", "ack_timeout_action": "wait", "junk_while_waiting": "as_nak"},
+    {"noise_in_idle": "nak", "rx_while_busy": "drop"},
+    {"packet_timeout_mode": "after_header", "packet_timeout_ms": "2000"},
+    {"packet_timeout_mode": "interbyte", "timeout_before_unit": "silent"},
+    {"data_address_stride": "2", "data_misaligned": "round_down"},
+    {"data_address_stride": "2", "data_out_of_range": "wrap", "block_overrun": "wrap"},
+    {"data_out_of_range": "zero", "block_overrun": "partial"},
+    {"unknown_command": "silent", "empty_body": "ack"},
+    {"rs232_unit_check": "nak", "invalid_unit": "nak", "timeout_before_unit": "nak"},
+]
+# Three questions that have nothing to do with each other.
+THREE = {"reply_block": "counter", "stray_nak": "resend_last", "data_address_stride": "2"}
+
+
+@pytest.mark.parametrize(("switch", "reading"), OTHERS, ids=IDS)
+def test_a_reading_is_detected_written_and_made_again(
+    switch: str, reading: str, tmp_path: Path
+) -> None:
+    """Twin → profile → twin of that profile → the same profile, with just that reading in it."""
+    TWINS.goes_round({switch: reading}, tmp_path / "unit.toml")
+
+
+@pytest.mark.parametrize("readings", TOGETHER, ids=str)
+def test_readings_that_touch_each_other_are_told_apart(readings: Readings, tmp_path: Path) -> None:
+    """The same for readings of which one changes how the other shows."""
+    TWINS.goes_round(readings, tmp_path / "unit.toml")
+
+
+def test_rflags_of_a_model_without_it_is_detected(tmp_path: Path) -> None:
+    """What another model cannot be asked."""
+    QuirkTwins("msc-generic", "msc", "axistwin://", {}, always="&program=bench").goes_round(
+        {"rflags_unsupported": "ack_no_reply"}, tmp_path / "unit.toml"
+    )
+
+
+def test_visibility_of_writes_shows_where_scans_are_long(tmp_path: Path) -> None:
+    """With scans of 50 ms a pulse falls between two of them, or is seen all the same."""
+    slow = QuirkTwins("msc-250", "msc", "axistwin://", {}, always="&program=bench&quirk.scan_ms=50")
+    _, result = slow.detected("")
+    assert result.readings["write_visibility"] == "next_scan"
+    slow.goes_round({"write_visibility": "immediate"}, tmp_path / "unit.toml")
+
+
+def test_what_cannot_be_known_is_told_with_its_reason() -> None:
+    """The default twin: every switch is known but the hidden ones, all of them the default."""
+    TWINS.hides_what_it_hides()
+
+
+def test_every_switch_of_the_ledger_has_a_probe_or_no_second_reading() -> None:
+    """What has no probe is configuration, or has nothing to tell apart."""
+    TWINS.asks_of_every_switch()
+
+
+def test_passive_detection_writes_nothing_and_names_what_it_would_take(tmp_path: Path) -> None:
+    """Without --allow only what needs no write is asked; the rest is told with the remedy."""
+    path = tmp_path / "unit.toml"
+    url = "axistwin://msc-250:1?time=virtual&quirk.reply_block=echo&quirk.write_reply=empty_packet"
+    result = CliRunner().invoke(conform, ["msc-250", "--port", url, "--detect", str(path)])
+    assert result.exit_code == 0, result.output
+    text = path.read_text("utf-8")
+    assert load_profile(path, "msc-250", TWINS.ledger) == {"reply_block": "echo"}
+    assert "# write_reply: MSC-AMB-36: not allowed: stored (--allow stored)" in text
+    assert "# unknown_command: MSC-AMB-04: not allowed: rig (--allow rig)" in text
+
+
+def test_three_readings_at_once_conform_with_those_three_named() -> None:
+    """A unit that differs in three ways is told in three names."""
+    TWINS.conforms_with(THREE, "quick")
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize(("switch", "reading"), OTHERS, ids=IDS)
+def test_a_twin_of_each_reading_conforms_with_that_quirk_named(switch: str, reading: str) -> None:
+    """Doubt has a name: another reading is neither failed nor overlooked, at level full."""
+    TWINS.conforms_with({switch: reading}, "full")
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("readings", [THREE, *TOGETHER, *TWINS.sample(5, 3, seed=11)], ids=str)
+def test_several_readings_at_once_conform_with_those_named(readings: Readings) -> None:
+    """Readings that have to do with each other, or not."""
+    TWINS.conforms_with(readings, "full")
