@@ -3,12 +3,12 @@
 from collections.abc import Callable, Generator, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeAlias
 
-from axistwin.errors import nearest
+from axistwin.errors import AxistwinError, nearest
 from axistwin.kernel.time import NS_PER_MS
 from axistwin.macroprogram.declarations import Array, FlagDeclaration, Variable
 from axistwin.macroprogram.scan import After, Condition, ProgramError, Scan
 
-Steps: TypeAlias = Generator[Condition | Callable[[], object] | None, None, None]
+Steps: TypeAlias = Generator[Any, None, None]
 """What ``run`` returns: ``yield`` a condition, a function to be asked, or nothing (one scan)."""
 
 
@@ -94,6 +94,13 @@ def is_generator(function: Callable[..., object]) -> bool:
     return code is not None and bool(code.co_flags & _CO_GENERATOR)
 
 
+def file_of(kind: type[Macroprogram]) -> str:
+    """The file in which a program does its work."""
+    work = kind.scan if kind.run is Macroprogram.run else kind.run
+    code = getattr(work, "__code__", None)
+    return str(code.co_filename) if code is not None else kind.__module__
+
+
 _CO_GENERATOR: Final = 0x20
 """As in ``inspect.CO_GENERATOR``."""
 
@@ -110,7 +117,7 @@ def located(error: BaseException) -> str:
         if not (file.startswith(_OWN_FOLDER) or file.replace("\\", "/").endswith(_OWN_FILES)):
             place = f"{file}:{trace.tb_lineno}: "
         trace = trace.tb_next
-    kind = "" if isinstance(error, ProgramError) else f"{type(error).__name__}: "
+    kind = "" if isinstance(error, ProgramError | AxistwinError) else f"{type(error).__name__}: "
     return f"{place}{kind}{error}"
 
 

@@ -32,6 +32,7 @@ from axistwin.macroprogram.program import (
     Steps,
     attach,
     declared,
+    file_of,
     is_generator,
     located,
 )
@@ -311,15 +312,15 @@ class ProgramRunner:
         if kind.scan_ms is not None:
             if not SCAN_MIN_MS <= kind.scan_ms <= SCAN_MAX_MS:
                 raise UsageError(
-                    f"{kind.__name__}: scan_ms = {kind.scan_ms} is out of range: "
-                    f"{SCAN_MIN_MS:g}..{SCAN_MAX_MS:g}"
+                    f"program {file_of(kind)}: {kind.__name__}.scan_ms = {kind.scan_ms} is out of "
+                    f"range: {SCAN_MIN_MS:g}..{SCAN_MAX_MS:g}"
                 )
             self._scan_ns = round(kind.scan_ms * NS_PER_MS)
         if kind.auto_start is not None:
             self._is_auto_started = kind.auto_start
         parts = declared(kind)
         for name, part in parts.items():
-            what = f"{kind.__name__}.{name}"
+            what = f"program {file_of(kind)}: {kind.__name__}.{name}"
             if isinstance(part, FlagDeclaration):
                 self._check_flag(what, part)
                 self.names[name] = part.number
@@ -334,8 +335,8 @@ class ProgramRunner:
         found = self._flags.kind(flag.number)
         if found.value != flag.kind:
             raise UsageError(
-                f"{what}: flag {flag.number} is no {flag.kind} flag but {found.value}; "
-                f"{flag.kind} flags are {self._flags.spans(FlagKind(flag.kind))}"
+                f"{what}: flag {flag.number} is of kind {found.value}, not {flag.kind}; "
+                f"{flag.kind}: {self._flags.spans(FlagKind(flag.kind))}"
             )
 
     def _check_place(self, what: str, part: Variable | Array) -> None:
@@ -378,5 +379,8 @@ def _made(program: object) -> Macroprogram:
     if not (has_run or has_scan):
         raise UsageError(f"program {name} does nothing; give it a method run or scan")
     if has_run and not is_generator(kind.run):
-        raise UsageError(f"{name}.run never yields; write yield where it waits, or use scan")
+        raise UsageError(
+            f"program {file_of(kind)}: {name}.run never yields; write yield where it waits, or use "
+            "scan"
+        )
     return made
