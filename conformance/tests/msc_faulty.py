@@ -159,6 +159,47 @@ class Confused(MscPort):
         super()._hear_idle(byte)
 
 
+class Counting(MscPort):
+    """Numbers its replies."""
+
+    count = 0
+
+    def _say(self, data: bytes, delay_ns: int) -> int:
+        self.count += len(data) > 1
+        own = codec.u16(self.count)
+        return super()._say(
+            resummed(data[:4] + own + data[6:]) if len(data) > 1 else data, delay_ns
+        )
+
+
+class Stubborn(MscPort):
+    """Sends its last reply again to a NAK that comes when all is over."""
+
+    last = b""
+
+    def _hear_idle(self, byte: bytes) -> None:
+        if byte == NAK and not self._reply and self.last:
+            self._say(self.last, RESPONSE_NS)
+        self.last = self._reply or self.last
+        super()._hear_idle(byte)
+
+
+class Waiting(MscPort):
+    """Does nothing by itself when nobody answers its reply: it waits, or gives up after T2."""
+
+    def __init__(self, *, gives_up: bool) -> None:
+        super().__init__()
+        self.gives_up = gives_up
+
+    def _arm(self, time_ns: int, act: Callable[[], None]) -> None:
+        if act == self._again:
+            act = self._give_up if self.gives_up else lambda: None
+        super()._arm(time_ns, act)
+
+    def _give_up(self) -> None:
+        self._reply = b""
+
+
 class Answering(MscPort):
     """Says something to bytes that are none of its business: `answers` maps them."""
 
