@@ -78,6 +78,7 @@ FAMILY: Final = Family(
         "axistwin_conformance.msc.checks_random",
         "axistwin_conformance.msc.checks_golden",
         "axistwin_conformance.msc.checks_sequences",
+        "axistwin_conformance.msc.checks_machines",
         "axistwin_conformance.msc.checks_program",
         "axistwin_conformance.msc.checks_bench",
         "axistwin_conformance.msc.checks_rig",
