@@ -13,6 +13,7 @@ from axistwin import testing
 ROOT = Path(__file__).parents[2]
 README, PYTEST_PAGE = ROOT / "README.md", ROOT / "docs" / "pytest.md"
 CAN_PAGE = ROOT / "docs" / "can.md"
+PROGRAM_PAGE = ROOT / "docs" / "macroprograms.md"
 RUN_ELSEWHERE = {
     ROOT / "docs" / "pyserial-url.md": 2,  # blocks, by test_url_lines.py
     ROOT / "docs" / "can-daemon.md": 1,  # by test_run_can.py
@@ -115,8 +116,14 @@ def test_the_tests_of_the_how_to_pass(tmp_path: Path) -> None:
     run_tests(tmp_path, "\n\n".join(python_blocks(PYTEST_PAGE)), passed=7)
 
 
+@pytest.mark.slow
+def test_the_programs_of_the_page_on_macroprograms_run(tmp_path: Path) -> None:
+    """All blocks in one file, the tests among them pass."""
+    run_tests(tmp_path, "\n\n".join(python_blocks(PROGRAM_PAGE)), passed=5)
+
+
 def test_no_block_of_python_is_left_out() -> None:
     """A new one in any page has to be run by a test too."""
     pages = [README, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
     found = {page: len(blocks) for page in pages if (blocks := python_blocks(page))}
-    assert found == {README: 3, CAN_PAGE: 2, PYTEST_PAGE: 3, **RUN_ELSEWHERE}
+    assert found == {README: 3, CAN_PAGE: 2, PROGRAM_PAGE: 4, PYTEST_PAGE: 3, **RUN_ELSEWHERE}
