@@ -256,3 +256,30 @@ def judge(
     with contextlib.suppress(Stop):
         check(session)
     return session.conclude("")
+
+
+Turn = Callable[..., Any]
+
+
+def twisted(**methods: Turn) -> Callable[[], Controller]:
+    """What makes a controller with these methods instead of the sound ones."""
+    return type("Twisted", (Controller,), methods)
+
+
+def answers(name: str, turn: Callable[[bytes], bytes | None]) -> Callable[[], Controller]:
+    """One whose answer to a command, where there is one, becomes something else."""
+
+    def serve(self: Controller, one: Packet) -> bytes | None:
+        served = Controller.serve(self, one)
+        return served if served is None or one.name != name else turn(served)
+
+    return twisted(serve=serve)
+
+
+def refuses(name: str, when: Callable[[Packet], bool] = lambda one: True) -> Turn:
+    """One that refuses a command, or some of its packets."""
+
+    def serve(self: Controller, one: Packet) -> bytes | None:
+        return None if one.name == name and when(one) else Controller.serve(self, one)
+
+    return twisted(serve=serve)
