@@ -78,6 +78,15 @@ GRANTED: dict[str, Any] = {"allow": "motion,stored,rig,destructive", "neighbours
 REASONS = ("only a MAC34", "the manual gives no thresholds", "needs a rig that acts at once")
 
 
+def test_where_there_is_no_room_for_a_single_step_more_is_asked_for() -> None:
+    """A move of no increments is over before any rig acts: the check says what it needs."""
+    name = "a_zeroed_move_ends_at_its_target_by_the_new_count"
+    said, result = judge("mac23", None, name, max_travel=3)
+    assert [verdict for _, verdict, _, _ in said] == [Verdict.NOT_RUN]
+    assert "--max-travel" in said[0][2]
+    assert not result.problems
+
+
 @pytest.mark.parametrize("model", ["mac23", "mac34-1", "mac34-2"])
 def test_the_twin_passes_every_rig_check(model: str) -> None:
     """Two readings of one manual agree about inputs, faults, loads and power cuts."""

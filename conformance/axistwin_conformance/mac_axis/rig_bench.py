@@ -217,8 +217,10 @@ class RigBench(Bench):
         if end is not None and act.latest_ns >= end.earliest_ns:
             if self.rig.is_exact:  # with the same distance in proportion it would have been
                 start_ns = min(timeline.start_ns for timeline in forecast.timelines)
-                share = (act.latest_ns - start_ns) / (end.earliest_ns - start_ns)
-                travel = round(self.session.envelope.max_travel * share) + 1
+                lasts_ns, here = end.earliest_ns - start_ns, self.session.envelope.max_travel
+                # One without a single step tells nothing: twice the room, to be asked again.
+                share = (act.latest_ns - start_ns) / lasts_ns if lasts_ns else 2.0
+                travel = round(here * share) + 1
                 self.needs_travel(travel, "the motion was over before the rig had acted")
             self.session.inconclusive(
                 None, "the motion was over before the rig had acted: allow it a longer --max-travel"

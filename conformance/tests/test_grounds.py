@@ -1,0 +1,159 @@
+"""What an operator grants of a controller, and the rig that works one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from axistwin_conformance.cli import conform, make_options
+from axistwin_conformance.errors import UsageError
+from axistwin_conformance.plan import Options
+from axistwin_conformance.registry import NO_GROUNDS, Grounds, check, find_family
+from axistwin_conformance.rig import OF_A_CONTROLLER, CommandRig, TwinRig, in_words
+from axistwin_conformance.session import Session
+from axistwin_conformance.targets import Target, open_target
+
+PORT = "/dev/ttyUSB0"
+
+
+def options(**given: Any) -> Options:
+    """Those of a controller on a real port."""
+    return make_options(model="msc-250", port=PORT, **given)
+
+
+# --- what is granted -----------------------------------------------------------------------------
+
+
+def test_a_real_controller_grants_nothing_by_itself() -> None:
+    """Whatever the built-in twin has, of a device on a port nothing is the suite's to use."""
+    assert options().grounds == NO_GROUNDS
+    assert not options().grounds.met
+    assert not {"variables", "flags", "program", "bench"} & options().provided
+    builtin = make_options(model="msc-250")
+    assert builtin.grounds == find_family("msc-250").grounds
+    assert {"variables", "flags", "program", "bench"} <= builtin.provided
+
+
+def test_what_is_named_is_granted() -> None:
+    """Each option meets the need of its name."""
+    named = options(variables=range(2048, 2304), flags=range(200, 204), bench_program=(240, 6144))
+    assert named.grounds == Grounds(range(2048, 2304), range(200, 204), (240, 6144))
+    assert {"variables", "flags", "program"} <= named.provided
+    assert "bench" not in named.provided
+    assert "bench" in options(allow="rig").provided
+
+
+def test_the_command_of_a_run_names_its_grounds_again() -> None:
+    """What is copied from a report does what the report tells of."""
+    named = options(variables=range(2048, 2304), flags=range(200, 201), bench_program=(240, 6144))
+    words = named.command
+    assert "--variables 2048-2303 --flags 200-200 --bench-program 240:6144" in words
+    assert "--max-travel" not in words
+    assert "--variables" not in make_options(model="msc-250").command
+
+
+def test_an_axis_has_no_variables_and_a_controller_no_envelope() -> None:
+    """An option that means nothing to the model is a mistake, told in a line."""
+    with pytest.raises(UsageError, match="--flags: a mac23 has no variables"):
+        make_options(model="mac23", flags=range(3))
+    with pytest.raises(UsageError, match="--max-travel 5: the suite drives no axis"):
+        options(max_travel=5)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--variables", "5-4"), "'5-4' is no span: write FIRST-LAST within 0-65535"),
+        (("--variables", "0-10000h"), "within 0-65535"),
+        (("--flags", "256"), "within 0-255"),
+        (("--flags", "one"), "'one' is no address"),
+        (("--bench-program", "240"), "no FLAG:ADDRESS, such as 240:6144"),
+        (("--bench-program", "253:0"), "out of range: 0-252 and 0-65535"),
+    ],
+)
+def test_a_span_that_cannot_be_is_refused(words: tuple[str, str], told: str) -> None:
+    """One line, naming the value and the range."""
+    result = CliRunner().invoke(conform, ["msc-250", *words, "--dry-run"])
+    assert result.exit_code == 2
+    assert told in result.output
+
+
+def test_spans_are_typed_in_any_notation() -> None:
+    """Decimal, 0x and h; one number is a span of its own."""
+    words = ["msc-250", "--variables", "0x800-8FFh", "--flags", "200", "--dry-run"]
+    result = CliRunner().invoke(conform, words)
+    assert result.exit_code == 0, result.output
+
+
+def test_a_check_that_may_disturb_a_controller_is_of_class_rig() -> None:
+    """Class and need go together, either way round."""
+    with pytest.raises(TypeError, match="'rig' and a need of .* or 'bench'"):
+
+        @check("MSC-CMD-10", needs=("bench",))
+        def passive_on_a_bench(session: Session) -> None:
+            """Nothing."""
+
+
+# --- the rig -------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def target() -> Iterator[Target]:
+    """The built-in twin with its bench program."""
+    one = open_target("axistwin://msc-250:1?time=virtual&program=bench", 9600, is_builtin=True)
+    yield one
+    one.close()
+
+
+def test_the_twin_of_a_controller_is_worked_by_its_handles(target: Target) -> None:
+    """Flags of the machine, conditions, battery, program, supply; and all put back."""
+    rig, twin = TwinRig(target, 1, OF_A_CONTROLLER), target.twins[0]
+    rig.set_flag(3, True)
+    rig.set_status(9, True)
+    rig.set_battery(True)
+    rig.run_program(False)
+    assert (twin.flags[3], twin.status & 1 << 9, twin.status & 1) == (True, 1 << 9, 0)
+    assert rig.is_disturbed
+    rig.reset()
+    assert (twin.flags[3], twin.status & 1 << 9, twin.status & 1) == (False, 0, 1)
+    rig.power_off()
+    assert not twin.is_powered
+    rig.reset()
+    assert twin.is_powered
+
+
+def test_a_command_is_told_what_to_do_with_a_controller(tmp_path: Any, target: Target) -> None:
+    """Verb, name and value of each act, and of what undoes it."""
+    log = tmp_path / "said"
+    template = f"sh -c 'echo $0 $1 $2 >> {log}' {{verb}} {{name}} {{value}}"
+    rig = CommandRig(target, template, OF_A_CONTROLLER)
+    rig.set_flag(3, True)
+    rig.set_status(1, True)
+    rig.set_battery(True)
+    rig.run_program(False)
+    rig.reset()
+    said = log.read_text().splitlines()
+    assert said[:4] == [
+        "flag 3 on", "status 1 on", "battery memory on", "program macroprogram off",
+    ]  # fmt: skip
+    assert said[4:] == [
+        "flag 3 off", "status 1 off", "battery memory off", "program macroprogram on",
+    ]  # fmt: skip
+
+
+def test_a_person_is_asked_for_it_in_words(target: Target) -> None:
+    """Numbers of flags and bits are in the sentence."""
+    rig = TwinRig(target, 1, OF_A_CONTROLLER)
+    told = []
+    rig._work = lambda act: told.append((in_words(act), in_words(act.undone)))  # type: ignore[method-assign]
+    rig.set_flag(12, True)
+    rig.set_status(1, True)
+    rig.run_program(False)
+    assert told == [
+        ("Work the machine until flag 12 is on.", "Let flag 12 go off again."),
+        ("Bring about the condition of status bit 1.", "End the condition of status bit 1."),
+        ("Stop the macroprogram.", "Start the macroprogram."),
+    ]
