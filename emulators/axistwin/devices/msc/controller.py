@@ -29,7 +29,7 @@ from axistwin.devices.msc.quirks import MscQuirks
 from axistwin.devices.msc.receiver import LINE_FORMAT, NEVER, Receiver, State
 from axistwin.devices.msc.status import Status, StatusBit, status_bit
 from axistwin.errors import UsageError, nearest
-from axistwin.kernel.effects import Effect, Silence, Store, Trace
+from axistwin.kernel.effects import Effect, Store, Trace
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.macroprogram.program import Macroprogram
 from axistwin.wire.framing import Chunk, LineFormat
@@ -154,18 +154,23 @@ class MscController:
 
     def _catch_up(self, now: Nanos) -> None:
         """Let the program do its scans up to ``now`` (rules 1 and 2)."""
-        if self._runner.is_running and self._runner.wake(now):
-            self._effects.append(Store(self.data.take_changed(), durable=False))
-        if not self._runner.is_running:
-            self._effects += self._runner.take_traces()
+        if self._runner.is_running:
+            self._runner.wake(now)
+            self._follow_program(now)
 
     def _wrote(self, now: Nanos) -> None:
         """The host has written (rule 2, MSC-AMB-33)."""
         if self.data.is_changed:
             self._effects.insert(0, Store(self.data.take_changed()))
-        self._runner.host_wrote(now)
-        if self.data.is_changed:
-            self._effects.append(Store(self.data.take_changed(), durable=False))
+        if self._runner.is_running:
+            self._runner.host_wrote(now)
+            self._follow_program(now)
+
+    def _follow_program(self, now: Nanos) -> None:
+        """Hand over what the program has stored, and tell its end."""
+        self._store()
+        if not self._runner.is_running:
+            self._tell(now)
 
     def _taken(self) -> list[Effect]:
         """What is to be done, at the end of a call."""
@@ -175,13 +180,17 @@ class MscController:
         self._effects = self._receiver.effects = []
         return effects
 
-    def _settle(self, now: Nanos) -> list[Effect]:
-        """Close a call from outside: tell what has become of the unit."""
+    def _tell(self, now: Nanos) -> None:
+        """Tell what has become of the program and the unit."""
         self._effects += self._runner.take_traces()
         text = self._state_text()
         if text != self._told:
             self._told = text
             self._effects.append(Trace(now, "state", (("value", text),)))
+
+    def _settle(self, now: Nanos) -> list[Effect]:
+        """Close a call from outside."""
+        self._tell(now)
         return self._taken()
 
     # ---- supply --------------------------------------------------------------------------------
@@ -194,7 +203,6 @@ class MscController:
             self._powered = False
             self._test_ends = NEVER
             self._receiver.reset()
-            self._effects.append(Silence())
             self._is_memory_lost = False
             self._lose_memory()
         return self._settle(now)
@@ -232,6 +240,7 @@ class MscController:
         self.status.set(StatusBit.SELF_TEST, on=False)
         if self._runner.is_auto_started and self._runner.has_program:
             self._runner.start(now)
+        self._tell(now)
 
     # ---- the program ---------------------------------------------------------------------------
 
