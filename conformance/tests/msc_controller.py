@@ -4,6 +4,7 @@ bench program in its scans, and the hands of a rig.  Faulty ones override a line
 from __future__ import annotations
 
 import contextlib
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -42,6 +43,7 @@ class Controller(MscPort):
         self._scanned = 0  # scans that have been
         self._was_on = False
         self._timer_ends_ns = 0
+        self.notes: Counter[str] = Counter()  # what faulty ones keep
 
     # --- packets ----------------------------------------------------------------------------------
 

@@ -115,9 +115,8 @@ def little_endian(self: Controller, one: Packet) -> bytes | None:
 
 def stores_late(self: Controller, one: Packet) -> bytes | None:
     """A write that the next one carries out."""
-    before = getattr(self, "late", None)
-    self.late = one  # type: ignore[attr-defined]
-    return Controller.dwrite(self, before) if before else b""
+    self.notes["late"], value = int.from_bytes(one.payload[2:], "big"), self.notes["late"]
+    return self.put(one.numbers[0], codec.i32(value))
 
 
 def counts_reads(self: Controller, one: Packet) -> bytes | None:

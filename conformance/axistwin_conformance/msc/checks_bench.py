@@ -128,7 +128,8 @@ def a_body_of_another_size_is_refused(session: Session) -> None:
             raw = unit.talk.request(body)
             exchange = unit.follows(raw, "malformed_body", readings, names)
             reply = exchange.reply
-            is_own = reply is None or reply.name == name
+            size = unit.talk.reply_bytes(name)
+            is_own = reply is None or (reply.name, len(reply.raw)) == (name, size)
             session.expect(is_own, names, f"a reply of {name}, if any", exchange)
             unit.alive("MSC-CMD-11")
 

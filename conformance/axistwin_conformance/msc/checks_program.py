@@ -63,6 +63,8 @@ def a_flag_set_and_cleared_at_once_is_seen_or_not(session: Session) -> None:
     program = BenchProgram(session)
     program.must_run()
     program.unit.clear_flag(program.pulse)
+    is_off = not program.unit.flag(program.pulse)
+    session.expect(is_off, "MSC-CFLAG-02", f"flag {program.pulse} off", "on")
     program.unit.target.wait(TIMER_S)
     before, ticks, began_ns = program.pulses(), program.ticks(), program.unit.target.now_ns
     widths = []
