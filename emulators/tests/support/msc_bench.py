@@ -71,6 +71,14 @@ def broken(raw: bytes) -> bytes:
 STATUS = packet(1, b"RQSTAT," + bytes(8))
 """The reply of a unit 1 without a program."""
 
+REPLY = packet(1, b"DREAD," + bytes(4))
+"""The reply to a DREAD of a variable that was never written."""
+
+
+def end_of(sending: tuple[Nanos, bytes]) -> Nanos:
+    """When the last byte of what a unit sent has left."""
+    return sending[0] + F9600.span_ns(len(sending[1]))
+
 
 class WatchedController(MscController):
     """One that notes when it begins to send what, and all it wants stored."""
