@@ -302,4 +302,4 @@ def test_the_how_to_runs_as_printed(pytester: pytest.Pytester) -> None:
     page = (DOCS / "pytest.md").read_text(encoding="utf-8")
     for number, block in enumerate(re.findall(r"```python\n(.*?)```", page, re.DOTALL)):
         pytester.makepyfile(**{f"test_{number}": block})
-    run(pytester).assert_outcomes(passed=7)
+    run(pytester).assert_outcomes(passed=8)

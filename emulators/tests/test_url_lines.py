@@ -488,4 +488,4 @@ def test_the_how_to_names_every_parameter() -> None:
     """None is missing from the table."""
     page = (Path(__file__).parents[2] / "docs" / "pyserial-url.md").read_text(encoding="utf-8")
     told = set(re.findall(r"^\| `([a-z.A-Z]+)=", page, re.MULTILINE))
-    assert told == {*_PARAMETERS, "address", "line", "quirk.NAME"}
+    assert told == {*_PARAMETERS, "address", "line", "quirk.NAME", "program", "program.UNIT"}
