@@ -228,7 +228,9 @@ def restore(session: Session, memory: Memory) -> tuple[str, ...]:
         return ()
     left: list[str] = []
     lost: list[TargetError] = []
-    for unit, held in memory.units.items():
+    # The unit under test comes last: who fails at this is blamed for the last thing that was said.
+    for unit in sorted(memory.units, key=lambda one: one == session.address):
+        held = memory.units[unit]
         where = "" if unit == session.address else f"of unit {unit} "
         try:
             left += [where + text for text in _put_back(Bench(session, unit), memory, held)]
