@@ -75,7 +75,6 @@ class ProgramRunner:
         self._scan_ns = scan_ns
         self._is_auto_started = quirks.auto_start
         self._next_ns: Nanos | None = None  # the next scan; None while it does not run
-        self._woken_ns: Nanos = 0
         self._scan = Scan(data.read, data.stride, 0, 0)
         self._calls_scan = False
         self._steps: Steps | None = None
@@ -128,7 +127,6 @@ class ProgramRunner:
             self._next_ns = due_ns + self._scan_ns
             self._flags.release()
             self._perform_scan(due_ns)
-        self._woken_ns = now
         return self._data.is_changed
 
     def take_traces(self) -> list[Trace]:
@@ -148,7 +146,7 @@ class ProgramRunner:
         self._flags.resume(now)
         self.error = None
         self._scan = Scan(self._data.read, self._data.stride, now, self._flags.states(now))
-        self._next_ns = self._woken_ns = now
+        self._next_ns = now
         self._due.clear()
         self._awaited = None
         self._trace(now, "program_started")
@@ -258,7 +256,7 @@ class ProgramRunner:
         scan, awaited = self._scan, self._awaited
         if scan.flags != scan.flags_before or scan.expired:
             return False  # an edge that is over in the next scan
-        if self._flags.states(max(self._woken_ns, scan.now_ns)) != scan.flags:
+        if self._flags.states(scan.now_ns) != scan.flags:
             return False
         if awaited is None:
             return self._steps is None
@@ -267,10 +265,13 @@ class ProgramRunner:
     def _next_change(self) -> Nanos | None:
         """When something that a resting program waits for may change by itself."""
         last_ns = self._scan.now_ns
-        times = [self._flags.next_expiry(last_ns), *self._due.values()]
-        if self._awaited is not None:
-            times.append(self._awaited.may_hold_ns(last_ns))
-        return min((time for time in times if time is not None), default=None)
+        due_ns = self._flags.next_expiry(last_ns)
+        if self._awaited is None:
+            return due_ns
+        may_hold_ns = self._awaited.may_hold_ns(last_ns)
+        if due_ns is None or may_hold_ns is None:
+            return may_hold_ns if due_ns is None else due_ns
+        return min(due_ns, may_hold_ns)
 
     def _first_scan(self, since_ns: Nanos) -> Nanos:
         """The first of the scans to come at or after ``since_ns``."""

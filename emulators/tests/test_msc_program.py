@@ -1,0 +1,617 @@
+"""How a controller runs a macroprogram: scans made up for, rest, starts and ends, what fits."""
+
+import functools
+import time
+from typing import Any, ClassVar
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from program_bench import BAD_OPCODE, CLEARED, RUNNING, ProgramBench
+
+from axistwin.devices.msc.status import StatusBit
+from axistwin.errors import UsageError
+from axistwin.kernel.time import NS_PER_MS, NS_PER_S
+from axistwin.macroprogram import (
+    Array,
+    Input,
+    Macroprogram,
+    Output,
+    Steps,
+    Timer,
+    UserFlag,
+    Variable,
+)
+
+HOUR_NS = 3600 * NS_PER_S
+
+
+class Worker(Macroprogram):
+    """Waits for this and that, and tells when it went on."""
+
+    part = Input(3)
+    lamp = Output(20)
+    work = Timer(32)
+    start = UserFlag(200)
+    steps = Variable(2000)
+    last_ms = Variable(2004)
+
+    def run(self) -> Steps:
+        """Each wait of another kind."""
+        while True:
+            for wanted in (
+                self.start.rise,
+                self.part & ~self.start,
+                self.after_ms(35) | self.part.fall,
+                ~self.part.rise & ~self.start.rise,
+            ):
+                yield wanted
+                self.steps += 1
+                self.last_ms = round(self.time_ms)
+            self.lamp = ~self.lamp
+            self.work.start(47)
+            yield self.work.expired | self.start.fall
+            self.start = False
+            yield self.work.fall | self.after_ms(90)
+
+
+class RestlessWorker(Worker):
+    """The same, but the controller cannot know that its scans do nothing."""
+
+    def scan(self) -> None:
+        """Nothing."""
+
+
+class Ticks(Macroprogram):
+    """Counts its scans."""
+
+    ticks = Variable(2000)
+
+    def scan(self) -> None:
+        """One more."""
+        self.ticks += 1
+
+
+# -- scans and rest ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scan_ms", [1, 10, 60])
+def test_scans_come_from_the_start_on_one_scan_time_apart(scan_ms: int) -> None:
+    """The first one at the start itself."""
+    bench = ProgramBench(Ticks, started=False, scan_ms=scan_ms).at(7)
+    bench.runner.start(bench.now)
+    assert bench.at(7).value(2000) == 1
+    assert bench.at(7 + 5 * scan_ms).value(2000) == 6
+    assert bench.at(6.999999 + 6 * scan_ms).value(2000) == 6
+
+
+def test_a_program_may_have_a_scan_time_of_its_own() -> None:
+    """In place of the unit's."""
+
+    class Program(Ticks):
+        scan_ms = 2.5
+
+    assert ProgramBench(Program).at(10).value(2000) == 5
+
+
+def test_looks_do_not_change_what_scans_do() -> None:
+    """One look after a second sees the same as a look every millisecond."""
+    often = ProgramBench(Ticks)
+    for milliseconds in range(1001):
+        often.at(milliseconds)
+    assert often.value(2000) == ProgramBench(Ticks).at(1000).value(2000) == 101
+
+
+ACTIONS = st.lists(
+    st.tuples(
+        st.integers(0, 40_000),  # microseconds until then
+        st.sampled_from([(200, True), (200, False), (3, True), (3, False), (32, False), None]),
+    ),
+    max_size=60,
+)
+
+
+@given(ACTIONS, st.sampled_from(["running", "expired"]))
+@settings(max_examples=200)
+def test_a_program_that_rests_does_what_it_would_do_awake(
+    actions: list[tuple[int, tuple[int, bool] | None]], reading: str
+) -> None:
+    """Whatever is done to it, and whenever somebody looks: the scans left out did nothing."""
+    resting = ProgramBench(Worker, timer_flag=reading)
+    awake = ProgramBench(RestlessWorker, timer_flag=reading)
+    now = 0.0
+    for pause_us, action in actions:
+        now += pause_us / 1000
+        if action is not None:
+            number, on = action
+            for bench in (resting, awake):
+                bench.at(now).flags.set(number, on)
+        awake.at(now)
+        if action is None:  # a look
+            resting.at(now)
+            assert resting.flags.states(resting.now) == awake.flags.states(awake.now)
+            assert resting.data.cells() == awake.data.cells()
+    for bench in (resting, awake):
+        bench.at(now + 500)
+    assert resting.flags.states(resting.now) == awake.flags.states(awake.now)
+    assert resting.data.cells() == awake.data.cells()
+
+
+@given(ACTIONS)
+def test_a_driver_that_wakes_when_asked_sees_the_same(
+    actions: list[tuple[int, tuple[int, bool] | None]],
+) -> None:
+    """``next_event`` lies ahead and never asks for a wake-up in vain or too late."""
+    driven, looked = ProgramBench(Worker), ProgramBench(RestlessWorker)
+    now = 0
+    driven.at(0)
+    for pause_us, action in actions:
+        until = now + pause_us * 1000
+        while (due := driven.runner.next_event()) is not None and due <= until:
+            assert due > now, "time goes on"
+            now = due
+            driven.runner.wake(now)
+        now = until
+        for bench in (driven, looked):
+            bench.at(now / NS_PER_MS)
+            if action is not None:
+                bench.flags.set(*action)
+    assert driven.data.cells() == looked.data.cells()
+
+
+def test_what_has_just_happened_is_over_in_the_next_scan() -> None:
+    """A program that waits for the end of an event does not rest on it."""
+    ends: list[float] = []
+
+    class Program(Macroprogram):
+        part = Input(3)
+        work = Timer(32)
+
+        def run(self) -> Steps:
+            self.work.start(5)  # it starts and ends between two scans: its flag is never seen
+            yield self.work.expired
+            yield ~self.work.expired
+            ends.append(self.time_ms)
+            yield self.part.rise
+            yield ~self.part.rise
+            ends.append(self.time_ms)
+            yield self.work
+
+    bench = ProgramBench(Program).at(100)
+    bench.set(3)
+    bench.at(200)
+    assert ends == [20, 120]
+
+
+@pytest.mark.parametrize(("timer_ms", "limit_ms", "end_ms"), [(45, 90, 50), (90, 45, 50)])
+def test_a_rest_ends_with_what_comes_first(timer_ms: float, limit_ms: float, end_ms: float) -> None:
+    """A timer's flag, or the limit of the wait."""
+    ends: list[float] = []
+
+    class Program(Macroprogram):
+        work = Timer(32)
+
+        def run(self) -> Steps:
+            self.work.start(timer_ms)
+            yield
+            yield ~self.work | self.after_ms(limit_ms - 10)
+            ends.append(self.time_ms)
+            yield ~self.work.rise & self.work.rise
+
+    ProgramBench(Program).at(1000)
+    assert ends == [end_ms]
+
+
+@pytest.mark.parametrize("program", [Worker, Ticks])
+def test_a_flag_that_the_host_has_forced_is_free_at_the_next_scan(
+    program: type[Macroprogram],
+) -> None:
+    """MSC-AMB-23, also for a program that rests."""
+    bench = ProgramBench(program).at(5)
+    bench.flags.force(bench.now, 3, on=True)
+    assert bench.at(9).is_on(3)
+    assert not bench.at(10).is_on(3)
+
+
+def test_a_timer_of_an_earlier_start_ends_a_rest() -> None:
+    """It held with the program, and went on with it."""
+
+    class Program(Macroprogram):
+        work = Timer(32)
+        lamp = Output(20)
+
+        def run(self) -> Steps:
+            if not self.work:
+                self.work.start(1000)
+                yield
+            yield ~self.work
+            self.lamp = True
+            yield self.work
+
+    bench = ProgramBench(Program).at(500)
+    bench.runner.stop(bench.now)
+    bench.at(10_000)
+    bench.runner.start(bench.now)
+    assert bench.at(10_499).runner.next_event() == 10_500 * NS_PER_MS
+    assert not bench.is_on(20)
+    assert bench.at(10_500).is_on(20)
+
+
+def test_a_program_that_waits_for_a_flag_asks_for_nothing() -> None:
+    """Until the flag changes; then the next scans are due soon."""
+    bench = ProgramBench(Worker).at(0)
+    assert bench.runner.next_event() is None
+    bench.at(1000)
+    bench.set(200)
+    due = bench.runner.next_event()
+    assert due is not None
+    assert 1010 <= due / NS_PER_MS <= 1100
+
+
+def test_a_program_that_waits_for_a_time_asks_for_its_scan() -> None:
+    """The first one that is not before that time."""
+
+    class Program(Macroprogram):
+        lamp = Output(20)
+
+        def run(self) -> Steps:
+            yield self.after_ms(60_005)
+            self.lamp = True
+            yield ~self.lamp
+
+    bench = ProgramBench(Program).at(0)
+    assert bench.runner.next_event() == 60_010 * NS_PER_MS
+    assert not bench.at(60_009).is_on(20)
+    assert bench.at(60_010).is_on(20)
+
+
+def test_an_hour_of_waiting_is_not_run() -> None:
+    """Less than a thousandth of a second of the computer's, where an hour has 360000 scans."""
+    bench = ProgramBench(Worker).at(0)
+    began = time.perf_counter()
+    bench.runner.wake(HOUR_NS)
+    assert time.perf_counter() - began < 0.05
+    bench.flags.set(200, on=True)
+    bench.runner.wake(HOUR_NS + 10 * NS_PER_MS)
+    assert bench.value(2000) == 1
+
+
+@pytest.mark.slow
+def test_an_hour_of_scans_takes_seconds() -> None:
+    """Each is done; that is measured generously here, and stands in the page on macroprograms."""
+    bench = ProgramBench(Ticks)
+    began = time.perf_counter()
+    bench.runner.wake(HOUR_NS)
+    assert bench.value(2000) == 360_001
+    assert time.perf_counter() - began < 20
+
+
+def test_the_same_is_done_each_time() -> None:
+    """Traces, flags and data of two runs are equal."""
+
+    def life() -> tuple[Any, ...]:
+        bench = ProgramBench(Worker)
+        for step in range(200):
+            bench.at(17.3 * step)
+            bench.flags.set((200, 3)[step % 2], on=step % 3 == 0)
+        bench.runner.stop(bench.now)
+        return bench.runner.take_traces(), bench.flags.states(bench.now), bench.data.cells()
+
+    assert life() == life()
+
+
+# -- the host's writes -------------------------------------------------------------------------
+
+
+class Rises(Macroprogram):
+    """Counts rises."""
+
+    start = UserFlag(200)
+    rises = Variable(2000)
+
+    def run(self) -> Steps:
+        """For ever."""
+        while True:
+            yield self.start.rise
+            self.rises += 1
+
+
+@pytest.mark.parametrize(("visibility", "rises"), [("next_scan", 0), ("immediate", 1)])
+def test_a_short_pulse_of_the_host_is_seen_by_a_program_that_looks_at_once(
+    visibility: str, rises: int
+) -> None:
+    """MSC-AMB-33."""
+    bench = ProgramBench(Rises, write_visibility=visibility)
+    for milliseconds, on in ((12, True), (15, False)):
+        bench.at(milliseconds).flags.set(200, on)
+        bench.runner.host_wrote(bench.now)
+    assert bench.at(40).value(2000) == rises
+
+
+def test_a_write_without_a_program_wakes_nothing() -> None:
+    """Before a start and after a stop."""
+    bench = ProgramBench(Ticks, started=False, write_visibility="immediate")
+    bench.runner.host_wrote(0)
+    bench.runner.start(0)
+    bench.at(10)
+    bench.runner.stop(bench.now)
+    bench.runner.host_wrote(bench.now)
+    assert bench.value(2000) == 2
+
+
+# -- starts and ends ---------------------------------------------------------------------------
+
+
+def test_each_start_makes_a_new_object() -> None:
+    """Flags and data stay; what the program remembered is gone."""
+
+    class Program(Ticks):
+        lamp = Output(20)
+
+        def __init__(self) -> None:
+            self.own = 0
+
+        def scan(self) -> None:
+            super().scan()
+            self.own += 1
+            self.lamp = True
+
+    bench = ProgramBench(Program).at(20)
+    first: Any = bench.runner.instance
+    bench.runner.stop(bench.now)
+    bench.at(1000)
+    assert (bench.value(2000), bench.is_on(20), bench.word & RUNNING) == (3, True, 0)
+    bench.runner.start(bench.now)
+    bench.at(1010)
+    second: Any = bench.runner.instance
+    assert (first.own, second.own, bench.value(2000)) == (3, 2, 5)
+
+
+def test_a_start_while_it_runs_begins_anew() -> None:
+    """From the beginning, in step with the new start."""
+    bench = ProgramBench(Ticks).at(15)
+    bench.runner.start(bench.now)
+    assert bench.at(24).value(2000) == 3
+    assert bench.at(25).value(2000) == 4
+    kinds = [trace.kind for trace in bench.runner.take_traces()]
+    assert kinds == ["program_started", "program_stopped", "program_started"]
+
+
+def test_timers_hold_while_the_program_is_stopped() -> None:
+    """They go on with it (MSC-AMB-32)."""
+
+    class Program(Macroprogram):
+        work = Timer(32)
+        again = Variable(2000)
+
+        def run(self) -> Steps:
+            if not self.again:
+                self.again = 1
+                self.work.start(100)
+            yield ~self.work & self.work
+
+    bench = ProgramBench(Program).at(30)
+    bench.runner.stop(bench.now)
+    assert bench.at(5000).is_on(32)
+    bench.runner.start(bench.now)
+    assert bench.at(5069).is_on(32)
+    assert not bench.at(5070).is_on(32)
+
+
+def test_a_start_clears_what_ended_the_program_before() -> None:
+    """Error text and bits 4 and 12."""
+
+    class Program(Macroprogram):
+        part = Input(3)
+
+        def run(self) -> Steps:
+            yield ~self.part
+            self.fault("no part")
+
+    bench = ProgramBench(Program).at(0)
+    bench.at(10)
+    assert (bench.word, bench.runner.error is None) == (BAD_OPCODE, False)
+    bench.set(3)
+    bench.runner.start(bench.now)
+    bench.at(20)
+    assert (bench.word, bench.runner.error) == (RUNNING, None)
+
+
+def test_a_program_that_cannot_be_made_is_a_script_error() -> None:
+    """At a start; at its loading it is refused."""
+    makes = iter([Ticks, Ticks])
+
+    def program() -> Macroprogram:
+        return next(makes)()
+
+    bench = ProgramBench(program, started=False)
+    bench.runner.start(0)
+    bench.runner.start(0)
+    assert bench.word == BAD_OPCODE
+    assert bench.runner.error is not None
+    assert bench.runner.error.endswith("StopIteration: ")
+
+
+def test_flags_and_data_are_not_there_before_the_first_scan() -> None:
+    """The message says where to use them."""
+
+    class Program(Ticks):
+        def __init__(self) -> None:
+            self.ticks = 5
+
+    with pytest.raises(UsageError, match=r"Program.__init__ cannot use flags and data: .* initial"):
+        ProgramBench(Program)
+
+
+def test_nothing_is_started_without_a_program() -> None:
+    """The remedy is named."""
+    bench = ProgramBench(Ticks, started=False)
+    empty = type(bench.runner)(
+        None, bench.data, bench.flags, bench.status, scan_ns=1, quirks=bench.runner._quirks
+    )
+    with pytest.raises(UsageError, match="there is no program to start; load one first"):
+        empty.start(0)
+    assert (empty.has_program, empty.is_running, empty.next_event()) == (False, False, None)
+
+
+def test_the_traces_tell_starts_and_ends() -> None:
+    """With their times and the error."""
+
+    class Program(Macroprogram):
+        def run(self) -> Steps:
+            yield self.after_ms(20)
+            self.fault("why")
+
+    bench = ProgramBench(Program).at(1000)
+    started, ended = bench.runner.take_traces()
+    assert (started.time_ns, started.kind) == (0, "program_started")
+    assert (ended.time_ns, ended.kind) == (20 * NS_PER_MS, "program_error")
+    assert dict(ended.details) == {"error": bench.runner.error}
+    assert bench.runner.take_traces() == []
+
+
+@pytest.mark.parametrize(
+    ("own", "unit", "starts"),
+    [(None, False, False), (None, True, True), (True, False, True), (False, True, False)],
+)
+def test_the_program_says_whether_it_starts_by_itself(
+    own: bool | None, unit: bool, starts: bool
+) -> None:
+    """Else the unit does."""
+
+    class Program(Ticks):
+        auto_start: ClassVar[bool | None] = own
+
+    assert ProgramBench(Program, auto_start=unit).runner.is_auto_started is starts
+
+
+# -- loading -----------------------------------------------------------------------------------
+
+
+def test_initial_values_are_stored_where_nothing_was() -> None:
+    """After a clearing everywhere (what was stored then is of no program)."""
+
+    class Program(Ticks):
+        ticks = Variable(2000, initial=7)
+        table = Array(2004, 3, initial=[1, 2])
+
+    bench = ProgramBench(Program, started=False)
+    assert [bench.value(address) for address in (2000, 2004, 2008, 2012)] == [7, 1, 2, 0]
+    assert bench.data.cells() == {"data_07D0": 7, "data_07D4": 1, "data_07D8": 2}
+    bench.data.write(2000, 0)
+    make = functools.partial(
+        type(bench.runner),
+        Program,
+        bench.data,
+        bench.flags,
+        bench.status,
+        scan_ns=10 * NS_PER_MS,
+        quirks=bench.runner._quirks,
+    )
+    make()
+    assert bench.value(2000) == 0
+    bench.status.set(StatusBit(CLEARED))
+    make()
+    assert bench.value(2000) == 7
+
+
+def test_names_are_known_with_those_of_bases() -> None:
+    """Flags by number, variables and arrays by address."""
+
+    class Program(Worker):
+        start = UserFlag(222)
+        table = Array(2048, 4)
+
+    names = ProgramBench(Program).runner.names
+    assert names["start"] == 222
+    assert (names["part"], names["steps"], names["table"]) == (3, 2000, 2048)
+    assert "run" not in names
+
+
+def test_a_function_may_make_the_object() -> None:
+    """For programs with parameters."""
+
+    class Program(Ticks):
+        def __init__(self, step: int) -> None:
+            self._step = step
+
+        def scan(self) -> None:
+            self.ticks += self._step
+
+    assert ProgramBench(functools.partial(Program, 5)).at(10).value(2000) == 10
+
+
+class NoWork(Macroprogram):
+    """Neither run nor scan."""
+
+
+class NoYield(Macroprogram):
+    """Would never end a scan."""
+
+    def run(self) -> Steps:  # type: ignore[empty-body]
+        """No yield."""
+
+
+class WrongKind(Ticks):
+    """A user flag is no output."""
+
+    lamp = Output(200)
+
+
+class NoKind(Ticks):
+    """Nothing is flag 100."""
+
+    lamp = Input(100)
+
+
+class Outside(Ticks):
+    """One value too far."""
+
+    table = Array(32760, 3)
+
+
+class Inside(Ticks):
+    """In a value."""
+
+    odd = Variable(2009)
+
+
+class TooFast(Ticks):
+    """No controller scans like that."""
+
+    scan_ms = 0.01
+
+
+def broken() -> Macroprogram:
+    """Cannot be made."""
+    raise ValueError("on Mondays")
+
+
+@pytest.mark.parametrize(
+    ("program", "message"),
+    [
+        (NoWork, "program NoWork does nothing; give it a method run or scan"),
+        (NoYield, "NoYield.run never yields; write yield where it waits, or use scan"),
+        (WrongKind, "WrongKind.lamp: flag 200 is of kind user, not output; output: 16..31"),
+        (NoKind, "NoKind.lamp: flag 100 is of kind unassigned, not input; input: 0..15"),
+        (Outside, "Outside.table: address 32768 is outside the data area; the last one is 32764"),
+        (Inside, "Inside.odd: address 2009 lies inside a value; addresses are multiples of 4"),
+        (TooFast, "TooFast.scan_ms = 0.01 is out of range: 0.1..60000"),
+        (broken, "ValueError: on Mondays"),
+        (Ticks(), "give the class Ticks, not an object: each start makes a new one"),
+        (int, "int is no program; derive a class from Macroprogram"),
+        (42, "program 42 cannot be made: TypeError: 'int' object is not callable"),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_one_line(program: Any, message: str) -> None:
+    """With what would fit."""
+    with pytest.raises(UsageError) as caught:
+        ProgramBench(program)
+    assert str(caught.value).endswith(message)
+    assert "\n" not in str(caught.value)
+
+
+def test_another_flag_map_allows_other_numbers() -> None:
+    """The kinds are the unit's."""
+    bench = ProgramBench(WrongKind, flag_map="output:200-207/user:0-15")
+    assert bench.at(0).value(2000) == 1
