@@ -87,6 +87,7 @@ def the_written_exchanges_of_variables_come_byte_for_byte(session: Session) -> N
     """DWRITE, DREAD, BWRITE and BREAD of the ledger, the refused packet and the refused reply among
     them, are answered as written."""
     link = Link(session)
+    link.calm()
     said = 0
     for golden in golden_exchanges():
         if not golden.is_about_variables:

@@ -44,6 +44,12 @@ def judge_skipped(link: Link) -> None:
         link.session.skip(f"on RS-232 this device has rs232_unit_check={seen}")
 
 
+def judge_followed(link: Link) -> None:
+    """Go on only where this device follows other units' packets by their length (MSC-AMB-14)."""
+    if link.session.reading("other_unit_framing") != "skip_by_length":
+        link.session.skip("this device has other_unit_framing=hunt_stx")
+
+
 # --- somebody else's packets ----------------------------------------------------------------------
 
 
@@ -76,6 +82,7 @@ def what_breaks_off_for_others_draws_nothing(session: Session) -> None:
     not even when its time is over; then this unit serves.  (T1 in SKIP)"""
     link = Link(session)
     judge_skipped(link)
+    judge_followed(link)
     whole = codec.packet(absent(session), codec.dread(0))
     longer_s = link.packet_timeout_s * 1.2 + link.glance_s
     for count in (2, 6, len(whole) - 1) if session.target.is_virtual else (6,):
@@ -98,8 +105,7 @@ def the_rest_of_another_units_packet_is_counted_off(session: Session) -> None:
     the one behind it is served.  (SKIP)"""
     link = Link(session)
     judge_skipped(link)
-    if session.reading("other_unit_framing") != "skip_by_length":
-        session.skip("this device has other_unit_framing=hunt_stx")
+    judge_followed(link)
     inner = link.talk.request(RQSTAT)
     header = codec.packet(absent(session), b"", length=len(inner) - 2)[: codec.HEADER_BYTES]
     session.target.drain()
@@ -119,6 +125,7 @@ def each_unit_answers_its_own_number_only(session: Session) -> None:
     asked; the others, 0 and those above 15 draw nothing, or what this device reads there."""
     present = {link.unit: link for link in units(session)}
     own = Link(session)
+    judge_followed(own)
     for unit in codec.UNITS:
         raw = codec.packet(unit, RQSTAT)
         if unit in present:
@@ -179,7 +186,8 @@ def each_unit_behaves_as_if_alone(session: Session) -> None:
     """With several units on a line and exchanges interleaved at random, broken ones among them,
     each says what it says alone, and nobody else says anything."""
     line = units(session)
-    alone = {link.unit: link.alive("MSC-PROP-14").body for link in line}
+    line[0].calm()
+    alone = {link.unit: link.told(link.alive("MSC-PROP-14")) for link in line}
     for link, kind in _turns(session, line, ROUNDS if session.target.is_virtual else ROUNDS_REAL):
         session.note(f"{kind} for unit {link.unit}")
         if kind == "wrong sum":
@@ -202,9 +210,9 @@ def each_unit_behaves_as_if_alone(session: Session) -> None:
                 session.target.send(ACK)
                 is_same = again is not None and link.is_same(again, first)
                 session.expect(is_same, "MSC-PROP-14", first, again)
-            body = link.alive("MSC-PROP-14").body
+            body = link.told(link.alive("MSC-PROP-14"))
             if body != alone[link.unit]:  # what it tells may have changed by itself
-                alone[link.unit] = link.alive("MSC-PROP-14").body
+                alone[link.unit] = link.told(link.alive("MSC-PROP-14"))
             session.expect(body == alone[link.unit], "MSC-PROP-14", alone[link.unit], body)
 
 
@@ -267,6 +275,7 @@ def an_empty_body_is_no_command(session: Session) -> None:
     """A packet without a body under a right checksum is treated as an unknown command, or ACKed if
     this device reads it so."""
     link = Link(session)
+    link.calm()
     raw = codec.packet(link.unit, b"")
     exchange = link.talk.ask(raw, is_read=False)
     link.nothing_more(("MSC-LNK-02", "MSC-LNK-04"), "it")
@@ -288,6 +297,7 @@ def a_character_without_its_stop_bit_spoils_its_packet(session: Session) -> None
     link = Link(session)
     if session.target.description.startswith("socket:"):
         session.skip("a plain socket carries bytes, not a rate")
+    link.calm()
     session.target.drain()
     _spoilt(link)
     link.nothing_more("MSC-LNK-02", "a framing error between packets")

@@ -188,7 +188,10 @@ def signs_outside_an_exchange_are_ignored(session: Session) -> None:
             if NAK in signs:
                 link.reading("stray_nak", "ignore", "MSC-LNK-15")
             continue
-        is_last = again is not None and not strays and link.is_same(again, last)
+        # Several units that send again what was their last garble each other.
+        is_last = bool(session.neighbours) or (
+            again is not None and not strays and link.is_same(again, last)
+        )
         if NAK not in signs or not is_last:
             session.fail(
                 ("MSC-LNK-15", "MSC-LNK-11"), f"nothing to {codec.explain(signs)}",
@@ -209,22 +212,28 @@ def a_new_packet_ends_the_wait_for_the_hosts_sign(session: Session) -> None:
     """A packet sent instead of the ACK is served and the old reply is gone, or what this device
     reads there.  (WAIT 02h)"""
     link = Link(session)
+    is_short = 2 * link.ack_timeout_s < 5 * link.glance_s
+    if is_short and session.reading("ack_timeout_action") == "retransmit":
+        session.skip("T2 is too short to tell its repeats from what a byte draws")
     first = link.unanswered()
     raw = link.talk.request(SECOND)
-    session.target.send(raw[:1])
-    heard, strays = link.talk.hear_packet(link.glance_s)
-    if heard is None and not strays:
-        session.target.send(raw[1:])
-        heard, strays = link.talk.hear_packet(link.talk.limit_s(len(raw)))
-        is_junk = session.reading("junk_while_waiting") == "as_nak"  # as the rest then is
-        seen = "ignore" if heard is None or is_junk else ""
+    # Byte by byte, as far as one of them may draw the old reply again.
+    sent, seen = 0, "ignore"
+    for reading in ("as_nak", "ignore"):
+        session.target.send(raw[sent : sent + 1])
+        sent += 1
+        heard, strays = link.talk.hear_packet(link.glance_s)
+        if heard is not None or strays:
+            seen = reading
+            break
     else:
-        seen = "as_nak"
+        session.target.send(raw[sent:])
+        heard, strays = link.talk.hear_packet(link.talk.limit_s(len(raw)))
     if strays == ACK and heard is not None and heard.name == "RFLAG":
         session.target.send(ACK)
         link.reading("stx_while_waiting", "serve", "MSC-LNK-16")
         link.nothing_more("MSC-LNK-16", "both", link.ack_timeout_s * 1.2 + link.glance_s)
-    elif seen and not strays and (heard is None or link.is_same(heard, first)):
+    elif not strays and (link.is_same(heard, first) if heard is not None else sent == 2):
         link.reading("stx_while_waiting", seen, "MSC-LNK-16")
         session.target.send(ACK)
         link.talk.settle()
@@ -239,6 +248,7 @@ def another_byte_is_no_sign(session: Session) -> None:
     """A byte that is neither sign nor 02h leaves the wait as it is: a NAK after it still draws the
     repeat; or it counts as NAK, or ends the wait, if this device reads it so.  (WAIT other)"""
     link = Link(session)
+    link.calm()
     first = link.unanswered()
     session.target.send(JUNK)
     again, strays = link.talk.hear_packet(link.glance_s)

@@ -19,9 +19,14 @@ from axistwin_conformance.msc.codec import ACK, NAK, RQSTAT, Packet
 from axistwin_conformance.msc.talk import QUIET_S, Exchange
 
 MS: Final = 1_000_000
+STATUS_END: Final = 9  # of RQSTAT's body: what follows the status word may be anything
 ROUNDING_NS: Final = MS  # a measured time-out is told in whole ms,
 COARSE_NS: Final = 15 * MS  # or in steps of 20 where the line blurs it
 LIMITS: Final = {"5_repeats": 5, "5_total": 4}  # MSC-AMB-01: how many repeats there are
+# Readings in which the idle units of a shared line answer what one of them says, or junk for it.
+SHOUTING: Final = (
+    ("stray_nak", "resend_last"), ("noise_in_idle", "nak"), ("other_unit_framing", "hunt_stx"),
+)  # fmt: skip
 WAITS_AT_MOST: Final = 1.5  # times the time-out of a unit until it counts as not coming
 
 Names = str | tuple[str, ...]
@@ -86,6 +91,13 @@ class Link(Bench):
         """How many repeats this device sends (MSC-AMB-01)."""
         return LIMITS[self.session.reading("retransmit_limit")]
 
+    def calm(self) -> None:
+        """Go on only if one unit's NAK, or junk, leaves the other units of the line quiet."""
+        for switch, reading in SHOUTING:
+            if self.session.neighbours and self.session.reading(switch) == reading:
+                told = "the other units of this line take part; ask the unit alone"
+                self.session.skip(f"with {switch}={reading} {told}")
+
     # --- what may be read and written -------------------------------------------------------------
 
     def spots(self, count: int) -> list[int]:
@@ -114,6 +126,8 @@ class Link(Bench):
 
     def sign(self, raw: bytes, sign: bytes, names: Names, what: str) -> Exchange:
         """Judge that a packet draws that sign, then nothing but the reply it asks for."""
+        if sign == NAK:
+            self.calm()
         exchange = self.talk.ask(raw)
         told = {ACK: "ACK", NAK: "NAK", b"": "nothing"}[sign]
         is_so = exchange.sign == sign and not exchange.extra
@@ -139,6 +153,10 @@ class Link(Bench):
         assert reply is not None
         return reply
 
+    def told(self, reply: Packet) -> bytes:
+        """The body of a reply as far as it is specified (MSC-RQSTAT-03)."""
+        return reply.body[:STATUS_END] if reply.name == "RQSTAT" else reply.body
+
     # --- replies without an answer ----------------------------------------------------------------
 
     def unanswered(self, body: bytes = RQSTAT) -> Packet:
@@ -157,6 +175,7 @@ class Link(Bench):
 
     def refuse_in(self, names: Names) -> Packet | None:
         """The same where something else is judged than MSC-LNK-10."""
+        self.calm()
         self.target.send(NAK)
         again, strays = self.talk.hear_packet()
         if strays:
@@ -204,6 +223,7 @@ class Link(Bench):
     def break_off(self, raw: bytes) -> tuple[bytes, int, int]:
         """Send the beginning of a packet and wait out T1: what came, when sending began and when it
         came (ns)."""
+        self.calm()
         self._measure_latency()
         self.target.drain()
         sent_ns = self.target.send(raw)
