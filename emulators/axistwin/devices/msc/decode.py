@@ -22,6 +22,8 @@ from axistwin.devices.msc.packets import (
 )
 from axistwin.devices.msc.status import StatusBit
 
+_SIGNS = {ACK: "ACK", NAK: "NAK"}
+
 _SHOWN_MAX = 4
 """Values of a block that are told; the others are counted."""
 
@@ -32,10 +34,13 @@ def explain(data: bytes) -> str:
 
 
 def _parts(data: bytes) -> Iterator[str]:
-    """Packets and characters in ``data`` one by one; stretches that are neither as hex."""
+    """Packets and characters in ``data`` one by one; stretches that are neither as hex.
+
+    06h and 15h in the middle of such a stretch are no answers.
+    """
     at = junk = 0
     while at < len(data):
-        text, length = _part_at(data, at)
+        text, length = _part_at(data, at, is_sign=at == junk)
         if length:
             if junk < at:
                 yield _spaced(data[junk:at])
@@ -46,13 +51,11 @@ def _parts(data: bytes) -> Iterator[str]:
         yield _spaced(data[junk:])
 
 
-def _part_at(data: bytes, at: int) -> tuple[str, int]:
+def _part_at(data: bytes, at: int, *, is_sign: bool) -> tuple[str, int]:
     """The text and length of what begins at ``at``; length 0 if nothing does."""
     first = data[at]
-    if first == ACK:
-        return "ACK", 1
-    if first == NAK:
-        return "NAK", 1
+    if is_sign and first in _SIGNS:
+        return _SIGNS[first], 1
     if first != STX or len(data) < at + FRAME_BYTES:
         return "", 0
     length = body_length(data[at : at + HEADER_BYTES])
