@@ -19,6 +19,7 @@ class Player(playing.Player):
     def __init__(self, bench: Bench) -> None:
         super().__init__(bench.session)
         self.bench = bench
+        self._last: Sequence | None = None
 
     @property
     def kinds(self) -> int:
@@ -31,9 +32,10 @@ class Player(playing.Player):
 
     def begin(self) -> Sequence:
         """A sequence on a line at rest, with known values and flags."""
-        if self.is_fresh:
+        if self.is_fresh or (self._last is not None and not self._last.is_over):
             self.bench.talk.settle()
-        return begin(self.bench)
+        self._last = begin(self.bench)
+        return self._last
 
 
 def player_of(session: Session) -> Player:

@@ -63,6 +63,7 @@ class Sequence:
     operated: Counter[tuple[str, str]] = field(default_factory=Counter)
     marks: list[int] = field(default_factory=list)
     waiting_since_ns: int | None = None
+    is_over: bool = False  # everything it said was admissible, to the end
     _log: list[tuple[bytes, bytes] | int] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -123,6 +124,7 @@ class Sequence:
                 self.read_block(address) if self.blocks else self.read(address)
             for number in self.flags:
                 self.read_flag(number)
+        self.is_over = True
 
     def leave(self) -> None:
         """Leave the line at rest."""
@@ -350,18 +352,23 @@ def begin(bench: Bench) -> Sequence:
     """Bring what is in play to a known state, always the same, and give a sequence to play."""
     spots, blocks, cover = places(bench)
     flags = tuple(_spread(list(bench.flags_free), FLAGS))
-    model = UnitModel(_strides(bench))
-    run = Sequence(bench, model, spots, blocks, flags)
+    run = Sequence(bench, UnitModel(_strides(bench)), spots, blocks, flags)
+    zeros = (BEGINNING_VALUE,) * codec.BLOCK_VALUES
     for address in cover:
-        bench.write_block(address, [BEGINNING_VALUE] * codec.BLOCK_VALUES)
-        model.write_block(address, [BEGINNING_VALUE] * codec.BLOCK_VALUES)
+        if _is_done(bench, codec.bwrite(address, zeros)):
+            run.model.write_block(address, zeros)
     for address in spots if not cover else ():
-        bench.write(address, BEGINNING_VALUE)
-        model.write(address, BEGINNING_VALUE)
+        if _is_done(bench, codec.dwrite(address, BEGINNING_VALUE)):
+            run.model.write(address, BEGINNING_VALUE)
     for number in flags:
-        bench.clear_flag(number)
-        model.turn(number, False)
+        if _is_done(bench, codec.cflag(number)):
+            run.model.turn(number, False)
     return run
+
+
+def _is_done(bench: Bench, body: bytes) -> bool:
+    """Write; True if the unit says it has.  What it holds otherwise, the first read will tell."""
+    return bench.ask(body).sign == ACK
 
 
 def _strides(bench: Bench) -> tuple[int, ...]:

@@ -1,0 +1,328 @@
+"""Sequences on a unit: a sound one is found sound, a faulty one is found, shrunk and told."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from msc_device import MscPort, session_on, target_of
+
+from axistwin_conformance import machines
+from axistwin_conformance.drawing import no_folder
+from axistwin_conformance.events import Event, FailureStored, StatesCovered
+from axistwin_conformance.msc import codec
+from axistwin_conformance.msc.bench import Bench
+from axistwin_conformance.msc.checks_machines import (
+    some_runs_of_the_machine_agree_with_the_model as some_runs,
+)
+from axistwin_conformance.msc.checks_sequences import (
+    many_mixed_sequences_agree_with_the_model as many_sequences,
+)
+from axistwin_conformance.msc.checks_sequences import (
+    replay_check,
+)
+from axistwin_conformance.msc.checks_sequences import (
+    some_mixed_sequences_agree_with_the_model as some_sequences,
+)
+from axistwin_conformance.msc.codec import ACK, NAK
+from axistwin_conformance.msc.family import FAMILY
+from axistwin_conformance.msc.machines import Judged, UnitMachine
+from axistwin_conformance.msc.operations import OPERATIONS, WHAT
+from axistwin_conformance.msc.player import Player, player_of
+from axistwin_conformance.msc.sequences import places
+from axistwin_conformance.playing import Mismatch
+from axistwin_conformance.recording import Recording
+from axistwin_conformance.registry import Check, Grounds
+from axistwin_conformance.session import Session, Stop
+from axistwin_conformance.verdicts import Verdict
+
+
+def operation(name: str, first: int = 0, second: int = 0, pause: int = 0) -> bytes:
+    """An operation by its name."""
+    return bytes([WHAT[name], first, second, pause])
+
+
+class Case:
+    """A check on a unit in virtual time, and what it tells."""
+
+    def __init__(self, port: MscPort, check: Check = some_sequences, **how: Any) -> None:
+        self.port, self.events = port, list[Event]()
+        self.session = session_on(port, check, tell=self.events.append, **how)
+        self.session.run.memory = FAMILY.remember(Session(self.session.run))
+
+        def gate(data: bytes) -> None:
+            reason = FAMILY.guard(self.session, data)
+            assert reason is None, reason
+
+        self.session.target.gate = gate
+
+    def run(self) -> None:
+        """Run the check; it may end early."""
+        check = self.session.check
+        assert check is not None
+        try:
+            check(self.session)
+        except Stop:
+            return
+
+    @property
+    def player(self) -> Player:
+        """Somebody who plays on it."""
+        return player_of(self.session)
+
+    @property
+    def failed(self) -> dict[str, str]:
+        """What failed, and the words."""
+        return {
+            one.requirement: one.text
+            for one in self.session.findings
+            if one.verdict is Verdict.FAIL
+        }
+
+    @property
+    def stored(self) -> list[Recording]:
+        """The recordings told, in order."""
+        return [one.recording for one in self.events if isinstance(one, FailureStored)]
+
+
+# --- sound ones -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("check", [some_sequences, many_sequences, some_runs],
+                         ids=lambda check: check.name)  # fmt: skip
+@pytest.mark.parametrize("has_rflags", [True, False])
+def test_a_sound_unit_is_found_sound(check: Check, has_rflags: bool) -> None:
+    """Whatever is drawn; on models with and without RFLAGS."""
+    case = Case(MscPort(has_rflags=has_rflags), check)
+    case.run()
+    assert case.failed == {}
+    assert {"MSC-PROP-08", "MSC-PROP-09", "MSC-PROP-10", "MSC-PROP-13"} <= set(case.session.passed)
+
+
+def test_every_operation_is_met_idle_and_waiting() -> None:
+    """The state in which each was done is told."""
+    case = Case(MscPort(), many_sequences)
+    case.run()
+    (covered,) = [one for one in case.events if isinstance(one, StatesCovered)]
+    names = {one.name for one in OPERATIONS}
+    assert set(covered.counts["idle"]) == names
+    assert len(covered.counts["waiting"]) > len(names) // 2
+
+
+@no_folder()
+def test_the_machine_does_every_operation() -> None:
+    """Its rules reach all of the table but the wait, which is a pause there."""
+    player = Case(MscPort(), some_runs).player
+    begun, failing = machines.search(player.begin, Judged, 30, 60, random.Random(2), UnitMachine)
+    assert failing is None
+    done = {name for run in begun for _, name in run.operated}
+    assert {one.name for one in OPERATIONS} - done <= {"wait", "read all flags"}
+
+
+def test_what_is_written_is_put_back() -> None:
+    """Values and flags hold what they held before the check."""
+    port = MscPort()
+    port.data = {address: address * 31 for address in range(1024, 5120, 4)}
+    port.flags = {130, 150, 180}
+    before = dict(port.data), set(port.flags)
+    case = Case(port)
+    case.run()
+    assert (port.data, port.flags) != before
+    assert FAMILY.restore(Session(case.session.run), case.session.run.memory) == ()
+    assert (port.data, port.flags) == before
+
+
+@pytest.mark.parametrize("named", [range(2000, 2001), range(2001, 2050), range(1026, 1300)])
+def test_places_lie_inside_what_is_named(named: range) -> None:
+    """However little that is, and wherever it begins."""
+    grounds = Grounds(named, range(130, 131))
+    bench = Bench(session_on(MscPort(), many_sequences, grounds=grounds))
+    spots, blocks, cover = places(bench)
+    assert all(one in named and one % 4 == 0 for one in (*spots, *blocks))
+    assert all(one + 31 * 4 in named for one in blocks)
+    assert set(cover) <= set(blocks)
+
+
+def test_the_smallest_ground_is_enough_to_play_on() -> None:
+    """One variable, one flag: what needs more does less."""
+    case = Case(MscPort(), many_sequences, grounds=Grounds(range(2000, 2004), range(130, 131)))
+    case.run()
+    assert case.failed == {}
+
+
+def test_on_a_line_that_may_lose_bytes_the_lists_are_few_and_short() -> None:
+    """Nothing there is sent twice that must not be."""
+    port = MscPort()
+    case = Case(port, many_sequences, target=target_of(port, is_lossless=False))
+    case.run()
+    assert case.failed == {}
+    (covered,) = [one for one in case.events if isinstance(one, StatesCovered)]
+    assert covered.operations == 6 * 30
+
+
+# --- faulty ones ----------------------------------------------------------------------------------
+
+
+def _lets_go_of(port: MscPort, name: str) -> None:
+    """The unit acknowledges that command and does nothing."""
+    served = port._served
+
+    def fault(one: codec.Packet) -> bytes | None:
+        return b"" if one.name == name else served(one)
+
+    port._served = fault  # type: ignore[method-assign]
+
+
+def _clobbers(port: MscPort) -> None:
+    """DWRITE takes the next value with it."""
+    served = port._served
+
+    def fault(one: codec.Packet) -> bytes | None:
+        if one.name == "DWRITE":
+            port.data[one.numbers[0] + 4] = 0
+        return served(one)
+
+    port._served = fault  # type: ignore[method-assign]
+
+
+def _reads_change(port: MscPort) -> None:
+    """BREAD clears what it has read."""
+    served = port._served
+
+    def fault(one: codec.Packet) -> bytes | None:
+        told = served(one)
+        if one.name == "BREAD":
+            port.data.update(dict.fromkeys(range(one.numbers[0], one.numbers[0] + 128, 4), 0))
+        return told
+
+    port._served = fault  # type: ignore[method-assign]
+
+
+def _repeats_with_an_ack(port: MscPort) -> None:
+    """A repeated reply has an ACK before it."""
+    again = port._again
+
+    def fault() -> None:
+        if port._repeats < 5:
+            port._say(ACK, 0)
+        again()
+
+    port._again = fault  # type: ignore[method-assign]
+
+
+def _repeats_six_times(port: MscPort) -> None:
+    """One repeat too many."""
+    again = port._again
+
+    def fault() -> None:
+        if port._repeats == 5 and port._reply:
+            port._repeats = 4
+        again()
+
+    port._again = fault  # type: ignore[method-assign]
+
+
+def _forgets_the_time(port: MscPort) -> None:
+    """A packet that breaks off is waited for for ever."""
+    port._broken_off = lambda: None  # type: ignore[method-assign]
+
+
+def _answers_signs(port: MscPort) -> None:
+    """A sign that nobody waits for draws a NAK."""
+    idle = port._hear_idle
+
+    def fault(byte: bytes) -> None:
+        if not port._reply and byte in (ACK, NAK) and byte == NAK:
+            port._say(NAK, 0)
+        idle(byte)
+
+    port._hear_idle = fault  # type: ignore[method-assign]
+
+
+def _keeps_the_wait(port: MscPort) -> None:
+    """A new packet does not end the wait: it is not taken for one."""
+    idle = port._hear_idle
+
+    def fault(byte: bytes) -> None:
+        if not port._reply or byte in (ACK, NAK):
+            idle(byte)
+
+    port._hear_idle = fault  # type: ignore[method-assign]
+
+
+Plant = Callable[[MscPort], None]
+
+
+@pytest.mark.parametrize("check", [some_sequences, some_runs], ids=lambda check: check.name)
+@pytest.mark.parametrize(
+    ("plant", "requirements"),
+    [
+        (lambda port: _lets_go_of(port, "DWRITE"), {"MSC-PROP-08", "MSC-PROP-09"}),
+        (lambda port: _lets_go_of(port, "BWRITE"), {"MSC-PROP-09", "MSC-PROP-08"}),
+        (lambda port: _lets_go_of(port, "SFLAG"), {"MSC-PROP-10"}),
+        (lambda port: _lets_go_of(port, "CFLAG"), {"MSC-PROP-10"}),
+        (_clobbers, {"MSC-PROP-09", "MSC-PROP-08"}),
+        (_reads_change, {"MSC-PROP-13", "MSC-PROP-08", "MSC-PROP-09"}),
+        (_repeats_with_an_ack, {"MSC-LNK-10", "MSC-LNK-12"}),
+        (_repeats_six_times, {"MSC-LNK-09"}),
+        (_forgets_the_time, {"MSC-LNK-03"}),
+        (_answers_signs, {"MSC-LNK-15", "MSC-PROP-15"}),
+        (_keeps_the_wait, {"MSC-LNK-16"}),
+    ],
+    ids=["DWRITE", "BWRITE", "SFLAG", "CFLAG", "clobbers", "reads", "ack", "six", "time", "signs",
+         "wait"],
+)  # fmt: skip
+def test_a_faulty_unit_fails_what_it_breaks(
+    check: Check, plant: Plant, requirements: set[str]
+) -> None:
+    """By a few sequences, and by a few runs of the machine, each alone."""
+    port = MscPort()
+    case = Case(port, check)
+    plant(port)
+    case.run()
+    assert set(case.failed) & requirements, case.failed
+    assert len(case.failed) == 1
+
+
+def test_a_failure_is_shrunk_stored_and_plays_again() -> None:
+    """To the one write whose neighbour it takes, in words and as bytes."""
+    port = MscPort()
+    case = Case(port)
+    _clobbers(port)
+    case.run()
+    last = case.stored[-1]
+    assert last.model == "msc-250"
+    assert len(last.operations) <= 3
+    assert len(case.stored[0].operations) > len(last.operations)
+    assert "DWRITE" in " ".join(last.words)
+    again = Case(port, replay_check(last))
+    again.run()
+    assert set(again.failed) == {last.requirement}
+    sound = Case(MscPort(), replay_check(last))
+    sound.run()
+    assert sound.failed == {}
+
+
+def test_a_mismatch_tells_what_was_said_before_it() -> None:
+    """Request and answer of every step, the last one included."""
+    port = MscPort()
+    case = Case(port)
+    _lets_go_of(port, "DWRITE")
+    run = case.player.begin()
+    with pytest.raises(Mismatch) as refuted:
+        run.play(operation("write a value", 0, 4) + operation("read a value"))
+    assert refuted.value.requirement == "MSC-PROP-08"
+    assert refuted.value.story == (
+        "1: DWRITE, 1024 = -2147483648 → ACK",
+        "1: DREAD, 1024 → ACK, 1: DREAD, 0",
+    )
+
+
+def test_units_that_hunt_for_starts_are_not_played_among_others() -> None:
+    """What they say there is no answer to what was asked."""
+    case = Case(MscPort(), neighbours=(2,))
+    case.session.run.readings["other_unit_framing"] = "hunt_stx"
+    case.run()
+    assert {one.verdict for one in case.session.findings} == {Verdict.NOT_RUN}
