@@ -72,7 +72,7 @@ def noise(rng: random.Random) -> Iterator[bytes]:
     sent = 0
     while sent < TOTAL_BYTES:
         kind = rng.random()
-        if kind < 0.01:
+        if kind < 0.002:
             piece = rng.randbytes(5_000)
         elif kind < 0.2:
             piece = rng.choice((ACK, NAK, b"\x02", rng.randbytes(3)))
@@ -138,7 +138,7 @@ def test_ten_million_bytes_of_noise_leave_a_controller_that_answers() -> None:
         assert not judge.rest
         assert judge.signs <= starts
         assert judge.signs > 20_000, "the noise never reached the unit"
-        assert judge.packets > 20_000, "nothing was ever answered"
+        assert judge.packets > 5_000, "nothing was ever answered"
         port.write(rqstat())
         port.timeout = 0.5
         answer = bytes(port.read(24))
