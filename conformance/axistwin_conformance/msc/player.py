@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from axistwin_conformance import playing
 from axistwin_conformance.msc.bench import Bench
 from axistwin_conformance.msc.operations import OPERATIONS
 from axistwin_conformance.msc.sequences import BYTES_PER_OPERATION, Sequence, begin
 from axistwin_conformance.session import Session
+
+BABBLING: Final = ("other_unit_framing", "stray_nak")  # MSC-AMB-14, -29
 
 
 class Player(playing.Player):
@@ -40,6 +44,8 @@ class Player(playing.Player):
 
 def player_of(session: Session) -> Player:
     """Somebody who plays on the unit under test; skips where others talk in between."""
-    if session.neighbours and session.reading("other_unit_framing") == "hunt_stx":
-        session.skip("units that hunt for 02h answer what is meant for others (MSC-AMB-14)")
+    for switch in BABBLING if session.neighbours else ():
+        reading = session.reading(switch)
+        if reading != session.run.ledger.ambiguity_of(switch).default_of(switch):
+            session.skip(f"with {switch}={reading}, what is said to one unit draws others' answers")
     return Player(Bench(session))
