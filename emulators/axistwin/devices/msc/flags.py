@@ -52,8 +52,8 @@ def parse_flag_map(text: str) -> FlagMap | None:
     kinds = [FlagKind.UNASSIGNED] * FLAGS
     for entry in (_GENERIC if text == "generic" else text).split("/"):
         name, _, span = entry.partition(":")
-        first, _, last = span.partition("-")
-        numbers = _span(first, last or first)
+        first, dash, last = span.partition("-")
+        numbers = _span(first, last if dash else first)
         known = [kind for kind in FlagKind if kind.value == name]
         if numbers is None or not known:
             return None
