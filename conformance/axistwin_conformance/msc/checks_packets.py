@@ -427,7 +427,7 @@ def judge_noise(link: Link, noise: bytes, names: str) -> None:
     is_refused = bool(heard) and (not heard.strip(NAK) or bool(link.session.neighbours))
     if heard and not is_refused:
         link.session.fail(names, ["nothing", "NAK"], codec.explain(heard))
-    readings = ("nak",) if heard else ("ignore",)
+    readings: tuple[str, ...] = ("nak",) if heard else ("ignore",)
     if not heard and link.session.neighbours and len(noise) > 1:
         readings = ("ignore", "nak")  # on two wires they talk over the host, and garble it all
     link.reading("noise_in_idle", readings, names)
