@@ -1,9 +1,10 @@
-"""Starts two serial lines and a CAN bus, and judges a twin on each over its own pty, all at once.
+"""Starts three serial lines and a CAN bus, and judges a twin on each over its own pty, all at once.
 
-On each line are a MAC23 at 0 and a MAC34 at 5; on the first the MAC23 is judged, on the second the
+On two lines are a MAC23 at 0 and a MAC34 at 5; on the first the MAC23 is judged, on the second the
 MAC34.  On the bus, a hub with an slcan adapter for a pty, are two MAC23, of which the first is
-judged.  What each says about the other stays out of it.  The verdicts are printed one after the
-other, whole.  Used by ``scripts/run``; ends with status 0 when every twin conforms.
+judged.  What each says about the other stays out of it.  On the third line is an MSC.  The verdicts
+are printed one after the other, whole.  Used by ``scripts/run``; ends with status 0 when every twin
+conforms.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ class Place:
     """A line or a bus: the twins on it, the one that is judged first; where its pty is linked.
 
     `option` of ``axistwin run`` makes it, `way` of ``axistwin conform`` leads to it.  `ids`: what
-    is judged there; none means all of the level.
+    is judged there; none means all of the level.  `served`, `granted`: more words for the one who
+    serves, and for the one who judges.
     """
 
     link: str
@@ -38,6 +40,8 @@ class Place:
     option: str = "--pty"
     way: tuple[str, str] = ("--port", "{}")
     ids: tuple[str, ...] = ()
+    served: tuple[str, ...] = ()
+    granted: tuple[str, ...] = ("--allow", "motion,stored")
 
     @property
     def judged(self) -> str:
@@ -49,7 +53,7 @@ class Place:
         (model, address), *others = self.devices
         option, form = self.way
         words = ["conform", model, option, form.format(self.link), "--address", str(address)]
-        words += ["--allow", "motion,stored", "--level", "quick"]
+        words += [*self.granted, "--level", "quick"]
         words += [word for _, one in others for word in ("--neighbour", str(one))]
         return [*words, *self.ids]
 
@@ -57,6 +61,14 @@ class Place:
 # What is left out on the bus takes longer than all that is judged on a line: a lifebeat comes every
 # 10 s.
 ON_THE_BUS = ("MACC-ID", "MACC-SYNC", "MACC-GEN", "MACC-CMD-1", "MACC-Q", "MACC-STATE")
+# At 9600, and with time-outs of a second, an MSC takes three times as long as the others: here its
+# bytes take no time, so that all is judged but that they do.
+SHORT_TIMES = ("--quirk", "ack_timeout_ms=300", "--quirk", "packet_timeout_ms=300")
+OF_THE_MSC = (
+    "MSC-PHY-03", "MSC-PHY-05", "MSC-PKT", "MSC-LNK", "MSC-CMD", "MSC-BREAD", "MSC-BWRITE",
+    "MSC-CFLAG", "MSC-DREAD", "MSC-DWRITE", "MSC-RFLAG", "MSC-RQSTAT", "MSC-SFLAG", "MSC-STA",
+    "MSC-DAT", "MSC-FLG", "MSC-PROP",
+)  # fmt: skip
 PLACES = (
     Place("./mac", (("mac23", 0), ("mac34-1", 5))),
     Place("./mac34", (("mac34-1", 5), ("mac23", 0))),
@@ -66,6 +78,16 @@ PLACES = (
         "--slcan",
         ("--can", "slcan:{}"),
         ON_THE_BUS,
+    ),
+    Place(
+        "./msc",
+        (("msc-250", 1),),
+        ids=OF_THE_MSC,
+        served=("--program", "bench", "--no-pacing", *SHORT_TIMES),
+        granted=(
+            *("--allow", "motion,stored", "--variables", "1024-5119", "--flags", "128-191"),
+            *("--bench-program", "240:6144"),
+        ),
     ),
 )
 
@@ -91,7 +113,7 @@ def running(place: Place, folder: Path) -> Iterator[subprocess.Popen[str]]:
     """
     devices = [f"{model}:{address}" for model, address in place.devices]
     command = [sys.executable, "-m", "axistwin", "run", *devices]
-    command += [place.option, place.link, "--state", str(folder / "state"), "--json"]
+    command += [*place.served, place.option, place.link, "--state", str(folder / "state"), "--json"]
     folder.mkdir()
     log = folder / "log"
     with (
