@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import pytest
 from msc_controller import Controller, Turn, answers, judge, refuses, twisted
+from msc_device import REPLY_NS
 from msc_judging import failed, troubles
 
 from axistwin_conformance.msc import codec
@@ -263,8 +264,34 @@ def test_a_checksum_without_the_comma_is_not_taken() -> None:
     assert failed(judge("a_checksum_without_the_comma_is_refused", Uncounted())) == {"MSC-CMD-03"}
 
 
+class Unhurried(Controller):
+    """Refuses what is under a wrong checksum, and serves it all the same."""
+
+    def serve(self, one: Packet) -> bytes | None:
+        """Serves whatever the sum is."""
+        if one.is_sound:
+            return super().serve(one)
+        served = super().serve(made_sound(one))
+        if served:
+            self._say(self.reply(one, served), REPLY_NS)
+        return None
+
+
+def made_sound(one: Packet) -> Packet:
+    """The same packet under its right checksum."""
+    sound = codec.parse(codec.packet(one.unit, one.body, one.block))
+    assert sound is not None
+    return sound
+
+
+def test_a_refused_read_has_no_reply() -> None:
+    """Who serves what he has refused, fails."""
+    assert failed(judge("a_refused_read_is_not_served", Unhurried())) == {"MSC-LNK-06"}
+
+
 def test_every_check_of_commands_and_data_has_a_fault_here() -> None:
     """No check of these modules goes without one that it finds."""
-    covered = {name for name, _, _ in FAULTS} | {"a_checksum_without_the_comma_is_refused"}
+    elsewhere = {"a_checksum_without_the_comma_is_refused", "a_refused_read_is_not_served"}
+    covered = {name for name, _, _ in FAULTS} | elsewhere
     names = {one.name for one in CHECKS if one.module.endswith(("commands", "data"))}
     assert names <= covered

@@ -11,7 +11,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
 
-from axistwin_conformance.carrier import is_twin_url
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import BLOCK_VALUES, RQSTAT
 from axistwin_conformance.msc.controller import (
@@ -29,10 +28,6 @@ BENCH: Final = ("bench",)
 LAST_PLACE: Final = 0xFFFC
 ADDRESSES: Final = 0x10000
 HALF: Final = BLOCK_VALUES // 2
-
-
-def _is_twin(session: Session) -> bool:
-    return is_twin_url(session.target.description)
 
 
 # --- names ----------------------------------------------------------------------------------------
@@ -141,9 +136,8 @@ def a_body_of_another_size_is_refused(session: Session) -> None:
 def a_write_of_another_size_stores_nothing(session: Session) -> None:
     """BWRITE with 31 or 33 values, DWRITE with three or five bytes, SFLAG and CFLAG with one or
     three draw NAK and change nothing; on a twin only."""
-    if not _is_twin(session):
-        session.skip("a write that is wrong on purpose is sent to a twin only")
     unit = Controller(session)
+    unit.only_on_a_twin()
     (block,), flag = unit.blocks(1), unit.some_flags(1)[0]
     before = unit.values(BLOCK_VALUES)
     unit.write_block(block, before)
@@ -230,7 +224,7 @@ def an_address_outside_the_data_area_is_refused(session: Session) -> None:
 
 def _keeps_at_the_end(unit: Controller) -> bool:
     """True if the last place keeps what is written there, or if that cannot be tried out."""
-    if not _is_twin(unit.session):
+    if not unit.is_twin:
         return True
     unit.write(LAST_PLACE, 0x5A5A)
     is_kept = unit.read(LAST_PLACE) == 0x5A5A
@@ -300,9 +294,8 @@ def _judge_overrun(unit: Controller, start: int, beyond: int, values: Sequence[i
 def a_block_written_over_the_end_stores_nothing(session: Session) -> None:
     """BWRITE of a block whose second half is behind the end of the data area draws NAK and stores
     nothing, or half of it, as this device reads it; on a twin only."""
-    if not _is_twin(session):
-        session.skip("what is at the end of the data area is not written on a real controller")
     unit = Controller(session)
+    unit.only_on_a_twin()
     end, stride = _end_of_data(unit), unit.stride
     last, start = end - BLOCK_VALUES * stride, end - HALF * stride
     with _kept(unit, (last, 0)):
@@ -356,7 +349,7 @@ def a_flag_number_above_255_is_refused(session: Session) -> None:
         if kind != SERVED or reply is None or reply.numbers not in ((0,), (1,)):
             session.fail(None, [NAKED, "off", f"the state of flag {number}"], exchange)
         unit.reading("flag_out_of_range", "mod256" if reply.numbers == (1,) else "off")
-    if _is_twin(session):
+    if unit.is_twin:
         _judge_far_writes(unit, number)
 
 

@@ -100,6 +100,15 @@ def a_checksum_without_the_comma_is_refused(session: Session) -> None:
     unit.sign(right, codec.ACK, "MSC-CMD-03", "one that counts it")
 
 
+@check("MSC-LNK-06")
+def a_refused_read_is_not_served(session: Session) -> None:
+    """Each reading command under a wrong checksum gets NAK, and no reply behind it."""
+    unit = Controller(session)
+    for body in unit.reads():
+        raw = codec.with_wrong_checksum(unit.talk.request(body))
+        unit.sign(raw, NAK, "MSC-LNK-06", codec.explain_request(raw))
+
+
 @check("MSC-CMD-03", "MSC-DWRITE-01", safety="stored", needs=("variables",))
 def the_worked_example_writes_1234(session: Session) -> None:
     """The manual's 21 bytes, length 13 and checksum with the comma, are ACKed and store 1234; at

@@ -76,8 +76,10 @@ def _judge_after_write(link: Link, body: bytes, heard: bytes) -> None:
 
 @check("MSC-LNK-06", safety="stored", needs=("variables",))
 def a_refused_write_stores_nothing(session: Session) -> None:
-    """DWRITE and BWRITE with a wrong checksum get NAK and leave the variables as they were."""
+    """DWRITE and BWRITE with a wrong checksum get NAK and leave the variables as they were; on a
+    twin only."""
     link = Link(session)
+    link.only_on_a_twin()
     spot = link.block_spot()
     before = list(range(100, 132))
     link.write_block(spot, before)
@@ -93,8 +95,10 @@ def a_refused_write_stores_nothing(session: Session) -> None:
 
 @check("MSC-LNK-06", safety="stored", needs=("flags",))
 def a_refused_sflag_turns_nothing_on(session: Session) -> None:
-    """SFLAG and CFLAG with a wrong checksum get NAK and leave the flag as it was."""
+    """SFLAG and CFLAG with a wrong checksum get NAK and leave the flag as it was; on a twin
+    only."""
     link = Link(session)
+    link.only_on_a_twin()
     number = link.flags_free[0]
     before = link.flag(number)
     for body in (codec.sflag(number), codec.cflag(number)):
@@ -107,8 +111,9 @@ def a_refused_sflag_turns_nothing_on(session: Session) -> None:
 @check("MSC-LNK-24", "MSC-LNK-04", safety="stored", needs=("variables",))
 def bytes_of_a_refused_packet_are_not_looked_at_again(session: Session) -> None:
     """A BWRITE with a wrong checksum and a good RQSTAT among its values draws one NAK, nothing
-    else."""
+    else; on a twin only."""
     link = Link(session)
+    link.only_on_a_twin()
     body = codec.bwrite(link.block_spot(), carrying(link.talk.request(RQSTAT)))
     raw = codec.with_wrong_checksum(link.talk.request(body))
     link.sign(raw, NAK, ("MSC-LNK-24", "MSC-LNK-04"), "the whole packet")

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
+from axistwin_conformance.carrier import is_twin_url
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import SAFE_BLOCK, SAFE_STRIDE, Bench
 from axistwin_conformance.msc.codec import ACK, NAK, RQSTAT, Packet
@@ -60,8 +61,9 @@ class Link(Bench):
 
     @property
     def spare_ns(self) -> int:
-        """How well an instant is known: exactly, where time is virtual."""
-        return 0 if self.target.is_virtual else self.target.uncertainty_ns
+        """How well an instant is known: exactly, where time is virtual and nothing is disturbed."""
+        is_exact = self.target.is_virtual and self.target.is_lossless
+        return 0 if is_exact else self.target.uncertainty_ns
 
     @property
     def glance_s(self) -> float:
@@ -97,6 +99,18 @@ class Link(Bench):
             if self.session.neighbours and self.session.reading(switch) == reading:
                 told = "the other units of this line take part; ask the unit alone"
                 self.session.skip(f"with {switch}={reading} {told}")
+
+    # --- what may be sent to whom -----------------------------------------------------------------
+
+    @property
+    def is_twin(self) -> bool:
+        """True if nothing can be harmed: a twin, not a controller."""
+        return is_twin_url(self.target.description)
+
+    def only_on_a_twin(self) -> None:
+        """Skip on a real controller: what is wrong on purpose there, is a read."""
+        if not self.is_twin:
+            self.session.skip("a write that is wrong on purpose is sent to a twin only")
 
     # --- what may be read and written -------------------------------------------------------------
 
