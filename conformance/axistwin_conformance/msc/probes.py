@@ -23,6 +23,7 @@ from axistwin_conformance.msc.probing import (
     LONGEST_S,
     MS,
     Drawn,
+    answer_to,
     default_of,
     down_to_the_last,
     drawn_by,
@@ -153,7 +154,7 @@ def ack_timeout_action(bench: Bench) -> Outcome:
         if again is None and STX not in strays:
             break
         repeats += 1
-        wait_s = 2 * (bench.target.now_ns - since_ns) / 1e9 + glance_s(bench)
+        wait_s = 1.2 * (bench.target.now_ns - since_ns) / 1e9 + glance_s(bench)
         since_ns = bench.target.now_ns
     bench.talk.send(ACK)
     if repeats > most:
@@ -332,10 +333,10 @@ def reply_unit(bench: Bench) -> Outcome:
     _only_on_rs232(bench)
     if bench.session.reading("rs232_unit_check") != "ignore":
         bench.session.skip("it answers its own number only")
-    exchange = bench.talk.ask(codec.packet(ABSENT[0], RQSTAT), is_read=True)
-    if exchange.reply is None:
-        return str(exchange)
-    return {bench.unit: 0, ABSENT[0]: 1}.get(exchange.reply.unit, f"unit {exchange.reply.unit}")
+    drawn, reply = answer_to(bench, codec.packet(ABSENT[0], RQSTAT))
+    if reply is None:
+        return drawn.value
+    return {bench.unit: 0, ABSENT[0]: 1}.get(reply.unit, f"unit {reply.unit}")
 
 
 @probe(needs=("alone",), switch="timeout_before_unit")
@@ -357,7 +358,8 @@ def lone_stx(bench: Bench) -> bool:
     heard = bench.talk.hear(1, bench.packet_timeout_s + glance_s(bench))
     if not heard:  # one that waits for ever gets the rest, refused by its checksum
         bench.talk.send(codec.packet(bench.unit, RQSTAT, checksum=NO_SUM)[1:])
-    bench.talk.settle()
+    if heard != NAK:
+        bench.talk.settle()
     return bool(heard)
 
 

@@ -18,7 +18,16 @@ from axistwin_conformance.msc.codec import (
 )
 from axistwin_conformance.msc.probes import lone_stx
 from axistwin_conformance.msc.probes_writes import MARK, OTHER
-from axistwin_conformance.msc.probing import Drawn, drawn_by, glance_s, odd_packet, variable
+from axistwin_conformance.msc.probing import (
+    Answer,
+    Drawn,
+    answer_now,
+    answer_to,
+    drawn_by,
+    glance_s,
+    odd_packet,
+    variable,
+)
 from axistwin_conformance.probing import Outcome, probe
 from axistwin_conformance.profile import Probe
 
@@ -101,22 +110,20 @@ def _refused_or_served(bench: Bench, body: bytes) -> Outcome:
 
 @probe(safety="rig", needs=BENCH)
 def overlength(bench: Bench) -> Outcome:
-    """A header that announces 241 bytes, alone; then all of such a packet."""
+    """A header that announces 241 bytes, and what comes before, after and long after the rest."""
     body, heard_as = _too_long(bench)
     whole = odd_packet(bench, body + bytes(MAX_BODY + 1 - len(body)))
+    spare_s = max(0.0, bench.packet_timeout_s - len(whole) * bench.target.byte_ns / 1e9) / 3
+    at_once_s = min(glance_s(bench), spare_s)
     bench.target.drain()
     bench.talk.send(whole[: codec.HEADER_BYTES])
-    is_early = bench.talk.hear(1, min(glance_s(bench), bench.packet_timeout_s / 2)) == NAK
-    bench.talk.settle()
-    if is_early:
+    if bench.talk.hear(1, at_once_s + codec.HEADER_BYTES * bench.target.byte_ns / 1e9) == NAK:
         return 1
-    whole_s = len(whole) * bench.target.byte_ns / 1e9
-    before_t1_s = max(0.0, bench.packet_timeout_s - whole_s) / 2
-    drawn = drawn_by(bench, whole, whole_s + min(glance_s(bench), before_t1_s))
+    rest = whole[codec.HEADER_BYTES :]
+    bench.talk.send(rest)
+    drawn, _ = answer_now(bench, len(rest) * bench.target.byte_ns / 1e9 + at_once_s)
     if drawn is Drawn.SILENCE:
-        is_late = bench.talk.hear(1, bench.packet_timeout_s + glance_s(bench)) == NAK
-        bench.talk.settle()
-        if is_late:
+        if bench.talk.hear(1, bench.packet_timeout_s + glance_s(bench)) == NAK:
             return 2
         return 3 if heard_as is Drawn.SILENCE else "no NAK at all"
     if drawn is Drawn.NAK:
@@ -170,6 +177,11 @@ def timeout_before_unit_on_rs485(bench: Bench) -> Outcome:
     return 2 if lone_stx(bench) else (0, 1)
 
 
+def _asked(bench: Bench, body: bytes) -> Answer:
+    """What a sound packet draws that may well be refused: once, for that is no noise."""
+    return answer_to(bench, bench.talk.request(body))
+
+
 # --- places ---------------------------------------------------------------------------------------
 
 
@@ -181,26 +193,24 @@ def data_misaligned(bench: Bench) -> Outcome:
     address, values = variable(bench), (MARK, OTHER)
     for number, value in enumerate(values):
         bench.write(address + number * bench.stride, value)
-    exchange = bench.ask(codec.dread(address + 1))
-    if exchange.reply is None:
-        return 1 if exchange.is_naked else str(exchange)
+    drawn, reply = _asked(bench, codec.dread(address + 1))
+    if reply is None:
+        return 1 if drawn is Drawn.NAK else drawn.value
     within = VALUE_BYTES // bench.stride  # of the bytes of both: where A+1 begins
     overlapping = b"".join(map(codec.i32, values))[within : within + VALUE_BYTES]
-    value = exchange.reply.values[0]
+    value = reply.values[0]
     return {int.from_bytes(overlapping, "big", signed=True): 0, MARK: 2}.get(value, f"{value:X}h")
 
 
 @probe(safety=WORKED, needs=WITH_VARIABLES)
 def data_out_of_range(bench: Bench) -> Outcome:
     """DREAD of FFFCh, and of where a named variable would be found again."""
-    exchange = bench.ask(codec.dread(LAST))
-    if exchange.is_naked:
-        return 0
-    if exchange.reply is None:
-        return str(exchange)
+    drawn, reply = _asked(bench, codec.dread(LAST))
+    if reply is None:
+        return 0 if drawn is Drawn.NAK else drawn.value
     if _wrapped_size(bench):
         return 2
-    if exchange.reply.values[0]:
+    if reply.values[0]:
         bench.session.skip("it has a value at FFFCh")
     return 1
 
@@ -209,20 +219,17 @@ def _wrapped_size(bench: Bench) -> int:
     """The size of the data area, where addresses behind it begin again; 0 if they do not."""
     address = variable(bench)
     bench.write(address, MARK)
-    for size in SIZES:
-        reply = bench.ask(codec.dread(address + size)).reply
-        if reply is not None and reply.values[0] == MARK:
-            return _least(bench, address, size)
-    return 0
+    found = [size for size in SIZES if _has(bench, address + size, MARK)]
+    return min(found, default=0)
 
 
-def _least(bench: Bench, address: int, size: int) -> int:
-    """The smallest of the sizes after which a value comes again, given one of its multiples."""
-    for smaller in reversed(SIZES):
-        reply = bench.ask(codec.dread(address + smaller)).reply
-        if smaller < size and reply is not None and reply.values[0] == MARK:
-            return smaller
-    return size
+def _has(bench: Bench, address: int, value: int) -> bool:
+    _, reply = _asked(bench, codec.dread(address))
+    return reply is not None and reply.values[0] == value
+
+
+def _is_refused(bench: Bench, address: int) -> bool:
+    return _asked(bench, codec.dread(address))[0] is Drawn.NAK
 
 
 def _end(bench: Bench) -> int:
@@ -230,12 +237,15 @@ def _end(bench: Bench) -> int:
     reading = bench.session.reading("data_out_of_range")
     if reading != "nak":
         return _wrapped_size(bench) if reading == "wrap" else SIZES[0]
+    likely = SIZES[0]
+    if _is_refused(bench, likely) and not _is_refused(bench, likely - SAFE_STRIDE):
+        return likely
     low, high = variable(bench), LAST
-    if not bench.ask(codec.dread(high)).is_naked:
+    if not _is_refused(bench, high):
         return 0
     while high - low > SAFE_STRIDE:
         middle = (low + high) // 2 // SAFE_STRIDE * SAFE_STRIDE
-        if bench.ask(codec.dread(middle)).is_naked:
+        if _is_refused(bench, middle):
             high = middle
         else:
             low = middle
@@ -248,10 +258,10 @@ def block_overrun(bench: Bench) -> Outcome:
     end = _end(bench)
     if not end:
         bench.session.skip("the end of the data area does not show")
-    exchange = bench.ask(codec.bread(end - SAFE_STRIDE))
-    if exchange.reply is None:
-        return 0 if exchange.is_naked else str(exchange)
-    values = exchange.reply.values
+    drawn, reply = _asked(bench, codec.bread(end - SAFE_STRIDE))
+    if reply is None:
+        return 0 if drawn is Drawn.NAK else drawn.value
+    values = reply.values
     inside = SAFE_STRIDE // bench.stride
     if len(values) < BLOCK_VALUES:
         return 1
@@ -286,10 +296,10 @@ def flag_out_of_range_of_a_set_flag(bench: Bench) -> Outcome:
 
 
 def _beyond(bench: Bench, on: int | None) -> Outcome:
-    exchange = bench.ask(codec.rflag(BEYOND + (on or 0)))
-    if exchange.reply is None:
-        return 0 if exchange.is_naked else str(exchange)
-    if exchange.reply.numbers == (1,):
+    drawn, reply = _asked(bench, codec.rflag(BEYOND + (on or 0)))
+    if reply is None:
+        return 0 if drawn is Drawn.NAK else drawn.value
+    if reply.numbers == (1,):
         return 2
     return (1, 2) if on is None else 1
 
@@ -302,15 +312,15 @@ def flag_write_readonly(bench: Bench) -> Outcome:
         bench.session.skip("the input is on")
     rig.run_program(False)
     try:
-        exchange = bench.ask(codec.sflag(INPUT))
+        drawn, _ = _asked(bench, codec.sflag(INPUT))
         is_on = bench.flag(INPUT)
         if is_on:
-            bench.ask(codec.cflag(INPUT))
+            _asked(bench, codec.cflag(INPUT))
     finally:
         rig.run_program(True)
-    if exchange.is_naked:
+    if drawn is Drawn.NAK:
         return 1
-    return 2 * is_on if exchange.sign else str(exchange)
+    return drawn.value if drawn is Drawn.SILENCE else 2 * is_on
 
 
 # --- states ---------------------------------------------------------------------------------------
@@ -346,10 +356,8 @@ def loading_access(bench: Bench) -> Outcome:
 
 
 def _read_or_refused(bench: Bench) -> Outcome:
-    exchange = bench.ask(codec.dread(bench.variables[0] if bench.variables else 0))
-    if exchange.reply is None:
-        return 1 if exchange.is_naked else str(exchange)
-    return 0
+    drawn, _ = _asked(bench, codec.dread(bench.variables[0] if bench.variables else 0))
+    return {Drawn.REPLY: 0, Drawn.NAK: 1}.get(drawn, drawn.value)
 
 
 PROBES: Final = tuple(one for one in vars().values() if isinstance(one, Probe))

@@ -31,16 +31,38 @@ class Drawn(StrEnum):
     OTHER = "something else"
 
 
-def drawn_by(bench: Bench, raw: bytes, timeout_s: float | None = None) -> Drawn:
-    """Send a packet that no unit need understand; whatever it draws is taken to its end.
+Answer = tuple[Drawn, Packet | None]  # what came, and the reply if that was one
+
+
+def answer_to(bench: Bench, raw: bytes, timeout_s: float | None = None) -> Answer:
+    """Send a packet that this unit need not serve, once; what it draws is taken to its end.
 
     `timeout_s`: until the sign comes.
     """
-    exchange = bench.talk.ask(raw, is_read=True, timeout_s=timeout_s)
-    known = {b"": Drawn.SILENCE, NAK: Drawn.NAK, ACK: Drawn.ACK}
-    if exchange.reply is not None and exchange.is_acked:
-        return Drawn.REPLY
-    return known.get(exchange.raw, Drawn.OTHER)
+    bench.target.drain()
+    bench.talk.send(raw)
+    return answer_now(bench, bench.talk.limit_s(len(raw)) if timeout_s is None else timeout_s)
+
+
+def answer_now(bench: Bench, timeout_s: float) -> Answer:
+    """The answer to what was sent last."""
+    sign = bench.talk.hear(1, timeout_s)
+    if sign == ACK:
+        reply, strays = bench.talk.hear_packet()
+        if reply is not None or strays:
+            bench.talk.send(ACK)
+            return (Drawn.REPLY, reply) if reply is not None and not strays else (Drawn.OTHER, None)
+        return Drawn.ACK, None
+    if sign in (b"", NAK):
+        return Drawn.NAK if sign else Drawn.SILENCE, None
+    bench.talk.listen(glance_s(bench))
+    bench.talk.send(ACK)
+    return Drawn.OTHER, None
+
+
+def drawn_by(bench: Bench, raw: bytes) -> Drawn:
+    """What a packet draws that this unit need not serve."""
+    return answer_to(bench, raw)[0]
 
 
 def glance_s(bench: Bench) -> float:
@@ -103,7 +125,7 @@ def in_ms(bench: Bench, measured_ns: int, switch: str) -> Measured:
     and in steps that the line does not blur."""
     ms = max(0, round(measured_ns / MS))
     target = bench.target
-    if target.is_virtual:
+    if target.is_virtual and target.is_lossless:
         return Measured(str(ms))
     default = default_of(bench, switch)
     jitter_ns = target.round_trip.max_ns - target.round_trip.median_ns
