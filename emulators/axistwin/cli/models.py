@@ -77,8 +77,13 @@ def _table(known: dict[str, Model]) -> str:
 
 def _details(model: Model) -> str:
     """One model and all its quirks, three lines each."""
+    has_choice = len(model.bauds) > 1
     rates = {
-        "serial": f"rate from the factory: {model.default_baud} baud",
+        "serial": (
+            f"rate from the factory: {model.default_baud} baud"
+            if has_choice
+            else f"rate: {model.default_baud} baud, always"
+        ),
         "can": f"bit rate of the bus: {model.default_baud} bit/s, unless another is given",
     }
     lines = [
