@@ -252,7 +252,7 @@ class Timing(MscPort):
 
 class Uart(MscPort):
     """Hears characters at another rate as ones without a stop bit: `reading` of MSC-AMB-43, or
-    "deaf": from then on it hears nothing."""
+    "deaf": from then on it hears nothing, "answers": it says NAK, "forgets": its reply is over."""
 
     def __init__(self, reading: str = "bad_packet") -> None:
         super().__init__()
@@ -271,12 +271,16 @@ class Uart(MscPort):
             self._is_deaf = True
         if self.reading == "answers":
             self._say(NAK, 0)
+        if self.reading == "forgets":
+            self._reply = b""
         if not self._packet or self.reading == "drop_byte":
             return
         self._bad = self.reading == "bad_packet"
         self._hear(b"\x00")
 
     def _hear(self, byte: bytes) -> None:
+        if not self._packet:
+            self._bad = False
         if not self._is_deaf:
             super()._hear(byte)
 
@@ -316,6 +320,7 @@ class Powered(MscPort):
     """Has a supply; `greets`: says something when it comes; `keeps`: what waits outlives a cut."""
 
     capabilities = frozenset({"power", "flag", "status", "program"})
+    is_exact = True
 
     def __init__(self, *, greets: bytes = b"", keeps: bool = False) -> None:
         super().__init__()
@@ -328,6 +333,8 @@ class Powered(MscPort):
         if not self.keeps:
             self._packet, self._reply = b"", b""
             self._timer += 1
+            self._events.clear()
+            self._free_ns = 0
         return self.virtual_time_ns, self.virtual_time_ns
 
     def power_on(self) -> tuple[int, int]:

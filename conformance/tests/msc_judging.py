@@ -15,7 +15,7 @@ from axistwin_conformance.verdicts import Finding, Verdict
 
 LINK_MODULES = tuple(
     f"axistwin_conformance.msc.checks_{name}"
-    for name in ("packets", "link", "time", "line", "random", "golden")
+    for name in ("packets", "link", "time", "line", "wire", "random", "golden")
 )
 
 

@@ -243,7 +243,7 @@ LIES: dict[str, tuple[str, Make, str]] = {
         "any_block_number_is_served_alike", Restarting, "MSC-PKT-15",
     ),
     "it restarts at 02h in a checksum": (
-        "checksums_that_hold_02h_06h_or_15h_are_no_signs", Restarting, "MSC-PKT-15",
+        "bytes_02h_06h_and_15h_of_body_and_checksum_are_no_signs", Restarting, "MSC-PKT-15",
     ),
     "it answers for unit 3 as well": (
         "on_rs232_other_unit_numbers_are_not_its_own",
@@ -416,6 +416,13 @@ LIES: dict[str, tuple[str, Make, str]] = {
         lambda: Timing(is_gap=True),
         "MSC-LNK-03",
     ),
+    "what a wrong length leaves over is served": (
+        "a_length_that_is_wrong_is_found_at_t1_at_the_latest", Hunting, "MSC-LNK-04",
+    ),
+    "a wrong length is found too late": (
+        "a_length_that_is_wrong_is_found_at_t1_at_the_latest",
+        lambda: Timing(1_500_000_000), "MSC-LNK-03",
+    ),
     # line
     "it refuses packets for others": (
         "packets_for_others_are_followed_by_their_length",
@@ -455,6 +462,12 @@ LIES: dict[str, tuple[str, Make, str]] = {
     ),
     "it answers a framing error": (
         "a_character_without_its_stop_bit_spoils_its_packet", lambda: Uart("answers"), "MSC-LNK-02",
+    ),
+    "another unit's packet ends where a character is spoilt": (
+        "a_spoilt_character_for_another_unit_is_counted", lambda: Uart("drop_byte"), "MSC-LNK-19",
+    ),
+    "a spoilt character ends its reply": (
+        "a_spoilt_character_while_it_talks_is_ignored", lambda: Uart("forgets"), "MSC-LNK-10",
     ),
     "power-up greets": (
         "power_up_says_nothing", lambda: Powered(greets=b"MSC"), "MSC-PHY-04",

@@ -280,37 +280,40 @@ def another_byte_is_no_sign(session: Session) -> None:
 
 @check("MSC-LNK-08", "MSC-LNK-10", needs=("alone",))
 def a_sign_that_comes_while_it_talks_counts_when_it_ends(session: Session) -> None:
-    """An ACK or NAK sent during the reply, or during a repeat, is taken as the answer when that has
-    left, or lost if this device reads it so.  (EXEC and RETX 06h, 15h, other)"""
+    """An ACK or NAK sent right behind the request, during the reply, or during a repeat, is taken
+    as the answer when that has left, or lost if this device reads it so.
+    (EXEC and RETX 06h, 15h, other)"""
     link = Link(session)
     if not link.is_busy_hearing:
         session.skip("on RS-485 the host would talk over the unit")
-    is_kept = session.reading("rx_while_busy") == "buffer"
-    for is_repeat in (False, True):
+    for when in ("behind the request", "in the reply", "in a repeat"):
         for sent in (ACK, NAK, JUNK + ACK):
-            _talk_over(link, sent, is_repeat=is_repeat, is_kept=is_kept)
+            _talk_over(link, sent, when)
             link.alive("MSC-LNK-08")
 
 
-def _talk_over(link: Link, sent: bytes, *, is_repeat: bool, is_kept: bool) -> None:
+def _talk_over(link: Link, sent: bytes, when: str) -> None:
     """Send signs while a reply, or a repeat of it, is under way, and judge what that does."""
     session = link.session
-    if is_repeat:
+    is_kept, first = session.reading("rx_while_busy") == "buffer", b""
+    if when == "in a repeat":
         first = link.unanswered().raw
         session.target.send(NAK)
     else:
         session.target.drain()
-        session.target.send(link.talk.request(RQSTAT))
+        early = sent if when == "behind the request" else b""
+        session.target.send(link.talk.request(RQSTAT) + early)
         sign = link.talk.hear(1)
         session.step(sign == ACK, "ACK", sign.hex())
     begun = link.talk.hear(WHILE_IT_TALKS)
-    session.target.send(sent)
+    if when != "behind the request":
+        session.target.send(sent)
     rest = link.talk.hear(link.talk.reply_bytes("RQSTAT") - WHILE_IT_TALKS)
     heard = codec.parse(begun + rest)
     is_whole = heard is not None and heard.is_sound
     session.expect(is_whole, "MSC-LNK-10", "the whole packet", (begun + rest).hex(" "))
     assert heard is not None
-    if is_repeat and session.reading("retransmit_content") == "snapshot":
+    if first and session.reading("retransmit_content") == "snapshot":
         session.expect(heard.raw == first, "MSC-LNK-10", first.hex(" "), heard.raw.hex(" "))
     again, strays = link.talk.hear_packet(link.glance_s)
     junk_counts = session.reading("junk_while_waiting") == "as_nak" and sent[:1] == JUNK

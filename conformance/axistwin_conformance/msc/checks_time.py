@@ -128,6 +128,35 @@ def a_lone_start_is_nobodys_on_rs485(session: Session) -> None:
     link.alive(("MSC-LNK-03", "MSC-PHY-03"))
 
 
+@check("MSC-LNK-02", "MSC-LNK-03", "MSC-LNK-04")
+def a_length_that_is_wrong_is_found_at_t1_at_the_latest(session: Session) -> None:
+    """RQSTAT with a length too large, or a byte lost, draws one NAK at T1; sent again too early it
+    is taken for the rest; with a length too small it draws NAK at once (§4.3)."""
+    link = Link(session)
+    raw = link.talk.request(RQSTAT)
+    cases = [codec.packet(link.unit, RQSTAT, length=7 + more) for more in (1, 10)]
+    lost = range(4, len(raw) - 1) if session.target.is_virtual else (9,)
+    cases += [raw[:at] + raw[at + 1 :] for at in lost]
+    for case in cases:
+        heard, sent_ns, came_ns = link.break_off(case)
+        told = f"{case.hex(' ')}, T1 later"
+        due = link.sign_window(sent_ns, len(case))
+        is_so = heard == NAK and came_ns in due
+        got = f"{codec.explain(heard) or 'nothing'} after {(came_ns - sent_ns) / MS:.1f} ms"
+        session.expect(is_so, ("MSC-LNK-02", "MSC-LNK-03"), f"NAK to {told}", got)
+        link.nothing_more("MSC-LNK-04", f"the NAK to {told}")
+    link.sign(codec.packet(link.unit, RQSTAT, length=7 + len(raw)) + raw, NAK, "MSC-LNK-04", "both")
+    link.alive("MSC-LNK-04")
+    # What is left over of a body cut short begins with its checksum, 02h.
+    session.target.send(codec.packet(link.unit, RQSTAT, length=5))
+    heard = link.talk.hear(1)
+    session.expect(heard == NAK, "MSC-LNK-02", "NAK at once", codec.explain(heard) or "nothing")
+    heard = link.talk.settle()
+    is_refused = not heard.strip(NAK)
+    session.expect(is_refused, "MSC-LNK-02", "NAK at most", codec.explain(heard))
+    link.alive("MSC-LNK-02")
+
+
 def send_in_parts(link: Link, parts: list[tuple[float, bytes]]) -> tuple[bytes, int]:
     """Send the parts, each that long (s) after the beginning of the first, until something comes:
     what came, and when (ns, since the beginning)."""

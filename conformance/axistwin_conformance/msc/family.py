@@ -71,6 +71,7 @@ FAMILY: Final = Family(
         "axistwin_conformance.msc.checks_link",
         "axistwin_conformance.msc.checks_time",
         "axistwin_conformance.msc.checks_line",
+        "axistwin_conformance.msc.checks_wire",
         "axistwin_conformance.msc.checks_commands",
         "axistwin_conformance.msc.checks_data",
         "axistwin_conformance.msc.checks_flags",
