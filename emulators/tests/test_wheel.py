@@ -73,10 +73,42 @@ def test_a_naive_driver_fails_with_the_transcript_in_the_failure(
     assert "refused" in result.stdout
 
 
-def test_the_installed_suite_runs_from_an_empty_folder(clean_python: Path, tmp_path: Path) -> None:
-    """Ledger and golden frames are inside the wheel: the quick level conforms anywhere."""
+@pytest.mark.parametrize(
+    ("model", "requirement"), [("mac23", "MACS-FRAME-01"), ("msc-250", "MSC-PKT-01")]
+)
+def test_the_installed_suite_runs_from_an_empty_folder(
+    clean_python: Path, tmp_path: Path, model: str, requirement: str
+) -> None:
+    """Ledgers and golden frames are inside the wheel: the quick level conforms anywhere."""
     result = run(
-        clean_python, "-m", "axistwin", "conform", "mac23", "--level", "quick", folder=tmp_path
+        clean_python, "-m", "axistwin", "conform", model, "--level", "quick", folder=tmp_path
     )
     assert result.returncode == 0, result.stdout
-    assert "MACS-FRAME-01" in result.stdout
+    assert requirement in result.stdout
+
+
+def test_a_macroprogram_runs_with_the_installed_wheel(clean_python: Path, tmp_path: Path) -> None:
+    """A program of the user's, and one that comes with the wheel, work in a controller."""
+    (tmp_path / "test_program.py").write_text(
+        """
+from axistwin.macroprogram import Macroprogram, Variable
+
+
+class Ticks(Macroprogram):
+    ticks = Variable(2008)
+
+    def scan(self) -> None:
+        self.ticks += 1
+
+
+def test_programs(axistwin):
+    own = axistwin("msc-250", program=Ticks, time="virtual")
+    bench = axistwin("msc-250", program="bench", time="virtual")
+    for twin in (own, bench):
+        twin.advance(1)
+        assert 99 <= twin.variables["ticks"] <= 101
+""",
+        encoding="utf-8",
+    )
+    result = run(clean_python, "-m", "pytest", "-q", folder=tmp_path)
+    assert result.returncode == 0, result.stdout
