@@ -20,6 +20,7 @@ CASE = "names_are_upper_case"
 NO_RFLAGS = "a_model_without_rflags_does_not_answer_it"
 SIZE = "a_body_of_another_size_is_refused"
 WRITE_SIZE = "a_write_of_another_size_stores_nothing"
+WRITE_INSIDE = "a_write_inside_a_value_changes_what_a_read_there_shows"
 INSIDE = "an_address_inside_a_value_reads_its_bytes"
 OUTSIDE = "an_address_outside_the_data_area_is_refused"
 READ_OVER = "a_block_read_over_the_end_is_refused_whole"
@@ -78,6 +79,20 @@ def refused_inside(self: Controller, one: Packet) -> bytes | None:
     return None if one.numbers[0] % 4 else self.get(one.numbers[0], 4)
 
 
+def writes_rounded(self: Controller, one: Packet) -> bytes | None:
+    """Writes inside a value mean that value."""
+    if one.name in ("DWRITE", "BWRITE"):
+        return self.put(one.numbers[0] & ~3, one.payload[2:])
+    return Controller.serve(self, one)
+
+
+def writes_refused(self: Controller, one: Packet) -> bytes | None:
+    """Writes inside a value are refused."""
+    if one.name in ("DWRITE", "BWRITE") and one.numbers[0] % 4:
+        return None
+    return Controller.serve(self, one)
+
+
 def zero_outside(self: Controller, address: int, count: int) -> bytes | None:
     """Nothing but zeros behind the end."""
     return bytes(self.area[address : address + count]).ljust(count, b"\x00")
@@ -110,11 +125,16 @@ def partly_written(self: Controller, one: Packet) -> bytes | None:
     return ignored_outside(self, one.numbers[0], one.payload[2:])
 
 
+def round_put(self: Controller, address: int, data: bytes) -> bytes | None:
+    """The same of writes."""
+    for number, byte in enumerate(data):
+        self.area[(address + number) % AREA] = byte
+    return b""
+
+
 def round_written(self: Controller, one: Packet) -> bytes | None:
     """A block of which the rest is stored at the beginning."""
-    for number, byte in enumerate(one.payload[2:]):
-        self.area[(one.numbers[0] + number) % AREA] = byte
-    return b""
+    return round_put(self, one.numbers[0], one.payload[2:])
 
 
 def far_off(self: Controller, one: Packet) -> bytes | None:
@@ -147,8 +167,10 @@ READINGS: list[tuple[str, Makes, str]] = [
     (WRITE_SIZE, twisted(unknown=acked), "malformed_body=ack_ignore"),
     (INSIDE, twisted(dread=rounded), "data_misaligned=round_down"),
     (INSIDE, twisted(dread=refused_inside), "data_misaligned=nak"),
+    (WRITE_INSIDE, twisted(serve=writes_rounded), "data_misaligned=round_down"),
+    (WRITE_INSIDE, twisted(serve=writes_refused), "data_misaligned=nak"),
     (OUTSIDE, twisted(get=zero_outside, put=ignored_outside), "data_out_of_range=zero"),
-    (OUTSIDE, twisted(get=round_again), "data_out_of_range=wrap"),
+    (OUTSIDE, twisted(get=round_again, put=round_put), "data_out_of_range=wrap"),
     (READ_OVER, twisted(bread=partly), "block_overrun=partial"),
     (READ_OVER, twisted(bread=round_block), "block_overrun=wrap"),
     (WRITE_OVER, twisted(bwrite=partly_written), "block_overrun=partial"),
@@ -225,6 +247,17 @@ def shifted(self: Controller, one: Packet) -> bytes | None:
     return self.get(number + 1 if number % 4 else number, 4)
 
 
+def wide(self: Controller, address: int, data: bytes) -> bytes | None:
+    """A write inside a value that clears the rest of the next one."""
+    return Controller.put(self, address, data + bytes(-(address + len(data)) % 4))
+
+
+def refused_yet_put(self: Controller, one: Packet) -> bytes | None:
+    """A write inside a value that is refused, and carried out."""
+    Controller.dwrite(self, one)
+    return None if one.numbers[0] % 4 else b""
+
+
 def refuses_the_last(self: Controller, one: Packet) -> bytes | None:
     """A block that just fits is refused as well."""
     return None if one.numbers[0] + 128 >= AREA else self.get(one.numbers[0], 128)
@@ -276,6 +309,9 @@ FAULTS: list[tuple[str, Makes, str]] = [
     (WRITE_SIZE, twisted(unknown=nonsense), "MSC-CMD-11"),
     (INSIDE, twisted(dread=shifted), "MSC-DREAD-01"),
     (OUTSIDE, twisted(bread=block_outside), "MSC-DAT-03"),
+    (OUTSIDE, twisted(put=ignored_outside), "MSC-DAT-03"),
+    (WRITE_INSIDE, twisted(put=wide), "MSC-DWRITE-05"),
+    (WRITE_INSIDE, twisted(dwrite=refused_yet_put), "MSC-DWRITE-05"),
     (READ_OVER, twisted(bread=refuses_the_last), "MSC-BREAD-05"),
     (READ_OVER, twisted(bread=garbled_over), "MSC-BREAD-05"),
     (WRITE_OVER, twisted(bwrite=refused_yet_stored), "MSC-BWRITE-07"),
@@ -298,7 +334,7 @@ def test_a_fault_fails_what_it_breaks(name: str, make: Makes, requirement: str) 
 
 def test_writes_that_are_wrong_on_purpose_reach_no_real_controller() -> None:
     """On a port that is no twin these checks say so, and send none of them."""
-    for name in (WRITE_SIZE, WRITE_OVER):
+    for name in (WRITE_SIZE, WRITE_OVER, WRITE_INSIDE):
         port = Controller()
         found = judge(name, port, is_twin=False)
         assert {one.verdict for one in found} == {Verdict.NOT_RUN}

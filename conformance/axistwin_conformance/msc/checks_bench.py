@@ -197,6 +197,53 @@ def an_address_inside_a_value_reads_its_bytes(session: Session) -> None:
         unit.reading("data_misaligned", expected[reply.payload])
 
 
+@check("MSC-DWRITE-05", safety=("stored", "rig"), needs=("bench", "variables"))
+def a_write_inside_a_value_changes_what_a_read_there_shows(session: Session) -> None:
+    """DWRITE and BWRITE to an address inside a value store their bytes from there on; or draw NAK,
+    or mean that value, as this device reads it; nothing else changes.  On a twin only."""
+    unit = Controller(session)
+    unit.only_on_a_twin()
+    stride = unit.stride
+    if stride == 1:
+        session.skip("on this device every address is a variable of its own")
+    place, _ = unit.blocks(2)
+    for inside in range(1, stride):
+        for body, data in _writes_inside(unit, place + inside):
+            values = unit.values(2 * BLOCK_VALUES)
+            before = b"".join(map(codec.i32, values))
+            for half in (0, BLOCK_VALUES):
+                unit.write_block(place + half * stride, values[half : half + BLOCK_VALUES])
+            kind, exchange = unit.draws(unit.talk.request(body))
+            seen = b"".join(
+                codec.i32(value)
+                for half in (0, BLOCK_VALUES)
+                for value in unit.read_block(place + half * stride)
+            )
+            at = inside * codec.VALUE_BYTES // stride
+            outcomes = {
+                (ACKED, _stored(before, at, data)): "overlap",
+                (NAKED, before): "nak",
+                (ACKED, _stored(before, 0, data)): "round_down",
+            }
+            if (kind, seen) not in outcomes:
+                changed = [number for number in range(len(seen)) if seen[number] != before[number]]
+                told = [f"bytes {at} to {at + len(data) - 1} changed", NAKED, "bytes from 0 on"]
+                session.fail(None, told, f"{exchange}; bytes {changed} changed")
+            unit.reading("data_misaligned", outcomes[kind, seen])
+
+
+def _writes_inside(unit: Controller, address: int) -> Iterator[tuple[bytes, bytes]]:
+    """A value and a block to be written there, each with the bytes that it stores."""
+    for values in (unit.values(1), unit.values(BLOCK_VALUES)):
+        data = b"".join(map(codec.i32, values))
+        write = codec.dwrite(address, values[0]) if len(values) == 1 else None
+        yield write or codec.bwrite(address, values), data
+
+
+def _stored(before: bytes, at: int, data: bytes) -> bytes:
+    return before[:at] + data + before[at + len(data) :]
+
+
 @check("MSC-DAT-03", safety=("stored", "rig"), needs=("bench", "variables"))
 def an_address_outside_the_data_area_is_refused(session: Session) -> None:
     """DREAD at the end of the sixteen bits draws NAK; or 0, or what is at the beginning, as this
@@ -207,6 +254,9 @@ def an_address_outside_the_data_area_is_refused(session: Session) -> None:
         unit.reading("data_out_of_range", "nak")
         kind, exchange = unit.draws(unit.talk.request(codec.bread(LAST_PLACE)))
         session.expect(kind == NAKED, None, "NAK to BREAD there as well", exchange)
+        if unit.is_twin:
+            kind, exchange = unit.draws(unit.talk.request(codec.dwrite(LAST_PLACE, 1)))
+            session.expect(kind == NAKED, None, "NAK to DWRITE there as well", exchange)
         return
     session.expect(kind == SERVED, None, [NAKED, SERVED], exchange)
     (mine,) = unit.slots(1)
@@ -216,6 +266,10 @@ def an_address_outside_the_data_area_is_refused(session: Session) -> None:
     alias = next((one for one in aliases if unit.read(one) == value), None)
     if alias is not None:
         unit.reading("data_out_of_range", "wrap")
+        if unit.is_twin:
+            unit.write(alias, ~value)
+            seen = unit.read(mine)
+            session.expect(seen == ~value, None, f"{~value} at {mine}, by way of {alias}", seen)
     elif unit.read(LAST_PLACE) == 0 and not _keeps_at_the_end(unit):
         unit.reading("data_out_of_range", "zero")
     else:
