@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING
 
@@ -15,6 +14,7 @@ from axistwin.cli.serving import Run, Shared
 from axistwin.kernel.effects import Trace
 from axistwin.runtime.line import Line
 from axistwin.runtime.server import Server
+from axistwin.runtime.twin import ControllerTwin, Twin
 
 if TYPE_CHECKING:
     from axistwin.runtime.loop import Loop
@@ -60,7 +60,7 @@ class SerialRun(Run[Line]):
 
     def serve(self, owner: Line, reporter: Reporter) -> Server:
         """The line behind all endpoints that were asked for."""
-        owner.subscribe(functools.partial(_tell_of_program, reporter))
+        _ProgramWatch(owner, reporter)
         return Server(owner, self._make_ports(owner), report=reporter.event)
 
     def _make_ports(self, line: Line) -> list[Port]:
@@ -107,10 +107,30 @@ _PROGRAM_ENDS = {
 }
 
 
-def _tell_of_program(reporter: Reporter, twin: Twin, trace: Trace) -> None:
-    """Say that a program has ended otherwise than it should."""
-    if trace.kind in _PROGRAM_ENDS:
+class _ProgramWatch:
+    """Says when a program has ended otherwise than it should, once for each start."""
+
+    def __init__(self, line: Line, reporter: Reporter) -> None:
+        self._reporter = reporter
+        twins: Sequence[Twin] = line.twins
+        self._failed_early = {
+            twin.name: twin.program_error
+            for twin in twins
+            if isinstance(twin, ControllerTwin) and twin.program_error
+        }
+        for name, error in self._failed_early.items():  # in a scan before anybody listened
+            self._tell(name, "program_error", {"error": error})
+        line.subscribe(self._hear)
+
+    def _hear(self, twin: Twin, trace: Trace) -> None:
+        if trace.kind not in _PROGRAM_ENDS:
+            return
         details = dict(trace.details)
+        error = details.get("error")
+        if error is None or self._failed_early.pop(twin.name, None) != error:
+            self._tell(twin.name, trace.kind, details)
+
+    def _tell(self, name: str, kind: str, details: Mapping[str, object]) -> None:
         error = f": {details['error']}" if "error" in details else ""
-        warn(f"{twin.name}: {_PROGRAM_ENDS[trace.kind]}{error}")
-        reporter.event({"event": trace.kind, "device": twin.name, **details})
+        warn(f"{name}: {_PROGRAM_ENDS[kind]}{error}")
+        self._reporter.event({"event": kind, "device": name, **details})
