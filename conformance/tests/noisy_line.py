@@ -31,7 +31,7 @@ class NoisyPort(PortInFront):
         self.hits = 0
         self._arrived: deque[tuple[int, int]] = deque()  # from when on, byte
         self.found = self._stored()
-        self.left: tuple[bytes, ...] = ()  # what is stored when the suite closes the port
+        self.left: tuple[object, ...] = ()  # what is stored when the suite closes the port
 
     def _spoil(self, byte: int) -> tuple[bytes, int]:
         """What becomes of a byte, and how late (ns)."""
@@ -87,7 +87,7 @@ class NoisyPort(PortInFront):
         self.left = self._stored()
         self.port.close()
 
-    def _stored(self) -> tuple[bytes, ...]:
+    def _stored(self) -> tuple[object, ...]:
         """The answers to the queries of stored parameters and of the counter, without noise."""
         rate, self.port.baudrate = self.port.baudrate, 38400
         self.port.timeout = 0.5
@@ -141,6 +141,7 @@ def noisy_run(
     fates: Sequence[str] = FATES,
     model: str = "mac23",
     engine: type[Engine] = Engine,
+    port: type[NoisyPort] = NoisyPort,
     **quirks: str,
 ) -> NoisyRun:
     """Judge the built-in twin behind a noisy line."""
@@ -153,7 +154,7 @@ def noisy_run(
         url = options.family.twin_url(options.model, options.address, neighbours)
         url += "".join(f"&quirk.{name}={value}" for name, value in quirks.items())
         inner = serial.serial_for_url(url, baudrate=options.rate or 38400)
-        ports.append(NoisyPort(inner, every, seed + len(ports), fates))
+        ports.append(port(inner, every, seed + len(ports), fates))
         return Target(ports[-1], url, is_builtin=True, is_lossless=False)
 
     result = engine(options, open_noisy).run(lambda event: None)

@@ -192,12 +192,20 @@ class Talk:
     def _undisturbed(
         self, exchange: Exchange, name: str, awaits: bool, answer: bytes | None, limit: float | None
     ) -> Exchange:
-        """Send again until noise is not the reason for what came (rule 2)."""
+        """Send again until noise is not the reason for what came (rule 2).
+
+        A NAK, time after time, is no sign of a device that is lost: it may refuse an address.
+        """
         bad: list[bytes] = []
+        refused = 0
         for _ in range(ATTEMPTS):
-            is_good = self._is_good(exchange, name, awaits)
-            if self.session.is_believed(bad, exchange.raw, is_good=is_good):
+            if self._is_refusal(exchange, refused):
                 break
+            if not exchange.is_naked or self.session.is_strict:
+                is_good = self._is_good(exchange, name, awaits)
+                if self.session.is_believed(bad, exchange.raw, is_good=is_good):
+                    break
+            refused = refused + 1 if exchange.is_naked else 0
             words = f"{codec.explain_request(exchange.request)}: {exchange}"
             if name not in SPOILS_NOTHING:
                 if self.session.check is not None:
@@ -208,6 +216,15 @@ class Talk:
                 self.settle()
             exchange = self._once(exchange.request, awaits, answer, limit)
         return exchange
+
+    def _is_refusal(self, exchange: Exchange, refused: int) -> bool:
+        """True for a NAK that has come too often before for noise."""
+        quality = self.session.run.quality
+        is_settled = exchange.is_naked and refused + 1 >= quality.alike_needed
+        if is_settled:
+            self.session.run.patience.good()
+            self.session.is_settled = True
+        return is_settled
 
     def _is_good(self, exchange: Exchange, name: str, awaits: bool) -> bool:
         """True if a unit could say that to a sound packet, as far as is known of this one."""
