@@ -111,6 +111,7 @@ def the_written_exchanges_of_variables_come_byte_for_byte(session: Session) -> N
 def the_written_exchanges_of_flags_and_status_come_byte_for_byte(session: Session) -> None:
     """SFLAG, RFLAG, RFLAGS, CFLAG and RQSTAT of the ledger are answered as written."""
     link = Link(session)
+    link.calm("other_unit_framing")
     for golden in golden_exchanges():
         if golden.is_about_variables:
             continue

@@ -125,6 +125,7 @@ def any_block_number_is_served_alike(session: Session) -> None:
     """RQSTAT with any block number, 0202h, 0606h, 1515h and 1113h among them, gets the same reply;
     its own block number is 0000h, or as this device reads that."""
     link = Link(session)
+    link.calm("other_unit_framing")
     plain = link.query(RQSTAT)
     sent, got = [0], [plain.block]
     for block in BLOCKS:
@@ -165,6 +166,7 @@ def bytes_02h_06h_and_15h_of_body_and_checksum_are_no_signs(session: Session) ->
     """RFLAG of flags 2, 6 and 21 is served, and RQSTAT whose checksum has 02h, 06h, 13h or 15h in
     it.  (BODY and CSUM 02h, 06h, 15h, other)"""
     link = Link(session)
+    link.calm("other_unit_framing")
     plain = codec.checksum(link.talk.request(RQSTAT)[1:-2])
     for low in (0x02, 0x06, 0x11, 0x13, 0x15):
         # What the block number adds makes the low byte of the sum; the high one is 02h or 03h.
@@ -369,6 +371,7 @@ def numbers_go_high_byte_first(session: Session) -> None:
 def no_byte_of_a_value_is_special(session: Session) -> None:
     """Values full of 02h, 06h, 15h, 11h, 13h and control characters go both ways, one ACK each."""
     link = Link(session)
+    link.calm("other_unit_framing")
     spot = link.spots(1)[0]
     names = ("MSC-PHY-05", "MSC-PKT-15")
     for value in LOADED_VALUES:
@@ -392,6 +395,7 @@ def a_packet_inside_a_packet_is_data(session: Session) -> None:
     """BWRITE of values that hold a whole RQSTAT for this unit draws one ACK, and BREAD returns
     them."""
     link = Link(session)
+    link.calm("other_unit_framing")
     spot, values = link.block_spot(), carrying(link.talk.request(RQSTAT))
     names = ("MSC-PKT-15", "MSC-LNK-04")
     exchange = link.ask(codec.bwrite(spot, values))

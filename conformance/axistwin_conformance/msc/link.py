@@ -93,24 +93,17 @@ class Link(Bench):
         """How many repeats this device sends (MSC-AMB-01)."""
         return LIMITS[self.session.reading("retransmit_limit")]
 
-    def calm(self) -> None:
-        """Go on only if one unit's NAK, or junk, leaves the other units of the line quiet."""
+    def calm(self, *switches: str) -> None:
+        """Go on only if one unit's NAK, or junk, leaves the other units of the line quiet.
+
+        `switches`: the readings that matter; none named: all of `SHOUTING`.
+        """
         for switch, reading in SHOUTING:
+            if switches and switch not in switches:
+                continue
             if self.session.neighbours and self.session.reading(switch) == reading:
                 told = "the other units of this line take part; ask the unit alone"
                 self.session.skip(f"with {switch}={reading} {told}")
-
-    # --- what may be sent to whom -----------------------------------------------------------------
-
-    @property
-    def is_twin(self) -> bool:
-        """True if nothing can be harmed: a twin, not a controller."""
-        return is_twin_url(self.target.description)
-
-    def only_on_a_twin(self) -> None:
-        """Skip on a real controller: what is wrong on purpose there, is a read."""
-        if not self.is_twin:
-            self.session.skip("a write that is wrong on purpose is sent to a twin only")
 
     # --- what may be read and written -------------------------------------------------------------
 
