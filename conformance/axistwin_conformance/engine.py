@@ -375,7 +375,7 @@ class Engine:
                 self._keep(result, len(checks), options.command)
 
     def _run_one(self, run: Run, check: Check) -> CheckResult:
-        if "alone" in check.needs and run.neighbours:
+        if run.neighbours and self._is_alone(run, check):
             return self._run_alone(run, check)
         if check.danger > 0 and not self._keeper.remember(run):
             return self._blocked_result(check, self._keeper.unremembered)
@@ -412,8 +412,15 @@ class Engine:
             self._keeper.settle(run)
         return self._keeper.is_sane(run)
 
+    def _is_alone(self, run: Run, check: Check) -> bool:
+        """True for a check that needs the module alone, or better has it so (see `disturbs`)."""
+        if "alone" in check.needs:
+            return True
+        is_free = self.options.is_builtin and "neighbour" not in check.needs
+        return is_free and self.family.disturbs(run.readings)
+
     def _run_alone(self, run: Run, check: Check) -> CheckResult:
-        """Run a check that needs the module alone, on a line or bus of its own (built-in twin)."""
+        """Run a check with the module alone on a line or bus of its own (built-in twin)."""
         with self._keeper.opened(()) as other:
             self._inherit(other, run)
             return self._run_one(other, check)

@@ -208,6 +208,8 @@ class Family:
     `capabilities`: what of a rig serves such a device.
     `grounds`: of the built-in twin; None: the family has no variables or flags to be named.
     `has_axis`: an envelope of motion means something to it.
+    `disturbs(readings)`: whether devices of such readings meddle with what is said to others on
+        their line, so that the built-in twin is judged alone wherever no check needs the others.
     `deeds`: safety class → what its checks do to a device, in words, for `--dry-run`.
     `blame(session, request, reply)`: which requirement a reply to these bytes breaks, if it is one
         that no device of the family gives; `reply` None: there was none, the twin had crashed.
@@ -247,6 +249,7 @@ class Family:
     capabilities: frozenset[str] = OF_AN_AXIS
     grounds: Grounds | None = None
     has_axis: bool = True
+    disturbs: Callable[[Mapping[str, str]], bool] = lambda readings: False
     deeds: Mapping[str, str] = field(default_factory=dict)
     blame: Callable[[Session, bytes, bytes | None], Breach | None] = (
         lambda session, request, reply: None

@@ -481,6 +481,25 @@ def test_a_check_that_must_be_alone_gets_a_line_of_its_own(toy: Any) -> None:
     assert toy.opened == [(1,), ()]
 
 
+def test_a_twin_that_meddles_with_its_neighbours_is_judged_alone(toy: Any) -> None:
+    """Only checks that need the neighbours have them, once a reading of the twin is a nuisance."""
+    seen = []
+
+    def anywhere(session: Session) -> None:
+        seen.append(("anywhere", session.neighbours))
+        session.expect(True, None, "", "")
+
+    def together(session: Session) -> None:
+        seen.append(("together", session.neighbours))
+        session.expect(True, None, "", "")
+
+    toy.family = replace(toy.family, disturbs=lambda readings: True)
+    toy.add(anywhere, LINE)
+    toy.add(together, FRAME, needs=("neighbour",))
+    assert toy.run().exit_status == 0
+    assert seen == [("anywhere", ()), ("together", (1,))]
+
+
 def test_a_partial_pass_says_what_was_left_out(toy: Any) -> None:
     """A requirement half judged is a pass with a remark."""
     toy.add(answers, LINE)

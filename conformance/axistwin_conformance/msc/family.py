@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -9,6 +10,7 @@ from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import Bench
 from axistwin_conformance.msc.blame import blame
 from axistwin_conformance.msc.keeping import probe, remember, restore, sanity, stop
+from axistwin_conformance.msc.link import SHOUTING
 from axistwin_conformance.msc.safety import DEEDS, objection
 from axistwin_conformance.registry import Family, Grounds, Model
 from axistwin_conformance.rig import OF_A_CONTROLLER
@@ -57,6 +59,11 @@ def twin_url(model: str, address: int, neighbours: tuple[int, ...]) -> str:
     return f"axistwin://{devices}?time=virtual&program=bench"
 
 
+def disturbs(readings: Mapping[str, str]) -> bool:
+    """Whether idle units of such readings answer what is said to, or by, another one."""
+    return any(readings.get(switch) == reading for switch, reading in SHOUTING)
+
+
 def open_line(url: str, rate: int | None, *, is_builtin: bool = False) -> Target:
     """Open a port at that rate, or at the only one there is."""
     return open_target(url, rate or BAUD, is_builtin=is_builtin)
@@ -100,6 +107,7 @@ FAMILY: Final = Family(
     capabilities=OF_A_CONTROLLER,
     grounds=TWIN_GROUNDS,
     has_axis=False,
+    disturbs=disturbs,
     deeds=DEEDS,
     blame=blame,
     bench=Bench,
