@@ -1,0 +1,252 @@
+"""What the engine is told of an MSC: who is there, whether it answers, what is put back, and what
+no unit says."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from msc_device import MscPort, check_of, session_on, target_of
+
+from axistwin_conformance.errors import TargetError, WrongDevice
+from axistwin_conformance.msc import codec
+from axistwin_conformance.msc.bench import Bench
+from axistwin_conformance.msc.codec import ACK, NAK
+from axistwin_conformance.msc.family import FAMILY
+from axistwin_conformance.msc.keeping import layout
+from axistwin_conformance.registry import Breach, Grounds
+from axistwin_conformance.session import Session
+from axistwin_conformance.transcript import Direction, Record
+
+GROUNDS = Grounds(range(1024, 1400), range(128, 132))
+
+
+def session_of(port: MscPort, **how: Any) -> Session:
+    """A session between checks."""
+    return session_on(port, **{"grounds": GROUNDS, **how})
+
+
+# --- who is there ---------------------------------------------------------------------------------
+
+
+def test_a_unit_is_known_by_its_status_and_its_model() -> None:
+    """In words for people, and as a number."""
+    port = MscPort()
+    port.status = 65 | 2
+    identity = FAMILY.probe(session_of(port))
+    assert identity.summary == (
+        "MSC-250, unit 1, status 67: program running, battery low, auto start"
+    )
+    assert identity.values == {"status": "67"}
+
+
+@pytest.mark.parametrize("has_rflags", [True, False])
+def test_another_model_than_the_one_named_is_the_wrong_device(has_rflags: bool) -> None:
+    """RFLAGS tells them apart, either way; the operator is told what to try."""
+    port = MscPort(has_rflags=has_rflags)
+    other = FAMILY.models["msc-generic" if has_rflags else "msc-250"]
+    session = session_of(port, model=other, allowed=frozenset({"passive", "rig"}))
+    words = "has RFLAGS; try msc-250" if has_rflags else "refuses RFLAGS; try msc-850"
+    with pytest.raises(WrongDevice, match=words):
+        FAMILY.probe(session)
+
+
+def test_to_a_machine_an_unknown_name_is_not_tried() -> None:
+    """Named as a model without RFLAGS, it is not asked for them without a bench."""
+    port = MscPort()
+    FAMILY.probe(session_of(port, model=FAMILY.models["msc-generic"]))
+    assert b"RFLAGS" not in port.heard
+
+
+def test_nobody_there_is_told_with_the_remedy() -> None:
+    """Another unit number is not answered."""
+    port = MscPort(unit=3)
+    session = session_of(port, address=4)
+    with pytest.raises(TargetError, match="as unit 4 at 9600 baud: nothing comes; try another"):
+        FAMILY.probe(session)
+
+
+def test_another_protocol_shows_its_face() -> None:
+    """What talks there instead is told as it came."""
+    port = MscPort()
+    port.spoil = lambda data: b"ERROR 7\r\n"
+    with pytest.raises(TargetError, match=r"something else talks there: 45 52 .*\(ERROR 7"):
+        FAMILY.probe(session_of(port))
+
+
+# --- whether it answers ---------------------------------------------------------------------------
+
+
+def test_a_unit_is_sane_if_it_answers_any_known_good_question() -> None:
+    """Also after a packet was cut short, whose NAK is still to come."""
+    port = MscPort()
+    session = session_of(port)
+    session.target.send(codec.packet(1, codec.RQSTAT)[:7])
+    assert FAMILY.sanity(session)
+    served = port._served
+    port._served = lambda one: None if one.name == "RQSTAT" else served(one)  # type: ignore[method-assign]
+    assert FAMILY.sanity(session)
+    port.spoil = lambda data: b""
+    assert not FAMILY.sanity(session)
+
+
+def test_a_reply_nobody_has_acknowledged_is_ended_between_checks() -> None:
+    """Or it would be taken for the next one."""
+    port = MscPort()
+    session = session_of(port)
+    Bench(session).ask(codec.RQSTAT, answer=None)
+    FAMILY.stop(session)
+    assert Bench(session).talk.listen(10.0) == b""
+    assert port.heard.endswith(ACK)
+
+
+# --- what is put back -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("stride", [4, 2, 1])
+@pytest.mark.parametrize("ground", [range(1024, 1400), range(1026, 1030), range(7), range(128)])
+def test_what_is_remembered_covers_what_may_be_written(ground: range, stride: int) -> None:
+    """Every address a value can be written to; blocks end inside at any distance."""
+    blocks, values = layout(ground, stride)
+    assert all(at in ground and at + 127 in ground for at in blocks)
+    covered = {at + place * stride for at in blocks for place in range(32)} | set(values)
+    first = -(-ground.start // 4) * 4
+    assert set(range(first, ground.stop, 4)) <= covered
+
+
+@pytest.mark.parametrize("is_lossless", [True, False])
+def test_what_was_written_is_put_back_and_nothing_else_is_touched(is_lossless: bool) -> None:
+    """Values alone, blocks, flags; of what nobody has written nothing is even read."""
+    port = MscPort()
+    port.data = {at: at * 3 for at in range(0, 4096, 4)}
+    port.flags = {129, 130}
+    before = dict(port.data), set(port.flags)
+    session = session_of(port, target=target_of(port, is_lossless=is_lossless))
+    run = session.run
+    run.memory = FAMILY.remember(session)
+    writing = Session(run, check_of("stored"))
+    bench = Bench(writing)
+    for body in (codec.dwrite(1396, 7), codec.dwrite(1028, 8), codec.sflag(131),
+                 codec.cflag(129), codec.bwrite(1100, range(32))):  # fmt: skip
+        assert FAMILY.guard(writing, bench.talk.request(body)) is None
+        bench.command(body)
+    assert (port.data, port.flags) != before
+    assert FAMILY.restore(session, run.memory) == ()
+    assert (port.data, port.flags) == before
+    heard = port.heard
+    assert FAMILY.restore(session, run.memory) == ()
+    assert port.heard == heard
+
+
+def test_what_cannot_be_put_back_is_told() -> None:
+    """A value that changes by itself, or that the unit does not take any more."""
+    port = MscPort()
+    session = session_of(port)
+    run = session.run
+    run.memory = FAMILY.remember(session)
+    writing = Session(run, check_of("stored"))
+    for body in (codec.dwrite(1396, 7), codec.sflag(131)):
+        assert FAMILY.guard(writing, codec.packet(1, body)) is None
+        Bench(writing).command(body)
+    served = port._served
+    port._served = lambda one: b"" if one.name in codec.WRITES else served(one)  # type: ignore[method-assign]
+    told = FAMILY.restore(session, run.memory)
+    assert told == ("the value at 1396 was 0", "flag 131 was off")
+
+
+def test_the_programs_flags_are_put_back_to_off_only() -> None:
+    """Turned on, they are orders to it."""
+    port = MscPort()
+    port.flags = {240}
+    session = session_of(port, grounds=Grounds(range(0), range(0), (240, 6144)))
+    run = session.run
+    run.memory = FAMILY.remember(session)
+    moving = Session(run, check_of("motion", needs=("program",)))
+    for body in (codec.cflag(240), codec.sflag(241)):
+        assert FAMILY.guard(moving, codec.packet(1, body)) is None
+        Bench(moving).command(body)
+    assert FAMILY.restore(session, run.memory) == ()
+    assert port.flags == set()
+
+
+def test_variables_that_cannot_be_read_keep_a_run_from_writing() -> None:
+    """Nothing may be put back as 0."""
+    with pytest.raises(TargetError, match="a DREAD reply of 18 bytes"):
+        FAMILY.remember(session_of(MscPort(), grounds=Grounds(range(40000, 40008))))
+
+
+# --- what no unit says ----------------------------------------------------------------------------
+
+
+def reply(body: bytes, unit: int = 1) -> bytes:
+    """ACK and a sound packet."""
+    return ACK + codec.packet(unit, body)
+
+
+STATUS = codec.body("RQSTAT", bytes(8))
+
+
+@pytest.mark.parametrize(
+    ("asked", "came", "requirement"),
+    [
+        (codec.RQSTAT, reply(STATUS), None),
+        (codec.RQSTAT, reply(STATUS[:-2]), None),
+        (codec.RQSTAT, reply(STATUS[:-1]), "MSC-RQSTAT-01"),
+        (codec.RQSTAT, b"", "MSC-LNK-01"),
+        (codec.RQSTAT, NAK, "MSC-LNK-01"),
+        (codec.RQSTAT, ACK, "MSC-CMD-05"),
+        (codec.RQSTAT, codec.with_wrong_checksum(reply(STATUS)), "MSC-PKT-12"),
+        (codec.RQSTAT, reply(STATUS, 2), "MSC-PKT-18"),
+        (codec.RQSTAT, reply(codec.body("RQSTAX", bytes(8))), "MSC-CMD-04"),
+        (codec.RQSTAT, ACK + codec.packet(1, STATUS, length=14), "MSC-PKT-06"),
+        (codec.dread(0xFFFC), NAK, None),
+        (codec.dread(0), reply(codec.body("DREAD", bytes(2))), "MSC-DREAD-02"),
+        (codec.rflag(1), reply(codec.body("RFLAG", b"\xff\xff")), "MSC-RFLAG-02"),
+        (codec.dwrite(1024, 1), ACK, None),
+        (codec.dwrite(1024, 1), b"\x07", "MSC-LNK-01"),
+    ],
+)
+def test_a_reply_that_no_unit_gives_is_blamed_on_what_it_breaks(
+    asked: bytes, came: bytes, requirement: str | None
+) -> None:
+    """To the engine's own questions; what a reading of the manual admits is nobody's fault."""
+    breach = FAMILY.blame(session_of(MscPort()), codec.packet(1, asked), came)
+    assert (breach.requirement if breach else None) == requirement
+
+
+def test_what_came_before_our_sign_is_what_is_blamed() -> None:
+    """The last thing sent is the ACK to a reply that was wrong."""
+    port = MscPort()
+    session = session_of(port)
+    port.spoil = lambda data: codec.with_wrong_checksum(data) if len(data) > 1 else data
+    Bench(session).ask(codec.RQSTAT)
+    request, came = session.last_exchange()
+    assert (request, came) == (ACK, b"")
+    breach = FAMILY.blame(session, request, came)
+    assert isinstance(breach, Breach)
+    assert breach.requirement == "MSC-PKT-12"
+
+
+def test_broken_requests_and_other_units_blame_nobody() -> None:
+    """What comes of them is for checks to say."""
+    session = session_of(MscPort())
+    for raw in (codec.packet(2, codec.RQSTAT), codec.packet(1, codec.RQSTAT)[:9], b"xx"):
+        assert FAMILY.blame(session, raw, NAK) is None
+    assert FAMILY.blame(session, codec.packet(1, codec.RQSTAT), None) is not None
+
+
+# --- words ----------------------------------------------------------------------------------------
+
+
+def test_records_are_put_into_words_either_way() -> None:
+    """As the transcript of a finding shows them."""
+    asked = Record(0, Direction.HOST, codec.packet(1, codec.dread(2008)))
+    came = Record(0, Direction.DEVICE, reply(codec.body("DREAD", codec.i32(5))))
+    assert FAMILY.explain(asked) == "1: DREAD, 2008"
+    assert FAMILY.explain(came) == "ACK, 1: DREAD, 5"
+
+
+def test_the_built_in_twin_runs_the_bench_program_in_every_unit() -> None:
+    """In virtual time, with its neighbours on one line."""
+    url = "axistwin://msc-250:1,msc-250:2?time=virtual&program=bench"
+    assert FAMILY.twin_url("msc-250", 1, (2,)) == url
