@@ -71,7 +71,6 @@ def make_options(
 ) -> Options:
     """Turn what was typed into options; raises UsageError in one line for what cannot be meant."""
     from axistwin_conformance.plan import Options
-    from axistwin_conformance.rig import choose_rig
 
     family = find_family(model)
     endpoint, rate = choose_endpoint(
@@ -80,17 +79,11 @@ def make_options(
     is_builtin = endpoint is None
     is_twin = endpoint is None or is_twin_url(endpoint)
     address, neighbours = _addresses(family, address, neighbours, is_builtin=is_builtin)
-    if is_builtin and rate is not None and rate not in (family.rates or (rate,)):
-        known = ", ".join(map(str, family.rates))
-        raise UsageError(f"{family.way.rate_option} {rate}: a {model} knows {known}")
+    if is_builtin and rate is not None:
+        _check_rate(family, model, rate)
     _check_duration(duration, level)
     _refuse_bounds(family, model, {"--max-travel": max_travel, "--max-speed": max_speed})
-    grounds = _grounds(
-        family,
-        model,
-        {"--variables": variables, "--flags": flags, "--bench-program": bench_program},
-        is_builtin=is_builtin,
-    )
+    granted = {"--variables": variables, "--flags": flags, "--bench-program": bench_program}
     others = {"an ID": ids, "--level": level, "--detect": is_detection}
     allowed = parse_allowed(allow, is_builtin=is_builtin)
     options = Options(
@@ -102,7 +95,7 @@ def make_options(
         rate=rate or family.default_rate,
         allowed=allowed,
         envelope=_envelope(max_travel, max_speed, is_builtin=is_builtin, is_twin=is_twin),
-        grounds=grounds,
+        grounds=_grounds(family, model, granted, is_builtin=is_builtin),
         level=level or FULL,
         seed=seed,
         words=ids,
@@ -118,15 +111,29 @@ def make_options(
         jobs=jobs,
         eeprom_budget=_writes(family, eeprom_budget, is_twin=is_twin),
     )
+    return _with_rig(options, rig, rig_command)
+
+
+def _with_rig(options: Options, kind: str | None, command: str | None) -> Options:
+    """The options with the rig that was chosen."""
+    from axistwin_conformance.rig import choose_rig
+
     choice = choose_rig(
-        rig,
-        rig_command,
+        kind,
+        command,
         options.url,
-        is_allowed="rig" in allowed,
-        way=family.way,
-        capabilities=family.capabilities,
+        is_allowed="rig" in options.allowed,
+        way=options.family.way,
+        capabilities=options.family.capabilities,
     )
     return replace(options, rig=choice)
+
+
+def _check_rate(family: Family, model: str, rate: int) -> None:
+    """Raise UsageError for a rate that no device of the family has."""
+    if rate not in (family.rates or (rate,)):
+        known = ", ".join(map(str, family.rates))
+        raise UsageError(f"{family.way.rate_option} {rate}: a {model} knows {known}")
 
 
 def _refuse_bounds(family: Family, model: str, bounds: Mapping[str, int | None]) -> None:
