@@ -1,6 +1,7 @@
 """The three machines of ``fixtures/macroprograms``, driven through a full cycle by their hosts."""
 
 import os
+import runpy
 import subprocess
 import sys
 from collections.abc import Callable
@@ -11,7 +12,7 @@ import pytest
 from axistwin.testing import StartedTwin
 
 FOLDER = Path(__file__).parents[2] / "fixtures" / "macroprograms"
-SPEED = 20
+SPEED = 5
 
 LIFT = (
     "0 108 395 853 1464 2228 3093 4027 5000 5973 6908 7772 8536 9148 9605 9892 10000 "
@@ -92,6 +93,20 @@ def test_a_clamp_that_does_not_close_is_told(axistwin: Starter) -> None:
         twin.advance(0.01)
     assert twin.flags["clamp_fault"]
     assert not twin.flags["done"]
+
+
+def test_a_host_that_is_late_is_not_confused(axistwin: Starter) -> None:
+    """An answer that is repeated is thrown away; nothing is done twice."""
+    msc_host = runpy.run_path(str(FOLDER / "msc_host.py"))
+    twin = axistwin("msc-250", program="bench", time="virtual")
+    host = msc_host["Msc"](twin.port)
+    host.port.write = lambda data, write=host.port.write: data == b"\x06" or write(data)
+    for turn in range(1, 4):
+        host.set_flag(240)
+        twin.advance(1.5)  # without an ACK the answer to ``read`` is repeated meanwhile
+        assert host.read(6144) == turn
+    twin.advance(3)
+    assert host.flag(240) is False
 
 
 def test_the_description_of_the_machines_names_all_files() -> None:
