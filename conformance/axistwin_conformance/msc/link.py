@@ -105,6 +105,18 @@ class Link(Bench):
                 told = "the other units of this line take part; ask the unit alone"
                 self.session.skip(f"with {switch}={reading} {told}")
 
+    # --- what may be sent to whom -----------------------------------------------------------------
+
+    @property
+    def is_twin(self) -> bool:
+        """True if nothing can be harmed: a twin, not a controller."""
+        return is_twin_url(self.target.description)
+
+    def only_on_a_twin(self) -> None:
+        """Skip on a real controller: what is wrong on purpose there, is a read."""
+        if not self.is_twin:
+            self.session.skip("a write that is wrong on purpose is sent to a twin only")
+
     # --- what may be read and written -------------------------------------------------------------
 
     def spots(self, count: int) -> list[int]:
