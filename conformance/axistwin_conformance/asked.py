@@ -76,8 +76,7 @@ def make_options(
     endpoint, rate = choose_endpoint(
         family.way, model, {"--port": port, "--can": can}, {"--baud": baud, "--bitrate": bitrate}
     )
-    is_builtin = endpoint is None
-    is_twin = endpoint is None or is_twin_url(endpoint)
+    is_builtin, is_twin = endpoint is None, endpoint is None or is_twin_url(endpoint)
     address, neighbours = _addresses(family, address, neighbours, is_builtin=is_builtin)
     if is_builtin and rate is not None:
         _check_rate(family, model, rate)
