@@ -53,7 +53,7 @@ from axistwin_conformance.targets import Target, open_target
 
 MODEL = "mac23"
 WRITES_ALLOWED = 1 << 40
-SEQUENCE_BYTES = checks_sequences.OPERATIONS_PLAYED * BYTES_PER_OPERATION
+SEQUENCE_BYTES = checks_sequences.FREE.operations * BYTES_PER_OPERATION
 STATEFUL_AIM = 0.5  # of the limit
 ONE_DRAW_AIM = 10.0  # times the stateful rate
 # Hypothesis begins with the simplest example, the same step all the time: one in so many here.
@@ -234,7 +234,7 @@ class CannedSlice:
         player.bench.target.drain()  # so that the clock is looked at anew
         for _ in range(SLICE_SEQUENCES):
             player.begin().play(source.randbytes(SEQUENCE_BYTES))
-        return SLICE_SEQUENCES * checks_sequences.OPERATIONS_PLAYED
+        return SLICE_SEQUENCES * checks_sequences.FREE.operations
 
     def prepare(self, number: int) -> None:
         """Note the replies."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 from hypothesis import given, seed
@@ -15,7 +16,26 @@ from axistwin_conformance.failures import REPLAYS, Failure, settle
 from axistwin_conformance.machines import Device, Machine
 from axistwin_conformance.playing import Mismatch, Played, Player
 from axistwin_conformance.recording import Recording
+from axistwin_conformance.registry import Check
 from axistwin_conformance.session import Session
+
+PlayerOf = Callable[[Session], Player]
+
+
+@dataclass(frozen=True, slots=True)
+class Amount:
+    """How much to play: so many operations in a list, so many lists at each level."""
+
+    operations: int
+    examples: Mapping[str, int]
+
+
+def play_drawn(
+    session: Session, level: str, player_of: PlayerOf, free: Amount, real: Amount
+) -> None:
+    """Play drawn lists, as many as the device allows: `free` where time is, else `real`."""
+    amount = free if session.carrier.is_lossless else real
+    play_lists(player_of(session), amount.examples[level], amount.operations)
 
 
 def play_lists(player: Player, examples: int, operations: int) -> None:
@@ -78,7 +98,19 @@ def play_machine(
 # --- recorded ones -------------------------------------------------------------------------------
 
 
-def replay(session: Session, recording: Recording, player_of: Callable[[Session], Player]) -> None:
+def replaying(recording: Recording, drawing: Check, player_of: PlayerOf) -> Check:
+    """The check that plays recorded operations, as safely as the one that draws them."""
+
+    def play(session: Session) -> None:
+        _replay(session, recording, player_of)
+
+    return replace(
+        drawing, name="the_recorded_operations", function=play, level="quick", soaks=False,
+        behaviour="What comes of the recorded operations is what the model admits.",
+    )  # fmt: skip
+
+
+def _replay(session: Session, recording: Recording, player_of: PlayerOf) -> None:
     """Play recorded operations and judge them, as often as it takes on this line."""
     for text in _circumstances(session, recording):
         session.run.tell(events.Note(text))

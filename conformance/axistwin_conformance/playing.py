@@ -50,6 +50,34 @@ class Playable(Protocol):
         """Run all operations and compare everything at the end; raises Mismatch."""
 
 
+class Steps(ABC):
+    """The steps of a `Playable`; a family's sequence says what an operation does."""
+
+    operation_bytes: ClassVar[int]
+
+    def play(self, data: bytes) -> None:
+        """Run all operations, then compare everything readable."""
+        size = self.operation_bytes
+        try:
+            for at in range(0, len(data) - size + 1, size):
+                self.operate(*data[at : at + size])
+            self.conclude()
+        finally:
+            self.leave()
+
+    @abstractmethod
+    def operate(self, what: int, first: int, second: int, pause: int) -> None:
+        """Run one operation.  Raises Mismatch for what is not admissible."""
+
+    @abstractmethod
+    def conclude(self) -> None:
+        """Compare everything readable.  Raises Mismatch."""
+
+    @abstractmethod
+    def leave(self) -> None:
+        """Leave the device as it was found."""
+
+
 def split(data: bytes, kinds: int, size: int) -> Operations:
     """Cut bytes into operations of `size`, each told by its lowest number: one that stays when
     there are more kinds of operations than these."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance.drawn import play_lists, replay
+from axistwin_conformance.drawn import Amount, play_drawn, replaying
 from axistwin_conformance.mac_axis.bench import SAFE_PERIOD, bench_of
 from axistwin_conformance.mac_axis.player import Player
 from axistwin_conformance.mac_axis.probing import MOVES
@@ -13,10 +13,8 @@ from axistwin_conformance.recording import Recording
 from axistwin_conformance.registry import Check, check
 from axistwin_conformance.session import Session
 
-OPERATIONS_PLAYED: Final = 200  # long ones spend less on beginning and end
-EXAMPLES: Final = {"quick": 5, "full": 60}
-REAL_EXAMPLES: Final = {"quick": 1, "full": 10}
-REAL_OPERATIONS: Final = 30
+FREE: Final = Amount(200, {"quick": 5, "full": 60})  # long ones spend less on beginning and end
+REAL: Final = Amount(30, {"quick": 1, "full": 10})
 
 JUDGED: Final = tuple(
     dict.fromkeys(
@@ -29,13 +27,13 @@ JUDGED: Final = tuple(
 @check(*JUDGED, safety=MOVES, needs=("virtual",))
 def some_mixed_sequences_agree_with_the_model(session: Session) -> None:
     """Every reply of a few random sequences is one that the model admits."""
-    _play(session, "quick")
+    play_drawn(session, "quick", player_of, FREE, REAL)
 
 
 @check(*JUDGED, safety=MOVES, level="full", soaks=True)
 def many_mixed_sequences_agree_with_the_model(session: Session) -> None:
     """Every reply of many random sequences is one that the model admits."""
-    _play(session, "full")
+    play_drawn(session, "full", player_of, FREE, REAL)
 
 
 def player_of(session: Session) -> Player:
@@ -46,18 +44,6 @@ def player_of(session: Session) -> Player:
     return Player(bench, bench.ready())
 
 
-def _play(session: Session, level: str) -> None:
-    if session.carrier.is_lossless:
-        play_lists(player_of(session), EXAMPLES[level], OPERATIONS_PLAYED)
-    else:
-        play_lists(player_of(session), REAL_EXAMPLES[level], REAL_OPERATIONS)
-
-
 def replay_check(recording: Recording) -> Check:
-    """The check that plays recorded operations, as safely as those of any other check."""
-
-    def play(session: Session) -> None:
-        replay(session, recording, player_of)
-
-    behaviour = "Every reply to the recorded operations is one that the model admits."
-    return Check("the_recorded_operations", play, JUDGED, MOVES, "quick", (), behaviour, __name__)
+    """The check that plays recorded operations."""
+    return replaying(recording, many_mixed_sequences_agree_with_the_model, player_of)

@@ -24,7 +24,7 @@ from axistwin_conformance.mac_axis.model import (
 )
 from axistwin_conformance.mac_axis.motion import TICK_NS, TICKS_PER_SECOND
 from axistwin_conformance.mac_axis.operations import COEFFICIENTS, PERIODS, operations_of
-from axistwin_conformance.playing import Mismatch
+from axistwin_conformance.playing import Mismatch, Steps
 
 Choices = tuple[int, ...]
 
@@ -63,7 +63,7 @@ UNRULED_STATUS: Final = ("ff_lifetime", "status_ff_layout")
 
 
 @dataclass
-class Sequence:
+class Sequence(Steps):
     """One run of one byte string against one module.
 
     `judged`: requirement → how many replies were held against it, counted only where some other
@@ -71,6 +71,8 @@ class Sequence:
     it was done there.  `marks`: where in the story each operation begins.  `watch`: told of each
     position judged: what was expected, what came, the slack.
     """
+
+    operation_bytes = BYTES_PER_OPERATION
 
     bench: Bench
     model: AxisModel
@@ -126,15 +128,6 @@ class Sequence:
         return follows
 
     # --- doing ------------------------------------------------------------------------------------
-
-    def play(self, data: bytes) -> None:
-        """Run all operations, then stop and compare everything readable."""
-        try:
-            for at in range(0, len(data) - BYTES_PER_OPERATION + 1, BYTES_PER_OPERATION):
-                self.operate(*data[at : at + BYTES_PER_OPERATION])
-            self.conclude()
-        finally:
-            self.leave()
 
     def operate(self, what: int, first: int, second: int, pause: int) -> None:
         """Run one operation.  Raises Mismatch for a reply that is not admissible."""

@@ -23,7 +23,7 @@ from axistwin_conformance.msc.codec import ACK, NAK, Packet
 from axistwin_conformance.msc.model import Surprise, UnitModel
 from axistwin_conformance.msc.operations import OPERATIONS
 from axistwin_conformance.msc.talk import Exchange
-from axistwin_conformance.playing import Mismatch
+from axistwin_conformance.playing import Mismatch, Steps
 
 BYTES_PER_OPERATION: Final = 4
 PAUSED: Final = 0x80  # a pause byte above it is a wait, ms beyond it
@@ -47,12 +47,14 @@ JUDGED: Final = (
 
 
 @dataclass
-class Sequence:
+class Sequence(Steps):
     """One run of one byte string against one unit; see `playing.Playable`.
 
     `spots`: the addresses of single values; `blocks`: where blocks begin; `flags`: their numbers.
     `waiting_since_ns`: since when the unit has waited for our sign; None: it does not.
     """
+
+    operation_bytes = BYTES_PER_OPERATION
 
     bench: Bench
     model: UnitModel
@@ -95,15 +97,6 @@ class Sequence:
         )
 
     # --- doing ------------------------------------------------------------------------------------
-
-    def play(self, data: bytes) -> None:
-        """Run all operations, then compare everything they have touched."""
-        try:
-            for at in range(0, len(data) - BYTES_PER_OPERATION + 1, BYTES_PER_OPERATION):
-                self.operate(*data[at : at + BYTES_PER_OPERATION])
-            self.conclude()
-        finally:
-            self.leave()
 
     def operate(self, what: int, first: int, second: int, pause: int) -> None:
         """Run one operation.  Raises Mismatch for what is not admissible."""
