@@ -11,6 +11,7 @@ from program_bench import BAD_OPCODE, RUNNING, ProgramBench
 from axistwin.errors import UsageError
 from axistwin.kernel.time import NS_PER_MS, NS_PER_S
 from axistwin.macroprogram import (
+    Condition,
     Input,
     Macroprogram,
     Output,
@@ -18,6 +19,7 @@ from axistwin.macroprogram import (
     Timer,
     UserFlag,
     Variable,
+    until,
 )
 
 HOUR_NS = 3600 * NS_PER_S
@@ -178,6 +180,52 @@ def test_what_has_just_happened_is_over_in_the_next_scan() -> None:
     bench.set(3)
     bench.at(200)
     assert ends == [20, 120]
+
+
+def test_a_function_is_asked_once_in_each_scan() -> None:
+    """Whoever looks how often, alone and joined with other conditions."""
+    asked: list[float] = []
+
+    class Program(Macroprogram):
+        part = Input(3)
+
+        def ask(self) -> bool:
+            asked.append(self.time_ms)
+            return len(asked) in (4, 9)
+
+        def run(self) -> Steps:
+            yield self.ask
+            yield self.part | until(self.ask)
+            self.stop()
+
+    bench = ProgramBench(Program)
+    for milliseconds in range(0, 200, 3):
+        bench.at(milliseconds).runner.next_event()
+    assert asked == [10 * scan for scan in range(1, 10)]
+
+
+class Never(Condition):
+    """A user's own condition, with a mistake."""
+
+    def holds(self) -> bool:
+        """Not even that."""
+        raise ZeroDivisionError
+
+
+@pytest.mark.parametrize("wanted", [lambda: 1 // 0, until(lambda: 1 // 0), Never()])
+def test_a_mistake_in_what_is_waited_for_is_a_script_error(wanted: object) -> None:
+    """In the scan that asks."""
+
+    class Program(Macroprogram):
+        def run(self) -> Steps:
+            yield wanted
+
+    bench = ProgramBench(Program).at(9)
+    assert bench.runner.next_event() is not None
+    assert bench.word == RUNNING
+    assert bench.at(10).word == BAD_OPCODE
+    assert bench.runner.error is not None
+    assert "ZeroDivisionError" in bench.runner.error
 
 
 @pytest.mark.parametrize(("timer_ms", "limit_ms", "end_ms"), [(45, 90, 50), (90, 45, 50)])

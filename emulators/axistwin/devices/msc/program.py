@@ -260,7 +260,13 @@ class ProgramRunner:
             return False
         if awaited is None:
             return self._steps is None
-        return not awaited.holds()
+        change_ns = self._next_change()
+        if change_ns is not None and self._next_ns is not None and change_ns < self._next_ns:
+            return False  # so that a user's function is asked in scans alone
+        try:
+            return not awaited.holds()
+        except Exception:  # a condition of the user's own: its scan will tell
+            return False
 
     def _next_change(self) -> Nanos | None:
         """When something that a resting program waits for may change by itself."""
