@@ -39,15 +39,17 @@ OTHER_UNITS: Final = range(2, 16)
 
 
 @check(
-    "MSC-PKT-01", "MSC-PKT-02", "MSC-PKT-03", "MSC-PKT-06", "MSC-PKT-10", "MSC-PKT-11",
-    "MSC-PKT-12", "MSC-PKT-16", "MSC-PKT-17", "MSC-PKT-18",
+    "MSC-PKT-01", "MSC-PKT-02", "MSC-PKT-03", "MSC-PKT-06", "MSC-PKT-08", "MSC-PKT-10",
+    "MSC-PKT-11", "MSC-PKT-12", "MSC-PKT-16", "MSC-PKT-17", "MSC-PKT-18", "MSC-LNK-11",
 )  # fmt: skip
 def every_reply_is_a_packet_as_the_manual_draws_it(session: Session) -> None:
     """The reply to each reading command is 02h, the unit, length, block, body, checksum; no more
-    than 240 bytes of body."""
+    than 240 bytes of body, and nothing behind it, our ACK to it or not."""
     link = Link(session)
     for body in link.reads():
         judge_reply(link, link.ask(body, 0x1234))
+        told = codec.explain_request(link.talk.request(body))
+        link.nothing_more(("MSC-PKT-16", "MSC-LNK-11"), f"the reply to {told}")
 
 
 def judge_reply(link: Link, exchange: Exchange) -> Packet:
@@ -62,11 +64,7 @@ def judge_reply(link: Link, exchange: Exchange) -> Packet:
         session.fail(("MSC-PKT-01", "MSC-PKT-17"), "8 bytes and a body", f"{len(raw)} bytes")
     session.expect(one.unit in codec.UNITS, "MSC-PKT-03", "unit 1 to 15", one.unit)
     session.expect(one.unit == link.unit, "MSC-PKT-18", f"unit {link.unit}", one.unit)
-    names = ("MSC-PKT-01", "MSC-PKT-06", "MSC-PKT-17")
-    size = len(one.body)
-    session.expect(one.length == size, names, f"length {size}, as the body has", one.length)
-    most = f"{codec.MAX_BODY} at most"
-    session.expect(size <= codec.MAX_BODY, ("MSC-PKT-10", "MSC-PKT-16"), most, size)
+    _judge_length(link, one)
     right = codec.checksum(raw[1:-2])
     order = f"{right:04X}, high byte first"
     swapped = int.from_bytes(codec.u16(right), "little")
@@ -77,6 +75,20 @@ def judge_reply(link: Link, exchange: Exchange) -> Packet:
         f"{one.checksum:04X}",
     )  # fmt: skip
     return one
+
+
+def _judge_length(link: Link, one: Packet) -> None:
+    """Judge what a reply announces; of one that announces too much no more than 240 bytes are
+    heard, and from one that goes low byte first as many as it says."""
+    session, announced = link.session, one.length
+    right = link.talk.reply_bytes(one.name) - codec.AROUND_BODY if one.name in codec.READS else 0
+    is_swapped = announced == int.from_bytes(codec.u16(right), "little") != right
+    told = f"{codec.u16(right).hex(' ')}, high byte first"
+    session.expect(not is_swapped, "MSC-PKT-08", told, codec.u16(announced).hex(" "))
+    most = f"{codec.MAX_BODY} at most"
+    session.expect(announced <= codec.MAX_BODY, ("MSC-PKT-10", "MSC-PKT-16"), most, announced)
+    names, size = ("MSC-PKT-01", "MSC-PKT-06", "MSC-PKT-17"), len(one.body)
+    session.expect(announced == size, names, f"length {size}, as the body has", announced)
 
 
 @check("MSC-PKT-04", needs=("alone",))
