@@ -99,7 +99,8 @@ def _together(mutant: Mutant, checks: Sequence[Check], claims: frozenset[str]) -
         if event.outcome is Outcome.DONE:
             for finding in event.findings:
                 name = finding.requirement
-                is_own = name in requirements[event.name] & claims
+                # What is told beside the checks has a name of its own.
+                is_own = name in requirements.get(event.name, frozenset()) & claims
                 if is_own and finding.verdict is Verdict.FAIL:
                     found.setdefault(name, event.name)
         if found.keys() >= claims:
