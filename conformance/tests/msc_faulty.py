@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 from msc_device import BYTE_NS, REPEATS, REPLY_NS, RESPONSE_NS, T2_NS, MscPort
 
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import ACK, NAK, STX, Packet
+from axistwin_conformance.registry import Check, Grounds
 
 Accepts = Callable[[bytes], bool]
 SCAN_NS = 10_000_000
 PROGRAM = (240, 6144)
+GROUNDS = Grounds(range(1024, 5120), range(128, 240), PROGRAM)
+Make = Callable[[], MscPort]
 
 
 def packets_spoilt(turn: Callable[[bytes], bytes]) -> Callable[[], MscPort]:
@@ -445,3 +449,30 @@ class Line(MscPort):
             self._packet = b""
         else:
             super()._broken_off()
+
+
+class Forgetful(MscPort):
+    """Loses what comes while it talks."""
+
+    def _hear_idle(self, byte: bytes) -> None:
+        if self.virtual_time_ns >= self._free_ns:
+            super()._hear_idle(byte)
+
+
+def around(check: Check, port: MscPort) -> dict[str, Any]:
+    """What a run needs for a check beside the port."""
+    how: dict[str, Any] = {"grounds": GROUNDS}
+    if "neighbour" in check.needs:
+        how["neighbours"] = (2, 3)
+    if any(need in check.needs for need in ("rig:power", "rig:flag")):
+        how["rig"] = port
+    return how
+
+
+def sound(check: Check) -> MscPort:
+    """A unit without fault that has what a check needs."""
+    if "neighbour" in check.needs:
+        return Line()
+    if "program" in check.needs:
+        return Programmed()
+    return Powered() if check.rig_needs else Uart()

@@ -3,33 +3,30 @@ what it is there to see."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import pytest
 from msc_device import BYTE_NS, MscPort
 from msc_faulty import (
-    PROGRAM,
     Answering,
     Confused,
-    Counting,
+    Forgetful,
     Hunting,
     Impatient,
     Line,
+    Make,
     Powered,
     Programmed,
     Refusing,
     Repeating,
     Restarting,
     Storing,
-    Stubborn,
     Summing,
     Timing,
     Uart,
-    Waiting,
+    around,
     packets_spoilt,
     resummed,
     signs_spoilt,
+    sound,
     sums_to,
     swapped_sum,
     with_byte,
@@ -38,32 +35,9 @@ from msc_judging import failed, judge, link_checks, troubles
 
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.checks_golden import golden_exchanges
-from axistwin_conformance.msc.checks_packets import WRONG_SUMS, block_readings
+from axistwin_conformance.msc.checks_packets import WRONG_SUMS
 from axistwin_conformance.msc.codec import ACK, NAK, STX
-from axistwin_conformance.registry import Check, Grounds
 from axistwin_conformance.verdicts import Verdict
-
-GROUNDS = Grounds(range(1024, 5120), range(128, 240), PROGRAM)
-Make = Callable[[], MscPort]
-
-
-def around(check: Check, port: MscPort) -> dict[str, Any]:
-    """What a run needs for a check beside the port."""
-    how: dict[str, Any] = {"grounds": GROUNDS}
-    if "neighbour" in check.needs:
-        how["neighbours"] = (2, 3)
-    if any(need in check.needs for need in ("rig:power", "rig:flag")):
-        how["rig"] = port
-    return how
-
-
-def sound(check: Check) -> MscPort:
-    """A unit without fault that has what a check needs."""
-    if "neighbour" in check.needs:
-        return Line()
-    if "program" in check.needs:
-        return Programmed()
-    return Powered() if check.rig_needs else Uart()
 
 
 @pytest.mark.parametrize("name", link_checks())
@@ -159,14 +133,6 @@ class Chatting(MscPort):
     def __init__(self, after_ns: int) -> None:
         super().__init__()
         self._at(after_ns, lambda: self._ready.append(STX))
-
-
-class Forgetful(MscPort):
-    """Loses what comes while it talks."""
-
-    def _hear_idle(self, byte: bytes) -> None:
-        if self.virtual_time_ns >= self._free_ns:
-            super()._hear_idle(byte)
 
 
 def for_block_0(raw: bytes) -> bool:
@@ -531,77 +497,6 @@ def test_every_check_has_a_unit_that_fails_it() -> None:
     assert set(link_checks()) == {name for name, _, _ in LIES.values()}
 
 
-# Another reading of the manual: the unit, the switch, the reading, the checks that meet it.
-READINGS: list[tuple[Make, str, str, tuple[str, ...]]] = [
-    (lambda: Repeating(4), "retransmit_limit", "5_total", (
-        "a_refused_reply_comes_again_up_to_five_times", "a_reply_without_answer_comes_again",
-        "refusals_and_time_outs_share_one_limit", "each_nak_draws_one_repeat_up_to_the_limit",
-    )),
-    (lambda: Timing(is_gap=True), "packet_timeout_mode", "interbyte", (
-        "a_packet_broken_off_is_refused_when_its_time_is_over",
-        "the_time_limit_is_for_the_whole_packet", "the_longest_packet_has_time_enough",
-        "the_time_limit_begins_with_each_packet", "packets_may_come_in_pieces",
-    )),
-    (lambda: Timing(700_000_000), "packet_timeout_ms", "700", (
-        "a_packet_broken_off_is_refused_when_its_time_is_over",
-        "the_time_limit_is_for_the_whole_packet", "the_longest_packet_has_time_enough",
-    )),
-    (lambda: Timing(t2_ns=300_000_000), "ack_timeout_ms", "300", (
-        "a_reply_without_answer_comes_again", "refusals_and_time_outs_share_one_limit",
-        "no_time_out_outlives_its_exchange",
-    )),
-    (lambda: Waiting(gives_up=False), "ack_timeout_action", "wait", (
-        "a_reply_without_answer_comes_again", "another_byte_is_no_sign",
-    )),
-    (lambda: Waiting(gives_up=True), "ack_timeout_action", "abandon", (
-        "a_reply_without_answer_comes_again", "another_byte_is_no_sign",
-    )),
-    (Counting, "reply_block", "counter", (
-        "any_block_number_is_served_alike", "block_numbers_change_no_reply",
-        "the_written_exchanges_of_variables_come_byte_for_byte",
-        "every_reply_is_a_packet_as_the_manual_draws_it",
-    )),
-    (Stubborn, "stray_nak", "resend_last", (
-        "signs_outside_an_exchange_are_ignored", "bytes_without_02h_draw_nothing",
-        "a_refused_reply_comes_again_up_to_five_times", "another_byte_is_no_sign",
-    )),
-    (Forgetful, "rx_while_busy", "drop", (
-        "a_sign_that_comes_while_it_talks_counts_when_it_ends",
-        "no_time_out_outlives_its_exchange",
-    )),
-    (lambda: Uart("use_byte"), "uart_error", "use_byte", (
-        "a_character_without_its_stop_bit_spoils_its_packet",
-    )),
-    (lambda: Uart("drop_byte"), "uart_error", "drop_byte", (
-        "a_character_without_its_stop_bit_spoils_its_packet",
-    )),
-    (lambda: Programmed(fresh=True), "retransmit_content", "fresh", (
-        "a_repeat_carries_the_data_of_the_first_reply",
-    )),
-    (lambda: Line((), hunts=True), "other_unit_framing", "hunt_stx", (
-        "packets_for_others_are_followed_by_their_length",
-    )),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("make", "switch", "reading", "name"),
-    [
-        pytest.param(make, switch, reading, name, id=f"{switch}={reading}-{name}")
-        for make, switch, reading, names in READINGS
-        for name in names
-    ],
-)
-def test_another_reading_is_no_failure(make: Make, switch: str, reading: str, name: str) -> None:
-    """A unit that was seen to read the manual otherwise is held to that; it is named, at most."""
-    port = make()
-    readings = {switch: reading}
-    findings = judge(name, port, readings=readings, **around(link_checks()[name], port))
-    assert not failed(findings), troubles(findings)
-    quirks = [one.text for one in findings if one.verdict is Verdict.QUIRK]
-    assert all(f"{switch}={reading}" in one for one in quirks)
-
-
 def test_a_program_that_ran_before_the_power_was_cut_runs_after_it() -> None:
     """Power-up does not start it."""
     check = link_checks()["power_up_says_nothing"]
@@ -627,21 +522,3 @@ def test_every_written_packet_is_sound_but_the_refused_one() -> None:
     ]
     assert sum(one is None or not one.is_sound for one in packets) == 1
     assert {one.name for one in packets if one} == set(codec.NAMES)
-
-
-@pytest.mark.parametrize(
-    ("sent", "got", "readings"),
-    [
-        ((0, 0x1234, 1), (0, 0, 0), ("zero",)),
-        ((0, 0x1234, 1), (0, 0x1234, 1), ("echo",)),
-        ((0, 0x1234, 1), (7, 8, 9), ("counter",)),
-        ((0, 0x1234, 1), (0xFFFF, 0, 1), ("counter",)),
-        ((0, 1, 2), (0, 1, 2), ("echo", "counter")),
-        ((0, 0x1234, 1), (0x1234, 0, 1), ()),
-    ],
-)
-def test_block_numbers_tell_their_reading(
-    sent: tuple[int, ...], got: tuple[int, ...], readings: tuple[str, ...]
-) -> None:
-    """Zeros, the request's, a counter, or none of these."""
-    assert block_readings(sent, got) == readings
