@@ -4,43 +4,29 @@ from __future__ import annotations
 
 import pytest
 from bus_in_front import FATES, NoisyRun, noisy_run
+from noise_verdict import judge_healthy, passed
 
 from axistwin_conformance.verdicts import Verdict
 
 KINDS = {"mixed": FATES, **{one: (one,) for one in FATES}}
-HONEST = (0, 4)  # conforms, or nothing failed and something stayed inconclusive
 LEAST_PASSED = {500: 40, 50: 30}  # noise costs certainty, but not everything
 
 
-def judge_healthy(every: int, seed: int, kind: str, *words: str) -> NoisyRun:
-    """A healthy twin behind a noisy bus: no failure, no quirk, everything as it was."""
-    run = noisy_run(every, seed, *words, fates=KINDS[kind])
-    told = [
-        (one.requirement.id, one.verdict, one.reason)
-        for one in run.result.requirements
-        if one.verdict in (Verdict.FAIL, Verdict.QUIRK)
-    ]
-    assert told == []
-    assert run.result.exit_status in HONEST, run.result.sentence
-    assert run.is_put_back
-    return run
-
-
-def passed(run: NoisyRun) -> int:
-    """How many requirements passed."""
-    return sum(one.verdict is Verdict.PASS for one in run.result.requirements)
+def healthy(every: int, seed: int, kind: str, *words: str) -> NoisyRun:
+    """A healthy twin behind a noisy bus, judged."""
+    return judge_healthy(noisy_run(every, seed, *words, fates=KINDS[kind]))
 
 
 @pytest.mark.slow
 def test_a_healthy_twin_never_fails_on_a_bus_that_loses_frames() -> None:
     """One in 500, either way: it costs time and certainty, never a verdict."""
-    assert passed(judge_healthy(500, 1, "lost")) >= LEAST_PASSED[500]
+    assert passed(healthy(500, 1, "lost")) >= LEAST_PASSED[500]
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_where_every_25th_exchange_is_spoilt_nothing_is_made_up(kind: str) -> None:
     """One frame in 50: segments, faults made and acknowledged, moves, restarts."""
-    run = judge_healthy(
+    run = healthy(
         50, 7, kind, "segments_follow_one_another_without_a_gap", "overheating_locks_motion",
         "a_move_to_where_it_is_does_nothing",
     )  # fmt: skip
@@ -50,7 +36,7 @@ def test_where_every_25th_exchange_is_spoilt_nothing_is_made_up(kind: str) -> No
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_device_is_found_behind_any_noise(kind: str) -> None:
     """One frame in 20 spoils the first exchanges too."""
-    hits = [judge_healthy(20, seed, kind, "MACC-Q-04-01").hits for seed in range(200, 206)]
+    hits = [healthy(20, seed, kind, "MACC-Q-04-01").hits for seed in range(200, 206)]
     assert sum(hits) > 0, "there was noise"
 
 
@@ -60,7 +46,7 @@ def test_a_device_is_found_behind_any_noise(kind: str) -> None:
 @pytest.mark.parametrize("seed", range(100, 104))
 def test_whatever_the_noise_a_healthy_twin_never_fails(every: int, kind: str, seed: int) -> None:
     """Each kind alone, and mixed, at two rates."""
-    assert passed(judge_healthy(every, seed, kind)) >= LEAST_PASSED[every]
+    assert passed(healthy(every, seed, kind)) >= LEAST_PASSED[every]
 
 
 def test_noise_does_not_hide_another_reading() -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from noise_verdict import judge_healthy, passed
 from noisy_line import FATES, NoisyRun, noisy_run
 from zoo import ZOO
 from zoo.mutant import Mutant
@@ -17,7 +18,6 @@ from axistwin_conformance.noise import Attempt, LineQuality, Replays
 from axistwin_conformance.verdicts import Finding, Verdict
 
 KINDS = {"mixed": FATES, **{one: (one,) for one in FATES}}
-HONEST = (0, 4)  # conforms, or nothing failed and something stayed inconclusive
 LEAST_PASSED = {5000: 110, 500: 80, 50: 30}  # of 136: noise costs certainty, but not everything
 # One or two of each family of faults.
 MUTANTS = (
@@ -37,37 +37,24 @@ MUTANTS = (
 )
 
 
-def judge_healthy(every: int, seed: int, kind: str, *words: str) -> NoisyRun:
-    """A healthy twin behind a noisy line: no failure, no quirk, everything as it was."""
-    run = noisy_run(every, seed, *words, fates=KINDS[kind])
+def healthy(every: int, seed: int, kind: str, *words: str) -> NoisyRun:
+    """A healthy twin behind a noisy line, judged."""
+    run = judge_healthy(noisy_run(every, seed, *words, fates=KINDS[kind]))
     assert run.hits > 0, "there was noise"
-    told = [
-        (one.requirement.id, one.verdict, one.reason)
-        for one in run.result.requirements
-        if one.verdict in (Verdict.FAIL, Verdict.QUIRK)
-    ]
-    assert told == []
-    assert run.result.exit_status in HONEST
-    assert run.is_put_back
     return run
-
-
-def passed(run: NoisyRun) -> int:
-    """How many requirements passed."""
-    return sum(one.verdict is Verdict.PASS for one in run.result.requirements)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("every", "seed", "kind"), [(5000, 1, "mixed"), (500, 2, "mixed")])
 def test_a_healthy_twin_never_fails_behind_a_noisy_line(every: int, seed: int, kind: str) -> None:
     """Lost, late and corrupted bytes cost time and certainty, never a verdict."""
-    assert passed(judge_healthy(every, seed, kind)) >= LEAST_PASSED[every]
+    assert passed(healthy(every, seed, kind)) >= LEAST_PASSED[every]
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_on_a_line_that_spoils_every_other_exchange_nothing_is_made_up(kind: str) -> None:
     """One byte in 50: segments that come late, faults made and acknowledged, moves, restarts."""
-    judge_healthy(
+    healthy(
         50, 7, kind, "segments_follow_one_another_without_a_gap", "overheating_locks_motion",
         "after_00h_it_is_deaf_for_two_seconds", "just_after_two_seconds_it_listens",
         "a_move_to_where_it_is_does_nothing",
@@ -78,7 +65,7 @@ def test_on_a_line_that_spoils_every_other_exchange_nothing_is_made_up(kind: str
 def test_a_device_is_found_behind_any_noise(kind: str) -> None:
     """One byte in 50 spoils the first exchanges too."""
     for seed in range(200, 212):
-        judge_healthy(50, seed, kind, "MACS-Q-24-01")
+        healthy(50, seed, kind, "MACS-Q-24-01")
 
 
 @pytest.mark.soak
@@ -87,13 +74,13 @@ def test_a_device_is_found_behind_any_noise(kind: str) -> None:
 @pytest.mark.parametrize("seed", range(100, 105))
 def test_whatever_the_noise_a_healthy_twin_never_fails(every: int, kind: str, seed: int) -> None:
     """Lost, corrupted and late bytes, each alone and mixed, at three rates."""
-    assert passed(judge_healthy(every, seed, kind)) >= LEAST_PASSED[every]
+    assert passed(healthy(every, seed, kind)) >= LEAST_PASSED[every]
 
 
 @pytest.mark.soak
 def test_what_could_not_be_settled_says_how_often_it_came() -> None:
     """One byte in 50: the run ends, what could not be settled is inconclusive, k of n is told."""
-    result = judge_healthy(50, 1, "mixed").result
+    result = healthy(50, 1, "mixed").result
     assert result.exit_status == 4
     texts = [one.reason for one in result.requirements if one.verdict is Verdict.INCONCLUSIVE]
     assert any("not settled in" in text for text in texts)
