@@ -193,10 +193,9 @@ def signs_outside_an_exchange_are_ignored(session: Session) -> None:
             if NAK in signs:
                 link.reading("stray_nak", "ignore", "MSC-LNK-15")
             continue
-        # Several units that send again what was their last garble each other.
-        is_last = bool(session.neighbours) or (
-            again is not None and not strays and link.is_same(again, last)
-        )
+        # Several units that send again what was their last garble each other; a sign is no packet.
+        is_garbled = bool(session.neighbours) and (again is not None or strays.strip(ACK + NAK))
+        is_last = is_garbled or (again is not None and not strays and link.is_same(again, last))
         if NAK not in signs or not is_last:
             session.fail(
                 ("MSC-LNK-15", "MSC-LNK-11"), f"nothing to {codec.explain(signs)}",
