@@ -1,0 +1,14 @@
+"""The mutant zoo of the MSC controllers: twins with one planted firmware fault each.
+
+What a mutant is, and how one is judged, is the same as for the MAC modules: see `zoo`.
+"""
+
+from zoo.mutant import Mutant
+
+from zoo_msc import commands, data, flags, line, link, packets
+
+FAMILIES = (line, packets, link, commands, data, flags)
+
+ZOO: tuple[Mutant, ...] = tuple(
+    one for family in FAMILIES for one in vars(family).values() if isinstance(one, Mutant)
+)

@@ -1,0 +1,338 @@
+"""Faults of the data area: single values, blocks, addresses (DREAD, DWRITE, BREAD, BWRITE, DAT)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from axistwin.devices.msc.data_area import BLOCK_VALUES, VALUE_MAX, DataArea, signed
+from axistwin.devices.msc.receiver import ACCEPTED, REFUSED
+from zoo_msc.planting import (
+    Any_,
+    Commands,
+    MonkeyPatch,
+    around,
+    bodies,
+    carry_out,
+    msc_mutant,
+    payloads,
+)
+
+BLOCK_BYTES = 128
+PROGRAM_BLOCK = 6144 + 128
+
+
+def _address(body: bytes) -> int:
+    return int.from_bytes(body.partition(b",")[2][:2], "big")
+
+
+def _at(body: bytes, address: int) -> bytes:
+    """The same command at another address."""
+    name, comma, values = body.partition(b",")
+    return name + comma + (address & 0xFFFF).to_bytes(2, "big") + values[2:]
+
+
+def _on(patch: MonkeyPatch, name: bytes, act: Any_) -> None:
+    """Let one command be judged by `act(go, unit, now, body)`; `go(now, body)` judges it as it
+    should be."""
+
+    def judge(go: Any_, unit: Commands, now: int, body: bytes) -> Any:
+        if body.startswith(name + b","):
+            return act(lambda *others: go(*(others or (now, body))), unit, now, body)
+        return go()
+
+    bodies(patch, judge)
+
+
+# --- single values -------------------------------------------------------------------------------
+
+
+@msc_mutant("MSC-DREAD-03", "MSC-PROP-08", traps=(27,))
+def a_negative_value_reads_as_its_amount(patch: MonkeyPatch) -> None:
+    """DREAD has no sign."""
+
+    def change(value: bytes) -> bytes:
+        number = int.from_bytes(value, "big", signed=True)
+        return min(abs(number), VALUE_MAX).to_bytes(4, "big")
+
+    payloads(patch, change, "DREAD")
+
+
+@msc_mutant("MSC-DREAD-03", traps=(27,))
+def a_value_of_sixteen_bits_is_widened_with_its_sign(patch: MonkeyPatch) -> None:
+    """Values from 8000h to FFFFh read as negative ones."""
+
+    def change(value: bytes) -> bytes:
+        is_so = value[:2] == b"\0\0" and value[2] >= 0x80
+        return b"\xff\xff" + value[2:] if is_so else value
+
+    payloads(patch, change, "DREAD")
+
+
+@msc_mutant("MSC-DREAD-01", "MSC-DWRITE-05")
+def an_address_has_eleven_bits(patch: MonkeyPatch) -> None:
+    """Bit 11 of a single value's address is not wired: what is 2048 further on is the same."""
+    for name in (b"DREAD", b"DWRITE"):
+        _on(patch, name, lambda go, unit, now, body: go(now, _at(body, _address(body) & ~0x800)))
+
+
+@msc_mutant("MSC-BREAD-01")
+def an_address_of_a_block_may_hold_no_sign(patch: MonkeyPatch) -> None:
+    """BREAD is refused where a byte of its address is 06h or 15h."""
+
+    def act(go: Any_, unit: Commands, now: int, body: bytes) -> Any:
+        return REFUSED if {0x06, 0x15} & set(body[6:]) and _address(body) < 5120 else go()
+
+    _on(patch, b"BREAD", act)
+
+
+@msc_mutant("MSC-DREAD-04", "MSC-BREAD-04")
+def a_value_counts_its_reads(patch: MonkeyPatch) -> None:
+    """Each DREAD of a value makes it one more."""
+
+    def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
+        verdict, place = go(), _address(body)
+        if verdict.reply is not None and place < 5120:
+            unit._data.write(place, signed(unit._data.read(place) + 1))
+        return verdict
+
+    _on(patch, b"DREAD", act)
+
+
+@msc_mutant("MSC-PROP-13")
+def a_block_that_is_read_loses_its_last_value(patch: MonkeyPatch) -> None:
+    """BREAD leaves 0 in the value behind the last one that it has told."""
+
+    def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
+        verdict, place = go(), _address(body) + BLOCK_BYTES
+        if verdict.reply is not None and place % BLOCK_BYTES and unit._data.has(place):
+            unit._data.write(place, 0)
+        return verdict
+
+    _on(patch, b"BREAD", act)
+
+
+@msc_mutant("MSC-DWRITE-02", "MSC-DREAD-02", traps=(11,))
+def seven_bits_of_each_byte_are_stored(patch: MonkeyPatch) -> None:
+    """What DWRITE brings is text: bit 7 of its values is dropped."""
+
+    def act(go: Any_, unit: Commands, now: int, body: bytes) -> Any:
+        return go(now, body[:9] + bytes(one & 0x7F for one in body[9:]))
+
+    _on(patch, b"DWRITE", act)
+
+
+@msc_mutant("MSC-DWRITE-01", "MSC-PKT-15", traps=(11,))
+def a_value_that_is_no_text_is_refused(patch: MonkeyPatch) -> None:
+    """DWRITE with a byte above 7Fh behind its address is no valid body."""
+
+    def act(go: Any_, unit: Commands, now: int, body: bytes) -> Any:
+        return go() if body[9:].isascii() else REFUSED
+
+    _on(patch, b"DWRITE", act)
+
+
+@msc_mutant("MSC-DWRITE-04", "MSC-DWRITE-02")
+def a_value_is_stored_when_the_next_one_comes(patch: MonkeyPatch) -> None:
+    """A DWRITE is carried out behind the command that follows it."""
+
+    def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
+        late, unit.late = getattr(unit, "late", b""), b""
+        if body.startswith(b"DWRITE,") and _address(body) < 5120:
+            unit.late = body
+            verdict: Any = ACCEPTED
+        else:
+            verdict = go()
+        if late and verdict.reply is not None:
+            build = verdict.reply
+            reply = build(now)
+            verdict = verdict._replace(reply=lambda when: reply)
+        if late:
+            carry = go(now, late)
+            if carry.act is not None:
+                carry.act(now)
+        return verdict
+
+    bodies(patch, act)
+
+
+@msc_mutant("MSC-DWRITE-02")
+def a_value_of_0_is_not_stored(patch: MonkeyPatch) -> None:
+    """DWRITE of 0 is acknowledged and leaves what was there."""
+    _on(
+        patch,
+        b"DWRITE",
+        lambda go, unit, now, body: go() if any(body[9:]) else ACCEPTED,
+    )
+
+
+@msc_mutant("MSC-DWRITE-05", "MSC-PROP-09")
+def a_value_is_stored_with_its_sign_behind_it(patch: MonkeyPatch) -> None:
+    """DWRITE stores 64 bits."""
+
+    def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
+        place = _address(body) + 4
+        if unit._data.has(place) and place < 5120:
+            carry_out(unit, now, b"BREAD," + body[7:9])
+            unit._data.write(place, -1 if body[9] & 0x80 else 0)
+        return go()
+
+    _on(patch, b"DWRITE", act)
+
+
+# --- blocks --------------------------------------------------------------------------------------
+
+
+def _values(block: bytes) -> list[bytes]:
+    return [block[at : at + 4] for at in range(0, len(block), 4)]
+
+
+@msc_mutant("MSC-BREAD-02", "MSC-BREAD-03")
+def the_last_value_of_a_block_is_that_before_it(patch: MonkeyPatch) -> None:
+    """BREAD's loop ends one value early."""
+    payloads(patch, lambda block: block[:-4] + block[-8:-4], "BREAD")
+
+
+@msc_mutant("MSC-BREAD-03", "MSC-PROP-12")
+def a_block_begins_with_its_last_value(patch: MonkeyPatch) -> None:
+    """BWRITE and BREAD agree on it; single values stand the other way round."""
+    payloads(patch, lambda block: b"".join(_values(block)[::-1]), "BREAD")
+    _on(
+        patch,
+        b"BWRITE",
+        lambda go, unit, now, body: go(now, body[:9] + b"".join(_values(body[9:])[::-1])),
+    )
+
+
+@msc_mutant("MSC-PROP-12")
+def a_value_is_told_as_it_was_written_alone(patch: MonkeyPatch) -> None:
+    """DREAD of where a DWRITE went gives that value, whatever a BWRITE has stored there since."""
+
+    def write(go: Any_, unit: Any, now: int, body: bytes) -> Any:
+        unit.alone = {**getattr(unit, "alone", {}), _address(body): body[9:13]}
+        return go()
+
+    def read(go: Any_, unit: Any, now: int, body: bytes) -> Any:
+        kept = getattr(unit, "alone", {}).get(_address(body))
+        if kept is None or _address(body) > 5120:
+            return go()
+        return unit._read(b"DREAD,", lambda when: kept)
+
+    _on(patch, b"DWRITE", write)
+    _on(patch, b"DREAD", read)
+
+
+@msc_mutant("MSC-BWRITE-02")
+def a_block_is_written_in_the_page_of_its_address(patch: MonkeyPatch) -> None:
+    """BWRITE begins at the multiple of 128 below its address."""
+    _on(
+        patch,
+        b"BWRITE",
+        lambda go, unit, now, body: go(now, _at(body, _address(body) & ~(BLOCK_BYTES - 1))),
+    )
+
+
+@msc_mutant("MSC-BWRITE-03", traps=(25,))
+def zeros_behind_an_array_are_not_stored(patch: MonkeyPatch) -> None:
+    """Of a BWRITE's values those are stored that end with the last that is not 0."""
+
+    def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
+        count = len(body[9:].rstrip(b"\0")) // 4 + 1
+        place, verdict = _address(body), go()
+        if verdict.act is None or place > 5120:
+            return verdict
+        kept = unit._data.read_block(place)
+        old = b"".join(value.to_bytes(4, "big", signed=True) for value in kept)
+        return go(now, body[: 9 + 4 * count] + old[4 * count :])
+
+    _on(patch, b"BWRITE", act)
+
+
+@msc_mutant("MSC-BWRITE-07")
+def a_block_over_the_end_is_refused_too_late(patch: MonkeyPatch) -> None:
+    """BWRITE stores what fits, and then says NAK."""
+
+    def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
+        verdict = go()
+        if verdict is REFUSED and unit._data.has(_address(body)):
+            for number, value in enumerate(_values(body[9:])):
+                place = _address(body) + 4 * number
+                if unit._data.has(place):
+                    unit._data.write(place, int.from_bytes(value, "big", signed=True))
+        return verdict
+
+    _on(patch, b"BWRITE", act)
+
+
+@msc_mutant("MSC-BREAD-05")
+def behind_the_end_all_bits_are_set(patch: MonkeyPatch) -> None:
+    """BREAD of a block over the end is served; what is not there reads as -1."""
+
+    def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
+        place, data = _address(body), unit._data
+        if go() is not REFUSED or not data.has(place):
+            return go()
+        there = [data.read(one) for one in range(place, place + BLOCK_BYTES, 4) if data.has(one)]
+        block = b"".join(value.to_bytes(4, "big", signed=True) for value in there)
+        return unit._read(b"BREAD,", lambda when: block.ljust(BLOCK_BYTES, b"\xff"))
+
+    _on(patch, b"BREAD", act)
+
+
+@msc_mutant("MSC-BWRITE-06")
+def a_block_in_use_is_stored_in_part(patch: MonkeyPatch) -> None:
+    """Of a BWRITE to the array that the running program looks at the first half is stored."""
+
+    def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
+        if _address(body) != PROGRAM_BLOCK or not any(body[9:]):
+            return go()
+        kept = unit._data.read_block(PROGRAM_BLOCK)[BLOCK_VALUES // 2 :]
+        old = b"".join(value.to_bytes(4, "big", signed=True) for value in kept)
+        return go(now, body[: 9 + BLOCK_BYTES // 2] + old)
+
+    _on(patch, b"BWRITE", act)
+
+
+# --- places --------------------------------------------------------------------------------------
+
+
+@msc_mutant("MSC-DAT-02")
+def values_of_a_block_lie_eight_apart(patch: MonkeyPatch) -> None:
+    """BWRITE and BREAD leave a gap between neighbours."""
+
+    def act(go: Any_, area: Any, address: int, count: int = BLOCK_VALUES) -> Any:
+        place = area._place(address)
+        return range(place, place + 8 * count, 8)
+
+    around(patch, DataArea, "block_places", act)
+
+
+@msc_mutant("MSC-DAT-03")
+def a_block_outside_the_data_area_is_zeros(patch: MonkeyPatch) -> None:
+    """DREAD is refused there, BREAD is not."""
+
+    def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
+        if unit._data.has(_address(body)):
+            return go()
+        return unit._read(b"BREAD,", lambda when: bytes(BLOCK_BYTES))
+
+    _on(patch, b"BREAD", act)
+
+
+@msc_mutant("MSC-DREAD-01")
+def an_address_inside_a_value_reads_bytes_in_between(patch: MonkeyPatch) -> None:
+    """From the second byte of a value on, it is read as if it stood at the first and had its bytes
+    exchanged."""
+
+    def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
+        inside = _address(body) % 4
+        verdict = go(now, _at(body, _address(body) - inside))
+        build = verdict.reply
+        if not inside or build is None:
+            return verdict
+        return verdict._replace(reply=lambda when: _turned(build(when), inside))
+
+    _on(patch, b"DREAD", act)
+
+
+def _turned(reply: bytes, count: int) -> bytes:
+    return reply[:6] + reply[6 + count :] + reply[6 : 6 + count]

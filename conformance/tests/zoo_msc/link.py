@@ -1,0 +1,498 @@
+"""Faults of the link: signs, replies and their repeats, what is refused and what comes in between
+(LNK)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from axistwin.devices.msc.packets import is_sum_right, packet
+from axistwin.devices.msc.receiver import ACCEPTED
+from zoo_msc.planting import (
+    ACK,
+    MS,
+    NAK,
+    NEVER,
+    STX,
+    Any_,
+    MonkeyPatch,
+    Receiver,
+    State,
+    alarms,
+    around,
+    bodies,
+    carry_out,
+    hears,
+    msc_mutant,
+    name_of,
+    resummed,
+)
+
+ACK_BYTE, NAK_BYTE = bytes([ACK]), bytes([NAK])
+END_OF_TRANSMISSION = b"\x04"
+
+# --- signs ---------------------------------------------------------------------------------------
+
+
+def _signs(patch: MonkeyPatch, change: Any_) -> None:
+    """Let the unit say `change(receiver, sign)` instead of each sign."""
+
+    def act(go: Any_, receiver: Receiver, now: int, start_ns: int, sign: bytes, then: Any_) -> None:
+        go(now, start_ns, change(receiver, sign), then)
+
+    around(patch, Receiver, "_sign", act)
+
+
+def _no_ack_to_the_status(patch: MonkeyPatch) -> None:
+    def act(go: Any_, receiver: Receiver, now: int, start_ns: int, sign: bytes, then: Any) -> Any:
+        if sign == ACK_BYTE and name_of(receiver._request) == "RQSTAT":
+            return receiver._stay_busy(now, start_ns, then)
+        return go()
+
+    around(patch, Receiver, "_sign", act)
+
+
+@msc_mutant("MSC-LNK-01", "MSC-LNK-07")
+def the_status_comes_without_an_ack(patch: MonkeyPatch) -> None:
+    """RQSTAT is answered by its packet alone."""
+
+    _no_ack_to_the_status(patch)
+
+
+@msc_mutant("MSC-LNK-01", "MSC-LNK-07")
+def the_ack_comes_behind_the_status(patch: MonkeyPatch) -> None:
+    """RQSTAT's packet is sent first, then that it was understood."""
+
+    def send(go: Any_, receiver: Receiver, start_ns: int, data: bytes) -> Any:
+        return go(start_ns, data + ACK_BYTE if name_of(data) == "RQSTAT" else data)
+
+    _no_ack_to_the_status(patch)
+    around(patch, Receiver, "_send", send)
+
+
+@msc_mutant("MSC-LNK-02", "MSC-PROP-04")
+def a_bad_packet_draws_nothing(patch: MonkeyPatch) -> None:
+    """What is found invalid is dropped silently."""
+    around(patch, Receiver, "_refuse", lambda go, receiver, now: receiver._rest(now))
+
+
+@msc_mutant("MSC-LNK-02", "MSC-LNK-05")
+def a_nak_is_a_packet(patch: MonkeyPatch) -> None:
+    """A bad packet is answered by one with the body 15h."""
+    _signs(
+        patch,
+        lambda receiver, sign: packet(receiver.unit, sign) if sign == NAK_BYTE else sign,
+    )
+
+
+@msc_mutant("MSC-LNK-04", "MSC-LNK-05", "MSC-PROP-04")
+def a_nak_is_said_twice(patch: MonkeyPatch) -> None:
+    """So that it is surely heard."""
+    _signs(patch, lambda receiver, sign: sign * 2 if sign == NAK_BYTE else sign)
+
+
+@msc_mutant("MSC-LNK-05")
+def a_nak_has_a_checksum(patch: MonkeyPatch) -> None:
+    """15h is followed by its sum, 00 15."""
+    _signs(patch, lambda receiver, sign: sign + b"\0" + sign if sign == NAK_BYTE else sign)
+
+
+@msc_mutant("MSC-LNK-22")
+def a_packet_right_behind_a_nak_is_refused(patch: MonkeyPatch) -> None:
+    """Once it has refused a packet a unit refuses the next one too."""
+
+    def act(go: Any_, receiver: Any, raw: bytes, now: int) -> None:
+        is_good = is_sum_right(raw)
+        had, receiver.had_bad = getattr(receiver, "had_bad", False), not is_good
+        if had and is_good:
+            receiver._refuse(now)
+        else:
+            go()
+
+    around(patch, Receiver, "_judge", act)
+
+
+# --- what is refused -----------------------------------------------------------------------------
+
+
+def _refused(patch: MonkeyPatch, act: Any_) -> None:
+    """Do `act(receiver, raw, now)` before a packet under a wrong sum is refused."""
+
+    def judge(go: Any_, receiver: Receiver, raw: bytes, now: int) -> None:
+        if not is_sum_right(raw):
+            act(receiver, raw, now)
+        go()
+
+    around(patch, Receiver, "_judge", judge)
+
+
+@msc_mutant("MSC-LNK-06")
+def a_refused_value_is_stored(patch: MonkeyPatch) -> None:
+    """DWRITE and BWRITE are carried out before their sum is looked at."""
+
+    def act(receiver: Any, raw: bytes, now: int) -> None:
+        if name_of(raw) in ("DWRITE", "BWRITE"):
+            carry_out(receiver._examine.__self__, now, raw[6:-2])
+
+    _refused(patch, act)
+
+
+@msc_mutant("MSC-LNK-06")
+def a_refused_flag_is_turned(patch: MonkeyPatch) -> None:
+    """SFLAG and CFLAG are carried out before their sum is looked at."""
+
+    def act(receiver: Any, raw: bytes, now: int) -> None:
+        if name_of(raw) in ("SFLAG", "CFLAG"):
+            carry_out(receiver._examine.__self__, now, raw[6:-2])
+
+    _refused(patch, act)
+
+
+@msc_mutant("MSC-LNK-24", "MSC-LNK-04", traps=(2,))
+def a_refused_packet_is_searched_for_another(patch: MonkeyPatch) -> None:
+    """After a wrong sum the receiver looks for a start among the bytes that it has."""
+
+    def act(receiver: Receiver, raw: bytes, now: int) -> None:
+        at = raw.find(raw[:2], 1)
+        inner = raw[at : at + 8 + raw[at + 3]] if 0 < at < len(raw) - 8 else b""
+        if inner and is_sum_right(inner):
+            receiver._kept += inner
+
+    _refused(patch, act)
+
+
+# --- the host's answer ---------------------------------------------------------------------------
+
+
+def _waiting(patch: MonkeyPatch, act: Any_) -> None:
+    """Let what is made of a byte while the host's answer is awaited be `act(go, receiver, byte,
+    now)`."""
+    around(patch, Receiver, "_take_waiting", act)
+    hears(patch, lambda receiver, byte, now: False)
+
+
+@msc_mutant("MSC-LNK-08", "MSC-LNK-09", "MSC-LNK-10", "MSC-PROP-07")
+def no_answer_of_the_host_is_awaited(patch: MonkeyPatch) -> None:
+    """Once its reply has left, a unit is through with it."""
+
+    def act(go: Any_, receiver: Receiver, now: int) -> None:
+        receiver._rest(now)
+
+    around(patch, Receiver, "_await_answer", act)
+
+
+@msc_mutant("MSC-LNK-11", traps=(13,))
+def the_hosts_ack_is_acknowledged(patch: MonkeyPatch) -> None:
+    """06h is answered by 06h."""
+
+    def act(go: Any_, receiver: Receiver, byte: int, now: int) -> None:
+        go()
+        if byte == ACK:
+            receiver._sign(now, now + receiver._delay_ns, ACK_BYTE, receiver._rest)
+
+    _waiting(patch, act)
+
+
+@msc_mutant("MSC-LNK-11", traps=(20,))
+def the_hosts_ack_stops_no_timer(patch: MonkeyPatch) -> None:
+    """A reply that was acknowledged comes again when the time for that is over."""
+
+    def wait(go: Any_, receiver: Any, byte: int, now: int) -> None:
+        due_ns = receiver._answer_due
+        go()
+        if byte == ACK:
+            receiver.alarm_ns = due_ns
+
+    def judge(go: Any_, receiver: Any, raw: bytes, now: int) -> None:
+        receiver.alarm_ns = NEVER
+        go()
+
+    def act(receiver: Receiver, now: int) -> None:
+        receiver._send(now, receiver._reply)
+
+    alarms(patch, act)
+    _waiting(patch, wait)
+    around(patch, Receiver, "_judge", judge)
+
+
+@msc_mutant("MSC-LNK-09", "MSC-PROP-07", traps=(18,))
+def a_reply_is_repeated_six_times(patch: MonkeyPatch) -> None:
+    """The count is looked at before it is raised."""
+    around(patch, Receiver, "__init__", _with("_repeats_max", 6))
+
+
+@msc_mutant("MSC-LNK-09", traps=(18,))
+def a_reply_is_repeated_three_times(patch: MonkeyPatch) -> None:
+    """Neither five repeats nor five sendings."""
+    around(patch, Receiver, "__init__", _with("_repeats_max", 3))
+
+
+def _with(name: str, value: int) -> Any_:
+    def act(go: Any_, receiver: Receiver, *arguments: Any) -> None:
+        go()
+        setattr(receiver, name, value)
+
+    return act
+
+
+@msc_mutant("MSC-LNK-09", "MSC-PROP-07", traps=(19,))
+def the_count_of_repeats_is_kept(patch: MonkeyPatch) -> None:
+    """It belongs to the unit, not to a reply, and begins anew when a unit has given up."""
+
+    def act(go: Any_, receiver: Receiver, now: int) -> None:
+        before = receiver._repeats
+        go()
+        receiver._repeats = before
+
+    def repeat(go: Any_, receiver: Receiver, now: int, start_ns: int) -> None:
+        is_over = receiver._repeats >= receiver._repeats_max
+        go()
+        if is_over:
+            receiver._repeats = 0
+
+    around(patch, Receiver, "_send_reply", act)
+    around(patch, Receiver, "_repeat", repeat)
+
+
+def _repeats(patch: MonkeyPatch, change: Any_) -> None:
+    """Let the unit send `change(receiver, raw)` as a repeat."""
+
+    def repeat(go: Any_, receiver: Any, now: int, start_ns: int) -> None:
+        receiver.is_repeating = True
+        go()
+        receiver.is_repeating = False
+
+    def send(go: Any_, receiver: Any, start_ns: int, data: bytes) -> Any:
+        is_so = getattr(receiver, "is_repeating", False) and data[:1] == b"\x02"
+        return go(start_ns, change(receiver, data) if is_so else data)
+
+    around(patch, Receiver, "_repeat", repeat)
+    around(patch, Receiver, "_send", send)
+
+
+@msc_mutant("MSC-LNK-10", traps=(16,))
+def an_ack_is_said_before_a_repeat(patch: MonkeyPatch) -> None:
+    """The repeat is sent by what sends a reply, ACK included."""
+    _repeats(patch, lambda receiver, raw: ACK_BYTE + raw)
+
+
+@msc_mutant("MSC-LNK-21")
+def a_repeat_counts_in_its_block_number(patch: MonkeyPatch) -> None:
+    """It is the same packet, but for the number of the repeat."""
+    _repeats(
+        patch,
+        lambda receiver, raw: resummed(raw[:5] + bytes([receiver._repeats]) + raw[6:]),
+    )
+
+
+@msc_mutant("MSC-LNK-10", traps=(17,))
+def a_repeat_has_new_values_under_its_old_sum(patch: MonkeyPatch) -> None:
+    """The values are looked at again, the packet around them is kept."""
+
+    def change(receiver: Any, raw: bytes) -> Any:
+        return raw[:6] + receiver._rebuild(receiver.now_ns) + raw[-2:]
+
+    def repeat(go: Any_, receiver: Any, now: int, start_ns: int) -> None:
+        receiver.now_ns = now
+        go()
+
+    _repeats(patch, change)
+    around(patch, Receiver, "_repeat", repeat)
+
+
+@msc_mutant("MSC-LNK-10")
+def a_repeat_lacks_its_start(patch: MonkeyPatch) -> None:
+    """The pointer stands behind the first byte when the packet is sent again."""
+    _repeats(patch, lambda receiver, raw: raw[1:])
+
+
+@msc_mutant("MSC-LNK-13")
+def giving_up_is_said(patch: MonkeyPatch) -> None:
+    """A second after the last NAK comes an end of transmission."""
+
+    def repeat(go: Any_, receiver: Any, now: int, start_ns: int) -> None:
+        if receiver._repeats >= receiver._repeats_max:
+            receiver.alarm_ns = now + 1000 * MS
+        go()
+
+    def act(receiver: Receiver, now: int) -> None:
+        receiver._send(now, END_OF_TRANSMISSION)
+
+    alarms(patch, act)
+    around(patch, Receiver, "_repeat", repeat)
+
+
+@msc_mutant("MSC-LNK-13")
+def who_has_given_up_refuses_the_next_packet(patch: MonkeyPatch) -> None:
+    """What comes behind a reply that was never acknowledged draws a NAK."""
+
+    def repeat(go: Any_, receiver: Any, now: int, start_ns: int) -> None:
+        receiver.has_given_up = receiver._repeats >= receiver._repeats_max
+        go()
+
+    def judge(go: Any_, receiver: Any, raw: bytes, now: int) -> None:
+        had, receiver.has_given_up = getattr(receiver, "has_given_up", False), False
+        if had:
+            receiver._refuse(now)
+        else:
+            go()
+
+    around(patch, Receiver, "_repeat", repeat)
+    around(patch, Receiver, "_judge", judge)
+
+
+@msc_mutant("MSC-LNK-12")
+def the_time_to_a_repeat_doubles(patch: MonkeyPatch) -> None:
+    """Each repeat is awaited twice as long as the one before."""
+
+    def act(go: Any_, receiver: Receiver, now: int) -> None:
+        go()
+        receiver._answer_due += receiver._answer_ns * ((1 << receiver._repeats) - 1)
+
+    around(patch, Receiver, "_await_answer", act)
+
+
+@msc_mutant("MSC-LNK-09")
+def a_repeat_by_time_out_does_not_count(patch: MonkeyPatch) -> None:
+    """Only NAKs use the five repeats up; behind the first of them, time-outs give seven more."""
+
+    def act(go: Any_, receiver: Any, now: int) -> None:
+        before = receiver._repeats
+        receiver.by_time = getattr(receiver, "by_time", 0) + 1
+        go()
+        if 0 < before < receiver._repeats_max and receiver.by_time < 8:
+            receiver._repeats = before
+
+    def reply(go: Any_, receiver: Any, now: int) -> None:
+        receiver.by_time = 0
+        go()
+
+    around(patch, Receiver, "_give_up_waiting", act)
+    around(patch, Receiver, "_send_reply", reply)
+
+
+# --- what comes in between -----------------------------------------------------------------------
+
+
+def _acknowledged_again(patch: MonkeyPatch, name: str) -> None:
+    def act(go: Any_, receiver: Receiver, now: int) -> None:
+        if receiver._verdict.sign == ACK_BYTE and name_of(receiver._request) == name:
+            receiver._sign(now, now + MS, ACK_BYTE, receiver._rest)
+        else:
+            go()
+
+    around(patch, Receiver, "_send_reply", act)
+
+
+@msc_mutant("MSC-LNK-14", "MSC-DWRITE-03")
+def a_dwrite_is_acknowledged_again_when_it_is_done(patch: MonkeyPatch) -> None:
+    """One ACK says that it was understood, another one that it has been carried out."""
+    _acknowledged_again(patch, "DWRITE")
+
+
+@msc_mutant("MSC-LNK-14", "MSC-LNK-04", "MSC-BWRITE-05")
+def a_bwrite_is_acknowledged_again_when_it_is_done(patch: MonkeyPatch) -> None:
+    """One ACK says that it was understood, another one that its values are stored."""
+    _acknowledged_again(patch, "BWRITE")
+
+
+def _in_idle(patch: MonkeyPatch, byte: int, sign: bytes) -> None:
+    def takes(receiver: Receiver, heard: int, now: int) -> bool:
+        is_so = heard == byte and receiver.state is State.IDLE and receiver.unit == 1
+        if is_so:
+            receiver._sign(now, now + receiver._delay_ns, sign, receiver._rest)
+        return is_so
+
+    hears(patch, takes)
+
+
+@msc_mutant("MSC-LNK-15", "MSC-LNK-11", "MSC-LNK-14", traps=(13,))
+def an_ack_to_nothing_is_refused(patch: MonkeyPatch) -> None:
+    """06h sent to unit 1 while it is idle draws NAK."""
+    _in_idle(patch, ACK, NAK_BYTE)
+
+
+@msc_mutant("MSC-LNK-15")
+def a_nak_to_nothing_is_acknowledged(patch: MonkeyPatch) -> None:
+    """15h sent to unit 1 while it is idle draws ACK."""
+    _in_idle(patch, NAK, ACK_BYTE)
+
+
+@msc_mutant("MSC-LNK-16")
+def the_old_reply_comes_behind_the_new_one(patch: MonkeyPatch) -> None:
+    """A packet sent instead of the ACK is served, and the reply that nobody has acknowledged comes
+    again all the same, when it is its time."""
+
+    def wait(go: Any_, receiver: Any, byte: int, now: int) -> None:
+        if byte == STX:
+            receiver.alarm_ns, receiver.old = receiver._answer_due, receiver._reply
+        go()
+
+    def act(receiver: Any, now: int) -> None:
+        receiver._send(now, receiver.old)
+
+    alarms(patch, act)
+    _waiting(patch, wait)
+
+
+@msc_mutant("MSC-LNK-08", "MSC-LNK-12")
+def another_byte_than_a_sign_garbles_the_repeat(patch: MonkeyPatch) -> None:
+    """What is heard while the host's answer is awaited is written over the reply."""
+
+    def wait(go: Any_, receiver: Receiver, byte: int, now: int) -> None:
+        if byte not in (ACK, NAK, STX):
+            receiver._reply = receiver._reply[:8] + bytes([byte]) + receiver._reply[9:]
+        go()
+
+    _waiting(patch, wait)
+
+
+# --- repeats of the host -------------------------------------------------------------------------
+
+
+@msc_mutant("MSC-LNK-18", traps=(15,))
+def a_write_that_comes_twice_is_carried_out_once(patch: MonkeyPatch) -> None:
+    """A write that equals the last one, byte for byte, is taken for its repeat."""
+
+    def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
+        is_write = body[:1] in b"BDSC" and body[1:6] in (b"WRITE", b"FLAG,")
+        if not is_write:
+            return go()
+        before, unit.last_write = getattr(unit, "last_write", b""), body
+        return ACCEPTED if body == before else go()
+
+    bodies(patch, act)
+
+
+@msc_mutant("MSC-LNK-18", traps=(15,))
+def a_write_with_the_last_block_number_is_carried_out_once(patch: MonkeyPatch) -> None:
+    """Where block numbers count, one that comes twice is a repeat."""
+
+    def act(go: Any_, receiver: Any, raw: bytes, now: int) -> None:
+        block = raw[4:6]
+        is_repeat = (
+            any(block) and block == getattr(receiver, "last_block", b"")
+            and name_of(raw) == "SFLAG" and is_sum_right(raw)
+        )  # fmt: skip
+        if name_of(raw) == "SFLAG":
+            receiver.last_block = block
+        if is_repeat:
+            receiver._sign(now, now + receiver._delay_ns, ACK_BYTE, receiver._rest)
+        else:
+            go()
+
+    around(patch, Receiver, "_judge", act)
+
+
+@msc_mutant("MSC-PROP-05")
+def two_packets_of_one_sum_are_one(patch: MonkeyPatch) -> None:
+    """A packet whose checksum is that of the one before is refused, if its bytes are others."""
+
+    def act(go: Any_, receiver: Any, raw: bytes, now: int) -> None:
+        before, receiver.last_raw = getattr(receiver, "last_raw", b""), raw
+        is_other = before[-2:] == raw[-2:] and before[4:6] != raw[4:6]
+        if is_other and is_sum_right(raw):
+            receiver._refuse(now)
+        else:
+            go()
+
+    around(patch, Receiver, "_judge", act)
