@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from importlib import resources
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -36,7 +37,7 @@ def test_what_is_said_follows_the_rules_of_the_link(exchange: dict[str, list[str
     """A sound packet of the host draws ACK, any other NAK; a unit's packets are sound, and the host
     signs each; nothing else is said."""
     said = [(line[0], bytes.fromhex(line[2:])) for line in exchange["said"]]
-    for (speaker, data), (answerer, answer) in zip(said, said[1:], strict=False):
+    for (speaker, data), (answerer, answer) in pairwise(said):
         packet = codec.parse(data)
         if packet is None:
             assert data in (codec.ACK, codec.NAK)
