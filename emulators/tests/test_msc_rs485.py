@@ -22,6 +22,7 @@ from msc_bench import (
 
 from axistwin.devices.msc.packets import packet
 from axistwin.kernel.time import NS_PER_MS
+from axistwin.wire.framing import LineFormat
 
 UNITS = (2, 7, 15)
 BROKEN_UNIT = 7
@@ -211,3 +212,26 @@ def test_a_broken_length_for_one_swallows_what_follows_for_all() -> None:
     assert bench.tell(rqstat(2), 300) == b""
     assert bench.wait(1000) == NAK
     assert bench.ask(rqstat(2))[:1] == ACK
+
+
+@pytest.mark.parametrize("paced", [True, False])
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_on_a_shared_line_disturbs_nobody_for_long(seed: int, paced: bool) -> None:
+    """Packets cut and joined, collisions, wrong rates, breaks: then each unit answers as ever."""
+    rng = random.Random(seed)
+    bench = MscBench(*UNITS, paced=paced)
+    for _ in range(150):
+        for _ in range(rng.randrange(1, 5)):
+            unit = rng.choice(UNITS)
+            bench.send(rng.choice((good(rng, unit).data, bad(rng, unit).data, rng.randbytes(30))))
+            bench.wait(rng.choice((0, 3, 17, 200)))
+        if rng.random() < 0.1:
+            bench.network.send_break(rng.randrange(1, 50) * NS_PER_MS)
+        if rng.random() < 0.1:
+            bench.network.host_format = LineFormat(rng.choice((9600, 19200, 9600)))
+    bench.network.host_format = LineFormat(9600)
+    bench.settle()
+    bench.tell(ACK)
+    bench.settle()
+    for unit in UNITS:
+        assert bench.ask(rqstat(unit)) == ACK + packet(unit, b"RQSTAT," + bytes(8))
