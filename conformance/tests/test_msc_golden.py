@@ -34,8 +34,7 @@ def test_every_command_is_among_them() -> None:
 
 @pytest.mark.parametrize("exchange", EXCHANGES, ids=lambda exchange: exchange["name"])
 def test_what_is_said_follows_the_rules_of_the_link(exchange: dict[str, list[str]]) -> None:
-    """A sound packet of the host draws ACK, any other NAK; a unit's packets are sound, and the host
-    signs each; nothing else is said."""
+    """A sound request draws ACK, any other NAK; replies are sound, and the host signs each."""
     said = [(line[0], bytes.fromhex(line[2:])) for line in exchange["said"]]
     for (speaker, data), (answerer, answer) in pairwise(said):
         packet = codec.parse(data)
