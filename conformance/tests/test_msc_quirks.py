@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -114,6 +117,31 @@ def test_passive_detection_writes_nothing_and_names_what_it_would_take(tmp_path:
 def test_three_readings_at_once_conform_with_those_three_named() -> None:
     """A unit that differs in three ways is told in three names."""
     TWINS.conforms_with(THREE, "quick")
+
+
+@pytest.mark.soak
+def test_a_line_at_9600_baud_shows_the_same_within_two_minutes(tmp_path: Path) -> None:
+    """All that can be asked over a pty, with times told in steps that the line does not blur."""
+    readings = {"packet_timeout_ms": "400", "reply_delay_ms": "40", "reply_block": "echo"}
+    quirks = [word for one in readings.items() for word in ("--quirk", "=".join(one))]
+    pty, path = tmp_path / "msc", tmp_path / "unit.toml"
+    twin = [sys.executable, "-m", "axistwin", "run", "msc-250", "--program", "bench", *quirks]
+    grounds = ["--variables", "1024-5119", "--flags", "128-191", "--bench-program", "240:6144"]
+    words = ["msc-250", "--port", str(pty), "--allow", "stored,motion,rig", *grounds]
+    with subprocess.Popen(
+        [*twin, "--pty", str(pty)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as served:
+        assert served.stdout is not None
+        try:
+            assert "ready msc-250:1" in served.stdout.readline()
+            began_s = time.monotonic()
+            result = CliRunner().invoke(conform, [*words, "--detect", str(path)])
+            took_s = time.monotonic() - began_s
+        finally:
+            served.terminate()
+    assert result.exit_code == 0, result.output
+    assert load_profile(path, "msc-250", TWINS.ledger) == readings
+    assert took_s < 120
 
 
 @pytest.mark.soak

@@ -16,9 +16,9 @@ from typing import Final
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import SAFE_BLOCK, Bench
 from axistwin_conformance.msc.codec import ACK, NAK, RQSTAT, STX
+from axistwin_conformance.msc.link import LIMITS
 from axistwin_conformance.msc.probing import (
     COARSE_MS,
-    LIMITS,
     LINE_SLACK_NS,
     LONGEST_S,
     MS,
@@ -39,7 +39,6 @@ from axistwin_conformance.probing import Outcome, probe
 from axistwin_conformance.profile import Probe
 
 HEADER: Final = codec.HEADER_BYTES
-MODES: Final = ("total", "interbyte", "after_header")
 NO_SUM: Final = 0x3030  # a wrong checksum for every short packet, and no byte of it begins anything
 READS: Final = 3  # of a word that may change by itself
 ERRORS: Final = 0xFB30  # the bits of the status word that tell an error

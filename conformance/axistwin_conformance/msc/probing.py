@@ -10,12 +10,12 @@ from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import SAFE_STRIDE, Bench
 from axistwin_conformance.msc.codec import ACK, NAK, RQSTAT, Packet
 from axistwin_conformance.msc.controller import BenchProgram
+from axistwin_conformance.msc.link import LIMITS
 from axistwin_conformance.msc.talk import QUIET_S
 from axistwin_conformance.probing import Measured
 
 MS: Final = 1_000_000
 LONGEST_S: Final = 10.0  # a time-out of a unit that has not run out by then counts as none
-LIMITS: Final = {"5_repeats": 5, "5_total": 4}  # MSC-AMB-01: how many repeats there are
 MOST_REFUSED: Final = 8  # NAKs: more than any unit repeats for
 LINE_SLACK_NS: Final = 5 * MS  # what a serial adapter and its driver may add to a time
 COARSE_MS: Final = 20  # a time measured on a real line is told in steps of so many
@@ -81,11 +81,11 @@ def unanswered(bench: Bench, body: bytes = RQSTAT) -> tuple[Packet, int]:
 
 
 def repeat_at_once(bench: Bench) -> bool:
-    """True if the unit now sends something on its own, before T2 could make it do so."""
+    """True if the unit now sends more than a sign on its own, before T2 could make it do so."""
     again, strays = bench.talk.hear_packet(min(glance_s(bench), bench.ack_timeout_s / 2))
     if strays:  # of several units that talk at once nothing can be read
         bench.talk.listen(glance_s(bench))
-    return again is not None or bool(strays)
+    return again is not None or bool(strays.strip(ACK + NAK))
 
 
 def refusals(bench: Bench) -> int:
