@@ -109,6 +109,12 @@ class DuplexLine:
 
         None if there are none; time then stands at ``limit_ns``.
         """
+        if self._up.is_silent:  # by far the most common
+            self._offered = self._down
+            offer = self._down.offer(limit_ns)
+            if offer is None and limit_ns > self._up.now_ns:
+                self._up.now_ns = limit_ns
+            return offer
         while True:
             line, until_ns = self._earlier(limit_ns)
             offer = line.offer(until_ns)
@@ -128,8 +134,6 @@ class DuplexLine:
     def _earlier(self, limit_ns: Nanos) -> tuple[SerialLine | InstantLine, Nanos]:
         """The line to be heard next, and until when before the other one is."""
         up, down = self._up, self._down
-        if up.is_silent:
-            return down, limit_ns
         if down.is_silent:
             return up, limit_ns
         up_ns, down_ns = up.next_arrival(), down.next_arrival()

@@ -234,28 +234,38 @@ class Receiver:
         self._is_paced = chunk.format is not None
         if chunk.errors:
             self._take_bad(chunk)
-        elif self._is_whole_packet(data):
+        elif (at := self._whole_packet_at(data)) >= 0:
             self._answer_due = NEVER
             self._whom, self._is_bad = Whom.OWN, False
-            self._judge(data, chunk.arrival_ns(len(data) - 1))
+            self._judge(data[at:] if at else data, chunk.arrival_ns(len(data) - 1))
         else:
             self._take(chunk)
 
-    def _is_whole_packet(self, data: bytes) -> bool:
-        """Whether ``data`` is just one packet of legal length for this unit, in time."""
-        size = len(data)
-        return (
-            size > FRAME_BYTES
-            and data[0] == STX
-            and data[2] << 8 | data[3] == size - FRAME_BYTES
-            and self._whom_of[data[1]] is Whom.OWN
-            and (
-                self.state is State.IDLE or (self.state is State.WAIT and self._serves_when_waiting)
-            )
+    def _whole_packet_at(self, data: bytes) -> int:
+        """Where the one packet begins that ``data`` is, of legal length, for this unit, in time.
+
+        0, or 1 behind the host's ACK that was awaited; -1: it is something else.
+        """
+        at = 0
+        if self.state is not State.IDLE:
+            if self.state is not State.WAIT:
+                return -1
+            if data[:1] == ACK_BYTE:
+                at = 1
+            elif not self._serves_when_waiting:
+                return -1
+        length = len(data) - at - FRAME_BYTES
+        if (
+            length > 0
+            and data[at] == STX
+            and data[at + 2] << 8 | data[at + 3] == length
+            and self._whom_of[data[at + 1]] is Whom.OWN
             and self._busy_until == NEVER
-            and size - FRAME_BYTES <= BODY_MAX
-            and size - 1 <= self._packet_bytes
-        )
+            and length <= BODY_MAX
+            and length + FRAME_BYTES - 1 <= self._packet_bytes
+        ):
+            return at
+        return -1
 
     def _take_bad(self, chunk: Chunk) -> None:
         """A character with a bad stop bit (rule 6)."""
@@ -506,7 +516,7 @@ class Receiver:
 
         See ``SerialDevice.quiet_prefix``.
         """
-        if self._is_whole_packet(data):  # by far the most common
+        if self._whole_packet_at(data) >= 0:  # by far the most common
             return len(data) - 1
         size = len(data)
         if self._busy_until != NEVER:
