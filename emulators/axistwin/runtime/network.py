@@ -80,8 +80,10 @@ class SerialNetwork:
         else:
             self._line = (SerialLine if paced else InstantLine)(all_formats, start_ns)
         self._formats = formats
+        places = range(len(self.devices))
         self._others = tuple(
-            tuple(each for each in self.devices if each is not device) for device in self.devices
+            tuple((each, self.devices[each]) for each in places if each != place)
+            for place in places
         )
         self._received = bytearray()
         self._effects: list[tuple[int, Store | Trace]] = []
@@ -356,8 +358,7 @@ class SerialNetwork:
         line.now_ns = schedule.now = heard_ns
         device, others = self.devices[index], self._others[index]
         chunk = Chunk(now, data, line_format)
-        for other in others:
-            assert not other.receive(chunk), "a device has reacted that would not"
+        self._others_hear(index, chunk)
         effects = device.receive(chunk)
         start_ns, reply, count = heard_ns, b"", 0
         for effect in effects:
@@ -413,7 +414,7 @@ class SerialNetwork:
         something to do, and all of it is on the line now.
         """
         device, others = self.devices[index], self._others[index]
-        for other in others:
+        for _, other in others:
             due_ns = other.next_event()
             is_busy = due_ns is not None and due_ns <= end_ns
             if is_busy or other.quiet_prefix(answer.data) < len(answer.data):
@@ -432,10 +433,14 @@ class SerialNetwork:
                 self._schedule.touch(index)
                 return False
         if answer.data and others:
-            chunk = Chunk(answer.start_ns, answer.data, self._formats[0])
-            for other in others:
-                assert not other.receive(chunk), "a device has reacted that would not"
+            self._others_hear(index, Chunk(answer.start_ns, answer.data, self._formats[0]))
         return True
+
+    def _others_hear(self, index: int, chunk: Chunk) -> None:
+        """All devices but ``index`` take ``chunk``, to which they do not react at once."""
+        for place, other in self._others[index]:
+            assert not other.receive(chunk), "a device has reacted that would not"
+            self._schedule.touch(place)
 
     def send_break(self, duration_ns: Nanos) -> None:
         """Hold the line at space for ``duration_ns`` (> 0), queued behind the host's bytes."""
