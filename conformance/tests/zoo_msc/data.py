@@ -85,28 +85,34 @@ def an_address_of_a_block_may_hold_no_sign(patch: MonkeyPatch) -> None:
     _on(patch, b"BREAD", act)
 
 
-@msc_mutant("MSC-DREAD-04", "MSC-BREAD-04")
+@msc_mutant("MSC-DREAD-04", "MSC-PROP-13")
 def a_value_counts_its_reads(patch: MonkeyPatch) -> None:
-    """Each DREAD of a value makes it one more."""
+    """Each DREAD of a value makes it one more for whoever reads it next."""
 
     def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
         verdict, place = go(), _address(body)
-        if verdict.reply is not None and place < 5120:
-            unit._data.write(place, signed(unit._data.read(place) + 1))
-        return verdict
+        build = verdict.reply
+        if build is None or place > 5120:
+            return verdict
+        reply = build(now)
+        unit._data.write(place, signed(unit._data.read(place) + 1))
+        return verdict._replace(reply=lambda when: reply)
 
     _on(patch, b"DREAD", act)
 
 
-@msc_mutant("MSC-PROP-13")
-def a_block_that_is_read_loses_its_last_value(patch: MonkeyPatch) -> None:
-    """BREAD leaves 0 in the value behind the last one that it has told."""
+@msc_mutant("MSC-BREAD-04")
+def a_block_begins_with_the_number_of_its_reads(patch: MonkeyPatch) -> None:
+    """The first of BREAD's values is one more each time."""
 
     def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
-        verdict, place = go(), _address(body) + BLOCK_BYTES
-        if verdict.reply is not None and place % BLOCK_BYTES and unit._data.has(place):
-            unit._data.write(place, 0)
-        return verdict
+        verdict = go()
+        build = verdict.reply
+        if build is None or _address(body) > 5120:
+            return verdict
+        unit.reads = getattr(unit, "reads", 0) + 1
+        count = unit.reads.to_bytes(4, "big")
+        return verdict._replace(reply=lambda when: build(when)[:6] + count + build(when)[10:])
 
     _on(patch, b"BREAD", act)
 

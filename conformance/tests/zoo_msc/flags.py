@@ -128,7 +128,7 @@ def _turned_over(reply: bytes) -> bytes:
 # --- writing flags -------------------------------------------------------------------------------
 
 
-@msc_mutant("MSC-SFLAG-02", "MSC-PROP-10")
+@msc_mutant("MSC-SFLAG-02")
 def a_flag_that_is_set_again_goes_off(patch: MonkeyPatch) -> None:
     """SFLAG turns a flag over."""
 
@@ -153,7 +153,7 @@ def eight_flags_go_off_together(patch: MonkeyPatch) -> None:
     _on(patch, b"CFLAG", act)
 
 
-@msc_mutant("MSC-SFLAG-02")
+@msc_mutant("MSC-SFLAG-02", "MSC-PROP-10")
 def a_flag_has_seven_bits(patch: MonkeyPatch) -> None:
     """SFLAG of flag 128 turns flag 0 on, or tries to."""
     _on(

@@ -142,7 +142,7 @@ def hears(patch: MonkeyPatch, takes: Any_) -> None:
     """Let the unit take bytes one by one; `takes(receiver, byte, now)` is true if it has done with
     the byte what it does."""
     patch.setattr(Receiver, "quiet_prefix", lambda receiver, data: 0)
-    patch.setattr(Receiver, "_is_whole_packet", lambda receiver, data: False)
+    patch.setattr(Receiver, "_whole_packet_at", lambda receiver, data: -1)
 
     def act(go: Any_, receiver: Receiver, chunk: Any) -> None:
         now = chunk.arrival_ns(0)
@@ -162,7 +162,7 @@ def listens_to_others(patch: MonkeyPatch, act: Any_) -> None:
     """Let the unit keep packets for others too and do `act(receiver, raw, now)` when one is
     complete; it is true if that is all that comes of it."""
     patch.setattr(Receiver, "quiet_prefix", lambda receiver, data: 0)
-    patch.setattr(Receiver, "_is_whole_packet", lambda receiver, data: False)
+    patch.setattr(Receiver, "_whole_packet_at", lambda receiver, data: -1)
 
     def judge_header(go: Any_, receiver: Receiver, now: int) -> None:
         go()
