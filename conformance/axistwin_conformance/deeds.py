@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from axistwin_conformance.plan import Options, Plan
-from axistwin_conformance.registry import SAFETY_CLASSES, Check
+from axistwin_conformance.registry import SAFETY_CLASSES, Check, Grounds
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +48,8 @@ def _does(check: Check, safety: str) -> bool:
 
 def _within(safety: str, options: Options) -> str:
     """The bounds that are kept to, whatever a check is about."""
+    if not options.family.has_axis and safety in ("motion", "stored"):
+        return _grounds(safety, options.grounds)
     if safety == "motion":
         envelope = options.envelope
         bounds = (
@@ -67,3 +69,15 @@ def _within(safety: str, options: Options) -> str:
     if safety == "destructive":
         return "last; not all of it can be put back"
     return "nothing is changed"
+
+
+def _grounds(safety: str, grounds: Grounds) -> str:
+    """What of a controller is used, where no axis is driven and no EEPROM written."""
+    if safety == "motion":
+        at = (
+            "nothing" if grounds.program is None else "flag {}, address {}".format(*grounds.program)
+        )
+        return f"no axis is driven; the bench program works at {at} (--bench-program)"
+    named = {"variables": grounds.variables, "flags": grounds.flags}
+    told = [f"{name} {one[0]} to {one[-1]} (--{name})" for name, one in named.items() if one]
+    return f"read first and put back; {', '.join(told) or 'no variables and no flags'}"

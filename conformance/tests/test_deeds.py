@@ -16,9 +16,9 @@ from axistwin_conformance.mac_axis.safety import SAFETY_OF
 from axistwin_conformance.registry import SAFETY_CLASSES, find_family
 
 
-def told(*ids: str, **given: Any) -> dict[str, Deed]:
+def told(*ids: str, model: str = "mac23", **given: Any) -> dict[str, Deed]:
     """The deeds of a plan, by class."""
-    options = make_options(model="mac23", ids=ids, **given)
+    options = make_options(model=model, ids=ids, **given)
     return {one.safety: one for one in deeds(Engine(options).plan(), options)}
 
 
@@ -52,6 +52,21 @@ def test_a_twin_has_no_bounds() -> None:
     assert "without bounds" in given["motion"].within
     assert "any number of EEPROM writes" in given["stored"].within
     assert set(given) == set(SAFETY_CLASSES)
+
+
+def test_of_a_controller_what_the_operator_has_named_is_told() -> None:
+    """There is no axis to be driven and no EEPROM to be written."""
+    given = told(
+        model="msc-250", port="/dev/ttyX", allow="motion,stored", variables=range(1024, 1100),
+        flags=range(128, 130), bench_program=(240, 6144),
+    )  # fmt: skip
+    assert given["stored"].within == (
+        "read first and put back; variables 1024 to 1099 (--variables), flags 128 to 129 (--flags)"
+    )
+    assert given["motion"].within == (
+        "no axis is driven; the bench program works at flag 240, address 6144 (--bench-program)"
+    )
+    assert "DWRITE" in given["stored"].what
 
 
 @pytest.mark.parametrize(("checks", "questions", "who"), [

@@ -167,7 +167,7 @@ class Sequence(Steps):
             return False
         waited_s = (self.target.now_ns - self.waiting_since_ns) / 1e9
         is_soon = waited_s < self.bench.ack_timeout_s / 2
-        if is_soon and self.target.is_virtual and self.follows("stx_while_waiting"):
+        if is_soon and self.follows("stx_while_waiting"):
             self.waiting_since_ns = None
             return True
         self.finish_waiting()
