@@ -86,7 +86,6 @@ class MscController:
         )
         self._effects = self._receiver.effects
         self._scan_ns = quirks.scan_ms * NS_PER_MS
-        self._program: Any = None
         self._runner = self._make_runner(None)
         self._powered = False
         self._test_ends: Nanos = NEVER
@@ -265,7 +264,6 @@ class MscController:
         self._runner.stop(now)
         self._effects += self._runner.take_traces()
         self._runner = runner
-        self._program = program
         if program is not None:
             self.status.set(StatusBit.PROGRAM_CLEARED, on=False)
         self.status.set(StatusBit.AUTO_START, runner.is_auto_started)
@@ -297,7 +295,6 @@ class MscController:
         self._run_until(now)
         self._runner.stop(now)
         self._effects += self._runner.take_traces()
-        self._program = None
         self._runner = self._make_runner(None)
         self.flags.clear()
         self.data.lose()
