@@ -85,7 +85,7 @@ class Family:
 TESTS = ROOT / "conformance" / "tests"
 FAMILIES: Mapping[str, Family] = {
     "mac_serial": Family(
-        ("devices/mac/*.py", "motion/*.py"),
+        ("devices/mac/*.py", "devices/switches.py", "motion/*.py"),
         # Words for people, of which nothing reaches the wire, and the other face of the module.
         ("devices/mac/decode.py", "devices/mac/can"),
         (("mac23", "quick"), ("mac23", "full"), ("mac34-1", "quick")),
