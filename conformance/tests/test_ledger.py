@@ -17,6 +17,12 @@ CAN_CHAPTERS = {
     "ID": 3, "SDO": 14, "BOOT": 4, "EMCY": 5, "SYNC": 5, "LMT": 9, "GEN": 3, "CMD": 32, "Q": 11,
     "STATE": 2, "STOP": 1, "REF": 1, "BUSY": 1, "PERS": 2,
 }  # fmt: skip
+# How many each chapter of the MSC ledger has, in its order.
+MSC_CHAPTERS = {
+    "PHY": 5, "PKT": 21, "LNK": 24, "CMD": 12, "BREAD": 5, "BWRITE": 7, "CFLAG": 3, "DREAD": 4,
+    "DWRITE": 5, "RFLAG": 2, "RFLAGS": 3, "RQSTAT": 3, "SFLAG": 3, "STA": 4, "MOD": 2, "DAT": 3,
+    "FLG": 3, "PROP": 16,
+}  # fmt: skip
 ENTRY = """
 [requirement.A-1]
 kind = "must"
@@ -46,7 +52,7 @@ def test_an_ambiguity_named_in_a_reason_exists(name: str) -> None:
     """Prose that points at an ambiguity points at one the ledger has."""
     ledger = load_ledger(name)
     for one in ledger.requirements.values():
-        assert set(re.findall(r"MAC\w-AMB-\d\d", one.not_on_wire)) <= set(ledger.ambiguities)
+        assert set(re.findall(r"\w+-AMB-\d\d", one.not_on_wire)) <= set(ledger.ambiguities)
 
 
 def test_the_mac_serial_ledger_is_complete_in_number() -> None:
@@ -70,6 +76,15 @@ def test_the_mac_can_ledger_numbers_without_a_gap() -> None:
     for chapter in ("ID", "SDO", "BOOT", "EMCY", "SYNC", "LMT", "GEN"):
         numbers = [f"MACC-{chapter}-{n:02d}" for n in range(1, CAN_CHAPTERS[chapter] + 1)]
         assert [key for key in ledger.requirements if key.split("-")[1] == chapter] == numbers
+
+
+def test_the_msc_ledger_is_complete_and_numbers_without_a_gap() -> None:
+    """Every chapter has its requirements, and there are 44 ambiguities."""
+    ledger = load_ledger("msc")
+    named = [f"MSC-{chapter}-{n:02d}" for chapter, n in MSC_CHAPTERS.items()
+             for n in range(1, n + 1)]  # fmt: skip
+    assert list(ledger.requirements) == named
+    assert list(ledger.ambiguities) == [f"MSC-AMB-{number:02d}" for number in range(1, 45)]
 
 
 def test_what_the_axis_leaves_open_is_left_open_on_both_wires() -> None:

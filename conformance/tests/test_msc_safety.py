@@ -6,6 +6,7 @@ Runs are in virtual time.
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 from functools import partial
 from itertools import pairwise
@@ -14,6 +15,7 @@ from typing import Any
 import pytest
 from msc_device import MscPort, check_of, session_on
 from msc_watch import FLAGS, PROGRAM, VARIABLES, MscWatch, run_on_a_port
+from test_safety import signalled
 from trouble import Trouble, interrupt, meet, moments_of
 
 from axistwin_conformance.engine import Result
@@ -124,6 +126,36 @@ def test_an_interrupt_at_a_hundred_and_fifty_random_moments() -> None:
 
 def _everything(allow: str, at_call: Callable[[Any], None]) -> tuple[Result, list[MscWatch]]:
     return run_on_a_port(allow=allow, at_call=at_call)
+
+
+@SLOW
+@pytest.mark.parametrize(
+    ("number", "moment"),
+    [(signal.SIGINT, (3, 1.2)), pytest.param(signal.SIGTERM, (9, 0.7), marks=SOAK)],
+)
+def test_a_signal_ends_a_run_on_a_real_pty_with_everything_put_back(
+    axistwin: Callable[..., Any], number: int, moment: tuple[int, float]
+) -> None:
+    """Told, 130, no traceback, and every variable and flag as it was."""
+    twin = axistwin("msc-250", program="bench", pacing=False)
+    for address in VARIABLES[::4]:
+        twin.variables[address] = address * 7919
+    before = _held(twin)
+    words = (
+        "msc-250", "--allow", "stored", "--level", "quick", "--variables",
+        f"{VARIABLES[0]}-{VARIABLES[-1]}", "--flags", f"{FLAGS[0]}-{FLAGS[-1]}",
+        "MSC-DWRITE", "MSC-SFLAG",
+    )  # fmt: skip
+    ended = signalled(twin.port, number, moment, 2, words)
+    assert ended.status == 130, ended.errors
+    assert "Traceback" not in ended.errors
+    assert ended.last["event"] == "run_finished"
+    assert ended.last["problems"] == []
+    assert _held(twin) == before
+
+
+def _held(twin: Any) -> tuple[list[int], list[bool]]:
+    return [twin.variables[at] for at in VARIABLES[::4]], [twin.flags[one] for one in FLAGS]
 
 
 # --- the guard ------------------------------------------------------------------------------------

@@ -40,6 +40,7 @@ from axistwin_conformance.targets import TWIN_HANDLER, Target
 
 TRAVEL, SPEED = 2000, 10_000
 STOPPED = partial(judge_interrupted, most=TRAVEL)
+MAC = ("mac23", "--allow", "motion,stored", "--level", "quick", "--max-travel", str(TRAVEL))
 MOVING = ("MACS-CMD-13", "MACS-CMD-15", "MACS-CMD-16", "MACS-CMD-0D", "MACS-CMD-09")
 SLOW = pytest.mark.slow
 SOAK = pytest.mark.soak
@@ -226,10 +227,11 @@ class Ended:
     last: dict[str, Any]
 
 
-def signalled(port: str, number: int, moment: tuple[int, float], times: int) -> Ended:
+def signalled(
+    port: str, number: int, moment: tuple[int, float], times: int, words: Sequence[str] = MAC
+) -> Ended:
     """Start a run on a port; send a signal (more than once) so many events and seconds into it."""
-    command = [sys.executable, "-m", "axistwin", "conform", "mac23", "--port", port, "--json"]
-    command += ["--allow", "motion,stored", "--level", "quick", "--max-travel", str(TRAVEL)]
+    command = [sys.executable, "-m", "axistwin", "conform", *words, "--port", port, "--json"]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
