@@ -354,6 +354,9 @@ def a_block_written_over_the_end_stores_nothing(session: Session) -> None:
         before = unit.values(BLOCK_VALUES)
         unit.write_block(last, before)
         unit.write_block(0, before)
+        singles = unit.read(last), unit.read(0)
+        told = f"{before[0]} at either end, by DREAD"
+        session.step(set(singles) == {before[0]}, told, singles)
         values = unit.values(BLOCK_VALUES)
         kind, exchange = unit.draws(unit.talk.request(codec.bwrite(start, values)))
         if kind not in (NAKED, ACKED):
@@ -365,10 +368,10 @@ def a_block_written_over_the_end_stores_nothing(session: Session) -> None:
             "partial": (half, before),
             "wrap": (half, values[HALF:] + before[HALF:]),
         }
-        told = next((reading for reading, one in outcomes.items() if one == seen), None)
-        if told is None or (told == "nak_atomic") != (kind == NAKED):
+        shown = next((reading for reading, one in outcomes.items() if one == seen), None)
+        if shown is None or (shown == "nak_atomic") != (kind == NAKED):
             session.fail(None, [f"{NAKED}, and nothing stored", *outcomes], f"{exchange}: {seen}")
-        unit.reading("block_overrun", told)
+        unit.reading("block_overrun", shown)
 
 
 @contextmanager

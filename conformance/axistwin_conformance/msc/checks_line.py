@@ -16,6 +16,7 @@ from axistwin_conformance.session import Session
 MOST_SIGNS: Final = 15  # one of each unit, if they do not speak at the same time
 ROUNDS_REAL: Final = 12
 ROUNDS: Final = 60
+PAUSE_S: Final = 0.05  # between header and body: well within T1
 
 
 def units(session: Session) -> list[Link]:
@@ -93,19 +94,22 @@ def what_breaks_off_for_others_draws_nothing(session: Session) -> None:
 
 @check("MSC-LNK-19")
 def the_rest_of_another_units_packet_is_counted_off(session: Session) -> None:
-    """An RQSTAT that lies where another unit's announced body is still to come is part of that, and
-    the one behind it is served.  (SKIP)"""
+    """An RQSTAT that lies where another unit's announced body is still to come is part of that,
+    right behind the header or after a pause, and the one behind it is served.  (SKIP)"""
     link = Link(session)
     judge_skipped(link)
     judge_followed(link)
     inner = link.talk.request(RQSTAT)
     header = codec.packet(absent(session), b"", length=len(inner) - 2)[: codec.HEADER_BYTES]
-    session.target.drain()
-    session.target.send(header)
-    session.target.send(inner)
     span_s = (len(header) + len(inner)) * link.byte_ns / 1e9
-    link.nothing_more("MSC-LNK-19", "what another unit's header announced", span_s + link.glance_s)
-    link.alive("MSC-LNK-19")
+    for pause_s in (0.0, PAUSE_S):
+        session.target.drain()
+        session.target.send(header)
+        session.target.wait(pause_s)
+        session.target.send(inner)
+        told = "what another unit's header announced"
+        link.nothing_more("MSC-LNK-19", told, span_s + link.glance_s)
+        link.alive("MSC-LNK-19")
 
 
 # --- several units --------------------------------------------------------------------------------
