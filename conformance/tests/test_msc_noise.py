@@ -61,3 +61,15 @@ def test_a_device_is_found_behind_any_noise(kind: str) -> None:
 def test_whatever_the_noise_a_healthy_twin_never_fails(every: int, kind: str, seed: int) -> None:
     """Each kind alone, and mixed, at two rates."""
     assert passed(healthy(every, seed, kind)) >= LEAST_PASSED[every]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [5, 8])
+def test_sequences_on_a_noisy_line_make_nothing_up(seed: int) -> None:
+    """One byte in 1000 spoils every seventh block; what comes is believed if it comes again."""
+    judge_healthy(
+        noisy_run(
+            1000, seed, "many_mixed_sequences_agree_with_the_model", level="full",
+            model="msc-250", port=NoisyMsc,
+        )
+    )  # fmt: skip

@@ -40,10 +40,15 @@ LONGEST_PIECE: Final = 0.3  # of the packet's time limit
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """One line of the table: what it is called in reports, and what it does."""
+    """One line of the table: what it is called in reports, and what it does.
+
+    `is_of_link`: what it says is no plain exchange, and reads at most: where bytes may get lost, it
+    can be done again.
+    """
 
     name: str
     act: Act
+    is_of_link: bool = False
 
 
 def value_of(first: int, second: int) -> int:
@@ -216,20 +221,20 @@ OPERATIONS: Final[tuple[Operation, ...]] = (
     Operation("read a flag", _read_flag),
     Operation("read all flags", _read_flags),
     Operation("read the status", _status),
-    Operation("refuse a reply", _refuse),
+    Operation("refuse a reply", _refuse, True),
     Operation("leave a reply unanswered", _leave_unanswered),
-    Operation("spoil a checksum", _wrong_checksum),
-    Operation("turn a bit", _turned_bit),
-    Operation("send in pieces", _in_pieces),
-    Operation("send a stray sign", _stray_sign),
-    Operation("send junk", _junk),
+    Operation("spoil a checksum", _wrong_checksum, True),
+    Operation("turn a bit", _turned_bit, True),
+    Operation("send in pieces", _in_pieces, True),
+    Operation("send a stray sign", _stray_sign, True),
+    Operation("send junk", _junk, True),
     Operation("wait", _wait),
     Operation("write a value", _write),
     Operation("write a value and read it", _write_and_read),
     Operation("write a block", _write_block),
     Operation("read a block", _read_block),
     Operation("set a flag", _turn(True)),
-    Operation("cut a packet short", _cut_short),
-    Operation("let the reply come again", _let_time_pass),
+    Operation("cut a packet short", _cut_short, True),
+    Operation("let the reply come again", _let_time_pass, True),
 )
 WHAT: Final = {one.name: number for number, one in reversed(list(enumerate(OPERATIONS)))}
