@@ -33,6 +33,7 @@ BENCH_SPEED = 10_000  # increments per second: 300 rpm on a MAC23
 TWIN_TRAVEL = 1_000_000
 TWIN_SPEED = 1_000_000
 DEFAULT_SOAK_S = 2 * 3600.0
+PROGRAM_STEP = 128  # addresses: where blocks begin that are apart in every reading
 
 
 def usable_cores() -> int:
@@ -108,7 +109,7 @@ def make_options(
         replay_word=replay or "",
         report=report,
         jobs=jobs,
-        eeprom_budget=_writes(family, eeprom_budget, is_twin=is_twin),
+        eeprom_budget=_writes(family, model, eeprom_budget, is_twin=is_twin),
     )
     return _with_rig(options, rig, rig_command)
 
@@ -150,15 +151,38 @@ def _grounds(family: Family, model: str, given: Mapping[str, Any], *, is_builtin
             raise UsageError(f"{option}: a {model} has no variables and no flags to be named")
         return NO_GROUNDS
     own = family.grounds if is_builtin else NO_GROUNDS
-    return Grounds(
+    grounds = Grounds(
         named.get("--variables", own.variables),
         named.get("--flags", own.flags),
         named.get("--bench-program", own.program),
     )
+    _check_program(grounds)
+    return grounds
 
 
-def _writes(family: Family, budget: int | None, *, is_twin: bool) -> int | None:
+def _check_program(grounds: Grounds) -> None:
+    """Raise UsageError for a bench program that cannot be there, or that shares what it has."""
+    if grounds.program is None:
+        return
+    flag, address = grounds.program
+    told = f"--bench-program {flag}:{address}"
+    if address % PROGRAM_STEP:
+        raise UsageError(f"{told}: its ADDRESS is a multiple of {PROGRAM_STEP}")
+    variables, flags = grounds.of_program
+    for option, own, named in (
+        ("--variables", variables, grounds.variables), ("--flags", flags, grounds.flags)
+    ):  # fmt: skip
+        if named and own.start < named.stop and named.start < own.stop:
+            raise UsageError(
+                f"{told} has {own[0]}-{own[-1]} to itself: {option} {named[0]}-{named[-1]} must"
+                " not reach into it"
+            )
+
+
+def _writes(family: Family, model: str, budget: int | None, *, is_twin: bool) -> int | None:
     """How many writes to an EEPROM may be asked for; None: any number, or there is none."""
+    if budget is not None and not family.has_axis:
+        raise UsageError(f"--eeprom-budget {budget}: {model} has no EEPROM that the suite writes")
     return DEFAULT_BUDGET if budget is None and not is_twin and family.has_axis else budget
 
 

@@ -35,6 +35,7 @@ CIRCUMSTANCES = {
     "allowed": "allowed",
     "max_travel": "travel",
     "max_speed": "speed",
+    "grounds": "grounds",
 }
 
 
@@ -73,13 +74,16 @@ def _verdicts(report: Report) -> dict[str, tuple[Verdict, str]]:
 def circumstances(old: Report, new: Report) -> list[str]:
     """Say what else was different between the runs and may explain a change."""
     pairs = [
-        (word, old["run"].get(key), new["run"].get(key)) for key, word in CIRCUMSTANCES.items()
+        (word, old["run"].get(key) or None, new["run"].get(key) or None)
+        for key, word in CIRCUMSTANCES.items()
     ]
     pairs.append(("device", old["device"].get("summary", ""), new["device"].get("summary", "")))
     return [f"{word}: {_words(a)} → {_words(b)}" for word, a, b in pairs if a != b]
 
 
 def _words(value: object) -> str:
+    if isinstance(value, dict):
+        value = [f"{name} {text}" for name, text in value.items()]
     return ", ".join(map(str, value)) if isinstance(value, list) else str(value or "unknown")
 
 

@@ -52,6 +52,7 @@ from axistwin_conformance.ways import BUS, LINE
 __all__ = ["Engine", "Envelope", "Options", "Result", "Session"]
 
 ROUND_TRIPS = 20
+NEIGHBOUR_ATTEMPTS = 2
 MEANWHILE = 20  # checks: fewer are over before another process has even started
 
 
@@ -140,6 +141,8 @@ class Engine:
 
     def _announce(self) -> None:
         options, plan = self.options, self._result.plan
+        bounds = options.envelope
+        has_axis = self.family.has_axis
         self._emit(
             events.RunStarted(
                 suite_version=metadata.version("axistwin"),
@@ -155,10 +158,11 @@ class Engine:
                 allowed=tuple(sorted(options.allowed)),
                 level=options.level,
                 seed=options.seed,
-                max_travel=options.envelope.max_travel,
-                max_speed=options.envelope.max_speed,
+                max_travel=bounds.max_travel if has_axis else None,
+                max_speed=bounds.max_speed if has_axis else None,
                 checks=tuple(check.name for check in plan.to_run),
                 left_out={check.name: reason for check, reason in plan.left_out},
+                grounds=options.grounds.named,
             )
         )
 
@@ -230,6 +234,7 @@ class Engine:
             raise
         if not self._keeper.is_sane(run):
             raise TargetError("it answered once and then no more")
+        self._meet_neighbours(run)
         # Virtual time has no jitter: three exchanges show what twenty would.
         samples = 3 if target.is_virtual else ROUND_TRIPS
         trip = target.measure_round_trip(lambda: self.family.sanity(session), samples)
@@ -238,6 +243,17 @@ class Engine:
         self._emit(
             events.Identified(identity.summary, identity.values, trip.median_ns, trip.max_ns)
         )
+
+    def _meet_neighbours(self, run: Run) -> None:
+        """Raise TargetError for a neighbour that does not answer: what is asked of it would be
+        held against the device."""
+        for address in () if self.options.is_builtin else run.neighbours:
+            beside = Session(replace(run, address=address))
+            if not any(self.family.sanity(beside) for _ in range(NEIGHBOUR_ATTEMPTS)):
+                raise TargetError(
+                    f"nobody answers at {address}, which --neighbour names; leave that out, or name"
+                    " the address of another one on the line or bus"
+                )
 
     # Detection.
 

@@ -10,7 +10,7 @@ and may stand before `Identified` and between two others.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 from axistwin_conformance.recording import Recording
@@ -33,7 +33,9 @@ class RunStarted:
 
     `started_at`: UTC, ISO 8601.  `command`: starts this run again.
     `carrier`: line or bus; `baud`: of our end of the line, None on a bus; `bitrate`: of the bus in
-    bit/s, None on a line and where its interface has one of its own.
+    bit/s, None on a line and where its interface has one of its own.  `max_travel`, `max_speed`:
+    None where the suite drives no axis.  `grounds`: what of a controller is the suite's to use, by
+    the name of the option that says so.
     """
 
     suite_version: str
@@ -49,10 +51,11 @@ class RunStarted:
     allowed: tuple[str, ...]
     level: str
     seed: int
-    max_travel: int
-    max_speed: int
+    max_travel: int | None
+    max_speed: int | None
     checks: tuple[str, ...]
     left_out: Mapping[str, str]
+    grounds: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

@@ -137,7 +137,8 @@ class Options:
             if self.eeprom_budget is not None:
                 words += ["--eeprom-budget", str(self.eeprom_budget)]
             words += [text for one in self.neighbours for text in ("--neighbour", str(one))]
-        words += grounds_words(self.grounds) if self.grounds != self.family.grounds else []
+        own = self.family.grounds if self.endpoint is None else NO_GROUNDS
+        words += grounds_words(self.grounds) if self.grounds != own else []
         words += self.rig.words(is_default=is_twin_url(self.url))
         if self.address != self.family.default_address:
             words += ["--address", str(self.address)]
@@ -151,12 +152,7 @@ class Options:
 
 def grounds_words(grounds: Grounds) -> list[str]:
     """The options that name them again."""
-    words = []
-    for option, ground in (("--variables", grounds.variables), ("--flags", grounds.flags)):
-        words += [option, f"{ground[0]}-{ground[-1]}"] if ground else []
-    if grounds.program is not None:
-        words += ["--bench-program", "{}:{}".format(*grounds.program)]
-    return words
+    return [word for name, text in grounds.named.items() for word in (f"--{name}", text)]
 
 
 @dataclass(frozen=True, slots=True)

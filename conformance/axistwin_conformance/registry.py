@@ -157,6 +157,10 @@ class Model:
     facts: Any = None
 
 
+PROGRAM_EXTENT = 256  # addresses of the bench program: its counters, and its block from 128 on
+PROGRAM_FLAGS = 4  # in a row
+
+
 @dataclass(frozen=True, slots=True)
 class Grounds:
     """What of a controller is the suite's to use: addresses of variables, numbers of user flags,
@@ -171,6 +175,23 @@ class Grounds:
         """The needs (of `NEEDS`) that they meet."""
         has = {"variables": self.variables, "flags": self.flags, "program": self.program}
         return frozenset(name for name, ground in has.items() if ground)
+
+    @property
+    def named(self) -> dict[str, str]:
+        """Each by the name of its option, as it is typed there."""
+        spans = {"variables": self.variables, "flags": self.flags}
+        named = {name: f"{span[0]}-{span[-1]}" for name, span in spans.items() if span}
+        if self.program is not None:
+            named["bench-program"] = "{}:{}".format(*self.program)
+        return named
+
+    @property
+    def of_program(self) -> tuple[range, range]:
+        """The variables and the flags that are the bench program's; none without it."""
+        if self.program is None:
+            return range(0), range(0)
+        flag, address = self.program
+        return range(address, address + PROGRAM_EXTENT), range(flag, flag + PROGRAM_FLAGS)
 
 
 NO_GROUNDS = Grounds()

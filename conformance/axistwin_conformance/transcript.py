@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import islice
 
-PIECES_APART_NS = 50_000_000  # the longest piece of a reply, 18 bytes, takes 19 ms at 9600 baud
+PIECES_APART_NS = 30_000_000  # beside the time that the bytes of the later piece take
+SLOWEST_BYTE_NS = 1_041_667  # at 9600 baud
 RECORDS_KEPT = 20_000  # some minutes at full line rate: more than any failure needs, flat memory
 
 
@@ -85,4 +86,5 @@ class Transcript:
 
 def _belong_together(earlier: Record, later: Record) -> bool:
     both_device = earlier.direction is later.direction is Direction.DEVICE
-    return both_device and later.time_ns - earlier.time_ns <= PIECES_APART_NS
+    own_ns = len(later.data) * SLOWEST_BYTE_NS
+    return both_device and later.time_ns - earlier.time_ns <= PIECES_APART_NS + own_ns

@@ -55,6 +55,42 @@ def test_the_command_of_a_run_names_its_grounds_again() -> None:
     assert "--variables" not in make_options(model="msc-250").command
 
 
+def test_what_is_named_on_a_port_is_named_again_even_if_a_twin_has_just_that() -> None:
+    """Nothing is granted by itself there, so that the command of the report has to say it."""
+    named = make_options(
+        model="msc-250", port=PORT, variables=range(1024, 5120), flags=range(128, 192),
+        bench_program=(240, 6144),
+    )  # fmt: skip
+    assert named.grounds == find_family("msc-250").grounds
+    assert "--variables 1024-5119 --flags 128-191 --bench-program 240:6144" in named.command
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"bench_program": (240, 6145)}, "240:6145: its ADDRESS is a multiple of 128"),
+        (
+            {"bench_program": (240, 6144), "variables": range(6300, 7000)},
+            "has 6144-6399 to itself: --variables 6300-6999 must not reach into it",
+        ),
+        (
+            {"bench_program": (240, 6144), "flags": range(200, 241)},
+            "has 240-243 to itself: --flags 200-240 must not reach into it",
+        ),
+    ],
+)
+def test_the_bench_program_shares_nothing(given: Any, told: str) -> None:
+    """What it counts in must not be overwritten by other checks, nor its orders be given."""
+    with pytest.raises(UsageError, match=told):
+        options(**given)
+
+
+def test_a_controller_has_no_eeprom_to_be_spared() -> None:
+    """An option that would be without effect is a mistake."""
+    with pytest.raises(UsageError, match="--eeprom-budget 5: msc-250 has no EEPROM"):
+        options(eeprom_budget=5)
+
+
 def test_an_axis_has_no_variables_and_a_controller_no_envelope() -> None:
     """An option that means nothing to the model is a mistake, told in a line."""
     with pytest.raises(UsageError, match="--flags: a mac23 has no variables"):

@@ -6,8 +6,10 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 from msc_device import MscPort, check_of, session_on, target_of
 
+from axistwin_conformance.cli import conform
 from axistwin_conformance.errors import TargetError, WrongDevice
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import Bench
@@ -64,6 +66,22 @@ def test_nobody_there_is_told_with_the_remedy() -> None:
     session = session_of(port, address=4)
     with pytest.raises(TargetError, match="as unit 4 at 9600 baud: nothing comes; try another"):
         FAMILY.probe(session)
+
+
+def test_nobody_there_at_another_rate_is_told_the_right_one() -> None:
+    """There is but one, and no address helps at any other."""
+    session = session_of(MscPort(unit=3), address=4)
+    session.target.baud = 19_200
+    with pytest.raises(TargetError, match="at 19200 baud: nothing comes; try --baud 9600, and"):
+        FAMILY.probe(session)
+
+
+def test_a_neighbour_that_is_not_there_is_not_held_against_the_unit() -> None:
+    """The run ends before anything is judged, and names it."""
+    words = ["--port", "axistwin://msc-250?time=virtual", "--neighbour", "3", "MSC-PKT-05"]
+    result = CliRunner().invoke(conform, ["msc-250", *words])
+    assert result.exit_code == 3, result.output
+    assert "nobody answers at 3, which --neighbour names" in result.output
 
 
 def test_another_protocol_shows_its_face() -> None:

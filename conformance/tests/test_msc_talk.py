@@ -150,6 +150,18 @@ def test_measured_time_outs_shorten_the_settling() -> None:
     assert bench.talk.settle_s == pytest.approx(0.9)
 
 
+def test_a_unit_that_has_said_nothing_is_waited_for_no_longer_than_a_packet_that_broke_off() -> (
+    None
+):
+    """No reply of its can come again, so that a port where nobody is does not take minutes."""
+    bench = bench_on(MscPort())
+    exchange = bench.talk.ask(codec.packet(5, codec.RQSTAT))
+    assert exchange.is_silence
+    before_ns = bench.target.now_ns
+    assert bench.talk.settle(after=exchange) == b""
+    assert (bench.target.now_ns - before_ns) / 1e9 == pytest.approx(1.2, abs=0.1)
+
+
 def test_an_empty_packet_after_a_write_is_acknowledged_where_it_is_known() -> None:
     """Left unanswered it would come again and be taken for the next reply."""
     port = MscPort()

@@ -192,6 +192,17 @@ def test_the_head_tells_what_was_judged_and_how(report: Report) -> None:
         assert part in text
 
 
+def test_the_head_tells_of_a_controller_what_it_has(report: Report) -> None:
+    """What was named for the suite's use; no bounds of motion, and no EEPROM."""
+    grounds = {"variables": "2048-3071", "bench-program": "240:6144"}
+    report["run"] |= {"max_travel": None, "max_speed": None, "grounds": grounds}
+    text = render(report)
+    assert "<dt>Variables</dt><dd>2048-3071</dd>" in text
+    assert "<dt>Bench program</dt><dd>240:6144</dd>" in text
+    assert "Envelope" not in text
+    assert "EEPROM writes" not in text
+
+
 def test_what_a_device_says_cannot_break_the_page(report: Report) -> None:
     """Everything that comes from outside is text."""
     text = render(report)

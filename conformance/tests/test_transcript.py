@@ -51,3 +51,12 @@ def test_a_reply_read_in_pieces_is_shown_whole() -> None:
     assert [one.data for one in shown] == [b"?", b"ab", b"c", b"!", b"d"]
     assert shown[1].time_ns == 2
     assert [one.data for one in transcript.since(0, limit=2)] == [b"!", b"d"]
+
+
+def test_a_long_piece_belongs_to_the_reply_it_was_read_with() -> None:
+    """136 bytes take 142 ms at 9600 baud; what comes as late without being as long is another."""
+    transcript = Transcript()
+    transcript.note(0, Direction.DEVICE, b"head")
+    transcript.note(142_000_000, Direction.DEVICE, b"x" * 136)
+    transcript.note(284_000_000, Direction.DEVICE, b"y")
+    assert [len(one.data) for one in transcript.since(0)] == [140, 1]

@@ -22,9 +22,9 @@ from axistwin_conformance.errors import TargetError, WrongDevice
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import SAFE_BLOCK, SAFE_STRIDE, Bench
 from axistwin_conformance.msc.codec import ACK
-from axistwin_conformance.msc.safety import PROGRAM_BLOCK, PROGRAM_FLAGS, Writing
+from axistwin_conformance.msc.safety import PROGRAM_BLOCK, Writing
 from axistwin_conformance.msc.talk import QUIET_S, Exchange
-from axistwin_conformance.registry import Identity
+from axistwin_conformance.registry import PROGRAM_FLAGS, Identity
 from axistwin_conformance.session import ATTEMPTS, Run, Session
 
 PROBE_ATTEMPTS: Final = 4
@@ -51,9 +51,12 @@ def probe(session: Session) -> Identity:
     session.is_strict = True  # the attempts are counted here
     exchange = _insisted(bench, codec.RQSTAT)
     if exchange.reply is None and not sanity(session):
+        rates = session.run.family.rates
+        rate = "" if session.target.baud in rates else f"--baud {rates[0]}, and "
         raise TargetError(
             f"no controller answers as unit {bench.unit} at {session.target.baud} baud:"
-            f" {_heard(bench, exchange)}; try another --address (1 on RS-232, the switch on RS-485)"
+            f" {_heard(bench, exchange)}; try {rate}another --address"
+            " (1 on RS-232, the switch on RS-485)"
         )
     _refuse_another_model(bench)
     session.is_strict = session.target.is_lossless
@@ -78,7 +81,7 @@ def _insisted(bench: Bench, body: bytes) -> Exchange:
             break
         if number >= PROBE_ATTEMPTS and len(seen) == 1:
             break
-        bench.talk.settle()
+        bench.talk.settle(after=exchange)
     return exchange
 
 
@@ -96,9 +99,9 @@ def _refuse_another_model(bench: Bench) -> None:
     has_it = reply is not None and reply.is_sound and len(reply.raw) == codec.REPLY_BYTES["RFLAGS"]
     has_none = exchange.is_naked or exchange.raw == ACK
     if bench.has_rflags and has_none:
-        raise WrongDevice(f"not a {name}: it refuses RFLAGS; try msc-850 or msc-generic")
+        raise WrongDevice(f"not an {name}: it refuses RFLAGS; try msc-850 or msc-generic")
     if not bench.has_rflags and has_it:
-        raise WrongDevice(f"not a {name}: it has RFLAGS; try {WITH_RFLAGS}")
+        raise WrongDevice(f"not an {name}: it has RFLAGS; try {WITH_RFLAGS}")
 
 
 def _is_twin(run: Run) -> bool:
@@ -129,7 +132,7 @@ def sanity(session: Session) -> bool:
             reply = exchange.reply
             if exchange.is_acked and reply is not None and reply.is_sound:
                 return True
-            bench.talk.settle()
+            bench.talk.settle(after=exchange)
             session.is_strict = True  # the first one was asked often enough for noise
         return False
     finally:

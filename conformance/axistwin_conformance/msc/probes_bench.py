@@ -356,7 +356,8 @@ def loading_access(bench: Bench) -> Outcome:
 
 
 def _read_or_refused(bench: Bench) -> Outcome:
-    drawn, _ = _asked(bench, codec.dread(bench.variables[0] if bench.variables else 0))
+    address = next((one for one in bench.variables if one % SAFE_STRIDE == 0), 0)
+    drawn, _ = _asked(bench, codec.dread(address))
     return {Drawn.REPLY: 0, Drawn.NAK: 1}.get(drawn, drawn.value)
 
 

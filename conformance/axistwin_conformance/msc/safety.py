@@ -25,10 +25,10 @@ from weakref import WeakKeyDictionary
 from axistwin_conformance.carrier import is_twin_url
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import ACK, NAK, STX
+from axistwin_conformance.registry import PROGRAM_FLAGS
 from axistwin_conformance.session import Run, Session
 
 TAIL_BYTES: Final = 2 * codec.MAX_PACKET  # of what was sent in pieces
-PROGRAM_FLAGS: Final = 4  # of the bench program, in a row
 PROGRAM_BLOCK: Final = range(128, 256)  # its block, counted from its first variable
 SAFE_STRIDE: Final = 4  # the longest distance of neighbours in any reading (MSC-AMB-18)
 MOST_FLAGS: Final = len(codec.FLAGS)

@@ -149,14 +149,17 @@ class Talk:
             return max(self.packet_timeout_s, self.ack_timeout_s) + MARGIN_S
         return self.packet_timeout_s + (REPEATS + 1) * (self.ack_timeout_s + REPEAT_S)
 
-    def settle(self) -> bytes:
+    def settle(self, *, after: Exchange | None = None) -> bytes:
         """Wait until nothing is left over of what was said before; return what still came.
 
-        A reply that comes again is acknowledged and thrown away (§4.3).
+        A reply that comes again is acknowledged and thrown away (§4.3).  `after`: what was said
+        last; where that drew nothing at all, no reply is waiting to be acknowledged.
         """
-        heard = b""
+        heard, quiet_s = b"", self.settle_s
+        if after is not None and after.is_silence:
+            quiet_s = min(quiet_s, self.packet_timeout_s + MARGIN_S)
         for _ in range(MOST_HEARD):
-            one, strays = self.hear_packet(self.settle_s)
+            one, strays = self.hear_packet(quiet_s)
             if one is None and not strays:
                 break
             heard += strays + (one.raw if one else b"")
@@ -213,7 +216,7 @@ class Talk:
                 break
             self.session.record_retry(words)
             if not exchange.is_naked:  # part of the packet may wait for its end, or a reply for us
-                self.settle()
+                self.settle(after=exchange)
             exchange = self._once(exchange.request, awaits, answer, limit)
         return exchange
 
