@@ -114,11 +114,16 @@ def test_every_operation_is_met_idle_and_waiting() -> None:
 @no_folder()
 def test_the_machine_does_every_operation() -> None:
     """Its rules reach all of the table but the wait, which is a pause there."""
-    player = Case(MscPort(), some_runs).player
-    begun, failing = machines.search(player.begin, Judged, 30, 60, random.Random(2), UnitMachine)
-    assert failing is None
-    done = {name for run in begun for _, name in run.operated}
-    assert {one.name for one in OPERATIONS} - done <= {"wait", "read all flags"}
+    player, missing = Case(MscPort(), some_runs).player, {one.name for one in OPERATIONS}
+    for number in range(8):  # what one seed draws depends on the modules that are loaded
+        begun, failing = machines.search(
+            player.begin, Judged, 20, 60, random.Random(number), UnitMachine
+        )
+        assert failing is None
+        missing -= {name for run in begun for _, name in run.operated}
+        if missing <= {"wait"}:
+            break
+    assert missing <= {"wait"}
 
 
 def test_what_is_written_is_put_back() -> None:
