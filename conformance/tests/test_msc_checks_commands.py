@@ -43,10 +43,19 @@ def test_each_requirement_that_a_check_names_is_judged(check: Check) -> None:
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda one: one.name)
-def test_what_the_operator_has_named_is_enough(check: Check) -> None:
-    """With little named, and on a real line, nothing fails and nothing else is written to."""
+@pytest.mark.parametrize(
+    ("variables", "flags"),
+    [(range(2048, 2306), range(200, 204)), (range(2049, 2307), range(200, 204)),
+     (range(2050, 2060), range(200, 201))],
+    ids=["two blocks", "odd", "two values"],
+)  # fmt: skip
+def test_what_the_operator_has_named_is_enough(
+    check: Check, variables: range, flags: range
+) -> None:
+    """With little named, wherever it begins, and on a real line, nothing fails and nothing else is
+    written to."""
     place = FAMILY.grounds.program if FAMILY.grounds else None
-    grounds = Grounds(range(2048, 2306), range(200, 204), place)
+    grounds = Grounds(variables, flags, place)
     found = judge(check.name, Controller(), is_twin=False, grounds=grounds)
     assert not failed(found), troubles(found)
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from axistwin_conformance.msc import codec
-from axistwin_conformance.msc.bench import SAFE_BLOCK, SAFE_STRIDE
+from axistwin_conformance.msc.bench import SAFE_STRIDE
 from axistwin_conformance.msc.codec import BLOCK_VALUES, signed
 from axistwin_conformance.msc.controller import Controller
 from axistwin_conformance.registry import check
@@ -75,7 +75,7 @@ def reading_changes_nothing(session: Session) -> None:
     """Reads of the same variable agree, BREAD's first value among them, however often it is
     read."""
     unit = Controller(session)
-    for address in unit.blocks(min(2, len(unit.variables) // SAFE_BLOCK)):
+    for address in unit.some_blocks(2):
         first = unit.read(address)
         again = [unit.read(address) for _ in range(3)]
         session.expect(set(again) == {first}, "MSC-DREAD-04", f"{first} each time", again)
@@ -101,7 +101,7 @@ def an_address_has_sixteen_bits(session: Session) -> None:
     }
     for address in sorted({*unit.slots(2), *special}):
         unit.served(codec.dread(address), "MSC-DREAD-01", f"the value at {address:04X}h")
-    for address in unit.blocks(min(3, len(unit.variables) // SAFE_BLOCK)):
+    for address in unit.some_blocks(3):
         unit.served(codec.bread(address), "MSC-BREAD-01", f"the values from {address:04X}h on")
 
 
@@ -138,7 +138,7 @@ def a_block_written_is_the_block_read(session: Session) -> None:
     """The 32 values of a BWRITE come back by BREAD in their order, and by single reads one stride
     apart."""
     unit = Controller(session)
-    for number, address in enumerate(unit.blocks(min(3, len(unit.variables) // SAFE_BLOCK))):
+    for number, address in enumerate(unit.some_blocks(3)):
         values = list(BOUNDARIES[:BLOCK_VALUES]) if number == 0 else unit.values(BLOCK_VALUES)
         exchange = unit.ask(codec.bwrite(address, values))
         session.expect(exchange.is_acked, "MSC-BWRITE-01", "ACK to 32 values", exchange)
@@ -172,7 +172,7 @@ def values_of_a_block_lie_one_stride_apart(session: Session) -> None:
     """Which value of a block the address four further on holds, tells the stride; it is the same
     everywhere."""
     unit = Controller(session)
-    for address in unit.blocks(min(3, len(unit.variables) // SAFE_BLOCK)):
+    for address in unit.some_blocks(3):
         values = unit.values(BLOCK_VALUES)
         unit.write_block(address, values)
         for further in (SAFE_STRIDE, 3 * SAFE_STRIDE, 7 * SAFE_STRIDE):

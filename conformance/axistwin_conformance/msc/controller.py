@@ -46,9 +46,16 @@ class Controller(Link):
 
     def blocks(self, count: int) -> list[int]:
         """Where so many whole blocks of named variables begin, drawn likewise."""
+        return self._drawn(self._rooms, count, f"{count * SAFE_BLOCK} addresses in a row")
+
+    def some_blocks(self, most: int) -> list[int]:
+        """The same of as many as there is room for, so many at most; skips if there is none."""
+        return self.blocks(max(1, min(most, len(self._rooms))))
+
+    @property
+    def _rooms(self) -> range:
         first = _up(self.variables.start, SAFE_STRIDE)
-        every = range(first, self.variables.stop - SAFE_BLOCK + 1, SAFE_BLOCK)
-        return self._drawn(every, count, f"{count * SAFE_BLOCK} addresses in a row")
+        return range(first, self.variables.stop - SAFE_BLOCK + 1, SAFE_BLOCK)
 
     def some_flags(self, count: int) -> list[int]:
         """So many of the named flags, drawn likewise."""
