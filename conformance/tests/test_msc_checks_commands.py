@@ -52,8 +52,7 @@ def test_each_requirement_that_a_check_names_is_judged(check: Check) -> None:
 def test_what_the_operator_has_named_is_enough(
     check: Check, variables: range, flags: range
 ) -> None:
-    """With little named, wherever it begins, and on a real line, nothing fails and nothing else is
-    written to."""
+    """With little named, wherever it begins, nothing fails and nothing else is written to."""
     place = FAMILY.grounds.program if FAMILY.grounds else None
     grounds = Grounds(variables, flags, place)
     found = judge(check.name, Controller(), is_twin=False, grounds=grounds)

@@ -87,7 +87,8 @@ def parse_device(text: str) -> DeviceSpec:
     limits = f"{low:X}..{high:X}h ({low}..{high})"
     if number is None:
         raise UsageError(
-            f"address {address!r} of {name} is no number: {limits}, such as {name}:5 or {name}:7Fh"
+            f"address {address!r} of {name} is no number: {limits},"
+            f" such as {name}:5 or {name}:{high:X}h"
         )
     if number not in model.addresses:
         written = address if address.isdigit() else f"{address} ({number})"

@@ -123,6 +123,10 @@ def test_a_device_is_named_by_model_and_address(text: str, spec: DeviceSpec) -> 
             "address '-1' of mac23 is no number: 0..7Fh (0..127), such as mac23:5 or mac23:7Fh",
         ),
         (
+            "msc-250:x",
+            "address 'x' of msc-250 is no number: 1..Fh (1..15), such as msc-250:5 or msc-250:Fh",
+        ),
+        (
             "mac23:",
             "address '' of mac23 is no number: 0..7Fh (0..127), such as mac23:5 or mac23:7Fh",
         ),

@@ -118,6 +118,7 @@ def test_the_ready_line_names_the_address_that_is_stored(tmp_path: Path) -> None
     assert err.splitlines() == [
         f"axistwin: mac23:0: its memory has {memory}, and that holds",
         "axistwin: mac23:0 and mac34-1:5 answer on top of one another: address 5",
+        "axistwin: mac23:0 at 38400 baud, mac34-1:5 at 9600 baud: no client understands all of them",
     ]
 
 

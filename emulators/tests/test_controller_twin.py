@@ -155,6 +155,14 @@ def test_a_mistake_is_told_in_one_line(
     assert twin.describe() == before
 
 
+def test_flags_and_variables_are_not_gone_through(twin: StartedTwin) -> None:
+    """``flags.on`` tells which are on; a loop would otherwise run into a number too many."""
+    with pytest.raises(TypeError, match="not iterable"):
+        list(twin.flags)  # type: ignore[call-overload]
+    with pytest.raises(TypeError, match="not iterable"):
+        list(twin.variables)  # type: ignore[call-overload]
+
+
 def test_names_need_a_program(axistwin: Starter) -> None:
     """Which has none yet."""
     twin = axistwin("msc-250", time="virtual")

@@ -135,7 +135,7 @@ def broken() -> Macroprogram:
         (broken, "ValueError: on Mondays"),
         (Ticks(), "give the class Ticks, not an object: each start makes a new one"),
         (int, "int is no program; derive a class from Macroprogram"),
-        (42, "program 42 cannot be made: TypeError: 'int' object is not callable"),
+        (42, "42 is no program; give a class derived from Macroprogram, or FILE.py"),
     ],
 )
 def test_what_does_not_fit_is_refused_in_one_line(program: Any, message: str) -> None:

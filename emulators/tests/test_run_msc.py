@@ -87,6 +87,29 @@ def test_units_on_one_line_are_named_one_by_one(tmp_path: Path) -> None:
         process.end()
 
 
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (
+            ("msc-250:2", "--quirk", "transport=rs232"),
+            "msc-250:2: is unit 1, since a controller on RS-232 has no other number",
+        ),
+        (
+            ("msc-250", "mac23"),
+            "msc-250:1 at 9600 baud, mac23:0 at 38400 baud: no client understands all of them",
+        ),
+    ],
+)
+def test_a_line_that_cannot_be_as_asked_for_is_told_of(
+    tmp_path: Path, words: tuple[str, ...], told: str
+) -> None:
+    """One line each; the twins run all the same."""
+    with daemon(tmp_path, *words) as process:
+        process.line()
+        _, _, err = process.end()
+    assert f"axistwin: {told}" in err.splitlines()
+
+
 def test_a_controller_has_one_rate(tmp_path: Path) -> None:
     """A client at another one is told of; none can be given."""
     with daemon(tmp_path, "msc-850", "--json") as process:

@@ -86,11 +86,14 @@ class SerialRun(Run[Line]):
     def warn_of_surprises(self, owner: Line) -> None:
         """Say where the memory differs from what was asked for, and where two collide."""
         found: dict[int, DeviceSpec] = {}
+        rates: dict[int, DeviceSpec] = {}  # the first device at each
         for spec, twin in zip(self.specs, owner.twins, strict=True):
             wanted = self._baud or catalog.find_model(spec.model).default_baud
             stored, address = twin.cells.get("baud", wanted), twin.address
             differences = []
-            if address != spec.address:
+            if address != spec.address and "address" not in twin.cells:
+                warn(f"{spec}: is unit {address}, since a controller on RS-232 has no other number")
+            elif address != spec.address:
                 differences.append(f"address {address} (asked for: {spec.address})")
             if stored != wanted:
                 differences.append(f"{stored} baud (asked for: {wanted})")
@@ -99,6 +102,10 @@ class SerialRun(Run[Line]):
             if address in found:
                 warn(f"{found[address]} and {spec} answer on top of one another: address {address}")
             found.setdefault(address, spec)
+            rates.setdefault(stored, spec)
+        if len(rates) > 1:
+            told = ", ".join(f"{spec} at {rate} baud" for rate, spec in rates.items())
+            warn(f"{told}: no client understands all of them")
 
 
 _PROGRAM_ENDS = {

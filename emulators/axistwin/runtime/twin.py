@@ -100,6 +100,7 @@ class Flags:
     """The flags of a controller, by number or by the program's names."""
 
     __slots__ = ("_twin",)
+    __iter__ = None  # or Python would count up from 0
 
     def __init__(self, twin: "ControllerTwin") -> None:
         self._twin = twin
@@ -128,6 +129,7 @@ class Variables:
     """The variables of a controller, by address or by the program's names."""
 
     __slots__ = ("_twin",)
+    __iter__ = None  # or Python would count up from 0
 
     def __init__(self, twin: "ControllerTwin") -> None:
         self._twin = twin

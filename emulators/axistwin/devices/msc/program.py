@@ -375,8 +375,12 @@ def _made(program: object) -> Macroprogram:
         raise UsageError(
             f"give the class {type(program).__name__}, not an object: each start makes a new one"
         )
+    if not callable(program):
+        raise UsageError(
+            f"{name} is no program; give a class derived from Macroprogram, or FILE.py"
+        )
     try:
-        made: object = program()  # type: ignore[operator]  # no function fails as a bad one does
+        made: object = program()
     except Exception as error:
         raise UsageError(f"program {name} cannot be made: {located(error)}") from error
     if not isinstance(made, Macroprogram):
