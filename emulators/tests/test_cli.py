@@ -115,10 +115,11 @@ def test_the_ready_line_names_the_address_that_is_stored(tmp_path: Path) -> None
         assert process.line().startswith("ready mac34-1:5 pty=line ")
         _, _, err = process.end()
     memory = "address 5 (asked for: 0) and 38400 baud (asked for: 9600)"
+    rates = "mac23:0 at 38400 baud, mac34-1:5 at 9600 baud"
     assert err.splitlines() == [
         f"axistwin: mac23:0: its memory has {memory}, and that holds",
         "axistwin: mac23:0 and mac34-1:5 answer on top of one another: address 5",
-        "axistwin: mac23:0 at 38400 baud, mac34-1:5 at 9600 baud: no client understands all of them",
+        f"axistwin: {rates}: no client understands all of them",
     ]
 
 
