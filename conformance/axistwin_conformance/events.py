@@ -103,7 +103,7 @@ class FailureStored:
 
 @dataclass(frozen=True, slots=True)
 class StatesCovered:
-    """What random operations have met: state of the model → index → how many frames were answered
+    """What random operations have met: state of the model → operation → how often it was answered
     in it."""
 
     check: str
@@ -117,8 +117,8 @@ class StatesCovered:
         states = [f"{state} {sum(one.values())}" for state, one in sorted(self.counts.items())]
         pairs = sum(map(len, self.counts.values()))
         return (
-            f"{self.check}: {self.operations} operations in {self.sequences} sequences; frames"
-            f" answered in {', '.join(states)}; {pairs} pairs of state and index"
+            f"{self.check}: {self.operations} operations in {self.sequences} sequences; answered"
+            f" in {', '.join(states)}; different pairs of state and operation: {pairs}"
         )
 
 

@@ -353,6 +353,9 @@ def find_family(model: str) -> Family:
     known: dict[str, Family] = {name: family for family in families() for name in family.models}
     if model in known:
         return known[model]
+    name, colon, address = model.partition(":")
+    if colon and name in known:
+        raise UsageError(f"{model}: the address is an option here: {name} --address {address}")
     near = difflib.get_close_matches(model, known, n=1)
     hint = f"did you mean {near[0]}? " if near else ""
     raise UsageError(f"unknown model {model!r}: {hint}Known: {', '.join(sorted(known))}.")

@@ -347,8 +347,9 @@ def print_plan(console: Console, plan: Plan, options: Options) -> None:
     for check, reason in plan.left_out:
         text = f"left out: {check.name}: {reason}"
         console.print(text, style="dim", markup=False, soft_wrap=True)
-    for probe, reason in plan.unprobed:
-        text = f"not detected: {probe.switch}: {reason}"
+    undetected = dict.fromkeys((probe.switch, reason) for probe, reason in plan.unprobed)
+    for switch, reason in undetected:
+        text = f"not detected: {switch}: {reason}"
         console.print(text, style="dim", markup=False, soft_wrap=True)
     print_deeds(console, deeds(plan, options))
     console.print(f"First, {len(plan.probes)} questions would tell how it reads the manual.")

@@ -46,8 +46,8 @@ def test_each_requirement_that_a_check_names_is_judged(check: Check) -> None:
 @pytest.mark.parametrize(
     ("variables", "flags"),
     [(range(2048, 2306), range(200, 204)), (range(2049, 2307), range(200, 204)),
-     (range(2050, 2060), range(200, 201))],
-    ids=["two blocks", "odd", "two values"],
+     (range(2050, 2060), range(200, 201)), (range(2048, 2049), range(200, 201))],
+    ids=["two blocks", "odd", "two values", "one address"],
 )  # fmt: skip
 def test_what_the_operator_has_named_is_enough(
     check: Check, variables: range, flags: range

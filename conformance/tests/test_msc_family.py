@@ -172,6 +172,29 @@ def test_what_cannot_be_put_back_is_told() -> None:
     assert told == ("the value at 1396 was 0", "flag 131 was off")
 
 
+@pytest.mark.parametrize(
+    ("ground", "told"),
+    [
+        (Grounds(range(1024, 1400), range(0)), "a value behind address 1024 changes by itself"),
+        (Grounds(range(1028, 1040), range(0)), "the value at 1028 changes by itself"),
+        (Grounds(range(0), range(128, 132)), "flag 130 changes by itself"),
+    ],
+)
+def test_what_a_program_uses_is_not_the_suites_to_write(ground: Grounds, told: str) -> None:
+    """Named by mistake, it keeps a run from writing, and is named."""
+    port = MscPort()
+    served = port._served
+
+    def counting(one: codec.Packet) -> bytes | None:
+        port.data[1028] = port.data.get(1028, 0) + 1
+        port.flags ^= {130}
+        return served(one)
+
+    port._served = counting  # type: ignore[method-assign]
+    with pytest.raises(TargetError, match=told):
+        FAMILY.remember(session_of(port, grounds=ground))
+
+
 def test_the_programs_flags_are_put_back_to_off_only() -> None:
     """Turned on, they are orders to it."""
     port = MscPort()

@@ -84,7 +84,7 @@ def reading_changes_nothing(session: Session) -> None:
         seen = unit.read(address)
         session.expect(seen == first, ("MSC-DREAD-04", "MSC-BREAD-04"), f"{first} again", seen)
         second = unit.read_block(address)
-        session.expect(second == block, "MSC-DREAD-04", block, second)
+        session.expect(second == block, "MSC-DREAD-04", codec.listed(block), codec.listed(second))
 
 
 @check("MSC-DREAD-01", "MSC-BREAD-01", needs=("variables",))
@@ -92,6 +92,7 @@ def an_address_has_sixteen_bits(session: Session) -> None:
     """DREAD and BREAD take any of the named addresses as two bytes, bytes that are signs of the
     protocol among them."""
     unit = Controller(session)
+    ends = unit.slots(2)
     free = range(unit.variables.start, unit.variables.stop - 3)
     places = [one for one in free if one % SAFE_STRIDE == 0]
     special = {
@@ -99,7 +100,7 @@ def an_address_has_sixteen_bits(session: Session) -> None:
         for byte in SPECIAL_BYTES
         for part in (0, 1)
     }
-    for address in sorted({*unit.slots(2), *special}):
+    for address in sorted({*ends, *special}):
         unit.served(codec.dread(address), "MSC-DREAD-01", f"the value at {address:04X}h")
     for address in unit.some_blocks(3):
         unit.served(codec.bread(address), "MSC-BREAD-01", f"the values from {address:04X}h on")
@@ -146,7 +147,8 @@ def a_block_written_is_the_block_read(session: Session) -> None:
         size = len(reply.payload)
         session.expect(size == 128, "MSC-BREAD-02", "32 values in 128 bytes", f"{size} bytes")
         names = ("MSC-BWRITE-02", "MSC-BREAD-02", "MSC-BREAD-03")
-        session.expect(list(reply.values) == values, names, values, reply.values)
+        told, seen = codec.listed(values), codec.listed(reply.values)
+        session.expect(list(reply.values) == values, names, told, seen)
         _judge_singles(unit, address, reply.values)
 
 
@@ -194,7 +196,8 @@ def padding_is_stored_as_well(session: Session) -> None:
     exchange = unit.ask(codec.bwrite(address, padded))
     session.expect(exchange.is_acked, "MSC-BWRITE-01", "ACK to 32 values", exchange)
     seen = unit.read_block(address)
-    session.expect(list(seen) == padded, "MSC-BWRITE-03", padded, seen)
+    told = codec.listed(padded)
+    session.expect(list(seen) == padded, "MSC-BWRITE-03", told, codec.listed(seen))
 
 
 @check("MSC-BWRITE-02", safety="stored", needs=("variables",))
@@ -216,7 +219,8 @@ def a_longer_array_is_sent_block_by_block(session: Session) -> None:
     middle = unit.read_block(start + BLOCK_VALUES // 2 * unit.stride)
     names = "MSC-BWRITE-02"
     wanted = values[BLOCK_VALUES // 2 : BLOCK_VALUES // 2 + BLOCK_VALUES]
-    session.expect(list(middle) == wanted, names, wanted, middle)
+    told = codec.listed(wanted)
+    session.expect(list(middle) == wanted, names, told, codec.listed(middle))
     for place, value in fences.items():
         seen = unit.read(place)
         session.expect(seen == value, "MSC-BWRITE-02", f"{value} at {place} as before", seen)

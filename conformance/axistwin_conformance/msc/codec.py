@@ -261,21 +261,22 @@ def _values(one: Packet) -> str:
     """What is behind the comma, as far as its size tells what it is."""
     name, payload, size = one.name, one.payload, len(one.payload)
     if name in ("BREAD", "BWRITE") and size == REQUEST_PAYLOADS["BWRITE"]:
-        return f"{one.numbers[0]} = {_list(struct.unpack('>32i', payload[2:]))}"
+        return f"{one.numbers[0]} = {listed(struct.unpack('>32i', payload[2:]))}"
     if name == "BREAD" and size == REPLY_PAYLOADS["BREAD"]:
-        return _list(one.values)
+        return listed(one.values)
     if name == "DWRITE" and size == REQUEST_PAYLOADS["DWRITE"]:
         return f"{one.numbers[0]} = {int.from_bytes(payload[2:], 'big', signed=True)}"
     if name == "DREAD" and size == VALUE_BYTES:
         return str(one.values[0])
     if name == "RFLAGS" and size == REPLY_PAYLOADS["RFLAGS"]:
-        return f"on: {_list(sorted(flags_on(payload))) or 'none'}"
+        return f"on: {listed(sorted(flags_on(payload))) or 'none'}"
     if name == "RQSTAT" and size >= 2:
         return f"status {one.numbers[0]}, then {payload[2:].hex(' ')}"
     return str(one.numbers[0]) if size == 2 else payload.hex(" ").upper()
 
 
-def _list(values: Iterable[int]) -> str:
+def listed(values: Iterable[int]) -> str:
+    """Values one after the other."""
     return " ".join(map(str, values))
 
 

@@ -176,7 +176,7 @@ class Memory:
 def remember(session: Session) -> Memory:
     """Read the variables and flags the operator has named, and the bench program's.
 
-    Raises TargetError if the unit does not tell them.
+    Raises TargetError if the unit does not tell them, or if a program uses them.
     """
     run = session.run
     stride = int(run.readings.get("data_address_stride", 1))
@@ -186,6 +186,8 @@ def remember(session: Session) -> Memory:
         grounds.append(range(address + PROGRAM_BLOCK.start, address + PROGRAM_BLOCK.stop))
         orders = range(flag, flag + PROGRAM_FLAGS)
     units = {session.address: _held(Bench(session), grounds, [*flags, *orders], stride)}
+    if not session.target.is_builtin:
+        _refuse_what_moves(Bench(session), units[session.address], run.flags)
     for unit in session.neighbours:
         with contextlib.suppress(TargetError):  # who does not answer is not there
             units[unit] = _held(Bench(session, unit), grounds, [*flags, *orders], stride)
@@ -200,6 +202,22 @@ def _held(bench: Bench, grounds: Iterable[range], flags: Iterable[int], stride: 
         held.values |= {at: bench.read(at) for at in values}
     held.flags = _flags(bench, list(flags))
     return held
+
+
+def _refuse_what_moves(bench: Bench, held: Held, flags: range) -> None:
+    """Raise TargetError for what changes while nobody writes it: it is a program's, and what was
+    written there might work the machine."""
+    said = "; name only what no program uses"
+    first = min(held.blocks, default=0)
+    for at in (one for one in held.blocks if (one - first) % SAFE_BLOCK == 0):
+        if bench.read_block(at) != held.blocks[at]:
+            raise TargetError(f"a value behind address {at} changes by itself (--variables){said}")
+    for at, value in held.values.items():
+        if bench.read(at) != value:
+            raise TargetError(f"the value at {at} changes by itself (--variables){said}")
+    for number, is_on in _flags(bench, list(flags)).items():
+        if is_on != held.flags[number]:
+            raise TargetError(f"flag {number} changes by itself (--flags){said}")
 
 
 def layout(ground: range, stride: int) -> tuple[range, range]:
