@@ -144,6 +144,7 @@ def test_requests_are_put_into_words() -> None:
         "1: SFLAG, 200, block 1234h"
     )
     assert codec.explain_request(b"\x02\x01") == "2 bytes: 02 01"
+    assert codec.explain_request(b"") == "nothing sent"
     block = codec.explain_request(codec.packet(1, codec.bwrite(2048, range(32))))
     assert block.startswith("1: BWRITE, 2048 = 0 1 2 ")
 

@@ -308,6 +308,8 @@ def _whole(data: bytes) -> int:
 
 def explain_request(data: bytes) -> str:
     """Put what the host has sent into words."""
+    if not data:
+        return "nothing sent"
     if data in _SIGNS:
         return _SIGNS[data]
     one = parse(data)
