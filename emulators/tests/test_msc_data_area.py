@@ -1,6 +1,7 @@
 """The data area: values, bytes, strides, its end, and what is kept of it."""
 
 import struct
+from collections.abc import Sequence
 from typing import Any
 
 import pytest
@@ -17,6 +18,12 @@ VALUES = st.integers(-(1 << 31), (1 << 31) - 1)
 def area(**quirks: Any) -> DataArea:
     """A data area of 1024 addresses, small enough to reach its end."""
     return DataArea(parse_quirks({"data_size": 1024, **quirks}))
+
+
+def write_block(data: DataArea, address: int, values: Sequence[int]) -> None:
+    """Store ``values`` from ``address`` on, as BWRITE does."""
+    for place, value in zip(data.block_places(address, len(values)), values, strict=True):
+        data.put(place, value)
 
 
 class Bytes:
@@ -68,7 +75,7 @@ def test_values_of_a_block_are_one_stride_apart(stride: int) -> None:
     data = area(data_address_stride=stride)
     values = [n * -70_000_000 for n in range(32)]
     data.write(400 + 32 * stride, 5)
-    data.write_block(400, values)
+    write_block(data, 400, values)
     assert data.read_block(400) == values
     assert [data.read(400 + n * stride) for n in range(33)] == [*values, 5]
 
@@ -96,7 +103,7 @@ def test_an_address_beyond_the_end_may_read_zero_or_wrap() -> None:
     data = area(data_out_of_range="zero")
     data.write(1024, 5)
     assert (data.read(1024), data.read(0), data.read_block(5000)) == (0, 0, [0] * 32)
-    data.write_block(5000, [7] * 32)
+    write_block(data, 5000, [7] * 32)
     assert data.cells() == {}
     data = area(data_out_of_range="wrap")
     data.write(1024 + 8, 5)
@@ -109,11 +116,11 @@ def test_a_block_over_the_end_may_be_cut_or_wrap() -> None:
     """MSC-AMB-21."""
     values = list(range(1, 33))
     data = area(block_overrun="partial")
-    data.write_block(1024 - 8, values)
+    write_block(data, 1024 - 8, values)
     assert data.cells() == {"data_03F8": 1, "data_03FC": 2}
     assert data.read_block(1024 - 8) == [1, 2] + [0] * 30
     data = area(block_overrun="wrap")
-    data.write_block(1024 - 8, values)
+    write_block(data, 1024 - 8, values)
     assert data.read_block(1024 - 8) == values
     assert (data.read(0), data.read(29 * 4)) == (3, 32)
 
@@ -126,7 +133,7 @@ def test_a_misaligned_address_may_be_refused_or_rounded_down() -> None:
     data = area(data_misaligned="round_down")
     data.write(11, 5)
     assert data.read(8) == data.read(9) == 5
-    data.write_block(7, [1] * 32)
+    write_block(data, 7, [1] * 32)
     assert data.read(4) == 1
 
 

@@ -161,8 +161,3 @@ class Bench:
     def clear_flag(self, number: int) -> Exchange:
         """Turn a flag off; never sent twice."""
         return self.command(codec.cflag(number))
-
-
-def bench_of(session: Session) -> Bench:
-    """The unit under test."""
-    return Bench(session)

@@ -76,13 +76,8 @@ class DataArea:
         places = self.block_places(address)
         return [self.peek(place) if place >= 0 else 0 for place in places]
 
-    def write_block(self, address: int, values: Sequence[int]) -> None:
-        """Store ``values`` one after another from ``address`` on (MSC-BWRITE-02)."""
-        for place, value in zip(self.block_places(address, len(values)), values, strict=True):
-            self.put(place, value)
-
     def block_places(self, address: int, count: int = BLOCK_VALUES) -> Sequence[int]:
-        """Where each value of a block belongs, -1 for nowhere."""
+        """Where each value of a block belongs, one by one; -1 for nowhere (MSC-BWRITE-02)."""
         first = self._place(address)
         assert first is not None, f"{address} is to be refused"
         if first < 0:
