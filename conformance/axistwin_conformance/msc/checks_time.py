@@ -263,21 +263,7 @@ def a_reply_without_answer_comes_again(session: Session) -> None:
     (T2 in WAIT)"""
     link = Link(session)
     first = link.unanswered()
-    last_ns, repeats = session.target.now_ns, 0
-    limit_s = link.ack_timeout_s * 1.5 + link.glance_s
-    while repeats <= link.limit:
-        again, strays = link.talk.hear_packet(limit_s)
-        if again is None and not strays:
-            break
-        is_same = again is not None and not strays and link.is_same(again, first)
-        told = f"{first.raw.hex(' ')} again"
-        session.expect(is_same, "MSC-LNK-10", told, again or strays.hex(" "))
-        due, came_ns = link.repeat_window(last_ns, len(first.raw)), session.target.now_ns
-        session.expect(
-            came_ns in due, "MSC-LNK-12", f"the repeat {due.since(last_ns)}",
-            f"after {(came_ns - last_ns) / MS:.1f} ms",
-        )  # fmt: skip
-        last_ns, repeats = came_ns, repeats + 1
+    repeats = _repeats_by_time_out(link, first)
     action = "retransmit" if repeats else _without_repeats(link)
     session.quirk("MSC-LNK-12", "ack_timeout_action", action)
     if repeats:
@@ -292,6 +278,28 @@ def a_reply_without_answer_comes_again(session: Session) -> None:
         session.not_run("MSC-LNK-09", told)
         session.not_run("MSC-LNK-10", told)
     link.alive(("MSC-LNK-13", "MSC-LNK-08"))
+
+
+def _repeats_by_time_out(link: Link, first: codec.Packet, repeats: int = 0) -> int:
+    """Say nothing until no more repeats come, and judge each one's bytes and time; return their
+    number, with those that have come before."""
+    session = link.session
+    last_ns = session.target.now_ns
+    limit_s = link.ack_timeout_s * 1.5 + link.glance_s
+    while repeats <= link.limit:
+        again, strays = link.talk.hear_packet(limit_s)
+        if again is None and not strays:
+            break
+        is_same = again is not None and not strays and link.is_same(again, first)
+        told = f"{first.raw.hex(' ')} again"
+        session.expect(is_same, "MSC-LNK-10", told, again or strays.hex(" "))
+        due, came_ns = link.repeat_window(last_ns, len(first.raw)), session.target.now_ns
+        session.expect(
+            came_ns in due, "MSC-LNK-12", f"the repeat {due.since(last_ns)}",
+            f"after {(came_ns - last_ns) / MS:.1f} ms",
+        )  # fmt: skip
+        last_ns, repeats = came_ns, repeats + 1
+    return repeats
 
 
 def _without_repeats(link: Link) -> tuple[str, ...] | str:
@@ -313,17 +321,6 @@ def refusals_and_time_outs_share_one_limit(session: Session) -> None:
     first = link.unanswered()
     for number in range(1, 4):
         session.step(link.refuse() is not None, f"repeat {number}", "nothing")
-    last_ns, repeats = session.target.now_ns, 3
-    limit_s = link.ack_timeout_s * 1.5 + link.glance_s
-    while repeats <= link.limit:
-        again, strays = link.talk.hear_packet(limit_s)
-        if again is None and not strays:
-            break
-        is_same = again is not None and not strays and link.is_same(again, first)
-        session.expect(is_same, "MSC-LNK-10", "the packet again", again or strays.hex(" "))
-        due, came_ns = link.repeat_window(last_ns, len(first.raw)), session.target.now_ns
-        told = f"after {(came_ns - last_ns) / MS:.1f} ms"
-        session.expect(came_ns in due, "MSC-LNK-12", f"{due.since(last_ns)}", told)
-        last_ns, repeats = came_ns, repeats + 1
+    repeats = _repeats_by_time_out(link, first, 3)
     session.expect(repeats == link.limit, "MSC-LNK-09", f"{link.limit} repeats", repeats)
     link.alive("MSC-LNK-13")
