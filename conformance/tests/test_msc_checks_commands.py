@@ -215,6 +215,8 @@ FAULTS: list[tuple[str, Callable[[], Controller], str]] = [
     ("reading_changes_nothing", twisted(dread=counts_reads), "MSC-DREAD-04"),
     ("reading_changes_nothing", twisted(bread=block_counts_reads), "MSC-DREAD-04"),
     ("reading_changes_nothing", answers("BREAD", lambda one: b"\x01" + one[1:]), "MSC-BREAD-04"),
+    ("what_was_written_outlasts_its_reads", twisted(dread=counts_reads), "MSC-DREAD-04"),
+    ("what_was_written_outlasts_its_reads", twisted(bread=block_counts_reads), "MSC-BREAD-04"),
     (
         "an_address_has_sixteen_bits",
         refuses("DREAD", lambda one: 0x2C in one.payload),

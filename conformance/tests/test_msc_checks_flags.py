@@ -267,6 +267,31 @@ class Stuck(Controller):
         return super().turn(number, on=on)
 
 
+class Forced(Controller):
+    """SFLAG and CFLAG of inputs work until the next scan."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.turned: dict[int, bool] = {}
+
+    def turn(self, number: int, *, on: bool) -> bytes | None:
+        """Remembers what was there."""
+        self.turned.setdefault(number, number in self.machine)
+        return forced(self, number, on=on)
+
+    def work(self, number: int, on: bool) -> None:
+        """What the machine does is there from now on."""
+        self.turned.pop(number, None)
+        super().work(number, on)
+
+    def pass_by(self, now_ns: int) -> None:
+        """Lets inputs follow the machine again."""
+        for number, was_on in self.turned.items():
+            (self.machine.add if was_on else self.machine.discard)(number)
+        self.turned.clear()
+        super().pass_by(now_ns)
+
+
 class Unstoppable(Controller):
     """Its program goes on with bit 0 off."""
 
@@ -330,6 +355,7 @@ FAULTS: list[tuple[str, Callable[[], Controller], str]] = [
     ("a_flag_of_the_machine_follows_the_machine", twisted(work=inverted), "MSC-RFLAG-01"),
     ("flags_of_the_machine_read_alike_both_ways", answers("RFLAGS", mirrored), "MSC-RFLAGS-02"),
     (HOST, Stuck, "MSC-FLG-03"),
+    (HOST, twisted(turn=forced), "MSC-FLG-03"),
     (HOST, twisted(turn=changed_yet_refused), "MSC-SFLAG-03"),
 ]  # fmt: skip
 
@@ -349,7 +375,7 @@ def test_a_fault_fails_what_it_breaks(
     ("name", "make", "switch", "reading"),
     [
         (WHOLE, twisted(bwrite=torn_now_and_then), "bwrite_atomic", "false"),
-        (HOST, twisted(turn=forced), "flag_write_readonly", "force"),
+        (HOST, Forced, "flag_write_readonly", "force"),
         (STATUS, twisted(rqstat=status_of(6)), "status_tail", "4"),
     ],
     ids=lambda one: one if isinstance(one, str) else "",

@@ -87,6 +87,23 @@ def reading_changes_nothing(session: Session) -> None:
         session.expect(second == block, "MSC-DREAD-04", codec.listed(block), codec.listed(second))
 
 
+@check("MSC-DREAD-04", "MSC-BREAD-04", safety="stored", needs=("variables",))
+def what_was_written_outlasts_its_reads(session: Session) -> None:
+    """Blocks that were written, no value of them 0, are told alike by every look at them, value by
+    value and block by block."""
+    unit = Controller(session)
+    blocks = unit.some_blocks(3)
+    for address in blocks:
+        unit.write_block(address, unit.values(BLOCK_VALUES))
+    first: dict[int, tuple[list[int], tuple[int, ...]]] = {}
+    for address in (*blocks, *blocks):
+        singles = [unit.read(place) for _, place in unit.within_block(address)]
+        look = singles, unit.read_block(address)
+        names = ("MSC-DREAD-04", "MSC-BREAD-04")
+        told = f"what the first look at {address} told"
+        session.expect(first.setdefault(address, look) == look, names, told, "something else")
+
+
 @check("MSC-DREAD-01", "MSC-BREAD-01", needs=("variables",))
 def an_address_has_sixteen_bits(session: Session) -> None:
     """DREAD and BREAD take any of the named addresses as two bytes, bytes that are signs of the

@@ -101,6 +101,22 @@ def a_value_counts_its_reads(patch: MonkeyPatch) -> None:
     _on(patch, b"DREAD", act)
 
 
+@msc_mutant("MSC-DREAD-04")
+def a_value_is_taken_out_by_its_read(patch: MonkeyPatch) -> None:
+    """A DREAD leaves 0 behind."""
+
+    def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
+        verdict, place = go(), _address(body)
+        build = verdict.reply
+        if build is None or place > 5120:
+            return verdict
+        reply = build(now)
+        unit._data.write(place, 0)
+        return verdict._replace(reply=lambda when: reply)
+
+    _on(patch, b"DREAD", act)
+
+
 @msc_mutant("MSC-BREAD-04")
 def a_block_begins_with_the_number_of_its_reads(patch: MonkeyPatch) -> None:
     """The first of BREAD's values is one more each time."""

@@ -291,7 +291,7 @@ def an_address_is_written_to_low_byte_first(patch: MonkeyPatch) -> None:
     bodies(patch, act)
 
 
-@msc_mutant("MSC-DREAD-02", traps=(6,))
+@msc_mutant("MSC-PKT-14", "MSC-DREAD-02", traps=(6,))
 def values_go_low_byte_first_both_ways(patch: MonkeyPatch) -> None:
     """What the host writes it reads, but the program sees another number, and the host the
     program's."""
