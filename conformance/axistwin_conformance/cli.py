@@ -12,6 +12,7 @@ import errno
 import json
 import os
 import re
+import shlex
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -365,7 +366,8 @@ def _write_profile(engine: Engine, path: Path, is_json: bool) -> None:
         return
     options = engine.options
     heading = (
-        f"Readings of a {options.model} as detected by\n{options.command}\n"
+        f"Readings of a {options.model} as detected by\n"
+        f"{options.command} --detect {shlex.quote(str(path))}\n"
         "What is a comment is the default, confirmed, or not known."
     )
     try:

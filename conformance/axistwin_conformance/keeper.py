@@ -115,12 +115,14 @@ class Keeper:
         """Stop and put back on the way out, whichever it is, once anything but passive has run."""
         if run.memory is None or run.target.crash:
             return
+        has_axis = run.family.has_axis
+        deed = "stop the axis or put its parameters back" if has_axis else "put back what it held"
         try:
             self.settle(run)
         except TargetError as error:
-            self.trouble(f"could not stop the axis or put its parameters back: {error}")
+            self.trouble(f"could not {deed}: {error}")
         except Exception as error:  # nothing may keep the port from being closed
-            self.trouble(f"could not stop the axis or put its parameters back: {describe(error)}")
+            self.trouble(f"could not {deed}: {describe(error)}")
 
     # --- between checks --------------------------------------------------------------------------
 
@@ -139,7 +141,7 @@ class Keeper:
         try:
             run.memory = run.family.remember(session)
         except TargetError as error:
-            self.unremembered = f"the parameters to put back could not be read: {error}"
+            self.unremembered = f"what is to be put back could not be read: {error}"
             self.trouble(self.unremembered)
             self.accuse(session, "remember")
             if run.target.crash and not self.revive(run):

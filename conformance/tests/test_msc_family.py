@@ -172,6 +172,18 @@ def test_what_cannot_be_put_back_is_told() -> None:
     assert told == ("the value at 1396 was 0", "flag 131 was off")
 
 
+def test_a_run_does_not_write_to_what_a_program_uses() -> None:
+    """The checks that only read are judged, the others are not, and it is said why."""
+    words = ["--port", "axistwin://msc-250?time=virtual&program=bench", "--allow", "stored"]
+    result = CliRunner().invoke(
+        conform, ["msc-250", *words, "--variables", "6144-6271", "MSC-DWRITE-04", "MSC-RQSTAT-01"]
+    )
+    assert result.exit_code == 4, result.output
+    told = "what is to be put back could not be read: a value behind address 6144 changes by itself"
+    assert f"problem: {told} (--variables); name only what no program uses" in result.output
+    assert "MSC-RQSTAT-01  pass" in result.output
+
+
 @pytest.mark.parametrize(
     ("ground", "told"),
     [

@@ -105,6 +105,7 @@ def test_detect_alone_judges_nothing_and_writes_the_profile(tmp_path: Path) -> N
     assert load_profile(path, "mac23", LEDGER) == {"zero_catchup": "refuse"}
     assert '# xon_byte = "1Ah"  # MACS-AMB-01' in text  # confirmed, and why
     assert "# ramp_law: MACS-AMB-42: not allowed: motion (--allow motion)" in text
+    assert f"--seed 0 --detect {path}\n" in text  # the command that asks again
 
 
 def test_detection_does_no_more_than_the_checks_asked_for() -> None:
