@@ -169,7 +169,7 @@ class Player(ABC):
         run = self.begin()
         if is_plotted:
             self.watched(run)
-            self.session.note(f"here {len(operations)} operations begin")
+            self.session.note(f"operations begin here: {len(operations)}")
         mismatch = None
         try:
             run.play(b"".join(operations))
