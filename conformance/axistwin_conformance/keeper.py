@@ -260,8 +260,10 @@ class Keeper:
         self.trouble(reason)
 
     def trouble(self, text: str) -> None:
-        """Take note of a reason not to trust the run that belongs to no requirement."""
-        self.problems.append(text)
+        """Take note of a reason not to trust the run that belongs to no requirement; the same one
+        after many checks is one problem."""
+        if text not in self.problems:
+            self.problems.append(text)
         self.tell(events.Note(text))
 
     def note_retries(self, session: Session) -> None:

@@ -227,7 +227,8 @@ def _obstacle_of_probe(probe: Probe, options: Options, to_run: Sequence[Check]) 
 
 def _obstacle(check: Check, options: Options) -> str:
     """Say why a check will not run; empty if it will."""
-    forbidden = [name for name in check.safety if name not in options.allowed]
+    beyond = set(check.safety) - options.allowed
+    forbidden = [name for name in SAFETY_CLASSES if name in beyond]  # told in one order
     if forbidden:
         return f"not allowed: {', '.join(forbidden)} (--allow {','.join(forbidden)})"
     if LEVELS.index(check.level) > LEVELS.index(options.level):
