@@ -66,6 +66,7 @@ def test_nobody_there_is_told_with_the_remedy() -> None:
     session = session_of(port, address=4)
     with pytest.raises(TargetError, match="as unit 4 at 9600 baud: nothing comes; try another"):
         FAMILY.probe(session)
+    assert session.target.now_ns < 13e9  # soon enough for who has taken the wrong port
 
 
 def test_nobody_there_at_another_rate_is_told_the_right_one() -> None:

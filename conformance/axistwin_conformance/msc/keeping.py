@@ -146,7 +146,8 @@ def stop(session: Session) -> None:
         last is not None and last.is_request and last.name in codec.WRITES
     )
     if not is_over:
-        Bench(session).talk.settle()
+        request, said = session.last_exchange()
+        Bench(session).talk.settle(after=Exchange(request, said) if request else None)
 
 
 # --- what to put back -----------------------------------------------------------------------------
