@@ -239,14 +239,15 @@ class PortRig(Rig):
 
 
 def judge(
-    name: str, port: Controller, *, is_twin: bool = True, lacks: frozenset[str] = frozenset(),
-    readings: dict[str, str] | None = None, **how: Any,
+    name: str, port: Controller, *, is_twin: bool = True, is_builtin: bool = False,
+    lacks: frozenset[str] = frozenset(), readings: dict[str, str] | None = None, **how: Any,
 ) -> tuple[Finding, ...]:  # fmt: skip
     """Run one check on that controller, as the engine would."""
     check = next(one for one in FAMILY.checks() if one.name == name)
     session = session_on(port, check, allowed=frozenset(SAFETY_CLASSES), **how)
     session.run.readings.update(readings or {})
     session.run.rig = PortRig(session, port, lacks)
+    session.target.is_builtin = is_builtin
     if is_twin:
         session.target.description = "axistwin://a-small-one?time=virtual"
 

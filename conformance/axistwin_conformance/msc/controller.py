@@ -57,6 +57,17 @@ class Controller(Link):
         first = _up(self.variables.start, SAFE_STRIDE)
         return range(first, self.variables.stop - SAFE_BLOCK + 1, SAFE_BLOCK)
 
+    def may_be_moved(self, address: int) -> None:
+        """Give up where a program may have written between two reads: only of the built-in twin it
+        is known that none uses what is named."""
+        if not self.session.target.is_builtin:
+            self.session.inconclusive(
+                None,
+                f"what is read at {address} changes: a program uses it, or reading changes it; name"
+                " addresses that no program uses (--variables), or have them written too"
+                " (--allow stored)",
+            )
+
     def some_flags(self, count: int) -> list[int]:
         """So many of the named flags, drawn likewise."""
         flags = self.flags_free
