@@ -257,8 +257,7 @@ def test_a_fault_fails_what_it_breaks(
 
 @pytest.mark.parametrize("twist", [{"dread": counts_reads}, {"bread": block_counts_reads}])
 def test_what_moves_by_itself_may_be_a_programs(twist: dict[str, Any]) -> None:
-    """On a built-in twin nobody else uses it, and reading has changed it; elsewhere nobody knows
-    which, so that there is no verdict."""
+    """On a built-in twin reading has changed it; elsewhere nobody knows: there is no verdict."""
     make = twisted(**twist)
     assert "MSC-DREAD-04" in failed(judge("reading_changes_nothing", make(), is_builtin=True))
     findings = judge("reading_changes_nothing", make())

@@ -6,7 +6,7 @@ import inspect
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
 from typing import Final, TypeAlias
 
 from axistwin.errors import UsageError, nearest
@@ -58,13 +58,22 @@ def _run(path: Path) -> ModuleType:
     sys.modules[module.__name__] = module  # as dataclasses and pickles want it
     try:
         with _importable(path.parent):
-            exec(compile(source, str(path), "exec"), vars(module))
+            exec(_compiled(source, str(path)), vars(module))
     except SyntaxError as error:
         place = f"{error.filename or path}:{error.lineno}" if error.lineno else str(path)
         raise UsageError(f"program {place}: {error.msg}") from error
     except (Exception, SystemExit) as error:
         raise UsageError(f"program {located(error)}") from error
     return module
+
+
+def _compiled(source: bytes, path: str) -> CodeType:
+    """The code in ``source``; whatever is wrong with it is a SyntaxError, as from Python 3.11.4 on:
+    before, a NUL was a ValueError."""
+    try:
+        return compile(source, path, "exec")
+    except ValueError as error:
+        raise SyntaxError(str(error)) from error
 
 
 @contextlib.contextmanager
