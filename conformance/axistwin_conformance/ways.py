@@ -41,6 +41,11 @@ class Way:
             return in_hex(data)
         return " ".join(one.candump for one in unpack_all(data))
 
+    def twin_url(self, model: str, address: int, neighbours: tuple[int, ...]) -> str:
+        """The built-in twin, in virtual time, with its neighbours on one line or bus."""
+        devices = ",".join(f"{model}:{one}" for one in (address, *neighbours))
+        return f"{self.twin}{devices}?time=virtual"
+
     @property
     def rate_parameter(self) -> str:
         """What the URL of a twin calls the rate."""

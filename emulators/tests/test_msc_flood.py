@@ -20,29 +20,13 @@ from msc_bench import (
     rflags,
     rqstat,
 )
+from mutated_bytes import mutated
 
 import axistwin as _axistwin  # noqa: F401  registers the URL scheme
 from axistwin.devices.msc.packets import body_length, is_sum_right, packet
 
 TOTAL_BYTES = 10_000_000
 REPLY_NAMES = (b"BREAD", b"DREAD", b"RFLAG", b"RFLAGS", b"RQSTAT")
-
-
-def mutated(raw: bytes, rng: random.Random) -> bytes:
-    """``raw`` with none to three bytes changed, dropped, doubled or inserted."""
-    data = bytearray(raw)
-    for _ in range(rng.randint(0, 3)):
-        place = rng.randrange(len(data))
-        kind = rng.randrange(4)
-        if kind == 0:
-            data[place] = rng.randrange(256)
-        elif kind == 1:
-            del data[place]
-        elif kind == 2:
-            data.insert(place, data[place])
-        else:
-            data.insert(place, rng.randrange(256))
-    return bytes(data)
 
 
 def any_packet(rng: random.Random) -> bytes:

@@ -137,12 +137,6 @@ def explain(record: Record) -> str:
     return "; ".join(codec.explain(frame) for frame in unpack_all(record.data))
 
 
-def twin_url(model: str, address: int, neighbours: tuple[int, ...]) -> str:
-    """The built-in twin, in virtual time, with its neighbours on one bus."""
-    devices = ",".join(f"{model}:{one}" for one in (address, *neighbours))
-    return f"axistwin:{devices}?time=virtual"
-
-
 def open_bus(url: str, rate: int | None, *, is_builtin: bool = False) -> CanTarget:
     """Open INTERFACE:CHANNEL, at that bit rate if one is given; the built-in twin on a bus of its
     own, however many of its kind are open in this process."""
@@ -212,7 +206,7 @@ FAMILY: Final = Family(
     remember=remember,
     restore=restore,
     explain=explain,
-    twin_url=twin_url,
+    twin_url=BUS.twin_url,
     open=open_bus,
     guard=guard,
     fence=fence,

@@ -29,6 +29,7 @@ from axistwin_conformance.registry import Family, Identity, Model
 from axistwin_conformance.session import ATTEMPTS, Run, Session
 from axistwin_conformance.targets import Target, open_target
 from axistwin_conformance.transcript import Direction, Record
+from axistwin_conformance.ways import LINE
 
 FACTORY_BAUD: Final = 38400  # MACS-LINE-01
 BAUDS: Final = (9600, 19200, 38400)  # MACS-CMD-1B-01
@@ -136,12 +137,6 @@ def explain(record: Record) -> str:
     return codec.explain(record.data)
 
 
-def twin_url(model: str, address: int, neighbours: tuple[int, ...]) -> str:
-    """The built-in twin, in virtual time, with its neighbours on one line."""
-    devices = ",".join(f"{model}:{one}" for one in (address, *neighbours))
-    return f"axistwin://{devices}?time=virtual"
-
-
 def open_line(url: str, rate: int | None, *, is_builtin: bool = False) -> Target:
     """Open a port at that rate, or at the factory's."""
     return open_target(url, rate or FACTORY_BAUD, is_builtin=is_builtin)
@@ -185,7 +180,7 @@ FAMILY: Final = Family(
     remember=remember,
     restore=restore,
     explain=explain,
-    twin_url=twin_url,
+    twin_url=LINE.twin_url,
     open=open_line,
     guard=guard,
     fence=fence,

@@ -17,6 +17,7 @@ from axistwin_conformance.rig import OF_A_CONTROLLER
 from axistwin_conformance.session import Session
 from axistwin_conformance.targets import Target, open_target
 from axistwin_conformance.transcript import Direction, Record
+from axistwin_conformance.ways import LINE
 
 BAUD: Final = 9600  # MSC-PHY-01
 TWIN_GROUNDS: Final = Grounds(range(1024, 5120), range(128, 192), (240, 6144))
@@ -55,8 +56,7 @@ def explain(record: Record) -> str:
 def twin_url(model: str, address: int, neighbours: tuple[int, ...]) -> str:
     """The built-in twin, in virtual time, with its neighbours on one line and the bench program in
     each of them."""
-    devices = ",".join(f"{model}:{one}" for one in (address, *neighbours))
-    return f"axistwin://{devices}?time=virtual&program=bench"
+    return f"{LINE.twin_url(model, address, neighbours)}&program=bench"
 
 
 def disturbs(readings: Mapping[str, str]) -> bool:

@@ -4,9 +4,10 @@
 (a wrong sum is told as such) and never fails: what is no frame is shown as hex.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 from axistwin.devices.mac.framing import ANY_CASE, GENERAL_ADDRESS, REQUEST_BYTES, STX, checksum
+from axistwin.devices.words import in_words, spaced
 
 _ANSWER_BYTES = 21
 
@@ -101,45 +102,26 @@ def _measures(data: bytes) -> str:
     return ", ".join((raw, *(name for name in names if name)))
 
 
-def _spaced(data: bytes) -> str:
-    return data.hex(" ").upper()
-
-
 _ANSWERS: dict[str, tuple[str, Callable[[bytes], str]]] = {
     "0": ("20h position", lambda d: str(_signed(d))),
-    "1": ("21h status", _spaced),
+    "1": ("21h status", spaced),
     "2": ("22h superior stop", lambda d: str(_signed(d))),
     "3": ("23h inferior stop", lambda d: str(_signed(d))),
     "4": ("24h release", lambda d: d.hex().upper()),
     "5": ("25h speeds", _speeds),
     "6": ("26h modes", _modes),
     "7": ("27h measures", _measures),
-    "8": ("28h RAM", _spaced),
-    "9": ("29h EEPROM", _spaced),
+    "8": ("28h RAM", spaced),
+    "9": ("29h EEPROM", spaced),
 }
 
 
 def explain(data: bytes) -> str:
     """What ``data`` (one or more frames, either direction) says, in one line."""
-    return "; ".join(_parts(bytes(data)))
+    return "; ".join(in_words(bytes(data), _frame_at))
 
 
-def _parts(data: bytes) -> Iterator[str]:
-    """The frames in ``data`` one by one; stretches that are none as hex."""
-    at = junk = 0
-    while at < len(data):
-        text, length = _frame_at(data, at)
-        if length:
-            if junk < at:
-                yield _spaced(data[junk:at])
-            yield text
-            junk = at + length
-        at += length or 1
-    if junk < len(data):
-        yield _spaced(data[junk:])
-
-
-def _frame_at(data: bytes, at: int) -> tuple[str, int]:
+def _frame_at(data: bytes, at: int, _follows: bool) -> tuple[str, int]:
     """The text and length of the frame that begins at ``at``; length 0 if none does."""
     first = data[at]
     if first == STX[0]:
@@ -187,7 +169,7 @@ def query_in_words(index: int) -> str:
 
 def value_in_words(index: int, data: bytes) -> str:
     """The four bytes that query ``index`` was answered with."""
-    _, say = _ANSWERS.get(f"{index - 0x20:X}", ("", _spaced))
+    _, say = _ANSWERS.get(f"{index - 0x20:X}", ("", spaced))
     return say(data)
 
 
@@ -202,7 +184,7 @@ def _answer(frame: bytes) -> str:
     digit = chr(frame[8])
     if len(fields) != 4 or digit not in "0123456789ABCDEF":
         return ""
-    name, say = _ANSWERS.get(digit, (f"2{digit}h", _spaced))
+    name, say = _ANSWERS.get(digit, (f"2{digit}h", spaced))
     right = checksum(frame[6:17])
     doubt = "" if frame[17:19] == right else f" [checksum wrong, {right.decode()} is right]"
     address = ANY_CASE[frame[6:8]]

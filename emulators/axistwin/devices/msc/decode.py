@@ -5,7 +5,7 @@ It judges what it sees (a wrong sum is told as such) and never fails: what is no
 hex.  The direction is not in the bytes: RFLAG asks for flag 1 with the very bytes that answer "on".
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from struct import iter_unpack
 
 from axistwin.devices.msc.packets import (
@@ -21,6 +21,7 @@ from axistwin.devices.msc.packets import (
     is_sum_right,
 )
 from axistwin.devices.msc.status import StatusBit
+from axistwin.devices.words import in_words, spaced
 
 _SIGNS = {ACK: "ACK", NAK: "NAK"}
 
@@ -30,29 +31,14 @@ _SHOWN_MAX = 4
 
 def explain(data: bytes) -> str:
     """What ``data`` (one or more packets, either direction) says, in one line."""
-    return "; ".join(_parts(bytes(data)))
+    return "; ".join(in_words(bytes(data), _part_at))
 
 
-def _parts(data: bytes) -> Iterator[str]:
-    """Packets and characters in ``data`` one by one; stretches that are neither as hex.
+def _part_at(data: bytes, at: int, is_sign: bool) -> tuple[str, int]:
+    """The text and length of what begins at ``at``; length 0 if nothing does.
 
-    06h and 15h in the middle of such a stretch are no answers.
+    06h and 15h in the middle of a stretch that is no part are no answers.
     """
-    at = junk = 0
-    while at < len(data):
-        text, length = _part_at(data, at, is_sign=at == junk)
-        if length:
-            if junk < at:
-                yield _spaced(data[junk:at])
-            yield text
-            junk = at + length
-        at += length or 1
-    if junk < len(data):
-        yield _spaced(data[junk:])
-
-
-def _part_at(data: bytes, at: int, *, is_sign: bool) -> tuple[str, int]:
-    """The text and length of what begins at ``at``; length 0 if nothing does."""
     first = data[at]
     if is_sign and first in _SIGNS:
         return _SIGNS[first], 1
@@ -72,7 +58,7 @@ def _packet(raw: bytes) -> str:
     say = _SAID.get(name) if comma else None
     text = say(values) if say is not None else ""
     if say is None or (values and not text):
-        told = f"body {_spaced(body)}" if body else "no body"
+        told = f"body {spaced(body)}" if body else "no body"
     else:
         told = f"{name.decode()}{' ' if text else ''}{text}"
     notes = [f"unit {raw[1]}" if raw[1] in UNITS else f"unit {raw[1]}, which is none"]
@@ -158,7 +144,3 @@ _SAID: dict[bytes, Callable[[bytes], str]] = {
     b"RQSTAT": _rqstat,
     b"SFLAG": _flag,
 }
-
-
-def _spaced(data: bytes) -> str:
-    return data.hex(" ").upper()
