@@ -115,16 +115,20 @@ def make_options(
 
 
 def _with_rig(options: Options, kind: str | None, command: str | None) -> Options:
-    """The options with the rig that was chosen."""
+    """The options with the rig that was chosen.  A program that nobody has named may be the one
+    that works the machine: no rig stops or starts it."""
     from axistwin_conformance.rig import choose_rig
 
+    able = options.family.capabilities
+    if options.grounds.program is None:
+        able -= {"program"}
     choice = choose_rig(
         kind,
         command,
         options.url,
         is_allowed="rig" in options.allowed,
         way=options.family.way,
-        capabilities=options.family.capabilities,
+        capabilities=able,
     )
     return replace(options, rig=choice)
 

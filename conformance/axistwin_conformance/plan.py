@@ -201,6 +201,7 @@ def _nothing_to_soak(reasons: Sequence[tuple[Check, str]]) -> str:
     return f"--level {SOAK} repeats the random sequences, and none will run: {told}"
 
 
+RIG_PROGRAM = f"{RIG}program"  # of a program that is known: see asked
 UNITS = {"h": 3600.0, "m": 60.0, "s": 1.0}
 
 
@@ -236,6 +237,8 @@ def _obstacle(check: Check, options: Options) -> str:
     if "destructive" in check.safety and not options.is_twin and not _is_named(check, options):
         return "destructive: only if named, by its name or by the whole ID of a requirement"
     missing = [name for name in check.needs if name not in options.provided]
+    if RIG_PROGRAM in missing and options.grounds.program is None:
+        missing = ["program", *(name for name in missing if name not in (RIG_PROGRAM, "program"))]
     reasons = [NEEDS[name] for name in missing if not name.startswith(RIG)]
     rig = [CAPABILITIES[name.removeprefix(RIG)] for name in missing if name.startswith(RIG)]
     if rig:

@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from axistwin_conformance.cli import conform, make_options
+from axistwin_conformance.engine import Engine
 from axistwin_conformance.errors import UsageError
 from axistwin_conformance.plan import Options
 from axistwin_conformance.registry import NO_GROUNDS, Grounds, check, find_family
@@ -89,6 +90,20 @@ def test_a_controller_has_no_eeprom_to_be_spared() -> None:
     """An option that would be without effect is a mistake."""
     with pytest.raises(UsageError, match="--eeprom-budget 5: msc-250 has no EEPROM"):
         options(eeprom_budget=5)
+
+
+def test_a_program_that_nobody_has_named_is_neither_stopped_nor_started() -> None:
+    """It may be the one that works the machine; the plan says how to name the bench program."""
+    url = "axistwin://msc-250:1?time=virtual"
+    unnamed = make_options(model="msc-250", port=url, allow="stored,motion,rig")
+    assert "program" not in unnamed.rig.capabilities
+    plan = Engine(unnamed).plan()
+    reasons = [why for one, why in plan.left_out if "rig:program" in one.needs]
+    assert reasons
+    assert all("--bench-program FLAG:ADDRESS" in why for why in reasons)
+    assert not any("starts and stops" in why for why in reasons)
+    named = make_options(model="msc-250", port=url, allow="rig", bench_program=(240, 6144))
+    assert "program" in named.rig.capabilities
 
 
 def test_an_axis_has_no_variables_and_a_controller_no_envelope() -> None:
