@@ -12,6 +12,7 @@ import errno
 import os
 import termios
 import time
+from collections.abc import Callable
 from typing import Protocol
 
 import serial
@@ -249,6 +250,15 @@ def open_target(url: str, baud: int, *, is_builtin: bool = False) -> Target:
             raise
         raise TwinCrashed(f"cannot open {url}: {crash_of(error)}") from error
     return Target(port, url, is_builtin=is_builtin)
+
+
+def line_opener(default_baud: int) -> Callable[..., Target]:
+    """What opens a port at the rate it is given, or at `default_baud`."""
+
+    def open_line(url: str, rate: int | None, *, is_builtin: bool = False) -> Target:
+        return open_target(url, rate or default_baud, is_builtin=is_builtin)
+
+    return open_line
 
 
 def _one_line(error: BaseException) -> str:

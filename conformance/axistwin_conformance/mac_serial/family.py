@@ -27,8 +27,8 @@ from axistwin_conformance.mac_serial.codec import Reply
 from axistwin_conformance.mac_serial.reader import LineReader
 from axistwin_conformance.registry import Family, Identity, Model
 from axistwin_conformance.session import ATTEMPTS, Run, Session
-from axistwin_conformance.targets import Target, open_target
-from axistwin_conformance.transcript import Direction, Record
+from axistwin_conformance.targets import line_opener
+from axistwin_conformance.transcript import told_by
 from axistwin_conformance.ways import LINE
 
 FACTORY_BAUD: Final = 38400  # MACS-LINE-01
@@ -130,18 +130,6 @@ def _indices(data: bytes) -> tuple[int, ...]:
     return tuple(found)
 
 
-def explain(record: Record) -> str:
-    """Put what was said into words."""
-    if record.direction is Direction.HOST:
-        return codec.explain_request(record.data)
-    return codec.explain(record.data)
-
-
-def open_line(url: str, rate: int | None, *, is_builtin: bool = False) -> Target:
-    """Open a port at that rate, or at the factory's."""
-    return open_target(url, rate or FACTORY_BAUD, is_builtin=is_builtin)
-
-
 FAMILY: Final = Family(
     name="mac_serial",
     ledger="mac_serial",
@@ -179,9 +167,9 @@ FAMILY: Final = Family(
     stop=stop,
     remember=remember,
     restore=restore,
-    explain=explain,
+    explain=told_by(codec.explain_request, codec.explain),
     twin_url=LINE.twin_url,
-    open=open_line,
+    open=line_opener(FACTORY_BAUD),
     guard=guard,
     fence=fence,
     writes=writes,

@@ -15,8 +15,8 @@ from axistwin_conformance.msc.safety import DEEDS, objection
 from axistwin_conformance.registry import Family, Grounds, Model
 from axistwin_conformance.rig import OF_A_CONTROLLER
 from axistwin_conformance.session import Session
-from axistwin_conformance.targets import Target, open_target
-from axistwin_conformance.transcript import Direction, Record
+from axistwin_conformance.targets import line_opener
+from axistwin_conformance.transcript import told_by
 from axistwin_conformance.ways import LINE
 
 BAUD: Final = 9600  # MSC-PHY-01
@@ -46,13 +46,6 @@ def guard(session: Session, data: bytes) -> str | None:
     return objection(session, data)
 
 
-def explain(record: Record) -> str:
-    """Put what was said into words."""
-    if record.direction is Direction.HOST:
-        return codec.explain_request(record.data)
-    return codec.explain(record.data)
-
-
 def twin_url(model: str, address: int, neighbours: tuple[int, ...]) -> str:
     """The built-in twin, in virtual time, with its neighbours on one line and the bench program in
     each of them."""
@@ -62,11 +55,6 @@ def twin_url(model: str, address: int, neighbours: tuple[int, ...]) -> str:
 def disturbs(readings: Mapping[str, str]) -> bool:
     """Whether idle units of such readings answer what is said to, or by, another one."""
     return any(readings.get(switch) == reading for switch, reading in SHOUTING)
-
-
-def open_line(url: str, rate: int | None, *, is_builtin: bool = False) -> Target:
-    """Open a port at that rate, or at the only one there is."""
-    return open_target(url, rate or BAUD, is_builtin=is_builtin)
 
 
 FAMILY: Final = Family(
@@ -100,9 +88,9 @@ FAMILY: Final = Family(
     stop=stop,
     remember=remember,
     restore=restore,
-    explain=explain,
+    explain=told_by(codec.explain_request, codec.explain),
     twin_url=twin_url,
-    open=open_line,
+    open=line_opener(BAUD),
     guard=guard,
     capabilities=OF_A_CONTROLLER,
     grounds=TWIN_GROUNDS,
