@@ -3,12 +3,11 @@ twin red (see test_checker_mutants)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import pytest
-from zoo.judge import failed, run
+from checker_faults import Patch, fault, faults_in, judge_red
 
 from axistwin_conformance.msc import (
     bench,
@@ -22,21 +21,6 @@ from axistwin_conformance.msc.link import Link, Window
 from axistwin_conformance.msc.model import UnitModel
 
 MODEL = "msc-250"
-Patch = pytest.MonkeyPatch
-
-
-@dataclass(frozen=True, slots=True)
-class Fault:
-    """A fault of the checker, and the check and requirement that must go wrong with it."""
-
-    plant: Callable[[Patch], None]
-    check: str
-    requirement: str
-
-
-def fault(check: str, requirement: str) -> Callable[[Callable[[Patch], None]], Fault]:
-    """Declare the function below as a fault of the checker."""
-    return lambda plant: Fault(plant, check, requirement)
 
 
 # --- packets -------------------------------------------------------------------------------------
@@ -166,34 +150,10 @@ def a_block_has_31_values_in_the_model(patch: Patch) -> None:
     patch.setattr(UnitModel, "write_block", short)
 
 
-FAULTS = {name: one for name, one in list(globals().items()) if isinstance(one, Fault)}
-
-
-def _forget() -> None:
-    """Empty the caches of the suite: what they hold was computed by another checker."""
-    for module in (bench, checks_golden, codec, link, model):
-        for value in list(vars(module).values()):
-            if callable(clear := getattr(value, "cache_clear", None)):
-                clear()
-
-
-@pytest.fixture
-def forgetful() -> Iterator[None]:
-    """Nothing computed by a wrong checker outlives its test."""
-    yield
-    _forget()
+FAULTS = faults_in(globals())
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_a_wrong_checker_turns_a_healthy_twin_red(
-    forgetful: None, monkeypatch: pytest.MonkeyPatch, name: str
-) -> None:
+def test_a_wrong_checker_turns_a_healthy_twin_red(name: str) -> None:
     """The prediction that was tampered with no longer holds, and the check says so."""
-    one = FAULTS[name]
-    before = run(one.check, MODEL)
-    assert one.requirement not in failed(before), "red before anything was planted"
-    one.plant(monkeypatch)
-    _forget()
-    result = run(one.check, MODEL)
-    told = [(f.requirement, f.verdict, f.text) for ran in result.checks for f in ran.findings]
-    assert one.requirement in failed(result), (result.refusal, told)
+    judge_red(FAULTS[name], MODEL, (bench, checks_golden, codec, link, model))
