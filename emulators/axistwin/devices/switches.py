@@ -20,6 +20,9 @@ Value: TypeAlias = str | int | bool
 ANY_FACE: frozenset[str] = frozenset()
 """Of a switch that every face of its family has."""
 
+DIGITS_MAX = 32
+"""More than any switch has; Python itself refuses to read numbers of thousands of digits."""
+
 _SIGNED_32 = (-(1 << 31), (1 << 31) - 1)
 _TRUE, _FALSE = {"true", "yes", "on", "1"}, {"false", "no", "off", "0"}
 
@@ -92,7 +95,8 @@ def _parse_number(text: Value) -> int | None:
         body, base = body[2:], 16
     digits = body[1:] if base == 10 and body[:1] == "-" else body
     allowed = "0123456789abcdef"[:base]
-    return int(body, base) if digits and all(digit in allowed for digit in digits) else None
+    is_number = 0 < len(digits) <= DIGITS_MAX and all(digit in allowed for digit in digits)
+    return int(body, base) if is_number else None
 
 
 def _parse_choice(quirk: Quirk, value: Value) -> Value | None:
