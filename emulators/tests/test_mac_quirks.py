@@ -87,5 +87,5 @@ def test_a_value_that_is_not_allowed_is_told_once_what_is() -> None:
 
 def test_a_number_of_thousands_of_digits_is_a_mistake_like_any_other() -> None:
     """Python refuses to read it; the user is told what is allowed all the same."""
-    with pytest.raises(UsageError, match="reply_latency_us: .* is not allowed"):
+    with pytest.raises(UsageError, match=r"reply_latency_us: .* is not allowed"):
         parse_quirks({"reply_latency_us": "9" * 5000})
