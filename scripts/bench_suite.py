@@ -31,8 +31,6 @@ from importlib import metadata
 from typing import Any
 
 import psutil
-from hypothesis import HealthCheck, Phase, given, seed, settings
-from hypothesis import strategies as st
 
 from axistwin_conformance import machines
 from axistwin_conformance.asked import usable_cores
@@ -201,21 +199,10 @@ def machine_slice(begin: Callable[[], machines.Device], number: int) -> int:
 
 def sequence_slice(player: Player, number: int) -> int:
     """Play one-draw sequences for a slice; return how many operations that were."""
-    size = SEQUENCE_BYTES
-    played = []
-
-    @seed(number)
-    @settings(
-        max_examples=SLICE_SEQUENCES, database=None, deadline=None, phases=(Phase.generate,),
-        suppress_health_check=list(HealthCheck),
-    )  # fmt: skip
-    @given(st.binary(min_size=size, max_size=size))
-    def example(data: bytes) -> None:
-        player.begin().play(data)
-        played.append(len(data) // BYTES_PER_OPERATION)
-
-    example()
-    return sum(played)
+    source = random.Random(number)
+    for _ in range(SLICE_SEQUENCES):
+        player.begin().play(source.randbytes(SEQUENCE_BYTES))
+    return SLICE_SEQUENCES * checks_sequences.FREE.operations
 
 
 class CannedSlice:
@@ -230,11 +217,8 @@ class CannedSlice:
         return self.ports[-1]
 
     def _play(self, number: int) -> int:
-        source, player = random.Random(number), Player(self.player.bench, self.player.home)
-        player.bench.target.drain()  # so that the clock is looked at anew
-        for _ in range(SLICE_SEQUENCES):
-            player.begin().play(source.randbytes(SEQUENCE_BYTES))
-        return SLICE_SEQUENCES * checks_sequences.FREE.operations
+        self.player.bench.target.drain()  # so that the clock is looked at anew
+        return sequence_slice(Player(self.player.bench, self.player.home), number)
 
     def prepare(self, number: int) -> None:
         """Note the replies."""

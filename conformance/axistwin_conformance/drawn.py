@@ -6,15 +6,11 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from hypothesis import given, seed
-from hypothesis import strategies as st
-from hypothesis.errors import FlakyFailure
-
 from axistwin_conformance import events, machines
-from axistwin_conformance.drawing import no_folder, only_drawing
+from axistwin_conformance.drawing import no_folder
 from axistwin_conformance.failures import REPLAYS, Failure, settle
 from axistwin_conformance.machines import Device, Machine
-from axistwin_conformance.playing import Mismatch, Played, Player
+from axistwin_conformance.playing import Mismatch, Player
 from axistwin_conformance.recording import Recording
 from axistwin_conformance.registry import Check
 from axistwin_conformance.session import Session
@@ -40,39 +36,15 @@ def play_drawn(
 
 def play_lists(player: Player, examples: int, operations: int) -> None:
     """Play so many drawn lists of so many operations; ends the check with the verdict on one that
-    fails.  Where bytes may get lost, the lists are drawn without Hypothesis: it could not play the
-    same one twice."""
+    fails.  A whole list is one draw, and drawn without Hypothesis: here it could only draw byte by
+    byte, and on a noisy line it could not play the same list twice."""
     session, size = player.session, operations * player.operation_bytes
-    if session.carrier.is_lossless:
-        failed = _searched(player, examples, size)
-    else:
-        lists = (player.split(session.random.randbytes(size)) for _ in range(examples))
-        played = (player.play(one, is_counted=True) for one in lists)
-        failed = next((one for one in played if one.mismatch), None)
+    lists = (player.split(session.random.randbytes(size)) for _ in range(examples))
+    played = (player.play(one, is_counted=True) for one in lists)
+    failed = next((one for one in played if one.mismatch), None)
     if failed is not None:
         Failure(player, failed).settle()
     player.credit()
-
-
-@no_folder()
-def _searched(player: Player, examples: int, size: int) -> Played | None:
-    """Let Hypothesis draw; give the first list that fails."""
-    failing: list[Played] = []
-
-    @seed(player.session.random.getrandbits(32))
-    @only_drawing(examples)
-    @given(st.binary(min_size=size, max_size=size))
-    def example(data: bytes) -> None:
-        played = player.play(player.split(data), is_counted=True)
-        if played.mismatch is not None:
-            failing.append(played)
-            raise played.mismatch
-
-    try:
-        example()
-    except (Mismatch, FlakyFailure):
-        return failing[0]  # played again by Hypothesis, it may meet what the first one left behind
-    return None
 
 
 @no_folder()
