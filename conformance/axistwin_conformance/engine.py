@@ -398,6 +398,8 @@ class Engine:
         if "destructive" in check.safety and run.quality.is_noisy and not run.target.is_lossless:
             reason = f"too risky on a noisy {run.target.word}: {run.quality}"
             return self._left_out(check, reason)
+        if reason := self._keeper.of_no_use(run, check):
+            return self._blocked_result(check, reason)
         return self._after(run, check, self._jobs.judged(run, check, self._attempts.believed))
 
     def _after(self, run: Run, check: Check, result: CheckResult) -> CheckResult:

@@ -5,10 +5,12 @@ Rules.
 
 1. What a run may change is read first; where that fails, nothing but passive is done (`remember`).
 2. The device is brought to rest and put back on every way out, and interrupts wait for that.
-3. The device is judged by what it answers here as well (`accuse`): in virtual time, where nothing
+3. What the operator has named may not be what he took it for: then nothing is judged by it, and the
+   device is not blamed (`of_no_use`).
+4. The device is judged by what it answers here as well (`accuse`): in virtual time, where nothing
    gets lost by itself, by every reply; on a real line by the same wrong bytes time after time, from
    a device that otherwise still answers.  Silence, and garbage that never settles, may be the line.
-4. A twin in this process that crashed has failed what it was asked for; a fresh one takes its place
+5. A twin in this process that crashed has failed what it was asked for; a fresh one takes its place
    (`revive`), so that one mistake of a twin does not hide the next.
 """
 
@@ -63,6 +65,7 @@ class Keeper:
     problems: list[str] = field(default_factory=list)
     accusations: list[CheckResult] = field(default_factory=list)
     _accused: set[object] = field(default_factory=set)
+    _tried: dict[str, str] = field(default_factory=dict)  # need → why it is of no use
 
     # --- open and close --------------------------------------------------------------------------
 
@@ -148,6 +151,19 @@ class Keeper:
                 raise
         return not self.unremembered
 
+    def of_no_use(self, run: Run, check: Check) -> str:
+        """Why nothing can be judged by what the operator has named for a check; empty: it can be,
+        as far as is known.  Each is tried once, by the first check that may write to it."""
+        for need in check.needs if check.danger > 0 else ():
+            if need in run.family.trials and need not in self._tried:
+                self._tried[need] = ""
+                with contextlib.suppress(TargetError):  # what is wrong then, the check will meet
+                    self._tried[need] = run.family.trials[need](Session(run))
+                    self.settle(run)
+                if self._tried[need]:
+                    self.trouble(self._tried[need])
+        return next((why for need in check.needs if (why := self._tried.get(need, ""))), "")
+
     def settle(self, run: Run) -> None:
         """Stop, then put back, also if stopping went wrong; raises TargetError for a lost port."""
         session = Session(run)
@@ -199,7 +215,7 @@ class Keeper:
         return False
 
     def revive(self, run: Run) -> bool:
-        """Put a fresh twin in the place of one that crashed; False where there is none (rule 4)."""
+        """Put a fresh twin in the place of one that crashed; False where there is none (rule 5)."""
         if not self.options.is_twin:
             return False
         crashed = run.target
@@ -221,7 +237,7 @@ class Keeper:
 
     def accuse(self, session: Session, act: str, behaviour: str = "") -> bool:
         """Judge the last reply of a session beside the checks; True if the device failed by it
-        (rule 3).  `act`: what it was asked for, one of `ACTS` or the name of a probe."""
+        (rule 4).  `act`: what it was asked for, one of `ACTS` or the name of a probe."""
         run = session.run
         request, reply = session.last_exchange()
         is_surely_its_own = run.target.crash or run.target.is_lossless

@@ -1,0 +1,183 @@
+"""Flags that the operator has named and something else drives: nothing is judged by them, and no
+unit that loses or misplaces what is written gets away by that."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+
+import pytest
+from click.testing import CliRunner
+from msc_controller import Controller, refuses, twisted
+from msc_device import MscPort, session_on, target_of
+
+from axistwin_conformance.cli import conform, make_options
+from axistwin_conformance.engine import Engine, Result
+from axistwin_conformance.msc import codec
+from axistwin_conformance.msc.family import FAMILY
+from axistwin_conformance.msc.trial import try_flags
+from axistwin_conformance.registry import Grounds
+from axistwin_conformance.verdicts import Verdict
+
+PORT = "axistwin://msc-250?time=virtual"
+INPUTS = "0-7"
+NAMED = range(128, 136)
+REMEDY = "name only flags that nothing else drives"
+
+
+def tried(port: MscPort, flags: range = NAMED, *, is_lossless: bool = True) -> str:
+    """What the trial says of these flags; all that it has touched is put back."""
+    target = target_of(port, is_lossless=is_lossless)
+    session = session_on(port, target=target, grounds=Grounds(range(0), flags))
+    session.run.memory = FAMILY.remember(session)
+    told = try_flags(session)
+    assert FAMILY.restore(session, session.run.memory) == ()
+    return told
+
+
+def judged(make: Callable[[], Controller]) -> Result:
+    """A run over a port with that controller behind it, of what flags are written for."""
+    options = make_options(
+        model="msc-250", port="/dev/ttyUSB0", allow="stored", variables=range(1024, 1400),
+        flags=NAMED, ids=("MSC-SFLAG-02", "MSC-CFLAG-02", "MSC-DWRITE-02"), level="quick",
+    )  # fmt: skip
+    return Engine(options, lambda neighbours: target_of(make())).run(lambda event: None)
+
+
+def verdict(result: Result, name: str) -> Verdict:
+    """That of one requirement."""
+    return next(one.verdict for one in result.requirements if one.requirement.id == name)
+
+
+# --- who is wrong ---------------------------------------------------------------------------------
+
+
+class Consuming(Controller):
+    """Its program takes a flag for an order, and turns it off when it has seen it."""
+
+    def scan(self) -> None:
+        """Takes the order."""
+        super().scan()
+        self.on.discard(NAMED[2])
+
+
+def next_one(self: Controller, number: int, *, on: bool) -> bytes | None:
+    """The flag behind the one that was meant."""
+    return Controller.turn(self, number + 1, on=on)
+
+
+def without_high_bit(self: Controller, number: int, *, on: bool) -> bytes | None:
+    """The flag with the low seven bits of the number."""
+    (self.on.add if on else self.on.discard)(number & 0x7F)
+    return b""
+
+
+def lost(self: Controller, number: int, *, on: bool) -> bytes | None:
+    """SFLAG is lost."""
+    return b"" if on else Controller.turn(self, number, on=on)
+
+
+def lost_now_and_then(self: Controller, number: int, *, on: bool) -> bytes | None:
+    """Every ninth write is lost."""
+    self.notes["turned"] += 1
+    return Controller.turn(self, number, on=on) if self.notes["turned"] % 9 else b""
+
+
+def toggles(self: Controller, number: int, *, on: bool) -> bytes | None:
+    """SFLAG turns a flag that is on off."""
+    return Controller.turn(self, number, on=on and number not in self.on)
+
+
+@pytest.mark.parametrize("has_rflags", [True, False])
+def test_inputs_that_were_named_are_told_by_their_numbers(has_rflags: bool) -> None:
+    """With those that are on, and with what to do."""
+    port = Controller(has_rflags=has_rflags)
+    port.machine = {14}
+    told = tried(port, range(13, 18))
+    assert told.startswith("flags 13, 14, 15 do not follow SFLAG and CFLAG (--flags 13-17): ")
+    assert told.endswith(REMEDY)
+
+
+def test_an_input_that_refuses_to_be_written_is_told_as_well() -> None:
+    """Where the unit answers SFLAG of an input by NAK."""
+    port = refuses("SFLAG", lambda one: one.numbers[0] < 16)()
+    port.serve = _refusing(port.serve)
+    assert tried(port, range(15, 18)).startswith("flag 15 does not follow")
+
+
+def _refusing(serve: Callable[[codec.Packet], bytes | None]) -> Callable[..., bytes | None]:
+    def refusing(one: codec.Packet) -> bytes | None:
+        return None if one.name == "CFLAG" and one.numbers[0] < 16 else serve(one)
+
+    return refusing
+
+
+def test_a_flag_that_the_program_takes_is_told() -> None:
+    """It goes off by itself, scans after it was set."""
+    assert tried(Consuming()).startswith(f"flag {NAMED[2]} does not follow")
+
+
+@pytest.mark.parametrize("has_rflags", [True, False])
+@pytest.mark.parametrize("turn", [None, toggles, next_one, lost_now_and_then])
+def test_flags_that_follow_or_show_a_fault_are_left_to_the_checks(
+    turn: Callable[..., bytes | None] | None, has_rflags: bool
+) -> None:
+    """Writes that go to another flag, or are lost seldom, are nobody else's doing."""
+    port = twisted(**({"turn": turn} if turn else {}))()
+    port.has_rflags = has_rflags
+    assert tried(port) == ""
+
+
+def test_noise_drives_no_flag() -> None:
+    """Every fifth packet is spoilt, either way."""
+    for number in range(6):
+        port, draw = Controller(), random.Random(number)
+        port.spoil = lambda data, draw=draw: b"" if draw.random() < 0.2 else data  # type: ignore[misc]
+        assert tried(port, is_lossless=False) == ""
+
+
+# --- what the run makes of it ---------------------------------------------------------------------
+
+
+def test_inputs_that_were_named_fail_no_unit() -> None:
+    """The line names them; what flags are not needed for is judged."""
+    words = ["msc-250", "--port", PORT, "--allow", "stored", "--flags", INPUTS]
+    ids = ["MSC-SFLAG-02", "MSC-DWRITE-02", "--level", "quick"]
+    result = CliRunner().invoke(conform, [*words, "--variables", "1024-1400", *ids])
+    assert result.exit_code == 4, result.output
+    named = "flags 0, 1, 2, 3, 4, 5, 6, 7 do not follow SFLAG and CFLAG (--flags 0-7)"
+    assert f"problem: {named}" in result.output
+    assert "MSC-DWRITE-02  pass" in result.output
+    assert "0 fail" in result.output
+
+
+def test_a_unit_that_loses_what_is_written_to_flags_does_not_pass() -> None:
+    """It might be the operator's mistake; nothing is said for the unit, and the rest is judged."""
+    result = judged(twisted(turn=lost))
+    assert verdict(result, "MSC-SFLAG-02") is Verdict.INCONCLUSIVE
+    assert result.exit_status == 4
+    assert verdict(result, "MSC-DWRITE-02") is Verdict.PASS
+    assert any(one.endswith(REMEDY) for one in result.problems)
+
+
+@pytest.mark.parametrize("turn", [next_one, without_high_bit, toggles, lost_now_and_then])
+def test_a_unit_that_writes_flags_wrongly_fails_over_a_port(
+    turn: Callable[..., bytes | None],
+) -> None:
+    """Nobody else can have done that."""
+    result = judged(twisted(turn=turn))
+    assert verdict(result, "MSC-SFLAG-02") is Verdict.FAIL, result.problems
+
+
+def test_flags_are_put_back_whatever_was_tried() -> None:
+    """Before anything is judged, and also if the run goes no further."""
+    made: list[Controller] = []
+
+    def make() -> Controller:
+        made.append(Controller())
+        made[0].on = {129, 131}
+        return made[0]
+
+    result = judged(make)
+    assert made[0].on == {129, 131}
+    assert verdict(result, "MSC-SFLAG-02") is Verdict.PASS
