@@ -53,10 +53,15 @@ class QuirkTwins:
         return found
 
     def engine_for(
-        self, query: str, *, only_detection: bool = False, level: str = "quick"
+        self,
+        query: str,
+        *words: str,
+        only_detection: bool = False,
+        level: str = "quick",
     ) -> Engine:
-        """An engine for the built-in twin made with these words in its URL."""
-        options = make_options(model=self.model, level=level)
+        """An engine for the built-in twin made with these words in its URL; `words`: what to run
+        of the suite, all of it without."""
+        options = make_options(model=self.model, ids=words, level=level)
 
         def twin_url(model: str, address: int, neighbours: tuple[int, ...]) -> str:
             devices = ",".join(f"{model}:{one}" for one in (address, *neighbours))
@@ -110,9 +115,10 @@ class QuirkTwins:
                 is_open = len(readings) > 1 and switch not in self.ledger.configuration
                 assert (switch in probed) is is_open, switch
 
-    def conforms_with(self, readings: Readings, level: str) -> None:
+    def conforms_with(self, readings: Readings, level: str, *words: str) -> None:
         """Judge that the twin of these readings conforms, with nothing named but them."""
-        result = self.engine_for(quirks_query(readings), level=level).run(lambda event: None)
+        engine = self.engine_for(quirks_query(readings), *words, level=level)
+        result = engine.run(lambda event: None)
         failed = [
             (ran.check.name, finding.requirement, finding.expected, finding.actual)
             for ran in result.checks

@@ -25,6 +25,7 @@ SEEN = [
     ("dont_care_digits", "refuse", "digits_printed_x_have_no_effect_in_commands"),
     ("unknown_index", "accept", "unassigned_commands_are_refused"),
     ("unknown_index", "silence", "queries_end_at_29h"),
+    ("unknown_index", "zero_answer", "unassigned_indices_are_refused_in_every_state"),
     ("param_range_policy", "mask", "values_outside_the_printed_sets_are_refused"),
     ("general_echo", "own_address", "the_general_address_is_answered_by_module_00"),
     ("addr_prog_requires_ff", "true", "addresses_from_80_up_are_refused"),

@@ -33,6 +33,17 @@ TWINS = QuirkTwins(
 LEDGER = TWINS.ledger
 OTHERS = TWINS.others
 IDS = [f"{name}={reading}" for name, reading in OTHERS]
+# Readings that act on one another, and the check that has to follow both.
+MEETING = [
+    ("torque_range=exclusive torque_over=clamp", "the_torque_limit_ends_at_imax"),
+    ("torque_range=exclusive torque_over=mask", "the_torque_limit_ends_at_imax"),
+    ("unknown_index=accept dont_care_digits=refuse", "unassigned_commands_are_refused"),
+    ("unknown_index=silence dont_care_digits=refuse", "unassigned_commands_are_refused"),
+    (
+        "ref_edge=closing ref_retarget=remaining",
+        "a_zeroed_move_ends_at_its_target_by_the_new_count",
+    ),
+]
 
 
 @pytest.mark.parametrize(("switch", "reading"), OTHERS, ids=IDS)
@@ -71,6 +82,12 @@ def test_a_sample_conforms_at_full_too(readings: Readings) -> None:
 def test_what_lasts_longer_than_its_reply_is_waited_for(readings: Readings) -> None:
     """An axis that runs on after 18h, and Nacks of all modules, one behind the other: at full."""
     TWINS.conforms_with(readings, "full")
+
+
+@pytest.mark.parametrize(("readings", "check"), MEETING)
+def test_readings_that_act_on_one_another_conform(readings: str, check: str) -> None:
+    """What one reading makes of another is neither failed nor taken for a third."""
+    TWINS.conforms_with(dict(one.split("=") for one in readings.split()), "full", check)
 
 
 def test_a_profile_that_no_longer_fits_fails(tmp_path: Path) -> None:

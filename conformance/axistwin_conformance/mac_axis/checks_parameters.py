@@ -10,6 +10,7 @@ from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.probes_parameters import (
     catchup_low_byte,
     excessive_torque,
+    torques_at_the_edges,
     zero_catchup,
     zero_period_0d,
 )
@@ -147,15 +148,9 @@ def the_torque_limit_ends_at_imax(session: Session) -> None:
     """0Ch takes Imax itself, refuses more, and keeps what it had."""
     bench = bench_of(session)
     imax = bench.imax
-    bench.accepted(0x0C, 0x20, requirement="MACS-CMD-0C-01")
-    outcomes = [bench.command(0x0C, value).kind for value in (0, imax)]
-    inclusive = all(kind is Kind.ACCEPTED for kind in outcomes)
-    exclusive = all(kind is Kind.REFUSED for kind in outcomes)
-    outcome: int | str = f"0Ch 00: {outcomes[0].value}, 0Ch {imax:02X}: {outcomes[1].value}"
-    bench.reading("torque_range", 0 if inclusive else 1 if exclusive else outcome, "MACS-CMD-0C-01")
+    bench.reading("torque_range", torques_at_the_edges(bench, imax), "MACS-CMD-0C-01")
     for value in (imax + 1, imax + 0x21, 0xFF):
         if imax < value <= 0xFF:
-            bench.accepted(0x0C, 0x20, requirement="MACS-CMD-0C-01")
             bench.reading("torque_over", excessive_torque(bench, imax, value), "MACS-CMD-0C-02")
 
 

@@ -338,19 +338,20 @@ def at_rest_the_reference_does_nothing(session: Session) -> None:
 def a_zeroed_move_ends_at_its_target_by_the_new_count(session: Session) -> None:
     """A 13h that is zeroed under way ends at its number of the new count, or goes the old way."""
     bench = rig_bench_of(session)
-    reach = bench.reach
+    reach, closed_first = bench.reach, not bench.known("ref_edge")
     for begin, target in ((0, reach // 2), (-reach // 2, -reach // 8)):
         bench.begin()
         bench.accepted(0x0E, 0x0100)
         with bench.own_origin() as origin, bench.reference_enabled():
             bench.finish(bench.go(begin))
-            bench.contact("reference", True)
+            bench.contact("reference", closed_first)
             moving = bench.go(target)
             bench.wait(0.06)
-            act = bench.contact("reference", False)
+            act = bench.contact("reference", not closed_first)
             bench.in_time(moving, act)
             steps = [place - begin for place in moving.bounds(act)]
             _judge_target(bench, moving, steps, target, begin, origin)
+            bench.contact("reference", False)
 
 
 def _judge_target(

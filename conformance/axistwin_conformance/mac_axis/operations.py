@@ -164,7 +164,7 @@ def _unassigned(run: Sequence, first: int, second: int) -> None:
     indices = UNASSIGNED + bench.missing
     index = indices[first % len(indices)]
     if bench.unassigned[run.known("unknown_index")][index >= 0x20] in TO_COMMANDS:
-        run.command(index, second)
+        run.command(index, second if run.follows("dont_care_digits") else 0)
 
 
 def _spoilt(run: Sequence, first: int, second: int) -> None:

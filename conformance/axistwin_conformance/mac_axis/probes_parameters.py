@@ -12,6 +12,7 @@ from axistwin_conformance.mac_axis.probing import ACCEPTED_OR_REFUSED, reply_of
 from axistwin_conformance.probing import Measured, Outcome, probe
 from axistwin_conformance.profile import Probe
 
+PLAIN_TORQUE: Final = 0x20
 ABOVE_IMAX: Final = 0x21  # no multiple of a power of two: clamping and masking differ
 
 
@@ -32,13 +33,9 @@ def cmd_1c_supported(bench: Bench) -> Outcome:
 
 @probe(safety="stored")
 def torque_range(bench: Bench) -> Outcome:
-    """0Ch with 00 and with Imax."""
-    imax = bench.imax
+    """0Ch with 00 and with Imax, and what 26h then shows."""
     with bench.torque_kept():
-        kinds = [bench.command(0x0C, value).kind for value in (0, imax)]
-    if kinds[0] is not kinds[1]:
-        return f"0Ch 00: {kinds[0].value}, 0Ch {imax:02X}: {kinds[1].value}"
-    return reply_of(kinds[0], ACCEPTED_OR_REFUSED)
+        return torques_at_the_edges(bench, bench.imax)
 
 
 @probe(safety="stored")
@@ -48,22 +45,38 @@ def torque_over(bench: Bench) -> Outcome:
     if imax + ABOVE_IMAX > 0xFF:
         bench.session.skip(f"Imax {imax:02X}h leaves no value above it")
     with bench.torque_kept():
-        bench.command(0x0C, 0x20)
         return excessive_torque(bench, imax, imax + ABOVE_IMAX)
 
 
-def excessive_torque(bench: Bench, imax: int, value: int) -> int | str:
+def torques_at_the_edges(bench: Bench, imax: int) -> int | str:
+    """Whether 0Ch takes 00 and Imax as they are: one that clamps accepts what it does not take."""
+    told, taken = [], []
+    for value in (0, imax):
+        kind, after = _torque_after(bench, value)
+        told.append(f"0Ch {value:02X}: {kind.value}, then 26h shows {after:02X}")
+        taken.append(kind is Kind.ACCEPTED and after == value)
+    return "; ".join(told) if taken[0] is not taken[1] else int(not taken[0])
+
+
+def excessive_torque(bench: Bench, imax: int, value: int) -> int | tuple[int, ...] | str:
     """What a torque above Imax does: refused and kept, taken as the highest, or some bits of it."""
-    kind = bench.command(0x0C, value).kind
-    after = bench.value(0x26) >> 16 & 0xFF
-    if kind is Kind.REFUSED and after == 0x20:
+    kind, after = _torque_after(bench, value)
+    if kind is Kind.REFUSED and after == PLAIN_TORQUE:
         return 0
     highest = imax - (bench.session.reading("torque_range") == "exclusive")
-    if kind is Kind.ACCEPTED and after in (imax, highest):
-        return 1
-    if kind is Kind.ACCEPTED and after in (value & (imax - 1), value & 0x7F):
-        return 2
+    taken_as = {1: (highest,), 2: (value & (imax - 1), value & 0x7F)}
+    fitting = tuple(number for number, values in taken_as.items() if after in values)
+    if kind is Kind.ACCEPTED and fitting:
+        return fitting
     return f"0Ch {value:02X}: {kind.value}, then 26h shows {after:02X}"
+
+
+def _torque_after(bench: Bench, value: int) -> tuple[Kind, int]:
+    """The reply to 0Ch with that value, and the torque limit it leaves where there was a plain
+    one."""
+    bench.accepted(0x0C, PLAIN_TORQUE)
+    kind = bench.command(0x0C, value).kind
+    return kind, bench.value(0x26) >> 16 & 0xFF
 
 
 @probe(safety="stored")

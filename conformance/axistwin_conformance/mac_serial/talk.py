@@ -82,12 +82,7 @@ class Talk(talk.Talk):
         self.target.drain()
         sent_ns = self.target.send(data)
         limit_s = self.session.reply_timeout_s if timeout_s is None else timeout_s
-        received = b""
-        while (count := codec.missing_bytes(received)) > 0:
-            arrived = self.target.receive(count, limit_s)
-            if not arrived:
-                break
-            received += arrived
+        received = self._whole(b"", limit_s)
         taken = self._window(sent_ns, len(data), len(received), self.target.now_ns)
         reply = codec.parse(received)
         self._note_spelling(reply)
@@ -103,11 +98,22 @@ class Talk(talk.Talk):
         """
         sent_ns, received, done_ns = self.target.exchange(data, size, timeout_s, is_cleared)
         if received and received[-1] not in self._noted:
+            if len(received) >= size and codec.missing_bytes(received):  # an answer to no query
+                received, done_ns = self._whole(received, timeout_s), self.target.now_ns
             reply = codec.parse(received)
             if reply.final is not None:
                 self._noted.add(reply.final)
                 self._note_spelling(reply)
         return received, self._window(sent_ns, len(data), len(received), done_ns)
+
+    def _whole(self, received: bytes, timeout_s: float) -> bytes:
+        """The rest of a reply that is longer than the usual one, behind its beginning."""
+        while (count := codec.missing_bytes(received)) > 0:
+            arrived = self.target.receive(count, timeout_s)
+            if not arrived:
+                break
+            received += arrived
+        return received
 
     def in_vain(self, request: Request | bytes) -> Exchange:
         """See `talk.Talk.in_vain`; a Nack at most is expected, where nothing disturbs."""
@@ -115,11 +121,6 @@ class Talk(talk.Talk):
             return super().in_vain(request)
         data = request if isinstance(request, bytes) else request.encode()
         received, taken = self.exchange(data, NACK_BYTES, QUIET_S)
-        while received and (count := codec.missing_bytes(received)) > 0:
-            arrived = self.target.receive(count, QUIET_S)
-            if not arrived:
-                break
-            received += arrived
         return Exchange(data, codec.parse(received), taken)
 
     def _window(self, sent_ns: int, sent: int, received: int, done_ns: int) -> Window:
