@@ -8,7 +8,7 @@ from typing import Any
 
 from axistwin_conformance import events, machines
 from axistwin_conformance.drawing import no_folder
-from axistwin_conformance.failures import REPLAYS, Failure, settle
+from axistwin_conformance.failures import REPLAYS, Failure
 from axistwin_conformance.machines import Device, Machine
 from axistwin_conformance.playing import Mismatch, Player
 from axistwin_conformance.recording import Recording
@@ -63,7 +63,8 @@ def play_machine(
     for one in begun:
         player.tally.add(one)
     if failing is not None:
-        settle(player, *failing)
+        data, mismatch, run = failing
+        Failure(player, player.played(run, player.split(data), mismatch)).settle()
     player.credit()
 
 

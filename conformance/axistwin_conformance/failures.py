@@ -283,9 +283,3 @@ def twin_session(session: Session, twin: Carrier) -> Session:
     alone = Session(other)
     other.memory = run.family.remember(alone)
     return alone
-
-
-def settle(player: Player, data: bytes, mismatch: Mismatch) -> NoReturn:
-    """End the check with the verdict on a mismatch that came of these operations, whoever has
-    played them."""
-    Failure(player, Played(player.split(data), mismatch, ())).settle()

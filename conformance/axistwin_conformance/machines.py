@@ -108,20 +108,22 @@ def search(
     steps: int,
     source: random.Random,
     rules: type[Machine],
-) -> tuple[list[Run], tuple[bytes, Mismatch] | None]:
+) -> tuple[list[Run], tuple[bytes, Mismatch, Run] | None]:
     """Let Hypothesis look for a run that the model does not admit; `judged` makes a device of what
     `begin` begins.
 
-    Give all that was begun, and the operations of a failing run with what came, if one was found.
+    Give all that was begun, and of a failing run, if one was found, the operations, what came, and
+    what `begin` began for it.
     """
     begun: list[Run] = []
     operations = bytearray()
-    failing: list[tuple[bytes, Mismatch]] = []
+    failing: list[tuple[bytes, Mismatch, Run]] = []
 
     def start() -> Device:
         operations.clear()
         begun.append(begin())
-        return _Noticing(judged(begun[-1]), operations, failing)
+        run = begun[-1]
+        return _Noticing(judged(run), lambda one: failing.append((bytes(operations), one, run)))
 
     while len(begun) < examples:
         left = examples - len(begun)
@@ -137,12 +139,10 @@ def search(
 
 
 class _Noticing:
-    """Keeps the operations that led to a mismatch."""
+    """A device of whose mismatches somebody is told."""
 
-    def __init__(
-        self, device: Device, operations: bytearray, failing: list[tuple[bytes, Mismatch]]
-    ) -> None:
-        self._device, self._operations, self._failing = device, operations, failing
+    def __init__(self, device: Device, told: Callable[[Mismatch], None]) -> None:
+        self._device, self._told = device, told
 
     @property
     def view(self) -> Any:
@@ -152,14 +152,14 @@ class _Noticing:
         try:
             self._device.operate(what, first, second, pause)
         except Mismatch as mismatch:
-            self._failing.append((bytes(self._operations), mismatch))
+            self._told(mismatch)
             raise
 
     def conclude(self) -> None:
         try:
             self._device.conclude()
         except Mismatch as mismatch:
-            self._failing.append((bytes(self._operations), mismatch))
+            self._told(mismatch)
             raise
 
     def leave(self) -> None:

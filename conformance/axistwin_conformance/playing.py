@@ -177,6 +177,11 @@ class Player(ABC):
             mismatch = found
         if is_counted:
             self.tally.add(run)
+        return self.played(run, operations, mismatch)
+
+    @staticmethod
+    def played(run: Playable, operations: Operations, mismatch: Mismatch | None) -> Played:
+        """What came of a run, whoever had it do these operations."""
         words = () if mismatch is None else _words(run)
         return Played(operations[: len(run.marks)], mismatch, words)
 

@@ -8,9 +8,17 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from zoo.motion import a_ramped_stop_stops_dead
+from zoo.mutant import Mutant
+from zoo_msc.flags import a_flag_that_is_set_again_goes_off
 
+from axistwin_conformance import failures
+from axistwin_conformance.cli import make_options
+from axistwin_conformance.engine import Engine
 from axistwin_conformance.errors import UsageError
+from axistwin_conformance.events import Event, FailureStored
 from axistwin_conformance.recording import Recording, load_recording
+from axistwin_conformance.shrink import Budget
 
 ONE = Recording(
     "mac23", (b"\x01\xff\x00\x00", b"\x06\x00\x00\x00"), check="a_check", seed=7,
@@ -46,6 +54,30 @@ def test_every_recording_can_be_read_back(operations: tuple[bytes, ...], text: s
         back = load_recording(str(path), "mac23", 4)
     assert (back.operations, back.words) == (operations, words)
     assert load_recording(back.hex, "mac23", 4).operations == operations
+
+
+@pytest.mark.parametrize(
+    ("model", "fault"),
+    [
+        ("mac23", a_ramped_stop_stops_dead),
+        ("mac23-can", a_ramped_stop_stops_dead),
+        ("msc-250", a_flag_that_is_set_again_goes_off),
+    ],
+)
+def test_each_operation_of_a_machines_run_is_told_in_words(
+    monkeypatch: pytest.MonkeyPatch, model: str, fault: Mutant
+) -> None:
+    """Also of a run as it was found, which nobody has made shorter."""
+    monkeypatch.setattr(failures, "TWIN_BUDGET", Budget(operations=0, seconds=0.0))
+    told: list[Event] = []
+    ids = ("some_runs_of_the_machine_agree_with_the_model",)
+    with fault.plant():
+        Engine(make_options(model=model, ids=ids, jobs=1)).run(told.append)
+    found, *_ = [one.recording for one in told if isinstance(one, FailureStored)]
+    assert found.operations
+    assert len(found.words) == len(found.operations)
+    assert all(found.words)
+    assert any("→" in words for words in found.words)
 
 
 def test_with_a_report_it_is_named_by_its_file_and_without_by_its_hex() -> None:
