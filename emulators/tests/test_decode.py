@@ -251,6 +251,29 @@ def test_what_is_not_understood_is_told_with_its_number() -> None:
     assert "line 1: '601#40' is for a model such as mac23-can" in result.stderr
 
 
+@pytest.mark.parametrize(
+    ("model", "line", "words"),
+    [
+        ("mac23", QUERY[:20], "14 of 21 bytes are missing"),
+        ("msc-250", "06 02 01 00 07 00 00 52", "6 of 7 bytes of the body are missing, and the"),
+    ],
+)
+def test_what_breaks_off_on_a_line_is_told_with_what_is_missing(
+    model: str, line: str, words: str
+) -> None:
+    """It has been understood: the exit status is 0."""
+    result = invoke(model, text=line)
+    assert result.exit_code == 0, result.output
+    assert f" [incomplete: {words}" in result.stdout
+
+
+def test_a_frame_on_candumps_screen_that_breaks_off_is_told() -> None:
+    """It says itself how long it was; on the bus it was whole."""
+    result = invoke("mac23-can", text="  vcan0  601   [8]  40 00 20\n")
+    assert result.exit_code == 2
+    assert "is incomplete: 5 of 8 bytes are missing" in result.stderr
+
+
 def test_complaints_are_bounded(tmp_path: Path) -> None:
     """A file of another kind does not flood the screen."""
     path = tmp_path / "noise"

@@ -69,8 +69,26 @@ def test_a_wrong_sum_is_pointed_out() -> None:
 def test_frames_in_a_row_and_garbage_between_them() -> None:
     """Each frame told, the rest as hex."""
     data = b"\xff\x00" + request(0, 0x19) + b"\x06\x13\x1a" + b"\x02\x30"
-    assert explain(data) == "FF 00; 19h motor on -> module 0; accepted; 02 30"
+    told = "02 30 [incomplete: 19 of 21 bytes are missing]"
+    assert explain(data) == f"FF 00; 19h motor on -> module 0; accepted; {told}"
     assert explain(b"") == ""
+
+
+def test_a_frame_that_breaks_off_is_told_with_what_is_missing() -> None:
+    """Requests and answers, wherever they end or have lost a byte; short replies by their bytes."""
+    for frame in (request(5, 0x13, -1), answer(b"05", b"0", 0xFFFFFC18)):
+        for count in range(3, 21):
+            verb = "is" if count == 20 else "are"
+            told = f"[incomplete: {21 - count} of 21 bytes {verb} missing]"
+            assert explain(frame[:count]) == f"{frame[:count].hex(' ').upper()} {told}"
+        assert explain(frame[:9] + frame[10:]).endswith("[incomplete: 1 of 21 bytes is missing]")
+        assert explain(frame[:9] + frame).startswith(explain(frame[:9]) + "; ")
+        assert explain(b"\xff" + frame[:9]).endswith("[incomplete: 12 of 21 bytes are missing]")
+    assert explain(b"\x02") == "02 [incomplete: 20 of 21 bytes are missing]"
+    assert explain(b"\x06") == "06 [incomplete: Xoff is missing, and what follows it]"
+    assert explain(b"\x06\x13") == "06 13 [incomplete: Xon, Xonerror or an answer is missing]"
+    assert explain(b"\xff\x06\x13") == "FF 06 13"
+    assert explain(request(5, 0x13)[:12] * 2).count("9 of 21 bytes are missing") == 2
 
 
 def test_no_bytes_make_it_fail() -> None:

@@ -23,6 +23,7 @@ import click
 
 from axistwin import catalog
 from axistwin.catalog import Carrier, Model
+from axistwin.devices.words import missing
 from axistwin.errors import UsageError
 from axistwin.wire.can_frame import CanFrame
 
@@ -162,7 +163,11 @@ class _Decoder:
         click.echo(f"axistwin: line {number}: {shown!r}{self._hint(line)}", err=True)
 
     def _hint(self, line: str) -> str:
-        """Whether a device on another carrier would understand ``line``, and which."""
+        """Why ``line`` is not understood: what it lacks, or which device would understand it."""
+        if self._model.carrier == "can" and (cut := _ON_SCREEN.fullmatch(line)) is not None:
+            count, told = len((cut["data"] or "").split()), int(cut["length"])
+            if count < told and not cut["remote"]:
+                return f" is incomplete: {missing(told - count, told)}"
         for model in catalog.models().values():
             if model.carrier != self._model.carrier and READERS[model.carrier](line):
                 return f" is for a model such as {model.name}"

@@ -22,6 +22,16 @@ def in_words(data: bytes, part_at: Callable[[bytes, int, bool], tuple[str, int]]
         yield spaced(data[junk:])
 
 
+def missing(count: int, whole: int, of_what: str = "") -> str:
+    """``3 of 6 bytes of the header are missing``."""
+    return f"{count} of {whole} bytes{of_what} {'is' if count == 1 else 'are'} missing"
+
+
+def incomplete(data: bytes, what: str) -> str:
+    """The bytes of something that breaks off, and what is missing of it."""
+    return f"{spaced(data)} [incomplete: {what}]"
+
+
 def spaced(data: bytes) -> str:
     """As people read bytes: ``06 13 1A``."""
     return data.hex(" ").upper()

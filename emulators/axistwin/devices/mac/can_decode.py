@@ -31,6 +31,10 @@ from axistwin.devices.mac.can import (
 from axistwin.devices.mac.decode import command_in_words, query_in_words, value_in_words
 from axistwin.wire.can_frame import CanFrame
 
+EMERGENCY_BYTES = 8
+LMT_BYTES_MIN = 2
+"""The service and what it is about; what is behind them is ignored (MACC-AMB-08)."""
+
 _UPLOADED = (0x42, 0x43)
 _ADDRESS_BITS = 0x7F
 _UNASSIGNED = "(unassigned)"
@@ -50,7 +54,7 @@ def explain_frame(frame: CanFrame) -> str:
 def _request(data: bytes, address: int) -> str:
     whom = f"module {address}" if address else "all modules"
     if len(data) != REQUEST_BYTES:
-        return f"request of {len(data)} bytes -> {whom} [{REQUEST_BYTES} are right]"
+        return f"request of {_size(data)} -> {whom} [{REQUEST_BYTES} are right]"
     command, index = data[0], data[1]
     if command == UPLOAD:
         text = f"{_object(data)} {_uploaded(data)}?"
@@ -65,7 +69,7 @@ def _request(data: bytes, address: int) -> str:
 def _reply(data: bytes, address: int) -> str:
     who = f"module {address}"
     if len(data) != REQUEST_BYTES:
-        return f"reply of {len(data)} bytes ({who})"
+        return f"reply of {_size(data)} ({who}) [{REQUEST_BYTES} are right]"
     command = data[0]
     if command in _UPLOADED:
         value = value_in_words(QUERIES + data[1], data[4:])
@@ -74,6 +78,10 @@ def _reply(data: bytes, address: int) -> str:
     code = int.from_bytes(data[4:], "little")
     reason = f", abort code {code:08X}h" if command == REFUSED and code else ""
     return f"{_object(data)} {verdict}{reason} ({who})"
+
+
+def _size(data: bytes) -> str:
+    return "1 byte" if len(data) == 1 else f"{len(data)} bytes"
 
 
 def _uploaded(data: bytes) -> str:
@@ -95,6 +103,8 @@ def _emergency(data: bytes, address: int) -> str:
     code = int.from_bytes(data[:2], "little")
     if not data:
         return f"emergency without data (module {address})"
+    if len(data) != EMERGENCY_BYTES:
+        return f"emergency of {_size(data)} (module {address}) [{EMERGENCY_BYTES} are right]"
     if not any(data):
         return f"lifebeat, no error (module {address})"
     status = data[3:7].hex(" ").upper()
@@ -116,12 +126,16 @@ def _lmt(data: bytes) -> str:
         return "address procedure: take over"
     if len(data) > 1 and data[0] == LMT_ADDRESS:
         return f"address procedure: address {data[1]}"
+    if len(data) < LMT_BYTES_MIN and data[:1] in (b"", bytes((LMT_MODE,)), bytes((LMT_ADDRESS,))):
+        return f"address procedure: request of {_size(data)} [{LMT_BYTES_MIN} at least are right]"
     return "address procedure: unknown service"
 
 
 def _lmt_reply(data: bytes) -> str:
     if data[:2] == bytes((LMT_ADDRESS, 0)):
         return "address procedure: address taken"
+    if len(data) < LMT_BYTES_MIN:
+        return f"address procedure: reply of {_size(data)} [{LMT_BYTES_MIN} at least are right]"
     return "address procedure: refused"
 
 

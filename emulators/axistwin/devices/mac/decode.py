@@ -1,13 +1,14 @@
 """Bytes of a MAC serial line in words, for transcripts and traces.
 
 ``explain`` reads either direction: requests of a host, replies of a module.  It judges what it sees
-(a wrong sum is told as such) and never fails: what is no frame is shown as hex.
+(a wrong sum, a frame that breaks off) and never fails: what is no frame is shown as hex.
 """
 
+import re
 from collections.abc import Callable
 
 from axistwin.devices.mac.framing import ANY_CASE, GENERAL_ADDRESS, REQUEST_BYTES, STX, checksum
-from axistwin.devices.words import in_words, spaced
+from axistwin.devices.words import in_words, incomplete, missing, spaced
 
 _ANSWER_BYTES = 21
 
@@ -17,6 +18,16 @@ _SHORT_REPLIES: dict[bytes, str] = {
     b"\x06\x13\x17": "refused",
     b"\x06\x13\x18": "refused (Xonerror 18h)",
 }
+
+_BROKEN_REPLIES: dict[bytes, str] = {
+    b"\x06": "Xoff is missing, and what follows it",
+    b"\x06\x13": "Xon, Xonerror or an answer is missing",
+}
+
+_REQUEST_HEAD = b"\x02014"
+_ANSWER_HEADS = (b"\x06\x13\x02011", b"\x06\x13\x02014")
+_CUT = re.compile(rb"(?:\x06\x13\x0201[14][0-9A-Fa-f]*\x03?\x1a?|\x02014[0-9A-Fa-f]*\x03?)")
+assert _ANSWER_BYTES == REQUEST_BYTES, "one length for both that break off"
 
 
 def _signed(data: bytes) -> int:
@@ -121,21 +132,37 @@ def explain(data: bytes) -> str:
     return "; ".join(in_words(bytes(data), _frame_at))
 
 
-def _frame_at(data: bytes, at: int, _follows: bool) -> tuple[str, int]:
+def _frame_at(data: bytes, at: int, follows: bool) -> tuple[str, int]:
     """The text and length of the frame that begins at ``at``; length 0 if none does."""
     first = data[at]
-    if first == STX[0]:
-        text = _request(data[at : at + REQUEST_BYTES])
-        return text, REQUEST_BYTES if text else 0
     if first == 0x15:
         return "Nack", 1
+    if first == STX[0] and (text := _request(data[at : at + REQUEST_BYTES])):
+        return text, REQUEST_BYTES
     if first == 0x06:
-        short = _SHORT_REPLIES.get(data[at : at + 3])
-        if short:
+        if short := _SHORT_REPLIES.get(data[at : at + 3]):
             return short, 3
-        text = _answer(data[at : at + _ANSWER_BYTES])
-        return text, _ANSWER_BYTES if text else 0
-    return "", 0
+        if text := _answer(data[at : at + _ANSWER_BYTES]):
+            return text, _ANSWER_BYTES
+    return _broken_at(data, at, follows) if first in (STX[0], 0x06) else ("", 0)
+
+
+def _broken_at(data: bytes, at: int, follows: bool) -> tuple[str, int]:
+    """The text and length of a frame that breaks off or has lost bytes; length 0 if none is there.
+
+    Amid bytes that are no frame a beginning is taken for one's only with its length field.
+    """
+    found = _CUT.match(data, at)
+    rest = data[at : at + REQUEST_BYTES]
+    if found is None and follows:
+        if rest in _BROKEN_REPLIES:
+            return incomplete(rest, _BROKEN_REPLIES[rest]), len(rest)
+        if any(head.startswith(rest) for head in (_REQUEST_HEAD, *_ANSWER_HEADS)):
+            return incomplete(rest, missing(REQUEST_BYTES - len(rest), REQUEST_BYTES)), len(rest)
+    if found is None or len(found[0]) >= REQUEST_BYTES:
+        return "", 0
+    count = len(found[0])
+    return incomplete(found[0], missing(REQUEST_BYTES - count, REQUEST_BYTES)), count
 
 
 def _request(frame: bytes) -> str:

@@ -1,8 +1,9 @@
 """Bytes of an executive port in words, for transcripts and traces.
 
 ``explain`` reads either direction: packets of a host and of a unit, single ACK and NAK characters.
-It judges what it sees (a wrong sum is told as such) and never fails: what is no packet is shown as
-hex.  The direction is not in the bytes: RFLAG asks for flag 1 with the very bytes that answer "on".
+It judges what it sees (a wrong sum, a packet that breaks off) and never fails: what is no packet is
+shown as hex.  The direction is not in the bytes: RFLAG asks for flag 1 with the very bytes that
+answer "on".
 """
 
 from collections.abc import Callable
@@ -21,7 +22,7 @@ from axistwin.devices.msc.packets import (
     is_sum_right,
 )
 from axistwin.devices.msc.status import StatusBit
-from axistwin.devices.words import in_words, spaced
+from axistwin.devices.words import in_words, incomplete, missing, spaced
 
 _SIGNS = {ACK: "ACK", NAK: "NAK"}
 
@@ -42,13 +43,60 @@ def _part_at(data: bytes, at: int, is_sign: bool) -> tuple[str, int]:
     first = data[at]
     if is_sign and first in _SIGNS:
         return _SIGNS[first], 1
-    if first != STX or len(data) < at + FRAME_BYTES:
+    if first != STX:
         return "", 0
+    raw = _whole_at(data, at)
+    if raw:
+        return _packet(raw), len(raw)
+    begun = data[at : at + FRAME_BYTES + BODY_MAX]
+    # Amid bytes that are no part, a 02h is taken for a packet's only if a whole header follows.
+    if not _may_begin(begun) or not (is_sign or len(begun) >= HEADER_BYTES):
+        return "", 0
+    begun = begun[: _next_sound(begun)]
+    return incomplete(begun, _missing_behind(begun)), len(begun)
+
+
+def _whole_at(data: bytes, at: int) -> bytes:
+    """The packet that begins there; empty if not all of it is there."""
+    if len(data) < at + FRAME_BYTES:
+        return b""
     length = body_length(data[at : at + HEADER_BYTES])
     raw = data[at : at + FRAME_BYTES + length]
-    if length > BODY_MAX or len(raw) < FRAME_BYTES + length:
-        return "", 0
-    return _packet(raw), len(raw)
+    return raw if length <= BODY_MAX and len(raw) == FRAME_BYTES + length else b""
+
+
+def _may_begin(begun: bytes) -> bool:
+    """Whether some packet begins so, as far as its unit and its length are there."""
+    is_unit = len(begun) < 2 or begun[1] in UNITS
+    length = int.from_bytes(begun[2:4].ljust(2, b"\0"), "big")
+    return is_unit and length <= BODY_MAX
+
+
+def _next_sound(begun: bytes) -> int:
+    """Where the next packet begins that is whole and sound; at the end if none does."""
+    at = begun.find(STX, 1)
+    while at > 0:
+        raw = _whole_at(begun, at)
+        if raw and raw[1] in UNITS and is_sum_right(raw):
+            return at
+        at = begun.find(STX, at + 1)
+    return len(begun)
+
+
+def _missing_behind(begun: bytes) -> str:
+    """What is missing behind the beginning of a packet."""
+    if len(begun) < HEADER_BYTES:
+        return missing(HEADER_BYTES - len(begun), HEADER_BYTES, " of the header") + ", and the rest"
+    length = body_length(begun)
+    of_body = HEADER_BYTES + length - len(begun)
+    if of_body > 0:
+        return missing(of_body, length, " of the body") + ", and the checksum"
+    of_sum = CHECKSUM_BYTES + of_body
+    return (
+        "the checksum is missing"
+        if of_sum == CHECKSUM_BYTES
+        else missing(of_sum, CHECKSUM_BYTES, " of the checksum")
+    )
 
 
 def _packet(raw: bytes) -> str:
