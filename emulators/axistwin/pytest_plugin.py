@@ -13,6 +13,7 @@ not use it pays nothing.
 import contextlib
 import sys
 from collections.abc import Generator, Iterator
+from types import TracebackType
 from typing import TYPE_CHECKING, Protocol, Unpack, overload
 
 import pytest
@@ -34,6 +35,15 @@ class Start(Protocol):
 
 _MAKERS = ("axistwin.urlhandler.lines", "axistwin.canbus.shared")
 """The modules that keep lines and buses."""
+
+_ON_THE_WAY = ("axistwin", "serial", "can", "contextlib")
+"""Whose frames a mistake of the user does not show."""
+
+_TOLD_BY = (
+    ("axistwin.errors", "AxistwinError"),
+    ("serial", "SerialException"),
+    ("can", "CanError"),
+)
 
 _STARTED = pytest.StashKey["list[StartedLine]"]()
 
@@ -73,7 +83,10 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """A failing test, or fixture, tells what was said on the lines of all twins in use."""
+    """A failing test, or fixture, tells what was said on the lines of all twins in use; a mistake
+    in the use of twins is shown where it was made."""
+    if call.excinfo is not None and not item.config.getoption("fulltrace"):
+        call.excinfo = _without_our_frames(call.excinfo)
     report = yield
     started = item.stash.get(_STARTED, [])
     if report.failed and _lines_exist():
@@ -85,6 +98,43 @@ def pytest_runtest_makereport(
     if call.when == "teardown":
         started.clear()
     return report
+
+
+def _without_our_frames(
+    excinfo: pytest.ExceptionInfo[BaseException],
+) -> pytest.ExceptionInfo[BaseException]:
+    """An error meant for the user without our frames, and those of what leads to us: its one line
+    says all, and belongs to his line.  Our own bugs keep theirs."""
+    entries = []
+    entry = excinfo.value.__traceback__
+    while entry is not None:
+        entries.append(entry)
+        entry = entry.tb_next
+    if not entries or not _is_told_by_us(excinfo.value) or not _is_in(entries[-1], ("axistwin",)):
+        return excinfo
+    kept = [entry for entry in entries if not _is_in(entry, _ON_THE_WAY)]
+    if not kept or _is_in(kept[-1], ("_pytest", "pluggy")):  # none of it is the user's
+        return excinfo
+    shown = None
+    for entry in reversed(kept):
+        shown = TracebackType(shown, entry.tb_frame, entry.tb_lasti, entry.tb_lineno)
+    assert shown is not None
+    return pytest.ExceptionInfo.from_exc_info((excinfo.type, excinfo.value, shown))
+
+
+def _is_told_by_us(error: BaseException) -> bool:
+    """Whether it is one of ours, or of a library's by which ours come out of a port or a bus."""
+    for module, name in _TOLD_BY:
+        kind = getattr(sys.modules.get(module), name, None)
+        if kind is not None and isinstance(error, kind):
+            return True
+    return False
+
+
+def _is_in(entry: TracebackType, names: tuple[str, ...]) -> bool:
+    """Whether a frame belongs to one of these packages or modules."""
+    module = str(entry.tb_frame.f_globals.get("__name__"))
+    return any(module == name or module.startswith(f"{name}.") for name in names)
 
 
 def _lines_exist() -> bool:

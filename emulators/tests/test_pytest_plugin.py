@@ -278,6 +278,75 @@ def test_a_twin_that_fails_is_an_error_of_the_test(pytester: pytest.Pytester) ->
     result.stdout.fnmatch_lines(["*StateError: state: cannot be written (no room)*"])
 
 
+MISTAKES = """
+    import can, pytest, serial
+    from axistwin import testing
+
+    def test_fixture(axistwin):
+        axistwin("mac23", quirks={"xon_bite": "11h"})
+
+    @pytest.fixture
+    def driver(axistwin):
+        return axistwin("mac23", time="quick")
+
+    def test_set_up(driver):
+        pass
+
+    def test_twin(axistwin):
+        axistwin("mac23", time="virtual").inputs.reverence = True
+
+    def test_start():
+        testing.start("mac23", time="quick")
+
+    def test_url():
+        serial.serial_for_url("axistwin://mac99")
+
+    def test_bus():
+        can.Bus(interface="axistwin", channel="mac99")
+    """
+
+
+def test_a_mistake_is_shown_where_it_was_made(pytester: pytest.Pytester) -> None:
+    """One line of the user's and one of ours, and nothing of what is between."""
+    pytester.makepyfile(MISTAKES)
+    result = run(pytester, "-p", "no:randomly")
+    result.assert_outcomes(failed=5, errors=1)
+    text = result.stdout.str()
+    for line, words in (
+        ('axistwin("mac23", quirks=', "unknown quirk 'xon_bite': did you mean xon_byte?"),
+        ('return axistwin("mac23", time="quick")', "time=quick: use virtual, real, or a speed"),
+        ("inputs.reverence = True", "unknown input 'reverence': did you mean reference?"),
+        ("serial_for_url(", "unknown model 'mac99'"),
+        ("can.Bus(", "unknown model 'mac99'"),
+    ):
+        assert re.search(rf">[^\n]*{re.escape(line)}[^>]*\nE [^\n]*{re.escape(words)}", text), line
+    assert text.count("\n>") == 6
+    assert not re.search(r"^\S*(axistwin|serial|can)\S*\.py:\d+", text, re.MULTILINE)
+
+
+def test_what_is_hidden_of_a_mistake_is_there_on_demand(pytester: pytest.Pytester) -> None:
+    """As everything is, with --full-trace."""
+    pytester.makepyfile(MISTAKES)
+    result = run(pytester, "--full-trace", "-k", "test_twin")
+    result.stdout.fnmatch_lines(["*axistwin*twin.py:*: UsageError"])
+
+
+def test_a_bug_of_ours_keeps_its_frames(pytester: pytest.Pytester) -> None:
+    """Whoever reports it needs them."""
+    pytester.makepyfile(
+        """
+        from axistwin.urlhandler import lines
+
+        def test_bug(axistwin, monkeypatch):
+            monkeypatch.setattr(lines, "build_line", lambda options: 1 / 0)
+            axistwin("mac23")
+        """
+    )
+    result = run(pytester)
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(["*axistwin*testing.py:*"])
+
+
 def test_the_fixture_is_documented(pytester: pytest.Pytester) -> None:
     """``pytest --fixtures`` shows how to use it."""
     result = run(pytester, "--fixtures")
