@@ -35,7 +35,6 @@ FIFO_STAGES: Final = 3
 PRELOAD_SHOWS_S: Final = 0.2
 CLOCK_ERROR: Final = 0.002  # a real module's quartz against ours; none in virtual time
 
-MOST_RUN_OUT: Final = 100  # increments after 18h, of an axis of which that is not known yet
 SLOWEST_LEVEL_TICKS: Final = RAMP_LEVELS * 0xFFFF  # an increment at the foot of the slowest ramp
 
 GENTLE_BRAKING: Final = 1_000_000  # inc/s²: a tenth of what an unloaded MAC23 does (§5.4)
@@ -176,20 +175,21 @@ class Bench(Talk):
             self.run_out()
         return exchange
 
-    def run_out(self) -> None:
-        """Wait until an axis stands still that runs on after 18h and stops, locked as in motion.
+    def run_out(self, slowest_ticks: int = SLOWEST_LEVEL_TICKS) -> None:
+        """Wait until an axis stands still that runs on after 18h and stops, locked as in motion;
+        `slowest_ticks`: what an increment takes at most when it begins to.
 
         It runs on over the N increments it was seen to (MACS-INT-03), slowing down evenly, so that
-        the last one takes 2√N times as long as one before, and all of them √N times that; while
-        N is still asked for, 100.
+        the last one takes 2√N times as long as one before, and all of them √N times that.
         """
-        number = self.session.readings.get("brake_increments", "" if self._may_run_on else "0")
-        increments = int(number) if number.isdigit() else MOST_RUN_OUT
-        if number and not number.isdigit():  # as its plant makes it
+        number = self.session.readings.get("brake_increments", "1" if self._may_run_on else "0")
+        if number.isdigit():
+            increments = int(number)
+        else:  # as its plant makes it
             increments = 0 if self.has_ideal_plant else self.braking(self.period)
         if not increments:
             return
-        pause_s = (2 * math.sqrt(increments) + 1) * SLOWEST_LEVEL_TICKS / TICKS_PER_SECOND
+        pause_s = (2 * math.sqrt(increments) + 1) * slowest_ticks / TICKS_PER_SECOND
         place = self.ask(0x20).reply.data
         for _ in range(math.isqrt(increments) + 2):
             if place is None:  # who is silent is not waited for
@@ -201,11 +201,11 @@ class Bench(Talk):
 
     @property
     def _may_run_on(self) -> bool:
-        """True in a probe that comes before the one that tells how far the axis runs on, where that
-        is asked at all and looking costs nothing: in virtual time, without noise."""
+        """True in a probe that comes before it is known how the plant brakes, where looking costs
+        nothing: in virtual time, without noise."""
         check = self.session.check
-        is_asked = self.target.is_lossless and "brake_increments" not in self.session.run.detections
-        return is_asked and check is not None and not check.requirements
+        is_asked = check is not None and not check.requirements
+        return is_asked and self.target.is_lossless and "plant" not in self.session.readings
 
     @property
     def fastest(self) -> int:

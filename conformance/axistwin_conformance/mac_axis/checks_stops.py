@@ -73,8 +73,9 @@ def fence(bench: Bench, side: Side, distance: int, mode: int = 8) -> int:
 
 
 def _rest(bench: Bench) -> int:
-    """The place where the axis is once it no longer moves (some ten milliseconds per step)."""
-    bench.run_out()
+    """The place where the axis is once it no longer moves (some ten milliseconds per step); without
+    a ramp, and at the speed of `fence`."""
+    bench.run_out(bench.period)
     bench.wait(0.15)
     return bench.position()
 

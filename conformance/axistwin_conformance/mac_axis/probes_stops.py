@@ -8,10 +8,9 @@ from axistwin_conformance.mac_axis.bench import (
     DEAF_S,
     QUIET_S,
     Bench,
-    velocity,
 )
 from axistwin_conformance.mac_axis.dialogue import Kind
-from axistwin_conformance.mac_axis.motion import TICKS_PER_SECOND
+from axistwin_conformance.mac_axis.probes_running_on import fence, overrun, step_from_a_stop
 from axistwin_conformance.mac_axis.probing import MOVES
 from axistwin_conformance.probing import Measured, Outcome, probe
 from axistwin_conformance.profile import Probe
@@ -19,24 +18,12 @@ from axistwin_conformance.profile import Probe
 PERIOD: Final = 0x1000
 FAST: Final = 0x0200  # 15625 inc/s: an axis with inertia brakes over 12 increments
 BRAKING_S: Final = 0.3  # of endless motion before a stop is surely met
-FAR: Final = 100_000  # increments: a stop that is never reached
 SUPERIOR: Final = 0x02  # bit of ff
 POLL_S: Final = 0.05
 LONGEST_DEAFNESS_S: Final = 61.0
 LONGEST_REAL_S: Final = 8.0  # where waiting takes a person's time, and may be for a dead device
 CLOCK_S: Final = 0.15  # closer than that to 2 s is 2 s, where only polling tells
 SLOWEST_CATCH_UP: Final = 0xFF00
-
-
-def fence(bench: Bench, distance: int, period: int = PERIOD) -> int:
-    """Put the superior stop so far ahead, the other far behind; give the start."""
-    if bench.known("ff_lifetime") == 2:  # only a restart clears ff on this device
-        bench.reinitialise()
-    start = bench.ready(period)
-    bench.accepted(0x09, start + distance)
-    bench.accepted(0x0A, start - FAR)
-    bench.accepted(0x03, 8)
-    return start
 
 
 def rest(bench: Bench) -> int:
@@ -79,12 +66,7 @@ def status_ff_layout(bench: Bench) -> Outcome:
 @probe(safety=MOVES)
 def soft_stop_compare(bench: Bench) -> Outcome:
     """Parked on a software stop, a move further out: whether it makes a step."""
-    start = fence(bench, 0)
-    bench.command(0x13, start + 60)
-    bench.wait(0.1)
-    moved = rest(bench) - start
-    bench.accepted(0x03, 0)
-    return int(moved == 0) if 0 <= moved < 60 else f"{moved} of 60 increments"
+    return step_from_a_stop(bench)
 
 
 @probe(safety=MOVES)
@@ -100,23 +82,13 @@ def soft_stop_blocks(bench: Bench) -> Outcome:
     return 1 if moved <= 0 else f"{kind.value}, {moved} increments back"
 
 
-def overrun(bench: Bench, period: int) -> int:
-    """How many increments beyond a software stop the axis comes to rest, in endless motion of that
-    period: 0 for an axis that stands at once."""
-    start = fence(bench, 50, period)
-    bench.accepted(0x15, velocity(1, bench.period))
-    bench.wait(50 * bench.period / TICKS_PER_SECOND)
-    place = rest(bench) - start
-    bench.accepted(0x03, 0)
-    return place - 51 + bench.known("soft_stop_compare")
-
-
 @probe(safety=MOVES, needs=("virtual",))
 def brake_increments(bench: Bench) -> Outcome:
     """How far a software stop is overrun, slowly and fast: the plant's braking, or a number."""
     if bench.gentle(FAST, BRAKING_S) > FAST:
         bench.session.skip("needs 15625 inc/s and 10000 increments of travel")
-    slow, fast = overrun(bench, PERIOD), overrun(bench, FAST)
+    further = bench.known("soft_stop_compare")
+    slow, fast = overrun(bench, PERIOD) + further, overrun(bench, FAST) + further
     if slow == fast:  # an ideal plant stands at once; that number is no reading of its own
         is_ideal = bench.session.reading("plant") == "ideal"
         return 0 if slow == 0 and is_ideal else Measured(str(slow))
@@ -181,7 +153,7 @@ def boot_time_ms(bench: Bench) -> Outcome:
     if high_ms < 0:
         return f"no answer for {_longest_s(bench):.0f} s after 00h"
     if not bench.target.is_lossless:  # what comes late shifts every edge
-        is_default = abs(high_ms / 1000 - DEAF_S) <= CLOCK_S
+        is_default = abs(high_ms / 1000 - DEAF_S) <= CLOCK_S + 2 * bench.target.line_s
         return Measured(f"{DEAF_S * 1000:.0f}" if is_default else str(high_ms))
     while high_ms - low_ms > 1:
         middle_ms = (low_ms + high_ms) // 2

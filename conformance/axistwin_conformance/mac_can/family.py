@@ -182,6 +182,7 @@ _PROBES: Final = (
     "mac_can.probes",
     "mac_can.probes_messages",
     "mac_axis.probes_parameters",
+    "mac_axis.probes_running_on",
     "mac_axis.probes_motion",
     "mac_can.probes_sync",
     "mac_axis.probes_sync",

@@ -182,6 +182,7 @@ FAMILY: Final = Family(
     probe_modules=(
         "axistwin_conformance.mac_serial.probes",
         "axistwin_conformance.mac_axis.probes_parameters",
+        "axistwin_conformance.mac_axis.probes_running_on",
         "axistwin_conformance.mac_axis.probes_motion",
         "axistwin_conformance.mac_axis.probes_sync",
         "axistwin_conformance.mac_axis.probes_stops",

@@ -1,0 +1,68 @@
+"""What a run makes of a device on a real line, where time is not exact and nothing is given."""
+
+from __future__ import annotations
+
+import pytest
+from as_real import judge_as_real, real_options
+
+from axistwin_conformance.engine import Result
+from axistwin_conformance.verdicts import Verdict
+
+# What ends by 18h and stops, slowly and fast, and what has to come to rest before it.
+STOPPING = (
+    "MACS-CMD-18", "MACS-CMD-09-02", "MACS-CMD-00-01", "MACS-CMD-0D-02", "MACS-REPLY-04",
+)  # fmt: skip
+
+
+def failed(result: Result) -> list[tuple[str, str, object]]:
+    """What is told against the device, or could not be settled."""
+    return [
+        (ran.check.name, one.requirement, one.expected or one.text)
+        for ran in result.checks
+        for one in ran.findings
+        if one.verdict in (Verdict.FAIL, Verdict.INCONCLUSIVE)
+    ]
+
+
+def left_out(result: Result) -> dict[str, str]:
+    """Which checks were begun and then left out, and why."""
+    return {ran.check.name: ran.trouble for ran in result.checks if ran.trouble}
+
+
+@pytest.mark.parametrize(
+    ("query", "number", "plant"),
+    [
+        ("", "plant", "ideal"),
+        ("&quirk.brake_increments=1", "1", None),
+        ("&quirk.brake_increments=100", "100", None),
+        ("&quirk.brake_increments=6&quirk.soft_stop_compare=equal", "6", None),
+        ("&quirk.plant=inertial", "plant", "inertial"),
+    ],
+)
+def test_an_axis_that_runs_on_after_a_stop_is_waited_for(
+    query: str, number: str, plant: str | None
+) -> None:
+    """How far it runs on is asked first of all, and nothing is judged before it stands."""
+    result = judge_as_real(real_options(*STOPPING), query)
+    assert (failed(result), left_out(result)) == ([], {})
+    assert result.exit_status == 0
+    assert result.readings["brake_increments"] == number
+    assert result.readings.get("plant") == plant
+
+
+@pytest.mark.parametrize("query", ["&quirk.brake_increments=30", "&quirk.plant=inertial"])
+def test_random_sequences_leave_out_an_axis_that_runs_on(query: str) -> None:
+    """The ledger does not say when such an axis is at rest: no verdict, with the reason."""
+    name = "many_mixed_sequences_agree_with_the_model"
+    result = judge_as_real(real_options(name, level="full"), query)
+    told = {one.reason for one in result.requirements if one.verdict is Verdict.NOT_RUN}
+    assert failed(result) == []
+    assert any("no exact rule for an axis that runs on" in one for one in told)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("query", ["", "&quirk.brake_increments=100", "&quirk.plant=inertial"])
+def test_a_healthy_device_on_a_real_line_conforms(query: str) -> None:
+    """At level full, with everything allowed that needs no rig."""
+    result = judge_as_real(real_options(level="full"), query)
+    assert (failed(result), result.exit_status) == ([], 0)
