@@ -171,7 +171,7 @@ def test_time_can_be_moved_only_when_it_is_virtual() -> None:
     with testing.start("mac23", time="virtual") as twin:
         twin.advance(1.5)
         assert twin.virtual_time_ns == 1_500_000_000
-        with pytest.raises(UsageError, match="-1 s is not 0 or more"):
+        with pytest.raises(UsageError, match=r"-1 s is out of range: 0\.\.1e\+12 s"):
             twin.advance(-1)
     with (
         testing.start("mac23") as twin,

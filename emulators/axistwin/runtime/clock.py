@@ -14,6 +14,9 @@ from axistwin.kernel.time import NS_PER_S, Nanos
 
 SPEED_MIN, SPEED_MAX = 1e-6, 1e6
 
+ADVANCE_MAX_S = 1e12
+"""The longest time that may be let pass at once, by hand: 30 000 years."""
+
 
 class Clock(Protocol):
     """Tells the time of a line."""

@@ -35,9 +35,10 @@ from typing import Final
 from axistwin.devices.mac.acceptance import SERIAL_ONLY, SIGNIFICANT
 from axistwin.devices.mac.can_quirks import MacCanQuirks, read_error_codes
 from axistwin.devices.mac.models import MAC23_CAN
-from axistwin.devices.mac.module import NEVER, MacModule
+from axistwin.devices.mac.module import MacModule
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import Effect, SendFrame
+from axistwin.kernel.schedule import NEVER
 from axistwin.kernel.time import NS_PER_S, NS_PER_US, Nanos
 from axistwin.wire.can_frame import CanFrame
 

@@ -25,10 +25,10 @@ from axistwin.devices.mac.models import MacModel
 from axistwin.devices.mac.quirks import MacQuirks
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import Effect, Silence, Trace
+from axistwin.kernel.schedule import NEVER
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.motion.plant import Load
 
-NEVER: Final[Nanos] = 1 << 62
 RESET_INPUT: Final = "reset"
 
 

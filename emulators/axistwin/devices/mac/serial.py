@@ -45,10 +45,11 @@ from axistwin.devices.mac.framing import (
 )
 from axistwin.devices.mac.memory_map import RATES, four_bytes
 from axistwin.devices.mac.models import MODELS, MacModel
-from axistwin.devices.mac.module import NEVER, MacModule
+from axistwin.devices.mac.module import MacModule
 from axistwin.devices.mac.quirks import MacQuirks
 from axistwin.errors import UsageError, nearest
 from axistwin.kernel.effects import Effect, Transmit
+from axistwin.kernel.schedule import NEVER
 from axistwin.kernel.time import NS_PER_US, Nanos
 from axistwin.wire.framing import Chunk, LineFormat
 

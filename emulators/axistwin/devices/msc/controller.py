@@ -26,10 +26,11 @@ from axistwin.devices.msc.models import MODELS, MscModel
 from axistwin.devices.msc.packets import UNITS
 from axistwin.devices.msc.program import ProgramRunner
 from axistwin.devices.msc.quirks import MscQuirks
-from axistwin.devices.msc.receiver import LINE_FORMAT, NEVER, Receiver, State
+from axistwin.devices.msc.receiver import LINE_FORMAT, Receiver, State
 from axistwin.devices.msc.status import Status, StatusBit, status_bit
 from axistwin.errors import UsageError, nearest
 from axistwin.kernel.effects import Effect, Store, Trace
+from axistwin.kernel.schedule import NEVER
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.macroprogram.program import Macroprogram
 from axistwin.wire.framing import Chunk, LineFormat

@@ -53,10 +53,10 @@ from axistwin.devices.msc.packets import (
 )
 from axistwin.devices.msc.quirks import MscQuirks
 from axistwin.kernel.effects import Effect, Transmit
+from axistwin.kernel.schedule import NEVER
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.wire.framing import Chunk, LineFormat
 
-NEVER: Final[Nanos] = 1 << 62
 BUFFER_BYTES: Final = 256
 UNPACED_BUFFER_BYTES: Final = 65536
 """Where bytes take no time, all that a host writes comes at once."""
