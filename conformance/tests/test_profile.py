@@ -43,6 +43,9 @@ MEETING = [
         "ref_edge=closing ref_retarget=remaining",
         "a_zeroed_move_ends_at_its_target_by_the_new_count",
     ),
+    ("plant=inertial soft_stop_compare=equal", "beyond_a_software_stop_every_motion_ends"),
+    ("plant=inertial target_range=accept", "the_fifo_has_three_stages"),
+    ("brake_increments=7 soft_stop_compare=equal", "beyond_a_software_stop_every_motion_ends"),
 ]
 
 

@@ -182,11 +182,13 @@ class Bench(Talk):
         It runs on over the N increments it was seen to (MACS-INT-03), slowing down evenly, so that
         the last one takes 2√N times as long as one before, and all of them √N times that.
         """
-        number = self.session.readings.get("brake_increments", "1" if self._may_run_on else "0")
+        number = self.session.reading("brake_increments")
         if number.isdigit():
             increments = int(number)
-        else:  # as its plant makes it
-            increments = 0 if self.has_ideal_plant else self.braking(self.period)
+        elif self.has_ideal_plant:
+            increments = int(self._may_run_on)
+        else:
+            increments = self.braking(self.period)
         if not increments:
             return
         pause_s = (2 * math.sqrt(increments) + 1) * slowest_ticks / TICKS_PER_SECOND

@@ -135,8 +135,9 @@ def beyond_a_software_stop_every_motion_ends(session: Session) -> None:
                 least <= place <= most, side.requirements,
                 f"{name} at rest {least} to {most} increments on: the stop is 50 ahead", place,
             )  # fmt: skip
-            outcome = 1 if place == least else 0
-            bench.reading("soft_stop_compare", outcome, side.requirements)
+            # How far it runs on may not be known: then one place may be due to either reading.
+            fitting = [one for one in (0, 1) if least + 1 - one <= place <= most - one]
+            bench.reading("soft_stop_compare", tuple(fitting), side.requirements)
             _judge_bits(bench, side, name)
             if "13h" in name:  # the others have no target to be away from
                 bench.reading("busy_after_abort", int(bench.is_busy()), side.requirements)
