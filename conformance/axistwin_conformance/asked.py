@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from axistwin_conformance.budget import DEFAULT_BUDGET
 from axistwin_conformance.carrier import is_twin_url
-from axistwin_conformance.errors import UsageError
+from axistwin_conformance.errors import UsageError, with_article
 from axistwin_conformance.registry import (
     FULL,
     NO_GROUNDS,
@@ -137,14 +137,14 @@ def _check_rate(family: Family, model: str, rate: int) -> None:
     """Raise UsageError for a rate that no device of the family has."""
     if rate not in (family.rates or (rate,)):
         known = ", ".join(map(str, family.rates))
-        raise UsageError(f"{family.way.rate_option} {rate}: a {model} knows {known}")
+        raise UsageError(f"{family.way.rate_option} {rate}: {with_article(model)} knows {known}")
 
 
 def _refuse_bounds(family: Family, model: str, bounds: Mapping[str, int | None]) -> None:
     """Raise UsageError for bounds of motion where the suite moves nothing."""
     for option, bound in bounds.items():
         if bound is not None and not family.has_axis:
-            raise UsageError(f"{option} {bound}: the suite drives no axis of a {model}")
+            raise UsageError(f"{option} {bound}: the suite drives no axis of {with_article(model)}")
 
 
 def _grounds(family: Family, model: str, given: Mapping[str, Any], *, is_builtin: bool) -> Grounds:
@@ -152,7 +152,9 @@ def _grounds(family: Family, model: str, given: Mapping[str, Any], *, is_builtin
     named = {option: ground for option, ground in given.items() if ground is not None}
     if family.grounds is None:
         for option in named:
-            raise UsageError(f"{option}: a {model} has no variables and no flags to be named")
+            raise UsageError(
+                f"{option}: {with_article(model)} has no variables and no flags to be named"
+            )
         return NO_GROUNDS
     own = family.grounds if is_builtin else NO_GROUNDS
     grounds = Grounds(

@@ -25,7 +25,7 @@ from axistwin_conformance.asked import make_options as make_options
 from axistwin_conformance.asked import parse_allowed as parse_allowed
 from axistwin_conformance.asked import usable_cores
 from axistwin_conformance.budget import DEFAULT_BUDGET
-from axistwin_conformance.errors import UsageError
+from axistwin_conformance.errors import UsageError, with_article
 from axistwin_conformance.registry import FULL, LEVELS, families
 
 if TYPE_CHECKING:
@@ -366,7 +366,7 @@ def _write_profile(engine: Engine, path: Path, is_json: bool) -> None:
         return
     options = engine.options
     heading = (
-        f"Readings of a {options.model} as detected by\n"
+        f"Readings of {with_article(options.model)} as detected by\n"
         f"{options.command} --detect {shlex.quote(str(path))}\n"
         "What is a comment is the default, confirmed, or not known."
     )

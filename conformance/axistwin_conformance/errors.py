@@ -81,3 +81,8 @@ def interrupts_first() -> Iterator[None]:
         if cause is not None:
             raise KeyboardInterrupt from error
         raise
+
+
+def with_article(model: object) -> str:
+    """``a mac23``, ``an msc-250``: the one is read as a word, the other letter by letter."""
+    return f"{'an' if str(model).startswith('msc') else 'a'} {model}"

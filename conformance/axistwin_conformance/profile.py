@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from axistwin_conformance.errors import UsageError
+from axistwin_conformance.errors import UsageError, with_article
 from axistwin_conformance.registry import Check
 
 if TYPE_CHECKING:
@@ -100,7 +100,8 @@ def load_profile(path: Path, model: str, ledger: Ledger) -> dict[str, str]:
         raise UsageError(f"the profile {path} is not TOML: {error}") from error
     named = data.get("model", model)
     if named != model:
-        raise UsageError(f"the profile {path} is of a {named}, not of a {model}")
+        whose, asked = with_article(named), with_article(model)
+        raise UsageError(f"the profile {path} is of {whose}, not of {asked}")
     quirks = data.get("quirks", {})
     if not isinstance(quirks, dict):
         raise UsageError(f"the profile {path}: quirks must be a table of name = value")

@@ -27,7 +27,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from axistwin_conformance.errors import UsageError
+from axistwin_conformance.errors import UsageError, with_article
 
 FORMAT = 1
 FOLDER = "operations"  # of a report's folder
@@ -137,7 +137,8 @@ def _recording(path: Path, told: Mapping[str, Any], model: str, size: int) -> Re
         )
     named = told.get("model")
     if named != model:
-        raise UsageError(f"{path} was recorded on a {named}, not on a {model}")
+        then, now = with_article(named), with_article(model)
+        raise UsageError(f"{path} was recorded on {then}, not on {now}")
     listed = told.get("operations")
     rows = listed if isinstance(listed, list) else []
     if not rows or not all(

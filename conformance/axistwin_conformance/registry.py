@@ -22,7 +22,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
-from axistwin_conformance.errors import UsageError
+from axistwin_conformance.errors import UsageError, with_article
 from axistwin_conformance.rig import CAPABILITIES, OF_AN_AXIS
 from axistwin_conformance.transcript import Record
 from axistwin_conformance.ways import LINE, Way
@@ -300,7 +300,9 @@ class Family:
     def replay_check(self, recording: Recording) -> Check:
         """Return the check that plays recorded operations; raises UsageError without any."""
         if not self.replay_module:
-            raise UsageError(f"--replay: nothing records operations of a {recording.model}")
+            raise UsageError(
+                f"--replay: nothing records operations of {with_article(recording.model)}"
+            )
         made = importlib.import_module(self.replay_module).replay_check(recording)
         assert isinstance(made, Check)
         own = self._own(made)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from axistwin_conformance.can_frame import unpack_all
-from axistwin_conformance.errors import UsageError
+from axistwin_conformance.errors import UsageError, with_article
 
 HOST_AND_PORT = re.compile(r"[\w.-]+:\d+|\[[0-9a-fA-F:]+\]:\d+")
 
@@ -69,17 +69,18 @@ def choose_endpoint(
 ) -> tuple[str | None, int | None]:
     """What was given of where and how fast, by option; raises UsageError for what the model's way
     does not have."""
+    where = f"{with_article(model)} is on a {way.word}"
     for other in WAYS:
         if other is way:
             continue
         if endpoints[other.option] is not None:
             raise UsageError(
-                f"{other.option} {endpoints[other.option]}: a {model} is on a {way.word}:"
+                f"{other.option} {endpoints[other.option]}: {where}:"
                 f" {way.option} {way.metavar}, for instance {way.option} {way.example}"
             )
         if rates[other.rate_option] is not None:
             raise UsageError(
-                f"{other.rate_option} {rates[other.rate_option]}: a {model} is on a {way.word};"
+                f"{other.rate_option} {rates[other.rate_option]}: {where};"
                 f" its rate is {way.rate_option}"
             )
     endpoint = endpoints[way.option]

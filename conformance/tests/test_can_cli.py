@@ -46,6 +46,8 @@ def run(*words: str) -> Result:
         ),
         (("mac23-can", "--baud", "9600"), "a mac23-can is on a bus; its rate is --bitrate"),
         (("mac23", "--bitrate", "500000"), "a mac23 is on a line; its rate is --baud"),
+        (("msc-250", "--can", "socketcan:can0"), "an msc-250 is on a line: --port URL, for inst"),
+        (("msc-250", "--baud", "300"), "--baud 300: an msc-250 knows 9600"),
         (("mac23-can", "--can", "sokcetcan:can0"), "no interface 'sokcetcan'; did you mean socket"),
         (
             ("mac23-can", "--can", "can0"),

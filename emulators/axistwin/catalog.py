@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from axistwin.devices.base import CanDevice, SerialDevice
-from axistwin.errors import StateError, UsageError, nearest, suggestion
+from axistwin.errors import StateError, UsageError, nearest, suggestion, with_article
 from axistwin.families import DEFAULT_BITRATE, MODELS, Carrier, Family, Model, Quirk, Value
 from axistwin.kernel.seed import derive_seed
 from axistwin.kernel.time import NS_PER_US, Nanos
@@ -367,8 +367,11 @@ def _check_quirks(used: Sequence[Model], settings: Mapping[str, Value]) -> None:
 def _check_quirk(model: Model, name: str, value: Value) -> None:
     known = model.quirks
     if name not in known:
-        remedy = nearest(name, known, lister=f"axistwin models {model.name}")
-        raise UsageError(f"unknown quirk {name!r}: {remedy}")
+        lister = f"axistwin models {model.name}"
+        if other := next((one for one in MODELS.values() if name in one.quirks), None):
+            whose = f"{with_article(other.name)} has it, {with_article(model.name)} does not"
+            raise UsageError(f"unknown quirk {name!r}: {whose}; see '{lister}'")
+        raise UsageError(f"unknown quirk {name!r}: {nearest(name, known, lister)}")
     known[name].parse(value)
 
 

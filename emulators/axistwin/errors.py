@@ -10,6 +10,11 @@ from collections.abc import Iterable
 _LISTED_MAX = 12
 _OFFERED_MAX = 3
 _PREFIX_MIN = 3
+_CLOSE_MIN = 0.75
+"""As ``difflib`` measures it: two letters swapped in four still are, two of six exchanged not."""
+
+_SPELT_WITH_VOWEL = ("msc",)
+"""What names begin with that is read letter by letter, the first one with a vowel in front."""
 
 
 class AxistwinError(Exception):
@@ -51,6 +56,17 @@ def suggestion(name: str, known: Iterable[str]) -> str:
     close = [each for each in folded if len(wanted) >= _PREFIX_MIN and each.startswith(wanted)]
     if wanted in folded:
         close = [wanted]
-    elif not 0 < len(close) <= _OFFERED_MAX:
-        close = difflib.get_close_matches(wanted, folded, n=1, cutoff=0.5)
+    elif len(close) > _OFFERED_MAX:
+        close = []
+    elif not close:
+        close = difflib.get_close_matches(wanted, folded, n=_OFFERED_MAX, cutoff=_CLOSE_MIN)
+        ratios = [difflib.SequenceMatcher(None, each, wanted).ratio() for each in close]
+        close = sorted(
+            each for each, ratio in zip(close, ratios, strict=True) if ratio == ratios[0]
+        )
     return f"did you mean {' or '.join(folded[each] for each in close)}?" if close else ""
+
+
+def with_article(name: str) -> str:
+    """``a mac23``, ``an msc-250``."""
+    return f"{'an' if name.startswith(_SPELT_WITH_VOWEL) else 'a'} {name}"

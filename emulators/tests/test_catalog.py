@@ -109,6 +109,10 @@ def test_a_device_is_named_by_model_and_address(text: str, spec: DeviceSpec) -> 
             "mac24",
             f"unknown model 'mac24': did you mean mac23? known: {KNOWN}",
         ),
+        ("mac34-3", f"unknown model 'mac34-3': did you mean mac34-1 or mac34-2? known: {KNOWN}"),
+        ("mac99", f"unknown model 'mac99': known: {KNOWN}"),
+        ("msc-900", f"unknown model 'msc-900': known: {KNOWN}"),
+        ("msc", f"unknown model 'msc': known: {KNOWN}"),
         (
             "",
             f"unknown model '': known: {KNOWN}",
@@ -161,6 +165,11 @@ def test_a_quirk_is_obeyed() -> None:
     ("quirks", "message"),
     [
         ({"xon_bite": "11h"}, r"unknown quirk 'xon_bite': did you mean xon_byte\?"),
+        (
+            {"status_tail": "4"},
+            r"unknown quirk 'status_tail': an msc-250 has it, a mac23 does not; see 'axistwin",
+        ),
+        ({"status_tial": "4"}, r"unknown quirk 'status_tial': see 'axistwin models mac23'"),
         ({"xon_byte": "12h"}, r"quirk xon_byte: '12h' is not allowed; allowed: 1Ah, 11h"),
         ({"boot_time_ms": "soon"}, r"quirk boot_time_ms: 'soon' is not allowed"),
     ],

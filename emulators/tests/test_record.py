@@ -106,6 +106,8 @@ def test_a_record_of_another_model_is_refused_by_name() -> None:
         decode(encode(RECORD), "mac34-1")
     with pytest.raises(RecordError, match="belongs to a mac23, not to a mac34-1"):
         decode_entry(encode_entry(RECORD) or b"", "mac34-1")
+    with pytest.raises(RecordError, match="belongs to a mac23, not to an msc-250"):
+        decode(encode(RECORD), "msc-250")
 
 
 def test_a_record_of_a_newer_program_is_refused_by_version(monkeypatch: pytest.MonkeyPatch) -> None:

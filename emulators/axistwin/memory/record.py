@@ -16,6 +16,8 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from axistwin.errors import with_article
+
 FORMAT = "axistwin state"
 VERSION = 1
 
@@ -114,7 +116,7 @@ def _parse(data: bytes, model: str) -> Record:
     ):
         raise RecordError("it is damaged: a field has an impossible value")
     if found != model and _is_whole(content):
-        raise RecordError(f"it belongs to a {found}, not to a {model}")
+        raise RecordError(f"it belongs to {with_article(found)}, not to {with_article(model)}")
     return Record(found, sequence, cells)
 
 

@@ -177,7 +177,11 @@ class Twin:
 
     def _no_such(self, name: str) -> str:
         known = [each for each in dir(self) if not each.startswith("_")]
-        return f"{self.name} is a {self._kind} and has no {name}: {nearest(name, known)}"
+        remedy = nearest(name, known)
+        for other in Twin.__subclasses__():
+            if hasattr(other, name):
+                remedy = f"that is for a {other._kind}; known: {', '.join(known)}"
+        return f"{self.name} is a {self._kind} and has no {name}: {remedy}"
 
     # -- what can be read ---------------------------------------------------------------------
 
