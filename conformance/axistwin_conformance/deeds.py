@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from axistwin_conformance.errors import with_article
 from axistwin_conformance.plan import Options, Plan
 from axistwin_conformance.registry import SAFETY_CLASSES, Check, Grounds
 
@@ -40,6 +41,22 @@ def deeds(plan: Plan, options: Options) -> tuple[Deed, ...]:
             what = options.family.deeds.get(safety, "")
             told.append(Deed(safety, checks, questions, what, _within(safety, options)))
     return tuple(told)
+
+
+def allowed_in_vain(options: Options) -> str:
+    """What to tell of classes that were allowed and of which the family has no check; empty if
+    there is none.  By default everything is allowed on the built-in twin: nobody has asked then."""
+    family = options.family
+    if options.is_builtin and options.allowed >= set(SAFETY_CLASSES):
+        return ""
+    known = {safety for check in family.checks() for safety in check.safety}
+    known |= {safety for probe in family.probes() for safety in probe.check.safety}
+    idle = [safety for safety in SAFETY_CLASSES if safety in options.allowed - known]
+    if not idle:
+        return ""
+    classes = "that class" if len(idle) == 1 else "those classes"
+    whose = with_article(options.model)
+    return f"--allow {','.join(idle)} changes nothing: no check of {whose} is of {classes}"
 
 
 def _does(check: Check, safety: str) -> bool:

@@ -34,6 +34,7 @@ from axistwin_conformance.armed import load_armed
 from axistwin_conformance.attempts import Attempts, describe
 from axistwin_conformance.budget import WriteBudget
 from axistwin_conformance.carrier import Carrier
+from axistwin_conformance.deeds import allowed_in_vain
 from axistwin_conformance.detection import detect, leave_out
 from axistwin_conformance.errors import TargetError, TwinCrashed, WrongDevice
 from axistwin_conformance.events import Listener, Outcome
@@ -165,6 +166,8 @@ class Engine:
                 grounds=options.grounds.named,
             )
         )
+        if in_vain := allowed_in_vain(options):
+            self._note(in_vain)
 
     def _tell_readings(self) -> None:
         """Emit what the device was seen to make of the manual's open questions."""

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from axistwin_conformance import events
-from axistwin_conformance.deeds import deeds
+from axistwin_conformance.deeds import allowed_in_vain, deeds
 from axistwin_conformance.errors import UsageError
 from axistwin_conformance.ledger import Ledger
 from axistwin_conformance.plan import Options, Plan
@@ -159,6 +159,7 @@ def overview(ledger: Ledger, plan: Plan, options: Options) -> str:
                 for check, reason in checks
             ],
             "deeds": plain(deeds(plan, options)),
+            "note": allowed_in_vain(options),
         },
         ensure_ascii=False,
     )

@@ -26,7 +26,7 @@ from rich.text import Text
 
 from axistwin_conformance import events
 from axistwin_conformance.armed import load_armed
-from axistwin_conformance.deeds import Deed, deeds
+from axistwin_conformance.deeds import Deed, allowed_in_vain, deeds
 from axistwin_conformance.events import Outcome
 from axistwin_conformance.judgement import UNREACHABLE
 from axistwin_conformance.ledger import Ledger
@@ -352,6 +352,8 @@ def print_plan(console: Console, plan: Plan, options: Options) -> None:
         text = f"not detected: {switch}: {reason}"
         console.print(text, style="dim", markup=False, soft_wrap=True)
     print_deeds(console, deeds(plan, options))
+    if in_vain := allowed_in_vain(options):
+        console.print(in_vain, markup=False, soft_wrap=True)
     console.print(f"First, {len(plan.probes)} questions would tell how it reads the manual.")
     console.print(f"{len(plan.to_run)} checks would run, {len(plan.left_out)} would not.")
 

@@ -89,3 +89,33 @@ def test_a_dry_run_tells_it_to_people_and_programs() -> None:
     last = seen["deeds"][-1]
     assert last["safety"] == "destructive"
     assert last["checks"] == ["a_factory_reset_brings_the_factory_values"]
+
+
+IN_VAIN = "--allow destructive changes nothing: no check of an msc-250 is of that class"
+
+
+def test_a_class_of_which_there_is_no_check_is_told_beforehand() -> None:
+    """To people and programs."""
+    words = ["msc-250", "--port", "/dev/ttyX", "--allow", "stored,destructive", "--dry-run"]
+    shown = CliRunner().invoke(conform, words)
+    assert shown.exit_code == 0
+    assert IN_VAIN in shown.output.splitlines()
+    assert json.loads(CliRunner().invoke(conform, [*words, "--json"]).output)["note"] == IN_VAIN
+
+
+def test_a_class_of_which_there_is_no_check_is_told_by_the_run() -> None:
+    """It is no error."""
+    words = ["msc-250", "--port", "axistwin://msc-250?time=virtual", "--allow", "destructive"]
+    result = CliRunner().invoke(conform, [*words, "MSC-RQSTAT-01"])
+    assert result.exit_code == 0, result.output
+    assert result.output.count(IN_VAIN) == 1
+
+
+@pytest.mark.parametrize("words", [
+    ("msc-250",),
+    ("msc-250", "--port", "/dev/ttyX", "--allow", "motion,stored,rig"),
+    ("mac23", "--port", "/dev/ttyX", "--allow", "destructive"),
+])  # fmt: skip
+def test_what_has_checks_or_was_not_asked_for_is_not_told(words: tuple[str, ...]) -> None:
+    """The built-in twin may be done anything to without a word."""
+    assert "changes nothing: no" not in CliRunner().invoke(conform, [*words, "--dry-run"]).output
