@@ -32,7 +32,9 @@ from axistwin_conformance.verdicts import Finding, Verdict
 FALSE_ALARM = 1e-6  # the chance left to noise of looking like the device
 FALSE_LOSS = 1e-9  # of looking like a device that is gone: that is asked after every exchange
 LEAST_ALIKE = 3
-MOST_ATTEMPTS = 10  # of one check, the first one included; twice that while none has held
+MOST_ATTEMPTS = 10  # of one check, the first one included
+MOST_WHILE_ALIKE = 2  # times as many while none has held and some have failed alike
+MOST_WHILE_QUIET = 4  # times as many while none has held and one has failed without any noise
 NOISY = 1e-3  # share of spoilt exchanges from which a line counts as noisy
 PASSED_WITH_RETRIES = "passed by asking again; what went wrong went wrong here and there: noise"
 PRIOR_EXCHANGES = 20  # before anything is known, a line is taken to spoil one exchange in these
@@ -170,10 +172,17 @@ class Replays:
         return self._given_up()
 
     def _is_promising(self) -> bool:
-        """True if more attempts may settle it: all fail, some of them alike, not yet enough."""
-        if len(self._all) >= 2 * self._most or self._passed():
+        """True if more attempts may settle it: all fail, some of them alike, not yet enough.
+
+        A failure in a quiet attempt is seldom noise; of a long check few attempts are quiet, so it
+        is those that are waited for.
+        """
+        if self._passed():
             return False
-        return any(self._alike(self._surprise(one)) >= LEAST_ALIKE for one in self._all)
+        if self._quiet_surprises():
+            return len(self._all) < MOST_WHILE_QUIET * self._most
+        is_alike = any(self._alike(self._surprise(one)) >= LEAST_ALIKE for one in self._all)
+        return is_alike and len(self._all) < MOST_WHILE_ALIKE * self._most
 
     def _is_enough(self, one: Attempt) -> bool:
         if one.is_void:

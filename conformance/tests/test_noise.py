@@ -224,7 +224,7 @@ def test_failures_at_different_places_are_not_the_device() -> None:
 def test_the_noisier_the_line_the_more_must_agree() -> None:
     """Three of three mean nothing where every other exchange is spoilt."""
     assert settled(FAILS, quality=LineQuality(1000, 50))[:2] == (Verdict.FAIL, 5)
-    assert settled(FAILS, quality=LineQuality(1000, 600))[0] is Verdict.INCONCLUSIVE
+    assert settled(FAILS, quality=LineQuality(1000, 750))[0] is Verdict.INCONCLUSIVE
 
 
 def test_while_every_attempt_fails_it_is_replayed_longer() -> None:
@@ -234,6 +234,20 @@ def test_while_every_attempt_fails_it_is_replayed_longer() -> None:
     assert noisy.alike_needed > noise.MOST_ATTEMPTS
     verdict, count, _ = settled(RETRIED, *[FAILS] * 30, quality=noisy)
     assert (verdict, count) == (Verdict.INCONCLUSIVE, noise.MOST_ATTEMPTS)
+
+
+def test_a_failure_without_any_noise_is_waited_for_to_come_again() -> None:
+    """Few attempts at a long check are quiet: as many are made as it takes, if none holds."""
+    line = LineQuality(1000, 42)
+    hit = [attempt(Verdict.FAIL, spoilt=(f"20h, time {number}: ",)) for number in range(60)]
+    row = [FAILS if number % 6 == 5 else one for number, one in enumerate(hit)]
+    assert settled(*row, quality=line)[:2] == (Verdict.FAIL, 6 * line.alike_needed)
+    assert settled(*hit, quality=line)[:2] == (Verdict.INCONCLUSIVE, noise.MOST_ATTEMPTS)
+    once = [*hit[:5], FAILS, *hit[5:]]
+    longest = noise.MOST_WHILE_QUIET * noise.MOST_ATTEMPTS
+    assert settled(*once, quality=line)[:2] == (Verdict.INCONCLUSIVE, longest)
+    verdict, count, _ = settled(*row[:12], RETRIED, *hit, quality=line)
+    assert (verdict, count) == (Verdict.INCONCLUSIVE, 13)
 
 
 def test_a_device_is_given_up_later_than_a_reply_is_believed() -> None:
