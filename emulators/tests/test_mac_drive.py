@@ -217,6 +217,77 @@ def test_a_velocity_command_takes_over_from_the_segments() -> None:
     assert bench.device.position_at(bench.now) - before == -20_000
 
 
+@pytest.mark.parametrize(("aa", "way"), [(0, 0), (1, 120)])
+@pytest.mark.parametrize("reading", ["ignore", "refuse", "after_segment", "now"])
+def test_15h_0000_stops_the_segments_whatever_17h_does(aa: int, way: int, reading: str) -> None:
+    """FIFO emptied, a ramp from the segment's speed (MACS-CMD-15-04, MACS-AMB-30)."""
+    bench = MacBench(factory_ramp=aa, stop17_in_interp=reading)
+    bench.do(0x16, 0x03E80400)
+    start_ns = bench.etx_ns
+    bench.do(0x16, 0x03E80400)
+    bench.do(0x15)
+    begun = (bench.etx_ns - start_ns) // (0x400 * TICK_NS) + 1
+    bench.settle()
+    assert bench.position() == begun + way
+    assert bench.state() == "HD"
+    bench.advance(S)
+    assert bench.position() == begun + way
+
+
+def test_15h_0000_ends_a_virtual_segment_at_once() -> None:
+    """No step is in progress, nothing follows (MACS-AMB-30)."""
+    bench = MacBench()
+    bench.do(0x1E, 0x03E80400)
+    bench.do(0x16, 0x03E80400)
+    bench.do(0x15)
+    assert bench.state() == "HD"
+    bench.advance(S)
+    assert bench.position() == 0
+
+
+@pytest.mark.parametrize("index", [0x15, 0x17])
+def test_segments_that_brake_already_brake_on(index: int) -> None:
+    """15h 0000 or 17h after 18h: the axis is at rest when its shaft is (§4.3)."""
+    bench = MacBench(plant="inertial", stop17_in_interp="now", brake_increments="2000")
+    bench.do(0x16, 0x7FFF0100)
+    bench.advance(S // 10)
+    bench.do(0x18)
+    bench.do(index)
+    assert bench.state() == "IN"
+    before = bench.position()
+    bench.settle()
+    assert bench.state() == "HD"
+    assert bench.position() > before
+
+
+@pytest.mark.parametrize(
+    ("quirks", "steps"),
+    [
+        ({"preload_policy": "keep"}, [(0x10, 0), (0x13, 500), (0x16, 0x7FFF0100), (0x18, 0)]),
+        ({"motion_lock_set": "serial_list"}, [(0x16, 0x7FFF0100), (0x18, 0), (0x10, 0), (0x14, 0)]),
+    ],
+)
+@pytest.mark.parametrize("stop", [None, 0x15, 0x17, 0x18])
+def test_a_synchronised_motion_waits_for_the_end_of_braking_too(
+    quirks: dict[str, str], steps: list[tuple[int, int]], stop: int | None
+) -> None:
+    """It is given up with the next stop (MACS-AMB-69)."""
+    bench = MacBench(plant="inertial", brake_increments="2000", stop17_in_interp="now", **quirks)  # type: ignore[arg-type]
+    for index, parameters in steps:
+        if index == 0x18:
+            bench.advance(S // 10)
+        bench.do(index, parameters)
+    bench.do(0x11)
+    assert bench.state() == "IN"
+    if stop is not None:
+        bench.do(stop)
+    bench.settle()
+    bench.advance(S)
+    bench.settle()
+    target = 500 if (0x13, 500) in steps else 0
+    assert (bench.position() == target) is (stop is None)
+
+
 # ---- hard stop, power ----
 
 
@@ -494,7 +565,7 @@ def test_a_synchronised_motion_is_given_up_with_the_segments_it_waits_for(
 
 @pytest.mark.parametrize("reading", ["after_segment", "now"])
 def test_a_ramped_stop_of_segments_gives_up_what_waits_for_them(reading: str) -> None:
-    """MACS-AMB-32 with MACS-AMB-69: by 17h and by 15h 0000."""
+    """MACS-AMB-30 and -32 with MACS-AMB-69: by 15h 0000 and by 17h."""
     for stop in ((0x17, 0), (0x15, 0)):
         bench = synchronised_behind_segments(stop17_in_interp=reading)
         bench.do(*stop)

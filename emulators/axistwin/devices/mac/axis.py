@@ -247,9 +247,14 @@ class Axis:
         return self._held_back(0x15, parameters) or self._start_velocity(now, parameters, start_ns)
 
     def _zero_velocity(self, now: Nanos, start_ns: Nanos) -> bool:
-        """15h 0000: stop; nothing that synchronous mode could hold back (MACS-AMB-68)."""
-        if self.drive.kind is not None:
-            self._ramp_down(now)
+        """15h 0000: stop; nothing that synchronous mode could hold back (MACS-AMB-68).
+
+        Of segments too: what ends them with another speed ends them with none (MACS-AMB-30).
+        """
+        if self.drive.kind is State.IN:
+            self.drive.stop_segments(now, after_this_one=False)
+        elif self.drive.kind is not None:
+            self.drive.ramped_stop(now)
         elif self._armed or self._preload is not None:
             policy = self.quirks.armed_zero_velocity
             if policy == "refuse":
@@ -307,17 +312,14 @@ class Axis:
         if self.drive.kind is State.IN and self.quirks.stop17_in_interp == "ignore":
             return True
         self._disarm()
-        self._ramp_down(now)
+        if self.drive.kind is State.IN:
+            after_this_one = self.quirks.stop17_in_interp == "after_segment"
+            self.drive.stop_segments(now, after_this_one=after_this_one)
+        else:
+            self.drive.ramped_stop(now)
         if self.quirks.abort_flush:
             self.drive.flush_waiting(now)
         return True
-
-    def _ramp_down(self, now: Nanos) -> None:
-        """Stop with the ramp what has one; segments as ``stop17_in_interp`` says."""
-        if self.drive.kind is not State.IN:
-            self.drive.ramped_stop(now)
-        elif self.quirks.stop17_in_interp in ("after_segment", "now"):
-            self.drive.stop_segments(now)
 
     def _hard_stop(self, now: Nanos, _: int, __: Nanos) -> bool:
         """18h (MACS-CMD-18-01..03)."""

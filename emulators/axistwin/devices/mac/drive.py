@@ -26,7 +26,6 @@ Rules
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import replace
 from fractions import Fraction
 from typing import Final
 
@@ -193,8 +192,8 @@ class Drive:
         return RampedMotion.to_target(start_ns, -1 if distance < 0 else 1, abs(distance), ramp)
 
     def go_to_after_segments(self, number: int) -> None:
-        """13h, 14h: ``go_to`` when the segments in execution have run out (MACS-AMB-69)."""
-        assert isinstance(self._owner, Segments), "there are no segments to wait for"
+        """13h, 14h: ``go_to`` when the segments, or the shaft, have run out (MACS-AMB-69)."""
+        assert isinstance(self._owner, Segments | Brake), "there is nothing to wait for"
         self._owner.number_after = number
 
     def run_at(self, now: Nanos, period_ticks: int, direction: int, start_ns: Nanos) -> None:
@@ -226,7 +225,7 @@ class Drive:
             self._segments_wait = True
             interpolator.hold()
             if isinstance(owner, Brake):
-                self._owner = replace(owner, segments_follow=True)
+                owner.segments_follow = True
         elif not isinstance(owner, Segments):
             self._begin_segments(now)
         descent = self._descent(segment)
@@ -265,10 +264,13 @@ class Drive:
         self._end_segments(now)
         self._owner = Rest()
 
-    def stop_segments(self, now: Nanos) -> None:
-        """17h during segments where it stops them: now, or after this one (MACS-AMB-32)."""
+    def stop_segments(self, now: Nanos, *, after_this_one: bool) -> None:
+        """15h 0000 and 17h during segments, where they stop them (MACS-AMB-30, -32)."""
+        if isinstance(self._owner, Brake):
+            self._owner.number_after = None
+            return
         self._owner = Segments()  # and nothing after them
-        if self._quirks.stop17_in_interp == "after_segment":
+        if after_this_one:
             self.interpolator.drop_stored(now)
             self._plan(now)
             return
@@ -470,7 +472,7 @@ class Drive:
                 self._plan(now)
                 return
         self._rest(now)
-        number = owner.number_after if isinstance(owner, Segments) else None
+        number = owner.number_after if isinstance(owner, Segments | Brake) else None
         if number is not None:
             self.go_to(now, number, now)
         elif self._segments_wait and (not isinstance(owner, Brake) or owner.segments_follow):

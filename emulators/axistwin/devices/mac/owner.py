@@ -42,12 +42,16 @@ class Segments:
     number_after: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Brake:
-    """The shaft runs out, in the state ``kind`` until it rests; then segments may follow."""
+    """The shaft runs out, in the state ``kind`` until it rests.
+
+    Then the count ``number_after`` is to be gone to, or segments may follow.
+    """
 
     kind: State
     segments_follow: bool = False
+    number_after: int | None = None
 
 
 Owner: TypeAlias = Rest | Profile | Segments | Brake
