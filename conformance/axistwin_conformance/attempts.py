@@ -80,6 +80,7 @@ class Attempts:
         session = Session(run, check)
         session.is_strict |= is_strict
         known = dict(run.readings)
+        run.target.late.clear()
         started = time.monotonic()
         outcome, trouble, verdict, disturbance = self._run(session, check)
         for motion in session.motions:
@@ -96,7 +97,7 @@ class Attempts:
         }
         return Attempt(
             result, disturbance, learnt, session.is_strict, tuple(session.spoilt),
-            session.failed_after, session.is_replayed,
+            session.failed_after, session.is_replayed, tuple(run.target.late),
         )  # fmt: skip
 
     def _run(self, session: Session, check: Check) -> tuple[Outcome, str, Verdict, str]:

@@ -7,6 +7,10 @@ the machine's monotonic one.  What is measured on it is known to `uncertainty_ns
 the device fixes while it handles an exchange lies between our first byte and its last, so that the
 slowest exchange seen on the idle line bounds it.
 
+Late.  A busy host, or a network, holds one exchange up for longer than any other took.  What then
+looks like a device's fault, may be none: such moments are noted (`late`), and whoever judges
+repeats what had one (`noise`).
+
 Bytes.  Gate, fence, meter and transcript take bytes; what they stand for is the family's affair.
 
 Trouble.  A source that is closed, vanished or stuck raises `TargetError`, nothing else.  A twin in
@@ -27,11 +31,12 @@ from pathlib import Path
 from typing import Any, ClassVar, Protocol, cast
 
 from axistwin_conformance.errors import OutsideEnvelope, TargetError, TwinCrashed
-from axistwin_conformance.transcript import Direction, Transcript
+from axistwin_conformance.transcript import Direction, Record, Transcript
 
 SILENCE_NOTED_S = 0.05  # shorter waits in vain are not worth a line in the transcript
 STOP_HEARD_NS = 50_000_000  # the reply to a stop takes 3 ms at 9600 baud
 MOST_HUSHES = 20  # a device that never stops talking is not waited for
+LATE_NS = 30_000_000  # beyond the slowest exchange or the time asked for: no habit of a line
 TWIN_PREFIX = "axistwin:"  # what opens a twin in this process, on a line or on a bus
 
 
@@ -65,11 +70,20 @@ class Fence(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RoundTrip:
-    """How long exchanges take while nothing else is said, in ns."""
+    """How long exchanges take while nothing else is said, in ns.
+
+    `own_ns`: what their bytes take on the line, where they do.
+    """
 
     samples: int = 0
     median_ns: int = 0
     max_ns: int = 0
+    own_ns: int = 0
+
+    @property
+    def way_ns(self) -> int:
+        """The most that is not the time of the bytes: the device's, and the way there and back."""
+        return max(0, self.max_ns - self.own_ns)
 
 
 class Carrier(ABC):
@@ -101,6 +115,8 @@ class Carrier(ABC):
         self.fence: Fence | None = None
         self.meter: Callable[[bytes], None] | None = None  # counts what is really sent
         self.crash = ""  # of the twin behind it, once it has fallen over
+        self.late: list[str] = []  # what was held up since somebody cleared this
+        self._late_count, self._latest_ns = 0, 0  # in the whole run
 
     # --- what a kind of carrier adds --------------------------------------------------------------
 
@@ -155,12 +171,16 @@ class Carrier(ABC):
     def measure_round_trip(self, exchange: Callable[[], bool], samples: int) -> RoundTrip:
         """Time `exchange` while nothing else is said; only the ones that succeed count."""
         taken: list[int] = []
+        own: list[int] = []
         for _ in range(samples):
-            started_ns = self.now_ns
-            if exchange():
+            self.late.clear()
+            started_ns, position = self.now_ns, self.transcript.position
+            if exchange() and not (self.late and taken):
                 taken.append(self.now_ns - started_ns)
+                own.append(self._own_ns(self.transcript.since(position)))
         if taken:
-            self.round_trip = RoundTrip(len(taken), round(statistics.median(taken)), max(taken))
+            median_ns = round(statistics.median(taken))
+            self.round_trip = RoundTrip(len(taken), median_ns, max(taken), min(own))
         return self.round_trip
 
     # --- what is shared by all that is sent and awaited -------------------------------------------
@@ -173,7 +193,34 @@ class Carrier(ABC):
     @property
     def remarks(self) -> tuple[str, ...]:
         """What a reader should know of what happened here beside the exchanges."""
-        return ()
+        if not self._late_count:
+            return ()
+        latest_ms = round(self._latest_ns / 1e6)
+        times = f"{self._late_count} times this host or the {self.word} was late"
+        return (f"{times}, by up to {latest_ms} ms; what looked wrong then was tried again",)
+
+    def _own_ns(self, said: Sequence[Record]) -> int:
+        """What it takes on the way itself to say that; 0 where that is not known."""
+        return 0
+
+    @property
+    def line_s(self) -> float:
+        """What the way there and back may add to a time that is the device's own; none of it counts
+        in virtual time, where everything is exact."""
+        return 0.0 if self.is_virtual else self.uncertainty_ns / 1e9
+
+    def note_late(self, what: str, late_ns: int, *, is_device_free: bool = False) -> None:
+        """Remember that something took so much longer than it should, if that is more than a habit
+        of this line.
+
+        `is_device_free`: the device had no part in it, so that no two of these are the same.
+        """
+        if self.is_virtual or late_ns <= LATE_NS:
+            return
+        self._late_count += 1
+        self.late.append(f"{what}, number {self._late_count}" if is_device_free else what)
+        self._latest_ns = max(self._latest_ns, late_ns)
+        self.mark(f"late by {late_ns / 1e6:.0f} ms: {what}")
 
     def mark(self, text: str) -> None:
         """Write a line into the transcript."""

@@ -5,7 +5,8 @@ Rules.
 1. A probe does no more to the device than its safety classes say, which the plan has checked; the
    family's guard holds it to that, byte by byte.
 2. After a probe that moves, the axis is stopped.  What probes store is put back once, at the end.
-3. Where bytes may get lost, a probe is asked until two answers in a row agree.
+3. Where bytes may get lost, a probe is asked until two answers agree; where this host or the line
+   was late meanwhile, what is unusual needs three, with the very same held up.
 4. A second probe of a switch is asked only if the first left something open, and narrows it.
 5. A probe without a result is followed by a sanity exchange: a device that is gone ends the phase
    at once, whatever else would still be asked.
@@ -73,22 +74,30 @@ def detect(run: Run, probes: Iterable[Probe], keeper: Keeper) -> None:
 def _ask_until_believed(run: Run, probe: Probe, keeper: Keeper) -> Detection:
     """Ask once; where noise is possible, what is unusual counts when two answers agree."""
     known = dict(run.readings)
-    told: list[tuple[str, ...]] = []
+    told: list[tuple[tuple[str, ...], tuple[str, ...]]] = []  # answers, and what was late
+    why = ""
     for _ in range(MOST_ATTEMPTS):
+        run.target.late.clear()
         try:
             one = _ask(run, probe, keeper)
         except Disturbed as error:
             if not keeper.is_sane(run):
                 raise TargetError(f"it was lost while asked for {probe.switch}: {error}") from error
+            why = str(error)
             continue
         is_usual = one.reading == run.ledger.ambiguity_of(probe.switch).default_of(probe.switch)
-        is_quiet = run.target.is_lossless or (is_usual and not run.quality.is_noisy)
-        if is_quiet or one.candidates in told:
+        late = tuple(run.target.late)
+        is_quiet = is_usual and not late and not run.quality.is_noisy
+        answer = (one.candidates, late)
+        is_agreed = told.count(answer) > bool(late)
+        is_agreed |= is_usual and any(before == one.candidates for before, _ in told)
+        if run.target.is_lossless or is_quiet or is_agreed:
             return one
-        told.append(one.candidates)
+        why = "this host or the line was late" if late else why
+        told.append(answer)
         run.readings.clear()
         run.readings.update(known)
-    text = f"the {run.target.word} is too noisy to tell ({run.quality})"
+    text = f"the {run.target.word} is too noisy or too slow to tell ({why or run.quality})"
     return Detection(probe.switch, None, text)
 
 

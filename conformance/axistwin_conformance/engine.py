@@ -54,6 +54,7 @@ __all__ = ["Engine", "Envelope", "Options", "Result", "Session"]
 
 ROUND_TRIPS = 20
 NEIGHBOUR_ATTEMPTS = 2
+ECHO = "what is sent comes back as it was: switch off the local echo of the adapter"
 MEANWHILE = 20  # checks: fewer are over before another process has even started
 
 
@@ -215,7 +216,7 @@ class Engine:
     def _prepare(self, run: Run) -> None:
         """Identity and readings; a device that fails and is lost by it, is judged all the same."""
         try:
-            self._identify(run)
+            self._identify_unless_echoed(run)
             for probe, reason in self._result.plan.unprobed:
                 leave_out(run, probe, reason)
             self._detect(run, is_destructive=False)
@@ -225,6 +226,17 @@ class Engine:
             if not self._keeper.accusations:
                 raise
             self._keeper.block(str(error))
+
+    def _identify_unless_echoed(self, run: Run) -> None:
+        """Say so if nobody can be identified because we hear ourselves."""
+        try:
+            self._identify(run)
+        except TwinCrashed:
+            raise
+        except (TargetError, WrongDevice) as error:
+            if run.target.transcript.has_echo:
+                raise TargetError(ECHO) from error
+            raise
 
     def _identify(self, run: Run) -> None:
         target, session = run.target, Session(run)
@@ -240,12 +252,19 @@ class Engine:
         self._meet_neighbours(run)
         # Virtual time has no jitter: three exchanges show what twenty would.
         samples = 3 if target.is_virtual else ROUND_TRIPS
-        trip = target.measure_round_trip(lambda: self.family.sanity(session), samples)
+        trip = target.measure_round_trip(lambda: self._is_sound(session), samples)
         self._keeper.note_retries(session)
+        if not target.is_virtual:
+            self._note(f"instants are known to within {target.uncertainty_ns / 1e6:.0f} ms here")
         identity, self._is_identified = run.identity, True
         self._emit(
             events.Identified(identity.summary, identity.values, trip.median_ns, trip.max_ns)
         )
+
+    def _is_sound(self, session: Session) -> bool:
+        """One good exchange; what had to be asked again tells nothing of how long one takes."""
+        asked_again = len(session.retries)
+        return self.family.sanity(session) and len(session.retries) == asked_again
 
     def _meet_neighbours(self, run: Run) -> None:
         """Raise TargetError for a neighbour that does not answer: what is asked of it would be

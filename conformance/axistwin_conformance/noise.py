@@ -11,9 +11,14 @@
                   └─ passed by asking again: replayed strictly, so that a device whose fault is
                      cured by asking again does not pass for a noisy line
 
+Late is what this host or the line holds up (`Carrier.late`).  What looks wrong in an attempt in
+which anything was late, counts only beside attempts in which the very same was; and once something
+has looked wrong, what holds in such an attempt does not do either.
+
 *Often enough* follows from the line itself: with a share p of exchanges spoilt, the same surprise
 k times by noise alone has the chance p to the power of k; k is taken so that it is one in a million
-(`LineQuality.alike_needed`).  What needs more replays than there are stays inconclusive, k of n.
+(`LineQuality.alike_needed`), and one in ten thousand that any k of all attempts are alike.  What
+needs more replays than there are stays inconclusive, k of n.
 """
 
 from __future__ import annotations
@@ -30,11 +35,12 @@ from axistwin_conformance.judgement import CheckResult
 from axistwin_conformance.verdicts import Finding, Verdict
 
 FALSE_ALARM = 1e-6  # the chance left to noise of looking like the device
+FALSE_ALARM_AMONG_MANY = 1e-4  # the same, of attempts picked from many
 FALSE_LOSS = 1e-9  # of looking like a device that is gone: that is asked after every exchange
 LEAST_ALIKE = 3
 MOST_ATTEMPTS = 10  # of one check, the first one included
 MOST_WHILE_ALIKE = 2  # times as many while none has held and some have failed alike
-MOST_WHILE_QUIET = 4  # times as many while none has held and one has failed without any noise
+MOST_WHILE_QUIET = 4  # times as many while none has held and two have failed alike without noise
 NOISY = 1e-3  # share of spoilt exchanges from which a line counts as noisy
 PASSED_WITH_RETRIES = "passed by asking again; what went wrong went wrong here and there: noise"
 PRIOR_EXCHANGES = 20  # before anything is known, a line is taken to spoil one exchange in these
@@ -106,6 +112,7 @@ class Attempt:
     spoilt: tuple[str, ...] = ()
     place: bytes = b""
     is_replayed: bool = False  # the check has found out by itself how often its failure comes
+    late: tuple[str, ...] = ()  # what this host or the line held up, in its order
 
     @property
     def is_quiet(self) -> bool:
@@ -125,6 +132,7 @@ class Attempt:
 
     def surprise(self, *, is_noisy: bool) -> tuple[object, ...]:
         """What would be told against the device, comparable between attempts; empty if nothing."""
+        is_noisy |= bool(self.late)  # a reading may come of it as well
         told: list[object] = [
             (one.requirement, _without_numbers(" ".join((one.text, *one.expected))))
             for one in self.result.findings
@@ -132,7 +140,7 @@ class Attempt:
         ]
         if is_noisy:
             told += sorted(self.readings.items())
-        return (*told, self.place, self.spoilt) if told else ()
+        return (*told, self.place, self.spoilt, self.late) if told else ()
 
 
 class Replays:
@@ -174,12 +182,13 @@ class Replays:
     def _is_promising(self) -> bool:
         """True if more attempts may settle it: all fail, some of them alike, not yet enough.
 
-        A failure in a quiet attempt is seldom noise; of a long check few attempts are quiet, so it
-        is those that are waited for.
+        What comes again in quiet attempts is seldom noise; of a long check few attempts are quiet,
+        so it is those that are waited for.
         """
         if self._passed():
             return False
-        if self._quiet_surprises():
+        quiet = Counter(self._surprise(one) for one in self._all if one.is_quiet)
+        if any(count > 1 for count in quiet.values()):
             return len(self._all) < MOST_WHILE_QUIET * self._most
         is_alike = any(self._alike(self._surprise(one)) >= LEAST_ALIKE for one in self._all)
         return is_alike and len(self._all) < MOST_WHILE_ALIKE * self._most
@@ -189,9 +198,10 @@ class Replays:
             return False
         if surprise := self._surprise(one):
             alike = self._alike(surprise)
-            return alike >= self._quality.alike_needed and not self._doubts(surprise)
-        if not one.is_quiet:
-            return False
+            is_enough = alike >= self._quality.alike_needed and not self._is_by_chance(alike)
+            return is_enough and not self._doubts()
+        if not one.is_quiet or (one.late and any(self._surprise(other) for other in self._all)):
+            return False  # what is late hides a fault as it makes one up
         # On a noisy line a surprise that does not come again was noise; on a quiet one it is the
         # device's, and what comes now and then is no pass.
         passes = sum(other.is_quiet and not self._surprise(other) for other in self._all)
@@ -213,15 +223,21 @@ class Replays:
     def _alike(self, surprise: tuple[object, ...]) -> int:
         return sum(one.is_telling and self._surprise(one) == surprise for one in self._all)
 
-    def _doubts(self, surprise: tuple[object, ...]) -> bool:
-        """True if in a quiet attempt the device behaved otherwise."""
-        return any(one.is_quiet and self._surprise(one) != surprise for one in self._all)
+    def _doubts(self) -> bool:
+        """True if in a quiet attempt all was right.  One that went wrong in another way, earlier
+        perhaps, says nothing for the device."""
+        return any(one.is_quiet and not self._surprise(one) for one in self._all)
+
+    def _is_by_chance(self, alike: int) -> bool:
+        """True if among so many attempts noise may well have hit the same place so many times."""
+        chance = math.comb(len(self._all), alike) * self._quality.rate**alike
+        return chance > FALSE_ALARM_AMONG_MANY
 
     def _passed(self) -> list[Attempt]:
         return [one for one in self._all if not one.is_void and not self._surprise(one)]
 
     def _quiet_surprises(self) -> bool:
-        return any(one.is_quiet and self._surprise(one) for one in self._all)
+        return any(one.is_quiet and not one.late and self._surprise(one) for one in self._all)
 
     def _has_wandered(self) -> bool:
         """True if strict attempts went wrong each in another way, none of them quietly: noise."""
@@ -242,7 +258,8 @@ class Replays:
 
     def _given_up(self) -> CheckResult:
         passed = self._passed()
-        surprises = [self._surprise(one) for one in self._all if self._surprise(one)]
+        # Without what was late: more than a few that complain of the same are not held for noise.
+        surprises = [told[:-1] for one in self._all if (told := self._surprise(one))]
         alike = max((surprises.count(one) for one in surprises), default=0)
         if passed and not self._quiet_surprises() and alike < LEAST_ALIKE:
             return self._with_history(passed[0].result, PASSED_WITH_RETRIES)
@@ -261,6 +278,8 @@ class Replays:
         )
         if telling.disturbance:
             text += f"; last: {telling.disturbance}"
+        if late := sum(bool(one.late) for one in self._all):
+            text += f"; this host or the line was late in {late} of them"
         result = replace(telling.result, outcome=Outcome.DONE).withdrawn(text)
         said = {one.requirement for one in result.findings}
         more = tuple(

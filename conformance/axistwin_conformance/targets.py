@@ -12,20 +12,21 @@ import errno
 import os
 import termios
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import serial
 
 from axistwin_conformance.carrier import SILENCE_NOTED_S, STOP_HEARD_NS, Carrier, crash_of
 from axistwin_conformance.errors import TargetError, TwinCrashed
-from axistwin_conformance.transcript import Direction
+from axistwin_conformance.transcript import Direction, Record
 
 TWIN_SCHEME = "axistwin://"
 TWIN_HANDLER = "axistwin.urlhandler"  # found by pyserial by this name; the suite never imports it
 SLICE_S = (
     0.02  # a real port is read in slices of one length: on RFC 2217 each new length costs 0.1 s
 )
+SLICE_NS = round(SLICE_S * 1e9)
 WRITE_TIMEOUT_S = 3.0
 BYTE_BITS = 10  # 8N1
 DRAIN_BYTES = 65_536
@@ -103,7 +104,17 @@ class Target(Carrier):
         started_ns = self._announced(bytes(data))
         with self._told("sending"):
             self._port.write(bytes(data))
+        if not self.is_virtual:
+            late_ns = self.now_ns - started_ns - len(data) * self.byte_ns
+            self.note_late("sending", late_ns, is_device_free=True)
         return started_ns
+
+    def note_exchange(self, data: bytes, received: int, sent_ns: int) -> None:
+        """Remember an exchange that took longer than any did while the line was measured."""
+        if self.is_virtual or not received or not self.round_trip.samples:
+            return
+        due_ns = self.round_trip.way_ns + (len(data) + received) * self.byte_ns
+        self.note_late(f"the reply to {data.hex(' ')}", self.now_ns - sent_ns - due_ns)
 
     def exchange(
         self, data: bytes, size: int, timeout_s: float, is_cleared: bool = False
@@ -178,6 +189,7 @@ class Target(Carrier):
         if not self.is_virtual:
             self._read(max(self._waiting(), 1), 0) if self._waiting() else None
             now_ns = self.now_ns
+            self.note_late("a pause", now_ns - deadline_ns, is_device_free=True)
         return (now_ns - started_ns) / 1e9
 
     def drain(self) -> bytes:
@@ -198,12 +210,16 @@ class Target(Carrier):
     def _read(self, count: int, left_ns: int) -> bool:
         self._refuse_the_dead()
         self._clock_ns = None
+        begun_ns = 0 if self.is_virtual else self.now_ns
         try:
             if self.is_virtual:
                 self._port.timeout = left_ns / 1e9
             data = bytes(self._port.read(count))
         except Exception as error:
             raise self._trouble("receiving", error) from error
+        if not self.is_virtual:
+            late_ns = self.now_ns - begun_ns - SLICE_NS
+            self.note_late("listening", late_ns, is_device_free=True)
         if data:
             self._pending += data
             self._arrived(data)
@@ -213,6 +229,9 @@ class Target(Carrier):
         self._clock_ns = None
         with self._told("receiving"):
             return self._port.in_waiting
+
+    def _own_ns(self, said: Sequence[Record]) -> int:
+        return sum(len(one.data) for one in said) * self.byte_ns
 
     # --- what the base asks for -------------------------------------------------------------------
 

@@ -10,6 +10,7 @@ from itertools import islice
 
 PIECES_APART_NS = 30_000_000  # beside the time that the bytes of the later piece take
 SLOWEST_BYTE_NS = 1_041_667  # at 9600 baud
+SURELY_OURS = 8  # bytes in a row that no reply has by chance
 RECORDS_KEPT = 20_000  # some minutes at full line rate: more than any failure needs, flat memory
 
 
@@ -68,6 +69,15 @@ class Transcript:
         """Append what would make a record."""
         self._records.append((time_ns, direction, data, text))
         self._count += 1
+
+    @property
+    def has_echo(self) -> bool:
+        """True if a request has come back as it was: we hear ourselves."""
+        heard = b"".join(one.data for one in self if one.direction is Direction.DEVICE)
+        return any(
+            one.direction is Direction.HOST and len(one.data) >= SURELY_OURS and one.data in heard
+            for one in self
+        )
 
     def since(self, position: int, limit: int | None = None) -> tuple[Record, ...]:
         """Return what was recorded after `position`, at most the last `limit` records.

@@ -13,7 +13,7 @@ from typing import Final
 from axistwin_conformance.errors import OutsideEnvelope
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Forecast, Segment, Timeline, Window
-from axistwin_conformance.mac_axis.motion import RAMP_LEVELS, TICKS_PER_SECOND, Course, Law
+from axistwin_conformance.mac_axis.motion import RAMP_LEVELS, TICK_NS, TICKS_PER_SECOND, Course, Law
 from axistwin_conformance.mac_axis.talk import (
     QUIET_S as QUIET_S,
 )
@@ -44,6 +44,7 @@ PLOT_SPACING_NS: Final = 5_000_000
 MOTION_NAMES: Final = {"PO": "move", "VE": "endless motion", "IN": "segments", "HD": "halt"}
 
 SLOWEST: Final = 0xFFFF
+PLAIN_EXCHANGE_NS: Final = 15_000_000  # at 38400 baud, with nothing in between
 SAFE_PERIOD: Final = 0x0640  # 1600 ticks: 5000 inc/s, 150 rpm on a MAC23
 
 
@@ -403,8 +404,26 @@ class Bench(Talk):
         """Give the attempt up if the row begun in `first` may have run out before the module took
         over one more: then the axis has halted in between, rightly, nobody knows for how long."""
         runs_out_ns = first.taken.earliest_ns + sum(one.duration_ns for one in before)
-        if exchange.taken.latest_ns > runs_out_ns:
-            self.session.disturbed("a segment came after the row before it may have run out")
+        self.taken_in_time(exchange, runs_out_ns, "a segment came after the row before it")
+
+    def taken_in_time(self, exchange: Exchange, limit_ns: int, what: str) -> None:
+        """Give the attempt up if the module may not have taken that over before something ended:
+        what it does then, it does rightly, and it tells nothing."""
+        if exchange.taken.latest_ns > limit_ns:
+            slowest = f"an exchange takes up to {self.target.uncertainty_ns / 1e6:.0f} ms here"
+            self.session.disturbed(f"{what} may have ended: {slowest}, or longer")
+
+    def unhurried(self, period: int, slowest: int = SLOWEST) -> int:
+        """The period, or one that is as much slower as exchanges take longer here than on a plain
+        line: what is seen of a motion is then as sharp."""
+        if self.target.is_virtual:
+            return period
+        return min(slowest, max(period, period * self.target.uncertainty_ns // PLAIN_EXCHANGE_NS))
+
+    def outlasting(self, steps: int, period: int, exchanges: int = 3) -> int:
+        """The period, or a slower one with which so many steps outlast so many exchanges here."""
+        least_ns = 0 if self.target.is_virtual else exchanges * self.target.uncertainty_ns
+        return min(SLOWEST, max(period, -(-least_ns // (steps * TICK_NS))))
 
     def to_segments(self, exchange: Exchange, origin: int, *segments: Segment) -> Forecast:
         """What to expect of segments of which the first was taken over at rest."""

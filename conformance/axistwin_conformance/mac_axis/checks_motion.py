@@ -22,8 +22,9 @@ FIRST_TARGET_OUT_OF_RANGE: Final = 0x40000000
 
 
 def slow(session: Session) -> int:
-    """A period at which single increments show; four times faster where waiting costs time."""
-    return 0x4000 if session.carrier.is_virtual else 0x0800
+    """A period at which single increments show; up to eight times faster where waiting costs time,
+    as far as an exchange is then still short beside a ramp."""
+    return 0x4000 if session.carrier.is_virtual else bench_of(session).unhurried(0x0800, 0x4000)
 
 
 @check("MACS-CMD-0F-01", "MACS-CMD-13-01", "MACS-CMD-13-05", safety=MOVES)

@@ -352,10 +352,10 @@ def cleared_in_a_move(bench: Bench) -> tuple[Outcome, int]:
 
     The second value is the reply's window: how far from the start the counter was cleared.
     """
-    start = bench.ready(0x4000, 0)
+    distance = 150
+    start = bench.ready(bench.outlasting(distance, 0x4000, 6), 0)
     if abs(start) > bench.room() // 2:
         bench.session.skip(f"counter 0 is {abs(start)} increments away")
-    distance = 150
     target = start + distance
     forecast = bench.go(target)
     bench.wait(0.15)
@@ -374,6 +374,8 @@ def cleared_in_a_move(bench: Bench) -> tuple[Outcome, int]:
     if abs(lowest) <= bench.room():
         bench.finish(bench.go(-lowest))
         bench.command(0x0B)
+    assert forecast.end is not None
+    bench.taken_in_time(cleared, forecast.end.earliest_ns, "the motion")
     return outcome, lowest
 
 

@@ -7,17 +7,25 @@ from typing import Final
 from axistwin_conformance.mac_axis.bench import SLOWEST, Bench, Exchange, segment, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Segment
+from axistwin_conformance.mac_axis.motion import TICK_NS
 from axistwin_conformance.mac_axis.probing import ACCEPTED_OR_REFUSED, MOVES, reply_of
 from axistwin_conformance.probing import Outcome, probe
 from axistwin_conformance.profile import Probe
 
 WAIT_STEPS: Final = 0x20  # of a virtual segment at the slowest period: 262 ms
+BURST: Final = 7  # exchanges
 HELD_S: Final = 0.15
 
 
 def put(bench: Bench, one: Segment) -> Exchange:
     """Send a segment, real or virtual."""
     return bench.command(0x16 if one.moves else 0x1E, segment(one.steps, one.period))
+
+
+def wait_steps(bench: Bench) -> int:
+    """Steps of a segment at the slowest period that outlasts a burst of others on this line."""
+    least_ns = 0 if bench.target.is_virtual else BURST * bench.target.uncertainty_ns
+    return max(WAIT_STEPS, -(-least_ns // (SLOWEST * TICK_NS)))
 
 
 def back(bench: Bench, steps: int) -> int:
@@ -35,7 +43,11 @@ def is_held(bench: Bench, place: int) -> bool:
 def fifo_counts_executing(bench: Bench) -> Outcome:
     """A burst of five long 1Eh: how many are accepted."""
     bench.at_rest()
-    kinds = [put(bench, Segment(WAIT_STEPS, SLOWEST, moves=False)).kind for _ in range(5)]
+    one = Segment(wait_steps(bench), SLOWEST, moves=False)
+    burst = [put(bench, one) for _ in range(5)]
+    over_ns = burst[0].taken.earliest_ns + one.duration_ns
+    bench.taken_in_time(burst[-1], over_ns, "the first segment")
+    kinds = [exchange.kind for exchange in burst]
     bench.at_rest()
     depths: dict[tuple[Kind, ...], int] = {
         (Kind.ACCEPTED,) * 4 + (Kind.REFUSED,): 0,
@@ -100,12 +112,13 @@ def segment_zero_steps(bench: Bench) -> Outcome:
 @probe(safety=MOVES)
 def interp_during_profile(bench: Bench) -> Outcome:
     """16h during 13h: the reply, and where the axis ends."""
-    start = bench.ready(0x2000)
+    start = bench.ready(bench.outlasting(100, 0x2000))
     exchange = bench.accepted(0x13, start + 100)
     one = Segment(back(bench, 40), 0x1000)
     second = put(bench, one)
     end = bench.to_position(exchange, start, start + 100).end
     assert end is not None
+    bench.taken_in_time(second, end.earliest_ns, "the move that it was to meet")
     if second.kind is Kind.REFUSED:
         bench.at_rest()
         return 1
@@ -121,10 +134,10 @@ def interp_during_profile(bench: Bench) -> Outcome:
 def stop17_in_interp(bench: Bench) -> Outcome:
     """17h during the first of two segments: the reply, and how many steps are done."""
     start = bench.ready(0x1000)  # AA = 0: to stop now takes one increment
-    row = [Segment(30, 0x2000), Segment(30, 0x2000)]
+    row = [Segment(30, bench.outlasting(30, 0x2000))] * 2
     forecast = bench.feed(start, *row)
     stop = bench.command(0x17)
-    most = forecast.bounds(stop.taken)[1] - start + 2 + bench.allowance(0x2000)
+    most = forecast.bounds(stop.taken)[1] - start + 2 + bench.allowance(row[0].period)
     assert forecast.end is not None
     bench.wait_until(forecast.end.latest_ns + 50_000_000)
     moved = bench.position() - start
@@ -193,11 +206,14 @@ def sync_during_interp(bench: Bench) -> Outcome:
     start = bench.ready(0x4000)
     bench.accepted(0x10)
     bench.accepted(0x13, start - 100)
-    for _ in range(2):
-        bench.accepted(0x16, segment(20, 0x4000))
-    # The segments take 82 ms; a move that does not wait for them turns back before their end.
+    one = Segment(20, bench.outlasting(20, 0x4000))
+    first, _ = bench.put(one), bench.put(one)
+    # The segments take 82 ms or more; a move that does not wait for them turns back before their
+    # end.
     sync = bench.command(0x11)
-    places = [one.position - start for one in bench.sampled(0.6, 36)]
+    bench.taken_in_time(sync, first.taken.earliest_ns + 2 * one.duration_ns, "the segments")
+    longer_s = 2 * (one.period - 0x4000) * one.steps * TICK_NS / 1e9
+    places = [at.position - start for at in bench.sampled(0.6 + longer_s, 36)]
     bench.at_rest()
     if places[-1] == -100:
         return 0 if max(places) >= 30 else 1

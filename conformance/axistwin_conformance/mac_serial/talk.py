@@ -81,12 +81,17 @@ class Talk(talk.Talk):
     def _once(self, data: bytes, timeout_s: float | None) -> Exchange:
         self.target.drain()
         sent_ns = self.target.send(data)
-        limit_s = self.session.reply_timeout_s if timeout_s is None else timeout_s
+        limit_s = self._limit_s(timeout_s)
         received = self._whole(b"", limit_s)
+        self.target.note_exchange(data, len(received), sent_ns)
         taken = self._window(sent_ns, len(data), len(received), self.target.now_ns)
         reply = codec.parse(received)
         self._note_spelling(reply)
         return Exchange(data, reply, taken)
+
+    def _limit_s(self, timeout_s: float | None) -> float:
+        """How long to listen where the module may take so long; the line's own time is added."""
+        return self.session.reply_timeout_s if timeout_s is None else timeout_s + self.target.line_s
 
     def exchange(
         self, data: bytes, size: int, timeout_s: float, is_cleared: bool = False

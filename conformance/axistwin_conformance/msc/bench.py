@@ -154,6 +154,15 @@ class Bench:
         """The macroprogram's status word."""
         return self.query(codec.RQSTAT).numbers[0]
 
+    def in_time(self, since_ns: int, limit_s: float, what: str) -> None:
+        """Give the attempt up if so long has passed since then: what is seen then tells nothing."""
+        passed_s = (self.target.now_ns - since_ns) / 1e9
+        if passed_s > limit_s:
+            self.session.disturbed(
+                f"{what} lasts {limit_s * 1000:.0f} ms and was looked at within"
+                f" {passed_s * 1000:.0f}: this line or this host is too slow"
+            )
+
     def set_flag(self, number: int) -> Exchange:
         """Turn a flag on; never sent twice."""
         return self.command(codec.sflag(number))

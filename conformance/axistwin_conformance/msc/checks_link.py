@@ -10,6 +10,7 @@ from typing import Final
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.checks_packets import carrying
 from axistwin_conformance.msc.codec import ACK, NAK, RQSTAT, Packet
+from axistwin_conformance.msc.controller import BenchProgram
 from axistwin_conformance.msc.link import Link
 from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
@@ -392,7 +393,8 @@ def a_repeat_carries_the_data_of_the_first_reply(session: Session) -> None:
     if again is None or not again.is_sound or again.name != "DREAD":
         session.fail("MSC-LNK-10", "the packet again", again)
     after = link.read(program[1] + TICKS_AT)
-    session.step(after != before, "a program that counts its scans", "no change")
+    if after == before:
+        session.skip("the bench program does not run: it counts no scans")
     if again.values != first.values:
         link.reading("retransmit_content", "fresh", ("MSC-LNK-21", "MSC-LNK-10"))
         return
@@ -410,6 +412,7 @@ def a_repeated_write_is_carried_out_again(session: Session) -> None:
     link = Link(session)
     program = session.run.bench_program
     assert program is not None, "the check needs it"
+    BenchProgram(session).must_run()
     flag, counter = program[0], program[1] + COUNTER_AT
     for block in (0, 0, 1, 1):
         before = link.read(counter)

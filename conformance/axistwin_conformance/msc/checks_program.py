@@ -107,9 +107,10 @@ def a_timer_flag_follows_its_timer(session: Session) -> None:
     program = BenchProgram(session)
     program.must_run()
     for _ in range(2):
-        program.unit.set_flag(program.timed)
+        set_ns = program.unit.set_flag(program.timed).asked_ns
         program.taken(program.timed, "MSC-FLG-03")
         during = program.unit.flag(TIMER)
+        program.unit.in_time(set_ns, TIMER_S, "the timer")
         program.unit.target.wait(TIMER_S + LATE_S)
         after = program.unit.flag(TIMER)
         told = ["on while it runs, then off", "off while it runs, then on"]

