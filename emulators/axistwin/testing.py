@@ -280,9 +280,6 @@ class StartedTwin(_LineAndTwin):
         if name.startswith("_") or name == "port":
             object.__setattr__(self, name, value)
             return
-        known = [each for each in dir(self.twin) if not each.startswith("_")]
-        if name not in known:
-            raise UsageError(f"a twin has no {name} to set: {nearest(name, known)}")
         setattr(self.twin, name, value)
 
     def __dir__(self) -> list[str]:
