@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import msc_device
 import pytest
 from click.testing import CliRunner
 from msc_device import MscPort, check_of, session_on, target_of
@@ -66,7 +67,33 @@ def test_nobody_there_is_told_with_the_remedy() -> None:
     session = session_of(port, address=4)
     with pytest.raises(TargetError, match="as unit 4 at 9600 baud: nothing comes; try another"):
         FAMILY.probe(session)
-    assert session.target.now_ns < 13e9  # soon enough for who has taken the wrong port
+    assert session.target.now_ns < 5e9  # soon enough for who has taken the wrong port
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 6, 9, 134, 136])
+def test_a_unit_that_waits_for_the_rest_of_a_packet_is_there(
+    monkeypatch: pytest.MonkeyPatch, count: int
+) -> None:
+    """However long it waits, whatever somebody else has begun, and it carries nothing out."""
+    monkeypatch.setattr(msc_device, "T1_NS", 60_000_000_000)
+    port = MscPort()
+    session = session_of(port)
+    session.target.send(codec.packet(1, codec.bwrite(1024, range(1, 33)))[:count])
+    session.target.wait(0.5)
+    assert FAMILY.probe(session).values == {"status": "65"}
+    assert port.data == {}
+    assert session.target.now_ns < 10e9
+
+
+@pytest.mark.parametrize("late_s", [0.6, 1.5, 2.5, 4.0])
+def test_a_unit_that_answers_late_is_not_taken_for_nobody(
+    monkeypatch: pytest.MonkeyPatch, late_s: float
+) -> None:
+    """What comes, comes from somebody."""
+    monkeypatch.setattr(msc_device, "RESPONSE_NS", round(late_s * 1e9))
+    session = session_of(MscPort())
+    with pytest.raises(TargetError, match=r"ACK.* comes, but later than 0.5 s, or now and then"):
+        FAMILY.probe(session)
 
 
 def test_nobody_there_at_another_rate_is_told_the_right_one() -> None:

@@ -25,9 +25,12 @@ from axistwin_conformance.msc.codec import ACK
 from axistwin_conformance.msc.safety import PROGRAM_BLOCK, Writing
 from axistwin_conformance.msc.talk import QUIET_S, Exchange
 from axistwin_conformance.registry import PROGRAM_FLAGS, Identity
-from axistwin_conformance.session import ATTEMPTS, Run, Session
+from axistwin_conformance.session import ATTEMPTS, REPLY_TIMEOUT_S, Run, Session
 
 PROBE_ATTEMPTS: Final = 4
+OTHER_QUESTIONS: Final = (codec.rflag(0), codec.dread(0), codec.RQSTAT)
+ZEROS: Final = bytes(codec.MAX_PACKET)
+LAST_LOOK_S: Final = 1.0  # for what comes late
 FACE_BYTES: Final = 16
 RESTORE_ATTEMPTS: Final = 4
 VALUE_ADDRESSES: Final = 4  # what one value takes up in the widest reading
@@ -49,13 +52,19 @@ def probe(session: Session) -> Identity:
     tells one model from another."""
     bench = Bench(session)
     session.is_strict = True  # the attempts are counted here
-    exchange = _insisted(bench, codec.RQSTAT)
-    if exchange.reply is None and not sanity(session):
+    exchange = bench.ask(codec.RQSTAT)
+    late = _late(bench) if exchange.is_silence else b""
+    is_silent = exchange.is_silence and not late
+    if not is_silent and not _is_answered(exchange, codec.RQSTAT):
+        bench.talk.settle(after=exchange)
+        _end_packet(bench)
+        exchange = _insisted(bench, codec.RQSTAT)
+    if is_silent or (exchange.reply is None and not sanity(session)):
         rates = session.run.family.rates
         rate = "" if session.target.baud in rates else f"--baud {rates[0]}, and "
         raise TargetError(
             f"no controller answers as unit {bench.unit} at {session.target.baud} baud:"
-            f" {_heard(bench, exchange)}; try {rate}another --address"
+            f" {_heard(bench, exchange, late)}; try {rate}another --address"
             " (1 on RS-232, the switch on RS-485)"
         )
     _refuse_another_model(bench)
@@ -71,13 +80,43 @@ def _status_in_words(status: int) -> str:
     return f"status {status}: {', '.join(named) or 'no program running'}"
 
 
+def _late(bench: Bench) -> bytes:
+    """What comes of other questions, or late, where the first one drew nothing; empty: nobody is
+    there."""
+    for body in OTHER_QUESTIONS:
+        heard = _end_packet(bench) or bench.ask(body).raw
+        if heard:
+            return heard
+    return bench.talk.listen(LAST_LOOK_S)
+
+
+def _end_packet(bench: Bench) -> bytes:
+    """End what a unit may have heard of somebody's packet, and may wait for the rest of: how long,
+    nobody has written.  What comes of it.
+
+    As many zeros as the longest packet has bytes end any, and its sum is wrong: the number of the
+    unit alone keeps it from being 0.  (One that lacked but its last byte, a 0, is carried out as
+    who began it meant.)
+    """
+    talk = bench.talk
+    talk.send(ZEROS)
+    return talk.listen(len(ZEROS) * talk.target.byte_ns / 1e9 + QUIET_S)
+
+
+def _is_answered(exchange: Exchange, body: bytes) -> bool:
+    """True for a sound reply to this question, and not to an earlier one."""
+    reply = exchange.reply
+    name = body.partition(codec.COMMA)[0].decode()
+    return reply is not None and reply.is_sound and reply.name == name
+
+
 def _insisted(bench: Bench, body: bytes) -> Exchange:
     """Ask until there is a sound reply; longer if what comes differs, which is noise."""
     seen = set()
     for number in range(1, ATTEMPTS + 1):
         exchange = bench.ask(body)
         seen.add(exchange.raw)
-        if exchange.reply is not None and exchange.reply.is_sound:
+        if _is_answered(exchange, body):
             break
         if number >= PROBE_ATTEMPTS and len(seen) == 1:
             break
@@ -108,10 +147,12 @@ def _is_twin(run: Run) -> bool:
     return is_twin_url(run.target.description)
 
 
-def _heard(bench: Bench, exchange: Exchange) -> str:
+def _heard(bench: Bench, exchange: Exchange, late: bytes) -> str:
     """What came instead of an answer, with what follows it: another protocol shows its face."""
     if exchange.is_silence:
-        return "nothing comes"
+        if not late:
+            return "nothing comes"
+        return f"{codec.explain(late)} comes, but later than {REPLY_TIMEOUT_S} s, or now and then"
     if not exchange.extra:
         return str(exchange)
     raw = exchange.raw + bench.target.receive(FACE_BYTES, QUIET_S)

@@ -39,7 +39,7 @@ _OF_A_FLAG: Final = ("CFLAG", "RFLAG", "SFLAG")
 
 DEEDS: Final[Mapping[str, str]] = {
     "passive": "reads (BREAD, DREAD, RFLAG, RFLAGS, RQSTAT), and reads that are cut short or under"
-    " a wrong checksum",
+    " a wrong checksum; bytes that are no packet",
     "stored": "writes variables (DWRITE, BWRITE, of --variables) and flags (SFLAG, CFLAG, of"
     " --flags)",
     "motion": "lets the bench program work (SFLAG, CFLAG and BWRITE of --bench-program)",
