@@ -13,6 +13,23 @@ STOPPING = (
     "MACS-CMD-18", "MACS-CMD-09-02", "MACS-CMD-00-01", "MACS-CMD-0D-02", "MACS-REPLY-04",
 )  # fmt: skip
 
+# What needs a speed of its own; the rest runs as slowly as --max-speed asks for.
+MATTERS_OF_SPEED = {
+    "the_manuals_examples_get_their_printed_replies",
+    "digits_printed_x_have_no_effect_in_commands",
+    "the_lock_ends_with_the_motion",
+    "segments_run_at_their_own_constant_speed",
+    "segment_steps_are_signed",
+    "virtual_segments_wait_as_long_as_real_ones_move",
+    "segments_follow_one_another_without_a_gap",
+    "when_the_fifo_runs_empty_the_axis_rests",
+    "segments_of_zero_period_or_zero_steps",
+    "a_ramped_stop_does_not_interrupt_segments",
+    "a_hard_stop_empties_the_fifo",
+    "segments_sent_during_a_move",
+    "a_preloaded_move_started_during_segments",
+}
+
 
 def failed(result: Result) -> list[tuple[str, str, object]]:
     """What is told against the device, or could not be settled."""
@@ -66,3 +83,12 @@ def test_a_healthy_device_on_a_real_line_conforms(query: str) -> None:
     """At level full, with everything allowed that needs no rig."""
     result = judge_as_real(real_options(level="full"), query)
     assert (failed(result), result.exit_status) == ([], 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("max_speed", [125, 200, 500])
+def test_a_device_that_may_only_move_slowly_is_judged_slowly(max_speed: int) -> None:
+    """Everything takes longer; nothing is blamed for that, and little is left out."""
+    result = judge_as_real(real_options(level="full", max_speed=max_speed))
+    assert (failed(result), result.exit_status) == ([], 0)
+    assert set(left_out(result)) <= MATTERS_OF_SPEED

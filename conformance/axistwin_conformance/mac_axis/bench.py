@@ -232,6 +232,16 @@ class Bench(Talk):
         self.needs_speed(SLOWEST)
         return max(period, self.fastest)
 
+    def slowed_alike(self, *periods: int) -> list[int]:
+        """These periods, all made longer by as much as the shortest has to be; none beyond
+        SLOWEST."""
+        fastest = self.slowed(min(periods))
+        return [min(SLOWEST, -(-period * fastest // min(periods))) for period in periods]
+
+    def lasting_s(self, increments: int, period: int | None = None) -> float:
+        """The time that so many increments take, at the speed of `ready` or another."""
+        return increments * (self.period if period is None else period) / TICKS_PER_SECOND
+
     def needs_room(self, increments: int, reason: str) -> None:
         """Leave the check, or the probe, if nobody may go that far from where `ready` ends."""
         self.needs_travel(-(-increments * 8 // 7), reason)  # an eighth may be used up already

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.mac_axis.bench import SLOWEST, bench_of, segment
+from axistwin_conformance.mac_axis.motion import RAMP_LEVELS
 from axistwin_conformance.mac_axis.probes_motion import cleared_in_a_move
 from axistwin_conformance.mac_axis.probing import MOVES
 from axistwin_conformance.registry import check
@@ -25,7 +26,7 @@ def after_00h_parameters_and_position_are_kept(session: Session) -> None:
     ):  # fmt: skip
         bench.command(index, parameter)
     bench.accepted(0x13, start + 100)
-    bench.wait(0.4)
+    bench.wait(0.4 + bench.lasting_s(11 * RAMP_LEVELS))
     bench.run_out()
     before = [bench.value(index) for index in PARAMETER_QUERIES]
     place = bench.position()

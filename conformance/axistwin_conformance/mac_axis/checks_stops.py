@@ -15,6 +15,7 @@ from axistwin_conformance.session import Session
 
 PERIOD: Final = 0x1000
 FAR: Final = 100_000  # increments: a stop that is never reached
+FARTHEST: Final = 160  # increments that a check here waits for
 SUPERIOR, INFERIOR = 0x02, 0x01  # bits of ff
 
 
@@ -36,8 +37,8 @@ SIDES: Final = (
 # Every command that moves the axis, so that it would pass the stop by 40 increments or more.
 WAYS: Final[Mapping[str, Callable[[Bench, int, int], None]]] = {
     "13h": lambda bench, start, way: _send(bench, 0x13, start + 140 * way),
-    "15h": lambda bench, start, way: _send(bench, 0x15, velocity(way, PERIOD)),
-    "16h": lambda bench, start, way: _send(bench, 0x16, segment(140 * way, PERIOD)),
+    "15h": lambda bench, start, way: _send(bench, 0x15, velocity(way, bench.period)),
+    "16h": lambda bench, start, way: _send(bench, 0x16, segment(140 * way, bench.period)),
     "10h 13h 11h": lambda bench, start, way: _synchronised(bench, start + 140 * way),
 }
 
@@ -73,10 +74,10 @@ def fence(bench: Bench, side: Side, distance: int, mode: int = 8) -> int:
 
 
 def _rest(bench: Bench) -> int:
-    """The place where the axis is once it no longer moves (some ten milliseconds per step); without
-    a ramp, and at the speed of `fence`."""
+    """The place where the axis is once it no longer moves; without a ramp, and at the speed of
+    `fence`."""
     bench.run_out(bench.period)
-    bench.wait(0.15)
+    bench.wait(max(0.15, bench.lasting_s(FARTHEST)))
     return bench.position()
 
 
@@ -128,7 +129,7 @@ def beyond_a_software_stop_every_motion_ends(session: Session) -> None:
             move(bench, start, side.direction)
             bench.wait(0.05)
             place = (_rest(bench) - start) * side.direction
-            most = 51 + bench.braking(PERIOD)
+            most = 51 + bench.braking(bench.period)
             known = session.readings.get("brake_increments", "")
             least = most - 1 if known.isdigit() else 50  # a number that was seen holds everywhere
             session.expect(
@@ -150,11 +151,11 @@ def a_software_stop_drops_the_stored_segments(session: Session) -> None:
     bench = bench_of(session)
     start = fence(bench, SIDES[0], 20)
     for _ in range(3):
-        bench.accepted(0x16, segment(30, PERIOD))
+        bench.accepted(0x16, segment(30, bench.period))
     first = _rest(bench) - start
     bench.wait(0.2)
-    second = bench.position() - start
-    most = 21 + bench.braking(PERIOD)
+    second = _rest(bench) - start
+    most = 21 + bench.braking(bench.period)
     session.expect(
         20 <= first <= most,
         ("MACS-STOP-03", "MACS-CMD-09-02"),
@@ -167,7 +168,7 @@ def a_software_stop_drops_the_stored_segments(session: Session) -> None:
         "at rest",
         f"{second - first} more increments",
     )
-    bench.accepted(0x16, segment(1, PERIOD))
+    bench.accepted(0x16, segment(1, bench.period))
     bench.accepted(0x02, 0)
 
 
@@ -213,7 +214,7 @@ def from_beyond_a_software_stop_one_can_return(session: Session) -> None:
         outward = bench.command(0x13, start + 60 * side.direction).kind
         moved = (_rest(bench) - start) * side.direction
         session.expect(
-            outward is Kind.REFUSED or 0 <= moved <= bench.braking(PERIOD) * 2,
+            outward is Kind.REFUSED or 0 <= moved <= bench.braking(bench.period) * 2,
             side.requirements, "no step further out", f"{outward.value}, {moved} increments",
         )  # fmt: skip
         if outward is Kind.ACCEPTED:
@@ -249,7 +250,7 @@ def software_stops_watch_the_counter(session: Session) -> None:
     bench.accepted(0x13, 90)
     place = _rest(bench)
     bench.accepted(0x03, 0)
-    most = 31 + bench.braking(PERIOD)
+    most = 31 + bench.braking(bench.period)
     session.expect(
         30 <= place <= most,
         ("MACS-CMD-09-02", "MACS-STOP-03", "MACS-CMD-0B-01"),

@@ -46,15 +46,16 @@ def velocity_and_14h_can_be_preloaded_too(session: Session) -> None:
     bench = bench_of(session)
     start = bench.ready(0x1000, 1)
     bench.accepted(0x10)
-    bench.accepted(0x15, velocity(-1, 0x1800))
+    period = bench.slowed(0x1800)
+    bench.accepted(0x15, velocity(-1, period))
     session.expect(
         is_held(bench, start), "MACS-CMD-10-01", f"at {start} until 11h", bench.position()
     )
     exchange = bench.accepted(0x11)
-    forecast = bench.to_velocity(exchange, start, -1, 0x1800)
+    forecast = bench.to_velocity(exchange, start, -1, period)
     for _ in range(3):
         bench.wait(0.1)
-        bench.follow(forecast, "MACS-CMD-11-01", bench.allowance(0x1800))
+        bench.follow(forecast, "MACS-CMD-11-01", bench.allowance(period))
     bench.at_rest()
     start = bench.position()
     if abs(start) > bench.room():
@@ -135,8 +136,8 @@ def segments_are_not_held_by_10h(session: Session) -> None:
     bench = bench_of(session)
     start = bench.ready(0x1000)
     bench.accepted(0x10)
-    bench.accepted(0x16, segment(25, 0x1000), requirement="MACS-CMD-10-03")
-    bench.wait(0.1)
+    bench.accepted(0x16, segment(25, bench.period), requirement="MACS-CMD-10-03")
+    bench.wait(0.1 + bench.lasting_s(25))
     place = bench.position()
     session.expect(place == start + 25, "MACS-CMD-10-03", start + 25, place)
     bench.accepted(0x13, start)
@@ -155,7 +156,7 @@ def a_second_motion_replaces_the_preloaded_one(session: Session) -> None:
     bench.accepted(0x13, start + 60)
     second = bench.command(0x13, start - 60)
     bench.accepted(0x11, requirement="MACS-CMD-11-01")
-    bench.wait(0.25)
+    bench.wait(0.25 + bench.lasting_s(60))
     moved = bench.position() - start
     if second.kind is Kind.ACCEPTED:
         session.expect(
@@ -209,10 +210,10 @@ def a_preloaded_move_started_during_segments(session: Session) -> None:
     bench.again(sync_during_interp, ("MACS-CMD-11-01", "MACS-CMD-10-03"))
     if not bench.known("sync_during_interp"):
         start = bench.ready(0x4000)
-        for index, parameter in ((0x10, 0), (0x13, start - 20), (0x16, segment(20, 0x4000))):
+        for index, parameter in ((0x10, 0), (0x13, start - 20), (0x16, segment(20, bench.period))):
             bench.accepted(index, parameter)
         bench.accepted(0x11, requirement="MACS-CMD-11-01")
-        bench.wait(0.4)
+        bench.wait(0.4 + bench.lasting_s(60))
         bench.finish(bench.go(start), "MACS-CMD-11-01")  # not held back: 11h has used it up
 
 
@@ -224,7 +225,8 @@ def a_preloaded_speed_started_during_segments_is_taken_at_once(session: Session)
         if bench.known(switch):
             session.skip(f"this device's {switch} leaves nothing to start")
     bench.ready(0x4000)
-    for index, parameter in ((0x10, 0), (0x15, velocity(1, 0x8000)), (0x16, segment(50, 0x2000))):
+    slow, fast = bench.slowed_alike(0x8000, 0x2000)
+    for index, parameter in ((0x10, 0), (0x15, velocity(1, slow)), (0x16, segment(50, fast))):
         bench.accepted(index, parameter)
     bench.accepted(0x11, requirement="MACS-CMD-11-01")
     bench.wait(0.2)
@@ -232,7 +234,7 @@ def a_preloaded_speed_started_during_segments_is_taken_at_once(session: Session)
     bench.wait(0.2)
     after = bench.sample()
     bench.accepted(0x18)
-    step_ns, slack = 0x8000 * TICK_NS, 1 + bench.allowance(0x8000)
+    step_ns, slack = slow * TICK_NS, 1 + bench.allowance(slow)
     least = (after.taken.earliest_ns - before.taken.latest_ns) // step_ns - slack
     most = (after.taken.latest_ns - before.taken.earliest_ns) // step_ns + slack
     moved = after.position - before.position

@@ -25,16 +25,17 @@ def f6_turns_counter_clockwise(session: Session) -> None:
     bench = bench_of(session)
     bench.ready(0x2000)
     bench.again(vel_f6_direction)
+    period, seconds = bench.period, bench.lasting_s(20)
     edges = (0x00, 0x01, 0x06, 0x7F, 0x80, 0xF5, 0xF7, 0xFF)
     for selector in range(0x100) if session.carrier.is_virtual else edges:
         if selector == F6:
             continue
-        moved = _moved(bench, selector << 16 | 0x2000)
+        moved = _moved(bench, selector << 16 | period, seconds)
         session.expect(moved > 0, None, f"SS {selector:02X}h counts up", f"{moved:+d}")
         bench.come_home()
 
 
-def _moved(bench: Bench, parameter: int, seconds: float = 0.02) -> int:
+def _moved(bench: Bench, parameter: int, seconds: float) -> int:
     """How far 15h with that parameter moves the axis in a short time."""
     start = bench.position()
     bench.accepted(0x15, parameter)
@@ -65,16 +66,17 @@ def the_direction_stays_whatever_the_next_15h_says(session: Session) -> None:
     """In motion, 15h with the other direction is accepted with SS ignored, or refused."""
     bench = bench_of(session)
     bench.again(vel_reverse_cmd, "MACS-CMD-15-03")
+    faster = bench.slowed(0x4000)
     for direction in (1, -1):
         bench.ready(SLOWEST)
         forecast = bench.turn(direction, SLOWEST)
         bench.wait(0.1)
-        exchange = bench.command(0x15, velocity(-direction, 0x4000))
+        exchange = bench.command(0x15, velocity(-direction, faster))
         if exchange.kind is Kind.ACCEPTED:
-            forecast = forecast.changed(exchange.taken, 0x4000)
+            forecast = forecast.changed(exchange.taken, faster)
         for _ in range(3):
             bench.wait(0.1)
-            bench.follow(forecast, ("MACS-CMD-15-02", "MACS-CMD-15-03"), bench.allowance(0x4000))
+            bench.follow(forecast, ("MACS-CMD-15-02", "MACS-CMD-15-03"), bench.allowance(faster))
         bench.at_rest()
 
 
@@ -95,16 +97,17 @@ def speed_changes_follow_the_closed_form(session: Session) -> None:
         session.skip("the ledger gives no formula for speed changes on such a ramp")
     if bench.known("stop_ramp_law"):
         session.skip("the ledger gives no formula for stops on such a ramp")
+    first, *others = bench.slowed_alike(0x1800, 0x0600, 0x2000)
     for coefficient in (0, 1, 2):
         bench.ready(0x0800, coefficient)
-        forecast = bench.turn(1, 0x1800)
-        for period in (bench.slowed(0x0600), 0x2000):
+        forecast = bench.turn(1, first)
+        for period in others:
             bench.wait(0.06)
             taken = bench.accepted(0x15, velocity(1, period), requirement="MACS-CMD-15-02").taken
             forecast = forecast.changed(taken, period)
             for _ in range(3):
                 bench.wait(0.04)
-                bench.follow(forecast, "MACS-CMD-15-02", bench.allowance(0x0600))
+                bench.follow(forecast, "MACS-CMD-15-02", bench.allowance(min(others)))
         forecast = forecast.stopped(bench.accepted(0x15, 0, requirement="MACS-CMD-15-04").taken)
         bench.watch(forecast, "MACS-CMD-15-04", samples=3)
 
@@ -116,7 +119,7 @@ def velocity_0_and_17h_stop_on_the_ramp(session: Session) -> None:
     for index, name in ((0x15, "MACS-CMD-15-04"), (0x17, "MACS-CMD-17-01")):
         for direction, coefficient in ((1, 1), (-1, 2)):
             bench.ready(0x0800, coefficient)
-            period = 0x0800
+            period = bench.period
             forecast = bench.turn(direction, period)
             bench.wait(240 * coefficient * period * TICK_NS / 1e9 + 0.1)
             parameter = velocity(-direction, 0) if index == 0x15 else 0
@@ -143,18 +146,19 @@ def velocity_0_at_rest_moves_nothing(session: Session) -> None:
 def the_first_parameter_byte_of_15h_is_ignored(session: Session) -> None:
     """Whatever stands before SS, speed and direction are the same."""
     bench = bench_of(session)
+    period = bench.slowed(0x2000)
     for first in (0x01, 0x7F, 0xF6, 0xFF):
         for direction in (1, -1):
             bench.ready(0x0800)
             origin = bench.position()
-            exchange = bench.command(0x15, first << 24 | velocity(direction, 0x2000))
+            exchange = bench.command(0x15, first << 24 | velocity(direction, period))
             if exchange.kind is Kind.REFUSED:
                 bench.reading("dont_care_digits", 1)
                 continue
             bench.must(Kind.ACCEPTED, exchange)
-            forecast = bench.to_velocity(exchange, origin, direction, 0x2000)
+            forecast = bench.to_velocity(exchange, origin, direction, period)
             bench.wait(0.05)
-            bench.follow(forecast, None, bench.allowance(0x2000))
+            bench.follow(forecast, None, bench.allowance(period))
             bench.at_rest()
 
 
@@ -164,16 +168,15 @@ def velocity_takes_over_from_a_move(session: Session) -> None:
     bench = bench_of(session)
     start = bench.ready(0x1000, 1)
     forecast = bench.go(start + 400)
-    bench.wait(0.15)
-    exchange = bench.command(0x15, velocity(1, 0x1000))
+    bench.wait(bench.lasting_s(300))
+    exchange = bench.command(0x15, velocity(1, bench.period))
     outcome: int | str = {Kind.ACCEPTED: 0, Kind.REFUSED: 1}.get(exchange.kind, str(exchange.reply))
     bench.reading("vel_during_position", outcome, "MACS-CMD-15-02")
     if outcome == 1:
         bench.finish(forecast, "MACS-STATE-01")
         return
     # At the very speed of the move, a change changes nothing but the end.
-    speed = TICKS_PER_SECOND // 0x1000
-    bench.wait(500 / speed)
+    bench.wait(bench.lasting_s(500))
     place = bench.position()
     session.expect(place > start + 400, "MACS-CMD-15-02", f"beyond {start + 400}", place)
     bench.refused(0x02, 0, requirement="MACS-STATE-01")
@@ -184,15 +187,15 @@ def velocity_takes_over_from_a_move(session: Session) -> None:
 def velocity_takes_over_from_a_segment(session: Session) -> None:
     """15h during a segment is accepted and empties the FIFO, or is refused."""
     bench = bench_of(session)
-    start = bench.ready(0x1000)
+    start, period = bench.ready(0x1000), bench.slowed(0x2000)
     bench.accepted(0x16, 100 << 16 | SLOWEST)
     bench.accepted(0x1E, 0x0010FFFF)
-    exchange = bench.command(0x15, velocity(1, 0x2000))
+    exchange = bench.command(0x15, velocity(1, period))
     outcome: int | str = {Kind.ACCEPTED: 0, Kind.REFUSED: 1}.get(exchange.kind, str(exchange.reply))
     bench.reading("vel_during_interp", outcome)
     if outcome == 0:
         bench.wait(0.4)
         place = bench.position()
-        least = TICKS_PER_SECOND // 0x2000 * 4 // 10 - 10
+        least = TICKS_PER_SECOND // period * 4 // 10 - 10
         session.expect(place - start >= least, None, f"{least} or more", place - start)
     bench.at_rest()

@@ -48,12 +48,13 @@ def abort_flush(bench: Bench) -> Outcome:
     for _ in range(FIFO_STAGES):
         bench.command(0x18)
     bench.command(0x0F, 0)  # no ramp behind the last segment, whatever MACS-AMB-40 is read as
+    fast, slow = bench.slowed_alike(0x1000, 0x4000)
     for _ in range(2):
-        bench.command(0x16, segment(40, 0x4000))
+        bench.command(0x16, segment(40, slow))
     bench.command(0x18)
     place = bench.position()
-    bench.command(0x16, segment(5, 0x1000))
-    bench.wait(PRELOAD_SHOWS_S)
+    bench.command(0x16, segment(5, fast))
+    bench.wait(PRELOAD_SHOWS_S + bench.lasting_s(45, slow))
     moved = bench.position() - place
     if moved < 40:
         return 0
@@ -68,7 +69,7 @@ def preload_policy(bench: Bench) -> Outcome:
     start = bench.position()
     bench.command(0x10)
     bench.command(0x13, start + 1000)
-    second = bench.command(0x15, velocity(1, 0x2000))  # never locked, as 13h may be
+    second = bench.command(0x15, velocity(1, bench.slowed(0x2000)))  # never locked, as 13h may be
     bench.command(0x17)
     bench.command(0x11)
     bench.wait(PRELOAD_SHOWS_S)
@@ -244,8 +245,8 @@ def standby_swing(bench: Bench) -> Outcome:
 def vel_f6_direction(bench: Bench) -> Outcome:
     """15h with SS = F6h, then 20h."""
     start = bench.ready(0x2000)
-    bench.accepted(0x15, velocity(-1, 0x2000))
-    bench.wait(0.02)
+    bench.accepted(0x15, velocity(-1, bench.period))
+    bench.wait(bench.lasting_s(20))
     bench.command(0x18)
     moved = bench.position() - start
     return 0 if moved < 0 else 1 if moved > 0 else "no motion at all"
@@ -280,7 +281,7 @@ def vel_change_law(bench: Bench) -> Outcome:
     if bench.known("ramp_law"):
         return _change_by_length(bench)
     bench.ready(0x0800, 2)
-    before, after = 0x1000, bench.slowed(0x0A00)
+    before, after = bench.slowed_alike(0x1000, 0x0A00)
     origin = bench.position()
     start = bench.accepted(0x15, velocity(1, before))
     bench.wait(240 * 2 * before * TICK_NS / 1e9 + 0.03)
@@ -290,7 +291,7 @@ def vel_change_law(bench: Bench) -> Outcome:
         .changed(change.taken, after)
         for name in ("ramp_length", "step")
     ]  # fmt: skip
-    samples = bench.sampled(0.4, 12)
+    samples = bench.sampled(0.4 * after / 0x0A00, 12)
     bench.command(0x18)
     fitting = bench.fit(samples, forecasts)
     if fitting:
@@ -309,12 +310,12 @@ def _change_by_length(bench: Bench) -> Outcome:
     """The same on ramps of equal increments, for which the ledger has no formula of a change: only
     a change without any ramp shows, at the next increment."""
     bench.ready(0x0800, 2)
-    before, after = 0x1000, bench.slowed(0x0A00)
+    before, after = bench.slowed_alike(0x1000, 0x0A00)
     bench.accepted(0x15, velocity(1, before))
     bench.wait(420 * 2 * before * TICK_NS / 1e9 + 0.03)
     bench.accepted(0x15, velocity(1, after))
     here = bench.sample()
-    bench.wait(0.02)
+    bench.wait(0.02 * after / 0x0A00)
     there = bench.sample()
     bench.command(0x18)
     gone_ns = there.taken.earliest_ns - here.taken.latest_ns

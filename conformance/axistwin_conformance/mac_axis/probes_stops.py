@@ -19,6 +19,7 @@ PERIOD: Final = 0x1000
 FAST: Final = 0x0200  # 15625 inc/s: an axis with inertia brakes over 12 increments
 BRAKING_S: Final = 0.3  # of endless motion before a stop is surely met
 SUPERIOR: Final = 0x02  # bit of ff
+FARTHEST: Final = 160  # increments that a probe here waits for
 POLL_S: Final = 0.05
 LONGEST_DEAFNESS_S: Final = 61.0
 LONGEST_REAL_S: Final = 8.0  # where waiting takes a person's time, and may be for a dead device
@@ -27,9 +28,9 @@ SLOWEST_CATCH_UP: Final = 0xFF00
 
 
 def rest(bench: Bench) -> int:
-    """The place where the axis is once it no longer moves (some ten milliseconds per step)."""
+    """The place where the axis is once it no longer moves at the speed of `fence`."""
     bench.run_out()
-    bench.wait(0.15)
+    bench.wait(max(0.15, bench.lasting_s(FARTHEST)))
     return bench.position()
 
 

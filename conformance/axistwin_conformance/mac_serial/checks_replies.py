@@ -156,7 +156,7 @@ def refusals_change_nothing(session: Session) -> None:
     session.quirk("MACS-REPLY-03", "xonerror_byte", spelled)
     bench.wait(0.1)
     bench.follow(forecast, ("MACS-REPLY-05", "MACS-CMD-13-02"), bench.allowance(SLOWEST))
-    lock = bench.command(0x0D, 0x2123)
+    lock = bench.command(0x0D, bench.slowed(0x2123))
     if lock.kind is Kind.ACCEPTED:
         bench.reading("motion_lock_set", 1, "MACS-CMD-0D-02")
         bench.at_rest()
