@@ -11,6 +11,10 @@
                   └─ passed by asking again: replayed strictly, so that a device whose fault is
                      cured by asking again does not pass for a noisy line
 
+Late is what this host or the line holds up (`Carrier.late`).  What looks wrong in an attempt in
+which anything was late, counts only beside attempts in which the very same was; and once something
+has looked wrong, what holds in such an attempt does not do either.
+
 *Often enough* follows from the line itself: with a share p of exchanges spoilt, the same surprise
 k times by noise alone has the chance p to the power of k; k is taken so that it is one in a million
 (`LineQuality.alike_needed`), and one in ten thousand that any k of all attempts are alike.  What
@@ -108,6 +112,7 @@ class Attempt:
     spoilt: tuple[str, ...] = ()
     place: bytes = b""
     is_replayed: bool = False  # the check has found out by itself how often its failure comes
+    late: tuple[str, ...] = ()  # what this host or the line held up, in its order
 
     @property
     def is_quiet(self) -> bool:
@@ -127,6 +132,7 @@ class Attempt:
 
     def surprise(self, *, is_noisy: bool) -> tuple[object, ...]:
         """What would be told against the device, comparable between attempts; empty if nothing."""
+        is_noisy |= bool(self.late)  # a reading may come of it as well
         told: list[object] = [
             (one.requirement, _without_numbers(" ".join((one.text, *one.expected))))
             for one in self.result.findings
@@ -134,7 +140,7 @@ class Attempt:
         ]
         if is_noisy:
             told += sorted(self.readings.items())
-        return (*told, self.place, self.spoilt) if told else ()
+        return (*told, self.place, self.spoilt, self.late) if told else ()
 
 
 class Replays:
@@ -194,8 +200,8 @@ class Replays:
             alike = self._alike(surprise)
             is_enough = alike >= self._quality.alike_needed and not self._is_by_chance(alike)
             return is_enough and not self._doubts()
-        if not one.is_quiet:
-            return False
+        if not one.is_quiet or (one.late and any(self._surprise(other) for other in self._all)):
+            return False  # what is late hides a fault as it makes one up
         # On a noisy line a surprise that does not come again was noise; on a quiet one it is the
         # device's, and what comes now and then is no pass.
         passes = sum(other.is_quiet and not self._surprise(other) for other in self._all)
@@ -231,7 +237,7 @@ class Replays:
         return [one for one in self._all if not one.is_void and not self._surprise(one)]
 
     def _quiet_surprises(self) -> bool:
-        return any(one.is_quiet and self._surprise(one) for one in self._all)
+        return any(one.is_quiet and not one.late and self._surprise(one) for one in self._all)
 
     def _has_wandered(self) -> bool:
         """True if strict attempts went wrong each in another way, none of them quietly: noise."""
@@ -252,7 +258,8 @@ class Replays:
 
     def _given_up(self) -> CheckResult:
         passed = self._passed()
-        surprises = [self._surprise(one) for one in self._all if self._surprise(one)]
+        # Without what was late: more than a few that complain of the same are not held for noise.
+        surprises = [told[:-1] for one in self._all if (told := self._surprise(one))]
         alike = max((surprises.count(one) for one in surprises), default=0)
         if passed and not self._quiet_surprises() and alike < LEAST_ALIKE:
             return self._with_history(passed[0].result, PASSED_WITH_RETRIES)
@@ -271,6 +278,8 @@ class Replays:
         )
         if telling.disturbance:
             text += f"; last: {telling.disturbance}"
+        if late := sum(bool(one.late) for one in self._all):
+            text += f"; this host or the line was late in {late} of them"
         result = replace(telling.result, outcome=Outcome.DONE).withdrawn(text)
         said = {one.requirement for one in result.findings}
         more = tuple(
