@@ -46,7 +46,7 @@ def _on(patch: MonkeyPatch, name: bytes, act: Any_) -> None:
 # --- single values -------------------------------------------------------------------------------
 
 
-@msc_mutant("MSC-DREAD-03", "MSC-PROP-08", traps=(27,))
+@msc_mutant("MSC-DREAD-03", traps=(27,))
 def a_negative_value_reads_as_its_amount(patch: MonkeyPatch) -> None:
     """DREAD has no sign."""
 
@@ -153,7 +153,7 @@ def a_value_that_is_no_text_is_refused(patch: MonkeyPatch) -> None:
     _on(patch, b"DWRITE", act)
 
 
-@msc_mutant("MSC-DWRITE-04", "MSC-DWRITE-02")
+@msc_mutant("MSC-DWRITE-04", "MSC-DWRITE-02", "MSC-PROP-08")
 def a_value_is_stored_when_the_next_one_comes(patch: MonkeyPatch) -> None:
     """A DWRITE is carried out behind the command that follows it."""
 
