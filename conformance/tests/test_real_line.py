@@ -24,10 +24,7 @@ MATTERS_OF_SPEED = {
     "segments_follow_one_another_without_a_gap",
     "when_the_fifo_runs_empty_the_axis_rests",
     "segments_of_zero_period_or_zero_steps",
-    "a_ramped_stop_does_not_interrupt_segments",
     "a_hard_stop_empties_the_fifo",
-    "segments_sent_during_a_move",
-    "a_preloaded_move_started_during_segments",
 }
 
 

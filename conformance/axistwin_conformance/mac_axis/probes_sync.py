@@ -60,8 +60,9 @@ def fifo_counts_executing(bench: Bench) -> Outcome:
 def segment_signed(bench: Bench) -> Outcome:
     """16h FFFF at a slow period: one step back, or a long way forward."""
     start = bench.ready(SLOWEST)
-    put(bench, Segment(0xFFFF, 0x1000))
-    bench.wait(0.05)
+    period = bench.slowed(0x1000)
+    put(bench, Segment(0xFFFF, period))
+    bench.wait(bench.lasting_s(100, period))
     bench.at_rest()
     moved = bench.position() - start
     return 0 if moved == -1 else 1 if moved > 10 else f"{moved:+d} increments"
@@ -71,12 +72,13 @@ def segment_signed(bench: Bench) -> Outcome:
 def fifo_underrun(bench: Bench) -> Outcome:
     """One segment and no other behind it, with AA = 1 so that a ramp shows; then another."""
     start = bench.ready(coefficient=1)
-    exchange = put(bench, Segment(30, 0x2000))
-    end = bench.to_segments(exchange, start, Segment(30, 0x2000)).end
+    period = bench.slowed(0x2000)
+    exchange = put(bench, Segment(30, period))
+    end = bench.to_segments(exchange, start, Segment(30, period)).end
     assert end is not None
     bench.wait_until(end.latest_ns + 300_000_000)
     moved = bench.position() - start
-    again = put(bench, Segment(1, 0x2000)).kind
+    again = put(bench, Segment(1, period)).kind
     if again is Kind.REFUSED:
         bench.command(0x18)  # what leads out of it (MACS-AMB-40)
         return 2
@@ -114,7 +116,7 @@ def interp_during_profile(bench: Bench) -> Outcome:
     """16h during 13h: the reply, and where the axis ends."""
     start = bench.ready(bench.outlasting(100, 0x2000))
     exchange = bench.accepted(0x13, start + 100)
-    one = Segment(back(bench, 40), 0x1000)
+    one = Segment(back(bench, 40), bench.slowed(0x1000))
     second = put(bench, one)
     end = bench.to_position(exchange, start, start + 100).end
     assert end is not None
@@ -154,7 +156,7 @@ def vel_during_interp(bench: Bench) -> Outcome:
     """15h during a long 16h."""
     bench.ready(0x1000)
     bench.accepted(0x16, segment(100, SLOWEST))
-    kind = bench.command(0x15, velocity(1, 0x2000)).kind
+    kind = bench.command(0x15, velocity(1, bench.slowed(0x2000))).kind
     bench.at_rest()
     return reply_of(kind, ACCEPTED_OR_REFUSED)
 
@@ -171,8 +173,8 @@ def sync_arm_lifetime(bench: Bench) -> Outcome:
     """10h, 16h, 13h: whether the move is held."""
     start = bench.ready(0x1000)
     bench.accepted(0x10)
-    bench.accepted(0x16, segment(25, 0x1000))
-    bench.wait(0.1)
+    bench.accepted(0x16, segment(25, bench.period))
+    bench.wait(0.1 + bench.lasting_s(25))
     place = bench.position()
     bench.accepted(0x13, start)
     held = is_held(bench, place)
@@ -212,7 +214,9 @@ def sync_during_interp(bench: Bench) -> Outcome:
     # end.
     sync = bench.command(0x11)
     bench.taken_in_time(sync, first.taken.earliest_ns + 2 * one.duration_ns, "the segments")
-    longer_s = 2 * (one.period - 0x4000) * one.steps * TICK_NS / 1e9
+    longer_s = bench.lasting_s(40, one.period - 0x4000) + bench.lasting_s(
+        140, bench.period - 0x4000
+    )
     places = [at.position - start for at in bench.sampled(0.6 + longer_s, 36)]
     bench.at_rest()
     if places[-1] == -100:
