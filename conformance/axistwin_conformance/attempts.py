@@ -73,7 +73,12 @@ class Attempts:
             except TargetError:
                 return False  # found again, and told, when the check is over
 
-        return Replays(attempt, tidy, run.quality).settle()
+        result = Replays(attempt, tidy, run.quality).settle()
+        if run.target.too_slow and result.verdict in (Verdict.FAIL, Verdict.QUIRK):
+            run.readings.clear()
+            run.readings.update(known)
+            return result.withdrawn(run.target.too_slow)
+        return result
 
     def _attempt(self, run: Run, check: Check, *, is_strict: bool = False) -> Attempt:
         """Run the check's function; whatever it does becomes a result."""

@@ -37,6 +37,7 @@ SILENCE_NOTED_S = 0.05  # shorter waits in vain are not worth a line in the tran
 STOP_HEARD_NS = 50_000_000  # the reply to a stop takes 3 ms at 9600 baud
 MOST_HUSHES = 20  # a device that never stops talking is not waited for
 LATE_NS = 30_000_000  # beyond the slowest exchange or the time asked for: no habit of a line
+SLOWEST_JUDGED_NS = 200_000_000  # an exchange: the checks know how to wait for one of that length
 TWIN_PREFIX = "axistwin:"  # what opens a twin in this process, on a line or on a bus
 
 
@@ -208,6 +209,14 @@ class Carrier(ABC):
         """What the way there and back may add to a time that is the device's own; none of it counts
         in virtual time, where everything is exact."""
         return 0.0 if self.is_virtual else self.uncertainty_ns / 1e9
+
+    @property
+    def too_slow(self) -> str:
+        """Why nothing can be held against a device behind this; empty if it can."""
+        if self.is_virtual or self.uncertainty_ns <= SLOWEST_JUDGED_NS:
+            return ""
+        slowest, most = (ns // 1_000_000 for ns in (self.uncertainty_ns, SLOWEST_JUDGED_NS))
+        return f"an exchange takes up to {slowest} ms here, too long to tell; {most} ms would do"
 
     def note_late(self, what: str, late_ns: int, *, is_device_free: bool = False) -> None:
         """Remember that something took so much longer than it should, if that is more than a habit

@@ -86,6 +86,8 @@ def _ask_until_believed(run: Run, probe: Probe, keeper: Keeper) -> Detection:
             why = str(error)
             continue
         is_usual = one.reading == run.ledger.ambiguity_of(probe.switch).default_of(probe.switch)
+        if run.target.too_slow and not is_usual:
+            return Detection(probe.switch, None, run.target.too_slow)
         late = tuple(run.target.late)
         is_quiet = is_usual and not late and not run.quality.is_noisy
         answer = (one.candidates, late)

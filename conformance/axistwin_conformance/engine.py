@@ -255,7 +255,10 @@ class Engine:
         trip = target.measure_round_trip(lambda: self._is_sound(session), samples)
         self._keeper.note_retries(session)
         if not target.is_virtual:
-            self._note(f"instants are known to within {target.uncertainty_ns / 1e6:.0f} ms here")
+            known_ms = target.uncertainty_ns / 1e6
+            self._note(
+                f"instants are known to within {known_ms:.0f} ms: a shorter delay is not seen"
+            )
         identity, self._is_identified = run.identity, True
         self._emit(
             events.Identified(identity.summary, identity.values, trip.median_ns, trip.max_ns)

@@ -82,6 +82,11 @@ class Target(Carrier):
         return self.is_virtual and self.is_lossless and self.fence is None
 
     @property
+    def is_pty(self) -> bool:
+        """True if no hardware is behind it, which may not care for a rate."""
+        return os.path.realpath(self.description).startswith("/dev/pts/")
+
+    @property
     def rate(self) -> int:
         """The rate of our end of the line."""
         return self.baud

@@ -68,6 +68,7 @@ LOW_LATENCY = Interface("USB, latency timer 1 ms", lump_ns=MS)
 TERMINAL_SERVER = Interface(
     "terminal server", way_ns=(5 * MS, 40 * MS), url="socket://10.0.0.7:4001"
 )
+FAR_AWAY = Interface("far away", way_ns=(100 * MS, 150 * MS), url="socket://10.9.0.7:4001")
 LOADED_HOST = Interface("loaded host", stall_every=150)
 BUSY_HOST = Interface("very busy host", stall_every=15)
 ECHOING = Interface("RS-485 with local echo", echoes=True)
@@ -76,8 +77,8 @@ DROPPING = Interface("drops a byte in 2000", drop_every=2000)
 REBOOTING = Interface("reboots once", reboot_ns=15_000 * MS)
 WORST = Interface("USB on a loaded host", lump_ns=16 * MS, stall_every=150)
 ALL = (
-    PLAIN, LOW_LATENCY, LATENCY_TIMER, TERMINAL_SERVER, LOADED_HOST, BUSY_HOST, ECHOING, GLITCH,
-    DROPPING, REBOOTING, WORST,
+    PLAIN, LOW_LATENCY, LATENCY_TIMER, TERMINAL_SERVER, FAR_AWAY, LOADED_HOST, BUSY_HOST, ECHOING,
+    GLITCH, DROPPING, REBOOTING, WORST,
 )  # fmt: skip
 
 

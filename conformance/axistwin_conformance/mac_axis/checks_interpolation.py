@@ -77,10 +77,11 @@ def a_refused_segment_is_accepted_when_a_stage_frees(session: Session) -> None:
 def segments_run_at_their_own_constant_speed(session: Session) -> None:
     """A segment takes exactly |DDDD|·VVVV ticks, relative, whatever 0Dh and 0Fh say."""
     bench = plain(session)
+    fast, medium, slow = bench.slowed_alike(0x1000, 0x1800, 0x8000)
     for steps, period, coefficient in (
-        (200, 0x1000, 5),
-        (back(bench, 150), 0x1800, 0),
-        (40, 0x8000, 50),
+        (200, fast, 5),
+        (back(bench, 150), medium, 0),
+        (40, slow, 50),
     ):
         start = bench.ready(0x4000, coefficient)
         exchange = bench.must(Kind.ACCEPTED, put(bench, Segment(steps, period)))
@@ -96,12 +97,12 @@ def segment_steps_are_signed(session: Session) -> None:
     """DDDD is a signed number of steps: FFFFh is one back and 8000h goes backward; or unsigned."""
     bench = bench_of(session)
     bench.again(segment_signed, ("MACS-CMD-16-01", "MACS-FRAME-05"))
-    start = bench.ready()
+    start, one = bench.ready(), Segment(-0x8000, bench.slowed(0x1000))
     if not bench.known("segment_signed") and bench.fits(start - 0x8000):
-        exchange = bench.must(Kind.ACCEPTED, put(bench, Segment(-0x8000, 0x1000)))
-        forecast = bench.to_segments(exchange, start, Segment(-0x8000, 0x1000))
+        exchange = bench.must(Kind.ACCEPTED, put(bench, one))
+        forecast = bench.to_segments(exchange, start, one)
         bench.wait(0.1)
-        bench.follow(forecast, ("MACS-CMD-16-01", "MACS-FRAME-05"), bench.allowance(0x1000))
+        bench.follow(forecast, ("MACS-CMD-16-01", "MACS-FRAME-05"), bench.allowance(one.period))
         bench.at_rest()
 
 
@@ -110,9 +111,9 @@ def virtual_segments_wait_as_long_as_real_ones_move(session: Session) -> None:
     """Between two segments, 1Eh keeps the axis still for DDDD·VVVV ticks, and not one more."""
     bench = plain(session)
     start = bench.ready()
-    period = bench.outlasting(40, 0x3000)
+    period, slow = bench.outlasting(40, 0x3000), bench.slowed(0x4000)
     row = [
-        Segment(40, period), Segment(60, period, moves=False), Segment(back(bench, 25), 0x4000),
+        Segment(40, period), Segment(60, period, moves=False), Segment(back(bench, 25), slow),
     ]  # fmt: skip
     forecast = bench.feed(start, *row)
     bench.watch(forecast, ("MACS-CMD-1E-01", "MACS-CMD-16-01"), samples=10)
@@ -136,7 +137,7 @@ def segments_follow_one_another_without_a_gap(session: Session) -> None:
     row = [
         Segment(
             draw.choice((back(bench, 1), 1)) * draw.randint(shortest, 2 * shortest),
-            draw.randint(period, period * 3 // 2),
+            draw.randint(period, min(SLOWEST, period * 3 // 2)),
             draw.random() < 0.8,
         )
         for _ in range(count)
@@ -158,7 +159,7 @@ def when_the_fifo_runs_empty_the_axis_rests(session: Session) -> None:
     """At the end of the last segment the axis stands on its last step, unlocked, and goes on."""
     bench = bench_of(session)
     start = bench.ready()
-    one = Segment(30, 0x2000)
+    one = Segment(30, bench.slowed(0x2000))
     bench.again(fifo_underrun, "MACS-CMD-16-01")
     start = bench.position()
     for _ in range(0 if bench.known("fifo_underrun") else 3):
@@ -185,7 +186,7 @@ def segments_of_zero_period_or_zero_steps(session: Session) -> None:
         outcome = 2 if is_running else 1
     bench.reading("segment_zero_period", outcome, "MACS-CMD-1E-01")
     for index in (0x16, 0x1E):
-        kind = bench.command(index, segment(0, 0x1000)).kind
+        kind = bench.command(index, segment(0, bench.slowed(0x1000))).kind
         if kind is not Kind.ACCEPTED:
             session.fail(None, "accepted", kind.value)
         outcome = int(bench.command(0x02, 0).kind is Kind.REFUSED)
@@ -222,10 +223,9 @@ def a_hard_stop_empties_the_fifo(session: Session) -> None:
         bench.again(abort_flush, "MACS-CMD-18-03")
         return
     start = bench.position()
-    exchange = bench.must(Kind.ACCEPTED, put(bench, Segment(10, 0x2000)), "MACS-CMD-18-03")
-    bench.watch(
-        bench.to_segments(exchange, start, Segment(10, 0x2000)), "MACS-CMD-18-03", samples=2
-    )
+    one = Segment(10, bench.slowed(0x2000))
+    exchange = bench.must(Kind.ACCEPTED, put(bench, one), "MACS-CMD-18-03")
+    bench.watch(bench.to_segments(exchange, start, one), "MACS-CMD-18-03", samples=2)
 
 
 @check("MACS-CMD-16-02", safety=MOVES, level="full")
