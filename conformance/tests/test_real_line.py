@@ -17,14 +17,6 @@ STOPPING = (
 MATTERS_OF_SPEED = {
     "the_manuals_examples_get_their_printed_replies",
     "digits_printed_x_have_no_effect_in_commands",
-    "the_lock_ends_with_the_motion",
-    "segments_run_at_their_own_constant_speed",
-    "segment_steps_are_signed",
-    "virtual_segments_wait_as_long_as_real_ones_move",
-    "segments_follow_one_another_without_a_gap",
-    "when_the_fifo_runs_empty_the_axis_rests",
-    "segments_of_zero_period_or_zero_steps",
-    "a_hard_stop_empties_the_fifo",
 }
 
 

@@ -13,6 +13,7 @@ from typing import Final
 from axistwin_conformance.mac_axis.acceptance import RUNNING, Row, outcome_of
 from axistwin_conformance.mac_axis.bench import SLOWEST, Bench, bench_of, segment, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind
+from axistwin_conformance.mac_axis.motion import TICK_NS
 from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
@@ -254,9 +255,9 @@ def the_lock_ends_with_the_motion(session: Session) -> None:
         bench.wait_until(end[1] + slack_ns)
         bench.accepted(0x02, 0, requirement="MACS-STATE-01")
         bench.accepted(0x0F, 0, requirement="MACS-STATE-01")
-        bench.accepted(0x0D, 0x4000, requirement="MACS-STATE-01")
+        bench.accepted(0x0D, bench.period, requirement="MACS-STATE-01")
         bench.accepted(0x13, start, requirement="MACS-CMD-13-01")
-        bench.wait(0.5)
+        bench.wait(0.3 + bench.lasting_s(100))
 
 
 def _short_move(bench: Bench, start: int) -> tuple[int, int]:
@@ -266,6 +267,6 @@ def _short_move(bench: Bench, start: int) -> tuple[int, int]:
 
 
 def _short_segment(bench: Bench, start: int) -> tuple[int, int]:
-    window = bench.accepted(0x16, segment(100, 0x4000)).taken
-    duration_ns = 100 * 0x4000 * 125
+    window = bench.accepted(0x16, segment(100, bench.period)).taken
+    duration_ns = 100 * bench.period * TICK_NS
     return window.earliest_ns + duration_ns, window.latest_ns + duration_ns
