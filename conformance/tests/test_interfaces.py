@@ -149,8 +149,7 @@ FAULTS = (
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
 @pytest.mark.parametrize("interface", [LATENCY_TIMER, TERMINAL_SERVER, LOADED_HOST], ids=str)
 def test_a_fault_of_tens_of_ms_never_passes(fault: Mutant, interface: Interface) -> None:
-    """Behind an adapter it is found; where exchanges take longer than the fault, or a host is
-    loaded, it is at least not held for sound."""
+    """Behind an adapter it is found; elsewhere it is at least not held for sound."""
     if fault is sync_starts_50_ms_late and interface is TERMINAL_SERVER:
         pytest.skip("a delay shorter than an exchange: the run says that it is not seen")
     with fault.plant():
