@@ -1,5 +1,6 @@
 import errno
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -323,6 +324,73 @@ def test_a_short_live_write_is_an_error(folder: Path, monkeypatch: pytest.Monkey
     with pytest.raises(StateError, match=r"mac23-0\.live: cannot be written"):
         slot.save({"position": 5}, durable=False)
     storage.close()
+
+
+NO_ROOM = """
+import resource, signal, sys
+from axistwin.cli.main import main
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+main(["run", "mac23", "--tcp", "127.0.0.1:0", "--state", sys.argv[1]])
+"""
+
+
+def test_a_folder_without_room_is_told_in_one_line(tmp_path: Path) -> None:
+    """Where no file may grow, a run ends at once, with the folder, the reason and what to do."""
+    folder = tmp_path / "state"
+    ended = subprocess.run(
+        [sys.executable, "-c", NO_ROOM, str(folder)],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert (ended.returncode, ended.stdout) == (2, "")
+    (line,) = ended.stderr.splitlines()
+    assert f"state {folder}: cannot be written (File too large); make room, or" in line
+
+
+def test_a_folder_that_cannot_be_locked_is_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """File systems without locks exist; nobody would keep a second process out."""
+
+    def none_left(*_: object) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr("fcntl.flock", none_left)
+    with pytest.raises(StateError, match=r"cannot be locked \(No locks available\); choose"):
+        Storage(tmp_path)
+
+
+@pytest.mark.parametrize("is_durable_first", [False, True])
+def test_writes_that_fail_again_and_again_leave_what_was_saved_before(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, is_durable_first: bool
+) -> None:
+    """However many live entries are torn in the middle, the newest whole one is never among them;
+    what is written when there is room again holds."""
+    storage = Storage(folder)
+    slot = storage.slot("mac23-0", "mac23")
+    whole = os.pwrite
+
+    def half(fd: int, data: bytes, offset: int) -> int:
+        return whole(fd, bytes(len(data) // 2), offset)
+
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "pwrite", half)
+    monkeypatch.setattr(os, "fsync", full)
+    for position in (5, 6, 7):
+        with pytest.raises(StateError, match="cannot be written"):
+            slot.save({"position": position}, durable=is_durable_first)
+        with pytest.raises(StateError, match="cannot be written"):
+            slot.save({"position": position}, durable=False)
+    monkeypatch.undo()
+    assert not list(folder.glob("*.new")), "it would take room where there is none"
+    copy = folder.parent / "copy"
+    shutil.copytree(folder, copy)
+    assert reopened(copy)["position"] == 20
+    slot.save({"position": 8}, durable=False)
+    storage.close()
+    assert reopened(folder)["position"] == 8
 
 
 def test_memory_without_a_folder_lives_as_long_as_the_process() -> None:

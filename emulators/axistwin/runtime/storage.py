@@ -147,8 +147,15 @@ class Storage:
                 f"state {self.directory}: in use by another axistwin (process {owner or 'unknown'})"
                 "; stop it or choose another folder"
             ) from None
-        os.ftruncate(self._lock, 0)
-        os.pwrite(self._lock, f"{os.getpid()}\n".encode(), 0)
+        except OSError as error:  # a file system without locks
+            raise StateError(
+                f"state {self.directory}: cannot be locked ({error.strerror});"
+                " choose a folder on another disk"
+            ) from None
+        # A disk without room for a number has none for a memory either: better told now.
+        with _clear(self.directory, "cannot be written", "make room, or choose another folder"):
+            os.ftruncate(self._lock, 0)
+            os.pwrite(self._lock, f"{os.getpid()}\n".encode(), 0)
 
     def _remove_leftovers(self) -> None:
         for kind in (".state", ".live"):
@@ -192,13 +199,14 @@ class FileSlot:
             name: value for name, value in self.cells.items() if self._stored.get(name) != value
         }
         live.update(cells)
-        self._sequence += 1
-        entry = encode_entry(Record(self._model, self._sequence, live))
+        sequence = self._sequence + 1
+        entry = encode_entry(Record(self._model, sequence, live))
         if entry is None:
             self._write_state()
         else:
             with _clear(self._live, "cannot be written", "make room, or check the disk"):
-                self._write_live(entry)
+                self._write_live(entry, sequence)
+            self._sequence = sequence  # a write that failed is tried again in the same place
             self._is_live_newer = True
 
     def close(self) -> None:
@@ -208,31 +216,37 @@ class FileSlot:
             self._live_fd = -1
 
     def _write_state(self) -> None:
-        self._sequence += 1
-        data = encode(Record(self._model, self._sequence, self.cells))
+        sequence = self._sequence + 1
+        data = encode(Record(self._model, sequence, self.cells))
         with _clear(self._state, "cannot be written", "make room, or check the disk"):
             self._replace(self._state, data)
+        self._sequence = sequence
         self._stored = dict(self.cells)
         self._is_live_newer = False
 
-    def _write_live(self, entry: bytes) -> None:
+    def _write_live(self, entry: bytes, sequence: int) -> None:
         if self._live_fd < 0:
             if not self._live.exists():
                 self._replace(self._live, entry + entry)
             self._live_fd = os.open(self._live, os.O_WRONLY | os.O_CLOEXEC)
-        written = os.pwrite(self._live_fd, entry, ENTRY_SIZE * (self._sequence % 2))
+        written = os.pwrite(self._live_fd, entry, ENTRY_SIZE * (sequence % 2))
         if written != ENTRY_SIZE:
             raise OSError(None, "no room")
 
     def _replace(self, path: Path, data: bytes) -> None:
         """Give ``path`` the content ``data``: all of it or, whatever happens, none."""
         new = path.with_name(path.name + _TEMPORARY)
-        with new.open("wb", buffering=0) as file:
-            rest = memoryview(data)
-            while rest:
-                rest = rest[file.write(rest) :]
-            os.fsync(file.fileno())
-        new.replace(path)
+        try:
+            with new.open("wb", buffering=0) as file:
+                rest = memoryview(data)
+                while rest:
+                    rest = rest[file.write(rest) :]
+                os.fsync(file.fileno())
+            new.replace(path)
+        except OSError:
+            with contextlib.suppress(OSError):  # it takes room where there is none
+                new.unlink(missing_ok=True)
+            raise
         os.fsync(self._folder)
 
     def _read(self, path: Path, decoder: Callable[[bytes], _Result]) -> _Result | None:
