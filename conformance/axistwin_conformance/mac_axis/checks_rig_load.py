@@ -23,6 +23,7 @@ LAG: Final = 40  # increments by which a held axis is left behind
 TOLERANCE: Final = 10
 SLOW_CATCH_UP: Final = 0x32  # 10 ms per increment: readings tell single increments
 EASY_CATCH_UP: Final = 0xFF  # 51 ms per increment, for a bench on which time is real
+PROFILE: Final = 2  # the reading of MACS-AMB-27 by which a motion is over with its profile
 LAG_SHOWS_S: Final = 0.3
 
 
@@ -288,7 +289,8 @@ def a_stopped_move_does_not_catch_up(session: Session) -> None:
     _left_behind(bench, 1)
     bench.accepted(0x18)
     place = bench.position()
-    bench.reading("busy_after_abort", int(bench.is_busy()), "MACS-CMD-18-03")
+    if bench.known("running_until") != PROFILE:  # there 18h comes to a motion that is over
+        bench.reading("busy_after_abort", int(bench.is_busy()), "MACS-CMD-18-03")
     bench.rig.hold_shaft(False)
     bench.wait(0.3)
     again, slack = bench.position(), bench.allowance(bench.period)
