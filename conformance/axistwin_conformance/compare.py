@@ -5,7 +5,8 @@ A change for the worse is one down this scale:
     pass > quirk > info > not run > inconclusive > fail
 
 A requirement that one of the runs did not ask about counts as not run there.  A quirk that has
-become another quirk has changed, for better or worse nobody can say.
+become another quirk has changed, for better or worse nobody can say.  A switch that is not read as
+the profile says has failed, under the name `profile SWITCH`; in a run without one it is not run.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from axistwin_conformance.verdicts import Verdict
 BEST_FIRST = (
     Verdict.PASS, Verdict.QUIRK, Verdict.INFO, Verdict.NOT_RUN, Verdict.INCONCLUSIVE, Verdict.FAIL,
 )  # fmt: skip
+OF_PROFILE = "profile "
 NOT_ASKED = "the run did not ask about it"
 
 # Of a run: what makes two of them hard to compare if it differs.
@@ -41,7 +43,10 @@ CIRCUMSTANCES = {
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A requirement whose verdict is not what it was; `reason` is the new verdict's."""
+    """A requirement, or a switch of the profile, whose verdict is not what it was.
+
+    `reason` is the new verdict's.
+    """
 
     requirement: str
     old: Verdict
@@ -59,8 +64,8 @@ def changes(old: Report, new: Report) -> list[Change]:
     before, after = _verdicts(old), _verdicts(new)
     found = []
     for key in [*after, *(key for key in before if key not in after)]:
-        verdict, reason = after.get(key, (Verdict.NOT_RUN, NOT_ASKED))
-        past, past_reason = before.get(key, (Verdict.NOT_RUN, NOT_ASKED))
+        verdict, reason = after.get(key) or _unsaid(new, key)
+        past, past_reason = before.get(key) or _unsaid(old, key)
         is_other_quirk = verdict is Verdict.QUIRK and reason != past_reason
         if verdict is not past or is_other_quirk:
             found.append(Change(key, past, verdict, reason))
@@ -68,7 +73,33 @@ def changes(old: Report, new: Report) -> list[Change]:
 
 
 def _verdicts(report: Report) -> dict[str, tuple[Verdict, str]]:
-    return {one["id"]: (Verdict(one["verdict"]), one["reason"]) for one in report["requirements"]}
+    """What is said, first of the switches that are not read as the profile says."""
+    said = {
+        f"{OF_PROFILE}{one['switch']}": (
+            Verdict.FAIL, f"expected {one['expected']}, found {' or '.join(one['found'])}"
+        )
+        for one in _profile(report).get("departures", ())
+    }  # fmt: skip
+    requirements = report["requirements"]
+    return said | {one["id"]: (Verdict(one["verdict"]), one["reason"]) for one in requirements}
+
+
+def _unsaid(report: Report, key: str) -> tuple[Verdict, str]:
+    """The verdict on what a report does not name."""
+    judged, switch = _profile(report), key.removeprefix(OF_PROFILE)
+    if switch == key:
+        return Verdict.NOT_RUN, NOT_ASKED
+    if not judged:
+        return Verdict.NOT_RUN, "the run was held to no profile"
+    if not any(one["switch"] == switch for one in report["readings"]):
+        return Verdict.NOT_RUN, "the run has not seen how the device reads it"
+    return Verdict.PASS, "as the profile says"
+
+
+def _profile(report: Report) -> Mapping[str, Any]:
+    """What came of the profile; empty if none was given, and in reports of former versions."""
+    judged: Mapping[str, Any] = report.get("profile") or {}
+    return judged
 
 
 def circumstances(old: Report, new: Report) -> list[str]:
@@ -78,6 +109,9 @@ def circumstances(old: Report, new: Report) -> list[str]:
         for key, word in CIRCUMSTANCES.items()
     ]
     pairs.append(("device", old["device"].get("summary", ""), new["device"].get("summary", "")))
+    if _profile(old) or _profile(new):
+        names = (_profile(one).get("profile", "none") for one in (old, new))
+        pairs.append(("profile", *names))
     return [f"{word}: {_words(a)} → {_words(b)}" for word, a, b in pairs if a != b]
 
 

@@ -43,7 +43,7 @@ from axistwin_conformance.judgement import CheckResult, RequirementResult, concl
 from axistwin_conformance.keeper import Keeper, Opener
 from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.plan import Options, Plan, make_plan
-from axistwin_conformance.profile import Detection, Probe, deviations
+from axistwin_conformance.profile import Detection, Probe, held_to
 from axistwin_conformance.registry import Check
 from axistwin_conformance.session import Envelope, Run, Session
 from axistwin_conformance.soak import Soak
@@ -69,7 +69,7 @@ class Result:
     problems: list[str] = field(default_factory=list)
     readings: Mapping[str, str] = field(default_factory=dict)  # switch → the reading seen
     detections: Mapping[str, Detection] = field(default_factory=dict)  # what the probes told
-    deviations: list[str] = field(default_factory=list)  # from the profile the user gave
+    profile: events.ProfileJudged | None = None  # of the profile that the user gave
     lost: str = ""  # why nothing more was asked of the device before the plan was through
     refusal: str = ""  # why the device was not judged at all: unreachable, or not the model
     is_interrupted: bool = False
@@ -114,11 +114,15 @@ class Engine:
         if result.plan.to_run or (self.options.is_only_detection and result.plan.probes):
             self._run_on_target()
         if self.options.expected is not None:
-            result.deviations = deviations(self.options.expected, result.detections, self.ledger)
+            result.profile = held_to(
+                self.options.profile, self.options.expected, result.detections, self.ledger
+            )
         result.checks[:0] = self._keeper.accusations
         result.lost = self._keeper.blocked
         conclude(result, self.ledger)
         self._tell_readings()
+        if result.profile is not None:
+            self._emit(result.profile)
         armed = load_armed(self.family.ledger)
         for one in result.requirements:
             self._emit(one.as_event(armed))
@@ -127,7 +131,7 @@ class Engine:
 
     def _finish(self, seconds: float) -> None:
         result, counts = self._result, dict.fromkeys(Verdict, 0)
-        for one in result.requirements:
+        for one in (*result.requirements, *filter(None, [result.profile])):
             counts[one.verdict] += 1
         finished = events.RunFinished(
             result.exit_status, result.sentence, counts, tuple(result.problems), seconds,

@@ -1,8 +1,9 @@
 """What a run tells while it goes: plain values, consumed by reporters and nobody else.
 
 Order: RunStarted, [Identified], (CheckStarted, FailureStored*, MotionSampled*, CheckFinished)*,
-ReadingSeen*, ReadingUnknown*, RequirementJudged*, RunFinished; Note, RigQuestion, StatesCovered and
-SoakProgress anywhere between.  In a soak a round that finds nothing has no CheckFinished.
+ReadingSeen*, ReadingUnknown*, [ProfileJudged], RequirementJudged*, RunFinished; Note, RigQuestion,
+StatesCovered and SoakProgress anywhere between.  In a soak a round that finds nothing has no
+CheckFinished.
 A check numbered 0 is none of the plan: it tells what the device failed while no check was judging,
 and may stand before `Identified` and between two others.
 """
@@ -180,6 +181,39 @@ class ReadingUnknown:
 
 
 @dataclass(frozen=True, slots=True)
+class Departure:
+    """A switch that the device does not read as its profile says; `found`: several readings where
+    they were not told apart."""
+
+    switch: str
+    expected: str
+    found: tuple[str, ...]
+    ambiguity: str
+    question: str
+    evidence: str
+
+    @property
+    def text(self) -> str:
+        """That in a line."""
+        found = " or ".join(self.found)
+        return f"{self.switch} is {found}, the profile says {self.expected}"
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileJudged:
+    """What came of holding the device to a profile that the user gave, in the file `profile`.
+
+    `unseen`: switches that it names and of which nobody knows how the device reads them.
+    """
+
+    profile: str
+    verdict: Verdict
+    reason: str
+    departures: tuple[Departure, ...]
+    unseen: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class RigQuestion:
     """Somebody is being asked at the terminal (`is_open`), or has answered."""
 
@@ -212,7 +246,8 @@ class RunFinished:
     """The run is over; `problems` are reasons not to trust it that belong to no requirement.
 
     `eeprom_writes`: how many the run asked for, all it put back included; `eeprom_budget`: how many
-    it was given, None for any number.
+    it was given, None for any number.  `counts`: of the requirements, and of the profile if one was
+    given.
     """
 
     exit_status: int
@@ -237,6 +272,7 @@ Event = (
     | RigQuestion
     | ReadingSeen
     | ReadingUnknown
+    | ProfileJudged
     | RequirementJudged
     | RunFinished
 )

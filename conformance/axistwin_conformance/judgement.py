@@ -155,7 +155,7 @@ def _exit_status(result: Result) -> int:
     verdicts = [one.verdict for one in result.requirements]
     if result.refusal:
         return UNREACHABLE
-    if Verdict.FAIL in verdicts or result.deviations:
+    if Verdict.FAIL in verdicts or _departs(result):
         return FAILS
     if result.is_interrupted:
         return INTERRUPTED
@@ -165,6 +165,11 @@ def _exit_status(result: Result) -> int:
     if result.options.is_only_detection and result.readings:
         return CONFORMS
     return CONFORMS if any(one.is_judgement for one in verdicts) else USAGE
+
+
+def _departs(result: Result) -> str:
+    """In which readings the device is not what the profile says that the user gave; empty: none."""
+    return "; ".join(one.text for one in result.profile.departures) if result.profile else ""
 
 
 def _profile_sentence(result: Result, ledger: Ledger) -> str:
@@ -213,11 +218,12 @@ def _sentence(result: Result, ledger: Ledger) -> str:
         return f"Not judged: {result.refusal}."
     if result.options.recording is not None and result.exit_status in (CONFORMS, FAILS):
         return _replay_sentence(result, result.options.recording)
-    if result.deviations and not count[Verdict.FAIL]:
-        return f"The device is not what its profile says: {'; '.join(result.deviations)}."
+    if _departs(result) and not count[Verdict.FAIL]:
+        return f"The device is not what its profile says: {_departs(result)}."
     if result.exit_status == FAILS:
         lost = f"; then it was lost: {result.lost}" if result.lost else ""
-        failed = f"{count[Verdict.FAIL]} failed, {scope}{lost}"
+        departs = f"; nor is it what its profile says: {_departs(result)}" * bool(_departs(result))
+        failed = f"{count[Verdict.FAIL]} failed, {scope}{lost}{departs}"
         return f"The device does not conform to {model}: {failed}."
     if result.exit_status == INTERRUPTED:
         return f"Interrupted; nothing failed so far, {scope}."

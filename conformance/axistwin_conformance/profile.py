@@ -22,7 +22,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from axistwin_conformance.errors import UsageError, with_article
+from axistwin_conformance.events import Departure, ProfileJudged
 from axistwin_conformance.registry import Check
+from axistwin_conformance.verdicts import Verdict
 
 if TYPE_CHECKING:
     from axistwin_conformance.ledger import Ledger
@@ -140,15 +142,35 @@ def _reading(
     return reading
 
 
-def deviations(
-    expected: Mapping[str, str], detections: Mapping[str, Detection], ledger: Ledger
-) -> list[str]:
-    """Say in which detected readings the device is not what a profile expects; a switch that the
-    profile does not name is expected to follow the default."""
-    told = []
+def held_to(
+    profile: str,
+    expected: Mapping[str, str],
+    detections: Mapping[str, Detection],
+    ledger: Ledger,
+) -> ProfileJudged:
+    """Judge what was detected by the readings a profile expects; a switch that it does not name is
+    expected to follow the default."""
+    departures, unseen, seen_count = [], [], 0
     for switch, one in detections.items():
-        wanted = expected.get(switch, ledger.ambiguity_of(switch).default_of(switch))
+        ambiguity = ledger.ambiguity_of(switch)
+        wanted = expected.get(switch, ambiguity.default_of(switch))
         seen = one.candidates if one.reading is None else (one.reading,)
+        seen_count += bool(seen)
         if seen and wanted not in seen:
-            told.append(f"{switch} is {' or '.join(seen)}, the profile says {wanted}")
-    return told
+            departures.append(
+                Departure(switch, wanted, seen, ambiguity.id, ambiguity.question, one.evidence)
+            )
+    for switch in expected:
+        if switch not in detections or not (
+            detections[switch].reading or detections[switch].candidates
+        ):
+            unseen.append(switch)
+    missing = f"not seen: {', '.join(unseen)}" if unseen else ""
+    if departures:
+        verdict, said = Verdict.FAIL, [one.text for one in departures]
+    elif seen_count:
+        verdict, said = Verdict.PASS, [f"{seen_count} readings seen, all as it says"]
+    else:
+        verdict, said = Verdict.NOT_RUN, ["no reading of the device was seen"]
+    reason = "; ".join([*said, *filter(None, [missing])])
+    return ProfileJudged(profile, verdict, reason, tuple(departures), tuple(unseen))

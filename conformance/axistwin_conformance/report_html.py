@@ -36,6 +36,8 @@ REPEATED_RECORDS = 3  # of a transcript that an earlier article shows whole
 
 NOT_COVERED, NOT_ON_WIRE, NOT_ARMED = "not covered", "not on the wire", "not armed"
 
+PROFILE = "profile"  # the anchor of its article
+
 WHOLE_EXCHANGES = 24  # with their beginnings; of a device that is wrong all over more is too much
 WHOLE_CHECKS = 2  # of a requirement with an exchange each; more only if shown nowhere else
 
@@ -96,12 +98,15 @@ class Article:
     armed: str
     evidence: list[Evidence] = field(default_factory=list)
     held: list[tuple[str, str]] = field(default_factory=list)  # name of a check, what it said
+    departures: Sequence[Mapping[str, Any]] = ()  # of the profile's article: what is not as it says
 
 
 def render(report: Report) -> str:
     """Return the page."""
     articles = _articles(report)
-    counts = Counter(one.judged["verdict"] for one in articles)
+    profile = _profile_article(report)
+    shown = [*profile, *articles]
+    counts = Counter(one.judged["verdict"] for one in shown)
     armed = [one for one in articles if one.judged["armed"]]
     page = _template().render(
         report=report,
@@ -113,8 +118,9 @@ def render(report: Report) -> str:
         signs=SIGNS,
         counts={verdict: counts[verdict] for verdict in SIGNS},
         articles=articles,
-        told=[one for one in articles if one.slug in ("fail", "inconclusive")],
-        others=[one for one in articles if one.slug not in ("fail", "inconclusive")],
+        shown=shown,
+        told=[one for one in shown if one.slug in ("fail", "inconclusive")],
+        others=[one for one in shown if one.slug not in ("fail", "inconclusive")],
         covered=sum(bool(one.judged["checks"]) for one in articles),
         armed=None if any(one.judged["armed"] is None for one in articles) else len(armed),
         gaps={
@@ -200,6 +206,32 @@ def _articles(report: Report) -> list[Article]:
                 article.evidence.append(replace(one, is_brief=is_brief))
         articles.append(article)
     return articles
+
+
+def _profile_article(report: Report) -> list[Article]:
+    """The profile that the device was held to, told as a requirement is."""
+    judged = report.get("profile")
+    if not judged:
+        return []
+    told = {
+        "id": PROFILE,
+        "verdict": judged["verdict"],
+        "reason": judged["reason"],
+        "text": "The device reads the manual as its profile says; what that does not name, as the"
+        " default says.",
+        "kind": "profile",
+        "safety": ("as the questions",),
+        "source": judged["profile"],
+        "checks": (),
+        "armed": (),
+    }
+    asked = len(report["readings"])
+    coverage = f"{asked} reading{'s'[: asked != 1]} seen"
+    return [
+        Article(
+            PROFILE, slug(judged["verdict"]), told, coverage, "–", departures=judged["departures"]
+        )
+    ]
 
 
 def _coverage(judged: Mapping[str, Any]) -> str:

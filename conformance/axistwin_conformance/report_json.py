@@ -83,7 +83,8 @@ def fold(told: Iterable[Mapping[str, Any]]) -> Report:
     """Put the event objects of one run, in their order, together into its report."""
     report: Report = {
         "format": FORMAT, "run": {}, "device": {}, "checks": [], "readings": [],
-        "unknown_readings": [], "coverage": [], "requirements": [], "notes": [], "finished": {},
+        "unknown_readings": [], "profile": {}, "coverage": [], "requirements": [], "notes": [],
+        "finished": {},
     }  # fmt: skip
     started: dict[str, Any] = {}
     motions: list[dict[str, Any]] = []
@@ -108,6 +109,8 @@ def fold(told: Iterable[Mapping[str, Any]]) -> Report:
                 report["readings"].append(body)
             case "reading_unknown":
                 report["unknown_readings"].append(body)
+            case "profile_judged":
+                report["profile"] = body
             case "requirement_judged":
                 report["requirements"].append(body)
             case "run_finished":

@@ -6,6 +6,9 @@
     inconclusive    <error>                 neither success nor failure may be claimed
     not run, info   <skipped>               a value only recorded is no success either
 
+With `--profile`, "the profile" is a test case, too: a device that is not what its profile says has
+failed, whatever its requirements came to.
+
 A run that cannot be trusted as a whole (device unreachable, interrupted, not put back) has one more
 test case, "the run itself", with an error: a page of skipped cases alone would look green.
 """
@@ -22,6 +25,7 @@ from axistwin_conformance.report_json import Report
 
 UNTRUSTED = (2, 3, 130)  # exit statuses: nothing judged, unreachable, interrupted
 RUN_CASE = "the run itself"
+PROFILE_CASE = "the profile"
 ELEMENTS = {
     "fail": "failure",
     "inconclusive": "error",
@@ -43,6 +47,8 @@ def junit(report: Report) -> str:
     run, finished = report["run"], report["finished"]
     name = f"axistwin conform {run['model']}"
     cases = [_case(report, one) for one in report["requirements"]]
+    if report.get("profile"):
+        cases.append(_profile_case(report))
     if finished["problems"] or finished["exit_status"] in UNTRUSTED:
         cases.append(_run_case(report))
     kinds = Counter(element.tag for case in cases for element in case)
@@ -146,6 +152,29 @@ def transcript_lines(records: list[Mapping[str, Any]]) -> Iterator[str]:
         words = f"{one['data']}  {one['decoded']}" if one["data"] else one["text"]
         who = "" if one["direction"] == "note" else one["direction"]
         yield f"{time_ms:12.3f}  {who:7}  {words}"
+
+
+def _profile_case(report: Report) -> ElementTree.Element:
+    run, judged = report["run"], report["profile"]
+    case = ElementTree.Element("testcase", classname=run["model"], name=PROFILE_CASE, time="0.000")
+    _properties(case, {"profile": judged["profile"], "verdict": judged["verdict"]})
+    if judged["verdict"] not in ELEMENTS:
+        _element(case, "system-out").text = f"{judged['verdict']}: {judged['reason']}"
+        return case
+    element = _element(case, ELEMENTS[judged["verdict"]], message=judged["reason"])
+    if judged["departures"]:
+        element.set("type", judged["verdict"])
+        lines = [f"asked: the readings of {judged['profile']}"]
+        for one in judged["departures"]:
+            lines += [
+                "",
+                f"switch: {one['switch']} ({one['ambiguity']}: {one['question']})",
+                f"expected: {one['expected']}",
+                f"found: {' or '.join(one['found'])}",
+                f"evidence: {one['evidence']}",
+            ]
+        element.text = "\n".join([*lines, "", f"replay: {run['command']}"])
+    return case
 
 
 def _run_case(report: Report) -> ElementTree.Element:

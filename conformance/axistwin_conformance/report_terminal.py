@@ -113,6 +113,7 @@ class TerminalReport:
         self._failed: list[events.CheckFinished] = []
         self._judged: list[events.RequirementJudged] = []
         self._readings: list[events.ReadingSeen] = []
+        self._profile: events.ProfileJudged | None = None
 
     def __enter__(self) -> TerminalReport:
         self._progress.start()
@@ -145,6 +146,8 @@ class TerminalReport:
                 (self._progress.stop if event.is_open else self._progress.start)()
             case events.ReadingSeen():
                 self._readings.append(event)
+            case events.ProfileJudged():
+                self._profile = event
             case events.RequirementJudged():
                 self._judged.append(event)
             case events.RunFinished():
@@ -218,6 +221,7 @@ class TerminalReport:
             self._verdict_table()
             self._not_run()
             self._quirks()
+            self._departures()
         for failed in self._failed:
             self._failure(failed)
         self._print()
@@ -276,6 +280,22 @@ class TerminalReport:
             self._print("Quirks", style="bold")
         for one in others:
             self._print(f"  {one.switch}={one.reading}  {one.ambiguity}: {one.question}")
+
+    def _departures(self) -> None:
+        """What is not as the profile says; of one that holds, a line."""
+        judged = self._profile
+        if judged is None:
+            return
+        self._print()
+        title = Text("Profile ", "bold").append(f"{judged.profile}  ", "default")
+        word = judged.verdict.value
+        self._print(title.append(word, STYLE[judged.verdict]))
+        if not judged.departures:
+            self._print(f"  {judged.reason}")
+        for one in judged.departures:
+            found = " or ".join(one.found)
+            self._print(f"  {one.switch}  expected {one.expected}, found {found}", style="red")
+            self._print(f"      {one.ambiguity}: {one.question}", style="dim")
 
     def _coverage(self) -> None:
         """How much of the ledger the suite can judge at all, and how surely."""
