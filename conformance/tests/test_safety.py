@@ -53,6 +53,7 @@ def run(
     seed: int = 0,
     at_call: Callable[[Watch], None] = NOBODY,
     is_lossless: bool = True,
+    max_speed: int = SPEED,
 ) -> tuple[Result, list[Watch]]:
     """Run against the built-in twin inside the envelope; its lines stay open for questions.
 
@@ -61,7 +62,7 @@ def run(
     if TWIN_HANDLER not in serial.protocol_handler_packages:
         serial.protocol_handler_packages.append(TWIN_HANDLER)
     options = make_options(
-        model="mac23", ids=words, level=level, seed=seed, max_travel=TRAVEL, max_speed=SPEED
+        model="mac23", ids=words, level=level, seed=seed, max_travel=TRAVEL, max_speed=max_speed
     )
     watches: list[Watch] = []
 
@@ -99,6 +100,15 @@ def test_a_run_never_leaves_the_envelope(level: str, seed: int) -> None:
     """With --max-travel 2000, rig and all, no position further away is asked for, or reached."""
     result, watches = run(level=level, seed=seed)
     judge_envelope(result, watches, travel=TRAVEL, speed=SPEED)
+
+
+@pytest.mark.parametrize("max_speed", [130, 300])
+def test_a_shaft_that_is_let_go_does_not_catch_up_too_fast(max_speed: int) -> None:
+    """0Eh is a speed as well: --max-speed holds for it."""
+    name = "a_held_axis_catches_up_at_its_own_speed"
+    result, watches = run(name, max_speed=max_speed)
+    assert result.exit_status == 0, result.sentence
+    assert max(shaft.fastest for watch in watches for shaft in watch.shafts) <= max_speed
 
 
 # --- trouble at a random moment ------------------------------------------------------------------
