@@ -14,7 +14,8 @@ from typing import Final
 from axistwin_conformance.mac_axis.bench import QUIET_S
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.probes_rig import TOO_MUCH_VOLTS
-from axistwin_conformance.mac_axis.probes_stops import fence, rest
+from axistwin_conformance.mac_axis.probes_running_on import fence
+from axistwin_conformance.mac_axis.probes_stops import rest
 from axistwin_conformance.mac_axis.probing import MOVES
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
