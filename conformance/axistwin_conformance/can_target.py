@@ -52,6 +52,7 @@ REMEDIES: Final[Mapping[int, str]] = {
     errno.ENETDOWN: "ip link set NAME up",
     errno.ENOBUFS: "nobody acknowledges; is anybody connected, and at this bit rate?",
 }
+LONG_TRIP: Final = 4  # times the usual one: no exchange of two frames takes so long by itself
 LATE_FRAMES: Final = 256  # looked at when the time is over; a bus may never fall silent
 ERRORS_MARKED: Final = 20  # error frames that the transcript shows
 FOREIGN_TOLD: Final = 8  # identifiers of others that are told by name
@@ -168,6 +169,14 @@ class CanTarget(Carrier):
                     raise
             time.sleep(FULL_QUEUE_PAUSE_S)
 
+    def note_exchange(self, request: Frame, sent_ns: int, done_ns: int) -> None:
+        """Remember an exchange that took longer than any did while the bus was measured; in virtual
+        time, longer than any of them should."""
+        trip = self.round_trip
+        due_ns = LONG_TRIP * trip.median_ns if self.is_virtual else trip.max_ns
+        if trip.samples:
+            self.note_late(f"the reply to {request}", done_ns - sent_ns - due_ns)
+
     # --- receiving --------------------------------------------------------------------------------
 
     def receive(self, wanted: Wanted, timeout_s: float) -> Arrival | None:
@@ -232,7 +241,7 @@ class CanTarget(Carrier):
             )
         if self.error_frames:
             told.append(f"{self.error_frames} error frames on the bus: is the bit rate right?")
-        return tuple(told)
+        return (*told, *super().remarks)
 
     def close(self) -> None:
         """Close the bus; one that is gone already is fine."""

@@ -117,7 +117,7 @@ class Carrier(ABC):
         self.meter: Callable[[bytes], None] | None = None  # counts what is really sent
         self.crash = ""  # of the twin behind it, once it has fallen over
         self.late: list[str] = []  # what was held up since somebody cleared this
-        self._late_count, self._latest_ns = 0, 0  # in the whole run
+        self.late_count, self._latest_ns = 0, 0  # in the whole run
 
     # --- what a kind of carrier adds --------------------------------------------------------------
 
@@ -194,10 +194,10 @@ class Carrier(ABC):
     @property
     def remarks(self) -> tuple[str, ...]:
         """What a reader should know of what happened here beside the exchanges."""
-        if not self._late_count:
+        if not self.late_count:
             return ()
         latest_ms = round(self._latest_ns / 1e6)
-        times = f"{self._late_count} times this host or the {self.word} was late"
+        times = f"{self.late_count} times this host or the {self.word} was late"
         return (f"{times}, by up to {latest_ms} ms; what looked wrong then was tried again",)
 
     def _own_ns(self, said: Sequence[Record]) -> int:
@@ -224,10 +224,10 @@ class Carrier(ABC):
 
         `is_device_free`: the device had no part in it, so that no two of these are the same.
         """
-        if self.is_virtual or late_ns <= LATE_NS:
+        if self.is_lossless or late_ns <= LATE_NS:
             return
-        self._late_count += 1
-        self.late.append(f"{what}, number {self._late_count}" if is_device_free else what)
+        self.late_count += 1
+        self.late.append(f"{what}, number {self.late_count}" if is_device_free else what)
         self._latest_ns = max(self._latest_ns, late_ns)
         self.mark(f"late by {late_ns / 1e6:.0f} ms: {what}")
 

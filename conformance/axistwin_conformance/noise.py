@@ -102,7 +102,8 @@ class Attempt:
 
     `disturbance`: what was spoilt that must not be repeated; empty if nothing.  `readings`: the
     readings learnt in it that are not the default.  `spoilt`: bad replies that were handed on to
-    the check (strictly).  `place`: what was sent last before the first failure.
+    the check (strictly).  `place`: what was sent last before the first failure, and for
+    the how manieth time.
     """
 
     result: CheckResult
@@ -110,7 +111,7 @@ class Attempt:
     readings: Mapping[str, str] = field(default_factory=dict)
     is_strict: bool = False
     spoilt: tuple[str, ...] = ()
-    place: bytes = b""
+    place: tuple[bytes, int] = (b"", 0)
     is_replayed: bool = False  # the check has found out by itself how often its failure comes
     late: tuple[str, ...] = ()  # what this host or the line held up, in its order
 
@@ -140,7 +141,9 @@ class Attempt:
         ]
         if is_noisy:
             told += sorted(self.readings.items())
-        return (*told, self.place, self.spoilt, self.late) if told else ()
+        # What is asked all the time is hit by noise now and then; a device is wrong the same time.
+        place = self.place if is_noisy else self.place[:1]
+        return (*told, place, self.spoilt, self.late) if told else ()
 
 
 class Replays:

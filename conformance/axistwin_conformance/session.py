@@ -110,7 +110,8 @@ class Session:
         self.is_strict = run.target.is_lossless  # True: replies are handed on as they come
         self.spoilt: list[str] = []  # what came wrong and was handed on all the same
         self._asked: Counter[bytes] = Counter()
-        self.failed_after = b""  # what was sent last before the first failure
+        self._late_count = run.target.late_count  # of all that came late before
+        self.failed_after = (b"", 0)  # what was sent last before the first failure, which time
         self.has_failed = False
         self.recording: Recording | None = None  # the operations that failed, if the check has any
         self.is_replayed = False  # True: the check itself has found out how often they fail
@@ -246,16 +247,31 @@ class Session:
         elif reply:
             self.run.patience.good()
         if not bad:  # a device that never answers right must not make the line look noisy
-            quality.note(is_spoilt=not is_good)
+            is_late = self.carrier.late_count > self._late_count
+            quality.note(is_spoilt=is_late or not is_good)
+        self._late_count = self.carrier.late_count
         bad.append(reply)
-        asked = self.carrier.last_sent
-        self._asked[asked] += 1
+        self._asked[self.carrier.last_sent] += 1
         if self.is_strict and not is_good:
-            # With its number: what is polled all the time is hit by noise now and then, but a
-            # device is wrong the same time again.
-            self.spoilt.append(f"{asked.hex()}, time {self._asked[asked]}: {reply.hex()}")
+            self.spoilt.append(self._numbered(reply))
         self.is_settled = not is_good and quality.is_settled(bad)
         return is_good or self.is_strict or self.is_settled
+
+    def heard_in_pieces(self, heard: bytes) -> None:
+        """Take note of what came broken and cannot be asked for again: the attempt is void, or,
+        strictly, it is part of what attempts are compared by.  Raises Disturbed."""
+        if self.carrier.is_lossless:
+            return
+        if self.is_strict:
+            self.spoilt.append(self._numbered(heard))
+        elif self.check is not None:
+            self.disturbed("what came by itself was broken")
+
+    def _numbered(self, reply: bytes) -> str:
+        """A bad reply with its number: what is polled all the time is hit by noise now and then,
+        but a device is wrong the same time again."""
+        asked = self.carrier.last_sent
+        return f"{asked.hex()}, time {self._asked[asked]}: {reply.hex()}"
 
     def last_exchange(self) -> tuple[bytes, bytes]:
         """What was sent last in this session, and what came since; nothing sent: empty."""
@@ -495,8 +511,8 @@ class Session:
         actual: str | None = None,
     ) -> None:
         excerpt = self.excerpt()
-        if verdict is Verdict.FAIL and not self.failed_after:
-            self.failed_after = self.carrier.last_sent
+        if verdict is Verdict.FAIL and not self.failed_after[0]:
+            self.failed_after = self.carrier.last_sent, self._asked[self.carrier.last_sent]
         wanted = verdict in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.QUIRK)
         self.findings.append(
             Finding(requirement, verdict, text, expected, actual, excerpt if wanted else ())

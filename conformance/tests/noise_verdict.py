@@ -32,7 +32,7 @@ def judge_healthy(run: Run) -> Run:
         for one in run.result.requirements
         if one.verdict in (Verdict.FAIL, Verdict.QUIRK)
     ]
-    assert told == []
+    assert told == [], told
     assert run.result.exit_status in HONEST, run.result.sentence
     assert run.is_put_back
     return run

@@ -73,7 +73,7 @@ class VirtualBus:
         self.virtual_time_ns = 0
         self.sent: list[Frame] = []
         self.is_open = True
-        self._script, self._delay_ns = script, delay_ns
+        self._script, self.delay_ns = script, delay_ns
         self._coming: deque[tuple[int, Frame]] = deque()
 
     def schedule(self, at_ns: int, frame: Frame) -> None:
@@ -84,7 +84,7 @@ class VirtualBus:
         """Take a frame; no time passes."""
         self.sent.append(frame_of(msg))
         for reply in self._script(self.sent[-1]):
-            self.schedule(self.virtual_time_ns + self._delay_ns, reply)
+            self.schedule(self.virtual_time_ns + self.delay_ns, reply)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """Let time pass up to the next frame, or up to the time-out."""

@@ -300,6 +300,20 @@ def test_the_same_wrong_reply_every_time_is_the_modules_own(module: Module, toy:
     assert talk.ask(0x20).kind is Kind.GARBAGE
 
 
+def test_a_reply_that_comes_late_counts_as_spoilt(module: Module, toy: Any) -> None:
+    """Nothing else shows that a bus holds up messages, and the unasked ones with them."""
+    talk = make_talk(module, toy, is_lossless=False)
+    quality = talk.session.run.quality
+    talk.target.measure_round_trip(lambda: talk.position() == -7, 3)
+    before = quality.spoilt
+    module.bus.delay_ns = 50_000_000
+    talk.position()
+    module.bus.delay_ns = REPLY_NS
+    talk.position()
+    assert quality.spoilt == before + 1
+    assert len(talk.target.late) == 1
+
+
 def test_a_malformed_request_is_sent_once(module: Module, toy: Any) -> None:
     """Its silence says nothing about noise."""
     talk = make_talk(module, toy, is_lossless=False)

@@ -126,6 +126,26 @@ def test_a_value_is_written_again_but_a_flag_is_not_set_again() -> None:
     assert port.heard.removeprefix(before).count(b"SFLAG") == 1
 
 
+def test_a_repeat_that_noise_has_broken_voids_the_attempt_or_is_compared_by() -> None:
+    """It cannot be asked for again; handed on strictly, its bytes tell noise from the unit."""
+    port = MscPort()
+    session = session_on(port, check_of(), target=target_of(port, is_lossless=False))
+    bench = Bench(session)
+    assert bench.ask(codec.RQSTAT, answer=None).reply is not None
+    spoilt_once(port)
+    bench.talk.send(NAK)
+    with pytest.raises(Disturbed):
+        bench.talk.hear_packet()
+    session.is_strict = True
+    spoilt_once(port)
+    bench.talk.send(NAK)
+    again, strays = bench.talk.hear_packet()
+    assert again is not None
+    assert (again.is_sound, strays) == (False, b"")
+    assert len(session.spoilt) == 1
+    assert again.raw.hex() in session.spoilt[0]
+
+
 def test_without_noise_a_wrong_reply_is_handed_on() -> None:
     """In virtual time it is the unit's own, at once."""
     port = MscPort()

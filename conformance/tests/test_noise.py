@@ -146,7 +146,7 @@ def attempt(
     *,
     retries: tuple[str, ...] = (),
     disturbance: str = "",
-    place: bytes = b"here",
+    place: tuple[bytes, int] = (b"here", 1),
     spoilt: tuple[str, ...] = (),
     outcome: Outcome = Outcome.DONE,
 ) -> Callable[[bool], Attempt]:
@@ -217,7 +217,7 @@ def test_on_a_noisy_line_a_failure_that_does_not_come_again_was_noise() -> None:
 
 def test_failures_at_different_places_are_not_the_device() -> None:
     """Noise hits here and there."""
-    wandering = [attempt(Verdict.FAIL, place=bytes([number])) for number in range(10)]
+    wandering = [attempt(Verdict.FAIL, place=(bytes([number]), 1)) for number in range(10)]
     assert settled(*wandering)[0] is Verdict.INCONCLUSIVE
 
 
@@ -262,9 +262,17 @@ def test_the_more_attempts_there_are_the_more_must_agree() -> None:
 def test_what_goes_wrong_in_another_way_says_nothing_for_the_device() -> None:
     """A failure that ends a check early hides the later one; only a pass contradicts it."""
     line = LineQuality(1000, 42)
-    other = attempt(Verdict.FAIL, place=b"elsewhere")
+    other = attempt(Verdict.FAIL, place=(b"elsewhere", 1))
     assert settled(FAILS, other, *[FAILS] * 30, quality=line)[0] is Verdict.FAIL
     assert settled(FAILS, PASSES, *[FAILS] * 30, quality=line)[0] is Verdict.INCONCLUSIVE
+
+
+def test_on_a_noisy_line_the_same_failure_behind_the_same_frame_another_time_is_noise() -> None:
+    """What is asked a hundred times is hit now and then; where all is quiet, how often a check has
+    asked by then may differ from attempt to attempt."""
+    wandering = [attempt(Verdict.FAIL, place=(b"here", number)) for number in range(1, 41)]
+    assert settled(*wandering, quality=LineQuality(1000, 20))[0] is Verdict.INCONCLUSIVE
+    assert settled(*wandering, quality=LineQuality(1000, 0))[0] is Verdict.FAIL
 
 
 def test_a_device_is_given_up_later_than_a_reply_is_believed() -> None:

@@ -103,6 +103,7 @@ class Talk(talk.Talk):
         arrival = self._reply_to(one, timeout_s)
         if arrival is None:
             return Exchange(frame.pack(), codec.SILENCE, Window(sent_ns, self.target.now_ns))
+        self.target.note_exchange(frame, sent_ns, arrival.time_ns)
         flaw = codec.mismatch(one, arrival.frame)
         reply = codec.parse(arrival.frame, self.byte_order)
         if flaw:

@@ -105,7 +105,15 @@ class Talk:
         """The next packet the unit sends, and what came before it or instead of it.
 
         `timeout_s`: until its first byte; the rest has the time it takes on the line beside that.
+        What comes in pieces is told to the session: where bytes may get lost it may be noise.
         """
+        packet, strays = self._next_packet(timeout_s)
+        is_whole = packet is None or packet.is_sound
+        if not is_whole or strays.strip(ACK + NAK):
+            self.session.heard_in_pieces(strays + (packet.raw if packet else b""))
+        return packet, strays
+
+    def _next_packet(self, timeout_s: float | None = None) -> tuple[Packet | None, bytes]:
         limit_s = self.limit_s(0) if timeout_s is None else timeout_s
         strays, received = b"", self.hear(1, limit_s)
         while received and received != STX and len(strays) < MOST_STRAYS:
@@ -159,7 +167,7 @@ class Talk:
         if after is not None and after.is_silence:
             quiet_s = min(quiet_s, self.packet_timeout_s + MARGIN_S)
         for _ in range(MOST_HEARD):
-            one, strays = self.hear_packet(quiet_s)
+            one, strays = self._next_packet(quiet_s)
             if one is None and not strays:
                 break
             heard += strays + (one.raw if one else b"")
@@ -261,13 +269,13 @@ class Talk:
         sign = first if first in (ACK, NAK) else b""
         reply, extra = None, b""
         if first == STX or (sign == ACK and awaits):
-            reply, extra = self.rest_of_packet() if first == STX else self.hear_packet()
+            reply, extra = self.rest_of_packet() if first == STX else self._next_packet()
             replied_ns = self.target.now_ns
             if answer is not None and (reply or STX in extra):
                 self.target.send(answer)
         elif first and not sign:
             extra = first + self.listen(QUIET_S)
         elif sign == ACK and self.session.reading("write_reply") == "empty_packet":
-            reply, extra = self.hear_packet()
+            reply, extra = self._next_packet()
             self.target.send(ACK)
         return Exchange(raw, sign, reply, extra, asked_ns, signed_ns, replied_ns)
