@@ -421,7 +421,7 @@ def a_repeated_write_is_carried_out_again(session: Session) -> None:
         session.target.wait(SCANS_S)
         after = link.read(counter)
         session.expect(codec.signed(before + 1) == after, None, f"{before} + 1", after)
-    spot = link.spots(1)[0]
+    spot = link.spot()
     for value in (5, 6, 5):
         link.write(spot, value)
     session.expect(link.read(spot) == 5, None, "5, written a second time", link.read(spot))

@@ -241,7 +241,7 @@ def _to_other(link: Link, unit: int) -> str | Exchange:
 def unit_0_is_no_broadcast(session: Session) -> None:
     """A DWRITE to unit 0 stores nothing, unless this device reads 0 as everybody."""
     link = Link(session)
-    spot = link.spots(1)[0]
+    spot = link.spot()
     link.write(spot, 1)
     raw = codec.packet(0, codec.dwrite(spot, 2))
     exchange = link.talk.ask(raw, is_read=False)
@@ -365,7 +365,7 @@ def numbers_go_high_byte_first(session: Session) -> None:
     """1 comes back as 00 00 00 01, and what is written to one address is not found at the address
     with its bytes exchanged."""
     link = Link(session)
-    spot = link.spots(1)[0]
+    spot = link.spot()
     for value in (1, 0x01020304, -2):
         link.write(spot, value)
         payload = link.query(codec.dread(spot)).payload
@@ -384,7 +384,7 @@ def no_byte_of_a_value_is_special(session: Session) -> None:
     """Values full of 02h, 06h, 15h, 11h, 13h and control characters go both ways, one ACK each."""
     link = Link(session)
     link.calm("other_unit_framing")
-    spot = link.spots(1)[0]
+    spot = link.spot()
     names = ("MSC-PHY-05", "MSC-PKT-15")
     for value in LOADED_VALUES:
         told = f"{value:08X}"

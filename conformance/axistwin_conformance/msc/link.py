@@ -30,6 +30,10 @@ SHOUTING: Final = (
 )  # fmt: skip
 WAITS_AT_MOST: Final = 1.5  # times the time-out of a unit until it counts as not coming
 
+NEEDS_ONE: Final = (
+    f"needs 1 variable whose address is a multiple of {SAFE_STRIDE} (--variables FIRST-LAST)"
+)
+
 Names = str | tuple[str, ...]
 
 
@@ -122,6 +126,12 @@ class Link(Bench):
     def spots(self, count: int) -> list[int]:
         """So many addresses of named variables, each safely apart; fewer if fewer are named."""
         return [one for one in self.variables if one % SAFE_STRIDE == 0][:count]
+
+    def spot(self) -> int:
+        """The address of a named variable, whatever the stride is; skips without one."""
+        for one in self.spots(1):
+            return one
+        return self.session.skip(NEEDS_ONE)
 
     def block_spot(self) -> int:
         """Where a whole block of named variables begins, in every reading; skips without one."""

@@ -6,6 +6,7 @@ from typing import Final
 
 from axistwin_conformance import playing
 from axistwin_conformance.msc.bench import Bench
+from axistwin_conformance.msc.link import Link
 from axistwin_conformance.msc.operations import OPERATIONS
 from axistwin_conformance.msc.sequences import BYTES_PER_OPERATION, Sequence, begin
 from axistwin_conformance.session import Session
@@ -43,9 +44,11 @@ class Player(playing.Player):
 
 
 def player_of(session: Session) -> Player:
-    """Somebody who plays on the unit under test; skips where others talk in between."""
+    """Somebody who plays on the unit under test; skips where others talk in between, and where no
+    variable is named."""
     for switch in BABBLING if session.neighbours else ():
         reading = session.reading(switch)
         if reading != session.run.ledger.ambiguity_of(switch).default_of(switch):
             session.skip(f"with {switch}={reading}, what is said to one unit draws others' answers")
+    Link(session).spot()  # or nothing could be written
     return Player(Bench(session))

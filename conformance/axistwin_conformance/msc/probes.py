@@ -14,7 +14,7 @@ from itertools import pairwise
 from typing import Final
 
 from axistwin_conformance.msc import codec
-from axistwin_conformance.msc.bench import SAFE_BLOCK, SAFE_STRIDE, Bench
+from axistwin_conformance.msc.bench import SAFE_BLOCK, Bench
 from axistwin_conformance.msc.codec import ACK, NAK, RQSTAT, STX
 from axistwin_conformance.msc.link import LIMITS
 from axistwin_conformance.msc.probing import (
@@ -24,6 +24,7 @@ from axistwin_conformance.msc.probing import (
     MS,
     Drawn,
     answer_to,
+    block_of_variables,
     default_of,
     down_to_the_last,
     drawn_by,
@@ -404,8 +405,8 @@ def _only_where_units_are_told_apart(bench: Bench) -> None:
 @probe(needs=("variables",))
 def data_address_stride(bench: Bench) -> Outcome:
     """BREAD of A, and which of its values DREAD of A+4, or a multiple of 4 further, shows."""
-    first = -(-bench.variables.start // SAFE_STRIDE) * SAFE_STRIDE
-    for address in range(first, bench.variables.stop, SAFE_BLOCK)[:BLOCKS]:
+    first, end = block_of_variables(bench), bench.variables.stop - SAFE_BLOCK + 1
+    for address in range(first, end, SAFE_BLOCK)[:BLOCKS]:
         values = bench.read_block(address)
         for step in range(1, len(values) // 4):
             shown = (values[step], values[2 * step], values[4 * step])

@@ -6,9 +6,15 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.msc import codec
-from axistwin_conformance.msc.bench import Bench
+from axistwin_conformance.msc.bench import SAFE_STRIDE, Bench
 from axistwin_conformance.msc.codec import ACK
-from axistwin_conformance.msc.probing import Drawn, drawn_by, glance_s, variable
+from axistwin_conformance.msc.probing import (
+    Drawn,
+    block_of_variables,
+    drawn_by,
+    glance_s,
+    variable,
+)
 from axistwin_conformance.probing import Outcome, probe
 from axistwin_conformance.profile import Probe
 
@@ -37,7 +43,8 @@ def write_reply(bench: Bench) -> Outcome:
 @probe(safety="stored", needs=NAMED, switch="data_address_stride")
 def data_address_stride_of_a_mark(bench: Bench) -> Outcome:
     """Where in BREAD of A a value is that DWRITE has put at A+4."""
-    address, other = variable(bench), variable(bench, 1)
+    address = block_of_variables(bench)
+    other = address + SAFE_STRIDE
     before = bench.read_block(address)
     mark = next(one for one in (MARK, OTHER, MARK ^ OTHER) if one not in before)
     bench.write(other, mark)

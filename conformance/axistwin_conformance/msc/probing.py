@@ -7,10 +7,10 @@ from enum import StrEnum
 from typing import Final
 
 from axistwin_conformance.msc import codec
-from axistwin_conformance.msc.bench import SAFE_STRIDE, Bench
+from axistwin_conformance.msc.bench import Bench
 from axistwin_conformance.msc.codec import ACK, NAK, RQSTAT, Packet
 from axistwin_conformance.msc.controller import BenchProgram
-from axistwin_conformance.msc.link import LIMITS
+from axistwin_conformance.msc.link import LIMITS, Link
 from axistwin_conformance.msc.talk import QUIET_S
 from axistwin_conformance.probing import Measured
 
@@ -137,13 +137,15 @@ def in_ms(bench: Bench, measured_ns: int, switch: str) -> Measured:
     return Measured(str(max(1, round(ms / COARSE_MS)) * COARSE_MS))
 
 
-def variable(bench: Bench, number: int = 0) -> int:
-    """The address of one of the named variables; they are apart from each other in every reading.
-    Skips if there are not so many."""
-    free = [one for one in bench.variables if one % SAFE_STRIDE == 0]
-    if number >= len(free):
-        bench.session.skip(f"needs {number + 1} named variables (--variables FIRST-LAST)")
-    return free[number]
+def variable(bench: Bench) -> int:
+    """The address of one of the named variables; skips without one."""
+    return Link(bench.session).spot()
+
+
+def block_of_variables(bench: Bench) -> int:
+    """Where a whole block of the named variables begins: none is read beyond what was named.  Skips
+    if there is none."""
+    return Link(bench.session).block_spot()
 
 
 def odd_packet(bench: Bench, body: bytes) -> bytes:
