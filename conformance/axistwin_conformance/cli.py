@@ -32,6 +32,10 @@ if TYPE_CHECKING:
     from axistwin_conformance.engine import Engine
 
 UNHEARD = 141  # what a shell tells of a program that a closed pipe has ended: 128 + SIGPIPE
+MOST_TRAVEL = 1 << 31  # increments: from one end of an axis's counter to the other
+MOST_SPEED = 8_000_000  # increments per second: the shortest period there is, of one tick
+MOST_BAUD = 16_000_000  # beyond what any adapter does
+MOST_JOBS = 1024
 MOST_SOAK_S = 366 * 24 * 3600.0
 
 
@@ -47,6 +51,26 @@ class Address(click.ParamType[int]):
             return int(text[:-1], 16) if text.endswith("h") else int(text, 0)
         except ValueError:
             self.fail(f"{value!r} is no address: write 5, 0x05 or 05h", param, ctx)
+
+
+class Count(click.ParamType[int]):
+    """A whole number between two bounds, both meant."""
+
+    name = "count"
+
+    def __init__(self, lowest: int, highest: int) -> None:
+        self.lowest, self.highest = lowest, highest
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """Read it; whatever else was written is a mistake."""
+        bounds = f"{self.lowest} to {self.highest}"
+        try:
+            number = int(value)
+        except ValueError:
+            self.fail(f"{value!r} is no whole number: choose one of {bounds}", param, ctx)
+        if not self.lowest <= number <= self.highest:
+            self.fail(f"{value} is out of range: choose {bounds}", param, ctx)
+        return number
 
 
 class Duration(click.ParamType[float]):
@@ -145,7 +169,7 @@ class OutputLost(BaseException):
     multiple=True,
     help="Address of a further module of this kind on the line or bus; repeatable.",
 )
-@click.option("--baud", type=click.IntRange(min=1), help="Rate of the line.")
+@click.option("--baud", type=Count(1, MOST_BAUD), help="Rate of the line.")
 @click.option(
     "--bitrate",
     type=click.IntRange(10_000, 1_000_000),
@@ -160,15 +184,15 @@ class OutputLost(BaseException):
 )
 @click.option(
     "--max-travel",
-    type=click.IntRange(min=1),
+    type=Count(1, MOST_TRAVEL),
     metavar="STEPS",
-    help="Never move further than this from where the axis is found.",
+    help=f"Never move further than this from where the axis is found; up to {MOST_TRAVEL}.",
 )
 @click.option(
     "--max-speed",
-    type=click.IntRange(min=1),
+    type=Count(1, MOST_SPEED),
     metavar="STEPS/S",
-    help="Never move faster than this.",
+    help=f"Never move faster than this; up to {MOST_SPEED}.",
 )
 @click.option(
     "--variables",
@@ -219,7 +243,7 @@ class OutputLost(BaseException):
 )
 @click.option(
     "--jobs",
-    type=click.IntRange(min=1),
+    type=Count(1, MOST_JOBS),
     default=usable_cores,
     show_default="usable cores",
     metavar="N",
@@ -359,7 +383,7 @@ def _conform(
 
 def _write_profile(engine: Engine, path: Path, is_json: bool) -> None:
     """Write what was detected; nothing where there was no device to ask."""
-    from axistwin_conformance.profile import as_toml
+    from axistwin_conformance.profile import as_toml, write_profile
 
     detections = engine.detections
     if not detections:
@@ -371,7 +395,7 @@ def _write_profile(engine: Engine, path: Path, is_json: bool) -> None:
         "What is a comment is the default, confirmed, or not known."
     )
     try:
-        path.write_text(as_toml(options.model, engine.ledger, detections, heading), "utf-8")
+        write_profile(path, as_toml(options.model, engine.ledger, detections, heading))
     except OSError as error:
         raise UsageError(f"cannot write the profile {path}: {error.strerror}") from error
     click.echo(f"profile: {path}", err=is_json)

@@ -4,7 +4,8 @@ rest, puts back what was changed, asks whether it is still there, and judges wha
 Rules.
 
 1. What a run may change is read first; where that fails, nothing but passive is done (`remember`).
-2. The device is brought to rest and put back on every way out, and interrupts wait for that.
+2. The device is brought to rest and put back on every way out.  An interrupt meanwhile ends what
+   takes long, and soon all of it; what was not put back then is told.
 3. What the operator has named may not be what he took it for: then nothing is judged by it, and the
    device is not blamed (`of_no_use`).
 4. The device is judged by what it answers here as well (`accuse`): in virtual time, where nothing
@@ -122,10 +123,20 @@ class Keeper:
         deed = "stop the axis or put its parameters back" if has_axis else "put back what it held"
         try:
             self.settle(run)
+        except interrupts.CutShort:
+            self._leave(run, deed)
         except TargetError as error:
             self.trouble(f"could not {deed}: {error}")
         except Exception as error:  # nothing may keep the port from being closed
             self.trouble(f"could not {deed}: {describe(error)}")
+
+    def _leave(self, run: Run, deed: str) -> None:
+        """Stop at once, and tell what may not be as it was: nobody waits any longer."""
+        try:
+            with contextlib.suppress(Exception):
+                run.family.stop(Session(run))
+        finally:  # this is cut short as well
+            self.trouble(f"interrupted again, could not {deed}; it held: {run.memory}")
 
     # --- between checks --------------------------------------------------------------------------
 

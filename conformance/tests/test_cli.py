@@ -149,6 +149,26 @@ def test_options_that_cannot_be_read_exit_2(bench: Any, words: tuple[str, ...]) 
     assert run(*words).exit_code == 2
 
 
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (("mac23", "--max-travel", "0"), "0 is out of range: choose 1 to 2147483648"),
+        (("mac23", "--max-travel", "9" * 29), "9 is out of range: choose 1 to 2147483648"),
+        (("mac23", "--max-speed", "8000001"), "8000001 is out of range: choose 1 to 8000000"),
+        (("mac23", "--max-speed", "x"), "'x' is no whole number: choose one of 1 to 8000000"),
+        (("mac23", "--jobs", "1025"), "1025 is out of range: choose 1 to 1024"),
+        (("mac23", "--baud", "9" * 20), "9 is out of range: choose 1 to 16000000"),
+    ],
+)
+def test_a_number_that_no_device_can_mean_is_refused_with_the_range(
+    bench: Any, words: tuple[str, ...], complaint: str
+) -> None:
+    """From one end of the counter to the other is as far as an axis goes."""
+    result = run(*words)
+    assert result.exit_code == 2
+    assert complaint in result.output
+
+
 def test_a_run_that_judges_nothing_exits_2(bench: Any) -> None:
     """A selection of forbidden checks is no success."""
     result = run("toy", "--port", "/dev/ttyX", MOVE)

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import gc
+import importlib
 import os
 import signal
+import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
@@ -109,3 +113,42 @@ def test_while_a_device_is_made_safe_none_is_heard(number: signal.Signals) -> No
         with interrupts.held_back():
             soon(number)
         assert is_interrupted_by(lambda: soon(number))
+
+
+@ENDING
+def test_an_interrupt_of_a_clean_up_hurries_it_and_then_cuts_it_short(
+    number: signal.Signals, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At once the axis is not driven any further; soon nothing is done any more."""
+    monkeypatch.setattr(interrupts, "GRACE_S", 0.5)
+    hurries_s, ends_s = 0.0, 0.0
+    with interrupts.heeded(), interrupts.held_back():
+        begun_s = time.monotonic()
+        threading.Timer(0.4, os.kill, (os.getpid(), number)).start()
+        while (ends_s := time.monotonic() - begun_s) < 20:
+            if interrupts.is_hurried():
+                hurries_s = hurries_s or ends_s
+    assert 0.4 <= hurries_s < ends_s
+    assert 0.5 <= ends_s - hurries_s + 0.05 < 3
+    assert not interrupts.is_hurried()
+    assert not interrupts.is_held_back()
+
+
+def test_an_interrupt_while_a_module_is_imported_is_no_mistake_of_the_module(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Python 3.11 turns what a descriptor's __set_name__ raises into a RuntimeError."""
+    (tmp_path / "interrupted_module.py").write_text(
+        "import os, signal, time\n"
+        "class Name:\n"
+        "    def __set_name__(self, owner, name):\n"
+        "        os.kill(os.getpid(), signal.SIGINT)\n"
+        "        for _ in range(1000): pass\n"
+        "class Owner:\n"
+        "    field = Name()\n"
+        "is_whole = True\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    with interrupts.heeded():
+        assert is_interrupted_by(lambda: importlib.import_module("interrupted_module"))
+    assert sys.modules.pop("interrupted_module").is_whole

@@ -194,6 +194,7 @@ def test_what_cannot_be_put_back_is_told() -> None:
     for body in (codec.dwrite(1396, 7), codec.sflag(131)):
         assert FAMILY.guard(writing, codec.packet(1, body)) is None
         Bench(writing).command(body)
+    assert str(run.memory) == "unit 1 at 1396: 0; unit 1 flag 131: off"  # for who gives up waiting
     served = port._served
     port._served = lambda one: b"" if one.name in codec.WRITES else served(one)  # type: ignore[method-assign]
     told = FAMILY.restore(session, run.memory)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import random
-import signal
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -16,6 +15,7 @@ from typing import Any, NoReturn, Protocol
 
 from shaft_watch import ACTING, Order, Shaft
 
+from axistwin_conformance import interrupts
 from axistwin_conformance.engine import Result
 from axistwin_conformance.events import Outcome
 
@@ -61,8 +61,8 @@ class Trouble:
 
     def __call__(self, watch: Any) -> None:
         """A moment of the run."""
-        if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-            return  # on the way out: interrupts are held back, and no other trouble is made there
+        if interrupts.is_held_back():
+            return  # on the way out no other trouble is made
         self.calls += 1
         if self.met is not None or self.calls not in self.moments:
             return

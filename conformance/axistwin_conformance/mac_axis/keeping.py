@@ -8,10 +8,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
+from axistwin_conformance import interrupts
 from axistwin_conformance.errors import OutsideEnvelope, TargetError, WrongDevice
+from axistwin_conformance.events import Note
 from axistwin_conformance.mac_axis.bench import Bench, bench_of
 from axistwin_conformance.mac_axis.dialogue import Kind, Reply, signed
-from axistwin_conformance.mac_axis.motion import TICK_NS
+from axistwin_conformance.pace import in_words
 from axistwin_conformance.session import ATTEMPTS, Session
 
 PROBE_ATTEMPTS: Final = (
@@ -20,6 +22,10 @@ PROBE_ATTEMPTS: Final = (
 KNOWN_GOOD: Final = (0x20, 0x24, 0x22)  # a module answers them in every state but deafness
 DISJUNCTIONS: Final = 0x1F  # bits of the first byte of 21h that latch and lock (§5.9)
 PLAUSIBLE_CELSIUS: Final = (-20.0, 90.0)  # a MAC at rest; the models' scales differ by 70 degrees
+LOOK_S: Final = 0.1  # from one look at an axis that is driven back to the next
+MOST_LOOKS: Final = 1000  # in virtual time, where a way back of days is over in no time
+STILL_S: Final = 0.5  # who has not moved for so long, has not heard that it should
+TOLD_S: Final = 3.0  # a longer way back is told before it begins
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,6 +132,11 @@ class Memory:
     modes: int
     tolerance: int
     neighbours: Mapping[int, Memory] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        named = (name for name in self.__slots__ if name != "neighbours")
+        own = ", ".join(f"{name} {getattr(self, name)}" for name in named)
+        return "; ".join([own, *(f"at {at:02X}h {one}" for at, one in self.neighbours.items())])
 
 
 def remember(session: Session) -> Memory:
@@ -240,21 +251,43 @@ def _repairs(now: Memory, memory: Memory) -> list[tuple[int, int]]:
 
 
 def _drive_back(bench: Bench, position: int) -> None:
-    """Go back at the speed and with the ramp of the checks; give up after twice the time."""
+    """Go back at the speed and with the ramp of the checks; give up after twice the time, or as
+    soon as nobody wants to wait for it: told as not put back."""
     bench.settle()
     distance = abs(bench.position() - position)
-    if distance > 2 * bench.session.envelope.max_travel:
+    if distance > 2 * bench.session.envelope.max_travel or interrupts.is_hurried():
         return
-    seconds = 2 * distance * bench.period * TICK_NS / 1e9
-    for _ in range(_attempts(bench.session)):  # noise may have kept 13h from the module
+    attempts, lasts_s = _attempts(bench.session), bench.lasting_s(distance)
+    if lasts_s >= TOLD_S and not bench.target.is_virtual:
+        told = f"driving back {distance} increments, {in_words(lasts_s)}"
+        bench.session.run.tell(Note(f"{told}; interrupt (Ctrl-C) to leave the axis on its way"))
+    limit_s = 2 * lasts_s + (STILL_S + 0.5) * attempts
+    deadline_ns = bench.target.now_ns + round(limit_s * 1e9)
+    for _ in range(attempts):  # noise may have kept 13h from the module
         try:
             bench.command(0x13, position)
         except OutsideEnvelope:
             return  # told as not put back
-        deadline_ns = bench.target.now_ns + round((seconds + 0.5) * 1e9)
-        while bench.target.now_ns < deadline_ns:
-            if bench.position() == position:
-                bench.command(0x18)
-                return
-            bench.wait(0.1)
+        is_back = _comes_back(bench, position, deadline_ns)
         bench.command(0x18)
+        if is_back or bench.target.now_ns >= deadline_ns or interrupts.is_hurried():
+            return
+
+
+def _comes_back(bench: Bench, position: int, deadline_ns: int) -> bool:
+    """Follow an axis on its way back; False as soon as it stands still elsewhere, it is too late,
+    or somebody wants it to end."""
+    target = bench.target
+    last, since_ns, has_moved = None, target.now_ns, False
+    least_s = max(LOOK_S, (deadline_ns - since_ns) / 1e9 / MOST_LOOKS)
+    while target.now_ns < deadline_ns and not interrupts.is_hurried():
+        here = bench.position()
+        if here == position:
+            return True
+        if here != last:
+            last, since_ns, has_moved = here, target.now_ns, last is not None
+        elif target.now_ns - since_ns >= STILL_S * 1e9:
+            return False
+        left_s = bench.lasting_s(abs(here - position))
+        bench.wait(max(least_s, left_s) if target.is_virtual and has_moved else LOOK_S)
+    return False

@@ -30,6 +30,7 @@ from axistwin_conformance.session import ATTEMPTS, REPLY_TIMEOUT_S, Run, Session
 PROBE_ATTEMPTS: Final = 4
 OTHER_QUESTIONS: Final = (codec.rflag(0), codec.dread(0), codec.RQSTAT)
 ZEROS: Final = bytes(codec.MAX_PACKET)
+MOST_TOLD: Final = 20  # of what a unit held, in a line
 LAST_LOOK_S: Final = 1.0  # for what comes late
 FACE_BYTES: Final = 16
 RESTORE_ATTEMPTS: Final = 4
@@ -213,6 +214,17 @@ class Memory:
     units: Mapping[int, Held]
     only_off: range
     touched: set[Writing] = field(default_factory=set)
+
+    def __str__(self) -> str:
+        told = []
+        for unit, held in self.units.items():
+            blocks, values, flags = _touched(self.touched, held)
+            where = f"unit {unit}"
+            told += [f"{where} at {at}: {', '.join(map(str, held.blocks[at]))}" for at in blocks]
+            told += [f"{where} at {at}: {held.values[at]}" for at in values]
+            told += [f"{where} flag {one}: {'on' if held.flags[one] else 'off'}" for one in flags]
+        more = f"; and {len(told) - MOST_TOLD} more" if len(told) > MOST_TOLD else ""
+        return "; ".join(told[:MOST_TOLD]) + more or "what it holds"
 
 
 def remember(session: Session) -> Memory:

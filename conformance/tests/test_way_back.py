@@ -1,0 +1,225 @@
+"""An axis that is far away when a run ends: the way back has an end, and can be ended."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from axistwin_conformance import interrupts
+from axistwin_conformance.asked import make_options
+from axistwin_conformance.can_frame import Frame
+from axistwin_conformance.can_target import Arrival
+from axistwin_conformance.engine import Engine
+from axistwin_conformance.ledger import load_ledger
+from axistwin_conformance.mac_axis import checks_interpolation, probes_sync
+from axistwin_conformance.mac_axis.bench import bench_of
+from axistwin_conformance.mac_can import hearing
+from axistwin_conformance.mac_serial import codec
+from axistwin_conformance.session import Envelope, Run, Session
+from axistwin_conformance.verdicts import Verdict
+
+SLOW = pytest.mark.slow
+FAR = 900_000_000  # increments: two days at the speed of the checks
+
+FAR_AWAY = """
+import sys
+from dataclasses import replace
+
+from axistwin_conformance.asked import make_options
+from axistwin_conformance.engine import Engine
+from axistwin_conformance.interrupts import heeded
+from axistwin_conformance.mac_axis.bench import bench_of
+from axistwin_conformance.registry import Check
+
+def goes_far(session):
+    bench = bench_of(session)
+    start = bench.ready()
+    bench.command(0x0D, 8)
+    bench.accepted(0x13, start + 300_000)
+    bench.wait(1)
+    print("far", flush=True)
+    bench.wait(60)
+
+check = Check("goes_far", goes_far, ("MACS-CMD-13-01",), ("motion", "stored"), "quick", (), "", "")
+options = make_options(
+    model="mac23", port=sys.argv[1], allow="motion,stored", max_travel=10**6, max_speed=10**6,
+)
+family = replace(options.family, modules=(), probe_modules=())
+family.__class__.checks = lambda self: (check,)
+with heeded():
+    result = Engine(replace(options, family=family)).run(
+        lambda event: print(getattr(event, "text", ""), flush=True)
+    )
+print(*result.problems, sep="\\n")
+sys.exit(result.exit_status)
+"""
+
+
+@pytest.fixture
+def pty_twin(axistwin: Callable[..., Any]) -> Any:
+    """A twin behind a real pty; bytes take no time."""
+    return axistwin("mac23", pacing=False)
+
+
+def run_on_a_twin() -> Run:
+    """What a check on the built-in twin would be handed, with all the travel there is."""
+    options = make_options(model="mac23")
+    family = options.family
+    return Run(
+        family.open(options.url, None, is_builtin=True), family, family.models["mac23"],
+        load_ledger(family.ledger), 0, (), options.allowed, Envelope(1 << 31, 8_000_000), 0,
+    )  # fmt: skip
+
+
+def test_in_virtual_time_the_longest_way_back_takes_a_few_exchanges() -> None:
+    """An axis is brought home over two days of virtual time."""
+    run = run_on_a_twin()
+    family = run.family
+    try:
+        memory = family.remember(Session(run))
+        run.memory = memory
+        bench = bench_of(Session(run))
+        bench.ready(1)
+        bench.accepted(0x13, FAR)
+        bench.wait(FAR / 8_000_000 + 1)
+        assert bench.position() == FAR
+        before = run.target.transcript.position
+        assert family.restore(Session(run), memory) == ()
+        assert bench.position() == memory.position
+        assert run.target.transcript.position - before < 100
+    finally:
+        run.target.close()
+
+
+def test_an_axis_that_does_not_move_is_not_waited_for() -> None:
+    """One that is held on its way, say: given up at once, told as not put back."""
+    run = run_on_a_twin()
+    family = run.family
+    try:
+        memory = family.remember(Session(run))
+        bench = bench_of(Session(run))
+        bench.ready(1)
+        bench.accepted(0x13, FAR)
+        bench.wait(1)
+        bench.command(0x18)
+        run.target.twins[0].load.held = True
+        place = bench.position()
+        began_ns = run.target.now_ns
+        (told,) = family.restore(Session(run), memory)
+        assert place > 1_000_000
+        assert told == f"position is {bench.position():X}h, was 0h"
+        assert abs(bench.position() - place) < 100
+        assert run.target.now_ns - began_ns < 60_000_000_000
+    finally:
+        run.target.close()
+
+
+@SLOW
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda one: one.name)
+def test_a_second_interrupt_stops_an_axis_that_is_driven_back(pty_twin: Any, number: int) -> None:
+    """The way back would take a minute; it is told, ended at once, and told again."""
+    before = {name: cell for name, cell in pty_twin.cells.items() if name != "position"}
+    with subprocess.Popen(
+        [sys.executable, "-c", FAR_AWAY, pty_twin.port], stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        while process.stdout.readline() != "far\n":
+            assert process.poll() is None
+        process.send_signal(number)
+        line = process.stdout.readline()
+        while not line.startswith("driving back "):
+            assert line, "the way back is told"
+            line = process.stdout.readline()
+        assert line.startswith("driving back 300000 increments, about 1 min left; interrupt")
+        time.sleep(1.0)
+        assert pty_twin.is_moving
+        process.send_signal(number)
+        began_s = time.monotonic()
+        rest = process.stdout.read()
+        assert time.monotonic() - began_s < interrupts.GRACE_S
+        process.wait(10)
+    assert process.returncode == 130
+    assert "not put back: position is " in rest
+    place = pty_twin.position
+    assert not pty_twin.is_moving
+    assert 0 < place < 300_000
+    assert before == {name: cell for name, cell in pty_twin.cells.items() if name != "position"}
+
+
+@pytest.mark.parametrize("number", interrupts.ENDING, ids=lambda one: one.name)
+def test_what_never_ends_is_cut_short(
+    toy: Any, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    """A second interrupt gives it a while, then the stop is sent, and what was held is told."""
+    monkeypatch.setattr(interrupts, "GRACE_S", 0.2)
+
+    def endless(session: Session, memory: Any) -> tuple[str, ...]:
+        threading.Timer(0.4, os.kill, (os.getpid(), number)).start()
+        toy.port.sent.clear()
+        time.sleep(30)
+        return ()
+
+    def interrupted(session: Session) -> None:
+        toy.family.stop(session)
+        os.kill(os.getpid(), number)
+        time.sleep(1)
+
+    toy.add(interrupted, "MACS-CMD-13-01", safety=("motion", "stored"))
+    toy.family = replace(toy.family, restore=endless)
+    began_s = time.monotonic()
+    with interrupts.heeded():
+        result = toy.run()
+    assert time.monotonic() - began_s < 5
+    assert result.exit_status == 130
+    assert any("interrupted again, could not" in one and "7" in one for one in result.problems)
+    assert toy.port.sent == ["S"]
+    assert not toy.port.is_open
+
+
+def test_a_bus_that_never_falls_silent_is_not_listened_to_for_ever() -> None:
+    """Somebody answers again and again: enough is heard to judge that."""
+    frame = Frame(0x581, bytes(8))
+
+    class Babble:
+        uncertainty_ns = 0
+
+        def drain(self) -> None: ...
+
+        def send(self, frame: Frame) -> None: ...
+
+        def receive(self, wanted: object, timeout_s: float) -> Arrival:
+            return Arrival(frame, 0)
+
+    bench: Any = SimpleNamespace(
+        target=Babble(), session=SimpleNamespace(reply_timeout_s=0.1), address=1
+    )
+    assert 2 < len(hearing.replies(bench, frame)) < 1000
+
+
+def test_a_module_that_refuses_segments_for_ever_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is at rest, the FIFO is empty, and it goes on refusing: nobody waits for the end."""
+    put, count = probes_sync.put, itertools.count()
+
+    def refused(bench: Any, one: Any) -> Any:
+        if next(count) < 5:
+            return put(bench, one)
+        assert next(count) < 5000
+        exchange = bench.ask(0x20)
+        return replace(exchange, reply=codec.parse(b"\x06\x13\x17"))
+
+    monkeypatch.setattr(checks_interpolation, "put", refused)
+    options = make_options(model="mac23", ids=("segments_follow_one_another_without_a_gap",))
+    result = Engine(options).run(lambda event: None)
+    verdicts = {one.requirement.id: one.verdict for one in result.requirements}
+    assert verdicts["MACS-CMD-16-02"] is Verdict.FAIL
