@@ -25,12 +25,15 @@ from axistwin_conformance.errors import UsageError, with_article
 from axistwin_conformance.events import Departure, ProfileJudged
 from axistwin_conformance.registry import Check
 from axistwin_conformance.verdicts import Verdict
+from axistwin_conformance.profile_values import Value, value_of
 
 if TYPE_CHECKING:
     from axistwin_conformance.ledger import Ledger
     from axistwin_conformance.session import Session
 
 Look = Callable[["Session"], "Seen"]
+
+KEYS = ("model", "quirks")
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,18 +103,32 @@ def load_profile(path: Path, model: str, ledger: Ledger) -> dict[str, str]:
         raise UsageError(f"cannot read the profile {path}: {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise UsageError(f"the profile {path} is not TOML: {error}") from error
-    named = data.get("model", model)
+    for key in data:
+        if key not in KEYS:
+            raise UsageError(
+                f"the profile {path} has {key!r}, which no profile has: {_near(key, KEYS)}"
+            )
+    if "model" not in data:
+        is_empty = "is empty" if not data else "names no model"
+        raise UsageError(
+            f'the profile {path} {is_empty}: it begins with the model it is of, model = "{model}"'
+        )
+    named = data["model"]
     if named != model:
         whose, asked = with_article(named), with_article(model)
         raise UsageError(f"the profile {path} is of {whose}, not of {asked}")
     quirks = data.get("quirks", {})
     if not isinstance(quirks, dict):
         raise UsageError(f"the profile {path}: quirks must be a table of name = value")
-    known = known_switches(ledger)
+    known = settable(ledger)
+    readings = {
+        switch: _reading(path, known, model, switch, value) for switch, value in quirks.items()
+    }
+    asked_of = known_switches(ledger)
     return {
-        switch: _reading(path, ledger, known, switch, value)
-        for switch, value in quirks.items()
-        if switch not in ledger.configuration
+        switch: reading
+        for switch, reading in readings.items()
+        if switch in asked_of and switch not in ledger.configuration
     }
 
 
@@ -124,21 +141,30 @@ def known_switches(ledger: Ledger) -> Mapping[str, Sequence[str]]:
     }
 
 
-def _reading(
-    path: Path, ledger: Ledger, known: Mapping[str, Sequence[str]], switch: str, value: Any
-) -> str:
-    reading = str(value).lower() if isinstance(value, bool) else str(value)
+def settable(ledger: Ledger) -> Mapping[str, Value]:
+    """How each name in a profile's table is written.  One with a single reading is no switch."""
+    switches = {
+        switch: value_of(switch, readings)
+        for switch, readings in known_switches(ledger).items()
+        if len(readings) > 1
+    }
+    return switches | {name: value_of(name, None) for name in ledger.configuration}
+
+
+def _reading(path: Path, known: Mapping[str, Value], model: str, switch: str, value: Any) -> str:
     if switch not in known:
         near = difflib.get_close_matches(switch, known, n=1)
-        hint = f"; did you mean {near[0]}?" if near else ""
-        raise UsageError(f"the profile {path} names {switch!r}, which is no switch{hint}")
-    try:
-        ledger.ambiguity_of(switch).check_reading(switch, reading)
-    except ValueError:
-        admissible = " or ".join(known[switch])
+        hint = f"did you mean {near[0]}?" if near else f"'axistwin models {model}' lists them"
+        raise UsageError(f"the profile {path} names {switch!r}, which is no switch; {hint}")
+    if not isinstance(value, str | int):
         raise UsageError(
-            f"the profile {path}: {switch} = {reading!r} is no reading; write {admissible}"
-        ) from None
+            f"the profile {path}: {switch} = {value!r}: write a text, a number, true or false"
+        )
+    reading = known[switch].read(value)
+    if reading is None:
+        raise UsageError(
+            f"the profile {path}: {switch} = {value!r} is no reading; write {known[switch].words}"
+        )
     return reading
 
 
@@ -170,6 +196,12 @@ def held_to(
         verdict, said = Verdict.FAIL, [one.text for one in departures]
     elif seen_count:
         verdict, said = Verdict.PASS, [f"{seen_count} readings seen, all as it says"]
+def _near(name: str, known: Iterable[str]) -> str:
+    """The remedy for a misspelt name of a few."""
+    near = difflib.get_close_matches(name.lower(), known, n=1)
+    return f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
+
+
     else:
         verdict, said = Verdict.NOT_RUN, ["no reading of the device was seen"]
     reason = "; ".join([*said, *filter(None, [missing])])

@@ -141,10 +141,13 @@ def test_detection_does_no_more_than_the_checks_asked_for() -> None:
     ("text", "complaint"),
     [
         ('model = "mac34-1"\n', "is of a mac34-1"),
-        ("[quirks]\nxon_bite = 1\n", "did you mean xon_byte?"),
-        ('[quirks]\nxon_byte = "12h"\n', "write 1Ah or 11h"),
+        ("", 'is empty: it begins with the model it is of, model = "mac23"'),
+        ("[quirks]\n", 'names no model: it begins with the model it is of, model = "mac23"'),
+        ('model = "mac23"\n[quirk]\n', "has 'quirk', which no profile has: did you mean quirks?"),
+        ('model = "mac23"\n[quirks]\nxon_bite = 1\n', "did you mean xon_byte?"),
+        ('model = "mac23"\n[quirks]\nxon_byte = "12h"\n', "write 1Ah or 11h"),
         ("[quirks\n", "is not TOML"),
-        ("quirks = 3\n", "a table of name = value"),
+        ('model = "mac23"\nquirks = 3\n', "a table of name = value"),
     ],
 )
 def test_a_profile_that_cannot_be_meant_is_refused_in_one_line(
@@ -161,7 +164,8 @@ def test_a_profile_that_cannot_be_meant_is_refused_in_one_line(
 def test_configuration_in_a_profile_is_passed_over(tmp_path: Path) -> None:
     """Factory values make a twin; nobody is judged by them."""
     path = tmp_path / "unit.toml"
-    path.write_text("[quirks]\nfactory_ramp = 3\nabort_flush = false\n", "utf-8")
+    text = 'model = "mac23"\n[quirks]\nfactory_ramp = 3\nabort_flush = false\n'
+    path.write_text(text, "utf-8")
     assert load_profile(path, "mac23", LEDGER) == {"abort_flush": "false"}
 
 

@@ -142,7 +142,7 @@ def parse_programs(texts: Iterable[str]) -> dict[int | None, ProgramSource]:
 def read_profile(path: str | Path, known_models: Iterable[str]) -> dict[str, Value]:
     """The quirks in the TOML file at ``path``, meant for one of ``known_models`` (of a line).
 
-    The file has a table ``[quirks]`` and may have ``model = "NAME"``.
+    The file has ``model = "NAME"``, and a table ``[quirks]``.
     Raises UsageError naming the file and the key.
     """
     names = sorted(set(known_models))
@@ -150,7 +150,13 @@ def read_profile(path: str | Path, known_models: Iterable[str]) -> dict[str, Val
     for key in profile:
         if key not in _PROFILE_KEYS:
             raise UsageError(f"profile {path}: unknown key {key!r}: {nearest(key, _PROFILE_KEYS)}")
-    model = profile.get("model", names[0])
+    if "model" not in profile:
+        lacking = "names no model" if profile else "is empty"
+        raise UsageError(
+            f"profile {path}: it {lacking}; it begins with the model that it is of,"
+            f' such as model = "{names[0]}"'
+        )
+    model = profile["model"]
     if model not in names:
         raise UsageError(
             f"profile {path}: key 'model' is {model!r}, but the line has {', '.join(names)}; "

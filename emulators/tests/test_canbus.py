@@ -443,7 +443,7 @@ def test_what_is_stored_outlives_the_bus(opened: Opener, tmp_path: Any) -> None:
 def test_quirks_are_given_in_three_ways(opened: Opener, tmp_path: Any) -> None:
     """In the channel, as an argument, in a profile."""
     profile = tmp_path / "unit.toml"
-    profile.write_text('[quirks]\nupload_scs = "43h"\n')
+    profile.write_text('model = "mac23-can"\n[quirks]\nupload_scs = "43h"\n')
     for channel, arguments in (
         ("mac23-can:1?time=virtual&quirk.upload_scs=43h", {}),
         ("mac23-can:1", {"quirks": {"upload_scs": "43h"}}),

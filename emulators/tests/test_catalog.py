@@ -193,7 +193,7 @@ def test_a_profile_is_a_table_of_quirks(tmp_path: Path) -> None:
     quirks = read_profile(path, ["mac23", "mac34-1"])
     assert quirks == {"xon_byte": "11h", "boot_time_ms": 100, "lock_08_1b": True}
     assert ask(line_of("mac23", quirks=quirks), request(0x0B), 3) == b"\x06\x13\x11"
-    path.write_text("")
+    path.write_text('model = "mac23"\n')
     assert read_profile(path, ["mac23"]) == {}
 
 
@@ -203,10 +203,15 @@ def test_a_profile_is_a_table_of_quirks(tmp_path: Path) -> None:
         ('model = "mac34-1"', "key 'model' is 'mac34-1', but the line has mac23; give another"),
         ("model = 3", "key 'model' is 3, but the line has mac23"),
         ("modle = 3", r"unknown key 'modle': did you mean model\?"),
-        ("quirks = 3", r"key 'quirks' is no table; write \[quirks\]"),
-        ("[quirks]\nxon_bite = 3", r"unknown quirk 'xon_bite': did you mean xon_byte\?"),
-        ('[quirks]\nxon_byte = "x"', "quirk xon_byte: 'x' is not allowed"),
-        ("[quirks]\nxon_byte = [3]", r"quirk xon_byte is \[3\]; write a text or a number"),
+        ("", 'it is empty; it begins with the model that it is of, such as model = "mac23"'),
+        ("[quirks]\nxon_byte = 17", "it names no model; it begins with the model that it is of"),
+        ('model = "mac23"\nquirks = 3', r"key 'quirks' is no table; write \[quirks\]"),
+        (
+            'model = "mac23"\n[quirks]\nxon_bite = 3',
+            r"unknown quirk 'xon_bite': did you mean xon_byte\?",
+        ),
+        ('model = "mac23"\n[quirks]\nxon_byte = "x"', "quirk xon_byte: 'x' is not allowed"),
+        ('model = "mac23"\n[quirks]\nxon_byte = [3]', r"quirk xon_byte is \[3\]; write a text"),
         ("[quirks\n", "this is no TOML .*line 1"),
         ("\xff", "this is no TOML"),
     ],

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from axistwin.devices.switches import (
+    DIGITS_MAX,
     Quirk,
     Settings,
     number,
@@ -50,7 +51,7 @@ def _are_increments(text: str) -> bool:
 
 
 def _is_number(text: str) -> bool:
-    return text.isascii() and text.isdigit()
+    return text.isascii() and text.isdigit() and len(text) <= DIGITS_MAX
 
 
 @dataclass(frozen=True, slots=True)
