@@ -15,6 +15,8 @@ later run expects:
 from __future__ import annotations
 
 import difflib
+import os
+import tempfile
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -23,17 +25,17 @@ from typing import TYPE_CHECKING, Any
 
 from axistwin_conformance.errors import UsageError, with_article
 from axistwin_conformance.events import Departure, ProfileJudged
+from axistwin_conformance.profile_values import Value, value_of
 from axistwin_conformance.registry import Check
 from axistwin_conformance.verdicts import Verdict
-from axistwin_conformance.profile_values import Value, value_of
 
 if TYPE_CHECKING:
     from axistwin_conformance.ledger import Ledger
     from axistwin_conformance.session import Session
 
-Look = Callable[["Session"], "Seen"]
-
 KEYS = ("model", "quirks")
+
+Look = Callable[["Session"], "Seen"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +71,32 @@ class Detection:
     reading: str | None
     evidence: str
     candidates: tuple[str, ...] = ()  # not told apart; empty: nothing is excluded
+
+
+def write_profile(path: Path, text: str) -> None:
+    """Write a profile whole or not at all: beside its place first.  Raises OSError."""
+    if path.exists() and not path.is_file():  # a pipe, /dev/stdout
+        path.write_text(text, "utf-8")
+        return
+    place = path.resolve()  # of a link, the file it leads to
+    handle, name = tempfile.mkstemp(prefix=f".{place.name}.", dir=place.parent)
+    beside = Path(name)
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        beside.chmod(place.stat().st_mode & 0o777 if place.exists() else 0o666 & ~_umask())
+        beside.replace(place)
+    except BaseException:
+        beside.unlink(missing_ok=True)
+        raise
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
 
 
 def as_toml(model: str, ledger: Ledger, detections: Iterable[Detection], heading: str) -> str:
@@ -168,6 +196,12 @@ def _reading(path: Path, known: Mapping[str, Value], model: str, switch: str, va
     return reading
 
 
+def _near(name: str, known: Iterable[str]) -> str:
+    """The remedy for a misspelt name of a few."""
+    near = difflib.get_close_matches(name.lower(), known, n=1)
+    return f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
+
+
 def held_to(
     profile: str,
     expected: Mapping[str, str],
@@ -196,12 +230,6 @@ def held_to(
         verdict, said = Verdict.FAIL, [one.text for one in departures]
     elif seen_count:
         verdict, said = Verdict.PASS, [f"{seen_count} readings seen, all as it says"]
-def _near(name: str, known: Iterable[str]) -> str:
-    """The remedy for a misspelt name of a few."""
-    near = difflib.get_close_matches(name.lower(), known, n=1)
-    return f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
-
-
     else:
         verdict, said = Verdict.NOT_RUN, ["no reading of the device was seen"]
     reason = "; ".join([*said, *filter(None, [missing])])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from pathlib import Path
 
 import pytest
@@ -11,7 +13,7 @@ from quirk_twins import QuirkTwins, Readings
 from axistwin_conformance.cli import conform, make_options
 from axistwin_conformance.engine import Engine
 from axistwin_conformance.errors import UsageError
-from axistwin_conformance.profile import load_profile
+from axistwin_conformance.profile import load_profile, write_profile
 
 # Of a twin, not of a manual: `Ledger.configuration`.  And what no probe can tell, with the reason.
 TWINS = QuirkTwins(
@@ -128,6 +130,49 @@ def test_detect_alone_judges_nothing_and_writes_the_profile(tmp_path: Path) -> N
     assert '# xon_byte = "1Ah"  # MACS-AMB-01' in text  # confirmed, and why
     assert "# ramp_law: MACS-AMB-42: not allowed: motion (--allow motion)" in text
     assert f"--seed 0 --detect {path}\n" in text  # the command that asks again
+
+
+def test_a_profile_that_cannot_be_written_leaves_what_was_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A disk that fills up: exit 2 in a line; neither an empty file nor what was beside it."""
+    path, before = tmp_path / "unit.toml", 'model = "mac23"\n'
+    path.write_text(before, "utf-8")
+
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    for name in (path, tmp_path / "new.toml"):
+        words = ["mac23", "--allow", "passive", "--detect", str(name)]
+        result = CliRunner().invoke(conform, words)
+        assert result.exit_code == 2
+        assert f"cannot write the profile {name}: No space left on device" in result.output
+    assert [one.name for one in tmp_path.iterdir()] == ["unit.toml"]
+    assert path.read_text("utf-8") == before
+
+
+def test_a_profile_is_written_through_a_link_and_keeps_its_permissions(tmp_path: Path) -> None:
+    """What was there is replaced where it lies; a new file has those that any new file has."""
+    real, link, new = tmp_path / "real.toml", tmp_path / "link.toml", tmp_path / "new.toml"
+    real.write_text("old", "utf-8")
+    real.chmod(0o640)
+    link.symlink_to(real)
+    write_profile(link, "text")
+    write_profile(new, "text")
+    (tmp_path / "plain").write_text("", "utf-8")
+    assert link.is_symlink()
+    assert real.read_text("utf-8") == "text"
+    assert real.stat().st_mode & 0o777 == 0o640
+    assert new.stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_a_device_that_is_not_there_leaves_no_profile(tmp_path: Path) -> None:
+    """Nothing was detected, so nothing is written."""
+    path = tmp_path / "unit.toml"
+    words = ["mac23", "--port", str(tmp_path / "none"), "--detect", str(path)]
+    assert CliRunner().invoke(conform, words).exit_code == 3
+    assert not path.exists()
 
 
 def test_detection_does_no_more_than_the_checks_asked_for() -> None:
