@@ -33,6 +33,7 @@ BENCH_SPEED = 10_000  # increments per second: 300 rpm on a MAC23
 TWIN_TRAVEL = 1_000_000
 TWIN_SPEED = 1_000_000
 DEFAULT_SOAK_S = 2 * 3600.0
+ADDRESSES = 1 << 16  # of a controller
 PROGRAM_STEP = 128  # addresses: where blocks begin that are apart in every reading
 
 
@@ -175,6 +176,11 @@ def _check_program(grounds: Grounds) -> None:
     if address % PROGRAM_STEP:
         raise UsageError(f"{told}: its ADDRESS is a multiple of {PROGRAM_STEP}")
     variables, flags = grounds.of_program
+    if variables[-1] >= ADDRESSES:
+        raise UsageError(
+            f"{told} has {len(variables)} addresses, the last of them {variables[-1]}: its ADDRESS"
+            f" is {ADDRESSES - len(variables)} at most"
+        )
     for option, own, named in (
         ("--variables", variables, grounds.variables), ("--flags", flags, grounds.flags)
     ):  # fmt: skip

@@ -106,6 +106,8 @@ class Span(click.ParamType[range]):
         first, dash, last = str(value).partition("-")
         low = Address().convert(first, param, ctx)
         high = Address().convert(last, param, ctx) if dash else low
+        if low > high:
+            self.fail(f"{value!r} runs backwards: write {last}-{first}", param, ctx)
         if not 0 <= low <= high <= self.highest:
             self.fail(f"{value!r} is no span: write FIRST-LAST within 0-{self.highest}", param, ctx)
         return range(low, high + 1)

@@ -1,7 +1,8 @@
 """The engine: runs a plan safely against a target and says what it means.
 
-    open → probe (identity) → sanity → round trip → detection (of the readings) → checks, each
-    followed by [stop, put back] and sanity → sanity → stop, put back → close
+    open → probe (identity) → sanity → round trip → survey (of what was named)
+         → detection (of the readings) → checks, each followed by [stop, put back] and sanity
+         → sanity → stop, put back → close
 
 What detection must do destructively comes right before the first check of that class.
 
@@ -36,7 +37,7 @@ from axistwin_conformance.budget import WriteBudget
 from axistwin_conformance.carrier import Carrier
 from axistwin_conformance.deeds import allowed_in_vain
 from axistwin_conformance.detection import detect, leave_out
-from axistwin_conformance.errors import TargetError, TwinCrashed, WrongDevice
+from axistwin_conformance.errors import TargetError, TwinCrashed, UsageError, WrongDevice
 from axistwin_conformance.events import Listener, Outcome
 from axistwin_conformance.jobs import Jobs
 from axistwin_conformance.judgement import CheckResult, RequirementResult, conclude
@@ -72,6 +73,7 @@ class Result:
     profile: events.ProfileJudged | None = None  # of the profile that the user gave
     lost: str = ""  # why nothing more was asked of the device before the plan was through
     refusal: str = ""  # why the device was not judged at all: unreachable, or not the model
+    is_misused: bool = False  # it was refused for what the operator has named
     is_interrupted: bool = False
     exit_status: int = 0
     sentence: str = ""
@@ -207,6 +209,8 @@ class Engine:
                 self._last_words(run)
         except WrongDevice as error:
             result.refusal = str(error)
+        except UsageError as error:  # what was named for the run, is not there
+            result.refusal, result.is_misused = str(error), True
         except TargetError as error:
             told = "lost before anything was judged" if self._is_identified else "unreachable"
             result.refusal = f"device {told}: {error}"
@@ -221,6 +225,7 @@ class Engine:
         """Identity and readings; a device that fails and is lost by it, is judged all the same."""
         try:
             self._identify_unless_echoed(run)
+            self.family.survey(Session(run))
             for probe, reason in self._result.plan.unprobed:
                 leave_out(run, probe, reason)
             self._detect(run, is_destructive=False)

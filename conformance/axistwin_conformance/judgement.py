@@ -154,7 +154,7 @@ def _join(*texts: str) -> str:
 def _exit_status(result: Result) -> int:
     verdicts = [one.verdict for one in result.requirements]
     if result.refusal:
-        return UNREACHABLE
+        return USAGE if result.is_misused else UNREACHABLE
     if Verdict.FAIL in verdicts or _departs(result):
         return FAILS
     if result.is_interrupted:

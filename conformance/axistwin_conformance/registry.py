@@ -216,6 +216,8 @@ class Family:
     `stop(session)`: bring any motion to rest; must not raise for an answer that does not come.
     `remember(session)`: read what `restore` will put back; called before anything but passive.
     `restore(session, memory)`: put back what differs; returns a sentence per thing it could not.
+    `survey(session)`: whether the device has what the operator has named, once it is known who it
+        is and before anything is judged; raises UsageError for what is not there.
     `trials`: need of a check → `trial(session)`, which tries what the operator has named for it:
         why nothing can be judged by that, empty if it can.  What a trial touches is put back.
     `explain(record)`: the bytes of a record in words.
@@ -273,6 +275,7 @@ class Family:
     grounds: Grounds | None = None
     has_axis: bool = True
     disturbs: Callable[[Mapping[str, str]], bool] = lambda readings: False
+    survey: Callable[[Session], None] = lambda session: None
     trials: Mapping[str, Callable[[Session], str]] = field(default_factory=dict)
     deeds: Mapping[str, str] = field(default_factory=dict)
     blame: Callable[[Session, bytes, bytes | None], Breach | None] = (

@@ -12,6 +12,7 @@ from axistwin_conformance.msc.blame import blame
 from axistwin_conformance.msc.keeping import probe, remember, restore, sanity, stop
 from axistwin_conformance.msc.link import SHOUTING
 from axistwin_conformance.msc.safety import DEEDS, objection
+from axistwin_conformance.msc.survey import survey
 from axistwin_conformance.msc.trial import try_flags
 from axistwin_conformance.registry import Family, Grounds, Model
 from axistwin_conformance.rig import OF_A_CONTROLLER
@@ -97,6 +98,7 @@ FAMILY: Final = Family(
     grounds=TWIN_GROUNDS,
     has_axis=False,
     disturbs=disturbs,
+    survey=survey,
     trials={"flags": try_flags},
     deeds=DEEDS,
     blame=blame,
