@@ -223,3 +223,18 @@ def test_a_module_that_refuses_segments_for_ever_fails(monkeypatch: pytest.Monke
     result = Engine(options).run(lambda event: None)
     verdicts = {one.requirement.id: one.verdict for one in result.requirements}
     assert verdicts["MACS-CMD-16-02"] is Verdict.FAIL
+
+
+@pytest.mark.parametrize(
+    ("words", "replay"),
+    [
+        (("endless_motion_and_segments_are_busy_while_held",), None),
+        ((), "16010000240100002100000004230000"),  # to a stop at the end of the counter, and on
+    ],
+)
+def test_an_envelope_as_wide_as_the_counter_fails_no_device(
+    words: tuple[str, ...], replay: str | None
+) -> None:
+    """What a check uses of it, is no more than it needs."""
+    options = make_options(model="mac23", ids=words, replay=replay, max_travel=1 << 31)
+    assert Engine(options).run(lambda event: None).exit_status == 0

@@ -45,6 +45,7 @@ MOTION_NAMES: Final = {"PO": "move", "VE": "endless motion", "IN": "segments", "
 
 SLOWEST: Final = 0xFFFF
 PLAIN_EXCHANGE_NS: Final = 15_000_000  # at 38400 baud, with nothing in between
+MOST_ROOM: Final = 500_000  # increments: 100 s at the speed of the checks
 SAFE_PERIOD: Final = 0x0640  # 1600 ticks: 5000 inc/s, 150 rpm on a MAC23
 
 
@@ -321,8 +322,9 @@ class Bench(Talk):
         self.at_rest()
 
     def room(self) -> int:
-        """Increments a check may use up in one direction: half of the envelope."""
-        return self.session.envelope.max_travel // 2
+        """Increments a check may use up in one direction: half of the envelope, and never so many
+        that ways take hours and end where the counter does."""
+        return min(self.session.envelope.max_travel // 2, MOST_ROOM)
 
     def fits(self, *targets: int) -> bool:
         """True if these counters lie in the envelope, or nobody enforces one."""

@@ -25,6 +25,7 @@ SLOW_CATCH_UP: Final = 0x32  # 10 ms per increment: readings tell single increme
 EASY_CATCH_UP: Final = 0xFF  # 51 ms per increment, for a bench on which time is real
 PROFILE: Final = 2  # the reading of MACS-AMB-27 by which a motion is over with its profile
 LAG_SHOWS_S: Final = 0.3
+LONGEST_SEGMENT: Final = 0x7FFF  # increments: DDDD is signed
 
 
 def _catch_up_ns(coefficient: int) -> int:
@@ -259,7 +260,7 @@ def endless_motion_and_segments_are_busy_while_held(session: Session) -> None:
     for way in bench.ways:
         if way.name == "13h":
             continue
-        distance = bench.room() if bench.rig.is_exact else bench.reach
+        distance = min(LONGEST_SEGMENT, bench.room() if bench.rig.is_exact else bench.reach)
         start = bench.begin(bench.lasting(distance, 0.2 + 2 * LAG_SHOWS_S))
         moving = way.begin(bench, start, distance)
         bench.wait(0.1)
