@@ -238,7 +238,8 @@ def parse_allowed(text: str | None, *, is_builtin: bool) -> frozenset[str]:
             near = difflib.get_close_matches(word, SAFETY_CLASSES, n=1)
             hint = f"did you mean {near[0]}? " if near else ""
             raise UsageError(
-                f"--allow {word}: {hint}Known: {', '.join(SAFETY_CLASSES)}, separated by commas."
+                f"--allow {word}: there is no such class; {hint}choose of"
+                f" {', '.join(SAFETY_CLASSES)}, separated by commas"
             )
     return frozenset({"passive", *words})
 

@@ -1,6 +1,7 @@
 """The command `axistwin conform`: judge a device, or the built-in twin of it.
 
-Exit status: 0 conforms; 1 does not; 2 wrong usage, or nothing was judged; 3 unreachable or not the
+Exit status: 0 conforms; 1 does not; 2 wrong usage, nothing was judged, or a report that was asked for
+could not be written; 3 unreachable or not the
 model named; 4 nothing failed but something stayed inconclusive; 130 interrupted; 141 nobody reads
 the output any more (`| head`).
 """
@@ -26,11 +27,17 @@ from axistwin_conformance.asked import parse_allowed as parse_allowed
 from axistwin_conformance.asked import usable_cores
 from axistwin_conformance.budget import DEFAULT_BUDGET
 from axistwin_conformance.errors import UsageError, with_article
+from axistwin_conformance.given import Word, WordPath, refuse_lost
 from axistwin_conformance.registry import FULL, LEVELS, families
 
 if TYPE_CHECKING:
     from axistwin_conformance.engine import Engine
+    from axistwin_conformance.events import Event, Listener
+    from axistwin_conformance.reports import ReportFolder
 
+VERDICTS = (0, 1, 4)
+UNWRITTEN = 2  # a verdict that is missing where it was asked for is none
+UNWRITABLE = (errno.EPIPE, errno.ENOSPC, errno.EIO, errno.EFBIG, errno.EDQUOT)
 UNHEARD = 141  # what a shell tells of a program that a closed pipe has ended: 128 + SIGPIPE
 MOST_TRAVEL = 1 << 31  # increments: from one end of an axis's counter to the other
 MOST_SPEED = 8_000_000  # increments per second: the shortest period there is, of one tick
@@ -104,6 +111,8 @@ class Span(click.ParamType[range]):
     ) -> range:
         """Read it; the highest number there can be is known here."""
         first, dash, last = str(value).partition("-")
+        if not first or (dash and not last):
+            self.fail(f"{value!r} is no span: write FIRST-LAST within 0-{self.highest}", param, ctx)
         low = Address().convert(first, param, ctx)
         high = Address().convert(last, param, ctx) if dash else low
         if low > high:
@@ -151,14 +160,16 @@ class OutputLost(BaseException):
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("model", required=False)
-@click.argument("ids", nargs=-1, metavar="[ID]...")
+@click.argument("ids", nargs=-1, type=Word(), metavar="[ID]...")
 @click.option(
     "--port",
+    type=Word(),
     metavar="URL",
     help="Of a device on a line: its port, or a pyserial URL. Without it: the built-in twin.",
 )
 @click.option(
     "--can",
+    type=Word(),
     metavar="INTERFACE:CHANNEL",
     help="Of a device on a CAN bus: interface and channel of python-can, for instance"
     " socketcan:can0 or slcan:/dev/ttyACM0; further options of the interface as ?NAME=VALUE&...",
@@ -229,6 +240,7 @@ class OutputLost(BaseException):
 )
 @click.option(
     "--rig-command",
+    type=Word(),
     metavar="COMMAND",
     help="For --rig command: run per act with {verb}, {name} and {value} filled in.",
 )
@@ -263,25 +275,26 @@ class OutputLost(BaseException):
 @click.option(
     "--detect",
     "detect",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=WordPath(dir_okay=False, path_type=Path),
     metavar="OUT.toml",
     help="Write the readings the device follows there; with neither ID nor --level, do only that.",
 )
 @click.option(
     "--profile",
     "profile",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=WordPath(dir_okay=False, path_type=Path),
     metavar="FILE.toml",
     help="The readings to expect of the device; another one is a failure.",
 )
 @click.option(
     "--replay",
+    type=Word(),
     metavar="FILE|HEX",
     help="Play just the operations of a failure again; 0 if it does not come again.",
 )
 @click.option(
     "--report",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=WordPath(file_okay=False, path_type=Path),
     metavar="DIR",
     help="Write report.html, report.json, junit.xml and events.jsonl there, and the operations"
     " of failures.",
@@ -289,7 +302,7 @@ class OutputLost(BaseException):
 @click.option(
     "--compare",
     nargs=2,
-    type=click.Path(path_type=Path),
+    type=WordPath(path_type=Path),
     metavar="OLD NEW",
     help="Show which verdicts changed between two report.json; run nothing.",
 )
@@ -317,13 +330,15 @@ def conform(ctx: click.Context, /, **given: Any) -> None:  # fmt: skip
     ID is a requirement, the beginning of some, or the name of a check.
     """
     try:
+        refuse_lost(ctx)
         with _output():
             status = _conform(**given)
             sys.stdout.flush()
     except OutputLost as lost:
         if isinstance(lost.error, BrokenPipeError):
             ctx.exit(UNHEARD)
-        raise Mistake(f"cannot write the output: {lost.error.strerror}", ctx) from lost
+        click.echo(f"axistwin: cannot write the output: {lost.error.strerror}", err=True)
+        ctx.exit(UNWRITTEN)
     except UsageError as error:
         raise Mistake(str(error), ctx) from error
     ctx.exit(status)
@@ -337,7 +352,7 @@ def _output() -> Iterator[None]:
     except OutputLost:
         raise
     except OSError as error:
-        if error.errno not in (errno.EPIPE, errno.ENOSPC, errno.EIO):
+        if error.errno not in UNWRITABLE:
             raise
         with contextlib.suppress(OSError, ValueError):  # or the interpreter tries again at its end
             nowhere = os.open(os.devnull, os.O_WRONLY)
@@ -438,61 +453,83 @@ def _show(engine: Engine, is_list: bool, is_json: bool) -> int:
 
 def _run(engine: Engine, is_json: bool, report: Path | None) -> int:
     from axistwin_conformance import report_json, report_terminal
-    from axistwin_conformance.events import Event, Listener
     from axistwin_conformance.pace import Pace, weigh
     from axistwin_conformance.reports import ReportFolder, past_seconds
 
     explain, spell = engine.family.explain, engine.family.way.spell
-    listeners: list[Listener] = []
     folder, past = None, {}
     if report is not None:
         past = past_seconds(report, engine.options.url)
         with _report_trouble():  # before a long run, not after it
             folder = ReportFolder(report, explain, spell)
-        listeners.append(folder)
     with contextlib.ExitStack() as stack:
         stack.enter_context(interrupts.heeded())
+        terminal: Listener
         if is_json:
-            listeners.append(report_json.JsonStream(sys.stdout, explain, spell))
+            terminal = report_json.JsonStream(sys.stdout, explain, spell)
         else:
             console = report_terminal.make_console()
-            listeners.append(
-                stack.enter_context(
-                    report_terminal.TerminalReport(
-                        console,
-                        engine.ledger,
-                        explain,
-                        Pace(
-                            weigh(engine.plan()),
-                            past,
-                            afterwards_s=engine.options.duration_s or 0.0,
-                        ),
-                        engine.options.report,
-                        spell,
-                    )
+            duration_s = engine.options.duration_s or 0.0
+            pace = Pace(weigh(engine.plan()), past, afterwards_s=duration_s)
+            terminal = stack.enter_context(
+                report_terminal.TerminalReport(
+                    console, engine.ledger, explain, pace, engine.options.report, spell
                 )
             )
+        readers = _Readers(folder, terminal)
+        result = engine.run(readers)
+    status = result.exit_status
+    if folder is not None and not _is_finished(folder, is_json) and status in VERDICTS:
+        status = UNWRITTEN
+    if readers.lost is not None:
+        raise readers.lost
+    return status
 
-        is_heard = True
 
-        def listen(event: Event) -> None:
-            nonlocal is_heard
-            if is_heard:  # what is told while the device is put back has no reader any more
-                try:
-                    with _output():
-                        for listener in listeners:
-                            listener(event)
-                except OutputLost:
-                    is_heard = False
-                    raise
+class _Readers:
+    """Tells a run to its report and to the terminal: while one of them takes what it is told, the
+    other may fail.  Where nobody reads any more, the run ends."""
 
-        result = engine.run(listen)
-    if folder is not None:
-        with _report_trouble():
-            page, *others = folder.finish()
+    def __init__(self, folder: ReportFolder | None, terminal: Listener) -> None:
+        self._folder, self._terminal = folder, terminal
+        self.lost: OutputLost | None = None
+
+    def __call__(self, event: Event) -> None:
+        if self._folder is not None:
+            before = set(self._folder.lost)
+            with _report_trouble():
+                self._folder(event)
+            for path in self._folder.lost.keys() - before:
+                from axistwin_conformance.events import Note
+
+                self._tell(Note(f"cannot write {path}: {self._folder.lost[path]}; the run goes on"))
+        self._tell(event)
+
+    def _tell(self, event: Event) -> None:
+        if self.lost is not None:
+            return  # what is told while the device is put back has no reader any more
+        try:
+            with _output():
+                self._terminal(event)
+        except OutputLost as lost:
+            self.lost = lost
+            if self._folder is None or isinstance(lost.error, BrokenPipeError):
+                raise
+
+
+def _is_finished(folder: ReportFolder, is_json: bool) -> bool:
+    """Write the rest of a report; tell where it is, and what of it could not be written."""
+    whole = folder.finish()
+    if whole:
+        first, *others = whole
         names = ", ".join(path.name for path in others)
-        click.echo(f"report: {page} ({names} beside it)", err=is_json)
-    return result.exit_status
+        beside = f" ({names} beside it)" if names else ""
+        click.echo(f"report: {first}{beside}", err=is_json)
+    for reason in dict.fromkeys(folder.lost.values()):
+        paths = ", ".join(str(path) for path, why in folder.lost.items() if why == reason)
+        remedy = "make room, or name another folder by --report"
+        click.echo(f"axistwin: cannot write {paths}: {reason}; {remedy}", err=True)
+    return not folder.lost
 
 
 @contextlib.contextmanager

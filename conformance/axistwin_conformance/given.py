@@ -1,0 +1,61 @@
+"""What was typed, before it means anything: no empty words, and none that would change nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import click
+from click.core import ParameterSource
+
+from axistwin_conformance.errors import UsageError
+
+# What goes with an option that runs nothing, by the name of its parameter; all else would be lost.
+BESIDE_COMPARE = frozenset({"compare", "is_json", "model"})  # a model is refused by its name
+LOST_BESIDE_LIST = frozenset({"dry_run", "report", "detect", "exitfirst", "duration", "replay"})
+
+
+class Word(click.ParamType[str]):
+    """Text that is there: a variable of the shell that is not set is a mistake, not a default."""
+
+    name = "text"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Take it as it is."""
+        return str(_there(self, value, param, ctx))
+
+
+class WordPath(click.Path):
+    """The path of a file or folder, which `''` is not."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Take it as click does."""
+        return super().convert(_there(self, value, param, ctx), param, ctx)
+
+
+def _there(
+    kind: click.ParamType[Any], value: Any, param: click.Parameter | None, ctx: click.Context | None
+) -> Any:
+    if not str(value).strip():
+        kind.fail("it is empty: write something, or leave it out", param, ctx)
+    return value
+
+
+def refuse_lost(ctx: click.Context) -> None:
+    """Raise UsageError for options beside --compare or --list that would be dropped in silence."""
+    typed = [one for one in ctx.command.params if one.name and _is_typed(ctx, one.name)]
+    names = {one.name for one in typed}
+    if "compare" in names:
+        _refuse("--compare", (one for one in typed if one.name not in BESIDE_COMPARE))
+    elif "is_list" in names:
+        _refuse("--list", (one for one in typed if one.name in LOST_BESIDE_LIST))
+
+
+def _is_typed(ctx: click.Context, name: str) -> bool:
+    return ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE and bool(ctx.params[name])
+
+
+def _refuse(option: str, lost: Iterable[click.Parameter]) -> None:
+    for one in lost:
+        word = next((name for name in one.opts if name.startswith("--")), "the ID")
+        raise UsageError(f"{option} runs nothing: leave out {word}")
