@@ -24,12 +24,13 @@ NOTE = "<!-- Written by scripts/reference from the code; do not edit. -->\n\n"
 
 def commands() -> str:
     """The help text of every command."""
-    context = click.Context(program, info_name="axistwin", max_content_width=100)
+    # As the program itself shows it: a context made by hand knows no settings of its command.
+    context = click.Context(program, info_name="axistwin", **program.context_settings)
     page = ["# Commands\n\n", f"```text\n{program.get_help(context)}\n```\n"]
     for name in program.list_commands(context):
         command = program.get_command(context, name)
         assert command is not None
-        inner = click.Context(command, info_name=name, parent=context, max_content_width=100)
+        inner = click.Context(command, info_name=name, parent=context)
         page.append(f"\n## axistwin {name}\n\n```text\n{command.get_help(inner)}\n```\n")
     return "".join(page)
 

@@ -22,6 +22,19 @@ def test_the_generated_reference_is_fresh() -> None:
     assert result.returncode == 0, result.stderr
 
 
+@pytest.mark.parametrize("name", ["", "run", "models", "conform", "doctor", "decode"])
+def test_the_reference_shows_how_help_is_asked_for(name: str) -> None:
+    """As the program shows it: `-h` is known everywhere."""
+    page = (ROOT / "docs" / "reference" / "commands.md").read_text(encoding="utf-8")
+    part = page.partition(f"## axistwin {name}\n" if name else "# Commands\n")[2]
+    command = [sys.executable, "-m", "axistwin", *([name] if name else []), "-h"]
+    shown = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout
+    for text in (shown, part.split("\n## ")[0]):
+        options = [line for line in text.splitlines() if "--help " in line]
+        assert options
+        assert all(line.startswith("  -h, --help  ") for line in options), options
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_link_inside_the_documentation_leads_somewhere(page: Path) -> None:
     """Relative links of the pages point to files that exist."""
