@@ -47,6 +47,9 @@ BITRATE_MAX = 1_000_000
 _SKEW_MIN_NS, _SKEW_MAX_NS = 30 * NS_PER_US, 200 * NS_PER_US
 _PROFILE_KEYS = ("model", "quirks")
 
+_DIGITS_MAX = 1000
+"""Of a number that is told to be out of range; Python itself does not read some thousands."""
+
 
 @dataclass(frozen=True, slots=True)
 class DeviceSpec:
@@ -402,4 +405,5 @@ def _parse_number(text: str) -> int | None:
     elif body.startswith("0x"):
         body, base = body[2:], 16
     known = set("0123456789abcdef"[:base])
-    return int(body, base) if body and set(body) <= known and len(body) <= 9 else None
+    is_number = 0 < len(body) <= _DIGITS_MAX and set(body) <= known
+    return int(body, base) if is_number else None

@@ -123,6 +123,10 @@ def test_a_device_is_named_by_model_and_address(text: str, spec: DeviceSpec) -> 
         ("mac23-can:0", "address 0 is out of range for mac23-can: 1..7Fh (1..127)"),
         ("mac23:99999999", "address 99999999 is out of range for mac23: 0..7Fh (0..127)"),
         (
+            "mac23:99999999999999999999999",
+            "address 99999999999999999999999 is out of range for mac23: 0..7Fh (0..127)",
+        ),
+        (
             "mac23:-1",
             "address '-1' of mac23 is no number: 0..7Fh (0..127), such as mac23:5 or mac23:7Fh",
         ),
