@@ -54,6 +54,9 @@ def test_the_example_project_runs_where_it_is() -> None:
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-q"]
     result = subprocess.run(command, cwd=EXAMPLE, capture_output=True, text=True, check=False)
     assert "2 failed, 2 passed" in result.stdout, result.stdout + result.stderr
+    assert "2 failed, 2 passed" in (EXAMPLE / "README.md").read_text(
+        "utf-8"
+    )  # or who runs it first
 
 
 def test_the_exchange_comes_through_xdist(project: pytest.Pytester) -> None:
