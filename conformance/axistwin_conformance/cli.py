@@ -1,9 +1,8 @@
 """The command `axistwin conform`: judge a device, or the built-in twin of it.
 
-Exit status: 0 conforms; 1 does not; 2 wrong usage, nothing was judged, or a report that was asked for
-could not be written; 3 unreachable or not the
-model named; 4 nothing failed but something stayed inconclusive; 130 interrupted; 141 nobody reads
-the output any more (`| head`).
+Exit status: 0 conforms; 1 does not; 2 wrong usage, nothing was judged, or a report or the output
+could not be written; 3 unreachable or not the model named; 4 nothing failed but something stayed
+inconclusive; 130 interrupted; 141 nobody reads the output any more (`| head`).
 """
 
 from __future__ import annotations

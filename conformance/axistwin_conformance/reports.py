@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from axistwin_conformance import events, report_html, report_json, report_junit
 from axistwin_conformance.errors import UsageError
+from axistwin_conformance.recording import FOLDER
 from axistwin_conformance.report_json import Explain, Spell
 from axistwin_conformance.ways import in_hex
 
@@ -16,6 +19,8 @@ EVENTS, REPORT, JUNIT, PAGE = "events.jsonl", "report.json", "junit.xml", "repor
 def past_seconds(directory: Path, url: str) -> dict[str, float]:
     """How long each check took on the same url in the run whose report lies there, if any."""
     try:
+        if not (directory / REPORT).is_file():  # a device may have no end
+            return {}
         report = report_json.load(directory / REPORT)
         if url not in report["run"]["target"]:
             return {}
@@ -25,34 +30,79 @@ def past_seconds(directory: Path, url: str) -> dict[str, float]:
 
 
 class ReportFolder:
-    """Listens to a run and fills a folder; the folder is made at once.  Raises OSError.
+    """Listens to a run and fills a folder, which is made at once.
 
     The operations of a failure go into a file of their own as soon as they are known.
-
     `events.jsonl` grows while the run goes, so that a run that is cut off leaves its traces.
+
+    Before anything has been told, and in the constructor, what cannot be written raises OSError.
+    From then on the run is worth more than its report: what cannot be written is kept in `lost`
+    (file → reason), the file ends with its last whole line, and all others are still written.
     """
 
     def __init__(self, directory: Path, explain: Explain, spell: Spell = in_hex) -> None:
         directory.mkdir(parents=True, exist_ok=True)
         self.directory = directory
+        self.lost: dict[Path, str] = {}
         self._explain, self._spell = explain, spell
-        self._stream: TextIO = (directory / EVENTS).open("w", encoding="utf-8")
+        self._stream = (directory / EVENTS).open("wb", buffering=0)
+        self._whole = 0  # bytes of the lines that are in it
         self._told: list[dict[str, Any]] = []
 
     def __call__(self, event: events.Event) -> None:
         """Take an event."""
         if isinstance(event, events.FailureStored):
-            event.recording.write(self.directory)
+            self._store(event)
         told = report_json.event_object(event, self._explain, self._spell)
         self._told.append(told)
-        report_json.write_line(self._stream, told)
+        path = self.directory / EVENTS
+        if path in self.lost:
+            return
+        try:
+            self._write((json.dumps(told, ensure_ascii=False) + "\n").encode())
+        except OSError as error:
+            with contextlib.suppress(OSError):  # what is no file has no length
+                self._stream.truncate(self._whole)
+            if not self._whole:
+                raise OSError(error.errno, error.strerror, str(path)) from error
+            self.lost[path] = _reason(error)
+
+    def _write(self, line: bytes) -> None:
+        rest = line
+        while rest:
+            rest = rest[self._stream.write(rest) or 0 :]
+        self._whole += len(line)
+
+    def _store(self, event: events.FailureStored) -> None:
+        try:
+            event.recording.write(self.directory)
+        except OSError as error:
+            path = self.directory / FOLDER / event.recording.file_name
+            _remove(path)
+            self.lost[path] = _reason(error)
 
     def finish(self) -> tuple[Path, ...]:
-        """Write what is made from the events; return the files, the one for people first."""
+        """Write what is made from the events; return the files that are whole, the one for people
+        first.  Of one that cannot be written nothing is left, of an earlier run neither."""
         self._stream.close()
         report = report_json.fold(self._told)
         text = report_json.to_text(report)
         made = {PAGE: report_html.render(report), REPORT: text, JUNIT: report_junit.junit(report)}
-        for name, content in made.items():
-            (self.directory / name).write_text(content, encoding="utf-8")
-        return tuple(self.directory / name for name in (*made, EVENTS))
+        for name in reversed(made):  # the small ones for programs first
+            path = self.directory / name
+            try:
+                path.write_text(made[name], encoding="utf-8")
+            except OSError as error:
+                _remove(path)
+                self.lost[path] = _reason(error)
+        paths = (self.directory / name for name in (*made, EVENTS))
+        return tuple(path for path in paths if path not in self.lost)
+
+
+def _remove(path: Path) -> None:
+    with contextlib.suppress(OSError):
+        path.unlink()
+
+
+def _reason(error: OSError) -> str:
+    return error.strerror or str(error)
