@@ -4,6 +4,7 @@ not its own, and a faulty one never passes."""
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from interfaces import (
@@ -59,9 +60,14 @@ def healthy(run: InterfaceRun) -> InterfaceRun:
     return run
 
 
+def seldom(value: object) -> Any:
+    """A case that is like one that is always run."""
+    return pytest.param(value, marks=pytest.mark.soak)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("interface", [PLAIN, LATENCY_TIMER, TERMINAL_SERVER], ids=str)
-@pytest.mark.parametrize("rate", [38400, 9600])
+@pytest.mark.parametrize("rate", [38400, seldom(9600)])
 def test_a_slow_line_costs_a_module_no_verdict(interface: Interface, rate: int) -> None:
     """Segments, bursts and silences last as long as exchanges there need: all of it is judged."""
     run = healthy(judged_behind(interface, *MAC_WORDS, rate=rate))
@@ -70,7 +76,9 @@ def test_a_slow_line_costs_a_module_no_verdict(interface: Interface, rate: int) 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "interface", [LOADED_HOST, BUSY_HOST, WORST, DROPPING, GLITCH, FAR_AWAY], ids=str
+    "interface",
+    [LOADED_HOST, seldom(BUSY_HOST), WORST, DROPPING, seldom(GLITCH), seldom(FAR_AWAY)],
+    ids=str,
 )
 def test_an_unsteady_line_makes_nothing_up_of_a_module(interface: Interface) -> None:
     """What comes late, or not at all, is tried again; if need be it is inconclusive."""
@@ -79,7 +87,9 @@ def test_an_unsteady_line_makes_nothing_up_of_a_module(interface: Interface) -> 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "interface", [LATENCY_TIMER, TERMINAL_SERVER, LOADED_HOST, BUSY_HOST, DROPPING], ids=str
+    "interface",
+    [LATENCY_TIMER, TERMINAL_SERVER, seldom(LOADED_HOST), BUSY_HOST, seldom(DROPPING)],
+    ids=str,
 )
 def test_an_interface_costs_a_controller_certainty_at_most(interface: Interface) -> None:
     """Time-outs, a timer of 250 ms and repeats, behind what disturbs them."""
@@ -121,7 +131,7 @@ def test_a_real_port_gives_what_the_model_of_it_does(kind: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("at_s", [5, 40, 70])
+@pytest.mark.parametrize("at_s", [seldom(5), 40, seldom(70)])
 @pytest.mark.parametrize(("model", "words"), [("mac23", MAC_WORDS), ("msc-250", MSC_WORDS)])
 def test_a_device_that_restarts_once_does_not_fail_by_it(
     at_s: int, model: str, words: tuple[str, ...]
@@ -147,7 +157,9 @@ FAULTS = (
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
-@pytest.mark.parametrize("interface", [LATENCY_TIMER, TERMINAL_SERVER, LOADED_HOST], ids=str)
+@pytest.mark.parametrize(
+    "interface", [LATENCY_TIMER, TERMINAL_SERVER, seldom(LOADED_HOST)], ids=str
+)
 def test_a_fault_of_tens_of_ms_never_passes(fault: Mutant, interface: Interface) -> None:
     """Behind an adapter it is found; elsewhere it is at least not held for sound."""
     if fault is sync_starts_50_ms_late and interface is TERMINAL_SERVER:
