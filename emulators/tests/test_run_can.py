@@ -25,6 +25,7 @@ from axistwin.cli.run_can import BusOptions, CanRun
 from axistwin.cli.serving import Shared
 from axistwin.errors import UsageError
 from axistwin.ports import socketcan
+from axistwin.ports.slcan import SlcanPort
 from axistwin.wire.can_frame import CanFrame
 
 REPLY = CanFrame(0x581, bytes.fromhex("4200200000000000"))
@@ -438,3 +439,35 @@ def test_one_bus_only_is_joined() -> None:
     options = BusOptions(("virtual:a", "virtual:b"), (), (), (), None)
     with pytest.raises(UsageError, match="one bus only"):
         CanRun([DeviceSpec("mac23-can", 1)], shared, options)
+
+
+def with_rate(bitrate: int, **places: tuple[str, ...]) -> None:
+    """A run on a bus of that rate, not started."""
+    shared = Shared(None, None, (), 1.0, False, False, 0, None)
+    given = {**dict.fromkeys(("can", "slcan", "slcan_tcp", "socketcand"), ()), **places}
+    CanRun([DeviceSpec("mac23-can", 1)], shared, BusOptions(**given, bitrate=bitrate))
+
+
+def test_a_rate_that_no_slcan_client_can_be_set_to_is_refused() -> None:
+    """None of those that choose one would hear the bus; elsewhere it is a rate as any."""
+    with pytest.raises(UsageError, match=r"bitrate 4000: no slcan client can .* 10000, 20000"):
+        with_rate(4000, slcan=("./x",))
+    with_rate(4000, socketcand=("127.0.0.1:0",))
+
+
+@pytest.mark.parametrize("bitrate", [5_000, 33_333, 123_456, 666_666])
+def test_a_rate_that_only_registers_set_is_told_with_them(
+    bitrate: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With that command adapter and bus understand one another; what a digit sets needs no word."""
+    with_rate(bitrate, slcan_tcp=("127.0.0.1:0",))
+    told = re.search(r"timing registers alone \((s[0-9A-F]{4})\)", capsys.readouterr().err)
+    assert told is not None
+    rights = []
+    for command in ("S4", told[1]):
+        port = SlcanPort(bitrate)
+        port.receive(f"{command}\r".encode(), 0)
+        rights.append(port.is_rate_right)
+    assert rights == [False, True]
+    with_rate(125_000, slcan_tcp=("127.0.0.1:0",))
+    assert not capsys.readouterr().err

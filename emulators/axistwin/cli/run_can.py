@@ -59,6 +59,8 @@ class CanRun(Run[Bus]):
             self._can = (f"socketcan:{DEFAULT_INTERFACE}",)
         elif self._chosen:
             self._slcan = (f"./{specs[0].model}",)
+        if self._slcan or self._slcan_tcp:
+            _check_slcan_rate(self._bitrate)
 
     def build(self) -> Bus:
         """The bus with its modules; on a bus that is joined, time is that bus' own affair."""
@@ -127,3 +129,24 @@ class CanRun(Run[Bus]):
             if address in found:
                 warn(f"{found[address]} and {spec} disturb one another: address {address}")
             found.setdefault(address, spec)
+
+
+def _check_slcan_rate(bitrate: int) -> None:
+    """Say how a client is set to a rate that no digit chooses.  Raises UsageError if none can be.
+
+    One out of the range of any bus is refused where the bus is built.
+    """
+    from axistwin.ports.slcan import STANDARD_RATES, registers_of
+
+    if bitrate in STANDARD_RATES or not 0 < bitrate <= catalog.BITRATE_MAX:
+        return
+    standard = ", ".join(map(str, STANDARD_RATES))
+    registers = registers_of(bitrate)
+    if not registers:
+        raise UsageError(
+            f"bitrate {bitrate}: no slcan client can be set to it; choose one of {standard}"
+        )
+    warn(
+        f"bitrate {bitrate}: slcan clients choose {standard}; to this one they are set by their "
+        f"timing registers alone ({registers})"
+    )

@@ -89,6 +89,24 @@ _QUANTA_PER_S: Final = 8_000_000  # of an SJA1000 at 16 MHz with the prescaler a
 # Two controllers understand one another if their rates differ by no more than this part.
 _RATE_TOLERANCE: Final = 0.005
 
+STANDARD_RATES: Final = tuple(sorted({rate for rates in RATES.values() for rate in rates}))
+"""Those that a client chooses by a digit."""
+
+
+def registers_of(bitrate: int) -> str:
+    """The command ``sxxyy`` that sets a client to ``bitrate`` near enough; "" if none does."""
+    settings = (
+        (abs(_QUANTA_PER_S / prescaler / quanta - bitrate), prescaler, quanta)
+        for prescaler in range(1, 65)
+        for quanta in range(3, 26)
+    )
+    error, prescaler, quanta = min(settings)
+    if error > bitrate * _RATE_TOLERANCE:
+        return ""
+    before = min(quanta - 3, 15)  # of the sample point, beyond the least there is
+    return f"s{prescaler - 1:02X}{(quanta - 3 - before) << 4 | before:02X}"
+
+
 LINE_BYTES_MAX: Final = 26
 """The longest command, an extended frame of eight bytes, without its CR."""
 
