@@ -6,6 +6,18 @@ Importing this package registers the ``axistwin://`` URL scheme with pyserial::
     port = serial.serial_for_url("axistwin://mac23?address=0&time=virtual")
 """
 
+try:  # before anything else is loaded, which takes its time
+    from axistwin import _starting
+
+    if _starting.is_program():
+        _starting.heed()
+except KeyboardInterrupt:  # amid these very lines
+    from axistwin import _starting
+
+    if _starting.is_program():
+        _starting.end()
+    raise
+
 import serial
 
 __version__ = "0.1.0"

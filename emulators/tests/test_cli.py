@@ -313,6 +313,33 @@ def test_a_signal_during_the_start_ends_it_cleanly(
     assert [path.name for path in tmp_path.iterdir()] == ["memory"]
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("module", ["axistwin.cli.run_serial", "axistwin.ports.pty"])
+def test_a_signal_amid_an_import_is_no_mistake_of_the_module(
+    tmp_path: Path, number: signal.Signals, module: str
+) -> None:
+    """What a descriptor's __set_name__ raises, Python makes a RuntimeError of."""
+    script = (
+        "import importlib.abc, os, sys\nfrom axistwin.cli.main import main\n"
+        "class Interrupt(importlib.abc.MetaPathFinder):\n"
+        "    def find_spec(self, name, path, target=None):\n"
+        f"        if name == {module!r}:\n"
+        "            sys.meta_path.remove(self)\n"
+        "            class Name:\n"
+        "                def __set_name__(self, owner, name):\n"
+        f"                    os.kill(os.getpid(), {int(number)})\n"
+        "                    for _ in range(1000): pass\n"
+        "            class Owner:\n"
+        "                name = Name()\n"
+        "sys.meta_path.insert(0, Interrupt())\nmain()\n"
+    )
+    with daemon(tmp_path, "mac23", "--state", "memory", program=("-c", script)) as process:
+        _, err = process.process.communicate(timeout=TIMEOUT_S)
+    assert process.process.returncode in (0, 130, -signal.SIGTERM)
+    assert err == ""
+    assert {path.name for path in tmp_path.iterdir()} <= {"memory"}
+
+
 def test_a_signal_at_any_moment_of_the_start_leaves_nothing(tmp_path: Path) -> None:
     """Whenever it comes, from the first millisecond on."""
     for delay_ms in range(0, 200, 20):

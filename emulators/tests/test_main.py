@@ -1,23 +1,51 @@
-"""The program before anything is loaded."""
+"""The program before anything is loaded, and while it is."""
 
+import random
+import signal
 import subprocess
 import sys
+import time
+from pathlib import Path
 
 import pytest
+
+import axistwin
+
+OURS = str(Path(axistwin.__file__).parent)
 
 INTERRUPTED = """
 import importlib.abc, runpy, sys
 
 class Interrupt(importlib.abc.MetaPathFinder):
     def find_spec(self, name, path, target=None):
-        if name == "click":
+        if name == {module!r}:
+            sys.meta_path.remove(self)
             raise KeyboardInterrupt
 
+sys.argv = ["axistwin", "models"]
 sys.meta_path.insert(0, Interrupt())
 """
 
+SIGNALLED = """
+import importlib.abc, os, runpy, signal, sys
 
-@pytest.mark.parametrize(
+class Interrupt(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path, target=None):
+        if name == {module!r}:
+            sys.meta_path.remove(self)
+            class Name:  # amid what makes other exceptions of exceptions
+                def __set_name__(self, owner, name):
+                    os.kill(os.getpid(), signal.SIGINT)
+                    for _ in range(1000): pass
+            class Owner:
+                name = Name()
+
+sys.meta_path.insert(0, Interrupt())
+sys.argv = ["axistwin", *{words!r}]
+"""
+
+
+STARTS = pytest.mark.parametrize(
     "start",
     [
         "from axistwin.cli.main import main\nsys.exit(main())",
@@ -25,8 +53,73 @@ sys.meta_path.insert(0, Interrupt())
     ],
     ids=["axistwin", "python -m axistwin"],
 )
-def test_ctrl_c_while_the_program_is_loaded_ends_it_without_a_word(start: str) -> None:
+
+
+@STARTS
+@pytest.mark.parametrize("module", ["axistwin._starting", "click"])
+def test_ctrl_c_while_the_program_is_loaded_ends_it_without_a_word(start: str, module: str) -> None:
     """Status 130, as at any later time, and no traceback."""
-    command = [sys.executable, "-c", INTERRUPTED + start]
+    command = [sys.executable, "-c", INTERRUPTED.format(module=module) + start]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+
+
+@STARTS
+@pytest.mark.parametrize(
+    ("module", "words"),
+    [
+        ("serial", ("models",)),
+        ("click", ("models",)),
+        ("axistwin.cli.models", ("models",)),
+        ("axistwin.catalog", ("models",)),
+        ("axistwin_conformance.cli", ("conform", "mac23")),
+        ("axistwin_conformance.engine", ("conform", "mac23")),
+    ],
+)
+def test_ctrl_c_while_a_module_is_loaded_ends_it_without_a_word(
+    start: str, module: str, words: tuple[str, ...]
+) -> None:
+    """From the first line of the package on, and for commands that other packages add."""
+    code = SIGNALLED.format(module=module, words=words)
+    command = [sys.executable, "-c", code + start]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "words", [("conform", "mac23", "--level", "quick"), ("run", "mac23"), ("models", "mac23")]
+)
+def test_ctrl_c_at_any_moment_gives_no_traceback(words: tuple[str, ...], tmp_path: Path) -> None:
+    """Real processes; before the first line of ours it is the interpreter that ends as it likes."""
+    draw = random.Random(7)
+    for _ in range(20):
+        moment_s = draw.uniform(0, 1.0)
+        command = [sys.executable, "-m", "axistwin", *words]
+        with subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path
+        ) as process:
+            time.sleep(moment_s)
+            process.send_signal(signal.SIGINT)
+            _, errors = process.communicate(timeout=60)
+        told = f"{moment_s:.3f} s: {process.returncode}, {errors}"
+        if process.returncode in (-signal.SIGINT, 1):
+            assert moment_s < 0.3, told
+            assert OURS not in errors, told
+        else:
+            assert process.returncode in (130, 0), told
+            assert process.returncode == 130 or words[0] != "conform", told
+            assert "Traceback" not in errors, told
+            assert "Exception ignored" not in errors, told
+
+
+def test_a_program_that_imports_the_package_keeps_its_ctrl_c() -> None:
+    """Nothing but the program itself ends by it without a word."""
+    code = (
+        "import signal, axistwin\n"
+        "assert signal.getsignal(signal.SIGINT) is signal.default_int_handler\n"
+        "from axistwin.cli.main import main\n"
+        "try:\n    main(['--version'])\nexcept SystemExit:\n    pass\n"
+        "assert signal.getsignal(signal.SIGINT) is signal.default_int_handler\n"
+    )
+    subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)

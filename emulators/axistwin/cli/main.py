@@ -1,17 +1,24 @@
 """Where the program ``axistwin`` begins: nothing is loaded yet, and Ctrl-C is heeded already."""
 
-import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-EXIT_INTERRUPTED = 130
+from axistwin import _starting
+
+EXIT_INTERRUPTED = _starting.EXIT_INTERRUPTED
 
 
 def main(args: Sequence[str] | None = None) -> NoReturn:
     """Run the program with ``args`` (None: those of the command line) and exit."""
+    is_heeded = _starting.heed()
     try:
         from axistwin.cli import program
-    except KeyboardInterrupt:
-        sys.exit(EXIT_INTERRUPTED)
-    program.main(args)
+
+        program.main(args)
+    except KeyboardInterrupt:  # of somebody else's handler
+        raise SystemExit(EXIT_INTERRUPTED) from None
+    finally:
+        _starting.command_ends()
+        if is_heeded and not _starting.is_program():
+            _starting.give_back()
     raise AssertionError("the program exits")

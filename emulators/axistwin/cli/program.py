@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from axistwin import __version__
+from axistwin import __version__, _starting
 from axistwin.cli.main import EXIT_INTERRUPTED
 from axistwin.cli.output import EXIT_USAGE, discard_stdout, stdout_failure
 from axistwin.errors import AxistwinError, UsageError, nearest
@@ -63,7 +63,10 @@ class _Program(click.Group):
         name = args[0]
         if not name.startswith("-") and self.get_command(ctx, name) is None:
             raise UsageError(f"no command {name!r}; {nearest(name, self.list_commands(ctx))}")
-        return super().resolve_command(ctx, args)
+        found = super().resolve_command(ctx, args)
+        if name in _OWN:  # others say themselves what Ctrl-C is to them once they have begun
+            _starting.command_begins()
+        return found
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         rows = [(name, text) for name, (_, text) in _OWN.items()]

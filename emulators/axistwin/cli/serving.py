@@ -9,8 +9,10 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from threading import Event
+from types import FrameType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from axistwin._starting import is_importing
 from axistwin.cli import systemd
 from axistwin.cli.output import EXIT_USAGE
 from axistwin.cli.reporter import Reporter, warn
@@ -22,6 +24,8 @@ if TYPE_CHECKING:
     from axistwin.runtime.clock import Clock
     from axistwin.runtime.loop import Loop
     from axistwin.runtime.storage import Stores
+
+AGAIN_S = 0.01
 
 OwnerT = TypeVar("OwnerT", bound=Owner[Any])
 
@@ -134,15 +138,24 @@ def ending_early() -> Iterator[Event]:
     afterwards (saving) is not disturbed by another one.
     """
     is_heeded = Event()
+    put_off: list[int] = []
 
-    def end(*_: object) -> None:
-        if not is_heeded.is_set():
+    def end(number: int, frame: FrameType | None) -> None:
+        if is_heeded.is_set():
+            if number == signal.SIGALRM and put_off:
+                signal.raise_signal(put_off.pop())
+        elif is_importing(frame):  # it would be told as a mistake of the module: a moment later
+            put_off[:] = put_off or [number]
+            signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
+        else:
             raise SystemExit(0)
 
-    previous = {number: signal.signal(number, end) for number in _stop_signals()}
+    numbers = [*_stop_signals(), signal.SIGALRM]
+    previous = {number: signal.signal(number, end) for number in numbers}
     try:
         yield is_heeded
     finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
         for number, handler in previous.items():
             signal.signal(number, handler)
 
