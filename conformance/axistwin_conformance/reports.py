@@ -64,6 +64,7 @@ class ReportFolder:
             with contextlib.suppress(OSError):  # what is no file has no length
                 self._stream.truncate(self._whole)
             if not self._whole:
+                self.close()
                 raise OSError(error.errno, error.strerror, str(path)) from error
             self.lost[path] = _reason(error)
 
@@ -81,10 +82,14 @@ class ReportFolder:
             _remove(path)
             self.lost[path] = _reason(error)
 
+    def close(self) -> None:
+        """Take nothing more; what was told is written."""
+        self._stream.close()
+
     def finish(self) -> tuple[Path, ...]:
         """Write what is made from the events; return the files that are whole, the one for people
         first.  Of one that cannot be written nothing is left, of an earlier run neither."""
-        self._stream.close()
+        self.close()
         report = report_json.fold(self._told)
         text = report_json.to_text(report)
         made = {PAGE: report_html.render(report), REPORT: text, JUNIT: report_junit.junit(report)}

@@ -60,8 +60,7 @@ def test_a_report_without_room_costs_no_verdict(tmp_path: Path, name: str) -> No
 
 
 def test_a_disk_that_fills_up_amid_a_run_is_told_and_the_run_goes_on(tmp_path: Path) -> None:
-    """What was written of the events ends with a whole line; nothing half is left of the rest, nor
-    of the report of an earlier run."""
+    """The events end with a whole line; nothing half is left, nor anything of an earlier run."""
     folder = tmp_path / "out"
     assert run("--report", str(folder)).returncode == 0
     ended = run("--report", str(folder), limit=5000)
@@ -108,6 +107,7 @@ def test_operations_without_room_are_named_and_cost_no_report(tmp_path: Path) ->
     folder(events.Note("it begins"))
     recording = Recording("mac23", (bytes(4),), check="some_check")
     folder(events.FailureStored("some_check", recording))
+    folder.close()
     path = tmp_path / "operations" / recording.file_name
     assert folder.lost == {path: "File exists"}
     assert len((tmp_path / "events.jsonl").read_text().splitlines()) == 2

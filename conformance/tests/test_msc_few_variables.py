@@ -32,8 +32,7 @@ TOLD = re.compile(
 
 @pytest.mark.parametrize("first", [2048, 2049, 2050, 2051])
 def test_a_check_that_needs_more_variables_than_are_named_says_how_many(first: int) -> None:
-    """Of 0 to 24 addresses, aligned or not, each check passes or is not run; a sound unit fails
-    none, and none ends in an error."""
+    """Of 0 to 24 addresses, aligned or not, each check passes or is not run on a sound unit."""
     for count in range(25):
         grounds = Grounds(range(first, first + count), range(128, 136))
         for name in ON_A_SMALL_UNIT:

@@ -101,8 +101,7 @@ def test_a_unit_that_serves_no_data_without_its_program_is_told_with_its_status(
 def test_a_unit_that_refuses_what_it_has_is_still_found(
     refuses: Callable[[str, int], bool], is_lossless: bool
 ) -> None:
-    """An address between others that it serves; every DREAD although BREAD is served; both ends of
-    the span and others like them."""
+    """An address between others that it serves; DREAD where BREAD is served; both ends and more."""
     result = judged(Refusing(refuses), 2048, 3071, is_lossless=is_lossless)
     assert result.exit_status == 1
     assert Verdict.FAIL in verdicts(result)

@@ -364,8 +364,7 @@ def test_a_folder_that_cannot_be_locked_is_an_error(
 def test_writes_that_fail_again_and_again_leave_what_was_saved_before(
     folder: Path, monkeypatch: pytest.MonkeyPatch, is_durable_first: bool
 ) -> None:
-    """However many live entries are torn in the middle, the newest whole one is never among them;
-    what is written when there is room again holds."""
+    """Of live entries torn in the middle none is the newest whole one; what fits again holds."""
     storage = Storage(folder)
     slot = storage.slot("mac23-0", "mac23")
     whole = os.pwrite
