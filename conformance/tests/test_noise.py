@@ -268,8 +268,7 @@ def test_what_goes_wrong_in_another_way_says_nothing_for_the_device() -> None:
 
 
 def test_on_a_noisy_line_the_same_failure_behind_the_same_frame_another_time_is_noise() -> None:
-    """What is asked a hundred times is hit now and then; where all is quiet, how often a check has
-    asked by then may differ from attempt to attempt."""
+    """What is asked a hundred times is hit now and then; a quiet line need not ask as often."""
     wandering = [attempt(Verdict.FAIL, place=(b"here", number)) for number in range(1, 41)]
     assert settled(*wandering, quality=LineQuality(1000, 20))[0] is Verdict.INCONCLUSIVE
     assert settled(*wandering, quality=LineQuality(1000, 0))[0] is Verdict.FAIL

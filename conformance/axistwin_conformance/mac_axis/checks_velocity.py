@@ -199,3 +199,22 @@ def velocity_takes_over_from_a_segment(session: Session) -> None:
         least = TICKS_PER_SECOND // period * 4 // 10 - 10
         session.expect(place - start >= least, None, f"{least} or more", place - start)
     bench.at_rest()
+
+
+@check("MACS-CMD-15-04", safety=MOVES, level="full")
+def velocity_0_ends_segments(session: Session) -> None:
+    """15h with 0000 during a segment stops the axis and empties the FIFO, or is refused."""
+    bench = bench_of(session)
+    bench.ready(0x1000)
+    bench.accepted(0x16, 100 << 16 | SLOWEST)
+    bench.accepted(0x16, 100 << 16 | SLOWEST)
+    exchange = bench.command(0x15, velocity(1, 0))
+    outcome: int | str = {Kind.ACCEPTED: 0, Kind.REFUSED: 1}.get(exchange.kind, str(exchange.reply))
+    bench.reading("vel_during_interp", outcome, "MACS-CMD-15-04")
+    if outcome == 0:
+        bench.wait(0.3)
+        place = bench.position()
+        bench.wait(0.3)
+        session.expect(bench.position() == place, None, f"rest at {place}", bench.position())
+        bench.accepted(0x0F, 0)
+    bench.at_rest()

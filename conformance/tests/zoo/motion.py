@@ -250,6 +250,16 @@ def velocity_0_stops_dead(patch: MonkeyPatch) -> None:
     on(patch, 0x15, act)
 
 
+@mutant("MACS-CMD-15-04")
+def velocity_0_leaves_segments_alone(patch: MonkeyPatch) -> None:
+    """15h with 0000 during segments is accepted and changes nothing."""
+    on(
+        patch,
+        0x15,
+        lambda go, axis, now, n: (axis.drive.kind is State.IN and not n & 0xFFFF) or go(),
+    )
+
+
 @mutant("MACS-CMD-15-05", traps=(14,))
 def velocity_overwrites_the_period(patch: MonkeyPatch) -> None:
     """15h stores its period as 0Dh does."""
