@@ -10,7 +10,7 @@ Rules.
 
 1. Nothing but passive checks runs before the device's parameters have been read and remembered.
 2. Whatever happens (a crash of a check, a lost port, Ctrl-C), the device is stopped and its
-   parameters are put back before the port is closed; further interrupts wait for that.
+   parameters are put back before the port is closed; a further interrupt hurries that.
 3. A check that crashes is an error of the suite: reported, counted as inconclusive, the others run.
    A twin of this process that crashes fails what was asked of it; the run goes on with a fresh one.
 4. A device that answers wrongly while nobody judges (who are you, which reading, what is to be put
