@@ -133,8 +133,10 @@ class Engine:
 
     def _finish(self, seconds: float) -> None:
         result, counts = self._result, dict.fromkeys(Verdict, 0)
-        for one in (*result.requirements, *filter(None, [result.profile])):
+        for one in result.requirements:
             counts[one.verdict] += 1
+        if result.profile is not None:
+            counts[result.profile.verdict] += 1
         finished = events.RunFinished(
             result.exit_status, result.sentence, counts, tuple(result.problems), seconds,
             self._budget.spent, self._budget.limit,

@@ -158,9 +158,8 @@ def attempt(
         trouble = disturbance or ("crash" if outcome is Outcome.ERROR else "")
         end = Outcome.TROUBLE if disturbance else outcome
         result = CheckResult(CHECK, end, (finding,), retries, 0.0, trouble)
-        return Attempt(
-            result, disturbance, {}, is_strict, spoilt, place if said is Verdict.FAIL else b""
-        )
+        failed_at = place if said is Verdict.FAIL else (b"", 0)
+        return Attempt(result, disturbance, {}, is_strict, spoilt, failed_at)
 
     return made
 
