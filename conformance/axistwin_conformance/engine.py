@@ -245,7 +245,7 @@ class Engine:
         except TwinCrashed:
             raise
         except (TargetError, WrongDevice) as error:
-            if run.target.transcript.has_echo:
+            if self.family.way is LINE and run.target.transcript.has_echo:
                 raise TargetError(ECHO) from error
             raise
 

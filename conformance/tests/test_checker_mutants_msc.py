@@ -127,7 +127,7 @@ def bit_1_is_expected_to_be_the_program(patch: Patch) -> None:
     patch.setattr(checks_rig, "RUNNING", 2)
 
 
-@fault("some_mixed_sequences_agree_with_the_model", "MSC-PROP-08")
+@fault("some_mixed_sequences_agree_with_the_model", "MSC-PROP-08", "MSC-PROP-09")
 def a_write_is_forgotten_by_the_model(patch: Patch) -> None:
     """The model keeps the first value that a DWRITE gives an address."""
     write = UnitModel.write

@@ -117,7 +117,7 @@ def test_an_axis_has_no_variables_and_a_controller_no_envelope() -> None:
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("--variables", "5-4"), "'5-4' is no span: write FIRST-LAST within 0-65535"),
+        (("--variables", "5-4"), "'5-4' runs backwards: write 4-5"),
         (("--variables", "0-10000h"), "within 0-65535"),
         (("--flags", "256"), "within 0-255"),
         (("--flags", "one"), "'one' is no address"),

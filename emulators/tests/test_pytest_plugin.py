@@ -366,7 +366,9 @@ def test_an_installed_plugin_that_nobody_uses_costs_nothing() -> None:
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=30
     )
-    assert done.stdout.strip() == "['axistwin', 'axistwin.pytest_plugin'] False"
+    assert (
+        done.stdout.strip() == "['axistwin', 'axistwin._starting', 'axistwin.pytest_plugin'] False"
+    )
 
 
 def test_the_how_to_runs_as_printed(pytester: pytest.Pytester) -> None:
