@@ -195,16 +195,20 @@ def _other_address_and_rate(bench: Bench) -> Iterator[None]:
     """Give the module another address and rate, so that 01h has something to undo, as far as it
     takes them; should it not undo them, they are put back."""
     own, new, own_baud = bench.address, other_address(bench), bench.target.baud
-    program_address(bench, new)
-    if not bench.target.description.startswith("socket:"):  # that carries bytes, not a rate
-        bench.address = new if answers(bench, new) else own
-        bench.send(bench.request(0x1B, OTHER_RATE), QUIET_S * 2)
-        bench.wait_awake()
-    _find(bench, (new, own), (RATES[OTHER_RATE], own_baud))
+    is_done = False  # interrupted before, nobody knows where the module is
     try:
+        program_address(bench, new)
+        if not bench.target.description.startswith("socket:"):  # that carries bytes, not a rate
+            bench.address = new if answers(bench, new) else own
+            bench.send(bench.request(0x1B, OTHER_RATE), QUIET_S * 2)
+            bench.wait_awake()
+        _find(bench, (new, own), (RATES[OTHER_RATE], own_baud))
+        is_done = True
         yield
     finally:
-        if not answers(bench, bench.address):
+        if not is_done:
+            bench.wait_awake()
+        if not is_done or not answers(bench, bench.address):
             _find(bench, (new, 0, own), (RATES[OTHER_RATE], own_baud))
             set_rate(bench, bench.target.baud, own_baud)
             program_address(bench, own)
