@@ -205,10 +205,15 @@ class Carrier(ABC):
         return 0
 
     @property
-    def line_s(self) -> float:
+    def line_ns(self) -> int:
         """What the way there and back may add to a time that is the device's own; none of it counts
         in virtual time, where everything is exact."""
-        return 0.0 if self.is_virtual else self.uncertainty_ns / 1e9
+        return 0 if self.is_virtual else self.uncertainty_ns
+
+    @property
+    def line_s(self) -> float:
+        """The same in seconds."""
+        return self.line_ns / 1e9
 
     @property
     def too_slow(self) -> str:

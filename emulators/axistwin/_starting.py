@@ -68,9 +68,8 @@ def _end_or_interrupt(number: int, frame: "FrameType | None") -> None:
         raise KeyboardInterrupt
     try:
         sys.stdout.flush()
-    except Exception:  # amid a write, or nobody reads
+    finally:  # also amid a write, or where nobody reads
         end()
-    end()
 
 
 def is_importing(frame: "FrameType | None") -> bool:

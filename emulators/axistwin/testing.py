@@ -34,7 +34,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypedDict, Unpack, overl
 from axistwin import catalog
 from axistwin.errors import UsageError, nearest
 from axistwin.kernel.time import NS_PER_S
-from axistwin.runtime.clock import ADVANCE_MAX_S
+from axistwin.runtime.clock import check_advance
 from axistwin.runtime.transcript import Transcript
 from axistwin.urlhandler import lines
 from axistwin.urlhandler.url import SCHEME, SPEED, LineOptions, addressed, parse_speed
@@ -225,8 +225,7 @@ class StartedLine:
                 'advance: only virtual time can be moved; start the twin with time="virtual", '
                 "or wait"
             )
-        if not 0 <= seconds <= ADVANCE_MAX_S:
-            raise UsageError(f"advance: {seconds} s is out of range: 0..{ADVANCE_MAX_S:g} s")
+        check_advance(seconds, UsageError)
         self._advance(round(seconds * NS_PER_S))
 
     @property

@@ -434,7 +434,7 @@ class Bench(Talk):
 
     def outlasting(self, steps: int, period: int, exchanges: int = 3) -> int:
         """The period, or a slower one with which so many steps outlast so many exchanges here."""
-        least_ns = 0 if self.target.is_virtual else exchanges * self.target.uncertainty_ns
+        least_ns = exchanges * self.target.line_ns
         return min(SLOWEST, max(self.slowed(period), -(-least_ns // (steps * TICK_NS))))
 
     def to_segments(self, exchange: Exchange, origin: int, *segments: Segment) -> Forecast:

@@ -57,7 +57,7 @@ def a_refused_segment_is_accepted_when_a_stage_frees(session: Session) -> None:
         accepted += 1
         session.expect(accepted <= 4, "MACS-CMD-16-02", "3 or 4 accepted", accepted)
     frees_ns = first.taken.earliest_ns + one.duration_ns
-    bench.wait_until(frees_ns - 40_000_000 - round(bench.target.line_s * 1e9))
+    bench.wait_until(frees_ns - 40_000_000 - bench.target.line_ns)
     early = put(bench, one)
     if early.taken.latest_ns < frees_ns:
         bench.must(Kind.REFUSED, early, ("MACS-CMD-16-02", "MACS-CMD-1E-01"))

@@ -13,6 +13,7 @@ from axistwin_conformance.mac_axis.bench import QUIET_S, SLOWEST
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Forecast
 from axistwin_conformance.mac_axis.motion import TICK_NS
+from axistwin_conformance.mac_axis.probing import ACCEPTED_OR_REFUSED
 from axistwin_conformance.mac_axis.rig_bench import (
     HARD_NEGATIVE,
     HARD_POSITIVE,
@@ -148,7 +149,7 @@ def toward_an_active_hardware_stop_nothing_moves(session: Session) -> None:
             )
             bench.reading(
                 "hard_stop_command",
-                {Kind.ACCEPTED: 0, Kind.REFUSED: 1}.get(kind, f"{kind.value} to {way.name}"),
+                ACCEPTED_OR_REFUSED.get(kind, f"{kind.value} to {way.name}"),
             )
             if kind is Kind.ACCEPTED:
                 bench.judge_stop_bit(side.bit, None)

@@ -17,7 +17,7 @@ from axistwin_conformance.mac_axis.probes_sync import (
     is_held,
     sync_during_interp,
 )
-from axistwin_conformance.mac_axis.probing import MOVES
+from axistwin_conformance.mac_axis.probing import ACCEPTED_OR_REFUSED, MOVES
 from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
@@ -108,7 +108,7 @@ def _armed_still(bench: Bench, *, held: bool) -> tuple[int, ...]:
 
 def _without_preload(bench: Bench) -> int | str:
     reply = bench.command(0x11).reply
-    return {Kind.ACCEPTED: 0, Kind.REFUSED: 1}.get(reply.kind, str(reply))
+    return ACCEPTED_OR_REFUSED.get(reply.kind, str(reply))
 
 
 @check("MACS-CMD-11-02", "MACS-CMD-11-01", safety=MOVES, level="full")
@@ -121,7 +121,7 @@ def without_a_preloaded_motion_11h_moves_nothing(session: Session) -> None:
         for index in commands:
             reply = bench.command(index).reply
             if index == 0x11:
-                outcome = {Kind.ACCEPTED: 0, Kind.REFUSED: 1}.get(reply.kind, str(reply))
+                outcome = ACCEPTED_OR_REFUSED.get(reply.kind, str(reply))
                 bench.reading("sync_without_preload", outcome, "MACS-CMD-11-02")
         held = is_held(bench, start + 20)
         session.expect(

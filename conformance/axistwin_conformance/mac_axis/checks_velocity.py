@@ -12,7 +12,7 @@ from axistwin_conformance.mac_axis.probes_motion import (
     vel_f6_direction,
     vel_reverse_cmd,
 )
-from axistwin_conformance.mac_axis.probing import MOVES
+from axistwin_conformance.mac_axis.probing import ACCEPTED_OR_REFUSED, MOVES
 from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
@@ -170,7 +170,7 @@ def velocity_takes_over_from_a_move(session: Session) -> None:
     forecast = bench.go(start + 400)
     bench.wait(bench.lasting_s(300))
     exchange = bench.command(0x15, velocity(1, bench.period))
-    outcome: int | str = {Kind.ACCEPTED: 0, Kind.REFUSED: 1}.get(exchange.kind, str(exchange.reply))
+    outcome: int | str = ACCEPTED_OR_REFUSED.get(exchange.kind, str(exchange.reply))
     bench.reading("vel_during_position", outcome, "MACS-CMD-15-02")
     if outcome == 1:
         bench.finish(forecast, "MACS-STATE-01")
@@ -191,7 +191,7 @@ def velocity_takes_over_from_a_segment(session: Session) -> None:
     bench.accepted(0x16, 100 << 16 | SLOWEST)
     bench.accepted(0x1E, 0x0010FFFF)
     exchange = bench.command(0x15, velocity(1, period))
-    outcome: int | str = {Kind.ACCEPTED: 0, Kind.REFUSED: 1}.get(exchange.kind, str(exchange.reply))
+    outcome: int | str = ACCEPTED_OR_REFUSED.get(exchange.kind, str(exchange.reply))
     bench.reading("vel_during_interp", outcome)
     if outcome == 0:
         bench.wait(0.4)
@@ -209,7 +209,7 @@ def velocity_0_ends_segments(session: Session) -> None:
     bench.accepted(0x16, 100 << 16 | SLOWEST)
     bench.accepted(0x16, 100 << 16 | SLOWEST)
     exchange = bench.command(0x15, velocity(1, 0))
-    outcome: int | str = {Kind.ACCEPTED: 0, Kind.REFUSED: 1}.get(exchange.kind, str(exchange.reply))
+    outcome: int | str = ACCEPTED_OR_REFUSED.get(exchange.kind, str(exchange.reply))
     bench.reading("vel_during_interp", outcome, "MACS-CMD-15-04")
     if outcome == 0:
         bench.wait(0.3)

@@ -35,7 +35,7 @@ def running_until(bench: Bench) -> Outcome:
     if bench.session.reading("cmd_1c_supported") == "false":
         bench.session.skip("without 1Ch nothing tells the tolerance from the exact position")
     _, within = _held(bench, WIDEST)
-    return {Kind.ACCEPTED: 0, Kind.REFUSED: 1}.get(within, f"{within.value} to 0Dh")
+    return ACCEPTED_OR_REFUSED.get(within, f"{within.value} to 0Dh")
 
 
 def _held(bench: Bench, tolerance: int) -> tuple[int, Kind]:

@@ -24,7 +24,7 @@ def put(bench: Bench, one: Segment) -> Exchange:
 
 def wait_steps(bench: Bench) -> int:
     """Steps of a segment at the slowest period that outlasts a burst of others on this line."""
-    least_ns = 0 if bench.target.is_virtual else BURST * bench.target.uncertainty_ns
+    least_ns = BURST * bench.target.line_ns
     return max(WAIT_STEPS, -(-least_ns // (SLOWEST * TICK_NS)))
 
 

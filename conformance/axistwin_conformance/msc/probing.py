@@ -69,7 +69,7 @@ def drawn_by(bench: Bench, raw: bytes) -> Drawn:
 def glance_s(bench: Bench) -> float:
     """How long to listen for what a unit sends at once, as far as it is known how long it takes."""
     delay_s = int(bench.session.reading("reply_delay_ms")) / 1000
-    spare_ns = 0 if bench.target.is_virtual else bench.target.uncertainty_ns
+    spare_ns = bench.target.line_ns
     return QUIET_S + delay_s + spare_ns / 1e9
 
 

@@ -24,7 +24,7 @@ from axistwin.errors import AxistwinError
 from axistwin.kernel.time import NS_PER_S, Nanos
 from axistwin.ports.can_message import frame_of, message_of
 from axistwin.runtime.can_network import Arrival, ErrorReport
-from axistwin.runtime.clock import ADVANCE_MAX_S
+from axistwin.runtime.clock import check_advance
 from axistwin.runtime.twin import AnyTwin
 from axistwin.wire.can_bus import ControllerState, Fault
 from axistwin.wire.can_frame import INTERMISSION_BITS
@@ -379,8 +379,7 @@ class AxistwinBus(can.BusABC):
     def advance(self, seconds: float) -> None:
         """Let ``seconds`` (0..1e12) pass; what arrives meanwhile is there to be received."""
         self._check_open()
-        if not 0 <= seconds <= ADVANCE_MAX_S:
-            raise ValueError(f"advance: {seconds} s is out of range: 0..{ADVANCE_MAX_S:g} s")
+        check_advance(seconds)
         with self._translated():
             self._shared.advance(self._shared.span_ns(seconds), self._is_closed)
             self._check_open()

@@ -18,6 +18,12 @@ ADVANCE_MAX_S = 1e12
 """The longest time that may be let pass at once, by hand: 30 000 years."""
 
 
+def check_advance(seconds: float, mistake: type[Exception] = ValueError) -> None:
+    """Raise ``mistake`` for a time that cannot be let pass by hand."""
+    if not 0 <= seconds <= ADVANCE_MAX_S:
+        raise mistake(f"advance: {seconds} s is out of range: 0..{ADVANCE_MAX_S:g} s")
+
+
 class Clock(Protocol):
     """Tells the time of a line."""
 

@@ -38,7 +38,7 @@ from serial.serialutil import (  # type: ignore[attr-defined]  # the stubs lack 
 
 from axistwin.errors import AxistwinError
 from axistwin.kernel.time import NS_PER_S, Nanos
-from axistwin.runtime.clock import ADVANCE_MAX_S
+from axistwin.runtime.clock import check_advance
 from axistwin.runtime.line import Line
 from axistwin.runtime.twin import AnyTwin
 from axistwin.urlhandler.lines import OpenLine, open_line
@@ -116,8 +116,7 @@ class Serial(SerialBase):
         """Let ``seconds`` (>= 0) pass; virtual time only, for real time passes by itself."""
         if not self.line.is_virtual:
             raise SerialException("advance: only virtual time can be moved; add time=virtual")
-        if not 0 <= seconds <= ADVANCE_MAX_S:
-            raise ValueError(f"advance: {seconds} s is out of range: 0..{ADVANCE_MAX_S:g} s")
+        check_advance(seconds)
         self.line.advance(round(seconds * NS_PER_S))
 
     def exchange(self, data: bytes, size: int, timeout_s: float) -> tuple[int, bytes, int]:
