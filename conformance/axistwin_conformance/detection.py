@@ -40,6 +40,9 @@ class Keeper(Protocol):
     def is_sane(self, run: Run) -> bool:
         """Whether the device still answers."""
 
+    def give_back(self, run: Run) -> None:
+        """Give back what a probe still owes."""
+
     def trouble(self, text: str) -> None:
         """Take note of a mistake of the suite."""
 
@@ -125,6 +128,7 @@ def _ask(run: Run, probe: Probe, keeper: Keeper) -> Detection:
     finally:
         run.target.gate = None
         if probe.check.danger > 0 and not run.target.crash:
+            keeper.give_back(run)
             run.family.stop(Session(run))
     return seen if isinstance(seen, Detection) else _told(run, probe, seen)
 

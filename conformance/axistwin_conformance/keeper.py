@@ -29,9 +29,10 @@ from axistwin_conformance.errors import RigError, TargetError, TwinCrashed
 from axistwin_conformance.events import Listener, Outcome
 from axistwin_conformance.judgement import CheckResult
 from axistwin_conformance.ledger import Ledger
+from axistwin_conformance.noise import Disturbed
 from axistwin_conformance.plan import Options
 from axistwin_conformance.registry import Breach, Check
-from axistwin_conformance.session import Run, Session
+from axistwin_conformance.session import Run, Session, Stop
 from axistwin_conformance.verdicts import Finding, Verdict
 
 SANITY_PAUSES_S = (0.0, 1.0, 1.5)  # together longer than the 2 s for which a module may be deaf
@@ -136,7 +137,8 @@ class Keeper:
             with contextlib.suppress(Exception):
                 run.family.stop(Session(run))
         finally:  # this is cut short as well
-            self.trouble(f"interrupted again, could not {deed}; it held: {run.memory}")
+            held = "; ".join([str(run.memory), *(one.what for one in run.owed)])
+            self.trouble(f"interrupted again, could not {deed}; it held: {held}")
 
     # --- between checks --------------------------------------------------------------------------
 
@@ -180,12 +182,25 @@ class Keeper:
         session = Session(run)
         self._release_rig(run)
         try:
+            self.give_back(run)
             self._put_back(run, session)
         except TargetError:
             if run.target.is_lossless:
                 self.accuse(session, "put_back")
             raise
         self.note_retries(session)
+
+    def give_back(self, run: Run) -> None:
+        """Give back what a check or probe still owes: only then the device hears anything else."""
+        while run.owed and not run.target.crash:
+            one, is_back, why = run.owed[-1], False, ""
+            try:
+                is_back = one.give_back()
+            except (Stop, Disturbed) as error:
+                why = f": {error}"
+            if not is_back:
+                self.trouble(f"not put back: {one.what}{why}")
+            run.owed.remove(one)
 
     def _put_back(self, run: Run, session: Session) -> None:
         try:
@@ -231,6 +246,7 @@ class Keeper:
             return False
         crashed = run.target
         crashed.close()
+        run.owed.clear()
         try:
             run.target = self.opener(run.neighbours)
             self._equip(run)

@@ -10,7 +10,8 @@ from __future__ import annotations
 import random
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, NoReturn, cast
 
@@ -38,6 +39,19 @@ MOTIONS_KEPT = 8  # per check: the first ones and the last, which is the one tha
 EXCERPT_RECORDS = 60  # of the transcript with a finding: enough for a sequence, still readable
 
 Requirements = str | Sequence[str] | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Owed:
+    """What was changed and the device is to get back, beside what the family remembers of it; no
+    axis moves meanwhile.
+
+    `what`: in words, as it was.  `give_back`: does it from wherever the device has got to, as often
+    as it is called, judging nothing; False if that did not work.
+    """
+
+    what: str
+    give_back: Callable[[], bool]
 
 
 class Stop(Exception):  # noqa: N818 - control flow of a check, not an error
@@ -70,6 +84,7 @@ class Run:
     identity: Identity | None = None
     rig: Rig | None = None
     memory: Any = None  # what the family's `remember` read; None in a run that is passive only
+    owed: list[Owed] = field(default_factory=list)  # the last one is to be given back first
     readings: dict[str, str] = field(default_factory=dict)  # switch → the reading seen in this run
     detections: dict[str, Detection] = field(default_factory=dict)  # what the probes found out
     budget: WriteBudget = field(default_factory=WriteBudget)
@@ -272,6 +287,23 @@ class Session:
         but a device is wrong the same time again."""
         asked = self.carrier.last_sent
         return f"{asked.hex()}, time {self._asked[asked]}: {reply.hex()}"
+
+    @contextmanager
+    def owes(self, what: str, give_back: Callable[[], bool]) -> Iterator[None]:
+        """Give something back at the end of the block (see `Owed`).  Interrupted, in the block or
+        while it is given back, or should it not work, that is left to the keeper, who lets nothing
+        come between."""
+        one = Owed(what, give_back)
+        self.run.owed.append(one)
+        is_interrupted = False
+        try:
+            yield
+        except KeyboardInterrupt:
+            is_interrupted = True
+            raise
+        finally:
+            if not is_interrupted and give_back():
+                self.run.owed.remove(one)
 
     def last_exchange(self) -> tuple[bytes, bytes]:
         """What was sent last in this session, and what came since; nothing sent: empty."""

@@ -30,6 +30,12 @@ from axistwin_conformance.mac_can import codec
 TRAVEL, SPEED = 2000, 10_000
 STOPPED = partial(judge_interrupted, most=TRAVEL)
 MOVING = ("MACC-CMD-13", "MACC-CMD-15", "MACC-CMD-16")
+UNREACHABLE = (
+    "the_address_is_given_in_three_steps",
+    "requests_are_served_at_the_old_address_meanwhile",
+    "a_factory_reset_brings_the_factory_values",
+    "the_address_outlives_the_supply_once_it_holds",
+)
 SLOW, SOAK = pytest.mark.slow, pytest.mark.soak
 NUMBERS = count()  # a bus of its own for each target
 OPEN: list[Any] = []
@@ -93,6 +99,13 @@ def test_an_interrupt_at_any_moment_leaves_the_axis_at_rest_and_its_memory_as_it
     """Twelve random moments of a run of motions."""
     moving = partial(run, words=MOVING)
     meet(Trouble(moments_of(12, moving, seed=3), interrupt, STOPPED), moving)
+
+
+@SLOW
+def test_an_interrupt_while_a_module_has_another_address_brings_it_back() -> None:
+    """A hundred random moments of the probes and checks that give it another one."""
+    away = partial(run, words=UNREACHABLE)
+    meet(Trouble(moments_of(100, away, seed=2), interrupt, STOPPED), away)
 
 
 @SOAK

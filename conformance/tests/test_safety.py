@@ -42,6 +42,13 @@ TRAVEL, SPEED = 2000, 10_000
 STOPPED = partial(judge_interrupted, most=TRAVEL)
 MAC = ("mac23", "--allow", "motion,stored", "--level", "quick", "--max-travel", str(TRAVEL))
 MOVING = ("MACS-CMD-13", "MACS-CMD-15", "MACS-CMD-16", "MACS-CMD-0D", "MACS-CMD-09")
+UNREACHABLE = (
+    "the_address_can_be_programmed",
+    "the_rate_can_be_programmed",
+    "a_factory_reset_brings_the_factory_values",
+    "the_rate_outlives_the_supply",
+    "the_address_outlives_the_supply",
+)
 SLOW = pytest.mark.slow
 SOAK = pytest.mark.soak
 NOBODY: Callable[[Watch], None] = lambda watch: None  # noqa: E731 - a default, not a function
@@ -123,6 +130,13 @@ def test_an_interrupt_at_any_moment_leaves_the_axis_at_rest_and_its_memory_as_it
     """Forty random moments of a run at level quick."""
     quick = partial(watched, level="quick")
     meet(Trouble(moments_of(40, quick, seed=3), interrupt, STOPPED), quick)
+
+
+@SLOW
+def test_an_interrupt_while_a_module_has_another_address_or_rate_brings_it_back() -> None:
+    """Two hundred random moments of the probes and checks that give it another one."""
+    away = partial(watched, words=UNREACHABLE)
+    meet(Trouble(moments_of(200, away, seed=2), interrupt, STOPPED), away)
 
 
 @SOAK

@@ -3,8 +3,6 @@ with the module alone on the bus, and is put back whatever happens."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Final
 
 from axistwin_conformance.can_frame import Frame
@@ -32,6 +30,7 @@ from axistwin_conformance.mac_can.probes_destructive import (
     DESTRUCTIVE,
     FACTORY_ADDRESS,
     LMT_STORE,
+    address_put_back,
     answers,
     configure,
     give_address,
@@ -44,7 +43,6 @@ from axistwin_conformance.session import Session
 NEW_ADDRESSES: Final = (0x2A, 0x55)
 BOUNDS: Final = (0x01, 0x02, 0x3F, 0x40, 0x7E, 0x7F)  # MACC-LMT-04
 BAD_ADDRESSES: Final = (0x00, 0x80, 0x81, 0xAA, 0xFE, 0xFF)
-ATTEMPTS: Final = 3  # to bring the old address back
 FILLER: Final = 0xFF
 LENGTHS: Final = range(2, 9)  # MACC-AMB-08
 # First bytes of the convention's other services.  13h and 15h set and use another bit rate: never
@@ -54,25 +52,6 @@ WHO: Final = (0x5A, 0x5B, 0x5C, 0x5D, 0x5E)
 RATE_SERVICES: Final = (0x13, 0x15)
 REPLIED_BY_THE_CONVENTION: Final = frozenset((*WHO, LMT_STORE))
 POWERED: Final = (*DESTRUCTIVE, "rig")
-
-
-@contextmanager
-def address_put_back(bench: Bench) -> Iterator[None]:
-    """Bring the module back to the address it had, whatever was done to it meanwhile.
-
-    The whole procedure does that from wherever it is: alone on the bus, it obeys it at any address,
-    in configuration mode or not.
-    """
-    own = bench.address
-    try:
-        yield
-    finally:
-        bench.address = own
-        bench.target.wait(QUIET_S)
-        for _ in range(ATTEMPTS):
-            give_address(bench, own)
-            if answers(bench, own):
-                break
 
 
 def lmt_replies(bench: Bench, frame: Frame, *, is_awaited: bool = False) -> tuple[Frame, ...]:

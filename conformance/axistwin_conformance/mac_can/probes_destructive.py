@@ -26,6 +26,7 @@ LMT_WHO: Final = 0x5E  # of the convention: which address
 IMPOSSIBLE: Final = 0xFF  # whoever takes its low seven bits is at 127, and can be found
 FACTORY_ADDRESS: Final = 1
 TAKEN_OVER: Final = b"\x11\x00\x00"
+ATTEMPTS: Final = 3  # to bring the old address back
 BAD_ADDRESS: Final = {b"\x11\x01\x00": 0, b"\x11\xff\x00": 1}
 
 
@@ -59,15 +60,42 @@ def give_address(bench: Bench, address: int) -> None:
 
 
 @contextmanager
+def address_put_back(bench: Bench) -> Iterator[None]:
+    """Bring the module back to the address it had, whatever was done to it meanwhile; interrupted,
+    the keeper does.
+
+    The whole procedure does that from wherever it is: alone on the bus, it obeys it at any address,
+    in configuration mode or not.
+    """
+    own = bench.address
+
+    def put_back() -> bool:
+        bench.address = own
+        bench.wait(QUIET_S)
+        for _ in range(ATTEMPTS):
+            give_address(bench, own)
+            if answers(bench, own):
+                return True
+        return False
+
+    with bench.session.owes(f"address {own}", put_back):
+        yield
+
+
+@contextmanager
 def configuring(bench: Bench) -> Iterator[None]:
     """Configuration mode, left whatever happens; the address is then what it was."""
-    configure(bench, codec.lmt_enter())
-    try:
-        yield
-    finally:
+    own = bench.address
+
+    def put_back() -> bool:
         leave(bench)
-        if not answers(bench, bench.address):
-            give_address(bench, bench.address)
+        if not answers(bench, own):
+            give_address(bench, own)
+        return answers(bench, own)
+
+    with bench.session.owes(f"address {own}", put_back):
+        configure(bench, codec.lmt_enter())
+        yield
 
 
 @probe(safety=DESTRUCTIVE, needs=ALONE)
@@ -108,10 +136,11 @@ def lmt_error_reply(bench: Bench) -> Outcome:
 def lmt_incomplete(bench: Bench) -> Outcome:
     """7E5h 04 01, then 04 00: whether a boot-up message comes."""
     bench.at_rest()
-    configure(bench, codec.lmt_enter())
-    bench.target.take_spontaneous()
-    configure(bench, codec.lmt_leave())
-    return int(bench.boot_up(bench.awake_surely_s) is not None)
+    with configuring(bench):
+        bench.target.take_spontaneous()
+        configure(bench, codec.lmt_leave())
+        message = bench.boot_up(bench.awake_surely_s)
+    return int(message is not None)
 
 
 @probe(safety=DESTRUCTIVE, needs=ALONE)
@@ -128,12 +157,11 @@ def whether_2001h_restarts(bench: Bench) -> Outcome:
     """2001h, then whether a boot-up message comes from address 1."""
     own = bench.address
     bench.at_rest()
-    bench.target.take_spontaneous()
-    bench.within(QUIET_S, 0x01)
-    message = bench.boot_up(bench.awake_surely_s, FACTORY_ADDRESS)
-    is_there = answers(bench, own) or answers(bench, FACTORY_ADDRESS)
-    if own != FACTORY_ADDRESS:
-        give_address(bench, own)  # which address the next start would bring, is all the same
+    with address_put_back(bench):  # which address the next start would bring, is all the same
+        bench.target.take_spontaneous()
+        bench.within(QUIET_S, 0x01)
+        message = bench.boot_up(bench.awake_surely_s, FACTORY_ADDRESS)
+        is_there = answers(bench, own) or answers(bench, FACTORY_ADDRESS)
     if not is_there:
         return "neither the old address nor 1 answers"
     return int(message is None)

@@ -3,8 +3,7 @@ module alone on the line, and is put back at once (CMD-01, CMD-08, CMD-1B)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -13,15 +12,14 @@ from axistwin_conformance.mac_axis.bench import QUIET_S
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_serial.bench import Bench
 from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS
-from axistwin_conformance.mac_serial.probes_destructive import (
-    DESTRUCTIVE,
-    FACTORY_BAUD,
+from axistwin_conformance.mac_serial.probes_destructive import DESTRUCTIVE, FACTORY_BAUD
+from axistwin_conformance.mac_serial.whereabouts import (
     RATES,
-    address_put_back,
     answers,
+    brought_back,
+    has_rate,
     other_address,
     program_address,
-    set_rate,
 )
 from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
@@ -34,7 +32,7 @@ NEW_ADDRESSES: Final = (0x2A, 0x7F, 0x01)
 def the_address_can_be_programmed(session: Session) -> None:
     """08h to FF gives the only module a new address, from the next frame on, and for good."""
     bench = Bench(session)
-    with address_put_back(bench):
+    with brought_back(bench):
         for new in NEW_ADDRESSES:
             old = bench.address
             if new == old:
@@ -68,7 +66,7 @@ def addresses_from_80_up_are_refused(session: Session) -> None:
     """08h with 80h..FFh is refused and the address kept, or only its low bits count."""
     bench = Bench(session)
     for new in (0x80, 0xAA, 0xFE, 0xFF):
-        with address_put_back(bench):
+        with brought_back(bench):
             kind = program_address(bench, new)
             outcome: int | str = f"{kind.value} to address {new:02X}"
             if answers(bench, bench.address):
@@ -79,7 +77,7 @@ def addresses_from_80_up_are_refused(session: Session) -> None:
             elif answers(bench, new & 0x7F):
                 outcome = 1
             bench.reading("addr_range", outcome, "MACS-CMD-08-03")
-    with address_put_back(bench):
+    with brought_back(bench):
         kind = program_address(bench, 0x11, to=bench.address)
         is_obeyed = answers(bench, 0x11)
         outcome = {(Kind.ACCEPTED, True): 0, (Kind.REFUSED, False): 1}.get(
@@ -95,7 +93,7 @@ def an_address_that_is_no_number_is_refused(session: Session) -> None:
     """08h with a character that is no hex digit in the new address is refused, the address kept."""
     bench = Bench(session)
     for digits in (b"G1", b"1G", b"GG", b" 1", b"+1"):
-        with address_put_back(bench):
+        with brought_back(bench):
             frame = replace(
                 bench.request(0x08, address=GENERAL_ADDRESS), parameters=b"000000" + digits
             )
@@ -114,24 +112,21 @@ def an_address_that_is_no_number_is_refused(session: Session) -> None:
 @check("MACS-CMD-1B-01", "MACS-CMD-XX-02", "MACS-LINE-01", safety=DESTRUCTIVE, needs=("alone",))
 def the_rate_can_be_programmed(session: Session) -> None:
     """1Bh sets 9600, 19200, 38400 baud; the module restarts, then talks the new rate only."""
-    if session.target.description.startswith("socket:"):
-        session.skip("a plain socket carries bytes, not a rate")
     bench = Bench(session)
+    if not has_rate(bench):
+        session.skip("a plain socket carries bytes, not a rate")
     for value in (0x00, 0x04, 0xFF):
-        kind = bench.command(0x1B, value).kind
-        policy = bench.known("param_range_policy")
-        if kind is not Kind.REFUSED:
-            set_rate(bench, bench.target.baud, FACTORY_BAUD)
-            bench.reading("param_range_policy", max(1, policy), "MACS-CMD-XX-02")
-        # Masked, a value may still be none of the three, and then is refused all the same.
-        session.expect(True, "MACS-CMD-XX-02", "", "")
-    own = session.target.baud
-    try:
-        for value in (0x01, 0x02, 0x03):
+        with brought_back(bench):
+            kind = bench.command(0x1B, value).kind
+            policy = bench.known("param_range_policy")
+            if kind is not Kind.REFUSED:
+                bench.wait_awake()  # it may have taken it for another value
+                bench.reading("param_range_policy", max(1, policy), "MACS-CMD-XX-02")
+            # Masked, a value may still be none of the three, and then is refused all the same.
+            session.expect(True, "MACS-CMD-XX-02", "", "")
+    with brought_back(bench):
+        for value in RATES:
             _judge_rate(bench, value)
-    finally:
-        if session.target.baud != own:
-            set_rate(bench, session.target.baud, own)
     bench.alive("MACS-LINE-01")
 
 
@@ -169,7 +164,8 @@ def a_factory_reset_brings_the_factory_values(session: Session) -> None:
     bench = Bench(session)
     place = bench.finish(bench.go(bench.ready() + 25))
     changed = factory.spoil(bench, 0)
-    with address_put_back(bench), _other_address_and_rate(bench):
+    with brought_back(bench):
+        _move_away(bench)
         exchange = bench.send(bench.request(0x01), QUIET_S * 2)
         session.expect(
             exchange.kind in (Kind.ACCEPTED, Kind.SILENCE), "MACS-CMD-01-01",
@@ -190,28 +186,16 @@ def a_factory_reset_brings_the_factory_values(session: Session) -> None:
         session.expect(kept == place, "MACS-CMD-01-01", f"position {place} kept", kept)
 
 
-@contextmanager
-def _other_address_and_rate(bench: Bench) -> Iterator[None]:
+def _move_away(bench: Bench) -> None:
     """Give the module another address and rate, so that 01h has something to undo, as far as it
-    takes them; should it not undo them, they are put back."""
+    takes them."""
     own, new, own_baud = bench.address, other_address(bench), bench.target.baud
-    is_done = False  # interrupted before, nobody knows where the module is
-    try:
-        program_address(bench, new)
-        if not bench.target.description.startswith("socket:"):  # that carries bytes, not a rate
-            bench.address = new if answers(bench, new) else own
-            bench.send(bench.request(0x1B, OTHER_RATE), QUIET_S * 2)
-            bench.wait_awake()
-        _find(bench, (new, own), (RATES[OTHER_RATE], own_baud))
-        is_done = True
-        yield
-    finally:
-        if not is_done:
-            bench.wait_awake()
-        if not is_done or not answers(bench, bench.address):
-            _find(bench, (new, 0, own), (RATES[OTHER_RATE], own_baud))
-            set_rate(bench, bench.target.baud, own_baud)
-            program_address(bench, own)
+    program_address(bench, new)
+    if has_rate(bench):
+        bench.address = new if answers(bench, new) else own
+        bench.send(bench.request(0x1B, OTHER_RATE), QUIET_S * 2)
+        bench.wait_awake()
+    _find(bench, (new, own), (RATES[OTHER_RATE], own_baud))
 
 
 def _find(bench: Bench, addresses: Sequence[int], rates: Sequence[int]) -> None:
