@@ -102,8 +102,8 @@ class Attempt:
 
     `disturbance`: what was spoilt that must not be repeated; empty if nothing.  `readings`: the
     readings learnt in it that are not the default.  `spoilt`: bad replies that were handed on to
-    the check (strictly).  `place`: what was sent last before the first failure, and for
-    the how manieth time.
+    the check (strictly).  `place`: what was sent last before the first failure, and which
+    time it was sent.
     """
 
     result: CheckResult

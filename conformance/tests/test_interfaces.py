@@ -26,7 +26,13 @@ from interfaces import (
     judged_behind,
 )
 from real_interface import RealWay, twin_behind
-from zoo.motion import a_triangle_stops_climbing_at_half_speed
+from zoo.interpolation import segments_are_ramped
+from zoo.motion import (
+    a_triangle_stops_climbing_at_half_speed,
+    busy_ignores_the_tolerance,
+    going_to_0_clears_the_counter,
+    the_lock_ends_early,
+)
 from zoo.mutant import Mutant
 from zoo.sync import sync_starts_50_ms_late
 from zoo_msc.line import a_packet_has_200_ms, a_pause_of_100_ms_in_a_body_ends_a_packet
@@ -169,6 +175,21 @@ def test_a_fault_of_tens_of_ms_never_passes(fault: Mutant, interface: Interface)
     told = {run.verdicts[name] for name in fault.claims}
     assert told <= {Verdict.FAIL, Verdict.INCONCLUSIVE}, run.result.sentence
     assert interface is not LATENCY_TIMER or told == {Verdict.FAIL}
+
+
+SLOWED = (
+    going_to_0_clears_the_counter, busy_ignores_the_tolerance, the_lock_ends_early,
+    segments_are_ramped,
+)  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", SLOWED, ids=lambda fault: fault.name)
+def test_a_motion_is_slowed_until_its_faults_show(fault: Mutant) -> None:
+    """Where an exchange takes 80 ms, a motion at the usual speed would be over before it shows."""
+    with fault.plant():
+        run = judged_behind(TERMINAL_SERVER, *fault.claims, model=fault.model, level="full")
+    assert {run.verdicts[name] for name in fault.claims} == {Verdict.FAIL}, run.result.sentence
 
 
 @pytest.mark.soak

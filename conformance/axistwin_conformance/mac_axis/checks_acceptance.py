@@ -244,11 +244,12 @@ def queries_are_answered_in_every_state(session: Session) -> None:
 def the_lock_ends_with_the_motion(session: Session) -> None:
     """0Dh and 0Fh are refused up to the end of a move, a turn and a segment, then accepted."""
     bench = bench_of(session)
-    start = bench.ready(0x4000)
+    start = bench.ready(bench.outlasting(100, 0x4000))
     slack_ns = 0 if session.carrier.is_virtual else 200_000_000
+    before_ns = 40_000_000 + bench.target.uncertainty_ns
     for begin in (_short_move, _short_segment):
         end = begin(bench, start)
-        bench.wait_until(end[0] - 40_000_000)
+        bench.wait_until(end[0] - before_ns)
         exchange = bench.command(0x02, 0)  # locked by every reading of the list
         if exchange.taken.latest_ns < end[0]:
             bench.must(Kind.REFUSED, exchange, "MACS-STATE-01")

@@ -7,6 +7,7 @@ from typing import Final
 from axistwin_conformance.mac_axis.bench import SLOWEST, Bench, bench_of, segment
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Segment
+from axistwin_conformance.mac_axis.motion import TICK_NS
 from axistwin_conformance.mac_axis.probes_motion import abort_flush
 from axistwin_conformance.mac_axis.probes_sync import (
     WAIT_STEPS,
@@ -79,10 +80,12 @@ def segments_run_at_their_own_constant_speed(session: Session) -> None:
     """A segment takes exactly |DDDD|·VVVV ticks, relative, whatever 0Dh and 0Fh say."""
     bench = plain(session)
     fast, medium, slow = bench.slowed_alike(0x1000, 0x1800, 0x8000)
+    # So many that a quarter more shows beside an exchange that takes long.
+    many = max(40, min(200, 8 * bench.target.uncertainty_ns // (slow * TICK_NS)))
     for steps, period, coefficient in (
         (200, fast, 5),
         (back(bench, 150), medium, 0),
-        (40, slow, 50),
+        (many, slow, 50),
     ):
         start = bench.ready(0x4000, coefficient)
         exchange = bench.must(Kind.ACCEPTED, put(bench, Segment(steps, period)))

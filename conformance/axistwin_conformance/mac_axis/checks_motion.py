@@ -157,7 +157,7 @@ def a_move_powers_the_motor(session: Session) -> None:
 def going_to_0_is_a_move_like_any_other(session: Session) -> None:
     """14h runs the profile of 13h to position 0 and ignores its parameters."""
     bench = bench_of(session)
-    start = bench.ready(0x0640, 1)
+    start = bench.ready(bench.unhurried(0x0640), 1)
     if abs(start) > bench.room():
         session.skip(f"position 0 is {abs(start)} increments away, outside the envelope")
     for place, parameter in ((150, 0), (-90, 0x00000123), (41, 0xFFFFFFFF)):
@@ -175,7 +175,7 @@ def busy_ends_within_the_tolerance(session: Session) -> None:
     """In a move, busy lasts until the axis is within TT of the target; it then still arrives."""
     bench = bench_of(session)
     for tolerance in (0, 10, 40):
-        start = bench.ready(0x8000 if session.carrier.is_virtual else 0x4000)
+        start = bench.ready(0x8000 if session.carrier.is_virtual else bench.unhurried(0x4000))
         if bench.command(0x1C, tolerance).kind is not Kind.ACCEPTED:
             session.skip("1Ch is not supported: no tolerance to judge by")
         target = start + 80
