@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import re
 import shutil
 import subprocess
@@ -345,6 +346,39 @@ def test_times_are_told_as_people_do(seconds: float, words: str) -> None:
     assert duration(seconds) == words
 
 
+def in_a_browser(page: Path) -> str:
+    """What the page has written into `data-seen` of its body, once it was loaded."""
+    dumped = subprocess.run(
+        [
+            CHROMIUM or "", "--headless", "--no-sandbox", "--disable-gpu", "--disable-sync",
+            "--disable-background-networking", "--no-first-run", "--window-size=390,800",
+            f"--user-data-dir={page.parent / 'browser'}", "--dump-dom", page.as_uri(),
+        ],
+        capture_output=True, text=True, timeout=60, check=True,
+    ).stdout  # fmt: skip
+    told = re.search(r'data-seen="([^"]*)"', dumped)
+    assert told is not None
+    return told[1]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
+def test_on_a_phone_nothing_stands_out_of_the_screen(wrong_mac: Path, tmp_path: Path) -> None:
+    """Tables and articles fit 360 pixels: nobody has to push them aside to read the reason."""
+    frame = f'''<!DOCTYPE html><body><iframe style="width:360px;height:800px"
+      srcdoc="{html.escape((wrong_mac / "report.html").read_text())}"></iframe><script>
+      document.querySelector("iframe").addEventListener("load", (loaded) => {{
+        const seen = [...loaded.target.contentDocument.querySelectorAll(".wide-table, article")];
+        const wide = seen.filter((one) => one.scrollWidth > one.clientWidth + 1);
+        document.body.dataset.seen = [seen.length > 20].concat(
+          wide.map((one) => one.innerText.slice(0, 60))).join("|");
+      }});
+    </script></body>'''
+    page = tmp_path / "phone.html"
+    page.write_text(frame)
+    assert in_a_browser(page) == "true"
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
 def test_a_click_in_a_browser_shows_the_bytes(wrong_mac: Path, tmp_path: Path) -> None:
@@ -366,17 +400,8 @@ def test_a_click_in_a_browser_shows_the_bytes(wrong_mac: Path, tmp_path: Path) -
     </script>"""
     page = tmp_path / "page.html"
     page.write_text((wrong_mac / "report.html").read_text().replace("</body>", probe + "</body>"))
-    seen = subprocess.run(
-        [
-            CHROMIUM or "", "--headless", "--no-sandbox", "--disable-gpu", "--disable-sync",
-            "--disable-background-networking", "--no-first-run", "--window-size=390,800",
-            f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", page.as_uri(),
-        ],
-        capture_output=True, text=True, timeout=60, check=True,
-    ).stdout  # fmt: skip
-    told = re.search(r'data-seen="([^"]*)"', seen)
-    assert told is not None
-    key, is_filtered, count, is_visible, is_wide, data = told[1].split("|")
+    seen = in_a_browser(page)
+    key, is_filtered, count, is_visible, is_wide, data = seen.split("|")
     assert key == failed(report)[0]
     assert (is_filtered, count, is_visible) == ("true", str(len(failed(report))), "true")
     assert is_wide == "false", "a phone would have to scroll sideways"
