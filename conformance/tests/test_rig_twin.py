@@ -97,6 +97,14 @@ def test_the_twin_passes_every_rig_check(model: str) -> None:
         assert {one.verdict for one in result.requirements} == {Verdict.PASS}
 
 
+def test_a_device_that_may_only_move_slowly_is_not_taken_for_another() -> None:
+    """At 130 increments per second a move lasts longer, and its end is waited for all the same."""
+    name = "a_zeroed_move_ends_at_its_target_by_the_new_count"
+    said, result = judge("mac23", TWIN, name, max_travel=2000, max_speed=130, **GRANTED)
+    assert said == []
+    assert result.exit_status == 0
+
+
 def test_a_slow_rig_gives_the_same_verdicts() -> None:
     """Nothing is judged more sharply than the rig's own time allows."""
     said, _ = judge("mac23", rig=SlowChoice(), max_travel=2000, max_speed=10_000)

@@ -123,7 +123,7 @@ def ref_retarget(bench: Bench) -> Outcome:
     before = bench.position()
     rig.set_input("reference", not opening)
     bench.position()  # near the edge, or the envelope loses count of where that was
-    bench.wait(1.0 + abs(target) * PACE * TICK_NS / 1e9)
+    bench.wait(1.0 + bench.lasting_s(abs(target)))
     final = bench.position()
     bench.at_rest()
     bench.command(0x07, 0)
