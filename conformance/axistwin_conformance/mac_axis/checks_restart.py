@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.mac_axis.bench import SLOWEST, bench_of, segment
-from axistwin_conformance.mac_axis.motion import RAMP_LEVELS
+from axistwin_conformance.mac_axis.forecast import Forecast
+from axistwin_conformance.mac_axis.motion import RAMP_LEVELS, TICK_NS, Course, ramp_increments
 from axistwin_conformance.mac_axis.probes_motion import cleared_in_a_move
 from axistwin_conformance.mac_axis.probing import MOVES
 from axistwin_conformance.registry import check
@@ -88,6 +89,32 @@ def clearing_the_counter_during_a_move(session: Session) -> None:
     assert isinstance(outcome, int | str), "the look tells its readings apart"
     bench.reading("reset_in_motion", outcome, "MACS-CMD-0B-02")
     session.expect(True, "MACS-CMD-0B-01", "", "")
+
+
+@check("MACS-CMD-0B-01", "MACS-CMD-13-05", safety=MOVES, level="full")
+def a_move_whose_counter_is_cleared_on_the_ramp_keeps_to_it(session: Session) -> None:
+    """0Bh while the axis climbs: the rest of the way, now longer, is run as if from the start."""
+    bench = bench_of(session)
+    start, target = bench.ready(SLOWEST, 1), 2 * ramp_increments(1) + 60
+    if abs(start) > min(40, bench.room()):
+        session.skip("the counter is too far from 0 to be brought back there")
+    bench.needs_room(target + ramp_increments(1), "two ramps and some way between them")
+    sent = bench.accepted(0x13, target)
+    whole = bench.to_position(sent, start, target)
+    climb = Course.endless(bench.period, 1, bench.law).profile
+    bench.wait_until(sent.taken.latest_ns + climb.ticks_of(ramp_increments(1) // 2) * TICK_NS)
+    lowest, highest = whole.bounds(bench.accepted(0x0B).taken)
+    keeps_way = bench.known("reset_in_motion") == 1
+    ends = [(place, target - place if keeps_way else target) for place in (lowest, highest)]
+    onward = Forecast.of(
+        timeline
+        for place, end in ends
+        for timeline in bench.to_position(sent, start - place, end).timelines
+    )
+    bench.watch(onward, ("MACS-CMD-0B-01", "MACS-CMD-13-05"), samples=6)
+    bench.at_rest()
+    bench.finish(bench.go(-lowest))  # to one increment: nobody knows the instant better
+    bench.accepted(0x0B)
 
 
 def _hex(values: list[int]) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance.mac_axis.bench import Sample, segment
+from axistwin_conformance.mac_axis.bench import SLOWEST, Sample, segment
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Window
 from axistwin_conformance.mac_axis.motion import CATCH_UP_UNIT_TICKS, TICK_NS
@@ -24,6 +24,7 @@ TOLERANCE: Final = 10
 SLOW_CATCH_UP: Final = 0x32  # 10 ms per increment: readings tell single increments
 EASY_CATCH_UP: Final = 0xFF  # 51 ms per increment, for a bench on which time is real
 PROFILE: Final = 2  # the reading of MACS-AMB-27 by which a motion is over with its profile
+RESENT: Final = 8  # times: an EEPROM bears only so many writes
 LAG_SHOWS_S: Final = 0.3
 LONGEST_SEGMENT: Final = 0x7FFF  # increments: DDDD is signed
 
@@ -139,6 +140,8 @@ def a_held_axis_catches_up_at_its_own_speed(session: Session) -> None:
         place = bench.rest()
         session.expect(place == target, ("MACS-CMD-0E-01", "MACS-BUSY-01"), target, place)
     _change_under_way(bench)
+    if bench.rig.is_exact:
+        _sent_again_under_way(bench)
 
 
 def _follow_catch_up(
@@ -215,17 +218,35 @@ def a_move_held_for_a_while_makes_up_for_it_at_its_end(session: Session) -> None
        level="full")  # fmt: skip
 def a_hardware_stop_lets_a_catch_up_away_from_it_go_on(session: Session) -> None:
     """Catching up counts down: an active positive stop is none of its business."""
+    _comes_back_from_a_stop(rig_bench_of(session), -LAG, 0)
+
+
+@check("MACS-STOP-01", "MACS-CMD-0E-01", safety=WORKED,
+       needs=(*HOLD, *TURN, "rig:positive_stop"), level="full")  # fmt: skip
+def a_hardware_stop_lets_a_shaft_turned_too_far_come_back(session: Session) -> None:
+    """The move led up, but what is left of it counts down: the positive stop does not end it."""
     bench = rig_bench_of(session)
+    if not bench.rig.is_exact:
+        session.skip(f"{AT_ONCE}: the shaft is turned while it is held")
+    bench.needs_room(2 * LAG, "room to turn the shaft beyond its target")
+    _comes_back_from_a_stop(bench, LAG, 2 * LAG)
+
+
+def _comes_back_from_a_stop(bench: RigBench, distance: int, turned: int) -> None:
+    """Hold the shaft in a move, turn it, close the positive stop, let go: it must count down."""
     start = bench.begin(0x0640)
     if bench.known("position_source"):
-        session.skip("20h tells the set-point: nothing to see of the shaft (MACS-AMB-55)")
+        bench.session.skip("20h tells the set-point: nothing to see of the shaft (MACS-AMB-55)")
+    target = start + distance
     bench.accepted(0x0E, SLOW_CATCH_UP << 8)
     bench.accepted(0x03, 1)
     bench.rig.hold_shaft(True)
-    end = bench.go(start - LAG).end
+    end = bench.go(target).end
     assert end is not None
     bench.wait_until(end.latest_ns)
     bench.wait(0.1)
+    if turned:
+        bench.rig.turn_shaft(turned)
     bench.contact("positive_stop", True)
     bench.rig.hold_shaft(False)
     bench.wait((LAG + 5) * _catch_up_ns(SLOW_CATCH_UP) / 1e9)
@@ -234,9 +255,9 @@ def a_hardware_stop_lets_a_catch_up_away_from_it_go_on(session: Session) -> None
         ff = 0
     bench.contact("positive_stop", False)
     bench.accepted(0x03, 0)
-    session.expect(
-        (place, ff) == (start - LAG, 0), ("MACS-STOP-01", "MACS-CMD-0E-01"),
-        f"at {start - LAG}, ff 00", f"at {place}, ff {ff:02X}",
+    bench.session.expect(
+        (place, ff) == (target, 0), ("MACS-STOP-01", "MACS-CMD-0E-01"),
+        f"at {target}, ff 00", f"at {place}, ff {ff:02X}",
     )  # fmt: skip
 
 
@@ -251,6 +272,22 @@ def _change_under_way(bench: RigBench) -> None:
     bench.wait_until(changed.latest_ns + _catch_up_ns(slow) + LAG * _catch_up_ns(fast))
     place = bench.position()
     bench.session.expect(place == target, "MACS-CMD-0E-02", f"already at {target}", place)
+
+
+def _sent_again_under_way(bench: RigBench) -> None:
+    """0Eh with what is set already changes nothing, however often it comes."""
+    target = _left_behind(bench, EASY_CATCH_UP)
+    let_go = Window(*bench.rig.hold_shaft(False))
+    for _ in range(RESENT):
+        bench.wait(0.03)
+        bench.accepted(0x0E, EASY_CATCH_UP << 8, requirement="MACS-CMD-0E-02")
+    sample = bench.sample()
+    least, most = _caught_up(sample, let_go, _catch_up_ns(EASY_CATCH_UP), LAG)
+    done = sample.position - (target - LAG)
+    bench.session.expect(
+        least <= done <= most, "MACS-CMD-0E-02",
+        f"{least}..{most} increments caught up, 0Eh sent again or not", done,
+    )  # fmt: skip
 
 
 @check("MACS-BUSY-02", "MACS-Q-27-03", safety=WORKED, needs=HOLD)
@@ -328,6 +365,29 @@ def an_endless_motion_ends_with_its_ramp_though_the_shaft_is_held(session: Sessi
     session.expect(not bench.is_busy(), "MACS-CMD-17-01", "stopped, not busy", "busy")
     session.expect(not _is_locked(bench), "MACS-STATE-01", "no longer running", "locked")
     bench.accepted(0x18)
+
+
+@check("MACS-CMD-0B-01", safety=WORKED, needs=HOLD, level="full")
+def a_counter_is_cleared_where_the_shaft_is(session: Session) -> None:
+    """0Bh while the shaft lags behind its set-point: 20h then tells 0, not how far it lags."""
+    bench = rig_bench_of(session)
+    bench.begin(SLOWEST)  # the less the shaft may have moved, the less of the envelope is lost
+    with bench.own_origin() as origin:
+        bench.finish(bench.go(10))
+        bench.rig.hold_shaft(True)
+        end = bench.go(10 + LAG).end
+        assert end is not None
+        bench.wait_until(end.latest_ns)
+        bench.wait(0.1)
+        before = bench.position()
+        bench.accepted(0x0B)
+        place = bench.position()
+        bench.accepted(0x18)
+        bench.rig.hold_shaft(False)
+        session.expect(
+            abs(place) <= bench.allowance(bench.period), None, f"0, and not {before}", place
+        )
+        origin.shift += before - place
 
 
 # --- turned by hand ------------------------------------------------------------------------------

@@ -9,6 +9,8 @@ from typing import Final
 
 from axistwin_conformance.mac_axis.bench import SLOWEST, Bench, bench_of, segment, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind
+from axistwin_conformance.mac_axis.forecast import Segment
+from axistwin_conformance.mac_axis.motion import TICK_NS
 from axistwin_conformance.mac_axis.probing import MOVES
 from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
@@ -170,6 +172,30 @@ def a_software_stop_drops_the_stored_segments(session: Session) -> None:
     )
     bench.accepted(0x16, segment(1, bench.period))
     bench.accepted(0x02, 0)
+
+
+@check("MACS-STOP-03", "MACS-CMD-09-02", "MACS-CMD-0A-02", safety=MOVES, level="full")
+def segments_that_turn_round_end_on_the_stop_they_meet_first(session: Session) -> None:
+    """Of two software stops in the way of a row of segments, the first one ends it for good."""
+    bench = bench_of(session)
+    if _cannot_go_down(bench, "16h"):
+        session.skip("DDDD has no sign on this device: segments do not turn round")
+    for side, other in (SIDES, SIDES[::-1]):
+        start, way = fence(bench, side, 20), side.direction
+        bench.accepted(other.index, start - 30 * way)
+        period = bench.outlasting(20, bench.period)
+        first = bench.put(Segment(40 * way, period))
+        second = bench.put(Segment(-120 * way, period))
+        met_ns = first.taken.earliest_ns + 20 * period * TICK_NS
+        bench.taken_in_time(second, met_ns, "the way to the first stop")
+        bench.wait(bench.lasting_s(40 + 120, period))
+        place = (_rest(bench) - start) * way
+        most = 21 + bench.braking(period)
+        session.expect(
+            20 <= place <= most, side.requirements, f"at rest 20..{most} increments on", place
+        )
+        _judge_bits(bench, side, "nearer")
+        bench.accepted(0x03, 0)
 
 
 @check("MACS-CMD-09-02", "MACS-CMD-0A-02", safety=MOVES, level="full")
