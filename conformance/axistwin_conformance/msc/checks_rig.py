@@ -204,8 +204,8 @@ def memory_is_kept_or_said_not_to_be(session: Session) -> None:
 
 @check("MSC-STA-02", safety=("stored", "rig"), needs=("rig:power", "rig:battery", "variables"))
 def without_its_battery_memory_is_not_reliable(session: Session) -> None:
-    """An empty battery shows as bit 1; after a power cut without it bit 2 is on, or nothing was
-    lost."""
+    """An empty battery shows as bit 1, after a power cut as well, and then bit 2 is on, or nothing
+    was lost; a good one does not show, then or after another cut."""
     unit = Controller(session)
     (place,), (value,) = unit.slots(1), unit.values(1)
     unit.write(place, value)
@@ -214,6 +214,8 @@ def without_its_battery_memory_is_not_reliable(session: Session) -> None:
         is_told = _until(unit, lambda: bool(unit.status() & BATTERY_LOW), REACTION_S)
         session.expect(is_told, None, "bit 1 on: an empty battery is a low one", unit.status())
         status = _power_cycle(unit)
+        is_told = _until(unit, lambda: bool(unit.status() & BATTERY_LOW), REACTION_S)
+        session.expect(is_told, None, "bit 1 on after power-up as well", unit.status())
         _restart(session)
         _must_serve(unit)
         seen = unit.read(place)
@@ -226,6 +228,11 @@ def without_its_battery_memory_is_not_reliable(session: Session) -> None:
         _restart(session)
     gone = unit.status()
     session.expect(not gone & BATTERY_LOW, None, "bit 1 off with a good battery", gone)
+    try:
+        gone = _power_cycle(unit)
+    finally:
+        _restart(session)
+    session.expect(not gone & BATTERY_LOW, None, "bit 1 off with it after power-up", gone)
 
 
 # --- states ---------------------------------------------------------------------------------------

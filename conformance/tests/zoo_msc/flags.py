@@ -361,6 +361,24 @@ def _quietly(go: Any_, controller: Any) -> Any:
     return effects
 
 
+@msc_mutant("MSC-STA-02")
+def an_empty_battery_is_not_told_after_power_up(patch: MonkeyPatch) -> None:
+    """Bit 1 follows the battery while there is supply, and begins at 0."""
+    around(patch, MscController, "power_on", lambda go, controller, now: _quietly(go, controller))
+
+
+@msc_mutant("MSC-STA-02")
+def every_battery_is_low_at_power_up(patch: MonkeyPatch) -> None:
+    """Bit 1 follows the battery while there is supply, and begins at 1."""
+
+    def act(go: Any_, controller: Any, now: int) -> Any:
+        effects = go()
+        controller.status.set(StatusBit.BATTERY_LOW)
+        return effects
+
+    around(patch, MscController, "power_on", act)
+
+
 @msc_mutant("MSC-DWRITE-02")
 def a_stopped_unit_acknowledges_and_does_nothing(patch: MonkeyPatch) -> None:
     """Writes of values have no effect while no program runs."""
