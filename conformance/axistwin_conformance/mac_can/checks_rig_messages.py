@@ -38,6 +38,7 @@ from axistwin_conformance.session import Session
 SHOWS_S: Final = 0.2
 RIG_PATIENCE_S: Final = 10.0  # a real temperature rises slowly, and the rig may not tell when
 HELD_S: Final = 2.5 * LIFEBEAT_S  # long enough for lifebeats, were there any
+OVER_S: Final = 5.0  # for a boot that nobody has ended
 SILENT: Final = "it sends no such message"
 ERRORS: Final = HOT | CUT | OVER | UNDER
 LATCHED: Final = HOT | CUT
@@ -62,6 +63,14 @@ def at_power_up_it_says_so_once(session: Session) -> None:
     if bench.rig.is_exact:
         heard = replies(bench, bench.request(0x20).frame(), is_awaited=False)
         session.expect(not heard, "MACC-BOOT-04", "silence before the boot-up", told(heard))
+    _judge_boot(bench, on)
+    bench.alive("MACC-BOOT-04")
+    _judge_once(bench)
+
+
+def _judge_boot(bench: RigBench, act: Window) -> None:
+    """Judge that a boot-up message follows that act, in its form and time, and nothing before."""
+    session = bench.session
     boot_up, before = await_boot_up(bench)
     session.expect(boot_up is not None, "MACC-BOOT-01", "a boot-up message", "none")
     assert boot_up is not None
@@ -70,13 +79,19 @@ def at_power_up_it_says_so_once(session: Session) -> None:
     )
     judge_form(bench, boot_up)
     if bench.rig.is_exact:
-        judge_time(bench, on, boot_up, "MACC-BOOT-04")
-    bench.alive("MACC-BOOT-04")
+        judge_time(bench, act, boot_up, "MACC-BOOT-04")
+
+
+def _judge_once(bench: RigBench) -> None:
+    """Judge that no other boot-up message follows the one that came."""
     again = unasked(bench, AFTERWARDS_S, lambda frame: codec.boot_up_form(frame) is not None)
-    session.expect(not again, "MACC-BOOT-01", "one boot-up message", f"{1 + len(again)} of them")
+    bench.session.expect(
+        not again, "MACC-BOOT-01", "one boot-up message", f"{1 + len(again)} of them"
+    )
 
 
-@check("MACC-STATE-02", "MACC-BOOT-01", "MACC-BOOT-04", safety=WORKED, needs=("rig:reset",))
+@check("MACC-STATE-02", "MACC-BOOT-01", "MACC-BOOT-02", "MACC-BOOT-04",
+       safety=WORKED, needs=("rig:reset",))  # fmt: skip
 def held_in_reset_it_says_nothing(session: Session) -> None:
     """While the reset input is held there is no reply and no lifebeat; released, the module boots
     like after a reset and says so once."""
@@ -92,20 +107,33 @@ def held_in_reset_it_says_nothing(session: Session) -> None:
         bench.wait(LIFEBEAT_S / 4)
     spoken = unasked(bench, QUIET_S)
     session.expect(not spoken, "MACC-STATE-02", "not a message", [str(one.frame) for one in spoken])
-    act = Window(*bench.rig.set_input("reset", False))
-    boot_up, before = await_boot_up(bench)
-    session.expect(boot_up is not None, "MACC-BOOT-01", "a boot-up message", "none")
-    assert boot_up is not None
-    session.expect(
-        not before, "MACC-BOOT-01", "nothing before it", [str(one.frame) for one in before]
-    )
-    if bench.rig.is_exact:
-        judge_time(bench, act, boot_up, "MACC-BOOT-04")
-    else:
+    _judge_boot(bench, Window(*bench.rig.set_input("reset", False)))
+    if not bench.rig.is_exact:
         session.not_run("MACC-BOOT-04", "nobody knows when exactly the input was released")
     bench.alive("MACC-STATE-02")
-    again = unasked(bench, AFTERWARDS_S, lambda frame: codec.boot_up_form(frame) is not None)
-    session.expect(not again, "MACC-BOOT-01", "one boot-up message", f"{1 + len(again)} of them")
+    _judge_once(bench)
+
+
+@check("MACC-STATE-02", "MACC-BOOT-01", "MACC-BOOT-02", "MACC-BOOT-04",
+       safety=WORKED, needs=("rig:reset",))  # fmt: skip
+def a_boot_that_the_reset_input_ends_begins_anew(session: Session) -> None:
+    """Held in reset amid its start-up a module stays deaf and silent; released it says once, after
+    its whole time, that it is there."""
+    bench = RigBench(session)
+    if not bench.rig.is_exact or bench.deaf_s < 1:
+        session.skip("the rig has to act while the module starts")
+    bench.begin()
+    bench.within(QUIET_S, 0x00)
+    bench.wait(bench.deaf_s / 2)
+    bench.target.take_spontaneous()
+    bench.rig.set_input("reset", True)
+    spoken = unasked(bench, OVER_S)
+    session.expect(not spoken, "MACC-STATE-02", "no message", [str(one.frame) for one in spoken])
+    heard = replies(bench, bench.request(0x20).frame(), is_awaited=False)
+    session.expect(not heard, "MACC-STATE-02", "silence while held", told(heard))
+    _judge_boot(bench, Window(*bench.rig.set_input("reset", False)))
+    bench.alive("MACC-BOOT-04")
+    _judge_once(bench)
 
 
 # --- emergency -----------------------------------------------------------------------------------
@@ -186,9 +214,12 @@ def _judge_cause(bench: RigBench, bit: int) -> None:
     session, name = bench.session, f"dd.{bit.bit_length() - 1}"
     messages, done = change(bench, BEGIN[bit])
     judge_change(bench, bit, messages, done, f"{name} has come")
-    if not is_free(bench):
+    if is_free(bench):
+        session.not_run("MACC-EMCY-01", "its lifebeat runs freely")
+    else:
         repeated = beat(bench)
-        session.expect(repeated is not None, "MACC-EMCY-04", "the same again after 10 s", "nothing")
+        names = ("MACC-EMCY-01", "MACC-EMCY-04")
+        session.expect(repeated is not None, names, "the same again after 10 s", "nothing")
         assert repeated is not None
         session.expect(
             repeated.frame == messages[0].frame, "MACC-EMCY-04", messages[0].frame, repeated.frame
@@ -202,40 +233,51 @@ def _judge_cause(bench: RigBench, bit: int) -> None:
         judge_change(bench, 0, messages, done, f"{name} has gone")
 
 
-@check("MACC-EMCY-02", "MACC-EMCY-04", safety=WORKED, needs=("rig:supply",))
+def _judge_causes(session: Session, *bits: int) -> None:
+    """What is said of each of these errors: by a module without a lifebeat, nothing."""
+    bench = RigBench(session)
+    bench.begin()
+    for bit in bits:
+        try:
+            if silenced(bench):
+                _judge_unspoken(bench, bit)
+            else:
+                _judge_cause(bench, bit)
+        finally:
+            _cleared(bench)
+
+
+def _judge_unspoken(bench: RigBench, bit: int) -> None:
+    """A module that sends the message never (MACC-AMB-05) is silent about an error as well: one
+    that speaks of it had to speak every ten seconds, too."""
+    messages, _ = change(bench, BEGIN[bit])
+    messages += change(bench, lambda rig: rig.reset())[0]
+    frames = " ".join(str(one.frame) for one in messages)
+    bench.reading("emcy_payload", f"no lifebeat, but {frames}" if messages else 3, "MACC-EMCY-01")
+    for name in ("MACC-EMCY-02", "MACC-EMCY-04"):
+        bench.session.not_run(name, SILENT)
+
+
+@check("MACC-EMCY-02", "MACC-EMCY-04", "MACC-EMCY-01", safety=WORKED, needs=("rig:supply",))
 def a_supply_warning_is_told_when_it_comes_and_goes(session: Session) -> None:
     """Over- and under-voltage send one message each when they come, with their code, and one of
-    code 0 when they go."""
-    bench = RigBench(session)
-    _unless_silent(bench)
-    bench.begin()
-    for bit in (OVER, UNDER):
-        _judge_cause(bench, bit)
-        _cleared(bench)
+    code 0 when they go; the lifebeat repeats it meanwhile, and where there is none nothing is
+    said."""
+    _judge_causes(session, OVER, UNDER)
 
 
-@check("MACC-EMCY-02", "MACC-EMCY-04", safety=WORKED, needs=("rig:temperature",))
+@check("MACC-EMCY-02", "MACC-EMCY-04", "MACC-EMCY-01", safety=WORKED, needs=("rig:temperature",))
 def overheating_is_told(session: Session) -> None:
-    """Too hot a module says so at once, and again every ten seconds."""
-    bench = RigBench(session)
-    _unless_silent(bench)
-    bench.begin()
-    try:
-        _judge_cause(bench, HOT)
-    finally:
-        _cleared(bench)
+    """Too hot a module says so at once, and again every ten seconds; one without a lifebeat says
+    nothing."""
+    _judge_causes(session, HOT)
 
 
-@check("MACC-EMCY-02", "MACC-EMCY-04", safety=WORKED, needs=("rig:micro_cut",))
+@check("MACC-EMCY-02", "MACC-EMCY-04", "MACC-EMCY-01", safety=WORKED, needs=("rig:micro_cut",))
 def a_micro_cut_is_told(session: Session) -> None:
-    """A micro-cut of the supply is told at once, and stays told."""
-    bench = RigBench(session)
-    _unless_silent(bench)
-    bench.begin()
-    try:
-        _judge_cause(bench, CUT)
-    finally:
-        _cleared(bench)
+    """A micro-cut of the supply is told at once, and stays told; by a module without a lifebeat it
+    is not told."""
+    _judge_causes(session, CUT)
 
 
 PAIRS: Final[Mapping[tuple[int, int], str]] = {

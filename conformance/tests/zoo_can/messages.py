@@ -10,12 +10,12 @@ from axistwin.devices.mac.axis import Axis
 from axistwin.devices.mac.can import MacCan
 from axistwin.devices.mac.faults import Faults
 from axistwin.kernel.effects import SendFrame
+from axistwin.kernel.schedule import NEVER
 from axistwin.wire.can_frame import CanFrame
 from zoo_can.planting import DOWNLOAD, UPLOAD, around, can_mutant, hears, sends
 
 BOOT_UP, EMERGENCY, SYNC = 0x700, 0x080, 0x080
 S = 1_000_000_000
-NEVER = 1 << 62
 
 
 def _is_emergency(identifier: int, data: bytes) -> bool:
@@ -77,6 +77,19 @@ def the_boot_up_message_comes_twice(patch: MonkeyPatch) -> None:
         return send(identifier, data, now)
 
     _boot_ups(patch, act)
+
+
+@can_mutant("MACC-STATE-02")
+def a_boot_outlives_the_reset_input(patch: MonkeyPatch) -> None:
+    """Held in reset amid its start-up it says in the end that it is there."""
+
+    def act(go: Any_, module: Any, now: int, held: bool) -> None:
+        end_ns = module._boot_end
+        go()
+        if held and end_ns != NEVER:
+            module._boot_end = end_ns
+
+    around(patch, "_set_reset_input", act)
 
 
 @can_mutant("MACC-BOOT-02")
@@ -398,6 +411,12 @@ def a_second_error_is_not_told(patch: MonkeyPatch) -> None:
 def an_emergency_comes_with_the_next_lifebeat(patch: MonkeyPatch) -> None:
     """A change of the error code waits until ten seconds are over."""
     _told_only(patch, lambda before, now: False)
+
+
+@can_mutant("MACC-EMCY-01")
+def errors_are_told_and_no_lifebeat(patch: MonkeyPatch) -> None:
+    """The message comes with a change of the error code alone."""
+    around(patch, "_restart_lifebeat", lambda go, module, now: None)
 
 
 @can_mutant("MACC-EMCY-02")
