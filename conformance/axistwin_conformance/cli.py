@@ -384,9 +384,10 @@ def _conform(
             return _show(engine, is_list, is_json)
         if detect is not None and not detect.parent.is_dir():  # before a long run, not after it
             raise UsageError(f"--detect {detect}: there is no folder {detect.parent}")
-        status = _run(engine, is_json, report)
-        if detect is not None:
-            _write_profile(engine, detect, is_json)
+        with interrupts.heeded():
+            status = _run(engine, is_json, report)
+            if detect is not None:
+                _write_profile(engine, detect, is_json)
         return status
     except ModuleNotFoundError as error:
         missing = (error.name or "").partition(".")[0]
@@ -462,7 +463,6 @@ def _run(engine: Engine, is_json: bool, report: Path | None) -> int:
         with _report_trouble():  # before a long run, not after it
             folder = ReportFolder(report, explain, spell)
     with contextlib.ExitStack() as stack:
-        stack.enter_context(interrupts.heeded())
         terminal: Listener
         if is_json:
             terminal = report_json.JsonStream(sys.stdout, explain, spell)

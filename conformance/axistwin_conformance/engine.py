@@ -30,7 +30,7 @@ from datetime import UTC, datetime
 from functools import partial
 from importlib import metadata
 
-from axistwin_conformance import events
+from axistwin_conformance import events, interrupts
 from axistwin_conformance.armed import load_armed
 from axistwin_conformance.attempts import Attempts, describe
 from axistwin_conformance.budget import WriteBudget
@@ -113,8 +113,12 @@ class Engine:
         result = self._result
         started = time.monotonic()
         self._announce()
-        if result.plan.to_run or (self.options.is_only_detection and result.plan.probes):
-            self._run_on_target()
+        try:
+            if result.plan.to_run or (self.options.is_only_detection and result.plan.probes):
+                self._run_on_target()
+        except KeyboardInterrupt:  # one more, while the first one was answered
+            result.is_interrupted = True
+        interrupts.run_is_over()
         if self.options.expected is not None:
             result.profile = held_to(
                 self.options.profile, self.options.expected, result.detections, self.ledger

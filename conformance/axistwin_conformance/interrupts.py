@@ -7,6 +7,9 @@ interrupt that comes there is tried again a moment later, until it comes where i
 While a device is made safe (`held_back`) the next one is a wish to be quick (`is_hurried`), unless
 it comes in the same breath: an axis that is being driven back is stopped where it is, the rest is
 still put back.  What has not ended `GRACE_S` later, or at one more interrupt, is cut short.
+
+When a run is over (`run_is_over`) there is nothing left to be ended early but its words: the first
+one then changes nothing, so that a verdict that was reached is told and written.
 """
 
 from __future__ import annotations
@@ -42,10 +45,22 @@ class CutShort(BaseException):
 def heeded() -> Iterator[None]:
     """In the block each of these signals raises KeyboardInterrupt, unless it is ignored already, as
     a shell's background jobs and nohup have it."""
-    with _heard_by(_Interrupter()):
-        yield
+    interrupter = _Interrupter()
+    _interrupters.append(interrupter)
+    try:
+        with _heard_by(interrupter):
+            yield
+    finally:
+        _interrupters.remove(interrupter)
 
 
+def run_is_over() -> None:
+    """From here to the end of the block of `heeded` a first one is let pass, a later one heard."""
+    for one in _interrupters:
+        one.let_pass()
+
+
+_interrupters: Final[list[_Interrupter]] = []  # what is heeded, one in another
 _clean_ups: Final[list[_CleanUp]] = []  # that are going on, one in another
 
 
@@ -133,10 +148,26 @@ class _Handler:
 
 
 class _Interrupter(_Handler):
-    """What a signal does to a run."""
+    """What a signal does to a run; `_passed_s`: when one came that was let pass."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._is_over = False
+        self._passed_s: float | None = None
+
+    def let_pass(self) -> None:
+        """The run is over; see `run_is_over`."""
+        _forget_retry()
+        self._is_over = True
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
-        self._raise(KeyboardInterrupt, frame)
+        now_s = time.monotonic()
+        if not self._is_over or number == signal.SIGALRM:
+            self._raise(KeyboardInterrupt, frame)
+        elif self._passed_s is None:
+            self._passed_s = now_s
+        elif now_s - self._passed_s >= AGAIN_S:
+            self._raise(KeyboardInterrupt, frame)
 
 
 class _CleanUp(_Handler):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import fcntl
 import json
 from pathlib import Path
 from typing import Any
@@ -33,7 +35,9 @@ class ReportFolder:
     """Listens to a run and fills a folder, which is made at once.
 
     The operations of a failure go into a file of their own as soon as they are known.
-    `events.jsonl` grows while the run goes, so that a run that is cut off leaves its traces.
+    `events.jsonl` grows while the run goes, so that a run that is cut off leaves its traces.  What
+    an earlier run has left there would be taken for this one's, and goes first.  A folder belongs
+    to one run at a time: BlockingIOError while another one fills it.
 
     Before anything has been told, and in the constructor, what cannot be written raises OSError.
     From then on the run is worth more than its report: what cannot be written is kept in `lost`
@@ -45,9 +49,26 @@ class ReportFolder:
         self.directory = directory
         self.lost: dict[Path, str] = {}
         self._explain, self._spell = explain, spell
-        self._stream = (directory / EVENTS).open("wb", buffering=0)
+        self._stream = (directory / EVENTS).open("ab", buffering=0)
+        self._own()
+        for path in (directory / name for name in (PAGE, REPORT, JUNIT)):
+            if path.is_file() and not path.is_symlink():
+                _remove(path)
         self._whole = 0  # bytes of the lines that are in it
         self._told: list[dict[str, Any]] = []
+
+    def _own(self) -> None:
+        """Keep other runs out, as long as the stream is open, and begin anew."""
+        try:
+            fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            self._stream.close()
+            told = "another run is writing its report there"
+            raise BlockingIOError(errno.EWOULDBLOCK, told, str(self.directory)) from error
+        except OSError:
+            pass  # a network's disk without locks
+        with contextlib.suppress(OSError):  # what is no file has no length
+            self._stream.truncate(0)
 
     def __call__(self, event: events.Event) -> None:
         """Take an event."""
@@ -89,7 +110,12 @@ class ReportFolder:
     def finish(self) -> tuple[Path, ...]:
         """Write what is made from the events; return the files that are whole, the one for people
         first.  Of one that cannot be written nothing is left, of an earlier run neither."""
-        self.close()
+        try:
+            return self._made()
+        finally:
+            self.close()
+
+    def _made(self) -> tuple[Path, ...]:
         report = report_json.fold(self._told)
         text = report_json.to_text(report)
         made = {PAGE: report_html.render(report), REPORT: text, JUNIT: report_junit.junit(report)}
