@@ -8,6 +8,7 @@ from typing import Final
 
 from axistwin_conformance.mac_axis.bench import QUIET_S, SAFE_PERIOD
 from axistwin_conformance.mac_axis.dialogue import Kind
+from axistwin_conformance.mac_axis.talk import Part
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.bench import NACKED_BY_MANY, Bench
 from axistwin_conformance.mac_serial.codec import ETX, STX, Request
@@ -172,17 +173,36 @@ def every_other_checksum_is_nacked(session: Session) -> None:
 def digits_are_read_in_upper_case(session: Session) -> None:
     """Letters of a frame in lower case are refused as no digits, or read like upper case."""
     bench = Bench(session)
-    upper = bench.request(0x28, 0, 0xAF)
-    expected = bench.must(Kind.ANSWER, bench.send(upper), "MACS-FRAME-03").reply.data
+    _in_lower_case(
+        bench, bench.request(0x28, 0, 0xAF), Kind.ANSWER, ("MACS-FRAME-03", "MACS-FRAME-04")
+    )
+    bench.alive("MACS-FRAME-03")
+
+
+@check("MACS-FRAME-04", safety="stored")
+def digits_of_commands_are_read_in_upper_case(session: Session) -> None:
+    """Nor is an index, or a parameter, read otherwise; written is what is stored already."""
+    bench = Bench(session)
+    _in_lower_case(bench, bench.request(0x0C, bench.data_bytes(0x26)[1]), Kind.ACCEPTED)
+    for index, query in ((0x09, 0x22), (0x0A, 0x23)):
+        _in_lower_case(bench, bench.request(index, bench.value(query)), Kind.ACCEPTED)
+
+
+def _in_lower_case(
+    bench: Bench, upper: Request, success: Kind, requirement: Part = "MACS-FRAME-04"
+) -> None:
+    """Send a frame as it should be spelt, then in lower case, if that is another one."""
+    if upper.in_lower_case() == upper:
+        return
+    expected = bench.must(success, bench.send(upper), requirement).reply.data
     reply = bench.send(upper.in_lower_case(), QUIET_S).reply
-    if reply.kind is Kind.ANSWER:
+    if reply.kind is success:
         outcome: int | str = 1 if reply.data == expected else f"another answer: {reply}"
     elif reply.kind in (Kind.REFUSED, Kind.SILENCE, Kind.NACK):
         outcome = 0
     else:
         outcome = str(reply)
     bench.reading("lowercase_hex", outcome, "MACS-FRAME-04")
-    bench.alive("MACS-FRAME-03")
 
 
 @check("MACS-FRAME-06")
