@@ -52,6 +52,18 @@ def any_length_will_do(patch: MonkeyPatch) -> None:
     frames(patch, lambda judge, module, frame, request: judge(cut(frame), request))
 
 
+@mutant("MACS-FRAME-04", traps=(10,))
+def an_index_may_be_spelt_in_lower_case(patch: MonkeyPatch) -> None:
+    """The index is read in either case, all other digits in upper case only."""
+    take_apart = framing.take_apart
+
+    def taking(frame: bytes, any_case: bool) -> framing.Request:
+        index = framing.ANY_CASE.get(frame[6:8])
+        return take_apart(frame, any_case)._replace(command=index)
+
+    everywhere(patch, take_apart, taking)
+
+
 @mutant("MACS-FRAME-02", "MACS-FRAME-12")
 def the_length_field_is_skipped(patch: MonkeyPatch) -> None:
     """Three bytes after Stx are skipped, whatever they are."""

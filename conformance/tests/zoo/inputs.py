@@ -6,9 +6,11 @@ from axistwin.devices.mac import drive as drive_module
 from axistwin.devices.mac import stops as stops_module
 from axistwin.devices.mac.acceptance import State
 from axistwin.devices.mac.axis import Axis
+from axistwin.devices.mac.counter import Counter
 from axistwin.devices.mac.drive import Drive
 from axistwin.devices.mac.module import MacModule
 from axistwin.devices.mac.stops import HARDWARE, Stops
+from axistwin.motion.plant import Plant
 from zoo.mutant import Any_, MonkeyPatch, answers, motion_of, mutant, wrap
 
 
@@ -201,3 +203,46 @@ def after_a_hard_stop_the_place_is_held(patch: MonkeyPatch) -> None:
         return stopping
 
     wrap(patch, Drive, "hard_stop", make)
+
+
+# --- a shaft that is not on its set-point --------------------------------------------------------
+
+
+@mutant("MACS-CMD-0B-01")
+def the_set_point_is_cleared_instead_of_the_counter(patch: MonkeyPatch) -> None:
+    """0Bh makes the set-point 0, so that a shaft that lags behind reads its lag."""
+
+    def setting(counter: Counter, now: int, number: int) -> None:
+        counter._origin = number - counter._plant.set_point_at(now)
+        counter.settled = True
+
+    patch.setattr(Counter, "set", setting)
+
+
+@mutant("MACS-CMD-0E-02")
+def the_catch_up_begins_anew_with_every_0eh(patch: MonkeyPatch) -> None:
+    """0Eh drops the time that has passed of the increment under way."""
+
+    def make(change: Any_) -> Any_:
+        def changing(plant: Plant, now: int, period_ticks: int) -> None:
+            change(plant, now, period_ticks)
+            plant._shaft = plant._shaft._replace(step_due_ns=None)
+
+        return changing
+
+    wrap(patch, Plant, "set_catch_up", make)
+
+
+@mutant("MACS-STOP-01")
+def a_catch_up_has_the_sign_of_its_move(patch: MonkeyPatch) -> None:
+    """What is left of a move up is ended by the positive stop though it counts down."""
+
+    def make(catch_up: Any_) -> Any_:
+        def heading(drive: Drive, now: int) -> int:
+            motion = motion_of(drive)
+            direction = int(catch_up(drive, now))
+            return motion.trajectory.direction if direction and motion else direction
+
+        return heading
+
+    wrap(patch, Drive, "_catch_up_direction", make)

@@ -67,6 +67,21 @@ def a_move_of_no_length_stays_running(patch: MonkeyPatch) -> None:
     on(patch, 0x13, act)
 
 
+@mutant("MACS-CMD-0B-01", "MACS-CMD-13-05")
+def a_move_that_becomes_longer_keeps_the_speed_it_has(patch: MonkeyPatch) -> None:
+    """0Bh on the ramp ends the climb: the rest is run at that level, and down from there."""
+    plan = ramp_module.plan
+
+    def planning(ramp: Ramp, counter: int, remaining: int) -> tuple[Phase, ...]:
+        held = remaining - counter
+        if not 0 < counter < ramp.length or held <= 0:
+            return plan(ramp, counter, remaining)
+        cruise = Phase((Piece(held, ramp.period_at(counter)),), counter, 0, ramp)
+        return (cruise, Phase(tuple(ramp.descend(counter)), counter, -1, ramp))
+
+    everywhere(patch, plan, planning)
+
+
 @mutant("MACS-CMD-13-05", traps=(27,))
 def a_short_move_has_no_ramp(patch: MonkeyPatch) -> None:
     """A move that never reaches full speed runs at full speed all the way."""

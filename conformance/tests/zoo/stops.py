@@ -135,3 +135,20 @@ def a_stop_is_not_looked_for_again_after_0bh(patch: MonkeyPatch) -> None:
         return zeroing
 
     wrap(patch, Drive, "zero", make)
+
+
+@mutant("MACS-CMD-0A-02", "MACS-STOP-03")
+def only_the_superior_stop_is_looked_for_where_both_are_in_the_way(patch: MonkeyPatch) -> None:
+    """Segments that would pass both software stops pass the inferior one, though they meet it
+    first."""
+
+    def make(meet: Any_) -> Any_:
+        def meeting(stops: Stops, now: int, direction: int, set_point: Any) -> Any:
+            superior = meet(stops, now, 1, set_point)
+            if direction > 0 or superior is not None:
+                return superior if direction > 0 else None
+            return meet(stops, now, direction, set_point)
+
+        return meeting
+
+    wrap(patch, Stops, "_next_of", make)
