@@ -248,6 +248,75 @@ def a_new_packet_ends_the_wait_for_the_hosts_sign(session: Session) -> None:
     link.alive("MSC-LNK-08")
 
 
+def _must_serve_amid_a_wait(link: Link) -> None:
+    """Go on only where a packet instead of a sign is served (MSC-AMB-27)."""
+    seen = link.session.reading("stx_while_waiting")
+    if seen != "serve":
+        link.session.skip(f"this device has stx_while_waiting={seen}")
+
+
+def _reply_is_gone(link: Link, names: tuple[str, ...], what: str) -> None:
+    """Judge that an old reply comes no more: neither by itself nor, unless this device sends its
+    last one again whenever it hears 15h, to a NAK."""
+    link.nothing_more(names, what, link.ack_timeout_s * 1.2 + link.glance_s)
+    if link.session.reading("stray_nak") == "ignore":
+        link.target.send(NAK)
+        link.nothing_more(names, f"{what}, and a NAK")
+
+
+@check("MSC-LNK-16", "MSC-LNK-22")
+def a_bad_packet_ends_the_wait_for_the_hosts_sign_as_well(session: Session) -> None:
+    """A packet under a wrong checksum, or one that breaks off, sent instead of the ACK draws NAK,
+    and the old reply is gone all the same.  (WAIT 02h; HDR, BODY, CSUM)"""
+    link = Link(session)
+    _must_serve_amid_a_wait(link)
+    raw = link.talk.request(SECOND)
+    for count in (len(raw), len(raw) - 1, 3):
+        link.unanswered()
+        if count == len(raw):
+            link.sign(codec.with_wrong_checksum(raw), NAK, "MSC-LNK-16", "a wrong checksum")
+        else:
+            heard, _, _ = link.break_off(raw[:count])
+            session.expect(heard == NAK, "MSC-LNK-16", "NAK", codec.explain(heard) or "nothing")
+        _reply_is_gone(link, ("MSC-LNK-16", "MSC-LNK-22"), f"{count} bytes amid a wait")
+        link.alive("MSC-LNK-22")
+
+
+@check("MSC-LNK-16", "MSC-LNK-14", safety="stored", needs=("variables",))
+def a_write_ends_the_wait_for_the_hosts_sign(session: Session) -> None:
+    """A DWRITE sent instead of the ACK is carried out and ACKed, and the old reply is gone."""
+    link = Link(session)
+    _must_serve_amid_a_wait(link)
+    spot = link.spot()
+    for value in (1, -2):
+        link.unanswered()
+        exchange = link.ask(codec.dwrite(spot, value))
+        session.expect(exchange.is_acked, "MSC-LNK-16", "ACK to a write amid a wait", exchange)
+        _reply_is_gone(link, ("MSC-LNK-16", "MSC-LNK-14"), "a write amid a wait")
+        session.expect(link.read(spot) == value, "MSC-LNK-16", value, link.read(spot))
+
+
+@check("MSC-LNK-16", "MSC-LNK-09", "MSC-LNK-10")
+def a_reply_served_amid_a_wait_has_repeats_of_its_own(session: Session) -> None:
+    """However often the old reply was refused, the one that takes its place is repeated as often as
+    any, and it alone.  (WAIT 02h; RETX)"""
+    link = Link(session)
+    _must_serve_amid_a_wait(link)
+    for refused in (2, link.limit):
+        link.unanswered()
+        for number in range(refused):
+            session.step(link.refuse() is not None, f"repeat {number + 1}", "nothing")
+        second = link.unanswered(SECOND)
+        for number in range(link.limit):
+            again = link.refuse()
+            told = f"repeat {number + 1} of {link.limit}"
+            session.expect(again is not None, "MSC-LNK-09", told, "nothing")
+            is_same = again is not None and link.is_same(again, second)
+            session.expect(is_same, ("MSC-LNK-10", "MSC-LNK-16"), second, again)
+        session.target.send(ACK)
+        link.nothing_more("MSC-LNK-16", "the last repeat")
+
+
 @check("MSC-LNK-08", "MSC-LNK-12")
 def another_byte_is_no_sign(session: Session) -> None:
     """A byte that is neither sign nor 02h leaves the wait as it is: a NAK after it still draws the

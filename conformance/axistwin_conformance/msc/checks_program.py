@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.msc import codec
-from axistwin_conformance.msc.codec import BLOCK_VALUES
+from axistwin_conformance.msc.codec import ACK, BLOCK_VALUES
 from axistwin_conformance.msc.controller import REACTION_S, BenchProgram
 from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
@@ -18,6 +18,7 @@ BLOCKS_SENT: Final = 24
 PULSES: Final = 8
 TIMER: Final = 32  # the one that `timed` starts
 TIMER_S: Final = 0.25
+SCANS_S: Final = 0.03  # after which the program has seen a flag
 LATE_S: Final = 0.2  # what a real program and a real line may add to it
 
 
@@ -98,6 +99,31 @@ def a_flag_set_and_cleared_at_once_is_seen_or_not(session: Session) -> None:
     session.expect(
         not program.unit.flag(program.pulse), "MSC-CFLAG-02", f"flag {program.pulse} off", "on"
     )
+
+
+@check("MSC-LNK-21", "MSC-LNK-10", safety=("stored", "motion"), needs=("program",))
+def a_repeat_carries_the_flags_of_the_first_reply(session: Session) -> None:
+    """The replies to RFLAG and RFLAGS, refused when a timer has run out since, are repeated byte
+    for byte, or with the states of now if this device reads it so."""
+    program = BenchProgram(session)
+    unit = program.unit
+    if unit.ack_timeout_s < 2 * (TIMER_S + LATE_S):
+        session.skip("T2 is too short: the reply comes again before the timer has run out")
+    program.must_run()
+    for body in (codec.rflag(TIMER), *([codec.RFLAGS] if unit.has_rflags else [])):
+        unit.set_flag(program.timed)
+        unit.target.wait(SCANS_S)
+        first = unit.unanswered(body)
+        unit.target.wait(TIMER_S + LATE_S)
+        again = unit.refuse()
+        unit.target.send(ACK)
+        is_one = again is not None and again.is_sound and again.name == first.name
+        session.expect(is_one, "MSC-LNK-10", f"{first} again", again or "nothing")
+        if unit.query(body).body == first.body:
+            session.not_run("MSC-LNK-21", "this line is too slow to see the timer run")
+            return
+        is_fresh = again is not None and again.raw != first.raw
+        unit.reading("retransmit_content", "fresh" if is_fresh else "snapshot", "MSC-LNK-21")
 
 
 @check("MSC-FLG-03", safety=("stored", "motion"), needs=("program",))

@@ -215,6 +215,18 @@ def the_packet_time_limit_outlives_the_packet(patch: MonkeyPatch) -> None:
     around(patch, Receiver, "_judge", judge)
 
 
+@msc_mutant("MSC-LNK-03")
+def a_sign_in_a_packet_begins_its_time_anew(patch: MonkeyPatch) -> None:
+    """A byte 06h or 15h in the header or the body starts T1 again."""
+
+    def takes(receiver: Any, byte: int, now: int) -> bool:
+        if receiver.state in (State.HEADER, State.BODY) and byte in (ACK, NAK):
+            receiver._packet_due = now + receiver._packet_ns
+        return False
+
+    hears(patch, takes)
+
+
 @msc_mutant("MSC-LNK-17")
 def a_packet_has_200_ms(patch: MonkeyPatch) -> None:
     """Enough for every command, and too little for the longest body that is allowed."""

@@ -299,6 +299,19 @@ def a_repeat_has_new_values_under_its_old_sum(patch: MonkeyPatch) -> None:
     around(patch, Receiver, "_repeat", repeat)
 
 
+@msc_mutant("MSC-LNK-21")
+def a_repeat_has_the_flags_of_now(patch: MonkeyPatch) -> None:
+    """Values are repeated as they were; flags as they are."""
+
+    def repeat(go: Any_, receiver: Receiver, now: int, start_ns: int) -> None:
+        if name_of(receiver._reply) in ("RFLAG", "RFLAGS"):
+            body = receiver._rebuild(now)
+            receiver._reply = packet(receiver._reply_unit, body, receiver._block)
+        go()
+
+    around(patch, Receiver, "_repeat", repeat)
+
+
 @msc_mutant("MSC-LNK-10")
 def a_repeat_lacks_its_start(patch: MonkeyPatch) -> None:
     """The pointer stands behind the first byte when the packet is sent again."""
@@ -432,6 +445,77 @@ def the_old_reply_comes_behind_the_new_one(patch: MonkeyPatch) -> None:
 
     alarms(patch, act)
     _waiting(patch, wait)
+
+
+def _wait_survives(patch: MonkeyPatch, name: str, act: Any_) -> None:
+    """Let `act(go, receiver, now)` be done instead of that method amid a packet that came while the
+    host's sign was awaited."""
+
+    def begin(go: Any_, receiver: Any, now: int) -> None:
+        receiver.was_waiting = receiver.state is State.WAIT
+        go()
+
+    def method(go: Any_, receiver: Any, now: int) -> None:
+        if getattr(receiver, "was_waiting", False):
+            act(go, receiver, now)
+        else:
+            go()
+
+    patch.setattr(Receiver, "quiet_prefix", lambda receiver, data: 0)
+    patch.setattr(Receiver, "_whole_packet_at", lambda receiver, data: -1)
+    around(patch, Receiver, "_begin_packet", begin)
+    around(patch, Receiver, name, method)
+
+
+@msc_mutant("MSC-LNK-16")
+def a_wrong_sum_does_not_end_the_wait(patch: MonkeyPatch) -> None:
+    """Behind the NAK for what came instead of the host's sign, the old reply is awaited again."""
+
+    def act(_: Any_, receiver: Receiver, now: int) -> None:
+        receiver._sign(now, now + receiver._delay_ns, NAK_BYTE, receiver._await_answer)
+
+    _wait_survives(patch, "_refuse", act)
+
+
+@msc_mutant("MSC-LNK-16")
+def a_packet_that_breaks_off_does_not_end_the_wait(patch: MonkeyPatch) -> None:
+    """Behind the NAK at T1, the old reply is awaited again."""
+
+    def act(_: Any_, receiver: Receiver, now: int) -> None:
+        receiver._packet_due = NEVER
+        receiver._sign(now, now, NAK_BYTE, receiver._await_answer)
+
+    _wait_survives(patch, "_give_up_packet", act)
+
+
+@msc_mutant("MSC-LNK-16", "MSC-LNK-14")
+def a_write_does_not_end_the_wait(patch: MonkeyPatch) -> None:
+    """Behind the ACK to a write that came instead of the host's sign, the old reply is awaited."""
+
+    def act(go: Any_, receiver: Receiver, now: int) -> None:
+        go()
+        if receiver._verdict.reply is None:
+            receiver._await_answer(now)
+
+    _wait_survives(patch, "_obey", act)
+
+
+@msc_mutant("MSC-LNK-09", traps=(19,))
+def a_reply_amid_a_wait_takes_the_count_over(patch: MonkeyPatch) -> None:
+    """The repeats of the old reply count for the one that takes its place."""
+
+    def begin(go: Any_, receiver: Any, now: int) -> None:
+        receiver.counted = receiver._repeats if receiver.state is State.WAIT else 0
+        go()
+
+    def reply(go: Any_, receiver: Any, now: int) -> None:
+        go()
+        receiver._repeats = receiver.counted
+
+    patch.setattr(Receiver, "quiet_prefix", lambda receiver, data: 0)
+    patch.setattr(Receiver, "_whole_packet_at", lambda receiver, data: -1)
+    around(patch, Receiver, "_begin_packet", begin)
+    around(patch, Receiver, "_send_reply", reply)
 
 
 @msc_mutant("MSC-LNK-08", "MSC-LNK-12")
