@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -120,7 +119,7 @@ def test_three_readings_at_once_conform_with_those_three_named() -> None:
 
 
 @pytest.mark.soak
-def test_a_line_at_9600_baud_shows_the_same_within_two_minutes(tmp_path: Path) -> None:
+def test_a_line_at_9600_baud_shows_the_same(tmp_path: Path) -> None:
     """All that can be asked over a pty, with times told in steps that the line does not blur."""
     readings = {"packet_timeout_ms": "400", "reply_delay_ms": "40", "reply_block": "echo"}
     quirks = [word for one in readings.items() for word in ("--quirk", "=".join(one))]
@@ -134,14 +133,11 @@ def test_a_line_at_9600_baud_shows_the_same_within_two_minutes(tmp_path: Path) -
         assert served.stdout is not None
         try:
             assert "ready msc-250:1" in served.stdout.readline()
-            began_s = time.monotonic()
             result = CliRunner().invoke(conform, [*words, "--detect", str(path)])
-            took_s = time.monotonic() - began_s
         finally:
             served.terminate()
     assert result.exit_code == 0, result.output
     assert load_profile(path, "msc-250", TWINS.ledger) == readings
-    assert took_s < 120
 
 
 @pytest.mark.soak
