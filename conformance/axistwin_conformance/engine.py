@@ -390,6 +390,8 @@ class Engine:
             else:
                 result = self._run_one(run, check)
             self._keep(result, number, self.options.replay(check, result.recording))
+            if run.is_interrupted:
+                raise KeyboardInterrupt
             if self._result.has_ended_early:
                 break
 
@@ -423,6 +425,8 @@ class Engine:
                 seeded = replace(options, seed=run.seed)
                 if kept := soak.add(result, run.seed):
                     self._keep(kept, total, seeded.replay(check, result.recording))
+                if run.is_interrupted:
+                    raise KeyboardInterrupt
                 if self._is_over():
                     break
         finally:
@@ -440,7 +444,9 @@ class Engine:
             return self._left_out(check, reason)
         if reason := self._keeper.of_no_use(run, check):
             return self._blocked_result(check, reason)
-        return self._after(run, check, self._jobs.judged(run, check, self._attempts.believed))
+        result = self._jobs.judged(run, check, self._attempts.believed)
+        # Interrupted, the run ends here: the device is made safe on its way out.
+        return result if run.is_interrupted else self._after(run, check, result)
 
     def _after(self, run: Run, check: Check, result: CheckResult) -> CheckResult:
         """Bring the device to rest after a check and see whether it is still there (rule 5)."""
@@ -481,7 +487,9 @@ class Engine:
         """Run a check with the module alone on a line or bus of its own (built-in twin)."""
         with self._keeper.opened(()) as other:
             self._inherit(other, run)
-            return self._run_one(other, check)
+            result = self._run_one(other, check)
+            run.is_interrupted |= other.is_interrupted
+            return result
 
     def _blocked_result(self, check: Check, reason: str) -> CheckResult:
         findings = tuple(

@@ -50,18 +50,36 @@ class Failure:
         return self.played.mismatch
 
     def settle(self) -> NoReturn:
-        """Store it, find out what can be found out, and end the check with the verdict."""
+        """Store it, find out what can be found out, and end the check with the verdict.
+
+        An interrupt ends what is still to be found out, and then the run: what is known is told."""
         self._store()
-        # Attempts in which replies are handed on as they come are compared with one another: there
-        # it is the engine that plays the whole check again.
-        if self.session.carrier.is_lossless:
-            self._shrink_once()
-        elif not self.session.is_strict:
-            self._count()
-            self.session.is_replayed = True
-            self._shrink_once()
+        is_counted, is_cut = self.session.carrier.is_lossless, False
+        try:
+            # Attempts in which replies are handed on as they come are compared with one another:
+            # there it is the engine that plays the whole check again.
+            if not is_counted and not self.session.is_strict:
+                self._count()
+                self.session.is_replayed = is_counted = True
+            if is_counted:
+                self._shrink_once()
+        except KeyboardInterrupt:
+            is_cut = True
+        if is_cut:  # what is raised here, has no interrupt behind it
+            self._cut_short(is_counted)
         self._store()
         self._fail()
+
+    def _cut_short(self, is_counted: bool) -> None:
+        """The run is to end; raises Stop where nobody knows yet whether the failure comes again."""
+        self.session.run.is_interrupted = self.session.is_replayed = True
+        if is_counted:
+            self.history.append("interrupted before it was as short as can be")
+            return
+        requirement = self.mismatch.requirement
+        self.player.credit(requirement)
+        text = f"{self.mismatch}; interrupted before it was played again"
+        self.session.inconclusive(requirement, text)
 
     def _store(self) -> None:
         session, mismatch = self.session, self.mismatch

@@ -223,10 +223,13 @@ def _sentence(result: Result, ledger: Ledger) -> str:
     if result.exit_status == FAILS:
         lost = f"; then it was lost: {result.lost}" if result.lost else ""
         departs = f"; nor is it what its profile says: {_departs(result)}" * bool(_departs(result))
-        failed = f"{count[Verdict.FAIL]} failed, {scope}{lost}{departs}"
+        ended = "; then it was interrupted" if result.is_interrupted else ""
+        failed = f"{count[Verdict.FAIL]} failed, {scope}{lost}{departs}{ended}"
         return f"The device does not conform to {model}: {failed}."
     if result.exit_status == INTERRUPTED:
-        return f"Interrupted; nothing failed so far, {scope}."
+        open_ends = count[Verdict.INCONCLUSIVE]
+        unsettled = f" but {open_ends} stayed inconclusive" if open_ends else ""
+        return f"Interrupted; nothing failed so far{unsettled}, {scope}."
     if result.exit_status == UNSETTLED:
         open_ends = count[Verdict.INCONCLUSIVE]
         if result.lost:

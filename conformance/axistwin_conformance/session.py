@@ -93,6 +93,7 @@ class Run:
     tell: Listener = lambda event: None  # who is told of what cannot wait for a check's end
     shrunk: set[str] = field(default_factory=set)  # requirements of which a short failure is known
     shrinks: bool = True  # False: what fails here is shrunk elsewhere
+    is_interrupted: bool = False  # a check has told what it knew first: now the run is to end
     grounds: Grounds = NO_GROUNDS
 
     @property

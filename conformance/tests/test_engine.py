@@ -150,6 +150,28 @@ def test_an_interrupt_stops_the_axis_and_puts_everything_back(toy: Any) -> None:
     assert "P3" not in toy.port.sent
 
 
+def test_a_check_that_is_interrupted_with_a_failure_in_hand_tells_it_and_the_run_ends(
+    toy: Any,
+) -> None:
+    """What was found is not lost; stopped, restored, the rest not run, and the end says both."""
+
+    def interrupted(session: Session) -> None:
+        exchange(session, "P9")
+        session.run.is_interrupted = True
+        session.fail(MOVE, ("here",), "there")
+
+    toy.add(interrupted, MOVE, safety=("motion", "stored"))
+    toy.add(stores, STORE, safety="stored")
+    result = toy.run()
+    assert result.exit_status == 1
+    assert verdict_of(result, MOVE).verdict is Verdict.FAIL
+    assert verdict_of(result, STORE).reason == "the run was interrupted"
+    assert result.sentence.endswith("requirements judged; then it was interrupted.")
+    assert toy.port.stored == "7"
+    assert not toy.port.is_open
+    assert "P3" not in toy.port.sent
+
+
 def test_a_crash_of_a_check_is_reported_and_the_others_run(toy: Any) -> None:
     """Our mistake is neither a pass nor a fail of the device: inconclusive, exit 4."""
 

@@ -260,6 +260,43 @@ def test_a_failure_that_comes_now_and_then_fails_with_its_rate() -> None:
     assert case.stored[-1].operations == LONG[:13]
 
 
+def interrupted_at(time: int) -> Iterator[bool]:
+    """A fault that is there each time; at one of them Ctrl-C is pressed."""
+    yield from (True for _ in range(time - 1))
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("time", [5, 9])
+def test_an_interrupt_while_it_is_made_shorter_loses_no_failure(time: int) -> None:
+    """Three of three had failed by then; the run ends, and the list is told as far as it is."""
+    case = Case(Device(interrupted_at(time)))
+    case.settle()
+    assert case.verdict is Verdict.FAIL
+    assert "reproduced 3 of 3; " in case.text
+    assert "; interrupted before it was as short as can be" in case.text
+    assert case.stored[-1].operations == LONG[:13]
+    assert case.run.is_interrupted
+    assert case.session.is_replayed, "nobody plays the check again"
+
+
+def test_an_interrupt_in_virtual_time_loses_no_failure_either() -> None:
+    """There nothing has to come again."""
+    case = Case(Device(interrupted_at(4)), is_lossless=True)
+    case.settle()
+    assert case.verdict is Verdict.FAIL
+    assert case.run.is_interrupted
+
+
+def test_an_interrupt_before_it_came_again_leaves_it_open() -> None:
+    """Seen once is told, and held against nobody."""
+    case = Case(Device(interrupted_at(2)))
+    case.settle()
+    assert case.verdict is Verdict.INCONCLUSIVE
+    assert "interrupted before it was played again" in case.text
+    assert case.run.is_interrupted
+    assert case.session.is_replayed
+
+
 def test_on_a_noisy_line_what_never_comes_again_is_taken_for_noise() -> None:
     """The attempt is void, and the engine makes another."""
     case = Case(Device(at_times(True)))
