@@ -345,7 +345,12 @@ def conform(ctx: click.Context, /, **given: Any) -> None:  # fmt: skip
 
 @contextlib.contextmanager
 def _output() -> Iterator[None]:
-    """Tell a failure of standard output from every other one; nothing is written there then."""
+    """Tell a failure of standard output from every other one; nothing is written there then.
+
+    Where there is none, as under `>&-`, nobody wants to be told: what is opened next must not take
+    its place, or a device would be sent words."""
+    if sys.stdout is None:
+        sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - to the end
     try:
         yield
     except OutputLost:

@@ -4,6 +4,7 @@ written is named, and the exit status is no verdict's."""
 from __future__ import annotations
 
 import json
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -97,6 +98,21 @@ def test_a_terminal_that_takes_nothing_leaves_the_report_whole(
     assert f"cannot write the output: {NO_SPACE}" in ended.stderr
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["finished"]["sentence"] == JUDGED
+    assert files(tmp_path) == {"report.html", "report.json", "junit.xml", "events.jsonl"}
+
+
+@pytest.mark.parametrize("words", [(), ("--json",)])
+def test_without_a_standard_output_the_verdict_is_the_exit_status(
+    tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    """As under `>&-`, or started by a service that gives it none."""
+    command = [sys.executable, "-c", RUN, "-1", *WORDS, "--report", str(tmp_path), *words]
+    ended = subprocess.run(
+        ["sh", "-c", f"{shlex.join(command)} >&-"],
+        stderr=subprocess.PIPE, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert "Traceback" not in ended.stderr
+    assert ended.returncode == 0, ended.stderr
     assert files(tmp_path) == {"report.html", "report.json", "junit.xml", "events.jsonl"}
 
 
