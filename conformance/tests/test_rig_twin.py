@@ -105,6 +105,14 @@ def test_a_device_that_may_only_move_slowly_is_not_taken_for_another() -> None:
     assert result.exit_status == 0
 
 
+def test_a_question_that_came_near_the_edge_leaves_no_reference_enabled() -> None:
+    """Otherwise every later move up counts as one without an end, and has no room for it."""
+    name = "a_hardware_stop_lets_a_catch_up_away_from_it_go_on"
+    said, result = judge("mac23", TWIN, name, max_travel=500, max_speed=20_000, **GRANTED)
+    assert said == []
+    assert result.exit_status == 0
+
+
 def test_a_slow_rig_gives_the_same_verdicts() -> None:
     """Nothing is judged more sharply than the rig's own time allows."""
     said, _ = judge("mac23", rig=SlowChoice(), max_travel=2000, max_speed=10_000)

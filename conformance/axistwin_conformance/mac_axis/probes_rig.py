@@ -9,6 +9,7 @@ from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.keeping import facts_of
 from axistwin_conformance.mac_axis.motion import TICK_NS
 from axistwin_conformance.mac_axis.probing import ACCEPTED_OR_REFUSED, reply_of
+from axistwin_conformance.mac_axis.rig_bench import rig_bench_of
 from axistwin_conformance.probing import Outcome, probe
 from axistwin_conformance.profile import Probe
 
@@ -73,15 +74,14 @@ def ref_edge(bench: Bench) -> Outcome:
     if not bench.session.rig.is_exact:
         bench.session.skip("needs a rig that acts at once")
     start = bench.ready(SLOWEST)
-    bench.accepted(0x07, 1)
-    bench.accepted(0x13, start + 3 * STEPS)
-    bench.wait(0.3)
-    places = [bench.position()]
-    for active in (True, False):
-        bench.session.rig.set_input("reference", active)
-        places.append(bench.position())
-    bench.at_rest()
-    bench.command(0x07, 0)
+    with rig_bench_of(bench.session).reference_enabled():
+        bench.accepted(0x13, start + 3 * STEPS)
+        bench.wait(0.3)
+        places = [bench.position()]
+        for active in (True, False):
+            bench.session.rig.set_input("reference", active)
+            places.append(bench.position())
+        bench.at_rest()
     return _which_edge(bench, places)
 
 
@@ -117,16 +117,15 @@ def ref_retarget(bench: Bench) -> Outcome:
         bench.session.skip("counter 0 is outside the envelope")
     opening = not bench.known("ref_edge")
     rig.set_input("reference", opening)
-    bench.accepted(0x07, 1)
-    bench.accepted(0x13, target)
-    bench.wait(0.1)
-    before = bench.position()
-    rig.set_input("reference", not opening)
-    bench.position()  # near the edge, or the envelope loses count of where that was
-    bench.wait(1.0 + bench.lasting_s(abs(target)))
-    final = bench.position()
-    bench.at_rest()
-    bench.command(0x07, 0)
+    with rig_bench_of(bench.session).reference_enabled():
+        bench.accepted(0x13, target)
+        bench.wait(0.1)
+        before = bench.position()
+        rig.set_input("reference", not opening)
+        bench.position()  # near the edge, or the envelope loses count of where that was
+        bench.wait(1.0 + bench.lasting_s(abs(target)))
+        final = bench.position()
+        bench.at_rest()
     rig.set_input("reference", False)
     _put_origin_back(bench, before)
     if final == target:
