@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import io
 import json
 import os
 import re
@@ -331,6 +332,7 @@ def conform(ctx: click.Context, /, **given: Any) -> None:  # fmt: skip
     try:
         refuse_lost(ctx)
         with _output():
+            _speak_any_locale(is_json=given["is_json"])
             status = _conform(**given)
             sys.stdout.flush()
     except OutputLost as lost:
@@ -341,6 +343,13 @@ def conform(ctx: click.Context, /, **given: Any) -> None:  # fmt: skip
     except UsageError as error:
         raise Mistake(str(error), ctx) from error
     ctx.exit(status)
+
+
+def _speak_any_locale(*, is_json: bool) -> None:
+    """Let no character that a terminal's encoding lacks end a run: there it is a question mark.
+    JSON is UTF-8 everywhere."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(**({"encoding": "utf-8"} if is_json else {"errors": "replace"}))
 
 
 @contextlib.contextmanager

@@ -4,6 +4,7 @@ written is named, and the exit status is no verdict's."""
 from __future__ import annotations
 
 import json
+import os
 import shlex
 import subprocess
 import sys
@@ -114,6 +115,21 @@ def test_without_a_standard_output_the_verdict_is_the_exit_status(
     assert "Traceback" not in ended.stderr
     assert ended.returncode == 0, ended.stderr
     assert files(tmp_path) == {"report.html", "report.json", "junit.xml", "events.jsonl"}
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_a_terminal_without_the_characters_shows_others(encoding: str) -> None:
+    """Arrows and degrees are missing in a C locale; JSON is UTF-8 wherever it is written."""
+    told = {**os.environ, "PYTHONIOENCODING": encoding}
+    for words in ((), ("--json",), ("--list",), ("--dry-run",)):
+        command = [sys.executable, "-c", RUN, "-1", *WORDS, *words]
+        ended = subprocess.run(command, capture_output=True, timeout=120, check=False, env=told)
+        assert ended.returncode == 0, ended.stderr
+        shown = ended.stdout.decode("utf-8" if words == ("--json",) else encoding)
+        assert words or JUDGED in shown.splitlines()
+        if words == ("--json",):
+            last = json.loads(shown.splitlines()[-1])
+            assert (last["event"], last["sentence"]) == ("run_finished", JUDGED)
 
 
 def test_operations_without_room_are_named_and_cost_no_report(tmp_path: Path) -> None:
