@@ -378,20 +378,45 @@ def _judge_service(bench: Bench, service: int, *, is_configuring: bool) -> None:
 
 @check("MACC-EMCY-05", safety=DESTRUCTIVE, needs=ALONE)
 def the_address_procedure_does_not_put_the_lifebeat_off(session: Session) -> None:
-    """Ten seconds after the module's own last request it speaks, whatever came on 7E5h since."""
+    """Ten seconds after the module's own last request it speaks, whatever came on 7E5h since: an
+    address that is given and not yet taken over, or nothing given at all."""
     bench = Bench(session)
     if silenced(bench) or is_free(bench):
         session.skip("it sends no such message, or sends it in any case")
     bench.at_rest()
+    procedures = [(codec.lmt_enter(), codec.lmt_address(NEW_ADDRESSES[0]))]
+    if session.reading("lmt_incomplete") == "ignore":  # first: nothing is given yet
+        procedures.insert(0, (codec.lmt_enter(), codec.lmt_leave()))
     with address_put_back(bench):
-        own = bench.ask(0x20).taken
+        for frames in procedures:
+            own = bench.ask(0x20).taken
+            bench.target.take_spontaneous()
+            bench.wait(LIFEBEAT_S / 2)
+            for frame in frames:
+                configure(bench, frame)
+            message = beat(bench)
+            if message is None:
+                session.fail(None, "a lifebeat", "none")
+            judge_due(bench, own, message, "MACC-EMCY-05")
+
+
+@check("MACC-EMCY-03", safety=DESTRUCTIVE, needs=ALONE)
+def the_lifebeat_comes_under_the_address_it_has(session: Session) -> None:
+    """A module that was given another address speaks under 080h plus that one."""
+    bench = Bench(session)
+    if silenced(bench):
+        session.skip("it sends no such message")
+    bench.at_rest()
+    with address_put_back(bench):
+        new = next(one for one in NEW_ADDRESSES if one != bench.address)
+        give_address(bench, new)
+        bench.address = new
+        session.step(answers(bench, new), f"as {new}", "silence")
         bench.target.take_spontaneous()
-        bench.wait(LIFEBEAT_S / 2)
-        configure(bench, codec.lmt_enter())
         message = beat(bench)
-        if message is None:
-            session.fail(None, "a lifebeat", "none")
-        judge_due(bench, own, message, "MACC-EMCY-05")
+        said = [str(one.frame) for one in bench.target.take_spontaneous()]
+        told_ = f"a message under {codec.EMERGENCY + new:03X}h"
+        session.expect(message is not None, None, told_, " ".join(said) or "none")
 
 
 # --- what the address is for ---------------------------------------------------------------------

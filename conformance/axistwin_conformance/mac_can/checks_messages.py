@@ -13,13 +13,21 @@ from typing import Final
 
 from axistwin_conformance.can_frame import Frame
 from axistwin_conformance.can_target import Arrival
-from axistwin_conformance.mac_axis.bench import QUIET_S, Exchange
+from axistwin_conformance.mac_axis.bench import QUIET_S, Exchange, segment
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Window
 from axistwin_conformance.mac_axis.probing import MOVES
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
-from axistwin_conformance.mac_can.hearing import replies, slack_ns, strangers, told, unasked
+from axistwin_conformance.mac_can.checks_identifiers import judge_general
+from axistwin_conformance.mac_can.hearing import (
+    everybody,
+    replies,
+    slack_ns,
+    strangers,
+    told,
+    unasked,
+)
 from axistwin_conformance.mac_can.probes_errors import stopped_beyond
 from axistwin_conformance.mac_can.probes_messages import (
     LIFEBEAT_S,
@@ -38,6 +46,7 @@ SPOKEN_TO_S: Final = 3.0  # between requests that keep a lifebeat away
 SPOKEN_TO_TIMES: Final = 8
 ALMOST_S: Final = 9.99  # as late as that a request still puts it off
 TRAFFIC_S: Final = 1.0  # between frames that are not for this module
+LONG_SEGMENT: Final = segment(1465, 0xFFFF)  # 12 s: a lifebeat comes in it, and one after it
 SELDOM_S: Final = 30.0  # a module that says nothing after ten seconds says nothing in these either
 AFTERWARDS_S: Final = 3.0  # what is said twice is said again by then
 EDGE_S: Final = 0.02  # before the boot-up message, where a request must be lost
@@ -168,6 +177,34 @@ def a_reset_is_answered_and_ends_with_one_boot_up_message(session: Session) -> N
         "none" if late is None else str(late.frame),
     )  # fmt: skip
     bench.alive("MACC-CMD-00-01")
+
+
+@check("MACC-GEN-01", "MACC-GEN-02", "MACC-GEN-03", "MACC-BOOT-01",
+       safety=MOVES, needs=("neighbour",))  # fmt: skip
+def a_reset_for_all_restarts_all(session: Session) -> None:
+    """2000h on 600h restarts every module, each of which says when it is there again; module 1
+    alone acknowledges it."""
+    benches = everybody(session)
+    first = benches[0]
+    for bench in benches:
+        bench.at_rest()
+    first.target.take_spontaneous()
+    if session.reading("reset_reply") == "ack":
+        kind = judge_general(first, first.to_all(0x00))
+        is_right = kind in (Kind.ACCEPTED, Kind.SILENCE)  # without a module 1 there is no reply
+        session.expect(is_right, "MACC-GEN-02", "60h", kind.value)
+    else:
+        replies(first, first.to_all(0x00).frame(), is_awaited=False)
+        session.not_run("MACC-GEN-02", "this device restarts without a reply")
+        session.not_run("MACC-GEN-03", "this device restarts without a reply")
+    first.wait(boot_patience_s(first))
+    frames = [one.frame for one in first.target.take_spontaneous()]
+    booted = [codec.spontaneous_from(one) for one in frames if codec.boot_up_form(one) is not None]
+    for bench in benches:
+        count = booted.count(bench.address)
+        told_ = f"one boot-up message of {bench.address}"
+        session.expect(count == 1, ("MACC-GEN-01", "MACC-BOOT-01"), told_, f"{count} of them")
+        bench.alive("MACC-GEN-01")
 
 
 @check("MACC-BOOT-04", safety=MOVES)
@@ -388,6 +425,29 @@ def requests_to_it_put_the_lifebeat_off(session: Session) -> None:
             session.fail("MACC-EMCY-01", "a lifebeat", f"none after {index:02X}h")
         session.expect(True, "MACC-EMCY-01", "a lifebeat", "one")
         judge_due(bench, taken_over(bench, own), message, "MACC-EMCY-05")
+
+
+@check("MACC-EMCY-01", "MACC-EMCY-05", safety=MOVES)
+def a_lifebeat_comes_amid_a_motion_as_well(session: Session) -> None:
+    """Ten seconds after the last request it speaks though a segment lasts; the end of that does not
+    put the next lifebeat off."""
+    bench = Bench(session)
+    if silenced(bench) or is_free(bench):
+        session.skip("it sends no such message, or sends it in any case")
+    bench.ready()
+    own = bench.accepted(0x1E, LONG_SEGMENT)
+    bench.target.take_spontaneous()
+    message = beat(bench)
+    if message is None:
+        session.fail("MACC-EMCY-01", "a lifebeat amid a segment", "none")
+    judge_due(bench, own.taken, message, "MACC-EMCY-01", "the segment was taken")
+    following = beat(bench)
+    if following is None:
+        names = ("MACC-EMCY-01", "MACC-EMCY-05")
+        session.fail(names, "another one ten seconds later", "none")
+    since = Window(message.time_ns, message.time_ns)
+    judge_due(bench, since, following, "MACC-EMCY-05", "the lifebeat before")
+    bench.at_rest()
 
 
 @check("MACC-EMCY-05", needs=("virtual",))

@@ -198,3 +198,27 @@ def what_is_said_to_all_is_answered_under_580h(patch: MonkeyPatch) -> None:
         patch,
         lambda module, request, identifier, reply: (identifier and OWN_REPLY, reply),
     )
+
+
+@can_mutant("MACC-GEN-01")
+def a_reset_for_all_concerns_module_1_only(patch: MonkeyPatch) -> None:
+    """2000h on 600h restarts module 1; the others go on."""
+
+    def act(go: Any_, module: MacCan, data: bytes) -> None:
+        if module.address == 1 or data[:3] != b"\x23\x00\x20":
+            go()
+
+    around(patch, "_general_request", act)
+
+
+@can_mutant("MACC-GEN-01", "MACC-BOOT-01")
+def a_reset_for_all_is_acknowledged_and_not_obeyed(patch: MonkeyPatch) -> None:
+    """2000h on 600h gets its reply, and restarts nobody."""
+
+    def act(go: Any_, module: MacCan, data: bytes) -> None:
+        if data[:3] != b"\x23\x00\x20":
+            go()
+        else:
+            module._answer(0x581 if module.address == 1 else None, b"\x60" + data[1:4] + bytes(4))
+
+    around(patch, "_general_request", act)
