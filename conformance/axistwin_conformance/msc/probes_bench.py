@@ -212,6 +212,13 @@ def data_out_of_range(bench: Bench) -> Outcome:
         return 2
     if reply.values[0]:
         bench.session.skip("it has a value at FFFCh")
+    if not bench.target.is_builtin:
+        return 0, 1  # it may have a variable there, and that hold 0: nobody has named it
+    bench.write(LAST, MARK)
+    is_kept = _has(bench, LAST, MARK)
+    bench.write(LAST, 0)
+    if is_kept:
+        bench.session.skip("its data area goes on to FFFCh")
     return 1
 
 
