@@ -177,6 +177,20 @@ def test_a_fault_of_tens_of_ms_never_passes(fault: Mutant, interface: Interface)
     assert interface is not LATENCY_TIMER or told == {Verdict.FAIL}
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("interface", [PLAIN, LATENCY_TIMER], ids=str)
+def test_a_time_of_the_device_is_not_taken_for_the_way_to_it(interface: Interface) -> None:
+    """What passes between two things heard has no way in it: a delay of 40 ms is told as that."""
+    run = judged_behind(
+        interface, model="msc-250", level=None, detects=True,
+        query="&quirk.reply_delay_ms=40&quirk.packet_timeout_ms=400",
+    )  # fmt: skip
+    readings = {switch: one.reading for switch, one in run.result.detections.items()}
+    assert readings["reply_delay_ms"] == "40"
+    assert readings["ack_timeout_ms"] == "1000"
+    assert readings["packet_timeout_ms"] in ("400", "420")
+
+
 SLOWED = (
     going_to_0_clears_the_counter, busy_ignores_the_tolerance, the_lock_ends_early,
     segments_are_ramped,

@@ -95,8 +95,8 @@ def packet_timeout_ms(bench: Bench) -> Outcome:
     if took_ns is None:
         return f"no NAK within {LONGEST_S:.0f} s of a header"
     counted_from = 0 if bench.session.reading("packet_timeout_mode") == "total" else HEADER - 1
-    # That byte and the NAK take their own time.
-    return in_ms(bench, took_ns - (counted_from + 2) * bench.target.byte_ns, "packet_timeout_ms")
+    own_ns = (counted_from + 2) * bench.target.byte_ns  # that byte and the NAK take their own time
+    return in_ms(bench, took_ns - own_ns, "packet_timeout_ms", is_from_sending=True)
 
 
 def _broken_off(bench: Bench) -> int | None:

@@ -121,9 +121,15 @@ def default_of(bench: Bench, switch: str) -> int:
     return int(bench.session.run.ledger.ambiguity_of(switch).default_of(switch))
 
 
-def in_ms(bench: Bench, measured_ns: int, switch: str) -> Measured:
+def in_ms(
+    bench: Bench, measured_ns: int, switch: str, *, is_from_sending: bool = False
+) -> Measured:
     """A time as the reading of a switch: exact where time is, else the default if it may be that,
-    and in steps that the line does not blur."""
+    and in steps that the line does not blur.
+
+    `is_from_sending`: it was measured from something sent to something heard, so that the way there
+    and back is in it; from one thing heard to another there is only what the way varies by.
+    """
     ms = max(0, round(measured_ns / MS))
     target = bench.target
     if target.is_virtual and target.is_lossless:
@@ -131,8 +137,9 @@ def in_ms(bench: Bench, measured_ns: int, switch: str) -> Measured:
     default = default_of(bench, switch)
     over_ns = measured_ns - default * MS
     trip = target.round_trip
-    # A way that takes its time both ways makes all that is measured over it longer.
-    if trip.median_ns - BUSY_NS - trip.max_ns <= over_ns <= BUSY_NS + trip.way_ns:
+    jitter_ns = trip.max_ns - trip.median_ns
+    longer_ns = trip.way_ns if is_from_sending else jitter_ns
+    if -jitter_ns - BUSY_NS <= over_ns <= longer_ns + BUSY_NS:
         return Measured(str(default))
     return Measured(str(max(1, round(ms / COARSE_MS)) * COARSE_MS))
 
