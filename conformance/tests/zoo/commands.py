@@ -224,6 +224,19 @@ def a_factory_reset_keeps_the_rate(patch: MonkeyPatch) -> None:
     _factory_reset(patch, _keeps("baud"))
 
 
+@mutant("MACS-CMD-01-01")
+def a_factory_reset_is_not_acknowledged(patch: MonkeyPatch) -> None:
+    """01h is obeyed in silence, though 00h is acknowledged."""
+    from axistwin.devices.mac import serial
+
+    restore = serial._FACE_COMMANDS[0x01]
+
+    def act(module: MacSerial, n: int, general: bool) -> None:
+        restore(module, n, general)
+
+    patch.setitem(serial._FACE_COMMANDS, 0x01, act)
+
+
 @mutant("MACS-CMD-01-03")
 def after_a_factory_reset_it_is_deaf_for_half_a_second(patch: MonkeyPatch) -> None:
     """01h restarts four times as fast as 00h."""
