@@ -40,6 +40,7 @@ from axistwin_conformance.ways import in_hex
 LEFT_TOLD_EVERY_S = 60
 MOST_IN_HEX = 50  # operations told on the terminal: what is longer is about to be shrunk
 PLAIN_WIDTH = 120  # columns of a report that goes into a file or a pipe
+TABLE_WIDTH = 70  # columns below which a table of verdicts would leave no room for words
 TOLD_AT_ONCE = (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.QUIRK)
 
 STYLE = {
@@ -218,7 +219,7 @@ class TerminalReport:
     def _close(self, event: events.RunFinished) -> None:
         self._progress.stop()
         if event.exit_status != UNREACHABLE:
-            self._verdict_table()
+            self._verdicts()
             self._not_run()
             self._quirks()
             self._departures()
@@ -238,7 +239,22 @@ class TerminalReport:
         good = event.exit_status == 0
         self._print(event.sentence, style="bold green" if good else "bold red")
 
-    def _verdict_table(self) -> None:
+    def _verdicts(self) -> None:
+        """What came of each requirement: a table where it finds room."""
+        shown = [one for one in self._judged if one.verdict is not Verdict.NOT_RUN]
+        if shown:
+            self._print()
+        if shown and self._console.width >= TABLE_WIDTH:
+            self._verdict_table(shown)
+            return
+        for one in shown:
+            verdict = Text(one.verdict.value, STYLE[one.verdict])
+            below = [Text(one.text)]
+            if one.reason:
+                below.append(Text(f"→ {one.reason}", STYLE[one.verdict]))
+            _print_entry(self._console, Text(f"{one.id}  ").append(verdict), *below)
+
+    def _verdict_table(self, shown: Sequence[events.RequirementJudged]) -> None:
         table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
         table.add_column("requirement", no_wrap=True)
         table.add_column("verdict", no_wrap=True)
@@ -247,7 +263,6 @@ class TerminalReport:
         is_armed_known = all(one.armed is not None for one in self._judged)
         if is_armed_known:
             table.add_column("armed", justify="right")
-        shown = [one for one in self._judged if one.verdict is not Verdict.NOT_RUN]
         for one in shown:
             words = Text(one.text)
             if one.reason:
@@ -255,9 +270,7 @@ class TerminalReport:
             verdict, count = Text(one.verdict.value, STYLE[one.verdict]), str(len(one.checks))
             armed = [str(len(one.armed)) if one.armed else "no"] if is_armed_known else []
             table.add_row(one.id, verdict, words, count, *armed)
-        if shown:
-            self._print()
-            self._console.print(table)
+        self._console.print(table)
 
     def _not_run(self) -> None:
         """What was not run, by reason: the reasons are few, the requirements many."""
@@ -270,7 +283,7 @@ class TerminalReport:
             self._print("Not run", style="bold")
         for reason, names in reasons.items():
             self._print(f"  {reason}")
-            self._console.print(Padding(" ".join(names), (0, 0, 0, 6)), style="dim")
+            self._console.print(Padding(" ".join(names), (0, 0, 0, 6), expand=False), style="dim")
 
     def _quirks(self) -> None:
         """Readings of the manual other than the default; all of them are in the report."""
@@ -358,12 +371,9 @@ def _plan_line(count: int, left_out: Mapping[str, str]) -> str:
 
 def print_plan(console: Console, plan: Plan, options: Options) -> None:
     """Show what would run, in order, what would not, and what would be done to the device."""
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
-    for title in ("check", "safety", "what it judges"):
-        table.add_column(title, no_wrap=title != "what it judges")
     for check in plan.to_run:
-        table.add_row(check.name, "+".join(check.safety), check.behaviour)
-    console.print(table)
+        heading = Text(check.name).append(f"  {'+'.join(check.safety)}", "dim")
+        _print_entry(console, heading, Text(check.behaviour))
     for check, reason in plan.left_out:
         text = f"left out: {check.name}: {reason}"
         console.print(text, style="dim", markup=False, soft_wrap=True)
@@ -382,7 +392,7 @@ def print_deeds(console: Console, told: Sequence[Deed]) -> None:
     """Show what would be done to the device, class by class; what is destructive by name."""
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
     for title in ("class", "by", "what would be done to the device, and within which bounds"):
-        table.add_column(title, no_wrap=title == "class")
+        table.add_column(title, no_wrap=title == "class", overflow="fold")
     for one in told:
         words = Text(one.what)
         words.append(f"\n→ {one.within}", style="dim")
@@ -398,17 +408,20 @@ def print_ledger(
     console: Console, ledger: Ledger, requirements: Sequence[str], checks: Sequence[Check]
 ) -> None:
     """List requirements with kind, safety class and the checks that judge them."""
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
-    for title in ("requirement", "kind", "safety", "what is asked, and by which checks"):
-        table.add_column(title, no_wrap=not title.startswith("what"))
     armed = load_armed(ledger.name)
     for key in requirements:
         one = ledger.requirements[key]
-        words = Text(one.text)
         names = [check.name for check in checks if key in check.requirements]
         reason = f"not on the wire: {one.not_on_wire}" if one.not_on_wire else "no check"
-        words.append(f"\n→ {', '.join(names) or reason}", style="dim")
+        by = Text(f"→ {', '.join(names) or reason}", style="dim")
         if names and armed is not None and key not in armed:
-            words.append("  (not armed)", style="yellow")
-        table.add_row(key, one.kind.value, "+".join(sorted(one.safety)), words)
-    console.print(table)
+            by.append("  (not armed)", style="yellow")
+        heading = Text(key).append(f"  {one.kind.value}  {'+'.join(sorted(one.safety))}", "dim")
+        _print_entry(console, heading, Text(one.text), by)
+
+
+def _print_entry(console: Console, heading: Text, *below: Text) -> None:
+    """A line, and what belongs to it indented below: names stay whole on any terminal."""
+    console.print(heading, soft_wrap=True)
+    for one in below:
+        console.print(Padding(one, (0, 0, 0, 4), expand=False))

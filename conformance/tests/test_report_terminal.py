@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from typing import Any
 
 import pytest
@@ -10,6 +11,7 @@ from rich.console import Console
 
 from axistwin_conformance import engine as engine_module
 from axistwin_conformance import report_terminal
+from axistwin_conformance.asked import make_options
 from axistwin_conformance.engine import Engine
 from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.pace import Pace
@@ -29,11 +31,11 @@ def reads_otherwise(session: Session) -> None:
     session.quirk(None, "xon_byte", "11h")
 
 
-def shown(toy: Any, pace: Pace | None = None, **console: Any) -> str:
+def shown(toy: Any, pace: Pace | None = None, *, width: int = 100, **console: Any) -> str:
     """Run the toy and give what was printed."""
     out = io.StringIO()
     face = TerminalReport(
-        Console(file=out, width=100, color_system=None, **console),
+        Console(file=out, width=width, color_system=None, **console),
         load_ledger("mac_serial"),
         toy.family.explain,
         pace,
@@ -90,3 +92,33 @@ def test_how_much_is_covered_and_armed_is_told(
     text = shown(bench)
     assert told in text
     assert ("armed" in text) is (known is not None)
+
+
+@pytest.mark.parametrize("width", [40, 80, 120])
+def test_on_a_narrow_terminal_no_word_is_cut_off(bench: Any, width: int) -> None:
+    """A terminal has 80 columns, or 40: names can be copied, and what is asked can be read."""
+    text = shown(bench, width=width)
+    assert "…" not in text
+    asked = load_ledger("mac_serial").requirements["MACS-REPLY-01"].text
+    if width < 80:
+        assert asked in " ".join(text.split())
+    assert re.search(r"^MACS-REPLY-01 +quirk\b", text, re.MULTILINE)
+
+
+@pytest.mark.parametrize("width", [40, 80, 120])
+@pytest.mark.parametrize("model", ["mac23", "mac23-can", "msc-250"])
+def test_list_and_plan_fit_every_terminal(model: str, width: int) -> None:
+    """Each name begins a line of its own and is whole, and what it is about stands below."""
+    engine = Engine(make_options(model=model))
+    plan, out = engine.plan(), io.StringIO()
+    console = Console(file=out, width=width, color_system=None)
+    report_terminal.print_plan(console, plan, engine.options)
+    planned = out.getvalue()
+    report_terminal.print_ledger(console, engine.ledger, plan.requirements, engine.family.checks())
+    listed = out.getvalue().removeprefix(planned)
+    assert "…" not in planned + listed
+    lines, words = planned.splitlines(), " ".join(planned.split())
+    for check in plan.to_run:
+        assert f"{check.name}  {'+'.join(check.safety)}" in lines
+        assert check.behaviour in words
+    assert {one.partition(" ")[0] for one in listed.splitlines()} - {""} == set(plan.requirements)
