@@ -103,7 +103,11 @@ def a_move_whose_counter_is_cleared_on_the_ramp_keeps_to_it(session: Session) ->
     whole = bench.to_position(sent, start, target)
     climb = Course.endless(bench.period, 1, bench.law).profile
     bench.wait_until(sent.taken.latest_ns + climb.ticks_of(ramp_increments(1) // 2) * TICK_NS)
-    lowest, highest = whole.bounds(bench.accepted(0x0B).taken)
+    cleared = bench.accepted(0x0B)
+    # A ramp takes as long as 240 increments at full speed; 20 more, and it may be slowing down.
+    slowing_ns = sent.taken.earliest_ns + round(bench.lasting_s(240 + 20) * 1e9)
+    bench.taken_in_time(cleared, slowing_ns, "the way to where the axis slows down")
+    lowest, highest = whole.bounds(cleared.taken)
     keeps_way = bench.known("reset_in_motion") == 1
     ends = [(place, target - place if keeps_way else target) for place in (lowest, highest)]
     onward = Forecast.of(
