@@ -420,6 +420,32 @@ def packets_behind_one_another_are_each_served(session: Session) -> None:
     link.alive("MSC-LNK-16")
 
 
+@check("MSC-LNK-04", "MSC-LNK-14", safety="stored", needs=("alone", "variables"))
+def a_packet_right_behind_a_write_is_served(session: Session) -> None:
+    """Two DWRITEs without a pause between draw two ACKs and are both carried out, in their order;
+    or the second is lost, if this device loses what comes while it works.  (EXEC 02h)"""
+    link = Link(session)
+    if not link.is_busy_hearing:
+        session.skip("on RS-485 the unit would talk over the host")
+    if session.reading("write_reply") != "none":
+        session.skip("behind its ACK to a write this device awaits ours")
+    spot = link.spot()
+    for first, second in ((1, 2), (-1, 3)):
+        raw = b"".join(link.talk.request(codec.dwrite(spot, one)) for one in (first, second))
+        session.target.drain()
+        session.target.send(raw)
+        heard = link.talk.listen(len(raw) * link.byte_ns / 1e9 + link.glance_s)
+        is_kept = heard == ACK + ACK
+        if not is_kept:
+            heard += link.talk.settle()  # what is left of the second may look like a packet
+        is_lost = heard[:1] == ACK and not heard[1:].strip(NAK)
+        told = codec.explain(heard) or "nothing"
+        session.expect(is_kept or is_lost, "MSC-LNK-04", ["ACK ACK", "ACK, NAK at most"], told)
+        link.reading("rx_while_busy", "buffer" if is_kept else "drop", "MSC-LNK-04")
+        wanted, seen = second if is_kept else first, link.read(spot)
+        session.expect(seen == wanted, "MSC-LNK-14", f"{wanted} stored", seen)
+
+
 @check("MSC-LNK-16", "MSC-LNK-10", needs=("alone",))
 def a_packet_that_comes_during_a_repeat_is_served_after_it(session: Session) -> None:
     """RFLAG sent while RQSTAT's reply is repeated is served once that has left.  (RETX 02h)"""

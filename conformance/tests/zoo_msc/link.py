@@ -500,6 +500,17 @@ def a_write_does_not_end_the_wait(patch: MonkeyPatch) -> None:
     _wait_survives(patch, "_obey", act)
 
 
+@msc_mutant("MSC-LNK-04")
+def what_comes_behind_a_write_is_left_lying(patch: MonkeyPatch) -> None:
+    """What has come while a write was ACKed is looked at after the next exchange."""
+
+    def act(go: Any_, receiver: Receiver, now: int) -> None:
+        if receiver._verdict.reply is not None:
+            go()
+
+    around(patch, Receiver, "_send_reply", act)
+
+
 @msc_mutant("MSC-LNK-09", traps=(19,))
 def a_reply_amid_a_wait_takes_the_count_over(patch: MonkeyPatch) -> None:
     """The repeats of the old reply count for the one that takes its place."""
