@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from typing import Any
 
@@ -38,6 +39,11 @@ def _there(
 ) -> Any:
     if not str(value).strip():
         kind.fail("it is empty: write something, or leave it out", param, ctx)
+    try:
+        str(value).encode()
+    except UnicodeEncodeError:  # it goes into reports and profiles, which are
+        shown = os.fsencode(str(value)).decode("utf-8", "backslashreplace")
+        kind.fail(f"{shown} is not UTF-8: give it another name", param, ctx)
     return value
 
 

@@ -8,17 +8,22 @@ every `Carrier`.
 from __future__ import annotations
 
 import contextlib
+import difflib
 import errno
+import importlib
 import os
+import pkgutil
+import re
 import termios
 import time
+import urllib.parse
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import serial
 
 from axistwin_conformance.carrier import SILENCE_NOTED_S, STOP_HEARD_NS, Carrier, crash_of
-from axistwin_conformance.errors import TargetError, TwinCrashed
+from axistwin_conformance.errors import TargetError, TwinCrashed, UsageError
 from axistwin_conformance.transcript import Direction, Record
 
 TWIN_SCHEME = "axistwin://"
@@ -31,6 +36,12 @@ WRITE_TIMEOUT_S = 3.0
 BYTE_BITS = 10  # 8N1
 DRAIN_BYTES = 65_536
 DRAINED_AT_ONCE = 4096
+NETWORK_OPTIONS = {  # of pyserial's URLs of this kind
+    "socket": ("logging",),
+    "rfc2217": ("ign_set_control", "logging", "poll_modem", "timeout"),
+}
+ALIASES = {"tcp": "socket", "telnet": "rfc2217"}  # what others call them
+NO_SERIAL_PORT = (errno.ENOTTY, errno.EINVAL)
 
 
 class SerialPort(Protocol):
@@ -255,6 +266,48 @@ class Target(Carrier):
         return None
 
 
+def check_url(url: str) -> None:
+    """Raise UsageError for a URL that pyserial could not open anywhere."""
+    if "://" not in url or url.startswith(TWIN_SCHEME):
+        return
+    try:
+        parts = urllib.parse.urlsplit(url)
+    except ValueError as error:
+        raise UsageError(f"--port {url}: {error}") from error
+    scheme = parts.scheme
+    known = sorted({*_handlers(), TWIN_SCHEME.removesuffix("://")})
+    if scheme not in known:
+        near = difflib.get_close_matches(ALIASES.get(scheme, scheme), known, n=1)
+        hint = f"did you mean {near[0]}://? " if near else ""
+        raise UsageError(f"--port {url}: pyserial has no {scheme}://; {hint}{', '.join(known)}")
+    if scheme in NETWORK_OPTIONS:
+        _check_network(url, parts)
+
+
+def _check_network(url: str, parts: urllib.parse.SplitResult) -> None:
+    example = f"--port {parts.scheme}://192.168.0.5:4001"
+    try:
+        is_whole = bool(parts.port)
+    except ValueError:  # no number, or more than 65535
+        is_whole = False
+    if not is_whole:
+        raise UsageError(f"--port {url}: write HOST:PORT, PORT in 1 to 65535, as {example}")
+    options = NETWORK_OPTIONS[parts.scheme]
+    for name in urllib.parse.parse_qs(parts.query, keep_blank_values=True):
+        if name not in options:
+            raise UsageError(f"--port {url}: it has no option {name}; known: {', '.join(options)}")
+
+
+def _handlers() -> set[str]:
+    """The protocols that pyserial has here."""
+    found = set()
+    for package in serial.protocol_handler_packages:
+        places = importlib.import_module(package).__path__ if package != TWIN_HANDLER else []
+        found |= {one.name for one in pkgutil.iter_modules(places)}
+    prefix = "protocol_"
+    return {one.removeprefix(prefix) for one in found if one.startswith(prefix)}
+
+
 def open_target(url: str, baud: int, *, is_builtin: bool = False) -> Target:
     """Open a pyserial URL or device name, 8N1; raises TargetError with the reason in one line."""
     if url.startswith(TWIN_SCHEME) and TWIN_HANDLER not in serial.protocol_handler_packages:
@@ -292,6 +345,11 @@ def _one_line(error: BaseException) -> str:
         return "it is in use by another program"
     if number is not None:
         return os.strerror(number)
-    if "returned no data" in str(error):  # pyserial's words for the end of a pty or an adapter
+    text = " ".join(str(error).split())
+    if any(f"({one}, " in text for one in NO_SERIAL_PORT):  # a file, /dev/null
+        return "it is no serial port"
+    if found := re.search(r"\[Errno (-?\d+)\] (.+)$", text):
+        return found[2]
+    if "returned no data" in text:  # pyserial's words for the end of a pty or an adapter
         return "the far end has hung up, or another program reads here too"
-    return " ".join(str(error).split()) or type(error).__name__
+    return text or type(error).__name__

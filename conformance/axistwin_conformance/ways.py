@@ -99,3 +99,7 @@ def check_endpoint(way: Way, endpoint: str, rate: int | None) -> None:
         raise UsageError(
             f"--port {endpoint} is no device; a line over TCP is --port socket://{endpoint}"
         )
+    else:
+        from axistwin_conformance.targets import check_url
+
+        check_url(endpoint)

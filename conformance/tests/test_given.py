@@ -77,3 +77,10 @@ def test_half_a_span_is_told_how_a_whole_one_is_written(span: str, folder: Path)
     """Not half of it as an address that is none."""
     told = refused(["msc-250", f"--variables={span}"], folder)
     assert f"'{span}' is no span: write FIRST-LAST within 0-65535" in told
+
+
+@pytest.mark.parametrize("option", ["--report", "--detect", "--port", "--profile", "--replay"])
+def test_a_name_that_is_not_utf_8_is_refused_before_the_run(option: str, folder: Path) -> None:
+    """It could be written into no report, and was found out when the run was over."""
+    told = refused(["mac23", option, "out\udcff"], folder)
+    assert told.endswith(f"'{option}': out\\xff is not UTF-8: give it another name")

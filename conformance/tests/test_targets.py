@@ -7,14 +7,18 @@ import pty
 import socket
 import tty
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 import serial
 
-from axistwin_conformance.errors import TargetError, TwinCrashed
+from axistwin_conformance.errors import TargetError, TwinCrashed, UsageError
 from axistwin_conformance.targets import Target, open_target
 from axistwin_conformance.transcript import Direction
+from axistwin_conformance.ways import LINE, choose_endpoint
+
+NO_RATES = {"--baud": None, "--bitrate": None}
 
 
 @pytest.fixture
@@ -311,3 +315,49 @@ def test_a_byte_takes_as_long_as_the_rate_says(toy: Any) -> None:
     assert target.byte_ns == 10 * 1_000_000_000 // 9600
     target.baud = 38400
     assert target.byte_ns == 10 * 1_000_000_000 // 38400
+
+
+@pytest.mark.parametrize(
+    ("url", "told"),
+    [
+        ("tcp://h:1", "pyserial has no tcp://; did you mean socket://?"),
+        ("nonsense://h:1", "pyserial has no nonsense://; alt, axistwin,"),
+        ("socket://h", "write HOST:PORT, PORT in 1 to 65535, as --port socket://192.168.0.5:4001"),
+        ("socket://h:99999", "write HOST:PORT"),
+        ("rfc2217://h:x", "write HOST:PORT"),
+        ("socket://[::1", "Invalid IPv6 URL"),
+        ("socket://h:1?speed=9", "it has no option speed; known: logging"),
+    ],
+)
+def test_a_url_that_could_be_opened_nowhere_is_a_mistake_of_whoever_typed_it(
+    url: str, told: str
+) -> None:
+    """With the remedy, before anything is opened; pyserial's own words were of no help."""
+    with pytest.raises(UsageError) as caught:
+        choose_endpoint(LINE, "mac23", {"--port": url, "--can": None}, NO_RATES)
+    assert str(caught.value).startswith(f"--port {url}: {told}")
+
+
+@pytest.mark.parametrize(
+    "url",
+    ["/dev/ttyX", "./x?y", "loop://", "spy:///dev/ttyX", "socket://h:1?logging=debug", "hwgrep://x",
+     "SOCKET://h:1", "rfc2217://[::1]:1?ign_set_control&timeout=3", "axistwin://mac23"],
+)  # fmt: skip
+def test_whatever_pyserial_may_open_is_let_through(url: str) -> None:
+    """Whether it is there, shows when it is opened."""
+    assert choose_endpoint(LINE, "mac23", {"--port": url, "--can": None}, NO_RATES)[0] == url
+
+
+def test_what_is_no_serial_port_and_who_refuses_is_told_in_plain_words(tmp_path: Path) -> None:
+    """Neither numbers of the system nor the name twice."""
+    (file := tmp_path / "file").write_text("")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        nobody = f"socket://127.0.0.1:{free.getsockname()[1]}"
+        for url, told in (
+            (str(file), "it is no serial port"), ("/dev/null", "it is no serial port"),
+            (nobody, "Connection refused"),
+        ):  # fmt: skip
+            with pytest.raises(TargetError) as caught:
+                open_target(url, 9600)
+            assert str(caught.value) == f"cannot open {url}: {told}"
