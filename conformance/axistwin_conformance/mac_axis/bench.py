@@ -114,6 +114,16 @@ class Bench(Talk):
             self.plot(forecasts[fitting[0] if fitting else 0], one, slack)
         return fitting
 
+    def beyond(self, samples: Sequence[Sample], behind: Forecast, ahead: Forecast) -> str:
+        """Which sample is not between two predictions, in words; empty if all are."""
+        slack = self.allowance(self.period)
+        for one in samples:
+            lowest = behind.bounds(self._widened(one.taken, behind))[0] - slack
+            highest = ahead.bounds(self._widened(one.taken, ahead))[1] + slack
+            if not lowest <= one.position <= highest:
+                return f"position {one.position}, not within {lowest}..{highest}"
+        return ""
+
     def sampled(self, seconds: float, count: int) -> list[Sample]:
         """Read the counter `count` times over the next `seconds`."""
         begin_ns = self.target.now_ns

@@ -390,6 +390,35 @@ def a_counter_is_cleared_where_the_shaft_is(session: Session) -> None:
     session.expect(abs(place) <= bench.allowance(bench.period), None, f"0, and not {before}", place)
 
 
+@check("MACS-CMD-0B-01", "MACS-CMD-13-01", safety=WORKED, needs=HOLD, level="full")
+def a_move_whose_counter_is_cleared_while_it_lags_ends_where_it_should(session: Session) -> None:
+    """0Bh in a move whose shaft is held: let go, it ends at its number, or after its way."""
+    bench = rig_bench_of(session)
+    bench.begin(SLOWEST)
+    bench.accepted(0x0E, SLOW_CATCH_UP << 8)
+    target = 10 + 3 * LAG
+    with bench.own_origin() as origin:
+        bench.finish(bench.go(10))
+        bench.rig.hold_shaft(True)
+        moving = bench.go(target)
+        bench.wait(bench.lasting_s(LAG))
+        before = bench.position()
+        cleared = bench.accepted(0x0B)
+        bench.rig.hold_shaft(False)
+        bench.wait(bench.lasting_s(target) + target * _catch_up_ns(SLOW_CATCH_UP) / 1e9)
+        place = bench.rest()
+        origin.shift += before
+    assert moving.end is not None
+    bench.taken_in_time(cleared, moving.end.earliest_ns, "the motion")
+    if abs(before - 10) > LAG // 2:
+        session.skip("20h tells the set-point: nothing to see of the shaft (MACS-AMB-55)")
+    due = target - before if bench.known("reset_in_motion") else target
+    session.expect(
+        abs(place - due) <= bench.allowance(bench.period), ("MACS-CMD-0B-01", "MACS-CMD-13-01"),
+        f"at rest at {due}", place,
+    )  # fmt: skip
+
+
 # --- turned by hand ------------------------------------------------------------------------------
 
 

@@ -296,7 +296,11 @@ def vel_change_law(bench: Bench) -> Outcome:
     fitting = bench.fit(samples, forecasts)
     if fitting:
         return 0 if fitting[0] == 0 else 2
-    # The ledger gives no formula for the third: it must end at the new speed all the same.
+    # The ledger gives no formula for the third: it must be on its way from one speed to the other,
+    # and end at the new one, all the same.
+    unchanged = bench.to_velocity(start, origin, 1, before)
+    if stray := bench.beyond(samples, unchanged, forecasts[1]):
+        return f"{stray} between the old speed and the new one"
     first, last = samples[-3], samples[-1]
     least, most = (
         (last.taken.earliest_ns - first.taken.latest_ns) // (after * TICK_NS) - 2,
