@@ -202,7 +202,9 @@ class Failure:
                     words = f"{len(operations)} operations failed in run {number} of {tries}"
                     self.history.append(f"on the device the {words}")
                 return True
-        self.history.append(f"{len(operations)} operations did not fail again in {tries} runs")
+        self.history.append(
+            f"{len(operations)} operations did not fail again in {tries} run{'s' * (tries > 1)}"
+        )
         return False
 
     def _shrunk(

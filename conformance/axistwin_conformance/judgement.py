@@ -199,7 +199,8 @@ def _nothing_sentence(result: Result) -> str:
     """Why a run that judged nothing did not."""
     if result.options.is_only_detection:
         asked = len(result.plan.probes)
-        why = f"{asked} questions told nothing" if asked else "every question was left out"
+        why = f"{asked} question{'s'[: asked != 1]} told nothing"
+        why = why if asked else "every question was left out"
         return f"Nothing was detected: {why} (--dry-run shows the reasons)."
     if not result.checks:
         return "Nothing was judged: every check was left out (see the reasons above)."

@@ -183,14 +183,15 @@ class TerminalReport:
         word = event.verdict.value if event.outcome is not Outcome.ERROR else "error in the suite"
         if not self._console.is_terminal or event.verdict in TOLD_AT_ONCE:
             width = len(str(event.total))
-            retries = f" ({len(event.retries)} retries)" if event.retries else ""
+            count = len(event.retries)
+            retries = f" ({count} {'retry' if count == 1 else 'retries'})" if count else ""
             line = Text(f"[{event.number:{width}}/{event.total}] {event.name}  ")
             self._print(line.append(f"{word}{retries}", style=STYLE[event.verdict]))
         self._time_left()
 
     def _stored(self, event: events.FailureStored) -> None:
         one = event.recording
-        count = f"{len(one.operations)} operation{'s'[: len(one.operations) != 1]}"
+        count = _many(len(one.operations), "operation")
         words = f"{one.requirement} failed in {event.check} after {count}"
         is_short = bool(self._folder) or len(one.operations) <= MOST_IN_HEX
         where = one.word(self._folder) if is_short else "kept with --report or --json"
@@ -231,7 +232,9 @@ class TerminalReport:
         if event.eeprom_writes:
             limit = event.eeprom_budget
             allowed = "" if limit is None else f", of {limit} allowed"
-            self._print(f"stored memory: {event.eeprom_writes} EEPROM writes asked for{allowed}")
+            self._print(
+                f"stored memory: {_many(event.eeprom_writes, 'EEPROM write')} asked for{allowed}"
+            )
         if event.exit_status != UNREACHABLE:
             self._coverage()
         for problem in event.problems:
@@ -317,7 +320,7 @@ class TerminalReport:
         if covered and all(one.armed is not None for one in covered):
             words += f", {sum(bool(one.armed) for one in covered)} of those are armed"
         if self._readings:
-            words += f"; {len(self._readings)} readings of the manual seen"
+            words += f"; {_many(len(self._readings), 'reading')} of the manual seen"
         self._print(words, style="dim")
 
     def _failure(self, event: events.CheckFinished) -> None:
@@ -363,10 +366,14 @@ def _rate(event: events.RunStarted) -> str:
 
 def _plan_line(count: int, left_out: Mapping[str, str]) -> str:
     if not left_out:
-        return f"{count} checks"
+        return _many(count, "check")
     reasons = Counter(left_out.values())
     details = "; ".join(f"{number} × {reason}" for reason, number in reasons.most_common())
-    return f"{count} checks; left out: {details}"
+    return f"{_many(count, 'check')}; left out: {details}"
+
+
+def _many(count: int, word: str) -> str:
+    return f"{count} {word}{'s'[: count != 1]}"
 
 
 def print_plan(console: Console, plan: Plan, options: Options) -> None:
@@ -384,8 +391,10 @@ def print_plan(console: Console, plan: Plan, options: Options) -> None:
     print_deeds(console, deeds(plan, options))
     if in_vain := allowed_in_vain(options):
         console.print(in_vain, markup=False, soft_wrap=True)
-    console.print(f"First, {len(plan.probes)} questions would tell how it reads the manual.")
-    console.print(f"{len(plan.to_run)} checks would run, {len(plan.left_out)} would not.")
+    questions = _many(len(plan.probes), "question")
+    console.print(f"First, {questions} would tell how it reads the manual.")
+    checks = _many(len(plan.to_run), "check")
+    console.print(f"{checks} would run, {len(plan.left_out)} would not.")
 
 
 def print_deeds(console: Console, told: Sequence[Deed]) -> None:

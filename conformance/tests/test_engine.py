@@ -248,7 +248,7 @@ def test_a_detection_that_detects_nothing_is_no_success(toy: Any, readings: Any)
     toy.probe("xon_byte", lambda session: Seen(readings, "seen so"))
     result = toy.run(is_detection=True, is_only_detection=True)
     assert result.exit_status == 2
-    assert result.sentence.startswith("Nothing was detected: 1 questions told nothing")
+    assert result.sentence.startswith("Nothing was detected: 1 question told nothing")
 
 
 def test_a_detection_without_a_question_is_no_success(toy: Any) -> None:

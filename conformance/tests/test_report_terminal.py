@@ -74,7 +74,7 @@ def test_quirks_are_listed_with_the_question_they_answer(bench: Any) -> None:
     """Only readings that are not the default; the report has all of them."""
     text = shown(bench)
     assert "  xon_byte=11h  MACS-AMB-01: Xon is printed as 1Ah" in text
-    assert "1 readings of the manual seen" in text
+    assert "1 reading of the manual seen" in text
 
 
 @pytest.mark.parametrize(
