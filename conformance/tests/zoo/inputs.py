@@ -219,6 +219,13 @@ def the_set_point_is_cleared_instead_of_the_counter(patch: MonkeyPatch) -> None:
     patch.setattr(Counter, "set", setting)
 
 
+@mutant("MACS-CMD-0B-01")
+def a_cleared_move_counts_its_way_from_the_shaft(patch: MonkeyPatch) -> None:
+    """0Bh in a move whose shaft lags takes the way that is left for that of the shaft, and adds it
+    to where the set-point is."""
+    patch.setattr(Counter, "of_set_point", lambda counter, now: counter._unfolded(now))
+
+
 @mutant("MACS-CMD-0E-02")
 def the_catch_up_begins_anew_with_every_0eh(patch: MonkeyPatch) -> None:
     """0Eh drops the time that has passed of the increment under way."""

@@ -237,6 +237,18 @@ def the_next_15h_may_reverse(patch: MonkeyPatch) -> None:
 
 
 @mutant("MACS-CMD-15-02")
+def the_speed_overshoots_while_it_changes(patch: MonkeyPatch) -> None:
+    """On the way from one speed to another the axis is four times as fast as at either."""
+    change_pieces = ramp_module.change_pieces
+
+    def changing(*speeds: Any, **rules: Any) -> tuple[Piece, ...]:
+        pieces = change_pieces(*speeds, **rules)
+        return tuple(Piece(one.increments, max(1, one.period_ticks // 4)) for one in pieces)
+
+    everywhere(patch, change_pieces, changing)
+
+
+@mutant("MACS-CMD-15-02")
 def the_next_15h_is_only_acknowledged(patch: MonkeyPatch) -> None:
     """15h in velocity motion is accepted and changes nothing."""
     on(
