@@ -97,6 +97,16 @@ def test_readings_that_act_on_one_another_conform(readings: str, check: str) -> 
     TWINS.conforms_with(dict(one.split("=") for one in readings.split()), "full", check)
 
 
+def test_inertia_shows_in_virtual_time_where_nothing_may_go_fast() -> None:
+    """How far it overruns a stop tells, as on a real line: no exact place is then asked of it."""
+    url = "axistwin://mac23:0?time=virtual&quirk.plant=inertial"
+    words = ["mac23", "--port", url, "--allow", "stored,motion", "--max-travel", "100000"]
+    checks = ["some_mixed_sequences_agree_with_the_model", "a_hard_stop_stops_where_the_axis_is"]
+    result = CliRunner().invoke(conform, [*words, "--max-speed", "10000", *checks])
+    assert result.exit_code == 0
+    assert "plant=inertial" in result.output
+
+
 def test_a_profile_that_no_longer_fits_fails(tmp_path: Path) -> None:
     """A quirk that does not show any more is a failure of the quirk file, and told by its name."""
     path = tmp_path / "unit.toml"

@@ -23,6 +23,7 @@ from axistwin_conformance.mac_axis.motion import (
     Course,
     ramp_increments,
 )
+from axistwin_conformance.mac_axis.probes_running_on import FASTEST, may_go_fast
 from axistwin_conformance.mac_axis.probing import ACCEPTED_OR_REFUSED, MOVES, reply_of
 from axistwin_conformance.probing import Outcome, probe
 from axistwin_conformance.profile import Probe
@@ -211,9 +212,9 @@ def period_rounding(bench: Bench) -> Outcome:
 @probe(safety=MOVES, needs=("virtual",))
 def plant(bench: Bench) -> Outcome:
     """Without ramp to 80000 inc/s: whether the axis is there at once."""
-    period = max(100, bench.fastest)
-    if period > 100 or bench.room() < 4000:
+    if not may_go_fast(bench):
         bench.session.skip("needs 80000 inc/s and 8000 increments of travel")
+    period = FASTEST
     start = bench.ready(period, 0)
     exchange = bench.accepted(0x15, velocity(1, period))
     samples = bench.sampled(0.02, 2)
