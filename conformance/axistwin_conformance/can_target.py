@@ -30,6 +30,7 @@ from collections.abc import Callable, Mapping
 from typing import Final, NamedTuple, Protocol
 
 import can
+import serial
 
 from axistwin_conformance.can_frame import Frame, unpack
 from axistwin_conformance.carrier import SILENCE_NOTED_S, STOP_HEARD_NS, Carrier, crash_of
@@ -291,7 +292,13 @@ class CanTarget(Carrier):
             if self.error_frames <= ERRORS_MARKED:
                 self.mark(f"{form} on the bus: {message.arbitration_id:X}h {message.data.hex(' ')}")
             return True
-        frame = _frame_of(message)
+        try:
+            frame = _frame_of(message)
+        except ValueError as error:  # an adapter's line was disturbed: no bus carries such a frame
+            self.error_frames += 1
+            if self.error_frames <= ERRORS_MARKED:
+                self.mark(f"the adapter told of a frame that cannot be: {error}")
+            return True
         is_marked = self._marks_own and not message.is_rx
         if is_marked or (self._is_echoing and self._is_echo(frame)):
             return True
@@ -400,6 +407,7 @@ def open_can_target(
         asked["bitrate"] = bitrate
     try:
         bus = can.Bus(channel, interface, ignore_config=True, **asked)  # type: ignore[arg-type]
+        _keep_others_off(bus, words)
     except (can.CanError, OSError, ValueError, ImportError) as error:
         raise TargetError(f"cannot open {words}: {_one_line(error)}") from error
     except Exception as error:
@@ -415,6 +423,20 @@ def open_can_target(
         bitrate=bitrate,
         is_builtin=is_builtin,
     )
+
+
+def _keep_others_off(bus: can.BusABC, words: str) -> None:
+    """Lock the port of an adapter on a line; raises TargetError if another program has it: both
+    would read halves of frames."""
+    port = getattr(bus, "serialPortOrig", None)
+    if not isinstance(port, serial.Serial):
+        return
+    try:
+        port.exclusive = True
+    except (OSError, ValueError) as error:
+        can.BusABC.shutdown(bus)  # and no word to the adapter, which would leave the bus
+        port.close()
+        raise TargetError(f"cannot open {words}: it is in use by another program") from error
 
 
 def _value(text: str) -> object:

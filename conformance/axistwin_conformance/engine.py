@@ -289,7 +289,11 @@ class Engine:
         held against the device."""
         for address in () if self.options.is_builtin else run.neighbours:
             beside = Session(replace(run, address=address))
-            if not any(self.family.sanity(beside) for _ in range(NEIGHBOUR_ATTEMPTS)):
+            try:
+                is_there = any(self.family.sanity(beside) for _ in range(NEIGHBOUR_ATTEMPTS))
+            except TargetError:  # given up for its silence; the device has answered before
+                is_there = False
+            if not is_there:
                 raise TargetError(
                     f"nobody answers at {address}, which --neighbour names; leave that out, or name"
                     " the address of another one on the line or bus"

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import errno
+import os
+import pty
+import tty
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import can
 import pytest
+import serial
 from scripted_bus import ScriptedPeer, VirtualBus
 
 from axistwin_conformance import can_target
@@ -507,3 +511,38 @@ def test_a_twin_that_cannot_be_made_has_crashed(monkeypatch: pytest.MonkeyPatch)
         open_can_target("axistwin:mac23-can:1?time=virtual")
     with pytest.raises(TargetError, match="cannot open virtual:x: AssertionError: broken"):
         open_can_target("virtual:x")
+
+
+# --- adapters on a line ---------------------------------------------------------------------------
+
+
+def test_a_frame_that_cannot_be_is_the_adapter_s_and_ends_nothing() -> None:
+    """A byte lost on the adapter's line makes an identifier of 12 bits; what comes next counts."""
+    target = virtual()
+    arriving = iter(
+        (can.Message(arbitration_id=0x814, is_extended_id=False), can.Message(
+            arbitration_id=0x581, data=ANSWER.data, is_extended_id=False))
+    )  # fmt: skip
+    behind(target).recv = lambda timeout=None: next(arriving, None)  # type: ignore[method-assign]
+    arrival = target.receive(any_frame, 1.0)
+    assert arrival is not None
+    assert arrival.frame == ANSWER
+    assert target.error_frames == 1
+    assert any("identifier 814h is outside" in one.text for one in target.transcript)
+
+
+def test_an_adapter_that_another_program_uses_is_not_shared() -> None:
+    """Each of two readers would get halves of frames, and a sound module seem a wrong one."""
+    far, near = pty.openpty()
+    tty.setraw(near)
+    name = os.ttyname(near)
+    try:
+        with (
+            serial.Serial(name, exclusive=True),
+            pytest.raises(TargetError, match="in use by another program"),
+        ):
+            open_can_target(f"slcan:{name}?sleep_after_open=0")
+        open_can_target(f"slcan:{name}?sleep_after_open=0").close()
+    finally:
+        os.close(far)
+        os.close(near)

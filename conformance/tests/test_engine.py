@@ -531,3 +531,19 @@ def test_a_partial_pass_says_what_was_left_out(toy: Any) -> None:
     assert one.verdict is Verdict.PASS
     assert "1 of its checks not run: not allowed: motion" in one.reason
     assert one.checks == ("answers", "moves")
+
+
+def test_a_neighbour_that_is_not_there_is_named_and_not_the_device(toy: Any) -> None:
+    """Its silence, which the line is given up for, is not the silence of what is to be judged."""
+    toy.add(answers, FRAME)
+    sanity = toy.family.sanity
+
+    def gives_up(session: Session) -> bool:
+        if session.address == 2:
+            raise TargetError("nothing has come for 5 s")
+        return bool(sanity(session))
+
+    toy.family = replace(toy.family, sanity=gives_up)
+    result = toy.run(endpoint="toy://there", neighbours=(2,))
+    assert result.exit_status == 3
+    assert "nobody answers at 2, which --neighbour names; leave that out" in result.refusal
