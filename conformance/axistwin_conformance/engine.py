@@ -112,11 +112,11 @@ class Engine:
         self._emit = on_event
         result = self._result
         started = time.monotonic()
-        self._announce()
         try:
+            self._announce()
             if result.plan.to_run or (self.options.is_only_detection and result.plan.probes):
                 self._run_on_target()
-        except KeyboardInterrupt:  # one more, while the first one was answered
+        except KeyboardInterrupt:  # before there was a target, or one more while one was answered
             result.is_interrupted = True
         interrupts.run_is_over()
         if self.options.expected is not None:

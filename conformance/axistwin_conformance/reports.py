@@ -116,6 +116,8 @@ class ReportFolder:
             self.close()
 
     def _made(self) -> tuple[Path, ...]:
+        if not self._told or self._told[0]["event"] != "run_started":
+            return ()  # interrupted before there was anything to be told
         report = report_json.fold(self._told)
         text = report_json.to_text(report)
         made = {PAGE: report_html.render(report), REPORT: text, JUNIT: report_junit.junit(report)}

@@ -80,6 +80,35 @@ def test_an_interrupt_at_the_very_end_loses_no_report(
     assert json.loads((tmp_path / "report.json").read_text())["finished"]["exit_status"] == 0
 
 
+@pytest.mark.parametrize(
+    ("place", "name", "left"),
+    [
+        (report_terminal.TerminalReport, "_open", ALL),
+        (ReportFolder, "_write", ALL),
+        (ReportFolder, "__call__", {"events.jsonl"}),
+    ],
+    ids=["while the plan is told", "while its first line is written", "before all words"],
+)
+def test_an_interrupt_at_the_very_beginning_leaves_what_there_is(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, place: type, name: str, left: set[str]
+) -> None:
+    """Nothing was asked of anybody yet, and the report says so."""
+    done, times = getattr(place, name), iter([True])
+
+    def interrupted(*given: object) -> object:
+        if next(times, False):
+            os.kill(os.getpid(), signal.SIGINT)
+        return done(*given)
+
+    monkeypatch.setattr(place, name, interrupted)
+    result = judge(tmp_path)
+    assert result.exit_code == 130, result.output
+    assert {one.name for one in tmp_path.iterdir()} == left
+    if left == ALL:
+        report = json.loads((tmp_path / "report.json").read_text())
+        assert report["finished"]["sentence"].startswith("Interrupted; nothing failed so far, 0 of")
+
+
 def test_whoever_insists_at_the_very_end_is_heard(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
