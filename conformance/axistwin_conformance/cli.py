@@ -348,8 +348,12 @@ def conform(ctx: click.Context, /, **given: Any) -> None:  # fmt: skip
 def _speak_any_locale(*, is_json: bool) -> None:
     """Let no character that a terminal's encoding lacks end a run: there it is a question mark.
     JSON is UTF-8 everywhere."""
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(**({"encoding": "utf-8"} if is_json else {"errors": "replace"}))
+    if not isinstance(sys.stdout, io.TextIOWrapper):
+        return
+    if is_json:
+        sys.stdout.reconfigure(encoding="utf-8")
+    else:
+        sys.stdout.reconfigure(errors="replace")
 
 
 @contextlib.contextmanager
