@@ -85,7 +85,7 @@ class Attempts:
         session = Session(run, check)
         session.is_strict |= is_strict
         known = dict(run.readings)
-        run.target.late.clear()
+        run.target.forget_late()
         started = time.monotonic()
         outcome, trouble, verdict, disturbance = self._run(session, check)
         for motion in session.motions:

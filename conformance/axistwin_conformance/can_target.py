@@ -133,6 +133,8 @@ class CanTarget(Carrier):
         self._echoes: deque[tuple[int, Frame]] = deque(maxlen=FRAMES_KEPT)
         self._waiting: deque[Arrival] = deque(maxlen=FRAMES_KEPT)
         self._unasked: deque[Arrival] = deque(maxlen=FRAMES_KEPT)
+        self._unanswered = 0  # requests since the last drain, less the replies
+        self._last_reply: Frame | None = None
         self.bitrate = bitrate
         self.error_frames = self.foreign_frames = 0
         self._foreign: set[int] = set()  # identifiers, and `EXTENDED` for all of 29 bits
@@ -157,6 +159,7 @@ class CanTarget(Carrier):
             self._send_patiently(message)
         if self._is_echoing:
             self._echoes.append((started_ns, frame))
+        self._unanswered += 1
         return started_ns
 
     def _send_patiently(self, message: can.Message) -> None:
@@ -210,6 +213,7 @@ class CanTarget(Carrier):
         self._read_waiting()
         dropped = tuple(self._waiting)
         self._waiting.clear()
+        self._unanswered = 0
         if dropped:
             told = ", ".join(str(one.frame) for one in dropped[:DRAINED_TOLD])
             more = ", ..." if len(dropped) > DRAINED_TOLD else ""
@@ -306,7 +310,14 @@ class CanTarget(Carrier):
             self.foreign_frames += 1
             return True
         arrival = Arrival(frame, self._arrived(frame.pack()))
-        (self._unasked if self._is_spontaneous(frame) else self._waiting).append(arrival)
+        if self._is_spontaneous(frame):
+            self._unasked.append(arrival)
+            return True
+        self._waiting.append(arrival)
+        if self._unanswered <= 0 and frame == self._last_reply:
+            self.note_doubled(str(frame))
+        self._unanswered -= 1
+        self._last_reply = frame
         return True
 
     def _is_echo(self, frame: Frame) -> bool:

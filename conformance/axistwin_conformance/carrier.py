@@ -37,6 +37,7 @@ SILENCE_NOTED_S = 0.05  # shorter waits in vain are not worth a line in the tran
 STOP_HEARD_NS = 50_000_000  # the reply to a stop takes 3 ms at 9600 baud
 MOST_HUSHES = 20  # a device that never stops talking is not waited for
 LATE_NS = 30_000_000  # beyond the slowest exchange or the time asked for: no habit of a line
+TWICE = "twice: "  # before what came a second time, where what was late is listed
 SLOWEST_JUDGED_NS = 200_000_000  # an exchange: the checks know how to wait for one of that length
 TWIN_PREFIX = "axistwin:"  # what opens a twin in this process, on a line or on a bus
 
@@ -116,8 +117,11 @@ class Carrier(ABC):
         self.fence: Fence | None = None
         self.meter: Callable[[bytes], None] | None = None  # counts what is really sent
         self.crash = ""  # of the twin behind it, once it has fallen over
-        self.late: list[str] = []  # what was held up since somebody cleared this
+        self.late: list[str] = []  # what was held up, or came twice, since somebody cleared this
         self.late_count, self._latest_ns = 0, 0  # in the whole run
+        self.doubled_count = 0  # of these, what came twice
+        self._doubled_count = 0  # the same, and what is the device's habit
+        self._sent_count, self._sent_in_all = 0, 0  # requests since `forget_late`, and all
 
     # --- what a kind of carrier adds --------------------------------------------------------------
 
@@ -174,7 +178,7 @@ class Carrier(ABC):
         taken: list[int] = []
         own: list[int] = []
         for _ in range(samples):
-            self.late.clear()
+            self.forget_late()
             started_ns, position = self.now_ns, self.transcript.position
             if exchange() and not (self.late and taken):
                 taken.append(self.now_ns - started_ns)
@@ -194,11 +198,15 @@ class Carrier(ABC):
     @property
     def remarks(self) -> tuple[str, ...]:
         """What a reader should know of what happened here beside the exchanges."""
-        if not self.late_count:
-            return ()
-        latest_ms = round(self._latest_ns / 1e6)
-        times = f"{self.late_count} times this host or the {self.word} was late"
-        return (f"{times}, by up to {latest_ms} ms; what looked wrong then was tried again",)
+        told = []
+        if count := self.late_count - self.doubled_count:
+            latest_ms = round(self._latest_ns / 1e6)
+            times = f"{count} times this host or the {self.word} was late"
+            told.append(f"{times}, by up to {latest_ms} ms; what looked wrong then was tried again")
+        if self.doubled_count:
+            times = f"{self.doubled_count} times a reply came twice"
+            told.append(f"{times}; what looked wrong then was tried again")
+        return tuple(told)
 
     def _own_ns(self, said: Sequence[Record]) -> int:
         """What it takes on the way itself to say that; 0 where that is not known."""
@@ -236,6 +244,22 @@ class Carrier(ABC):
         self._latest_ns = max(self._latest_ns, late_ns)
         self.mark(f"late by {late_ns / 1e6:.0f} ms: {what}")
 
+    def forget_late(self) -> None:
+        """Begin anew: what was late before does not count."""
+        self.late.clear()
+        self._sent_count = 0
+
+    def note_doubled(self, what: str) -> None:
+        """Remember that a reply came twice, as a frame does of which the last bit is hit.  Of a
+        device that says most of them twice it is the habit, and none of the way's doing."""
+        self._doubled_count += 1
+        if self.is_lossless or 2 * self._doubled_count > self._sent_in_all:
+            return
+        self.late_count += 1
+        self.doubled_count += 1
+        self.late.append(f"{TWICE}{what}, after request {self._sent_count}")
+        self.mark(f"twice, to one request: {what}")
+
     def mark(self, text: str) -> None:
         """Write a line into the transcript."""
         self.transcript.note(self.now_ns, Direction.NOTE, text=text)
@@ -260,6 +284,8 @@ class Carrier(ABC):
         if self.meter is not None:
             self.meter(data)
         self.last_sent = data
+        self._sent_count += 1
+        self._sent_in_all += 1
         self._clock_ns = None
         self.transcript.note(started_ns, Direction.HOST, data)
         return started_ns

@@ -80,7 +80,7 @@ def _ask_until_believed(run: Run, probe: Probe, keeper: Keeper) -> Detection:
     told: list[tuple[tuple[str, ...], tuple[str, ...]]] = []  # answers, and what was late
     why = ""
     for _ in range(MOST_ATTEMPTS):
-        run.target.late.clear()
+        run.target.forget_late()
         try:
             one = _ask(run, probe, keeper)
         except Disturbed as error:

@@ -29,6 +29,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
+from axistwin_conformance.carrier import TWICE
 from axistwin_conformance.errors import SuiteError
 from axistwin_conformance.events import Outcome
 from axistwin_conformance.judgement import CheckResult
@@ -190,7 +191,7 @@ class Replays:
         """
         if self._passed():
             return False
-        quiet = Counter(self._surprise(one) for one in self._all if one.is_quiet)
+        quiet = Counter(self._surprise(one) for one in self._all if one.is_quiet and not one.late)
         if any(count > 1 for count in quiet.values()):
             return len(self._all) < MOST_WHILE_QUIET * self._most
         is_alike = any(self._alike(self._surprise(one)) >= LEAST_ALIKE for one in self._all)
@@ -232,8 +233,10 @@ class Replays:
         return any(one.is_quiet and not self._surprise(one) for one in self._all)
 
     def _is_by_chance(self, alike: int) -> bool:
-        """True if among so many attempts noise may well have hit the same place so many times."""
-        chance = math.comb(len(self._all), alike) * self._quality.rate**alike
+        """True if among so many attempts noise may well have hit one of the places that something
+        went wrong at so many times."""
+        places = len({self._surprise(one) for one in self._all if one.is_quiet} - {()})
+        chance = max(1, places) * math.comb(len(self._all), alike) * self._quality.rate**alike
         return chance > FALSE_ALARM_AMONG_MANY
 
     def _passed(self) -> list[Attempt]:
@@ -282,7 +285,9 @@ class Replays:
         if telling.disturbance:
             text += f"; last: {telling.disturbance}"
         if late := sum(bool(one.late) for one in self._all):
-            text += f"; this host or the line was late in {late} of them"
+            doubled = any(what.startswith(TWICE) for one in self._all for what in one.late)
+            how = "was late, or replies came twice," if doubled else "was late"
+            text += f"; this host or the line {how} in {late} of them"
         result = replace(telling.result, outcome=Outcome.DONE).withdrawn(text)
         said = {one.requirement for one in result.findings}
         more = tuple(

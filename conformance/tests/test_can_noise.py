@@ -40,6 +40,22 @@ def test_a_device_is_found_behind_any_noise(kind: str) -> None:
     assert sum(hits) > 0, "there was noise"
 
 
+def test_a_frame_that_comes_twice_now_and_then_is_not_held_against_the_device() -> None:
+    """Checks that listen for more than one reply fail by it each time, each time elsewhere."""
+    for seed in range(100, 104):
+        run = healthy(
+            50, seed, "twice", "any_sub_index_is_repeated_and_selects_nothing",
+            "objects_outside_the_area_are_refused", "a_short_request_gets_no_reply",
+        )  # fmt: skip
+        assert run.hits > 0, "there was noise"
+
+
+def test_a_device_that_says_everything_twice_fails_by_it() -> None:
+    """It is no noise if it comes each time."""
+    run = noisy_run(1, 0, "a_short_request_gets_no_reply", fates=("twice",))
+    assert run.result.exit_status == 1, run.result.sentence
+
+
 @pytest.mark.soak
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("every", [50, 500])
