@@ -9,6 +9,7 @@ from axistwin_conformance.can_frame import Frame
 from axistwin_conformance.mac_axis.bench import QUIET_S, SLOWEST, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.probing import MOVES
+from axistwin_conformance.mac_axis.strangers import stranger_at
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
 from axistwin_conformance.mac_can.codec import Request
@@ -55,8 +56,9 @@ def requests_to_other_addresses_get_no_reply(session: Session) -> None:
     bench = Bench(session)
     for address in strangers(session):
         heard = replies(bench, bench.request(0x20, address=address).frame(), is_awaited=False)
+        hint = stranger_at(bench, address) if heard else ""
         session.expect(
-            not heard, ("MACC-ID-02", "MACC-SDO-06"), f"silence at {address}", told(heard)
+            not heard, ("MACC-ID-02", "MACC-SDO-06"), f"silence at {address}", told(heard), hint
         )
     bench.alive("MACC-ID-02")
 
@@ -69,6 +71,9 @@ def downloads_to_other_addresses_do_nothing(session: Session) -> None:
     before = [bench.value(index) for index in PARAMETERS]
     taken = {session.address, *session.neighbours}
     other = next(address for address in FOREIGN if address not in taken)
+    hint = stranger_at(bench, other)  # before it is told anything
+    if hint:
+        session.fail("MACC-ID-02", f"silence at {other}", "an answer to 2000h", hint)
     cases = [(0x0D, 0x1456), (0x0F, 0x21), (0x0B, 0), (0x0C, 0x11), (0x09, 0x1234)]
     if not session.envelope.is_fenced:  # or a module that nobody has named might be there and move
         cases += [(0x13, start + 300), (0x15, velocity(1, SLOWEST)), (0x00, 0)]
@@ -114,9 +119,13 @@ def no_other_identifier_reaches_a_module(session: Session) -> None:
     for at in range(0, len(identifiers), AT_ONCE):
         some = identifiers[at : at + AT_ONCE]
         heard = replies(bench, *(Frame(one, body) for one in some), is_awaited=False)
+        # Under 600h and an address that is not this module's, somebody else may be meant.
+        meant = [one - codec.REQUEST for one in some if one - codec.REQUEST in codec.ADDRESSES]
+        hints = [stranger_at(bench, address) for address in meant if heard]
         session.expect(
             not heard, ("MACC-ID-01", "MACC-ID-02"),
             f"silence under {some[0]:03X}h..{some[-1]:03X}h", told(heard),
+            next((hint for hint in hints if hint), ""),
         )  # fmt: skip
     bench.alive("MACC-ID-01")
 
@@ -192,12 +201,12 @@ def judge_general(bench: Bench, one: Request) -> Kind:
     """Judge who answers a request to all (MACC-GEN-02), and where (MACC-GEN-03)."""
     session, heard = bench.session, replies(bench, one.frame())
     is_upload = one.command == codec.UPLOAD
+    hint = stranger_at(bench, codec.SPOKESMAN) if heard and not _has_spokesman(session) else ""
     if is_upload and not heard and _has_spokesman(session):
         bench.reading("general_upload", 1, "MACC-GEN-02")
         return Kind.SILENCE
-    session.expect(
-        len(heard) == _has_spokesman(session), "MACC-GEN-02", general_wanted(bench), told(heard)
-    )
+    is_right = len(heard) == _has_spokesman(session)
+    session.expect(is_right, "MACC-GEN-02", general_wanted(bench), told(heard), hint)
     if not heard:
         return Kind.SILENCE
     if is_upload:

@@ -14,6 +14,7 @@ from axistwin_conformance.can_frame import Frame
 from axistwin_conformance.mac_axis.bench import SLOWEST
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.probing import MOVES
+from axistwin_conformance.mac_axis.strangers import stranger_at
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
 from axistwin_conformance.mac_can.codec import Request
@@ -133,7 +134,8 @@ def the_manuals_examples_get_their_replies(session: Session) -> None:
 def _judge_golden_to_all(bench: Bench, golden: GoldenExchange) -> None:
     session, heard = bench.session, replies(bench, golden.request)
     if codec.SPOKESMAN not in (session.address, *session.neighbours):
-        session.expect(not heard, "MACC-GEN-02", "silence: no module 1", told(heard))
+        hint = stranger_at(bench, codec.SPOKESMAN) if heard else ""
+        session.expect(not heard, "MACC-GEN-02", "silence: no module 1", told(heard), hint)
         for name in ("MACC-GEN-01", "MACC-GEN-03"):
             session.not_run(name, "there is no module 1 on this bus")
         return

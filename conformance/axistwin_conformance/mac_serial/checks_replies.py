@@ -10,6 +10,7 @@ from typing import Final
 
 from axistwin_conformance.mac_axis.bench import QUIET_S, SLOWEST, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind
+from axistwin_conformance.mac_axis.strangers import stranger_at
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.bench import NACKED_BY_MANY, Bench
 from axistwin_conformance.mac_serial.probes import nack_readings, rx_during_xoff
@@ -135,6 +136,7 @@ def a_wrong_checksum_for_somebody_else_is_not_nacked(session: Session) -> None:
     bench = Bench(session)
     taken = {session.address, *session.neighbours}
     other = next(address for address in (0x55, 0x2A, 0x15) if address not in taken)
+    stranger_at(bench, other)  # it would Nack, as it has to
     outcome = nack_readings(bench, other)
     bench.reading("nack_scope", outcome, "MACS-REPLY-02")
     bench.alive("MACS-FRAME-07")
@@ -230,6 +232,9 @@ def frames_for_another_module_do_nothing(session: Session) -> None:
     before = [bench.value(index) for index in (0x20, 0x25, 0x26)]
     taken = {session.address, *session.neighbours}
     other = next(address for address in (0x33, 0x4C, 0x5A) if address not in taken)
+    hint = stranger_at(bench, other)  # before it is told anything
+    if hint:
+        session.fail("MACS-REPLY-13", f"silence at {other:02X}h", "an answer to 20h", hint)
     cases = [(0x0D, 0x1456), (0x0F, 0x21), (0x0B, 0)]
     if not session.envelope.is_fenced:  # or a module that nobody has named might be there and move
         cases.insert(0, (0x13, start + 300))
