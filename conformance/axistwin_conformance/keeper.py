@@ -32,7 +32,7 @@ from axistwin_conformance.ledger import Ledger
 from axistwin_conformance.noise import Disturbed
 from axistwin_conformance.plan import Options
 from axistwin_conformance.registry import Breach, Check
-from axistwin_conformance.session import Run, Session, Stop
+from axistwin_conformance.session import HUSH_S, Run, Session, Stop
 from axistwin_conformance.verdicts import Finding, Verdict
 
 SANITY_PAUSES_S = (0.0, 1.0, 1.5)  # together longer than the 2 s for which a module may be deaf
@@ -123,7 +123,7 @@ class Keeper:
         has_axis = run.family.has_axis
         deed = "stop the axis or put its parameters back" if has_axis else "put back what it held"
         try:
-            self.settle(run)
+            self.settle(run, is_leaving=True)
         except interrupts.CutShort:
             self._leave(run, deed)
         except TargetError as error:
@@ -177,18 +177,23 @@ class Keeper:
                     self.trouble(self._tried[need])
         return next((why for need in check.needs if (why := self._tried.get(need, ""))), "")
 
-    def settle(self, run: Run) -> None:
-        """Stop, then put back, also if stopping went wrong; raises TargetError for a lost port."""
+    def settle(self, run: Run, *, is_leaving: bool = False) -> None:
+        """Stop, then put back, also if stopping went wrong; raises TargetError for a lost port.
+
+        `is_leaving`: an exchange may have been interrupted, and its reply still come.
+        """
         session = Session(run)
         self._release_rig(run)
         try:
             self.give_back(run)
-            self._put_back(run, session)
+            self._put_back(run, session, is_leaving=is_leaving)
         except TargetError:
             if run.target.is_lossless:
                 self.accuse(session, "put_back")
             raise
         self.note_retries(session)
+        if run.astray and not self.blocked:
+            self.block(run.astray)
 
     def give_back(self, run: Run) -> None:
         """Give back what a check or probe still owes: only then the device hears anything else."""
@@ -202,9 +207,11 @@ class Keeper:
                 self.trouble(f"not put back: {one.what}{why}")
             run.owed.remove(one)
 
-    def _put_back(self, run: Run, session: Session) -> None:
+    def _put_back(self, run: Run, session: Session, *, is_leaving: bool) -> None:
         try:
             run.family.stop(session)
+            if is_leaving and not run.target.is_virtual:
+                run.target.hush(HUSH_S)
         finally:
             if not run.target.crash:
                 for sentence in run.family.restore(session, run.memory):

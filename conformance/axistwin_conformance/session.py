@@ -85,6 +85,7 @@ class Run:
     rig: Rig | None = None
     memory: Any = None  # what the family's `remember` read; None in a run that is passive only
     owed: list[Owed] = field(default_factory=list)  # the last one is to be given back first
+    astray: str = ""  # why the axis must not be moved any more
     readings: dict[str, str] = field(default_factory=dict)  # switch → the reading seen in this run
     detections: dict[str, Detection] = field(default_factory=dict)  # what the probes found out
     budget: WriteBudget = field(default_factory=WriteBudget)

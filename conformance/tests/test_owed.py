@@ -139,3 +139,33 @@ def test_a_probe_gives_back_before_the_next_one_asks(toy: Any) -> None:
     result = toy.run()
     assert tries == ["once more", "once more", "the next one"]
     assert result.problems == ["not put back: address 00h"]
+
+
+def test_the_reply_to_what_was_interrupted_is_not_taken_for_another(real_toy: Any) -> None:
+    """It may come when the stop has been sent; then each reply would be read one request late."""
+    port, held = real_toy.port, [b"q"]  # what is still on its way
+    write, read = port.write, port.read
+
+    def write_late(data: bytes) -> int:
+        count: int = write(data)
+        if held and GIVEN_BACK in port.sent:
+            held.append(port._answers)
+            port._answers = held.pop(0)
+        return count
+
+    def read_late(size: int = 1) -> bytes:
+        taken: bytes = read(size)
+        if not taken and GIVEN_BACK in port.sent:  # now it has come
+            port._answers = b"".join(held)
+            held.clear()
+        return taken
+
+    def interrupted_amid(session: Session) -> None:
+        session.target.send(GIVEN_BACK.encode())
+        session.target.drain()
+        interrupted()
+
+    port.write, port.read = write_late, read_late
+    real_toy.add(interrupted_amid, MOVE, safety=("motion", "stored"))
+    result = real_toy.run()
+    assert (result.exit_status, result.problems) == (130, [])

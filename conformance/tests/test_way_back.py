@@ -15,12 +15,14 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from zoo.motion import a_move_is_relative
 
 from axistwin_conformance import interrupts
 from axistwin_conformance.asked import make_options
 from axistwin_conformance.can_frame import Frame
 from axistwin_conformance.can_target import Arrival
 from axistwin_conformance.engine import Engine
+from axistwin_conformance.errors import TargetError
 from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.mac_axis import checks_interpolation, probes_sync
 from axistwin_conformance.mac_axis.bench import bench_of
@@ -123,6 +125,35 @@ def test_an_axis_that_does_not_move_is_not_waited_for() -> None:
         assert run.target.now_ns - began_ns < 60_000_000_000
     finally:
         run.target.close()
+
+
+def test_an_axis_that_goes_away_from_home_is_stopped_and_not_sent_again() -> None:
+    """A device whose 13h is relative: on a machine each attempt would lead it further away."""
+    with a_move_is_relative.plant():
+        run = run_on_a_twin()
+        try:
+            bench = bench_of(Session(run))
+            bench.ready(1)
+            bench.accepted(0x13, 3_000)
+            bench.wait(1)
+            run.envelope = Envelope(500, 5000)
+            run.memory = run.family.remember(Session(run))
+            start = bench.ready()
+            bench.accepted(0x13, start + 200)
+            bench.wait(3)
+            away = bench.position()
+            assert away == 2 * start + 200
+            with pytest.raises(TargetError, match=f"sent from {away} to {start}, the axis was at"):
+                bench.ready()
+            place = bench.position()
+            assert 0 < place - away < 1200, "it was seen within 0.1 s"
+            with pytest.raises(TargetError, match="it is moved no more"):
+                bench.ready()
+            assert any("position is" in one for one in run.family.restore(Session(run), run.memory))
+            bench.wait(1)
+            assert bench.position() == place
+        finally:
+            run.target.close()
 
 
 @SLOW

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
 
-from axistwin_conformance.errors import OutsideEnvelope
+from axistwin_conformance.errors import OutsideEnvelope, TargetError
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Forecast, Segment, Timeline, Window
 from axistwin_conformance.mac_axis.motion import RAMP_LEVELS, TICK_NS, TICKS_PER_SECOND, Course, Law
@@ -27,6 +27,7 @@ from axistwin_conformance.mac_axis.talk import (
     Sample as Sample,
 )
 from axistwin_conformance.mac_axis.talk import Talk
+from axistwin_conformance.mac_axis.way_home import wait_for_it
 from axistwin_conformance.profile import Probe
 from axistwin_conformance.session import Session
 
@@ -300,10 +301,11 @@ class Bench(Talk):
         position, home = self.position(), self.home
         if home is None or abs(position - home) <= self.room() // 4 or not self.can_move:
             return position
+        if self.session.run.astray:
+            raise TargetError(self.session.run.astray)
         end = self.go(home).end
         assert end is not None
-        self.wait_until(end.latest_ns)
-        self.command(0x18)
+        wait_for_it(self, position, home, end.latest_ns)
         return self.position()
 
     @property

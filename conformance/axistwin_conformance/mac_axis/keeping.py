@@ -13,6 +13,7 @@ from axistwin_conformance.errors import OutsideEnvelope, TargetError, WrongDevic
 from axistwin_conformance.events import Note
 from axistwin_conformance.mac_axis.bench import Bench, bench_of
 from axistwin_conformance.mac_axis.dialogue import Kind, Reply, signed
+from axistwin_conformance.mac_axis.way_home import LOOK_S, goes_astray
 from axistwin_conformance.pace import in_words
 from axistwin_conformance.session import ATTEMPTS, Session
 
@@ -22,7 +23,6 @@ PROBE_ATTEMPTS: Final = (
 KNOWN_GOOD: Final = (0x20, 0x24, 0x22)  # a module answers them in every state but deafness
 DISJUNCTIONS: Final = 0x1F  # bits of the first byte of 21h that latch and lock (§5.9)
 PLAUSIBLE_CELSIUS: Final = (-20.0, 90.0)  # a MAC at rest; the models' scales differ by 70 degrees
-LOOK_S: Final = 0.1  # from one look at an axis that is driven back to the next
 MOST_LOOKS: Final = 1000  # in virtual time, where a way back of days is over in no time
 STILL_S: Final = 0.5  # who has not moved for so long, has not heard that it should
 TOLD_S: Final = 3.0  # a longer way back is told before it begins
@@ -255,7 +255,8 @@ def _drive_back(bench: Bench, position: int) -> None:
     soon as nobody wants to wait for it: told as not put back."""
     bench.settle()
     distance = abs(bench.position() - position)
-    if distance > 2 * bench.session.envelope.max_travel or interrupts.is_hurried():
+    is_too_far = distance > 2 * bench.session.envelope.max_travel
+    if is_too_far or bench.session.run.astray or interrupts.is_hurried():
         return
     attempts, lasts_s = _attempts(bench.session), bench.lasting_s(distance)
     if lasts_s >= TOLD_S and not bench.target.is_virtual:
@@ -270,7 +271,8 @@ def _drive_back(bench: Bench, position: int) -> None:
             return  # told as not put back
         is_back = _comes_back(bench, position, deadline_ns)
         bench.command(0x18)
-        if is_back or bench.target.now_ns >= deadline_ns or interrupts.is_hurried():
+        is_over = bench.target.now_ns >= deadline_ns or interrupts.is_hurried()
+        if is_back or is_over or bench.session.run.astray:
             return
 
 
@@ -278,12 +280,14 @@ def _comes_back(bench: Bench, position: int, deadline_ns: int) -> bool:
     """Follow an axis on its way back; False as soon as it stands still elsewhere, it is too late,
     or somebody wants it to end."""
     target = bench.target
-    last, since_ns, has_moved = None, target.now_ns, False
+    origin, last, since_ns, has_moved = bench.position(), None, target.now_ns, False
     least_s = max(LOOK_S, (deadline_ns - since_ns) / 1e9 / MOST_LOOKS)
     while target.now_ns < deadline_ns and not interrupts.is_hurried():
         here = bench.position()
         if here == position:
             return True
+        if goes_astray(bench, origin, position, here):
+            return False
         if here != last:
             last, since_ns, has_moved = here, target.now_ns, last is not None
         elif target.now_ns - since_ns >= STILL_S * 1e9:
