@@ -328,6 +328,18 @@ LIES: dict[str, tuple[str, Make, str]] = {
         "a_repeat_carries_the_data_of_the_first_reply",
         lambda: Repeating(turn=True), "MSC-LNK-10",
     ),
+    "the old reply comes behind the NAK to a bad packet": (
+        "a_bad_packet_ends_the_wait_for_the_hosts_sign_as_well", Impatient, "MSC-LNK-16",
+    ),
+    "the old reply comes behind the ACK to a write": (
+        "a_write_ends_the_wait_for_the_hosts_sign", Impatient, "MSC-LNK-16",
+    ),
+    "the reply that takes its place is repeated four times": (
+        "a_reply_served_amid_a_wait_has_repeats_of_its_own", lambda: Repeating(4), "MSC-LNK-09",
+    ),
+    "each write draws two ACKs": (
+        "a_packet_right_behind_a_write_is_served", signs_spoilt(ACK, ACK + ACK), "MSC-LNK-04",
+    ),
     "a repeated SFLAG is dropped": (
         "a_repeated_write_is_carried_out_again", lambda: Programmed(once=True), "MSC-LNK-18",
     ),

@@ -116,7 +116,7 @@ def the_rate_can_be_programmed(session: Session) -> None:
     if not has_rate(bench):
         session.skip("a plain socket carries bytes, not a rate")
     for value in (0x00, 0x04, 0xFF):
-        with brought_back(bench):
+        with brought_back(bench, is_readdressed=False):
             kind = bench.command(0x1B, value).kind
             policy = bench.known("param_range_policy")
             if kind is not Kind.REFUSED:
@@ -124,7 +124,7 @@ def the_rate_can_be_programmed(session: Session) -> None:
                 bench.reading("param_range_policy", max(1, policy), "MACS-CMD-XX-02")
             # Masked, a value may still be none of the three, and then is refused all the same.
             session.expect(True, "MACS-CMD-XX-02", "", "")
-    with brought_back(bench):
+    with brought_back(bench, is_readdressed=False):
         for value in RATES:
             _judge_rate(bench, value)
     bench.alive("MACS-LINE-01")

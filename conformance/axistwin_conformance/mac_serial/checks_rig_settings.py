@@ -26,7 +26,7 @@ def the_rate_outlives_the_supply(session: Session) -> None:
         session.skip("a plain socket carries bytes, not a rate")
     bench.begin()
     rate, value = (9600, 0x01) if bench.target.baud == FACTORY_BAUD else (FACTORY_BAUD, 0x03)
-    with brought_back(bench):
+    with brought_back(bench, is_readdressed=False):
         if bench.send(bench.request(0x1B, value), QUIET_S * 2).kind is Kind.REFUSED:
             bench.reading("cmd_1b_supported", 1, "MACS-CMD-1B-01")
             session.not_run("MACS-PERS-01", "the rate cannot be changed on this device")

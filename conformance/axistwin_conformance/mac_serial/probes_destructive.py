@@ -114,7 +114,7 @@ def baud_reply_rate(bench: Bench) -> Outcome:
     if not has_rate(bench):
         bench.session.skip("a plain socket carries bytes, not a rate")
     value = next(one for one, rate in RATES.items() if rate != bench.target.baud)
-    with brought_back(bench):
+    with brought_back(bench, is_readdressed=False):
         kind = bench.send(bench.request(0x1B, value), QUIET_S * 2).kind
         bench.wait_awake()
         bench.target.baud = RATES[value]

@@ -42,23 +42,23 @@ def has_rate(bench: Bench) -> bool:
 
 
 @contextmanager
-def brought_back(bench: Bench) -> Iterator[None]:
+def brought_back(bench: Bench, *, is_readdressed: bool = True) -> Iterator[None]:
     """Bring the module back to the address and the rate it had, whatever was done to it meanwhile;
-    interrupted, the keeper does."""
+    interrupted, the keeper does.  `is_readdressed`: False where only the rate may change."""
     address, baud = bench.address, bench.target.baud
     what = f"address {address:02X}h" + (f", {baud} baud" if has_rate(bench) else "")
-    with bench.session.owes(what, lambda: bring_back(bench, address, baud)):
+    with bench.session.owes(what, lambda: _bring_back(bench, address, baud, is_readdressed)):
         yield
 
 
-def bring_back(bench: Bench, address: int, baud: int) -> bool:
+def _bring_back(bench: Bench, address: int, baud: int, is_readdressed: bool) -> bool:
     """Bring module and host back to an address and a rate; False if nobody answers there then."""
     bench.wait(QUIET_S)
     bench.address = address
     for number in range(SEARCHES):
         if number > 0:
             _restart_anywhere(bench, baud)
-        if _is_found(bench, baud):
+        if _is_found(bench, baud, is_readdressed or number > 0):
             return _talks(bench, baud)
     bench.target.baud = baud
     return False
@@ -70,17 +70,18 @@ def _rates(bench: Bench, baud: int) -> tuple[int, ...]:
     return tuple(dict.fromkeys((*talked, *RATES.values()) if has_rate(bench) else talked[:1]))
 
 
-def _is_found(bench: Bench, baud: int) -> bool:
+def _is_found(bench: Bench, baud: int, is_readdressed: bool) -> bool:
     """Find the rate at which the module answers; it has the address then."""
     for rate in _rates(bench, baud):
         bench.target.baud = rate
         if answers(bench, bench.address):
-            if bench.session.readings.get("addr_effective") != "at_once":
+            if is_readdressed and bench.session.readings.get("addr_effective") != "at_once":
                 program_address(bench, bench.address)  # or the next restart may bring another one
             return True
-        program_address(bench, bench.address)
-        if answers(bench, bench.address):
-            return True
+        if is_readdressed:
+            program_address(bench, bench.address)
+            if answers(bench, bench.address):
+                return True
     return False
 
 
