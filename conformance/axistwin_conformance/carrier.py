@@ -119,9 +119,9 @@ class Carrier(ABC):
         self.crash = ""  # of the twin behind it, once it has fallen over
         self.late: list[str] = []  # what was held up, or came twice, since somebody cleared this
         self.late_count, self._latest_ns = 0, 0  # in the whole run
-        self.doubled_count = 0  # of these, what came twice
-        self._doubled_count = 0  # the same, and what is the device's habit
-        self._sent_count, self._sent_in_all = 0, 0  # requests since `forget_late`, and all
+        self._doubled_late_count = 0  # of these, what came twice
+        self._doubled_count = 0  # what came twice, the device's habit or not
+        self._sent_count, self._sent_before = 0, 0  # requests, and those before `forget_late`
 
     # --- what a kind of carrier adds --------------------------------------------------------------
 
@@ -199,12 +199,12 @@ class Carrier(ABC):
     def remarks(self) -> tuple[str, ...]:
         """What a reader should know of what happened here beside the exchanges."""
         told = []
-        if count := self.late_count - self.doubled_count:
+        if count := self.late_count - self._doubled_late_count:
             latest_ms = round(self._latest_ns / 1e6)
             times = f"{count} times this host or the {self.word} was late"
             told.append(f"{times}, by up to {latest_ms} ms; what looked wrong then was tried again")
-        if self.doubled_count:
-            times = f"{self.doubled_count} times a reply came twice"
+        if self._doubled_late_count:
+            times = f"{self._doubled_late_count} times a reply came twice"
             told.append(f"{times}; what looked wrong then was tried again")
         return tuple(told)
 
@@ -247,17 +247,18 @@ class Carrier(ABC):
     def forget_late(self) -> None:
         """Begin anew: what was late before does not count."""
         self.late.clear()
-        self._sent_count = 0
+        self._sent_before = self._sent_count
 
     def note_doubled(self, what: str) -> None:
         """Remember that a reply came twice, as a frame does of which the last bit is hit.  Of a
         device that says most of them twice it is the habit, and none of the way's doing."""
         self._doubled_count += 1
-        if self.is_lossless or 2 * self._doubled_count > self._sent_in_all:
+        if self.is_lossless or 2 * self._doubled_count > self._sent_count:
             return
         self.late_count += 1
-        self.doubled_count += 1
-        self.late.append(f"{TWICE}{what}, after request {self._sent_count}")
+        self._doubled_late_count += 1
+        number = self._sent_count - self._sent_before
+        self.late.append(f"{TWICE}{what}, after request {number}")
         self.mark(f"twice, to one request: {what}")
 
     def mark(self, text: str) -> None:
@@ -285,7 +286,6 @@ class Carrier(ABC):
             self.meter(data)
         self.last_sent = data
         self._sent_count += 1
-        self._sent_in_all += 1
         self._clock_ns = None
         self.transcript.note(started_ns, Direction.HOST, data)
         return started_ns

@@ -305,8 +305,7 @@ class Bench(Talk):
             raise TargetError(self.session.run.astray)
         end = self.go(home).end
         assert end is not None
-        wait_for_it(self, position, home, end.latest_ns)
-        return self.position()
+        return wait_for_it(self, position, home, end.latest_ns)
 
     @property
     def home(self) -> int | None:

@@ -254,7 +254,8 @@ def _drive_back(bench: Bench, position: int) -> None:
     """Go back at the speed and with the ramp of the checks; give up after twice the time, or as
     soon as nobody wants to wait for it: told as not put back."""
     bench.settle()
-    distance = abs(bench.position() - position)
+    origin = bench.position()
+    distance = abs(origin - position)
     is_too_far = distance > 2 * bench.session.envelope.max_travel
     if is_too_far or bench.session.run.astray or interrupts.is_hurried():
         return
@@ -269,18 +270,18 @@ def _drive_back(bench: Bench, position: int) -> None:
             bench.command(0x13, position)
         except OutsideEnvelope:
             return  # told as not put back
-        is_back = _comes_back(bench, position, deadline_ns)
+        is_back = _comes_back(bench, origin, position, deadline_ns)
         bench.command(0x18)
         is_over = bench.target.now_ns >= deadline_ns or interrupts.is_hurried()
         if is_back or is_over or bench.session.run.astray:
             return
 
 
-def _comes_back(bench: Bench, position: int, deadline_ns: int) -> bool:
+def _comes_back(bench: Bench, origin: int, position: int, deadline_ns: int) -> bool:
     """Follow an axis on its way back; False as soon as it stands still elsewhere, it is too late,
     or somebody wants it to end."""
     target = bench.target
-    origin, last, since_ns, has_moved = bench.position(), None, target.now_ns, False
+    last, since_ns, has_moved = None, target.now_ns, False
     least_s = max(LOOK_S, (deadline_ns - since_ns) / 1e9 / MOST_LOOKS)
     while target.now_ns < deadline_ns and not interrupts.is_hurried():
         here = bench.position()

@@ -26,14 +26,16 @@ def goes_astray(bench: Bench, origin: int, home: int, here: int) -> bool:
     return bool(run.astray)
 
 
-def wait_for_it(bench: Bench, origin: int, home: int, until_ns: int) -> None:
-    """Wait for an axis that has been sent home.  Raises TargetError for one that goes astray; it
-    has been stopped then."""
+def wait_for_it(bench: Bench, origin: int, home: int, until_ns: int) -> int:
+    """Wait for an axis that has been sent home, and stop it; give where it then is.  Raises
+    TargetError for one that goes astray."""
     slice_s = LOOK_S if bench.session.envelope.is_fenced else float("inf")
     while (left_s := (until_ns - bench.target.now_ns) / 1e9) > 0:
         bench.wait(min(left_s, slice_s))
         if left_s > slice_s and goes_astray(bench, origin, home, bench.position()):
             break
     bench.command(0x18)
-    if goes_astray(bench, origin, home, bench.position()):
+    here = bench.position()
+    if goes_astray(bench, origin, home, here):
         raise TargetError(bench.session.run.astray)
+    return here
