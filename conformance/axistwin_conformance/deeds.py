@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from axistwin_conformance.errors import with_article
+from axistwin_conformance.errors import counted, with_article
 from axistwin_conformance.plan import Options, Plan
 from axistwin_conformance.registry import SAFETY_CLASSES, Check, Grounds
 
@@ -27,7 +27,7 @@ class Deed:
     def who(self) -> str:
         """How many checks and questions would do it."""
         parts = [(len(self.checks), "check"), (self.questions, "question")]
-        return ", ".join(f"{n} {one}{'s'[: n != 1]}" for n, one in parts if n)
+        return ", ".join(counted(number, word) for number, word in parts if number)
 
 
 def deeds(plan: Plan, options: Options) -> tuple[Deed, ...]:

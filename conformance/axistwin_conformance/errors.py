@@ -83,6 +83,11 @@ def interrupts_first() -> Iterator[None]:
         raise
 
 
+def counted(count: int, word: str) -> str:
+    """``1 check``, ``2 checks``."""
+    return f"{count} {word}{'s'[: count != 1]}"
+
+
 def with_article(model: object) -> str:
     """``a mac23``, ``an msc-250``: the one is read as a word, the other letter by letter."""
     return f"{'an' if str(model).startswith('msc') else 'a'} {model}"

@@ -19,7 +19,7 @@ from importlib import metadata
 from typing import Final, NoReturn
 
 from axistwin_conformance.carrier import Carrier
-from axistwin_conformance.errors import TargetError
+from axistwin_conformance.errors import TargetError, counted
 from axistwin_conformance.noise import Disturbed
 from axistwin_conformance.playing import Mismatch, Operations, Played, Player
 from axistwin_conformance.recording import Recording
@@ -202,9 +202,8 @@ class Failure:
                     words = f"{len(operations)} operations failed in run {number} of {tries}"
                     self.history.append(f"on the device the {words}")
                 return True
-        self.history.append(
-            f"{len(operations)} operations did not fail again in {tries} run{'s' * (tries > 1)}"
-        )
+        runs = counted(tries, "run")
+        self.history.append(f"{len(operations)} operations did not fail again in {runs}")
         return False
 
     def _shrunk(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from axistwin_conformance import events
+from axistwin_conformance.errors import counted
 from axistwin_conformance.events import Outcome
 from axistwin_conformance.ledger import Ledger, Requirement
 from axistwin_conformance.recording import Recording
@@ -186,7 +187,7 @@ def _profile_sentence(result: Result, ledger: Ledger) -> str:
 
 def _replay_sentence(result: Result, recording: Recording) -> str:
     """Whether recorded operations fail again."""
-    many = f"{len(recording.operations)} recorded operation{'s'[: len(recording.operations) != 1]}"
+    many = counted(len(recording.operations), "recorded operation")
     failed = [one.requirement.id for one in result.requirements if one.verdict is Verdict.FAIL]
     if not failed:
         return f"Not reproduced: after {many} every reply is admissible."
@@ -199,8 +200,8 @@ def _nothing_sentence(result: Result) -> str:
     """Why a run that judged nothing did not."""
     if result.options.is_only_detection:
         asked = len(result.plan.probes)
-        why = f"{asked} question{'s'[: asked != 1]} told nothing"
-        why = why if asked else "every question was left out"
+        told_nothing = f"{counted(asked, 'question')} told nothing"
+        why = told_nothing if asked else "every question was left out"
         return f"Nothing was detected: {why} (--dry-run shows the reasons)."
     if not result.checks:
         return "Nothing was judged: every check was left out (see the reasons above)."

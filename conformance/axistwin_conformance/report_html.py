@@ -17,6 +17,7 @@ from typing import Any
 
 import jinja2
 
+from axistwin_conformance.errors import counted
 from axistwin_conformance.judgement import CONFORMS
 from axistwin_conformance.plot import is_inside, plot
 from axistwin_conformance.recording import FOLDER
@@ -226,7 +227,7 @@ def _profile_article(report: Report) -> list[Article]:
         "armed": (),
     }
     asked = len(report["readings"])
-    coverage = f"{asked} reading{'s'[: asked != 1]} seen"
+    coverage = f"{counted(asked, 'reading')} seen"
     return [
         Article(
             PROFILE, slug(judged["verdict"]), told, coverage, "–", departures=judged["departures"]
@@ -236,8 +237,7 @@ def _profile_article(report: Report) -> list[Article]:
 
 def _coverage(judged: Mapping[str, Any]) -> str:
     if judged["checks"]:
-        count = len(judged["checks"])
-        return f"{count} check{'s' if count > 1 else ''}"
+        return counted(len(judged["checks"]), "check")
     return NOT_ON_WIRE if judged["not_on_wire"] else NOT_COVERED
 
 
@@ -245,7 +245,7 @@ def _armed(judged: Mapping[str, Any]) -> str:
     if judged["armed"] is None:
         return "unknown"
     count = len(judged["armed"])
-    return f"{count} fault{'s' if count > 1 else ''} caught" if count else NOT_ARMED
+    return f"{counted(count, 'fault')} caught" if count else NOT_ARMED
 
 
 def _evidence(

@@ -27,6 +27,7 @@ from rich.text import Text
 from axistwin_conformance import events
 from axistwin_conformance.armed import load_armed
 from axistwin_conformance.deeds import Deed, allowed_in_vain, deeds
+from axistwin_conformance.errors import counted
 from axistwin_conformance.events import Outcome
 from axistwin_conformance.judgement import UNREACHABLE
 from axistwin_conformance.ledger import Ledger
@@ -191,7 +192,7 @@ class TerminalReport:
 
     def _stored(self, event: events.FailureStored) -> None:
         one = event.recording
-        count = _many(len(one.operations), "operation")
+        count = counted(len(one.operations), "operation")
         words = f"{one.requirement} failed in {event.check} after {count}"
         is_short = bool(self._folder) or len(one.operations) <= MOST_IN_HEX
         where = one.word(self._folder) if is_short else "kept with --report or --json"
@@ -233,7 +234,7 @@ class TerminalReport:
             limit = event.eeprom_budget
             allowed = "" if limit is None else f", of {limit} allowed"
             self._print(
-                f"stored memory: {_many(event.eeprom_writes, 'EEPROM write')} asked for{allowed}"
+                f"stored memory: {counted(event.eeprom_writes, 'EEPROM write')} asked for{allowed}"
             )
         if event.exit_status != UNREACHABLE:
             self._coverage()
@@ -320,7 +321,7 @@ class TerminalReport:
         if covered and all(one.armed is not None for one in covered):
             words += f", {sum(bool(one.armed) for one in covered)} of those are armed"
         if self._readings:
-            words += f"; {_many(len(self._readings), 'reading')} of the manual seen"
+            words += f"; {counted(len(self._readings), 'reading')} of the manual seen"
         self._print(words, style="dim")
 
     def _failure(self, event: events.CheckFinished) -> None:
@@ -366,14 +367,10 @@ def _rate(event: events.RunStarted) -> str:
 
 def _plan_line(count: int, left_out: Mapping[str, str]) -> str:
     if not left_out:
-        return _many(count, "check")
+        return counted(count, "check")
     reasons = Counter(left_out.values())
     details = "; ".join(f"{number} × {reason}" for reason, number in reasons.most_common())
-    return f"{_many(count, 'check')}; left out: {details}"
-
-
-def _many(count: int, word: str) -> str:
-    return f"{count} {word}{'s'[: count != 1]}"
+    return f"{counted(count, 'check')}; left out: {details}"
 
 
 def print_plan(console: Console, plan: Plan, options: Options) -> None:
@@ -391,9 +388,9 @@ def print_plan(console: Console, plan: Plan, options: Options) -> None:
     print_deeds(console, deeds(plan, options))
     if in_vain := allowed_in_vain(options):
         console.print(in_vain, markup=False, soft_wrap=True)
-    questions = _many(len(plan.probes), "question")
+    questions = counted(len(plan.probes), "question")
     console.print(f"First, {questions} would tell how it reads the manual.")
-    checks = _many(len(plan.to_run), "check")
+    checks = counted(len(plan.to_run), "check")
     console.print(f"{checks} would run, {len(plan.left_out)} would not.")
 
 
