@@ -35,9 +35,11 @@ import psutil
 from axistwin_conformance import machines
 from axistwin_conformance.asked import usable_cores
 from axistwin_conformance.budget import WriteBudget
+from axistwin_conformance.catalog import find_family
+from axistwin_conformance.check import Check
+from axistwin_conformance.classes import SAFETY_CLASSES
 from axistwin_conformance.events import Event, StatesCovered
 from axistwin_conformance.jobs import Jobs
-from axistwin_conformance.judgement import CheckResult
 from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.mac_axis import checks_machines, checks_sequences
 from axistwin_conformance.mac_axis.machine_devices import Judged, Trivial
@@ -45,7 +47,7 @@ from axistwin_conformance.mac_axis.machines import AxisMachine
 from axistwin_conformance.mac_axis.player import Player
 from axistwin_conformance.mac_axis.sequences import BYTES_PER_OPERATION
 from axistwin_conformance.mac_serial import codec
-from axistwin_conformance.registry import SAFETY_CLASSES, Check, find_family
+from axistwin_conformance.result import CheckResult
 from axistwin_conformance.session import Envelope, Run, Session
 from axistwin_conformance.targets import Target, open_target
 
@@ -173,7 +175,7 @@ def open_player(wrap: Callable[[Any], Any] | None = None) -> Player:
         target = Target(wrap(target._port), target.description, is_builtin=True)
     run = Run(
         target=target, family=family, model=family.models[MODEL],
-        ledger=load_ledger(family.ledger), address=family.default_address, neighbours=(),
+        ledger=load_ledger(family.name), address=family.default_address, neighbours=(),
         allowed=frozenset(SAFETY_CLASSES), seed=0,
         envelope=Envelope(1 << 20, 5000, is_fenced=False),
     )  # fmt: skip
@@ -181,11 +183,11 @@ def open_player(wrap: Callable[[Any], Any] | None = None) -> Player:
     session = Session(run, checks_machines.some_runs_of_the_machine_agree_with_the_model)
 
     def gate(data: bytes) -> None:
-        assert family.guard(session, data) is None
-        budget.allow(family.writes(data))
+        assert family.forbid(session, data) is None
+        budget.allow(family.stored_writes(data))
 
     target.gate = gate
-    target.meter = lambda data: budget.note(family.writes(data))
+    target.meter = lambda data: budget.note(family.stored_writes(data))
     return checks_sequences.player_of(session)
 
 
@@ -239,7 +241,7 @@ class SharedSlice:
         self.count, self._told = count, list[Event]()
         self._run = open_player().bench.session.run
         self._run.tell = self._told.append
-        self._check = next(one for one in self._run.family.checks() if one.name == DRAWN)
+        self._check = next(one for one in find_family(MODEL).checks() if one.name == DRAWN)
         self._jobs = Jobs(count, self._lost)
 
     @staticmethod

@@ -11,16 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 from axistwin_conformance.budget import DEFAULT_BUDGET
 from axistwin_conformance.carrier import is_twin_url
+from axistwin_conformance.catalog import find_family
+from axistwin_conformance.classes import FULL, SAFETY_CLASSES, SOAK
 from axistwin_conformance.errors import UsageError, with_article
-from axistwin_conformance.registry import (
-    FULL,
-    NO_GROUNDS,
-    SAFETY_CLASSES,
-    SOAK,
-    Family,
-    Grounds,
-    find_family,
-)
+from axistwin_conformance.family import Family
+from axistwin_conformance.model import NO_GROUNDS, Grounds
 from axistwin_conformance.ways import choose_endpoint
 
 if TYPE_CHECKING:
@@ -225,7 +220,7 @@ def _expected(path: Path, family: Family, model: str) -> dict[str, str]:
     from axistwin_conformance.ledger import load_ledger
     from axistwin_conformance.profile import load_profile
 
-    return load_profile(path, model, load_ledger(family.ledger))
+    return load_profile(path, model, load_ledger(family.name))
 
 
 def parse_allowed(text: str | None, *, is_builtin: bool) -> frozenset[str]:

@@ -16,8 +16,10 @@ import time
 import traceback
 from typing import Protocol
 
+from axistwin_conformance.check import Check
 from axistwin_conformance.errors import (
     CannotDo,
+    Disturbed,
     OutsideEnvelope,
     RigError,
     TargetError,
@@ -25,9 +27,8 @@ from axistwin_conformance.errors import (
     interrupts_first,
 )
 from axistwin_conformance.events import Listener, Outcome
-from axistwin_conformance.judgement import CheckResult
-from axistwin_conformance.noise import Attempt, Disturbed, Replays
-from axistwin_conformance.registry import Check
+from axistwin_conformance.noise import Attempt, Replays
+from axistwin_conformance.result import CheckResult
 from axistwin_conformance.session import Run, Session, Stop
 from axistwin_conformance.verdicts import Verdict
 

@@ -26,9 +26,10 @@ from axistwin_conformance.asked import make_options as make_options
 from axistwin_conformance.asked import parse_allowed as parse_allowed
 from axistwin_conformance.asked import usable_cores
 from axistwin_conformance.budget import DEFAULT_BUDGET
+from axistwin_conformance.catalog import families
+from axistwin_conformance.classes import FULL, LEVELS
 from axistwin_conformance.errors import UsageError, with_article
 from axistwin_conformance.given import Word, WordPath, refuse_lost
-from axistwin_conformance.registry import FULL, LEVELS, families
 
 if TYPE_CHECKING:
     from axistwin_conformance.engine import Engine

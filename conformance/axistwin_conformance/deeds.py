@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from axistwin_conformance.check import Check
+from axistwin_conformance.classes import SAFETY_CLASSES
 from axistwin_conformance.errors import counted, with_article
+from axistwin_conformance.model import Grounds
 from axistwin_conformance.plan import Options, Plan
-from axistwin_conformance.registry import SAFETY_CLASSES, Check, Grounds
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +40,7 @@ def deeds(plan: Plan, options: Options) -> tuple[Deed, ...]:
         checks = tuple(check.name for check in plan.to_run if _does(check, safety))
         questions = sum(_does(check, safety) for check in asking)
         if checks or questions:
-            what = options.family.deeds.get(safety, "")
+            what = options.family.impact.get(safety, "")
             told.append(Deed(safety, checks, questions, what, _within(safety, options)))
     return tuple(told)
 

@@ -20,14 +20,16 @@ from typing import Protocol
 
 from axistwin_conformance.errors import (
     CannotDo,
+    Disturbed,
     OutsideEnvelope,
     RigError,
     TargetError,
     TwinCrashed,
     interrupts_first,
 )
-from axistwin_conformance.noise import MOST_ATTEMPTS, Disturbed
-from axistwin_conformance.profile import Detection, Probe, Seen
+from axistwin_conformance.noise import MOST_ATTEMPTS
+from axistwin_conformance.probing import Probe, Seen
+from axistwin_conformance.profile import Detection
 from axistwin_conformance.session import Run, Session, Stop
 
 

@@ -24,8 +24,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from importlib import metadata
@@ -35,54 +34,30 @@ from axistwin_conformance.armed import load_armed
 from axistwin_conformance.attempts import Attempts, describe
 from axistwin_conformance.budget import WriteBudget
 from axistwin_conformance.carrier import Carrier
+from axistwin_conformance.check import Check
 from axistwin_conformance.deeds import allowed_in_vain
 from axistwin_conformance.detection import detect, leave_out
 from axistwin_conformance.errors import TargetError, TwinCrashed, UsageError, WrongDevice
 from axistwin_conformance.events import Listener, Outcome
 from axistwin_conformance.jobs import Jobs
-from axistwin_conformance.judgement import CheckResult, RequirementResult, conclude
+from axistwin_conformance.judgement import conclude
 from axistwin_conformance.keeper import Keeper, Opener
 from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.plan import Options, Plan, make_plan
-from axistwin_conformance.profile import Detection, Probe, held_to
-from axistwin_conformance.registry import Check
+from axistwin_conformance.probing import Probe
+from axistwin_conformance.profile import Detection, held_to
+from axistwin_conformance.result import CheckResult, Result
 from axistwin_conformance.session import Envelope, Run, Session
 from axistwin_conformance.soak import Soak
 from axistwin_conformance.verdicts import Finding, Verdict
 from axistwin_conformance.ways import BUS, LINE
 
-__all__ = ["Engine", "Envelope", "Options", "Result", "Session"]
+__all__ = ["Engine", "Envelope", "Options", "Session"]
 
 ROUND_TRIPS = 20
 NEIGHBOUR_ATTEMPTS = 2
 ECHO = "what is sent comes back as it was: switch off the local echo of the adapter"
 MEANWHILE = 20  # checks: fewer are over before another process has even started
-
-
-@dataclass(slots=True)
-class Result:
-    """All that a run found out."""
-
-    options: Options
-    plan: Plan
-    checks: list[CheckResult] = field(default_factory=list)
-    requirements: tuple[RequirementResult, ...] = ()
-    problems: list[str] = field(default_factory=list)
-    readings: Mapping[str, str] = field(default_factory=dict)  # switch → the reading seen
-    detections: Mapping[str, Detection] = field(default_factory=dict)  # what the probes told
-    profile: events.ProfileJudged | None = None  # of the profile that the user gave
-    lost: str = ""  # why nothing more was asked of the device before the plan was through
-    refusal: str = ""  # why the device was not judged at all: unreachable, or not the model
-    is_misused: bool = False  # it was refused for what the operator has named
-    is_interrupted: bool = False
-    exit_status: int = 0
-    sentence: str = ""
-
-    @property
-    def has_ended_early(self) -> bool:
-        """True if the user wants no more than one failure, and there is one."""
-        failed = any(one.verdict is Verdict.FAIL for one in self.checks)
-        return failed and self.options.is_exitfirst
 
 
 class Engine:
@@ -91,7 +66,7 @@ class Engine:
     def __init__(self, options: Options, opener: Opener | None = None) -> None:
         self.options = options
         self.family = options.family
-        self.ledger = load_ledger(options.family.ledger)
+        self.ledger = load_ledger(options.family.name)
         self._emit: Listener = lambda event: None
         self._budget = WriteBudget(options.eeprom_budget)
         self._keeper = Keeper(options, self.ledger, opener or self._open, self._tell, self._budget)
@@ -129,7 +104,7 @@ class Engine:
         self._tell_readings()
         if result.profile is not None:
             self._emit(result.profile)
-        armed = load_armed(self.family.ledger)
+        armed = load_armed(self.family.name)
         for one in result.requirements:
             self._emit(one.as_event(armed))
         self._finish(time.monotonic() - started)
@@ -231,7 +206,7 @@ class Engine:
         """Identity and readings; a device that fails and is lost by it, is judged all the same."""
         try:
             self._identify_unless_echoed(run)
-            self.family.survey(Session(run))
+            self.family.preflight(Session(run))
             for probe, reason in self._result.plan.unprobed:
                 leave_out(run, probe, reason)
             self._detect(run, is_destructive=False)
@@ -258,7 +233,7 @@ class Engine:
         # What is learnt from here on, kept on any way out.
         self._result.readings, self._result.detections = run.readings, run.detections
         try:
-            run.identity = self.family.probe(session)
+            run.identity = self.family.identify(session)
         except TwinCrashed:
             self._keeper.accuse(session, "identity")
             raise
@@ -282,7 +257,7 @@ class Engine:
     def _is_sound(self, session: Session) -> bool:
         """One good exchange; what had to be asked again tells nothing of how long one takes."""
         asked_again = len(session.retries)
-        return self.family.sanity(session) and len(session.retries) == asked_again
+        return self.family.is_alive(session) and len(session.retries) == asked_again
 
     def _meet_neighbours(self, run: Run) -> None:
         """Raise TargetError for a neighbour that does not answer: what is asked of it would be
@@ -290,7 +265,7 @@ class Engine:
         for address in () if self.options.is_builtin else run.neighbours:
             beside = Session(replace(run, address=address))
             try:
-                is_there = any(self.family.sanity(beside) for _ in range(NEIGHBOUR_ATTEMPTS))
+                is_there = any(self.family.is_alive(beside) for _ in range(NEIGHBOUR_ATTEMPTS))
             except TargetError:  # given up for its silence; the device has answered before
                 is_there = False
             if not is_there:
@@ -361,8 +336,8 @@ class Engine:
         other.identity, other.target.round_trip = run.identity, run.target.round_trip
         other.quality = run.quality
         other.readings, other.detections = run.readings, run.detections
-        if other.target.fence is not None and other.family.fence is not None:
-            other.target.fence = other.family.fence(other)  # nothing has been said there yet
+        if other.target.fence is not None:
+            other.target.fence = other.family.travel_guard(other)  # nothing has been said there yet
 
     def _last_words(self, run: Run) -> None:
         for text in run.target.remarks:

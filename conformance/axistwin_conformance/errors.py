@@ -69,6 +69,10 @@ class CannotDo(SuiteError):  # noqa: N818 - an answer of the rig, not an error
     """The rig cannot do what was asked; what was to be judged is not run."""
 
 
+class Disturbed(SuiteError):  # noqa: N818 - a verdict on the attempt, not an error
+    """The reply to something that must not be repeated was spoilt: the attempt is void."""
+
+
 @contextlib.contextmanager
 def interrupts_first() -> Iterator[None]:
     """Let an interrupt through although tidying up has raised something else in its place."""
@@ -91,3 +95,13 @@ def counted(count: int, word: str) -> str:
 def with_article(model: object) -> str:
     """``a mac23``, ``an msc-250``: the one is read as a word, the other letter by letter."""
     return f"{'an' if str(model).startswith('msc') else 'a'} {model}"
+
+
+def time_left(seconds: float) -> str:
+    """A guess as rough as it is."""
+    if seconds < 8:
+        return "a few seconds left"
+    if seconds < 55:
+        return f"about {5 * round(seconds / 5)} s left"
+    minutes = max(1, round(seconds / 60))
+    return f"about {minutes} min left" if minutes < 100 else f"about {minutes / 60:.1f} h left"

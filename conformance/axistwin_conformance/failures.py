@@ -19,11 +19,10 @@ from importlib import metadata
 from typing import Final, NoReturn
 
 from axistwin_conformance.carrier import Carrier
-from axistwin_conformance.errors import TargetError, counted
-from axistwin_conformance.noise import Disturbed
+from axistwin_conformance.classes import SAFETY_CLASSES
+from axistwin_conformance.errors import Disturbed, TargetError, counted
 from axistwin_conformance.playing import Mismatch, Operations, Played, Player
 from axistwin_conformance.recording import Recording
-from axistwin_conformance.registry import SAFETY_CLASSES
 from axistwin_conformance.session import Run, Session, Stop
 from axistwin_conformance.shrink import Budget, Shrunk, shrink, towards_zero
 
@@ -297,8 +296,8 @@ def twin_session(session: Session, twin: Carrier) -> Session:
         grounds=run.grounds,
         seed=run.seed, readings=dict(run.readings), detections=dict(run.detections),
     )  # fmt: skip
-    if run.family.fence is not None and run.envelope.is_fenced:
-        twin.fence = run.family.fence(other)
+    if run.envelope.is_fenced:
+        twin.fence = run.family.travel_guard(other)
     alone = Session(other)
     other.memory = run.family.remember(alone)
     return alone

@@ -29,12 +29,15 @@ from multiprocessing.connection import Connection
 from axistwin_conformance.attempts import Attempts, describe
 from axistwin_conformance.budget import WriteBudget
 from axistwin_conformance.carrier import RoundTrip
+from axistwin_conformance.catalog import find_family
+from axistwin_conformance.check import Check
 from axistwin_conformance.events import Event, FailureStored, Outcome
-from axistwin_conformance.judgement import CheckResult
+from axistwin_conformance.family import Family
 from axistwin_conformance.ledger import load_ledger
+from axistwin_conformance.model import Grounds, Identity
 from axistwin_conformance.profile import Detection
 from axistwin_conformance.recording import Recording
-from axistwin_conformance.registry import Check, Grounds, Identity, find_family
+from axistwin_conformance.result import CheckResult
 from axistwin_conformance.session import Envelope, Run, Session
 from axistwin_conformance.verdicts import Finding, Verdict
 
@@ -100,12 +103,15 @@ def _is_clean(result: CheckResult) -> bool:
 # --- in a worker ---------------------------------------------------------------------------------
 
 
+@dataclass(frozen=True, slots=True)
 class _Guard:
     """Who looks after a twin that is thrown away afterwards: nothing needs putting back."""
 
+    family: Family
+
     def guard(self, session: Session, data: bytes) -> None:
         """Raise AssertionError for what the check has not declared."""
-        reason = session.run.family.guard(session, data)
+        reason = self.family.forbid(session, data)
         assert reason is None, f"held back {data.hex(' ')}: {reason}"
 
     def settle(self, run: Run) -> None:
@@ -126,16 +132,16 @@ def judge(place: Place, name: str, seed: int) -> Told:
         target.round_trip = place.round_trip
         run = Run(
             target=target, family=family, model=family.models[place.model],
-            ledger=load_ledger(family.ledger), address=place.address, neighbours=place.neighbours,
+            ledger=load_ledger(family.name), address=place.address, neighbours=place.neighbours,
             allowed=place.allowed, envelope=place.envelope, seed=seed, identity=place.identity,
             readings=dict(place.readings), detections=dict(place.detections),
             budget=WriteBudget(), tell=events.append, shrinks=False, grounds=place.grounds,
         )  # fmt: skip
-        target.meter = lambda data: run.budget.note(family.writes(data))
-        if family.fence is not None and run.envelope.is_fenced:
-            target.fence = family.fence(run)
+        target.meter = lambda data: run.budget.note(family.stored_writes(data))
+        if run.envelope.is_fenced:
+            target.fence = family.travel_guard(run)
         run.memory = family.remember(Session(run))
-        one = Attempts(events.append, _Guard()).believed(run, check)
+        one = Attempts(events.append, _Guard(family)).believed(run, check)
     finally:
         target.close()
     return Told(

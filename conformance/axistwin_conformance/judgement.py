@@ -3,85 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
-from axistwin_conformance import events
+from axistwin_conformance.check import Check
 from axistwin_conformance.errors import counted
 from axistwin_conformance.events import Outcome
 from axistwin_conformance.ledger import Ledger, Requirement
 from axistwin_conformance.recording import Recording
-from axistwin_conformance.registry import Check
-from axistwin_conformance.verdicts import Finding, Verdict, merge
-
-if TYPE_CHECKING:
-    from axistwin_conformance.engine import Result
+from axistwin_conformance.result import RequirementResult, Result
+from axistwin_conformance.verdicts import Finding, Verdict, join_texts, merge
 
 CONFORMS, FAILS, USAGE, UNREACHABLE, UNSETTLED, INTERRUPTED = 0, 1, 2, 3, 4, 130
 
 NO_RIG = "needs a rig that works inputs, supply or load"
 NOT_COVERED = "not covered: no check judges it yet"
-
-
-@dataclass(frozen=True, slots=True)
-class CheckResult:
-    """What came of one check."""
-
-    check: Check
-    outcome: Outcome
-    findings: tuple[Finding, ...]
-    retries: tuple[str, ...]
-    seconds: float
-    trouble: str
-    recording: Recording | None = None  # the operations that failed, if it plays any
-
-    @property
-    def verdict(self) -> Verdict:
-        """The worst of its findings."""
-        return merge(finding.verdict for finding in self.findings)
-
-    def withdrawn(self, reason: str) -> CheckResult:
-        """Return the result with every judgement withdrawn: the device was lost under it."""
-        said = (
-            replace(
-                one,
-                verdict=Verdict.INCONCLUSIVE,
-                text=_join(f"{one.verdict}, but {reason}", one.text),
-            )
-            if one.verdict.is_judgement
-            else one
-            for one in self.findings
-        )
-        return replace(
-            self, findings=tuple(said), outcome=Outcome.TROUBLE, trouble=self.trouble or reason
-        )
-
-    def as_event(self, number: int, total: int, replay: str) -> events.CheckFinished:
-        """Return the event that tells this."""
-        return events.CheckFinished(
-            number, total, self.check.name, self.outcome, self.verdict, self.findings,
-            self.retries, self.seconds, self.trouble, replay,
-        )  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True)
-class RequirementResult:
-    """The verdict on one requirement, the reason in a line, and who spoke about it."""
-
-    requirement: Requirement
-    verdict: Verdict
-    reason: str
-    checks: tuple[str, ...]
-    findings: tuple[tuple[str, Finding], ...]  # name of the check, what it said
-
-    def as_event(self, armed: Mapping[str, tuple[str, ...]] | None) -> events.RequirementJudged:
-        """Return the event that tells this; `armed` as `load_armed` returns it."""
-        one = self.requirement
-        return events.RequirementJudged(
-            one.id, one.kind, tuple(sorted(one.safety)), one.source, one.text, one.not_on_wire,
-            None if armed is None else armed.get(one.id, ()),
-            self.verdict, self.reason, self.checks,
-        )  # fmt: skip
 
 
 def conclude(result: Result, ledger: Ledger) -> None:
@@ -138,18 +72,14 @@ def _reason(
     if missing and verdict is not Verdict.FAIL:
         part = f"{len(missing)} of its checks not run: " if findings else ""
         texts += [part + why for why in dict.fromkeys(missing.values())]
-    return _join(*dict.fromkeys(texts))
+    return join_texts(*dict.fromkeys(texts))
 
 
 def _told(finding: Finding) -> str:
     if finding.actual is None:
         return finding.text
     admissible = " | ".join(finding.expected)
-    return _join(finding.text, f"admissible: {admissible}, came: {finding.actual}")
-
-
-def _join(*texts: str) -> str:
-    return "; ".join(text for text in texts if text)
+    return join_texts(finding.text, f"admissible: {admissible}, came: {finding.actual}")
 
 
 def _exit_status(result: Result) -> int:

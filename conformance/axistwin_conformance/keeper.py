@@ -25,13 +25,13 @@ from axistwin_conformance import events, interrupts
 from axistwin_conformance.attempts import describe
 from axistwin_conformance.budget import WriteBudget
 from axistwin_conformance.carrier import Carrier
-from axistwin_conformance.errors import RigError, TargetError, TwinCrashed
+from axistwin_conformance.check import Check
+from axistwin_conformance.errors import Disturbed, RigError, TargetError, TwinCrashed
 from axistwin_conformance.events import Listener, Outcome
-from axistwin_conformance.judgement import CheckResult
+from axistwin_conformance.family import Violation
 from axistwin_conformance.ledger import Ledger
-from axistwin_conformance.noise import Disturbed
 from axistwin_conformance.plan import Options
-from axistwin_conformance.registry import Breach, Check
+from axistwin_conformance.result import CheckResult
 from axistwin_conformance.session import HUSH_S, Run, Session, Stop
 from axistwin_conformance.verdicts import Finding, Verdict
 
@@ -103,15 +103,15 @@ class Keeper:
 
     def _equip(self, run: Run) -> None:
         """Put rig, meter and fence to the run's target; raises TargetError without its rig."""
-        family, target = run.family, run.target
+        family, target = self.options.family, run.target
         try:
             run.rig = self.options.rig.open(target, run.address, self._tell_question)
         except RigError as error:
             target.close()
             raise TargetError(str(error)) from error
-        target.meter = lambda data: self.budget.note(family.writes(data))
-        if family.fence is not None and run.envelope.is_fenced:
-            target.fence = family.fence(run)
+        target.meter = lambda data: self.budget.note(family.stored_writes(data))
+        if run.envelope.is_fenced:
+            target.fence = family.travel_guard(run)
 
     def _tell_question(self, is_open: bool, text: str) -> None:
         self.tell(events.RigQuestion(is_open, text))
@@ -120,7 +120,7 @@ class Keeper:
         """Stop and put back on the way out, whichever it is, once anything but passive has run."""
         if run.memory is None or run.target.crash:
             return
-        has_axis = run.family.has_axis
+        has_axis = self.options.family.has_axis
         deed = "stop the axis or put its parameters back" if has_axis else "put back what it held"
         try:
             self.settle(run, is_leaving=True)
@@ -135,7 +135,7 @@ class Keeper:
         """Stop at once, and tell what may not be as it was: nobody waits any longer."""
         try:
             with contextlib.suppress(Exception):
-                run.family.stop(Session(run))
+                self.options.family.stop(Session(run))
         finally:  # this is cut short as well
             held = "; ".join([str(run.memory), *(one.what for one in run.owed)])
             self.trouble(f"interrupted again, could not {deed}; it held: {held}")
@@ -144,10 +144,10 @@ class Keeper:
 
     def guard(self, session: Session, data: bytes) -> None:
         """Raise AssertionError for what the check has not declared, CannotDo without a budget."""
-        family = session.run.family
-        reason = family.guard(session, data)
+        family = self.options.family
+        reason = family.forbid(session, data)
         assert reason is None, f"held back {data.hex(' ')}: {reason}"
-        self.budget.allow(family.writes(data))
+        self.budget.allow(family.stored_writes(data))
 
     def remember(self, run: Run) -> bool:
         """Read what has to be put back, once; False if that cannot be (rule 1)."""
@@ -155,7 +155,7 @@ class Keeper:
             return not self.unremembered
         session = Session(run)
         try:
-            run.memory = run.family.remember(session)
+            run.memory = self.options.family.remember(session)
         except TargetError as error:
             self.unremembered = f"what is to be put back could not be read: {error}"
             self.trouble(self.unremembered)
@@ -168,10 +168,10 @@ class Keeper:
         """Why nothing can be judged by what the operator has named for a check; empty: it can be,
         as far as is known.  Each is tried once, by the first check that may write to it."""
         for need in check.needs if check.danger > 0 else ():
-            if need in run.family.trials and need not in self._tried:
+            if need in self.options.family.tried_needs and need not in self._tried:
                 self._tried[need] = ""
                 with contextlib.suppress(TargetError):  # what is wrong then, the check will meet
-                    self._tried[need] = run.family.trials[need](Session(run))
+                    self._tried[need] = self.options.family.unusable(Session(run), need)
                     self.settle(run)
                 if self._tried[need]:
                     self.trouble(self._tried[need])
@@ -209,12 +209,12 @@ class Keeper:
 
     def _put_back(self, run: Run, session: Session, *, is_leaving: bool) -> None:
         try:
-            run.family.stop(session)
+            self.options.family.stop(session)
             if is_leaving and not run.target.is_virtual:
                 run.target.hush(HUSH_S)
         finally:
             if not run.target.crash:
-                for sentence in run.family.restore(session, run.memory):
+                for sentence in self.options.family.restore(session, run.memory):
                     self.trouble(f"not put back: {sentence}")
 
     def _release_rig(self, run: Run) -> None:
@@ -223,7 +223,7 @@ class Keeper:
             return
         try:
             with contextlib.suppress(TargetError):
-                run.family.stop(Session(run))
+                self.options.family.stop(Session(run))
         finally:
             try:
                 run.rig.reset()
@@ -237,7 +237,7 @@ class Keeper:
             for pause_s in SANITY_PAUSES_S:
                 run.target.wait(pause_s)
                 run.target.drain()
-                if run.family.sanity(session):
+                if self.options.family.is_alive(session):
                     self.note_retries(session)
                     return True
         except TwinCrashed:
@@ -259,7 +259,7 @@ class Keeper:
             self._equip(run)
             run.target.round_trip = crashed.round_trip
             if run.memory is not None:
-                run.memory = run.family.remember(Session(run))
+                run.memory = self.options.family.remember(Session(run))
             is_back = self.is_sane(run)
         except TargetError:
             return False
@@ -277,27 +277,26 @@ class Keeper:
         is_surely_its_own = run.target.crash or run.target.is_lossless
         if not is_surely_its_own and not (reply and session.is_settled and self.is_sane(run)):
             return False
-        breach = run.family.blame(session, request, None if run.target.crash else reply)
-        if breach is None:
+        violation = self.options.family.diagnose(
+            session, request, None if run.target.crash else reply
+        )
+        if violation is None:
             if run.target.crash:
                 self.trouble(run.target.crash)
             return False
         if run.target.crash:
-            breach = replace(breach, actual=run.target.crash)
-        if breach not in self._accused and act not in self._accused:
-            self._accused |= {breach, act}
-            self._record(session, act, behaviour or ACTS[act], breach)
+            violation = replace(violation, actual=run.target.crash)
+        if violation not in self._accused and act not in self._accused:
+            self._accused |= {violation, act}
+            self._record(session, act, behaviour or ACTS[act], violation)
         return True
 
-    def _record(self, session: Session, act: str, behaviour: str, breach: Breach) -> None:
+    def _record(self, session: Session, act: str, behaviour: str, violation: Violation) -> None:
         """Tell it as what a check numbered 0 has found: before, between or after the others."""
-        check = Check(
-            act, lambda session: None, (breach.requirement,), ("passive",), "quick", (), behaviour,
-            __name__,
-        )  # fmt: skip
+        check = Check.named(act, behaviour, __name__, requirements=(violation.requirement,))
         finding = Finding(
-            breach.requirement, Verdict.FAIL, "beside the checks", (breach.expected,),
-            breach.actual, session.excerpt(),
+            violation.requirement, Verdict.FAIL, "beside the checks", (violation.expected,),
+            violation.actual, session.excerpt(),
         )  # fmt: skip
         result = CheckResult(check, Outcome.DONE, (finding,), tuple(session.retries), 0.0, "")
         self.accusations.append(result)

@@ -30,71 +30,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 from axistwin_conformance.carrier import TWICE
-from axistwin_conformance.errors import SuiteError
 from axistwin_conformance.events import Outcome
-from axistwin_conformance.judgement import CheckResult
+from axistwin_conformance.line_quality import LEAST_ALIKE, LineQuality
+from axistwin_conformance.result import CheckResult
 from axistwin_conformance.verdicts import Finding, Verdict
 
-FALSE_ALARM = 1e-6  # the chance left to noise of looking like the device
 FALSE_ALARM_AMONG_MANY = 1e-4  # the same, of attempts picked from many
-FALSE_LOSS = 1e-9  # of looking like a device that is gone: that is asked after every exchange
-LEAST_ALIKE = 3
 MOST_ATTEMPTS = 10  # of one check, the first one included
 MOST_WHILE_ALIKE = 2  # times as many while none has held and some have failed alike
 MOST_WHILE_QUIET = 4  # times as many while none has held and two have failed alike without noise
-NOISY = 1e-3  # share of spoilt exchanges from which a line counts as noisy
 PASSED_WITH_RETRIES = "passed by asking again; what went wrong went wrong here and there: noise"
-PRIOR_EXCHANGES = 20  # before anything is known, a line is taken to spoil one exchange in these
-
-
-class Disturbed(SuiteError):  # noqa: N818 - a verdict on the attempt, not an error
-    """The reply to something that must not be repeated was spoilt: the attempt is void."""
-
-
-@dataclass(slots=True)
-class LineQuality:
-    """How many exchanges of a run went wrong on the way, as far as that can be told."""
-
-    exchanges: int = 0
-    spoilt: int = 0
-    votes: Counter[tuple[str, str]] = field(default_factory=Counter)  # how something is spelt
-
-    def note(self, *, is_spoilt: bool) -> None:
-        """Count one exchange."""
-        self.exchanges += 1
-        self.spoilt += is_spoilt
-
-    @property
-    def rate(self) -> float:
-        """The share of spoilt exchanges, estimated carefully while few are known."""
-        return (self.spoilt + 1) / (self.exchanges + PRIOR_EXCHANGES)
-
-    @property
-    def is_noisy(self) -> bool:
-        """True if what is done on this line cannot be relied on."""
-        return self.spoilt > NOISY * max(self.exchanges, 1)
-
-    @property
-    def alike_needed(self) -> int:
-        """How many times the same bad thing must come before it is the device's."""
-        return max(LEAST_ALIKE, self._in_a_row(FALSE_ALARM))
-
-    @property
-    def bad_when_lost(self) -> int:
-        """How many bad replies in a row mean that nobody answers any more."""
-        return self._in_a_row(FALSE_LOSS)
-
-    def _in_a_row(self, chance: float) -> int:
-        """How many spoilt exchanges in a row are as unlikely as that."""
-        return math.ceil(math.log(chance) / math.log(min(self.rate, 0.9)))
-
-    def is_settled(self, replies: list[bytes]) -> bool:
-        """True if the last replies to one request are alike and too many for noise."""
-        needed = self.alike_needed
-        return len(replies) >= needed and len(set(replies[-needed:])) == 1
-
-    def __str__(self) -> str:
-        return f"{self.spoilt} of {self.exchanges} exchanges spoilt"
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Mapping
 
+from axistwin_conformance.check import Check
 from axistwin_conformance.plan import Plan
-from axistwin_conformance.registry import Check
 
 WEIGHTS = (1.0, 6.0, 6.0, 6.0, 8.0)  # passive, motion, stored, rig, destructive
 FULL_FACTOR = 2.0  # checks that only full runs do are the long ones
@@ -94,13 +94,3 @@ def _ratio(pairs: Iterable[tuple[float, float]]) -> float:
     """The sum of the seconds over the sum of what was expected."""
     expected, seconds = map(sum, zip(*pairs, strict=True))
     return seconds / expected if expected else 1.0
-
-
-def in_words(seconds: float) -> str:
-    """A guess as rough as it is."""
-    if seconds < 8:
-        return "a few seconds left"
-    if seconds < 55:
-        return f"about {5 * round(seconds / 5)} s left"
-    minutes = max(1, round(seconds / 60))
-    return f"about {minutes} min left" if minutes < 100 else f"about {minutes / 60:.1f} h left"

@@ -15,8 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from axistwin_conformance.profile import Probe, Seen
-from axistwin_conformance.registry import Check
+from axistwin_conformance.check import Check
 from axistwin_conformance.session import Session
 
 
@@ -25,6 +24,34 @@ class Measured:
     """A reading that is a value of the unit's own, spelled as the ledger spells it."""
 
     value: str
+
+
+Look = Callable[[Session], "Seen"]
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What a look at the device showed: the readings that explain it (one: it is known; several:
+    this look cannot tell them apart; none: it fits no reading), and what came, in words."""
+
+    readings: tuple[str, ...]
+    evidence: str
+
+
+@dataclass(frozen=True, slots=True)
+class Probe:
+    """A short question to the device that tells one switch.
+
+    Two probes may tell the same switch: the second then narrows down what the first leaves open.
+    `check` carries name, safety classes and needs, and is what the run attempts; `look` asks.
+    `serves`: beginnings of requirements.  A question that takes long is left out of a run that
+    judges none of those, unless the profile itself is wanted; empty: it is asked in every run.
+    """
+
+    switch: str
+    look: Look
+    check: Check
+    serves: tuple[str, ...] = ()
 
 
 Outcome = int | tuple[int, ...] | Measured | str
@@ -48,14 +75,10 @@ def probe(
         question = " ".join((function.__doc__ or "").split()).rstrip(".")
 
         def look(session: Session) -> Seen:
-            make = session.run.family.bench
-            assert make is not None, "a family with probes says how its devices are handled"
-            return _seen(session, told, question, function(make(session, None)))
+            return _seen(session, told, question, function(session.run.family.driver(session)))
 
-        check = Check(
-            f"detect_{function.__name__}", lambda session: None, (), classes, "quick", tuple(needs),
-            question, function.__module__,
-        )  # fmt: skip
+        name = f"detect_{function.__name__}"
+        check = Check.named(name, question, function.__module__, safety=classes, needs=tuple(needs))
         return Probe(told, look, check, serves)
 
     return declare

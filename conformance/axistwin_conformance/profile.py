@@ -18,49 +18,18 @@ import difflib
 import os
 import tempfile
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from axistwin_conformance.errors import UsageError, with_article
 from axistwin_conformance.events import Departure, ProfileJudged
+from axistwin_conformance.ledger import Ledger
 from axistwin_conformance.profile_values import Value, value_of
-from axistwin_conformance.registry import Check
 from axistwin_conformance.verdicts import Verdict
 
-if TYPE_CHECKING:
-    from axistwin_conformance.ledger import Ledger
-    from axistwin_conformance.session import Session
-
 KEYS = ("model", "quirks")
-
-Look = Callable[["Session"], "Seen"]
-
-
-@dataclass(frozen=True, slots=True)
-class Seen:
-    """What a look at the device showed: the readings that explain it (one: it is known; several:
-    this look cannot tell them apart; none: it fits no reading), and what came, in words."""
-
-    readings: tuple[str, ...]
-    evidence: str
-
-
-@dataclass(frozen=True, slots=True)
-class Probe:
-    """A short question to the device that tells one switch.
-
-    Two probes may tell the same switch: the second then narrows down what the first leaves open.
-    `check` carries name, safety classes and needs, and is what the run attempts; `look` asks.
-    `serves`: beginnings of requirements.  A question that takes long is left out of a run that
-    judges none of those, unless the profile itself is wanted; empty: it is asked in every run.
-    """
-
-    switch: str
-    look: Look
-    check: Check
-    serves: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

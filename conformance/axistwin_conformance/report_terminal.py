@@ -26,14 +26,14 @@ from rich.text import Text
 
 from axistwin_conformance import events
 from axistwin_conformance.armed import load_armed
+from axistwin_conformance.check import Check
 from axistwin_conformance.deeds import Deed, allowed_in_vain, deeds
-from axistwin_conformance.errors import counted
+from axistwin_conformance.errors import counted, time_left
 from axistwin_conformance.events import Outcome
 from axistwin_conformance.judgement import UNREACHABLE
 from axistwin_conformance.ledger import Ledger
-from axistwin_conformance.pace import Pace, in_words
+from axistwin_conformance.pace import Pace
 from axistwin_conformance.plan import Options, Plan
-from axistwin_conformance.registry import Check
 from axistwin_conformance.transcript import Direction, Record
 from axistwin_conformance.verdicts import Finding, Verdict
 from axistwin_conformance.ways import in_hex
@@ -78,7 +78,7 @@ class TimeLeftColumn(ProgressColumn):
     def render(self, task: Task) -> Text:
         """Say it."""
         seconds = self._pace.remaining_s
-        return Text("" if seconds is None else in_words(seconds), style="dim")
+        return Text("" if seconds is None else time_left(seconds), style="dim")
 
 
 class TerminalReport:
@@ -206,7 +206,9 @@ class TerminalReport:
         now = time.monotonic()
         if not self._console.is_terminal and now - self._told_left_at >= LEFT_TOLD_EVERY_S:
             self._told_left_at = now
-            self._print(f"… {words}, {event.elapsed_s:.0f} s over, {in_words(left_s)}", style="dim")
+            self._print(
+                f"… {words}, {event.elapsed_s:.0f} s over, {time_left(left_s)}", style="dim"
+            )
 
     def _time_left(self) -> None:
         """Into a log the guess goes now and then; on a terminal it stands beside the bar."""
@@ -214,7 +216,7 @@ class TerminalReport:
         if self._console.is_terminal or not seconds or now - self._told_left_at < LEFT_TOLD_EVERY_S:
             return
         self._told_left_at = now
-        self._print(f"… {in_words(seconds)}", style="dim")
+        self._print(f"… {time_left(seconds)}", style="dim")
 
     # The end.
 

@@ -30,31 +30,13 @@ from dataclasses import dataclass, field
 from typing import Any, Final, Protocol, TextIO
 
 from axistwin_conformance.carrier import Carrier, is_twin_url
+from axistwin_conformance.check import CAPABILITIES
 from axistwin_conformance.errors import CannotDo, RigError, UsageError
 from axistwin_conformance.ways import LINE, Way
 
 INPUTS: Final = ("reference", "positive_stop", "negative_stop", "reset")
 FAULTS: Final = ("micro_cut", "amplifier", "encoder")
 
-# What a rig may be able to do, in words that follow "a rig that".
-CAPABILITIES: Final[Mapping[str, str]] = {
-    "reference": "works the reference input",
-    "positive_stop": "works the positive stop input",
-    "negative_stop": "works the negative stop input",
-    "reset": "works the reset input",
-    "supply": "sets the supply voltage",
-    "temperature": "sets the module's temperature",
-    "power": "switches the supply off and on",
-    "hold": "holds the shaft against the motor",
-    "turn": "turns the shaft by hand",
-    "micro_cut": "makes a micro-cut of the supply",
-    "amplifier": "makes the amplifier report a fault",
-    "encoder": "takes the encoder away",
-    "flag": "works the inputs, timers and motors behind the controller's flags",
-    "status": "brings about the conditions of the status word",
-    "program": "starts and stops the macroprogram",
-    "battery": "takes the battery of the memory away",
-}
 OF_A_CONTROLLER: Final = frozenset({"power", "flag", "status", "program", "battery"})
 OF_AN_AXIS: Final = frozenset(CAPABILITIES) - (OF_A_CONTROLLER - {"power"})
 KINDS: Final = ("twin", "prompt", "command")

@@ -13,22 +13,23 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, NoReturn, cast
+from typing import Any, NoReturn, Protocol, cast
 
 from axistwin_conformance.budget import WriteBudget
-from axistwin_conformance.carrier import Carrier
-from axistwin_conformance.errors import TargetError
+from axistwin_conformance.carrier import Carrier, Fence
+from axistwin_conformance.check import Check
+from axistwin_conformance.errors import Disturbed, TargetError
 from axistwin_conformance.events import FailureStored, Listener, MotionSampled
 from axistwin_conformance.ledger import Ledger
-from axistwin_conformance.noise import Disturbed, LineQuality
-from axistwin_conformance.patience import Patience
+from axistwin_conformance.line_quality import LineQuality, Patience
+from axistwin_conformance.model import NO_GROUNDS, Grounds, Identity, Model
 from axistwin_conformance.profile import Detection
 from axistwin_conformance.recording import Recording
-from axistwin_conformance.registry import NO_GROUNDS, Check, Family, Grounds, Identity, Model
 from axistwin_conformance.rig import Rig
 from axistwin_conformance.targets import Target
 from axistwin_conformance.transcript import Direction, Record
 from axistwin_conformance.verdicts import Finding, Verdict
+from axistwin_conformance.ways import Way
 
 REPLY_TIMEOUT_S = 0.5  # MACS-REPLY-16: no reply time is specified; the ledger sets this for suites
 # With one byte in 50 lost, an exchange of 42 bytes fails as often as not: 24 attempts leave 1 in
@@ -68,12 +69,61 @@ class Envelope:
     is_fenced: bool = True  # False: nobody holds back what asks for more (built-in twin)
 
 
+class DeviceFamily(Protocol):
+    """What a session, a check or a sequence may ask of the family; see `family.Family`."""
+
+    @property
+    def name(self) -> str:
+        """Of the family, and of its ledger."""
+
+    @property
+    def addresses(self) -> range:
+        """Those a device can have."""
+
+    @property
+    def rates(self) -> tuple[int, ...]:
+        """Those a device can have; none named: any."""
+
+    @property
+    def default_rate(self) -> int | None:
+        """Of the line or bus; None: as the interface is set."""
+
+    @property
+    def way(self) -> Way:
+        """How the devices are reached."""
+
+    @property
+    def grounds(self) -> Grounds | None:
+        """What the built-in twin has for the suite to use."""
+
+    def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> Carrier:
+        """Open the way to a device; raises TargetError."""
+
+    def twin_url(self, model: str, address: int, neighbours: tuple[int, ...]) -> str:
+        """The URL of the built-in twin."""
+
+    def driver(self, session: Session, address: int | None = None) -> Any:
+        """The device, or the one at an address, as checks and probes handle it."""
+
+    def stop(self, session: Session) -> None:
+        """Bring any motion to rest."""
+
+    def remember(self, session: Session) -> Any:
+        """Read what is to be put back."""
+
+    def restore(self, session: Session, memory: Any) -> tuple[str, ...]:
+        """Put back what differs; a sentence for each thing that could not be."""
+
+    def travel_guard(self, run: Run) -> Fence | None:
+        """What keeps the axes inside the envelope."""
+
+
 @dataclass(slots=True)
 class Run:
     """What all checks of one run share."""
 
     target: Carrier
-    family: Family
+    family: DeviceFamily
     model: Model
     ledger: Ledger
     address: int

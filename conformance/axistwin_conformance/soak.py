@@ -18,9 +18,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 from axistwin_conformance import events
+from axistwin_conformance.check import Check
 from axistwin_conformance.events import Event, Listener, Outcome, StatesCovered
-from axistwin_conformance.judgement import CheckResult
-from axistwin_conformance.registry import Check
+from axistwin_conformance.result import CheckResult
 from axistwin_conformance.verdicts import Finding, Verdict
 
 SEEDS_TOLD = 10

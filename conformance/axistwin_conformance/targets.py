@@ -17,7 +17,7 @@ import re
 import termios
 import time
 import urllib.parse
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Protocol
 
 import serial
@@ -327,15 +327,6 @@ def open_target(url: str, baud: int, *, is_builtin: bool = False) -> Target:
             raise
         raise TwinCrashed(f"cannot open {url}: {crash_of(error)}") from error
     return Target(port, url, is_builtin=is_builtin)
-
-
-def line_opener(default_baud: int) -> Callable[..., Target]:
-    """What opens a port at the rate it is given, or at `default_baud`."""
-
-    def open_line(url: str, rate: int | None, *, is_builtin: bool = False) -> Target:
-        return open_target(url, rate or default_baud, is_builtin=is_builtin)
-
-    return open_line
 
 
 def _one_line(error: BaseException) -> str:

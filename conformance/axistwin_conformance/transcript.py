@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import islice
@@ -92,15 +92,6 @@ class Transcript:
                 one = replace(one, data=whole.pop().data + one.data)
             whole.append(one)
         return tuple(whole if limit is None else whole[-limit:])
-
-
-def told_by(asked: Callable[[bytes], str], said: Callable[[bytes], str]) -> Callable[[Record], str]:
-    """What puts a record into words, where the two ends of a line speak in forms of their own."""
-
-    def explain(record: Record) -> str:
-        return (asked if record.direction is Direction.HOST else said)(record.data)
-
-    return explain
 
 
 def _belong_together(earlier: Record, later: Record) -> bool:

@@ -55,6 +55,11 @@ def merge(verdicts: Iterable[Verdict]) -> Verdict:
     return max(verdicts, key=lambda verdict: verdict.rank, default=Verdict.NOT_RUN)
 
 
+def join_texts(*texts: str) -> str:
+    """The texts that say anything, as one."""
+    return "; ".join(text for text in texts if text)
+
+
 @dataclass(frozen=True, slots=True)
 class Finding:
     """One saying of one check about one requirement.

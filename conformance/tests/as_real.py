@@ -10,8 +10,9 @@ from typing import Any
 import serial
 
 from axistwin_conformance.cli import make_options
-from axistwin_conformance.engine import Engine, Result
+from axistwin_conformance.engine import Engine
 from axistwin_conformance.plan import Options
+from axistwin_conformance.result import Result
 from axistwin_conformance.targets import TWIN_HANDLER, Target
 
 PORT = "/dev/ttyUSB0"

@@ -12,8 +12,9 @@ import can
 
 from axistwin_conformance.can_target import CanTarget, split_words
 from axistwin_conformance.cli import make_options
-from axistwin_conformance.engine import Engine, Result
+from axistwin_conformance.engine import Engine
 from axistwin_conformance.mac_can import codec
+from axistwin_conformance.result import Result
 
 BITRATE = 125_000
 LATEST_NS = 60_000_000

@@ -10,18 +10,23 @@ import sys
 import types
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 import serial
+from family_variants import vary
 
-from axistwin_conformance import keeper, registry, report_json
+from axistwin_conformance import keeper, report_json
 from axistwin_conformance.carrier import Carrier
-from axistwin_conformance.engine import Engine, Envelope, Options, Result
+from axistwin_conformance.check import Check, check
+from axistwin_conformance.classes import SAFETY_CLASSES
+from axistwin_conformance.engine import Engine, Envelope, Options
 from axistwin_conformance.errors import TargetError, WrongDevice
 from axistwin_conformance.events import Event
-from axistwin_conformance.profile import Probe, Seen
-from axistwin_conformance.registry import Check, Family, Identity, Model
+from axistwin_conformance.family import Family
+from axistwin_conformance.model import Identity, Model
+from axistwin_conformance.probing import Probe, Seen
+from axistwin_conformance.result import Result
 from axistwin_conformance.session import Session
 from axistwin_conformance.targets import Target, open_target
 from axistwin_conformance.transcript import Record
@@ -98,39 +103,57 @@ def ask(session: Session, text: str) -> str:
     return session.target.receive(1, 0.01).decode()
 
 
-def _probe(session: Session) -> Identity:
-    answer = ask(session, "Q")
-    if not answer:
-        raise TargetError("nothing answers")
-    if answer != "q":
-        raise WrongDevice(f"not a toy: it answers {answer!r} where a toy says 'q'")
-    return Identity("a toy", {"release": "1"})
+class ToyFamily(Family):
+    """The toy among the families; its checks name requirements of a real ledger."""
 
+    name = "mac_serial"
+    models: ClassVar = {"toy": Model("toy", "a toy")}
+    addresses = range(8)
+    default_address = 0
+    default_rate = 9600
 
-def _sanity(session: Session) -> bool:
-    return ask(session, "Q") == "q"
+    def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> Carrier:
+        """Open a port."""
+        return open_target(url, rate or 9600, is_builtin=is_builtin)
 
+    def twin_url(self, model: str, address: int, neighbours: tuple[int, ...]) -> str:
+        """Nothing that could be opened."""
+        return f"toy://{model}:{address}"
 
-def _stop(session: Session) -> None:
-    ask(session, "S")
+    def explain(self, record: Record) -> str:
+        """Put a letter into words."""
+        return f"the letter {record.data.decode(errors='replace')}"
 
+    def driver(self, session: Session, address: int | None = None) -> Session:
+        """Checks of the toy speak for themselves."""
+        return session
 
-def _remember(session: Session) -> str:
-    return ask(session, "R")
+    def identify(self, session: Session) -> Identity:
+        """Ask once."""
+        answer = ask(session, "Q")
+        if not answer:
+            raise TargetError("nothing answers")
+        if answer != "q":
+            raise WrongDevice(f"not a toy: it answers {answer!r} where a toy says 'q'")
+        return Identity("a toy", {"release": "1"})
 
+    def is_alive(self, session: Session) -> bool:
+        """Ask once."""
+        return ask(session, "Q") == "q"
 
-def _restore(session: Session, memory: str) -> tuple[str, ...]:
-    if ask(session, "R") != memory:
-        ask(session, f"P{memory}")
-    return () if ask(session, "R") == memory else (f"the stored digit {memory}",)
+    def stop(self, session: Session) -> None:
+        """Stop it."""
+        ask(session, "S")
 
+    def remember(self, session: Session) -> str:
+        """Read the digit."""
+        return ask(session, "R")
 
-def _explain(record: Record) -> str:
-    return f"the letter {record.data.decode(errors='replace')}"
-
-
-def _open(url: str, rate: int | None, *, is_builtin: bool = False) -> Carrier:
-    return open_target(url, rate or 9600, is_builtin=is_builtin)
+    def restore(self, session: Session, memory: str) -> tuple[str, ...]:
+        """Store the digit again."""
+        if ask(session, "R") != memory:
+            ask(session, f"P{memory}")
+        return () if ask(session, "R") == memory else (f"the stored digit {memory}",)
 
 
 class Toy:
@@ -141,28 +164,12 @@ class Toy:
         self.port: ToyPort = VirtualToyPort()
         self.opened: list[tuple[int, ...]] = []
         self.events: list[Event] = []
-        self.family = Family(
-            name="toy",
-            ledger="mac_serial",
-            models={"toy": Model("toy", "a toy")},
-            modules=(module.__name__,),
-            addresses=range(8),
-            default_address=0,
-            default_rate=9600,
-            open=_open,
-            probe=_probe,
-            sanity=_sanity,
-            stop=_stop,
-            remember=_remember,
-            restore=_restore,
-            explain=_explain,
-            twin_url=lambda model, address, others: f"toy://{model}:{address}",
-        )
+        self.family: Family = vary(ToyFamily(), modules=(module.__name__,))
 
     def add(self, function: Callable[[Session], None], *ids: str, **declared: Any) -> Check:
         """Declare a function as a check of the toy family."""
         function.__doc__ = function.__doc__ or "It behaves."
-        one = replace(registry.check(*ids, **declared)(function), module=self.module.__name__)
+        one = replace(check(*ids, **declared)(function), module=self.module.__name__)
         setattr(self.module, one.name, one)
         return one
 
@@ -170,9 +177,9 @@ class Toy:
         self, switch: str, look: Callable[[Session], Seen], safety: tuple[str, ...] = ("passive",)
     ) -> None:
         """Declare a question of the toy family."""
-        one = Check(f"detect_{switch}", lambda session: None, (), safety, "quick", (), "Asked.", "")
+        one = Check.named(f"detect_{switch}", "Asked.", "", safety=safety)
         self.module.PROBES = (*getattr(self.module, "PROBES", ()), Probe(switch, look, one))  # type: ignore[attr-defined]
-        self.family = replace(self.family, probe_modules=(self.module.__name__,))
+        self.family = vary(self.family, probe_modules=(self.module.__name__,))
 
     def options(self, **changes: Any) -> Options:
         """The options of a run on the built-in toy, with everything allowed."""
@@ -183,7 +190,7 @@ class Toy:
             "address": 0,
             "neighbours": (1,),
             "rate": 9600,
-            "allowed": frozenset(registry.SAFETY_CLASSES),
+            "allowed": frozenset(SAFETY_CLASSES),
             "envelope": Envelope(1000, 1000),
             "level": "full",
             "seed": 5,
@@ -267,4 +274,4 @@ def wrong_run(toy: Toy) -> list[dict[str, Any]]:
     toy.add(_measured, "MACS-REPLY-16")
     toy.add(_drifting, "MACS-CMD-13-01", safety="motion")
     toy.run()
-    return [report_json.event_object(event, _explain) for event in toy.events]
+    return [report_json.event_object(event, ToyFamily().explain) for event in toy.events]

@@ -24,8 +24,9 @@ import serial
 
 from axistwin_conformance import carrier, targets
 from axistwin_conformance.cli import make_options
-from axistwin_conformance.engine import Engine, Result
+from axistwin_conformance.engine import Engine
 from axistwin_conformance.ledger import load_ledger
+from axistwin_conformance.result import Result
 from axistwin_conformance.targets import TWIN_HANDLER, Target
 from axistwin_conformance.verdicts import Verdict
 
@@ -296,7 +297,7 @@ class InterfaceRun:
     @property
     def wrong_readings(self) -> dict[str, str]:
         """What a twin with all its defaults was taken to read otherwise."""
-        ledger = load_ledger(self.result.options.family.ledger)
+        ledger = load_ledger(self.result.options.family.name)
         return {
             switch: reading
             for switch, reading in self.result.readings.items()

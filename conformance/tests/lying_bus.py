@@ -12,16 +12,17 @@ from scripted_bus import frame_of, message_of
 
 from axistwin_conformance.can_frame import Frame
 from axistwin_conformance.can_target import CanTarget, split_words
+from axistwin_conformance.check import Check
+from axistwin_conformance.classes import SAFETY_CLASSES
 from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.family import FAMILY, TWIN_BITRATE
-from axistwin_conformance.registry import SAFETY_CLASSES, Check
 from axistwin_conformance.rig import TwinRig
 from axistwin_conformance.session import Envelope, Run, Session, Stop
 from axistwin_conformance.verdicts import Finding, Verdict
 
 OWN_MODULES = tuple(name for name in FAMILY.modules if ".mac_can." in name)
-LEDGER = load_ledger(FAMILY.ledger)
+LEDGER = load_ledger(FAMILY.name)
 Turn = Callable[[Frame], Iterable[Frame]]
 
 
@@ -113,7 +114,7 @@ def judge(
         session = Session(run, check)
 
         def gate(data: bytes) -> None:
-            assert FAMILY.guard(session, data) is None, "sent what its safety class does not allow"
+            assert FAMILY.forbid(session, data) is None, "sent what its safety class does not allow"
 
         target.gate = gate
         with contextlib.suppress(Stop):

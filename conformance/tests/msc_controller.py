@@ -10,17 +10,17 @@ from typing import Any
 
 from msc_device import REPLY_NS, RESPONSE_NS, T2_NS, MscPort, session_on
 
+from axistwin_conformance.classes import SAFETY_CLASSES
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import ACK, NAK, Packet
 from axistwin_conformance.msc.family import FAMILY
-from axistwin_conformance.registry import SAFETY_CLASSES
 from axistwin_conformance.rig import OF_A_CONTROLLER, Act, Rig
 from axistwin_conformance.session import Session, Stop
 from axistwin_conformance.verdicts import Finding
 
 SCAN_NS = 10_000_000
 AREA = 32768
-FLAG, VARIABLES = FAMILY.grounds.program if FAMILY.grounds and FAMILY.grounds.program else (0, 0)
+FLAG, VARIABLES = FAMILY.grounds.program or (0, 0)
 COUNT, PULSE, HALT, TIMED = range(FLAG, FLAG + 4)
 COUNTER, TICKS, PULSES, TORN = range(VARIABLES, VARIABLES + 16, 4)
 BLOCK, BLOCK_LAST = VARIABLES + 128, VARIABLES + 128 + 31 * 4
@@ -252,7 +252,7 @@ def judge(
         session.target.description = "axistwin://a-small-one?time=virtual"
 
     def gate(data: bytes) -> None:
-        reason = FAMILY.guard(session, data)
+        reason = FAMILY.forbid(session, data)
         assert reason is None, f"{name} sends what its class does not allow: {reason}"
 
     session.target.gate = gate

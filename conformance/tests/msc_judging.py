@@ -8,8 +8,9 @@ from typing import Any
 
 from msc_device import MscPort, session_on
 
+from axistwin_conformance.check import Check
+from axistwin_conformance.classes import SAFETY_CLASSES
 from axistwin_conformance.msc.family import FAMILY
-from axistwin_conformance.registry import SAFETY_CLASSES, Check
 from axistwin_conformance.session import Stop
 from axistwin_conformance.verdicts import Finding, Verdict
 
@@ -33,7 +34,7 @@ def judge(name: str, port: MscPort, **how: Any) -> tuple[Finding, ...]:
         session.target.description = "axistwin://a-small-one?time=virtual"
 
     def gate(data: bytes) -> None:
-        reason = FAMILY.guard(session, data)
+        reason = FAMILY.forbid(session, data)
         assert reason is None, f"{name} sends what its class does not allow: {reason}"
 
     session.target.gate = gate

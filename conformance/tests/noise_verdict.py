@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol, TypeVar
 
-from axistwin_conformance.engine import Result
+from axistwin_conformance.result import Result
 from axistwin_conformance.verdicts import Verdict
 
 HONEST = (0, 4)  # conforms, or nothing failed and something stayed inconclusive

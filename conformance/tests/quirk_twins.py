@@ -8,11 +8,14 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
+from family_variants import vary
+
 from axistwin.catalog import models
 from axistwin_conformance.cli import make_options
-from axistwin_conformance.engine import Engine, Result
+from axistwin_conformance.engine import Engine
 from axistwin_conformance.ledger import Ledger, load_ledger
 from axistwin_conformance.profile import as_toml, load_profile
+from axistwin_conformance.result import Result
 from axistwin_conformance.verdicts import Verdict
 
 Readings = Mapping[str, str]
@@ -70,7 +73,7 @@ class QuirkTwins:
         return Engine(
             replace(
                 options,
-                family=replace(options.family, twin_url=twin_url),
+                family=vary(options.family, twin_url=twin_url),
                 is_detection=only_detection,
                 is_only_detection=only_detection,
             )

@@ -18,10 +18,10 @@ from lying_bus import (
 )
 
 from axistwin_conformance.can_frame import Frame
+from axistwin_conformance.check import Check
 from axistwin_conformance.mac_can import codec
-from axistwin_conformance.mac_can.blame import blame
+from axistwin_conformance.mac_can.blame import diagnose
 from axistwin_conformance.mac_can.family import FAMILY
-from axistwin_conformance.registry import Check
 from axistwin_conformance.session import Session
 
 # --- the ledger and the checks -------------------------------------------------------------------
@@ -75,7 +75,7 @@ def blamed(frame: Frame, *reply: Frame, has_crashed: bool = False) -> str:
     try:
         session = Session(make_run(target, (2,)))
         heard = b"".join(one.pack() for one in reply)
-        breach = blame(session, frame.pack(), None if has_crashed else heard)
+        breach = diagnose(session, frame.pack(), None if has_crashed else heard)
         return breach.requirement if breach else ""
     finally:
         target.close()
@@ -143,6 +143,6 @@ def test_a_module_that_may_be_deaf_is_not_accused_of_its_silence() -> None:
         try:
             session = Session(make_run(target))
             target.send(frame)
-            assert blame(session, UPLOAD.pack(), b"") is None
+            assert diagnose(session, UPLOAD.pack(), b"") is None
         finally:
             target.close()

@@ -15,15 +15,17 @@ from typing import Any
 
 import can
 import pytest
+from family_variants import vary
 from scripted_bus import FailingBus, Moment, Script, TurningModule, after, behind
 
-from axistwin_conformance import patience
+from axistwin_conformance import line_quality
 from axistwin_conformance.can_frame import Frame
 from axistwin_conformance.can_target import CanTarget
 from axistwin_conformance.cli import make_options
-from axistwin_conformance.engine import Engine, Result
+from axistwin_conformance.engine import Engine
 from axistwin_conformance.events import Event, Note, Outcome
 from axistwin_conformance.mac_can import codec
+from axistwin_conformance.result import Result
 from axistwin_conformance.verdicts import Verdict
 
 SHORT_S = 1.0  # patience of most of these tests
@@ -69,7 +71,7 @@ SCRIPTS: dict[str, Script] = {
 
 @pytest.fixture(autouse=True)
 def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(patience, "PATIENCE_S", SHORT_S)
+    monkeypatch.setattr(line_quality, "PATIENCE_S", SHORT_S)
 
 
 @pytest.fixture
@@ -105,7 +107,7 @@ def judge(
             model="mac23-can", can=f"virtual:{channel}", ids=ids, allow="motion,stored",
             level="quick",
         )  # fmt: skip
-        options = replace(options, family=replace(options.family, probe_modules=FIRST))
+        options = replace(options, family=vary(options.family, probe_modules=FIRST))
         result = Engine(options).run(listener)
         ended_at = time.monotonic()
     finally:
@@ -204,7 +206,7 @@ def bench(channel: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
             model="mac23-can", can=f"virtual:{channel}", ids=MOVING, allow="motion,stored",
             level="quick",
         )  # fmt: skip
-        options = replace(options, family=replace(options.family, probe_modules=FIRST))
+        options = replace(options, family=vary(options.family, probe_modules=FIRST))
         inner = can.Bus(channel, "virtual", ignore_config=True)
         bus = FailingBus(inner, moment, error, where, is_noisy=is_noisy)
 

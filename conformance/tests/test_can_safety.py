@@ -24,8 +24,9 @@ from trouble import (
 
 from axistwin_conformance.can_target import CanTarget
 from axistwin_conformance.cli import make_options
-from axistwin_conformance.engine import Engine, Result
+from axistwin_conformance.engine import Engine
 from axistwin_conformance.mac_can import codec
+from axistwin_conformance.result import Result
 
 TRAVEL, SPEED = 2000, 10_000
 STOPPED = partial(judge_interrupted, most=TRAVEL)

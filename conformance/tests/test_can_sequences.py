@@ -18,8 +18,12 @@ from zoo.motion import a_ramped_stop_stops_dead
 from axistwin_conformance import failures, machines
 from axistwin_conformance.can_frame import Frame
 from axistwin_conformance.can_target import CanTarget
+from axistwin_conformance.catalog import find_family
+from axistwin_conformance.check import Check
+from axistwin_conformance.classes import SAFETY_CLASSES
 from axistwin_conformance.cli import conform
 from axistwin_conformance.drawing import no_folder
+from axistwin_conformance.errors import Disturbed
 from axistwin_conformance.events import Event, FailureStored
 from axistwin_conformance.failures import Failure
 from axistwin_conformance.ledger import load_ledger
@@ -38,9 +42,7 @@ from axistwin_conformance.mac_axis.player import Player
 from axistwin_conformance.mac_axis.sequences import Sequence
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
-from axistwin_conformance.noise import Disturbed
 from axistwin_conformance.playing import Mismatch
-from axistwin_conformance.registry import SAFETY_CLASSES, Check, find_family
 from axistwin_conformance.session import Envelope, Run, Session, Stop
 from axistwin_conformance.verdicts import Verdict
 

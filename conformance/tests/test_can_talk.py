@@ -10,12 +10,12 @@ from scripted_bus import VirtualBus
 
 from axistwin_conformance.can_frame import Frame
 from axistwin_conformance.can_target import CanTarget
+from axistwin_conformance.check import check
+from axistwin_conformance.errors import Disturbed
 from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.codec import Kind
 from axistwin_conformance.mac_can.talk import Talk
-from axistwin_conformance.noise import Disturbed
-from axistwin_conformance.registry import check
 from axistwin_conformance.session import ATTEMPTS, Run, Session, Stop
 from axistwin_conformance.verdicts import Verdict
 

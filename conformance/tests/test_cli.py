@@ -10,15 +10,15 @@ import signal
 import subprocess
 import sys
 import types
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
+from family_variants import vary
 from rich.console import Console
 
-from axistwin_conformance import registry
+from axistwin_conformance import catalog
 from axistwin_conformance.cli import Mistake, conform, make_options, parse_allowed
 from axistwin_conformance.engine import Engine
 from axistwin_conformance.ledger import load_ledger
@@ -58,9 +58,9 @@ def bench(toy: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
         return Target(toy.port, url, is_builtin=is_builtin)
 
     package = types.ModuleType("toy_family")
-    vars(package)["FAMILY"] = replace(toy.family, open=open_toy)
+    vars(package)["FAMILY"] = vary(toy.family, open=open_toy)
     monkeypatch.setitem(sys.modules, "toy_family", package)
-    monkeypatch.setattr(registry, "FAMILY_PACKAGES", ("toy_family", *registry.FAMILY_PACKAGES))
+    monkeypatch.setattr(catalog, "FAMILY_PACKAGES", ("toy_family", *catalog.FAMILY_PACKAGES))
     toy.add(answers, LINE)
     toy.add(moves, MOVE, safety="motion")
     return toy

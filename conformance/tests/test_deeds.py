@@ -8,12 +8,13 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+from axistwin_conformance.catalog import find_family
+from axistwin_conformance.classes import SAFETY_CLASSES
 from axistwin_conformance.cli import conform, make_options
 from axistwin_conformance.deeds import Deed, deeds
 from axistwin_conformance.engine import Engine
 from axistwin_conformance.mac_axis.dialogue import COMMAND_NAMES
 from axistwin_conformance.mac_axis.safety import SAFETY_OF
-from axistwin_conformance.registry import SAFETY_CLASSES, find_family
 
 
 def told(*ids: str, model: str = "mac23", **given: Any) -> dict[str, Deed]:
@@ -24,7 +25,7 @@ def told(*ids: str, model: str = "mac23", **given: Any) -> dict[str, Deed]:
 
 def test_every_command_of_a_class_is_named_with_its_index() -> None:
     """Who reads it knows what will be written, and what may move."""
-    told_of = find_family("mac23").deeds
+    told_of = find_family("mac23").impact
     assert set(told_of) == set(SAFETY_CLASSES)
     for index, safety in SAFETY_OF.items():
         assert f"{COMMAND_NAMES[index]} ({index:02X}h)" in told_of[safety]

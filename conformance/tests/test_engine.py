@@ -11,8 +11,8 @@ from axistwin_conformance import engine as engine_module
 from axistwin_conformance import events, keeper
 from axistwin_conformance.errors import OutsideEnvelope, TargetError, UsageError
 from axistwin_conformance.events import Outcome
-from axistwin_conformance.judgement import RequirementResult
-from axistwin_conformance.profile import Seen
+from axistwin_conformance.probing import Seen
+from axistwin_conformance.result import RequirementResult
 from axistwin_conformance.session import Session
 from axistwin_conformance.verdicts import Verdict
 

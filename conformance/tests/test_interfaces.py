@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from family_variants import vary
 from interfaces import (
     ALL,
     BUSY_HOST,
@@ -125,7 +126,7 @@ def test_a_real_port_gives_what_the_model_of_it_does(kind: str) -> None:
         options = make_options(
             model="mac23", port=port, ids=words, allow="motion,stored", level="quick"
         )
-        options = replace(options, family=replace(options.family, probe_modules=()))
+        options = replace(options, family=vary(options.family, probe_modules=()))
         told: list[str] = []
         result = Engine(options).run(
             lambda event: told.append(event.text) if isinstance(event, Note) else None

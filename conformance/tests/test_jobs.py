@@ -17,12 +17,14 @@ import pytest
 
 from axistwin_conformance.asked import make_options
 from axistwin_conformance.attempts import Attempts
+from axistwin_conformance.catalog import find_family
+from axistwin_conformance.check import Check
+from axistwin_conformance.classes import SAFETY_CLASSES
 from axistwin_conformance.engine import Engine
 from axistwin_conformance.events import Event, Outcome, StatesCovered
 from axistwin_conformance.jobs import Jobs, Place, judge
-from axistwin_conformance.judgement import CheckResult
 from axistwin_conformance.ledger import load_ledger
-from axistwin_conformance.registry import SAFETY_CLASSES, Check, find_family
+from axistwin_conformance.result import CheckResult
 from axistwin_conformance.session import Envelope, Run, Session
 from axistwin_conformance.verdicts import Verdict
 
@@ -60,12 +62,12 @@ class Bench:
         url = FAMILY.twin_url("mac23", 0, ()) + more
         run = Run(
             target=FAMILY.open(url, None, is_builtin=True), family=FAMILY,
-            model=FAMILY.models["mac23"], ledger=load_ledger(FAMILY.ledger), address=0,
+            model=FAMILY.models["mac23"], ledger=load_ledger(FAMILY.name), address=0,
             neighbours=(), allowed=frozenset(SAFETY_CLASSES),
             envelope=Envelope(1 << 20, 1 << 20, is_fenced=False), seed=seed,
             tell=self.events.append,
         )  # fmt: skip
-        run.target.meter = lambda data: run.budget.note(FAMILY.writes(data))
+        run.target.meter = lambda data: run.budget.note(FAMILY.stored_writes(data))
         run.memory = FAMILY.remember(Session(run))
         self.runs.append(run)
         return run

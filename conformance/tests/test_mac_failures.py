@@ -15,6 +15,7 @@ from zoo.motion import a_ramped_stop_stops_dead
 
 from axistwin_conformance import failures
 from axistwin_conformance.cli import make_options
+from axistwin_conformance.errors import Disturbed
 from axistwin_conformance.events import Event, FailureStored, StatesCovered
 from axistwin_conformance.failures import Failure
 from axistwin_conformance.ledger import load_ledger
@@ -24,7 +25,6 @@ from axistwin_conformance.mac_axis.checks_sequences import (
 from axistwin_conformance.mac_axis.operations import OPERATIONS, WHAT
 from axistwin_conformance.mac_axis.player import Player, split
 from axistwin_conformance.mac_serial.bench import Bench
-from axistwin_conformance.noise import Disturbed
 from axistwin_conformance.playing import Mismatch
 from axistwin_conformance.session import Run, Session, Stop
 from axistwin_conformance.shrink import Budget
@@ -144,8 +144,8 @@ class Case:
             seed=3,
             tell=self.events.append,
         )
-        if fenced and options.family.fence is not None:
-            self.run.target.fence = options.family.fence(self.run)
+        if fenced:
+            self.run.target.fence = options.family.travel_guard(self.run)
         self.run.memory = options.family.remember(Session(self.run))
         self.session = Session(self.run, many_mixed_sequences_agree_with_the_model)
         bench = Bench(self.session)

@@ -11,6 +11,8 @@ from zoo.judge import run
 from zoo.mutant import Mutant
 
 from axistwin_conformance import machines
+from axistwin_conformance.catalog import find_family
+from axistwin_conformance.classes import SAFETY_CLASSES
 from axistwin_conformance.drawing import no_folder
 from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.mac_axis.checks_machines import (
@@ -24,7 +26,6 @@ from axistwin_conformance.mac_axis.player import Player
 from axistwin_conformance.mac_axis.sequences import BYTES_PER_OPERATION
 from axistwin_conformance.machines import Device
 from axistwin_conformance.playing import Mismatch
-from axistwin_conformance.registry import SAFETY_CLASSES, find_family
 from axistwin_conformance.session import Envelope, Run, Session
 from axistwin_conformance.targets import open_target
 from axistwin_conformance.verdicts import Verdict
@@ -45,7 +46,7 @@ def new_player() -> Player:
     )
     one = Run(
         target=target, family=family, model=family.models["mac23"],
-        ledger=load_ledger(family.ledger), address=0, neighbours=(),
+        ledger=load_ledger(family.name), address=0, neighbours=(),
         allowed=frozenset(SAFETY_CLASSES), envelope=Envelope(1 << 20, 5000, is_fenced=False),
         seed=1,
     )  # fmt: skip

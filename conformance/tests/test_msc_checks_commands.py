@@ -10,10 +10,11 @@ from msc_controller import Controller, Turn, answers, judge, refuses, twisted
 from msc_device import REPLY_NS
 from msc_judging import failed, troubles
 
+from axistwin_conformance.check import Check
+from axistwin_conformance.model import NO_GROUNDS, Grounds
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import Packet
 from axistwin_conformance.msc.family import FAMILY
-from axistwin_conformance.registry import NO_GROUNDS, Check, Grounds
 from axistwin_conformance.verdicts import Verdict
 
 MODULES = tuple(
@@ -54,7 +55,7 @@ def test_what_the_operator_has_named_is_enough(
     check: Check, variables: range, flags: range
 ) -> None:
     """With little named, wherever it begins, nothing fails and nothing else is written to."""
-    place = FAMILY.grounds.program if FAMILY.grounds else None
+    place = FAMILY.grounds.program
     grounds = Grounds(variables, flags, place)
     found = judge(check.name, Controller(), is_twin=False, grounds=grounds)
     assert not failed(found), troubles(found)

@@ -12,12 +12,13 @@ from msc_device import MscPort, check_of, session_on, target_of
 
 from axistwin_conformance.cli import conform
 from axistwin_conformance.errors import TargetError, WrongDevice
+from axistwin_conformance.family import Violation
+from axistwin_conformance.model import Grounds
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import Bench
 from axistwin_conformance.msc.codec import ACK, NAK
 from axistwin_conformance.msc.family import FAMILY
 from axistwin_conformance.msc.keeping import layout
-from axistwin_conformance.registry import Breach, Grounds
 from axistwin_conformance.session import Session
 from axistwin_conformance.transcript import Direction, Record
 
@@ -36,7 +37,7 @@ def test_a_unit_is_known_by_its_status_and_its_model() -> None:
     """In words for people, and as a number."""
     port = MscPort()
     port.status = 65 | 2
-    identity = FAMILY.probe(session_of(port))
+    identity = FAMILY.identify(session_of(port))
     assert identity.summary == (
         "MSC-250, unit 1, status 67: program running, battery low, auto start"
     )
@@ -51,13 +52,13 @@ def test_another_model_than_the_one_named_is_the_wrong_device(has_rflags: bool) 
     session = session_of(port, model=other, allowed=frozenset({"passive", "rig"}))
     words = "has RFLAGS; try msc-250" if has_rflags else "refuses RFLAGS; try msc-850"
     with pytest.raises(WrongDevice, match=words):
-        FAMILY.probe(session)
+        FAMILY.identify(session)
 
 
 def test_to_a_machine_an_unknown_name_is_not_tried() -> None:
     """Named as a model without RFLAGS, it is not asked for them without a bench."""
     port = MscPort()
-    FAMILY.probe(session_of(port, model=FAMILY.models["msc-generic"]))
+    FAMILY.identify(session_of(port, model=FAMILY.models["msc-generic"]))
     assert b"RFLAGS" not in port.heard
 
 
@@ -66,7 +67,7 @@ def test_nobody_there_is_told_with_the_remedy() -> None:
     port = MscPort(unit=3)
     session = session_of(port, address=4)
     with pytest.raises(TargetError, match="as unit 4 at 9600 baud: nothing comes; try another"):
-        FAMILY.probe(session)
+        FAMILY.identify(session)
     assert session.target.now_ns < 5e9  # soon enough for who has taken the wrong port
 
 
@@ -80,7 +81,7 @@ def test_a_unit_that_waits_for_the_rest_of_a_packet_is_there(
     session = session_of(port)
     session.target.send(codec.packet(1, codec.bwrite(1024, range(1, 33)))[:count])
     session.target.wait(0.5)
-    assert FAMILY.probe(session).values == {"status": "65"}
+    assert FAMILY.identify(session).values == {"status": "65"}
     assert port.data == {}
     assert session.target.now_ns < 10e9
 
@@ -93,7 +94,7 @@ def test_a_unit_that_answers_late_is_not_taken_for_nobody(
     monkeypatch.setattr(msc_device, "RESPONSE_NS", round(late_s * 1e9))
     session = session_of(MscPort())
     with pytest.raises(TargetError, match=r"ACK.* comes, but later than 0.5 s, or now and then"):
-        FAMILY.probe(session)
+        FAMILY.identify(session)
 
 
 def test_nobody_there_at_another_rate_is_told_the_right_one() -> None:
@@ -101,7 +102,7 @@ def test_nobody_there_at_another_rate_is_told_the_right_one() -> None:
     session = session_of(MscPort(unit=3), address=4)
     session.target.baud = 19_200
     with pytest.raises(TargetError, match="at 19200 baud: nothing comes; try --baud 9600, and"):
-        FAMILY.probe(session)
+        FAMILY.identify(session)
 
 
 def test_a_neighbour_that_is_not_there_is_not_held_against_the_unit() -> None:
@@ -117,7 +118,7 @@ def test_another_protocol_shows_its_face() -> None:
     port = MscPort()
     port.spoil = lambda data: b"ERROR 7\r\n"
     with pytest.raises(TargetError, match=r"something else talks there: 45 52 .*\(ERROR 7"):
-        FAMILY.probe(session_of(port))
+        FAMILY.identify(session_of(port))
 
 
 # --- whether it answers ---------------------------------------------------------------------------
@@ -128,12 +129,12 @@ def test_a_unit_is_sane_if_it_answers_any_known_good_question() -> None:
     port = MscPort()
     session = session_of(port)
     session.target.send(codec.packet(1, codec.RQSTAT)[:7])
-    assert FAMILY.sanity(session)
+    assert FAMILY.is_alive(session)
     served = port._served
     port._served = lambda one: None if one.name == "RQSTAT" else served(one)  # type: ignore[method-assign]
-    assert FAMILY.sanity(session)
+    assert FAMILY.is_alive(session)
     port.spoil = lambda data: b""
-    assert not FAMILY.sanity(session)
+    assert not FAMILY.is_alive(session)
 
 
 def test_a_reply_nobody_has_acknowledged_is_ended_between_checks() -> None:
@@ -174,7 +175,7 @@ def test_what_was_written_is_put_back_and_nothing_else_is_touched(is_lossless: b
     bench = Bench(writing)
     for body in (codec.dwrite(1396, 7), codec.dwrite(1028, 8), codec.sflag(131),
                  codec.cflag(129), codec.bwrite(1100, range(32))):  # fmt: skip
-        assert FAMILY.guard(writing, bench.talk.request(body)) is None
+        assert FAMILY.forbid(writing, bench.talk.request(body)) is None
         bench.command(body)
     assert (port.data, port.flags) != before
     assert FAMILY.restore(session, run.memory) == ()
@@ -192,7 +193,7 @@ def test_what_cannot_be_put_back_is_told() -> None:
     run.memory = FAMILY.remember(session)
     writing = Session(run, check_of("stored"))
     for body in (codec.dwrite(1396, 7), codec.sflag(131)):
-        assert FAMILY.guard(writing, codec.packet(1, body)) is None
+        assert FAMILY.forbid(writing, codec.packet(1, body)) is None
         Bench(writing).command(body)
     assert str(run.memory) == "unit 1 at 1396: 0; unit 1 flag 131: off"  # for who gives up waiting
     served = port._served
@@ -245,7 +246,7 @@ def test_the_programs_flags_are_put_back_to_off_only() -> None:
     run.memory = FAMILY.remember(session)
     moving = Session(run, check_of("motion", needs=("program",)))
     for body in (codec.cflag(240), codec.sflag(241)):
-        assert FAMILY.guard(moving, codec.packet(1, body)) is None
+        assert FAMILY.forbid(moving, codec.packet(1, body)) is None
         Bench(moving).command(body)
     assert FAMILY.restore(session, run.memory) == ()
     assert port.flags == set()
@@ -292,7 +293,7 @@ def test_a_reply_that_no_unit_gives_is_blamed_on_what_it_breaks(
     asked: bytes, came: bytes, requirement: str | None
 ) -> None:
     """To the engine's own questions; what a reading of the manual admits is nobody's fault."""
-    breach = FAMILY.blame(session_of(MscPort()), codec.packet(1, asked), came)
+    breach = FAMILY.diagnose(session_of(MscPort()), codec.packet(1, asked), came)
     assert (breach.requirement if breach else None) == requirement
 
 
@@ -304,8 +305,8 @@ def test_what_came_before_our_sign_is_what_is_blamed() -> None:
     Bench(session).ask(codec.RQSTAT)
     request, came = session.last_exchange()
     assert (request, came) == (ACK, b"")
-    breach = FAMILY.blame(session, request, came)
-    assert isinstance(breach, Breach)
+    breach = FAMILY.diagnose(session, request, came)
+    assert isinstance(breach, Violation)
     assert breach.requirement == "MSC-PKT-12"
 
 
@@ -313,8 +314,8 @@ def test_broken_requests_and_other_units_blame_nobody() -> None:
     """What comes of them is for checks to say."""
     session = session_of(MscPort())
     for raw in (codec.packet(2, codec.RQSTAT), codec.packet(1, codec.RQSTAT)[:9], b"xx"):
-        assert FAMILY.blame(session, raw, NAK) is None
-    assert FAMILY.blame(session, codec.packet(1, codec.RQSTAT), None) is not None
+        assert FAMILY.diagnose(session, raw, NAK) is None
+    assert FAMILY.diagnose(session, codec.packet(1, codec.RQSTAT), None) is not None
 
 
 # --- words ----------------------------------------------------------------------------------------

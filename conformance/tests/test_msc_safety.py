@@ -18,11 +18,11 @@ from msc_watch import FLAGS, PROGRAM, VARIABLES, MscWatch, run_on_a_port
 from test_safety import signalled
 from trouble import Trouble, interrupt, meet, moments_of
 
-from axistwin_conformance.engine import Result
 from axistwin_conformance.events import Outcome
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.family import FAMILY
 from axistwin_conformance.msc.safety import is_harmless
+from axistwin_conformance.result import Result
 
 SLOW = pytest.mark.slow
 SOAK = pytest.mark.soak
@@ -164,7 +164,7 @@ def _held(twin: Any) -> tuple[list[int], list[bool]]:
 def refusal(data: bytes, *safety: str, needs: tuple[str, ...] = ()) -> str | None:
     """Why a check of these classes may not send that to a real controller."""
     session = session_on(MscPort(), check_of(*safety, needs=needs))
-    return FAMILY.guard(session, data)
+    return FAMILY.forbid(session, data)
 
 
 @pytest.mark.parametrize(
@@ -221,7 +221,7 @@ def test_a_write_in_pieces_is_held_back_before_it_is_whole(places: tuple[int, ..
     raw = codec.packet(1, codec.dwrite(64, 1))
     session = session_on(MscPort(), check_of("stored"))
     edges = (0, *places, len(raw))
-    told = [FAMILY.guard(session, raw[a:b]) for a, b in pairwise(edges)]
+    told = [FAMILY.forbid(session, raw[a:b]) for a, b in pairwise(edges)]
     assert any(told)
 
 

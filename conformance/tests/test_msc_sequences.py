@@ -10,8 +10,10 @@ import pytest
 from msc_device import MscPort, session_on, target_of
 
 from axistwin_conformance import machines
+from axistwin_conformance.check import Check
 from axistwin_conformance.drawing import no_folder
 from axistwin_conformance.events import Event, FailureStored, StatesCovered
+from axistwin_conformance.model import Grounds
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import Bench
 from axistwin_conformance.msc.checks_machines import (
@@ -34,7 +36,6 @@ from axistwin_conformance.msc.player import Player, player_of
 from axistwin_conformance.msc.sequences import places
 from axistwin_conformance.playing import Mismatch
 from axistwin_conformance.recording import Recording
-from axistwin_conformance.registry import Check, Grounds
 from axistwin_conformance.session import Session, Stop
 from axistwin_conformance.verdicts import Verdict
 
@@ -53,7 +54,7 @@ class Case:
         self.session.run.memory = FAMILY.remember(Session(self.session.run))
 
         def gate(data: bytes) -> None:
-            reason = FAMILY.guard(self.session, data)
+            reason = FAMILY.forbid(self.session, data)
             assert reason is None, reason
 
         self.session.target.gate = gate

@@ -10,8 +10,9 @@ from click.testing import CliRunner
 from msc_device import MscPort, target_of
 
 from axistwin_conformance.cli import conform, make_options
-from axistwin_conformance.engine import Engine, Result
+from axistwin_conformance.engine import Engine
 from axistwin_conformance.msc import codec
+from axistwin_conformance.result import Result
 from axistwin_conformance.verdicts import Verdict
 
 SIZE = 32768  # of the data areas here

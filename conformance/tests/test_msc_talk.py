@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from msc_device import BYTE_NS, REPEATS, RESPONSE_NS, MscPort, check_of, session_on, target_of
 
+from axistwin_conformance.errors import Disturbed
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import Bench
 from axistwin_conformance.msc.codec import ACK, NAK
-from axistwin_conformance.noise import Disturbed
 from axistwin_conformance.session import Stop
 
 

@@ -13,8 +13,9 @@ from zoo.mutant import Mutant
 
 from axistwin_conformance import noise
 from axistwin_conformance.events import Outcome
-from axistwin_conformance.judgement import CheckResult
-from axistwin_conformance.noise import Attempt, LineQuality, Replays
+from axistwin_conformance.line_quality import LEAST_ALIKE, LineQuality
+from axistwin_conformance.noise import Attempt, Replays
+from axistwin_conformance.result import CheckResult
 from axistwin_conformance.verdicts import Finding, Verdict
 
 KINDS = {"mixed": FATES, **{one: (one,) for one in FATES}}
@@ -198,7 +199,7 @@ def test_a_clean_pass_is_believed_at_once() -> None:
 
 def test_a_failure_needs_three_of_three() -> None:
     """The same thing three times is the device's."""
-    assert settled(FAILS)[:2] == (Verdict.FAIL, noise.LEAST_ALIKE)
+    assert settled(FAILS)[:2] == (Verdict.FAIL, LEAST_ALIKE)
 
 
 def test_a_failure_that_comes_and_goes_on_a_quiet_line_is_inconclusive() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from axistwin_conformance.profile import Seen
+from axistwin_conformance.probing import Seen
 from axistwin_conformance.session import Session
 
 MOVE = "MACS-CMD-13-01"

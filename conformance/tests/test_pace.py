@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from axistwin_conformance.engine import Engine
-from axistwin_conformance.pace import Pace, in_words, weigh
+from axistwin_conformance.errors import time_left
+from axistwin_conformance.pace import Pace, weigh
 from axistwin_conformance.session import Session
 
 
@@ -101,4 +102,4 @@ def test_what_may_do_more_weighs_more(toy: Any) -> None:
 )
 def test_a_guess_is_told_as_rough_as_it_is(seconds: float, words: str) -> None:
     """Nobody is promised a second."""
-    assert in_words(seconds) == words
+    assert time_left(seconds) == words

@@ -10,10 +10,12 @@ from typing import Any
 
 import pytest
 
-from axistwin_conformance import registry
+from axistwin_conformance.catalog import families, find_family
+from axistwin_conformance.check import check
+from axistwin_conformance.classes import SAFETY_CLASSES
 from axistwin_conformance.errors import UsageError
+from axistwin_conformance.family import Family
 from axistwin_conformance.ledger import load_ledger
-from axistwin_conformance.registry import Family, families, find_family
 from axistwin_conformance.session import Session
 
 
@@ -45,14 +47,14 @@ def test_a_declaration_that_cannot_be_meant_is_refused_with_the_remedy(
 ) -> None:
     """Mistakes show at import, not in the middle of a run."""
     with pytest.raises(TypeError, match=complaint):
-        registry.check(*ids, **declared)(function)
+        check(*ids, **declared)(function)
 
 
 def test_a_check_keeps_name_behaviour_and_the_worst_of_its_dangers() -> None:
     """The declaration is all the engine needs."""
-    one = registry.check("A-1", safety=("stored", "motion"))(documented)
+    one = check("A-1", safety=("stored", "motion"))(documented)
     assert (one.name, one.behaviour) == ("documented", "It behaves.")
-    assert one.danger == registry.SAFETY_CLASSES.index("stored")
+    assert one.danger == SAFETY_CLASSES.index("stored")
 
 
 def test_two_checks_of_one_name_are_refused(toy: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -68,7 +70,7 @@ def test_two_checks_of_one_name_are_refused(toy: Any, monkeypatch: pytest.Monkey
 
 def test_a_check_imported_from_elsewhere_belongs_to_its_own_module_only(toy: Any) -> None:
     """Importing a check does not run it twice."""
-    foreign = registry.check("MACS-LINE-01")(documented)
+    foreign = check("MACS-LINE-01")(documented)
     vars(toy.module)["documented"] = foreign
     assert toy.family.checks() == ()
 
@@ -85,7 +87,7 @@ FAMILIES = pytest.mark.parametrize("family", families(), ids=lambda family: fami
 @FAMILIES
 def test_every_check_names_requirements_that_exist(family: Family) -> None:
     """From the checks to the ledger."""
-    known = set(load_ledger(family.ledger).requirements)
+    known = set(load_ledger(family.name).requirements)
     for one in family.checks():
         assert set(one.requirements) <= known, one.name
 
@@ -96,7 +98,7 @@ def test_every_requirement_has_a_check_or_a_reason(family: Family) -> None:
     covered = {key for one in family.checks() for key in one.requirements}
     missing = [
         key
-        for key, one in load_ledger(family.ledger).requirements.items()
+        for key, one in load_ledger(family.name).requirements.items()
         if key not in covered and not one.not_on_wire
     ]
     assert missing == []

@@ -14,13 +14,14 @@ import pytest
 
 from axistwin_conformance import rig as rig_module
 from axistwin_conformance.carrier import Carrier
+from axistwin_conformance.catalog import find_family
+from axistwin_conformance.check import CAPABILITIES
 from axistwin_conformance.cli import make_options
-from axistwin_conformance.engine import Engine, Result
+from axistwin_conformance.engine import Engine
 from axistwin_conformance.errors import CannotDo, RigError, UsageError
 from axistwin_conformance.events import CheckFinished, Outcome, RigQuestion
-from axistwin_conformance.registry import find_family
+from axistwin_conformance.result import Result
 from axistwin_conformance.rig import (
-    CAPABILITIES,
     INPUTS,
     OF_AN_AXIS,
     Act,
@@ -439,11 +440,11 @@ def test_a_rig_that_goes_wrong_leaves_it_inconclusive_and_ends_the_run(toy: Any)
 
 def test_a_rig_check_says_what_it_needs() -> None:
     """Or is refused at import."""
-    from axistwin_conformance import registry
+    from axistwin_conformance.check import check
 
     for declared in ({"safety": "rig"}, {"needs": ("rig:hold",)}):
         with pytest.raises(TypeError, match="go together"):
-            registry.check("MACS-BUSY-02", **declared)(holding)
+            check("MACS-BUSY-02", **declared)(holding)
 
 
 def test_a_question_stops_the_bar() -> None:

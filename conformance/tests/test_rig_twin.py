@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 
 from axistwin_conformance.carrier import Carrier
+from axistwin_conformance.catalog import find_family
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine
 from axistwin_conformance.events import CheckFinished, Event
-from axistwin_conformance.registry import find_family
 from axistwin_conformance.rig import (
     OF_AN_AXIS,
     Act,

@@ -11,12 +11,14 @@ import time
 from dataclasses import replace
 
 import pytest
+from family_variants import vary
 from scripted_peer import Answers, Moment, Peer, after, at, behind
 
-from axistwin_conformance import patience
+from axistwin_conformance import line_quality
 from axistwin_conformance.cli import make_options
-from axistwin_conformance.engine import Engine, Result
+from axistwin_conformance.engine import Engine
 from axistwin_conformance.events import Outcome
+from axistwin_conformance.result import Result
 from axistwin_conformance.verdicts import Verdict
 
 pytestmark = pytest.mark.slow
@@ -50,7 +52,7 @@ def judge(peer: Peer, ids: tuple[str, ...] = MOVING, *, detects: bool = False) -
             model="mac23", port=peer.name, ids=ids, allow="motion,stored", level="quick"
         )
         if not detects:
-            options = replace(options, family=replace(options.family, probe_modules=()))
+            options = replace(options, family=vary(options.family, probe_modules=()))
         result = Engine(options).run(lambda event: None)
         ended_at = time.monotonic()
     if peer.turned_at is not None:
@@ -63,7 +65,7 @@ def judge(peer: Peer, ids: tuple[str, ...] = MOVING, *, detects: bool = False) -
 
 @pytest.fixture(autouse=True)
 def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(patience, "PATIENCE_S", SHORT_S)
+    monkeypatch.setattr(line_quality, "PATIENCE_S", SHORT_S)
 
 
 @pytest.mark.parametrize("name", ANSWERS)

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from axistwin_conformance import session as session_module
+from axistwin_conformance.check import check
 from axistwin_conformance.errors import TargetError
 from axistwin_conformance.ledger import load_ledger
-from axistwin_conformance.registry import check
 from axistwin_conformance.session import MOTIONS_KEPT, Run, Session, Stop
 from axistwin_conformance.verdicts import Finding, Verdict, merge
 

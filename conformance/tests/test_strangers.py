@@ -14,10 +14,11 @@ from lying_bus import Liar, Turn, as_it_is
 
 from axistwin_conformance.can_frame import Frame
 from axistwin_conformance.can_target import CanTarget
+from axistwin_conformance.catalog import find_family
 from axistwin_conformance.cli import make_options
-from axistwin_conformance.engine import Engine, Result
+from axistwin_conformance.engine import Engine
 from axistwin_conformance.mac_can import codec as can_codec
-from axistwin_conformance.registry import find_family
+from axistwin_conformance.result import Result
 from axistwin_conformance.targets import TWIN_HANDLER
 from axistwin_conformance.verdicts import Finding, Verdict
 

@@ -80,7 +80,7 @@ def run_on_a_twin() -> Run:
     family = options.family
     return Run(
         family.open(options.url, None, is_builtin=True), family, family.models["mac23"],
-        load_ledger(family.ledger), 0, (), options.allowed, Envelope(1 << 31, 8_000_000), 0,
+        load_ledger(family.name), 0, (), options.allowed, Envelope(1 << 31, 8_000_000), 0,
     )  # fmt: skip
 
 

@@ -10,12 +10,13 @@ import pytest
 import serial
 from port_in_front import PortInFront
 
+from axistwin_conformance.catalog import find_family
 from axistwin_conformance.cli import make_options
-from axistwin_conformance.engine import Engine, Result
+from axistwin_conformance.engine import Engine
 from axistwin_conformance.events import Outcome
 from axistwin_conformance.mac_serial import codec
-from axistwin_conformance.mac_serial.blame import blame
-from axistwin_conformance.registry import find_family
+from axistwin_conformance.mac_serial.blame import diagnose
+from axistwin_conformance.result import Result
 from axistwin_conformance.session import Envelope, Run, Session
 from axistwin_conformance.targets import TWIN_HANDLER, Target
 from axistwin_conformance.verdicts import Verdict
@@ -277,7 +278,7 @@ def blamed(request: bytes, reply: bytes | None) -> str:
         frozenset(), Envelope(1000, 1000), 0,
     )  # fmt: skip
     session = Session(run)
-    return breach.requirement if (breach := blame(session, request, reply)) else ""
+    return breach.requirement if (breach := diagnose(session, request, reply)) else ""
 
 
 QUERY = codec.request(0, 0x20).encode()

@@ -16,8 +16,8 @@ from typing import Any, NoReturn, Protocol
 from shaft_watch import ACTING, Order, Shaft
 
 from axistwin_conformance import interrupts
-from axistwin_conformance.engine import Result
 from axistwin_conformance.events import Outcome
+from axistwin_conformance.result import Result
 
 STOP = 0x18
 

@@ -28,7 +28,7 @@ from axistwin_conformance.mac_axis.talk import (
 )
 from axistwin_conformance.mac_axis.talk import Talk
 from axistwin_conformance.mac_axis.way_home import wait_for_it
-from axistwin_conformance.profile import Probe
+from axistwin_conformance.probing import Probe
 from axistwin_conformance.session import Session
 
 DEAF_S: Final = 2.0  # MACS-CMD-00-02
@@ -455,15 +455,6 @@ class Bench(Talk):
             for edge in exchange.taken.edges
         )
 
-    def wait(self, seconds: float) -> None:
-        """Let time pass."""
-        if seconds > 0:
-            self.target.wait(seconds)
-
-    def wait_until(self, moment_ns: int) -> None:
-        """Let time pass up to a moment of the target's clock."""
-        self.wait((moment_ns - self.target.now_ns) / 1e9)
-
     def allowance(self, period: int) -> int:
         """Increments a real axis may trail or lead its set-point by; none in virtual time, where
         the built-in twin's plant is ideal."""
@@ -579,8 +570,6 @@ def segment(steps: int, period: int) -> int:
 
 def bench_of(session: Session, address: int | None = None) -> Bench:
     """A module of the family under test, this one or that at an address, as its face handles it."""
-    make = session.run.family.bench
-    assert make is not None, "a family that takes over checks of the axis says how it is handled"
-    bench = make(session, address)
+    bench = session.run.family.driver(session, address)
     assert isinstance(bench, Bench)
     return bench

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
+from axistwin_conformance.check import check
 from axistwin_conformance.mac_axis.bench import SLOWEST, Bench, bench_of
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.probes_parameters import (
@@ -14,7 +15,6 @@ from axistwin_conformance.mac_axis.probes_parameters import (
     zero_catchup,
     zero_period_0d,
 )
-from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
 POSITION_EDGES: Final = (

@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
+from axistwin_conformance.check import check
 from axistwin_conformance.errors import CannotDo
 from axistwin_conformance.mac_axis.bench import QUIET_S, segment, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind
@@ -27,7 +28,6 @@ from axistwin_conformance.mac_axis.rig_bench import (
     Way,
     rig_bench_of,
 )
-from axistwin_conformance.registry import check
 from axistwin_conformance.rig import Rig
 from axistwin_conformance.session import Session
 

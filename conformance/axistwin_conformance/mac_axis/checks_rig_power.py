@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from axistwin_conformance.check import check
 from axistwin_conformance.mac_axis.bench import (
     PRELOAD_SHOWS_S,
     segment,
@@ -16,7 +17,6 @@ from axistwin_conformance.mac_axis.checks_rig_faults import (
 )
 from axistwin_conformance.mac_axis.checks_rig_inputs import judge_no_edge
 from axistwin_conformance.mac_axis.rig_bench import OVER_VOLTAGE, WORKED, rig_bench_of
-from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
 POWER: Final = ("rig:power",)

@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
+from axistwin_conformance.check import check
 from axistwin_conformance.mac_axis.bench import SLOWEST, Bench, bench_of, segment, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Segment
 from axistwin_conformance.mac_axis.motion import TICK_NS
 from axistwin_conformance.mac_axis.probing import MOVES
-from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
 PERIOD: Final = 0x1000

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from axistwin_conformance.check import check
 from axistwin_conformance.mac_axis.bench import (
     SLOWEST,
     Bench,
@@ -18,7 +19,6 @@ from axistwin_conformance.mac_axis.probes_sync import (
     sync_during_interp,
 )
 from axistwin_conformance.mac_axis.probing import ACCEPTED_OR_REFUSED, MOVES
-from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from axistwin_conformance.check import check
 from axistwin_conformance.mac_axis.bench import QUIET_S, Bench, bench_of
 from axistwin_conformance.mac_axis.forecast import Segment
 from axistwin_conformance.mac_axis.probing import MOVES
-from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
 

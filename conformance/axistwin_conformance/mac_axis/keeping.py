@@ -9,12 +9,11 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from axistwin_conformance import interrupts
-from axistwin_conformance.errors import OutsideEnvelope, TargetError, WrongDevice
+from axistwin_conformance.errors import OutsideEnvelope, TargetError, WrongDevice, time_left
 from axistwin_conformance.events import Note
 from axistwin_conformance.mac_axis.bench import Bench, bench_of
 from axistwin_conformance.mac_axis.dialogue import Kind, Reply, signed
 from axistwin_conformance.mac_axis.way_home import LOOK_S, goes_astray
-from axistwin_conformance.pace import in_words
 from axistwin_conformance.session import ATTEMPTS, Session
 
 PROBE_ATTEMPTS: Final = (
@@ -261,7 +260,7 @@ def _drive_back(bench: Bench, position: int) -> None:
         return
     attempts, lasts_s = _attempts(bench.session), bench.lasting_s(distance)
     if lasts_s >= TOLD_S and not bench.target.is_virtual:
-        told = f"driving back {distance} increments, {in_words(lasts_s)}"
+        told = f"driving back {distance} increments, {time_left(lasts_s)}"
         bench.session.run.tell(Note(f"{told}; interrupt (Ctrl-C) to leave the axis on its way"))
     limit_s = 2 * lasts_s + (STILL_S + 0.5) * attempts
     deadline_ns = bench.target.now_ns + round(limit_s * 1e9)

@@ -24,14 +24,8 @@ from hypothesis.stateful import invariant, precondition, rule
 
 from axistwin_conformance.mac_axis.machine_devices import View
 from axistwin_conformance.mac_axis.model import FIFO_STAGES
-from axistwin_conformance.mac_axis.operations import (
-    ANCHORS,
-    COEFFICIENTS,
-    OFFSETS_NS,
-    PERIODS,
-    TOLERANCES,
-    WHAT,
-)
+from axistwin_conformance.mac_axis.operations import ANCHORS, OFFSETS_NS, TOLERANCES, WHAT
+from axistwin_conformance.mac_axis.sequences import COEFFICIENTS, PERIODS
 from axistwin_conformance.machines import Machine
 
 ASK_EVERY: Final = 9  # steps: an invariant that asked after each would leave no time for chains

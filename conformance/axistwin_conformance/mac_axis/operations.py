@@ -12,20 +12,15 @@ anything runs (each has a check of its own); segments while armed; 0Bh in a move
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from axistwin_conformance.mac_axis.bench import Bench, segment, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.model import DROPPING, MOTIONS, SEGMENTS
+from axistwin_conformance.mac_axis.sequences import COEFFICIENTS, PERIODS, Operation, Sequence
 
-if TYPE_CHECKING:
-    from axistwin_conformance.mac_axis.sequences import Sequence
+Act = Callable[[Sequence, int, int], None]
 
-Act = Callable[["Sequence", int, int], None]
-
-PERIODS: Final = (0x0640, 0x0800, 0x1000, 0x1800, 0x2000, 0x4000, 0xFFFF)
-COEFFICIENTS: Final = (0, 0, 1, 1, 2, 3, 5)
 TOLERANCES: Final = (0, 0, 1, 10, 100)
 # What a target may lie beside; an offset of 80h is right there.
 ANCHORS: Final = ("here", "superior stop", "inferior stop", "home", "end of motion", "counter 0",
@@ -42,14 +37,6 @@ UNRULED_RAMPED_STOPS: Final = ("stop_ramp_law", "ramp_law")
 UNRULED_RESTARTS: Final = ("persist_modes",)
 UNASSIGNED: Final = (0x04, 0x05, 0x06, 0x12, 0x1D, 0x1F, 0x2A, 0x2F)  # on every face
 TO_COMMANDS: Final = (Kind.ACCEPTED, Kind.REFUSED)
-
-
-@dataclass(frozen=True, slots=True)
-class Operation:
-    """One line of the table: what it is called in reports, and what it does."""
-
-    name: str
-    act: Act
 
 
 def _move(run: Sequence, first: int, second: int) -> None:

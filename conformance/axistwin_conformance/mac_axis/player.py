@@ -55,7 +55,7 @@ class Player(playing.Player):
                 self.bench.reinitialise()
             for index, parameter in OPEN_STOPS:
                 self.bench.command(index, parameter)
-            again = begin(self.bench, self.home, model_of)
+            again = begin(self.bench, self.home, model_of, operations_of(self.bench))
         self._last = again
         return again
 

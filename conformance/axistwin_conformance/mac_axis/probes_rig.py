@@ -10,8 +10,7 @@ from axistwin_conformance.mac_axis.keeping import facts_of
 from axistwin_conformance.mac_axis.motion import TICK_NS
 from axistwin_conformance.mac_axis.probing import ACCEPTED_OR_REFUSED, reply_of
 from axistwin_conformance.mac_axis.rig_bench import rig_bench_of
-from axistwin_conformance.probing import Outcome, probe
-from axistwin_conformance.profile import Probe
+from axistwin_conformance.probing import Outcome, Probe, probe
 
 WORKED: Final = ("motion", "stored", "rig")
 STEPS: Final = 100

@@ -309,8 +309,6 @@ WAYS: Final = (Way("13h", _move), Way("16h", _interpolate), Way("15h", _turn, is
 
 def rig_bench_of(session: Session) -> RigBench:
     """The module under test and the rig around it, as its face handles it."""
-    make = session.run.family.rig_bench
-    assert make is not None, "a family that takes over checks of the axis says how it is handled"
-    bench = make(session, None)
+    bench = session.run.family.driver(session)
     assert isinstance(bench, RigBench)
     return bench

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Final
 
+from axistwin_conformance.classes import SAFETY_CLASSES
 from axistwin_conformance.mac_axis.dialogue import COMMAND_NAMES
-from axistwin_conformance.registry import SAFETY_CLASSES
 from axistwin_conformance.session import Session
 
 _CLASS_OF: Final[Mapping[str, tuple[int, ...]]] = {
@@ -32,7 +32,7 @@ _DEED_OF: Final[Mapping[str, str]] = {
 }
 
 
-def deeds(others: str, left_out: frozenset[int] = frozenset()) -> Mapping[str, str]:
+def impact_of_axis(others: str, left_out: frozenset[int] = frozenset()) -> Mapping[str, str]:
     """Safety class → what its checks do to a device, in words.
 
     `others`: what the destructive ones change beside the parameters; `left_out`: the commands that

@@ -23,7 +23,6 @@ from axistwin_conformance.mac_axis.model import (
     Parameters,
 )
 from axistwin_conformance.mac_axis.motion import TICK_NS, TICKS_PER_SECOND
-from axistwin_conformance.mac_axis.operations import COEFFICIENTS, PERIODS, operations_of
 from axistwin_conformance.playing import Mismatch, Steps
 
 Choices = tuple[int, ...]
@@ -38,6 +37,8 @@ BEGIN_PERIOD: Final = 0x1000
 BEGIN_COEFFICIENT: Final = 1
 OPEN_STOPS: Final = ((0x09, 0x3FFFFFFF), (0x0A, 0xC0000000), (0x0E, 0x0500), (0x0C, 0x40))
 PLAIN_MODES: Final = ((0x02, 0), (0x03, 0), (0x0F, BEGIN_COEFFICIENT), (0x1C, 0))
+PERIODS: Final = (0x0640, 0x0800, 0x1000, 0x1800, 0x2000, 0x4000, 0xFFFF)
+COEFFICIENTS: Final = (0, 0, 1, 1, 2, 3, 5)
 RAMP_MARGIN: Final = 120 * max(COEFFICIENTS)
 BYSTANDING_NS: Final = 200_000_000  # the longest wait for something that ends too far away
 
@@ -62,6 +63,14 @@ UNRULED_STOPS: Final = ("soft_stop_compare", "soft_stop_blocks", "step_phase")
 UNRULED_STATUS: Final = ("ff_lifetime", "status_ff_layout")
 
 
+@dataclass(frozen=True, slots=True)
+class Operation:
+    """One line of the table: what it is called in reports, and what it does."""
+
+    name: str
+    act: Callable[[Sequence, int, int], None]
+
+
 @dataclass
 class Sequence(Steps):
     """One run of one byte string against one module.
@@ -78,6 +87,7 @@ class Sequence(Steps):
     model: AxisModel
     home: int
     release: int
+    operations: tuple[Operation, ...]
     judged: Counter[str] = field(default_factory=Counter)
     operated: Counter[tuple[str, str]] = field(default_factory=Counter)
     marks: list[int] = field(default_factory=list)
@@ -94,7 +104,6 @@ class Sequence(Steps):
         self._slack = bench.allowance(PERIODS[0])
         self._timeout_s = bench.session.reply_timeout_s
         self._is_direct = bench.is_direct
-        self.operations = operations_of(bench)
         self._cleared: set[int] = set()  # indices that the gate has let pass and nothing stores
         self._inside_until_ns = 0  # when it has to be looked again whether the axis stays inside
         self._log: list[tuple[bytes, bytes] | int] = []  # exchanges, and pauses in ns
@@ -181,7 +190,7 @@ class Sequence(Steps):
             if drive(bench, self.model.forecast.places[0], home) != home:
                 return None
             self.model.forecast = Forecast.rest(home)
-        after = Sequence(bench, self.model, home, self.release)
+        after = Sequence(bench, self.model, home, self.release, self.operations)
         after._known, after._follows = self._known, self._follows
         return after
 
@@ -472,15 +481,22 @@ def drive(bench: Bench, origin: int, target: int) -> int:
     return bench.position()
 
 
-def begin(bench: Bench, home: int | None, law_known: Callable[[Bench], AxisModel]) -> Sequence:
-    """Bring the module to a known state, always the same, and give a sequence to play."""
+def begin(
+    bench: Bench,
+    home: int | None,
+    law_known: Callable[[Bench], AxisModel],
+    operations: tuple[Operation, ...],
+) -> Sequence:
+    """Bring the module to a known state, always the same, and give a sequence of these operations
+    to play."""
     position = bench.ready(BEGIN_PERIOD, BEGIN_COEFFICIENT)
     if home is not None and position != home:
         position = drive(bench, position, home)
     model = law_known(bench)
     ff = bench.stopped_on()  # of the sequence before: the next motion clears it
     model.forecast = Forecast.of([Timeline("HD", position, ff=ff)])
-    return Sequence(bench, model, position if home is None else home, bench.value(0x24))
+    start = position if home is None else home
+    return Sequence(bench, model, start, bench.value(0x24), operations)
 
 
 def read_parameters(bench: Bench) -> Parameters:

@@ -247,6 +247,15 @@ class Talk(ABC):
         """The byte ff of 21h: which stops ended the motion."""
         return self.data_bytes(0x21)[1] & 0x0F
 
+    def wait(self, seconds: float) -> None:
+        """Let time pass."""
+        if seconds > 0:
+            self.target.wait(seconds)
+
+    def wait_until(self, moment_ns: int) -> None:
+        """Let time pass up to a moment of the target's clock."""
+        self.wait((moment_ns - self.target.now_ns) / 1e9)
+
     # --- judging ----------------------------------------------------------------------------------
 
     def must(self, kind: Kind, exchange: Exchange, requirement: Part = None) -> Exchange:

@@ -6,18 +6,16 @@ may lead it further away.  So it is stopped as soon as that is seen, and the run
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from axistwin_conformance.errors import TargetError
-
-if TYPE_CHECKING:
-    from axistwin_conformance.mac_axis.bench import Bench
+from axistwin_conformance.mac_axis.talk import Talk
 
 LOOK_S: Final = 0.1  # from one look at an axis on its way to the next
 SWING: Final = 100  # increments: a shaft may swing, or be pushed, by fewer
 
 
-def goes_astray(bench: Bench, origin: int, home: int, here: int) -> bool:
+def goes_astray(bench: Talk, origin: int, home: int, here: int) -> bool:
     """True if an axis that was sent home is further from there than it was; what the run is then
     told by (`Run.astray`).  Never of the twin made for the run, which harms nobody."""
     run = bench.session.run
@@ -26,7 +24,7 @@ def goes_astray(bench: Bench, origin: int, home: int, here: int) -> bool:
     return bool(run.astray)
 
 
-def wait_for_it(bench: Bench, origin: int, home: int, until_ns: int) -> int:
+def wait_for_it(bench: Talk, origin: int, home: int, until_ns: int) -> int:
     """Wait for an axis that has been sent home, and stop it; give where it then is.  Raises
     TargetError for one that goes astray."""
     slice_s = LOOK_S if bench.session.envelope.is_fenced else float("inf")

@@ -11,11 +11,11 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.can_frame import Frame, unpack_all
+from axistwin_conformance.family import Violation
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.codec import Request
 from axistwin_conformance.mac_can.talk import MAY_BE_SILENT
-from axistwin_conformance.registry import Breach
 from axistwin_conformance.session import Session
 from axistwin_conformance.transcript import Direction
 
@@ -29,7 +29,7 @@ SURVIVED: Final = {
 }
 
 
-def blame(session: Session, request: bytes, reply: bytes | None) -> Breach | None:
+def diagnose(session: Session, request: bytes, reply: bytes | None) -> Violation | None:
     """Which requirement a reply to these frames breaks, if it is one that no module gives.
 
     `reply` None: there was none, the twin had crashed.
@@ -68,21 +68,21 @@ def _is_promised(session: Session, one: Request) -> bool:
     return one.address in (session.address, *session.neighbours)
 
 
-def _crashed(frame: Frame, asked: Request | None) -> Breach:
+def _crashed(frame: Frame, asked: Request | None) -> Violation:
     """Nobody need answer everything, but nobody may fall over anything."""
     if asked is not None:
         return _promised(asked, "the twin crashed")
     requirement = SURVIVED.get(frame.identifier, "MACC-SDO-12")
     if not frame.is_plain:
         requirement = "MACC-ID-03"
-    return Breach(requirement, f"{codec.explain(frame)}, survived", "the twin crashed")
+    return Violation(requirement, f"{codec.explain(frame)}, survived", "the twin crashed")
 
 
-def _promised(one: Request, came: str) -> Breach:
+def _promised(one: Request, came: str) -> Violation:
     words = codec.explain(one.frame())
     if one.command == codec.UPLOAD:
-        return Breach("MACC-SDO-03", f"an answer, {words}", came)
-    return Breach("MACC-SDO-01", f"60h or 80h, {words}", came)
+        return Violation("MACC-SDO-03", f"an answer, {words}", came)
+    return Violation("MACC-SDO-01", f"60h or 80h, {words}", came)
 
 
 def _may_be_deaf(session: Session, asked: Request) -> bool:
@@ -99,13 +99,13 @@ def _deafens(frame: Frame) -> bool:
     return is_reset or frame.identifier in DEAFENING
 
 
-def _judge(asked: Request, heard: tuple[Frame, ...]) -> Breach | None:
+def _judge(asked: Request, heard: tuple[Frame, ...]) -> Violation | None:
     told = "; ".join(codec.explain(one) for one in heard) or "silence"
     own = [one for one in heard if one.identifier == codec.REPLY + asked.address]
     if heard and not own:
-        return Breach("MACC-ID-01", f"the reply on {codec.REPLY + asked.address:03X}h", told)
+        return Violation("MACC-ID-01", f"the reply on {codec.REPLY + asked.address:03X}h", told)
     if len(own) > 1:
-        return Breach("MACC-SDO-06", f"one reply, {codec.explain(asked.frame())}", told)
+        return Violation("MACC-SDO-06", f"one reply, {codec.explain(asked.frame())}", told)
     if not own or codec.mismatch(asked, own[0]):
         return _promised(asked, told)
     kind = codec.parse(own[0]).kind

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final
 
+from axistwin_conformance.check import check
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
@@ -18,7 +19,6 @@ from axistwin_conformance.mac_can.hearing import (
     with_a_reason,
 )
 from axistwin_conformance.mac_can.settings import SETTINGS, TORQUE, held, unchanged
-from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
 # Of the standard's 256 first bytes the ones that mean something to a server there.

@@ -13,6 +13,7 @@ from typing import Final
 
 from axistwin_conformance.can_frame import Frame
 from axistwin_conformance.can_target import Arrival
+from axistwin_conformance.check import check
 from axistwin_conformance.mac_axis.bench import QUIET_S, Exchange, segment
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Window
@@ -35,7 +36,6 @@ from axistwin_conformance.mac_can.probes_messages import (
     payload_readings,
     said,
 )
-from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
 LIFEBEAT_NS: Final = round(LIFEBEAT_S * 1e9)

@@ -4,37 +4,36 @@ bus, and which frame may do what to the axis."""
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable
 from functools import lru_cache
 from typing import Final
 
 from axistwin_conformance.can_frame import Frame, unpack_all
 from axistwin_conformance.can_target import CanTarget, open_can_target
 from axistwin_conformance.errors import TargetError
+from axistwin_conformance.family import Violation
+from axistwin_conformance.mac_axis.axis_family import AxisFamily
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.fence import Fence
 from axistwin_conformance.mac_axis.keeping import (
     PROBE_ATTEMPTS,
     Facts,
     climate,
-    remember,
-    restore,
     sanity,
-    stop,
 )
-from axistwin_conformance.mac_axis.safety import STORING, deeds, objection
+from axistwin_conformance.mac_axis.safety import impact_of_axis
 from axistwin_conformance.mac_can import codec
-from axistwin_conformance.mac_can.bench import Bench, RigBench
-from axistwin_conformance.mac_can.blame import blame
+from axistwin_conformance.mac_can.bench import RigBench
+from axistwin_conformance.mac_can.blame import diagnose
 from axistwin_conformance.mac_can.codec import Reply
 from axistwin_conformance.mac_can.reader import BusReader
 from axistwin_conformance.mac_can.talk import bus_of
-from axistwin_conformance.registry import Family, Identity, Model
+from axistwin_conformance.model import Identity, Model
 from axistwin_conformance.session import ATTEMPTS, Run, Session
 from axistwin_conformance.transcript import Record
 from axistwin_conformance.ways import BUS
 
 NOT_ON_CAN: Final = frozenset({0x08, 0x1B})
-OWN_COMMANDS: Final = "address (LMT)"
 LISTEN_S: Final = 0.25  # for traffic of others, before the first question
 SPOKEN: Final = frozenset({codec.REPLY, codec.EMERGENCY, codec.BOOT_UP})  # + address
 SET_ADDRESS: Final = 0x08  # in the safety classes of the axis: what the LMT frames do
@@ -44,9 +43,9 @@ MODELS: Final = {
 }
 
 
-def probe(session: Session) -> Identity:
+def identify(session: Session) -> Identity:
     """Ask release and measures; raises TargetError if nobody answers."""
-    bench = Bench(session)
+    bench = RigBench(session)
     if not session.carrier.is_virtual:
         _know_the_others(session)
     session.is_strict = True  # the attempts are counted here
@@ -79,7 +78,7 @@ def _know_the_others(session: Session) -> None:
     bus_of(session).leave_out_others(LISTEN_S, is_ours)
 
 
-def _insisted(bench: Bench, index: int) -> Reply:
+def _insisted(bench: RigBench, index: int) -> Reply:
     """Ask until there is an answer; longer if what comes differs, which is noise."""
     seen = set()
     for number in range(1, ATTEMPTS + 1):
@@ -88,27 +87,6 @@ def _insisted(bench: Bench, index: int) -> Reply:
         if reply.kind is Kind.ANSWER or (number >= PROBE_ATTEMPTS and len(seen) == 1):
             break
     return reply
-
-
-# --- which frame may do what ---------------------------------------------------------------------
-
-
-def guard(session: Session, data: bytes) -> str | None:
-    """Why these frames must not be sent: an index of a class that the check did not declare."""
-    return objection(session, _indices(data))
-
-
-def fence(run: Run) -> Fence:
-    """What keeps the axes of a bus inside the envelope."""
-    bounds = run.envelope
-    return Fence(
-        BusReader(run.readings), bounds.max_travel, bounds.max_speed, run.address, run.readings
-    )
-
-
-def writes(data: bytes) -> int:
-    """How many commands that write to the EEPROM these frames hold."""
-    return sum(index in STORING for index in _indices(data))
 
 
 @lru_cache(maxsize=1024)  # the same frame is asked about three times on its way out
@@ -130,24 +108,6 @@ def _index_of(frame: Frame) -> int | None:
     if head[0] == codec.UPLOAD:
         return head[1] + 0x20
     return None if head[1] in NOT_ON_CAN else head[1]  # unassigned here: refused
-
-
-def explain(record: Record) -> str:
-    """Put what was said into words."""
-    return "; ".join(codec.explain(frame) for frame in unpack_all(record.data))
-
-
-def open_bus(url: str, rate: int | None, *, is_builtin: bool = False) -> CanTarget:
-    """Open INTERFACE:CHANNEL, at that bit rate if one is given; the built-in twin on a bus of its
-    own, however many of its kind are open in this process."""
-    target = open_can_target(
-        f"{url}&bus=suite{next(_BUSES)}" if is_builtin else url,
-        bitrate=rate or (TWIN_BITRATE if is_builtin else None),
-        is_spontaneous=codec.is_spontaneous,
-        is_builtin=is_builtin,
-    )
-    target.description = url  # which opens another such bus
-    return target
 
 
 _BUSES: Final = itertools.count()
@@ -192,31 +152,55 @@ _PROBES: Final = (
     "mac_can.probes_destructive",
 )
 
-FAMILY: Final = Family(
-    name="mac_can",
-    ledger="mac_can",
-    models=MODELS,
-    modules=tuple(f"axistwin_conformance.{name}" for name in _CHECKS),
-    addresses=codec.ADDRESSES,
-    default_address=1,
-    default_rate=None,
-    way=BUS,
-    probe=probe,
-    sanity=sanity,
-    stop=stop,
-    remember=remember,
-    restore=restore,
-    explain=explain,
-    twin_url=BUS.twin_url,
-    open=open_bus,
-    guard=guard,
-    fence=fence,
-    writes=writes,
-    deeds=deeds(OWN_COMMANDS, NOT_ON_CAN),
-    bench=Bench,
-    rig_bench=RigBench,
-    blame=blame,
-    replay_module="axistwin_conformance.mac_axis.checks_sequences",
-    operation_bytes=4,
-    probe_modules=tuple(f"axistwin_conformance.{name}" for name in _PROBES),
-)
+
+class MacCan(AxisFamily):
+    """MAC23 on a CAN bus."""
+
+    name = "mac_can"
+    models = MODELS
+    addresses = codec.ADDRESSES
+    default_address = 1
+    way = BUS
+    impact = impact_of_axis("address (LMT)", NOT_ON_CAN)
+    modules = tuple(f"axistwin_conformance.{name}" for name in _CHECKS)
+    probe_modules = tuple(f"axistwin_conformance.{name}" for name in _PROBES)
+
+    def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> CanTarget:
+        """Open INTERFACE:CHANNEL, at that bit rate if one is given; the built-in twin on a bus of
+        its own, however many of its kind are open in this process."""
+        target = open_can_target(
+            f"{url}&bus=suite{next(_BUSES)}" if is_builtin else url,
+            bitrate=rate or (TWIN_BITRATE if is_builtin else None),
+            is_spontaneous=codec.is_spontaneous,
+            is_builtin=is_builtin,
+        )
+        target.description = url  # which opens another such bus
+        return target
+
+    def explain(self, record: Record) -> str:
+        """Put the frames of a record into words."""
+        return "; ".join(codec.explain(frame) for frame in unpack_all(record.data))
+
+    def driver(self, session: Session, address: int | None = None) -> RigBench:
+        """A module on the bus."""
+        return RigBench(session, address)
+
+    def identify(self, session: Session) -> Identity:
+        """See `identify`."""
+        return identify(session)
+
+    def indices(self, data: bytes) -> Iterable[int]:
+        """The index of every request in these bytes that some reading would obey."""
+        return _indices(data)
+
+    def travel_guard(self, run: Run) -> Fence:
+        """What keeps the axes of a bus inside the envelope."""
+        bounds, reader = run.envelope, BusReader(run.readings)
+        return Fence(reader, bounds.max_travel, bounds.max_speed, run.address, run.readings)
+
+    def diagnose(self, session: Session, request: bytes, reply: bytes | None) -> Violation | None:
+        """See `diagnose`."""
+        return diagnose(session, request, reply)
+
+
+FAMILY: Final = MacCan()

@@ -21,8 +21,7 @@ from axistwin_conformance.mac_axis.probing import reply_of
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
 from axistwin_conformance.mac_can.codec import Reply, Request
-from axistwin_conformance.probing import Measured, Outcome, probe
-from axistwin_conformance.profile import Probe
+from axistwin_conformance.probing import Measured, Outcome, Probe, probe
 
 BIG, LITTLE = 0, 1  # readings of MACC-AMB-01
 TORQUE_AT: Final = 1  # byte of 2006h

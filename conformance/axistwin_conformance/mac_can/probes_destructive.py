@@ -16,8 +16,7 @@ from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.probing import reply_of
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
-from axistwin_conformance.probing import Measured, Outcome, probe
-from axistwin_conformance.profile import Probe
+from axistwin_conformance.probing import Measured, Outcome, Probe, probe
 
 DESTRUCTIVE: Final = ("motion", "stored", "destructive")
 ALONE: Final = ("alone",)

@@ -29,8 +29,7 @@ from axistwin_conformance.mac_can.probes_messages import (
     said,
     speaks,
 )
-from axistwin_conformance.probing import Measured, Outcome, probe
-from axistwin_conformance.profile import Probe
+from axistwin_conformance.probing import Measured, Outcome, Probe, probe
 from axistwin_conformance.rig import Rig
 
 BEYOND: Final = 60  # increments, of which a stop lets 10 pass

@@ -16,8 +16,7 @@ from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Window
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
-from axistwin_conformance.probing import Measured, Outcome, probe
-from axistwin_conformance.profile import Probe
+from axistwin_conformance.probing import Measured, Outcome, Probe, probe
 
 MESSAGES: Final = ("MACC-EMCY",)  # what the lifebeat has to do with
 LIFEBEAT_S: Final = 10.0  # MACC-EMCY-01

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from typing import Final
 
+from axistwin_conformance.family import Violation
 from axistwin_conformance.mac_axis.dialogue import COMMAND_NAMES, Kind
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.codec import Reply
 from axistwin_conformance.mac_serial.talk import ANSWERED, MAY_BE_SILENT, OTHER_DIGITS
-from axistwin_conformance.registry import Breach
 from axistwin_conformance.session import Session
 from axistwin_conformance.transcript import Direction
 
@@ -23,7 +23,7 @@ OBEYED: Final = frozenset(COMMAND_NAMES)
 LONG_LENGTH: Final = (0x28, b"014")  # MACS-AMB-05
 
 
-def blame(session: Session, request: bytes, reply: bytes | None) -> Breach | None:
+def diagnose(session: Session, request: bytes, reply: bytes | None) -> Violation | None:
     """Which requirement a reply to these bytes breaks, if it is one that no module gives.
 
     `reply` None: there was none, the twin had crashed.
@@ -59,10 +59,10 @@ def _asked(session: Session, request: bytes, *also: int) -> int | None:
     return index if is_whole and is_ours and is_known else None
 
 
-def _promised(index: int, came: str) -> Breach:
+def _promised(index: int, came: str) -> Violation:
     if index in ANSWERED:
-        return Breach("MACS-REPLY-07", f"an answer to query {index:02X}h", came)
-    return Breach("MACS-REPLY-01", f"06 13 1A or 06 13 17 to {index:02X}h", came)
+        return Violation("MACS-REPLY-07", f"an answer to query {index:02X}h", came)
+    return Violation("MACS-REPLY-01", f"06 13 1A or 06 13 17 to {index:02X}h", came)
 
 
 def _may_be_deaf(session: Session) -> bool:
@@ -71,23 +71,23 @@ def _may_be_deaf(session: Session) -> bool:
     return any(_asked(session, data) in MAY_BE_SILENT for data in sent)
 
 
-def _judge_short(request: bytes, index: int, seen: Reply) -> Breach | None:
+def _judge_short(request: bytes, index: int, seen: Reply) -> Violation | None:
     is_open = index in MAY_BE_SILENT and seen.kind is Kind.SILENCE
     if is_open or seen.kind in (Kind.ACCEPTED, Kind.REFUSED):
         return None
     return _promised(index, str(seen))
 
 
-def _judge_answer(request: bytes, index: int, seen: Reply) -> Breach | None:
+def _judge_answer(request: bytes, index: int, seen: Reply) -> Violation | None:
     if seen.kind is Kind.REFUSED and request[8:18] != PLAIN:  # MACS-AMB-62 and the like
         return None
     if seen.kind is not Kind.ANSWER:
         return _promised(index, str(seen))
     query = int(request[4:6], 16)
     if seen.address != query:
-        return Breach("MACS-REPLY-08", f"address {query:02X} in the answer", str(seen))
+        return Violation("MACS-REPLY-08", f"address {query:02X} in the answer", str(seen))
     if seen.digit not in (index & 0xF, OTHER_DIGITS.get(index)):
-        return Breach("MACS-REPLY-09", f"digit {index & 0xF} in the answer", str(seen))
+        return Violation("MACS-REPLY-09", f"digit {index & 0xF} in the answer", str(seen))
     if seen.length != b"011" and (index, seen.length) != LONG_LENGTH:
-        return Breach("MACS-REPLY-10", "length field 011", str(seen))
+        return Violation("MACS-REPLY-10", "length field 011", str(seen))
     return None

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
+from axistwin_conformance.check import check
 from axistwin_conformance.mac_axis import factory
 from axistwin_conformance.mac_axis.bench import QUIET_S
 from axistwin_conformance.mac_axis.dialogue import Kind
@@ -21,7 +22,6 @@ from axistwin_conformance.mac_serial.whereabouts import (
     other_address,
     program_address,
 )
-from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
 OTHER_RATE: Final = 0x02  # of 1Bh: not the factory's

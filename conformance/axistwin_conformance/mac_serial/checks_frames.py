@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
+from axistwin_conformance.check import check
 from axistwin_conformance.mac_axis.bench import QUIET_S, SAFE_PERIOD
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.strangers import stranger_at
@@ -13,7 +14,6 @@ from axistwin_conformance.mac_axis.talk import Part
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.bench import NACKED_BY_MANY, Bench
 from axistwin_conformance.mac_serial.codec import ETX, STX, Request
-from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
 OTHER_RATES: Final = (9600, 19200, 57600)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from typing import Final
 
+from axistwin_conformance.check import check
 from axistwin_conformance.mac_axis.bench import QUIET_S, Exchange, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.probes_stops import restarted_ns
@@ -13,7 +14,6 @@ from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.bench import Bench
 from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS
 from axistwin_conformance.mac_serial.probes import general_replies
-from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
 PARAMETER_QUERIES: Final = (0x22, 0x23, 0x25, 0x26)

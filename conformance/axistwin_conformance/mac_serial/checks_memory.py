@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from axistwin_conformance.check import check
 from axistwin_conformance.mac_axis.keeping import facts_of
 from axistwin_conformance.mac_serial.bench import Bench
 from axistwin_conformance.mac_serial.codec import IMAX_ADDRESS
 from axistwin_conformance.mac_serial.probes import imax_value, mem_wrap
-from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
 

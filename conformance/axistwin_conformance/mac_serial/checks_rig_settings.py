@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from axistwin_conformance.check import check
 from axistwin_conformance.mac_axis.checks_rig_power import POWER
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.rig_bench import OFF_S
@@ -14,7 +15,6 @@ from axistwin_conformance.mac_serial.whereabouts import (
     other_address,
     program_address,
 )
-from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
 

@@ -3,38 +3,36 @@ put back, and which frame may do what to the axis."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import lru_cache
 from typing import Final
 
 from axistwin_conformance.errors import TargetError
+from axistwin_conformance.family import Violation
+from axistwin_conformance.mac_axis.axis_family import AxisFamily
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.fence import Fence
 from axistwin_conformance.mac_axis.keeping import (
     PROBE_ATTEMPTS,
     Facts,
     climate,
-    remember,
-    restore,
     sanity,
-    stop,
 )
-from axistwin_conformance.mac_axis.safety import STORING, deeds, objection
+from axistwin_conformance.mac_axis.safety import impact_of_axis
 from axistwin_conformance.mac_axis.talk import QUIET_S
 from axistwin_conformance.mac_serial import codec
-from axistwin_conformance.mac_serial.bench import Bench, RigBench
-from axistwin_conformance.mac_serial.blame import blame
+from axistwin_conformance.mac_serial.bench import RigBench
+from axistwin_conformance.mac_serial.blame import diagnose
 from axistwin_conformance.mac_serial.codec import Reply
 from axistwin_conformance.mac_serial.reader import LineReader
-from axistwin_conformance.registry import Family, Identity, Model
+from axistwin_conformance.model import Identity, Model
 from axistwin_conformance.session import ATTEMPTS, Run, Session
-from axistwin_conformance.targets import line_opener
-from axistwin_conformance.transcript import told_by
-from axistwin_conformance.ways import LINE
+from axistwin_conformance.targets import Target, open_target
+from axistwin_conformance.transcript import Direction, Record
 
 FACTORY_BAUD: Final = 38400  # MACS-LINE-01
 BAUDS: Final = (9600, 19200, 38400)  # MACS-CMD-1B-01
 FACE_BYTES: Final = 16
-OWN_COMMANDS: Final = "address, rate"  # what the destructive ones change beside the parameters
 
 MODELS: Final = {
     model.name: model
@@ -49,13 +47,13 @@ MODELS: Final = {
 # --- who is there --------------------------------------------------------------------------------
 
 
-def probe(session: Session) -> Identity:
+def identify(session: Session) -> Identity:
     """Ask release and measures: the only things on the wire that tell one model from another.
 
     A module that answers one of these questions wrongly and others well is a module all the same;
     what it broke is for the checks to say.
     """
-    bench = Bench(session)
+    bench = RigBench(session)
     session.is_strict = True  # the attempts are counted here
     last = _insisted(bench, 0x24)
     release = last.data if last.kind is Kind.ANSWER else None
@@ -77,7 +75,7 @@ def probe(session: Session) -> Identity:
     return Identity(f"{session.model.title} at {bench.address:02X}h, {', '.join(told)}", values)
 
 
-def _insisted(bench: Bench, index: int) -> Reply:
+def _insisted(bench: RigBench, index: int) -> Reply:
     """Ask until there is an answer; longer if what comes differs, which is noise."""
     seen = set()
     for number in range(1, ATTEMPTS + 1):
@@ -88,33 +86,13 @@ def _insisted(bench: Bench, index: int) -> Reply:
     return reply
 
 
-def _heard(bench: Bench, reply: Reply) -> str:
+def _heard(bench: RigBench, reply: Reply) -> str:
     """What came instead of an answer, with what follows it: another protocol shows its face."""
     if reply.kind is not Kind.GARBAGE:
         return str(reply)
     raw = reply.raw + bench.target.receive(FACE_BYTES, QUIET_S)
     text = "".join(chr(one) if 0x20 <= one < 0x7F else "." for one in raw)
     return f"something else talks there: {raw.hex(' ').upper()} ({text})"
-
-
-# --- which frame may do what ---------------------------------------------------------------------
-
-
-def guard(session: Session, data: bytes) -> str | None:
-    """Why these bytes must not be sent: an index of a class that the check did not declare."""
-    return objection(session, _indices(data))
-
-
-def fence(run: Run) -> Fence:
-    """What keeps the axes of a line inside the envelope."""
-    bounds = run.envelope
-    return Fence(LineReader(), bounds.max_travel, bounds.max_speed, run.address, run.readings)
-
-
-@lru_cache(maxsize=1024)
-def writes(data: bytes) -> int:
-    """How many commands that write to the EEPROM these bytes hold."""
-    return sum(index in STORING for index in _indices(data))
 
 
 @lru_cache(maxsize=1024)  # the same frame is asked about three times on its way out
@@ -130,11 +108,17 @@ def _indices(data: bytes) -> tuple[int, ...]:
     return tuple(found)
 
 
-FAMILY: Final = Family(
-    name="mac_serial",
-    ledger="mac_serial",
-    models=MODELS,
-    modules=(
+class MacSerial(AxisFamily):
+    """MAC23 and MAC34 on their serial line."""
+
+    name = "mac_serial"
+    models = MODELS
+    addresses = range(0x80)
+    default_address = 0
+    default_rate = FACTORY_BAUD
+    rates = BAUDS
+    impact = impact_of_axis("address, rate")
+    modules = (
         "axistwin_conformance.mac_serial.checks_frames",
         "axistwin_conformance.mac_serial.checks_replies",
         "axistwin_conformance.mac_axis.checks_queries",
@@ -157,29 +141,8 @@ FAMILY: Final = Family(
         "axistwin_conformance.mac_axis.checks_rig_power",
         "axistwin_conformance.mac_serial.checks_rig_settings",
         "axistwin_conformance.mac_serial.checks_destructive",
-    ),
-    addresses=range(0x80),
-    default_address=0,
-    default_rate=FACTORY_BAUD,
-    rates=BAUDS,
-    probe=probe,
-    sanity=sanity,
-    stop=stop,
-    remember=remember,
-    restore=restore,
-    explain=told_by(codec.explain_request, codec.explain),
-    twin_url=LINE.twin_url,
-    open=line_opener(FACTORY_BAUD),
-    guard=guard,
-    fence=fence,
-    writes=writes,
-    replay_module="axistwin_conformance.mac_axis.checks_sequences",
-    operation_bytes=4,
-    deeds=deeds(OWN_COMMANDS),
-    bench=Bench,
-    rig_bench=RigBench,
-    blame=blame,
-    probe_modules=(
+    )
+    probe_modules = (
         "axistwin_conformance.mac_serial.probes",
         "axistwin_conformance.mac_axis.probes_parameters",
         "axistwin_conformance.mac_axis.probes_running_on",
@@ -188,5 +151,37 @@ FAMILY: Final = Family(
         "axistwin_conformance.mac_axis.probes_stops",
         "axistwin_conformance.mac_axis.probes_rig",
         "axistwin_conformance.mac_serial.probes_destructive",
-    ),
-)
+    )
+
+    def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> Target:
+        """Open a port at that rate, or at the factory's."""
+        return open_target(url, rate or FACTORY_BAUD, is_builtin=is_builtin)
+
+    def explain(self, record: Record) -> str:
+        """Put a request or a reply into words."""
+        is_request = record.direction is Direction.HOST
+        return (codec.explain_request if is_request else codec.explain)(record.data)
+
+    def driver(self, session: Session, address: int | None = None) -> RigBench:
+        """A module on the line."""
+        return RigBench(session, address)
+
+    def identify(self, session: Session) -> Identity:
+        """See `identify`."""
+        return identify(session)
+
+    def indices(self, data: bytes) -> Iterable[int]:
+        """The index of every whole frame in these bytes, whatever its checksum."""
+        return _indices(data)
+
+    def travel_guard(self, run: Run) -> Fence:
+        """What keeps the axes of a line inside the envelope."""
+        bounds = run.envelope
+        return Fence(LineReader(), bounds.max_travel, bounds.max_speed, run.address, run.readings)
+
+    def diagnose(self, session: Session, request: bytes, reply: bytes | None) -> Violation | None:
+        """See `diagnose`."""
+        return diagnose(session, request, reply)
+
+
+FAMILY: Final = MacSerial()

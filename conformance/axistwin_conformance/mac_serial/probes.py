@@ -19,8 +19,7 @@ from axistwin_conformance.mac_axis.probing import reply_of
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.bench import Bench
 from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS, IMAX_ADDRESS
-from axistwin_conformance.probing import Measured, Outcome, probe
-from axistwin_conformance.profile import Probe
+from axistwin_conformance.probing import Measured, Outcome, Probe, probe
 
 EARLY_BYTES: Final = 3  # 0.8 ms at 38400 baud: a reply does not come sooner
 

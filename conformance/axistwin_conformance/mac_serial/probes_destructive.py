@@ -21,8 +21,7 @@ from axistwin_conformance.mac_serial.whereabouts import (
     other_address,
     program_address,
 )
-from axistwin_conformance.probing import Outcome, probe
-from axistwin_conformance.profile import Probe
+from axistwin_conformance.probing import Outcome, Probe, probe
 
 DESTRUCTIVE: Final = ("motion", "stored", "destructive")
 FACTORY_BAUD: Final = 38400

@@ -7,16 +7,16 @@ under test, at addresses and flags that every device must have an answer for or 
 
 from __future__ import annotations
 
+from axistwin_conformance.family import Violation
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import ACK, NAK, Packet
-from axistwin_conformance.registry import Breach
 from axistwin_conformance.session import Session
 from axistwin_conformance.transcript import Direction
 
 ALWAYS_SERVED = ("RQSTAT",)  # what no state, address or flag lets a unit refuse, but MSC-AMB-32
 
 
-def blame(session: Session, request: bytes, reply: bytes | None) -> Breach | None:
+def diagnose(session: Session, request: bytes, reply: bytes | None) -> Violation | None:
     """Which requirement a reply to these bytes breaks, if it is one that no unit gives.
 
     `reply` None: there was none, the twin had crashed.
@@ -28,19 +28,19 @@ def blame(session: Session, request: bytes, reply: bytes | None) -> Breach | Non
         return None
     awaited = "ACK" if asked.name in codec.WRITES else f"ACK and a {asked.name} packet"
     if reply is None:
-        return Breach("MSC-LNK-01", awaited, "the twin crashed")
+        return Violation("MSC-LNK-01", awaited, "the twin crashed")
     came = codec.explain(reply) or "nothing"
     if reply[:1] == NAK and asked.name not in ALWAYS_SERVED:
         return None
     if reply[:1] != ACK:
-        return Breach("MSC-LNK-01", awaited, came)
+        return Violation("MSC-LNK-01", awaited, came)
     if asked.name in codec.WRITES:
         return None  # what may follow is left open (MSC-AMB-36)
     if asked.name == "RFLAGS" and not session.model.facts.has_rflags:
         return None
     answer = codec.parse(reply[1:])
     if answer is None:
-        return Breach("MSC-CMD-05", awaited, came)
+        return Violation("MSC-CMD-05", awaited, came)
     return _judged(session, asked, answer, came)
 
 
@@ -57,23 +57,23 @@ def _before_the_sign(session: Session) -> tuple[bytes, bytes]:
     return request, reply
 
 
-def _judged(session: Session, asked: Packet, answer: Packet, came: str) -> Breach | None:
+def _judged(session: Session, asked: Packet, answer: Packet, came: str) -> Violation | None:
     """What is wrong with a reply, the most telling first."""
     size = codec.REPLY_BYTES[asked.name]
     sizes = (size, size - 2) if asked.name == "RQSTAT" else (size,)  # MSC-AMB-38
     right = codec.checksum(answer.raw[1:-2])
     if answer.length != len(answer.body):
-        return Breach("MSC-PKT-06", f"length {len(answer.body)}", came)
+        return Violation("MSC-PKT-06", f"length {len(answer.body)}", came)
     if answer.checksum != right:
-        return Breach("MSC-PKT-12", f"checksum {right:04X}", came)
+        return Violation("MSC-PKT-12", f"checksum {right:04X}", came)
     if answer.unit != asked.unit:
-        return Breach("MSC-PKT-18", f"unit {asked.unit}", came)
+        return Violation("MSC-PKT-18", f"unit {asked.unit}", came)
     if answer.name != asked.name or codec.COMMA not in answer.body:
-        return Breach("MSC-CMD-04", f"the name {asked.name} and a comma", came)
+        return Violation("MSC-CMD-04", f"the name {asked.name} and a comma", came)
     if len(answer.raw) not in sizes:
-        return Breach(f"MSC-{asked.name}-{_SIZE_ROW[asked.name]}", f"{size} bytes", came)
+        return Violation(f"MSC-{asked.name}-{_SIZE_ROW[asked.name]}", f"{size} bytes", came)
     if asked.name == "RFLAG" and answer.numbers[0] not in (0, 1):
-        return Breach("MSC-RFLAG-02", "0 or 1", came)
+        return Violation("MSC-RFLAG-02", "0 or 1", came)
     return None
 
 

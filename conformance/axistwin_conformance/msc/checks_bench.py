@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
 
+from axistwin_conformance.check import check
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import BLOCK_VALUES, RQSTAT
 from axistwin_conformance.msc.controller import (
@@ -21,7 +22,6 @@ from axistwin_conformance.msc.controller import (
     Controller,
     Readings,
 )
-from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
 BENCH: Final = ("bench",)

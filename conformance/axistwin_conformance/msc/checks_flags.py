@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
+from axistwin_conformance.check import check
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import FLAGS
 from axistwin_conformance.msc.controller import Controller, Names
-from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
 STATES: Final = (b"\x00\x00", b"\x00\x01")

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from typing import Final
 
+from axistwin_conformance.check import check
 from axistwin_conformance.drawn import play_machine
 from axistwin_conformance.msc.checks_sequences import NEEDS
 from axistwin_conformance.msc.machines import Judged, UnitMachine
 from axistwin_conformance.msc.player import player_of
 from axistwin_conformance.msc.sequences import JUDGED
-from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
 STEPS: Final = 60

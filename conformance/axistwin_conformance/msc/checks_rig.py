@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
 
+from axistwin_conformance.check import check
 from axistwin_conformance.errors import CannotDo
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.checks_flags import NO_RFLAGS, judge_agreement
@@ -22,7 +23,6 @@ from axistwin_conformance.msc.controller import (
     SERVED,
     Controller,
 )
-from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
 CONDITIONS: Final = tuple(range(1, 16))  # bit 0 is the program itself

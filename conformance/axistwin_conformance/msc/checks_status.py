@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
+from axistwin_conformance.check import check
 from axistwin_conformance.msc.codec import RQSTAT
 from axistwin_conformance.msc.controller import BenchProgram, Controller
-from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
 RUNNING, AUTO_START = 1, 64

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
+from axistwin_conformance.check import check
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.checks_line import absent
 from axistwin_conformance.msc.codec import ACK, NAK, RQSTAT
 from axistwin_conformance.msc.link import MS, Link
-from axistwin_conformance.registry import check
 from axistwin_conformance.session import Session
 
 HALF_RATE: Final = 4800

@@ -6,20 +6,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from axistwin_conformance.msc import codec
+from axistwin_conformance.family import Family, Violation
+from axistwin_conformance.model import Grounds, Identity, Model
+from axistwin_conformance.msc import codec, keeping
 from axistwin_conformance.msc.bench import Bench
-from axistwin_conformance.msc.blame import blame
-from axistwin_conformance.msc.keeping import probe, remember, restore, sanity, stop
+from axistwin_conformance.msc.blame import diagnose
+from axistwin_conformance.msc.keeping import Memory
 from axistwin_conformance.msc.link import SHOUTING
-from axistwin_conformance.msc.safety import DEEDS, objection
+from axistwin_conformance.msc.safety import IMPACT, objection
 from axistwin_conformance.msc.survey import survey
 from axistwin_conformance.msc.trial import try_flags
-from axistwin_conformance.registry import Family, Grounds, Model
 from axistwin_conformance.rig import OF_A_CONTROLLER
 from axistwin_conformance.session import Session
-from axistwin_conformance.targets import line_opener
-from axistwin_conformance.transcript import told_by
-from axistwin_conformance.ways import LINE
+from axistwin_conformance.targets import Target, open_target
+from axistwin_conformance.transcript import Direction, Record
 
 BAUD: Final = 9600  # MSC-PHY-01
 TWIN_GROUNDS: Final = Grounds(range(1024, 5120), range(128, 192), (240, 6144))
@@ -43,27 +43,23 @@ MODELS: Final = {
 }
 
 
-def guard(session: Session, data: bytes) -> str | None:
-    """Why these bytes must not be sent; see `safety`."""
-    return objection(session, data)
+class Msc(Family):
+    """MSC controllers on their executive port."""
 
-
-def twin_url(model: str, address: int, neighbours: tuple[int, ...]) -> str:
-    """The built-in twin, in virtual time, with its neighbours on one line and the bench program in
-    each of them."""
-    return f"{LINE.twin_url(model, address, neighbours)}&program=bench"
-
-
-def disturbs(readings: Mapping[str, str]) -> bool:
-    """Whether idle units of such readings answer what is said to, or by, another one."""
-    return any(readings.get(switch) == reading for switch, reading in SHOUTING)
-
-
-FAMILY: Final = Family(
-    name="msc",
-    ledger="msc",
-    models=MODELS,
-    modules=(
+    name = "msc"
+    models = MODELS
+    addresses = range(codec.UNITS.start, codec.UNITS.stop)
+    default_address = 1
+    default_rate = BAUD
+    rates = (BAUD,)
+    capabilities = OF_A_CONTROLLER
+    grounds = TWIN_GROUNDS
+    has_axis = False
+    impact = IMPACT
+    tried_needs = frozenset({"flags"})
+    replay_module = "axistwin_conformance.msc.checks_sequences"
+    operation_bytes = 4
+    modules = (
         "axistwin_conformance.msc.checks_packets",
         "axistwin_conformance.msc.checks_link",
         "axistwin_conformance.msc.checks_time",
@@ -80,35 +76,71 @@ FAMILY: Final = Family(
         "axistwin_conformance.msc.checks_program",
         "axistwin_conformance.msc.checks_bench",
         "axistwin_conformance.msc.checks_rig",
-    ),
-    addresses=range(codec.UNITS.start, codec.UNITS.stop),
-    default_address=1,
-    default_rate=BAUD,
-    rates=(BAUD,),
-    probe=probe,
-    sanity=sanity,
-    stop=stop,
-    remember=remember,
-    restore=restore,
-    explain=told_by(codec.explain_request, codec.explain),
-    twin_url=twin_url,
-    open=line_opener(BAUD),
-    guard=guard,
-    capabilities=OF_A_CONTROLLER,
-    grounds=TWIN_GROUNDS,
-    has_axis=False,
-    disturbs=disturbs,
-    survey=survey,
-    trials={"flags": try_flags},
-    deeds=DEEDS,
-    blame=blame,
-    bench=Bench,
-    replay_module="axistwin_conformance.msc.checks_sequences",
-    operation_bytes=4,
-    probe_modules=(
+    )
+    probe_modules = (
         "axistwin_conformance.msc.probes",
         "axistwin_conformance.msc.probes_writes",
         "axistwin_conformance.msc.probes_bench",
         "axistwin_conformance.msc.probes_program",
-    ),
-)
+    )
+
+    def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> Target:
+        """Open a port at that rate, or at the manual's."""
+        return open_target(url, rate or BAUD, is_builtin=is_builtin)
+
+    def twin_url(self, model: str, address: int, neighbours: tuple[int, ...]) -> str:
+        """The built-in twin, in virtual time, with its neighbours on one line and the bench program
+        in each of them."""
+        return f"{super().twin_url(model, address, neighbours)}&program=bench"
+
+    def explain(self, record: Record) -> str:
+        """Put a packet, or what comes back, into words."""
+        is_request = record.direction is Direction.HOST
+        return (codec.explain_request if is_request else codec.explain)(record.data)
+
+    def driver(self, session: Session, address: int | None = None) -> Bench:
+        """A unit on the line."""
+        return Bench(session, address)
+
+    def identify(self, session: Session) -> Identity:
+        """See `keeping.identify`."""
+        return keeping.identify(session)
+
+    def is_alive(self, session: Session) -> bool:
+        """See `keeping.sanity`."""
+        return keeping.sanity(session)
+
+    def stop(self, session: Session) -> None:
+        """See `keeping.stop`."""
+        keeping.stop(session)
+
+    def remember(self, session: Session) -> Memory:
+        """See `keeping.remember`."""
+        return keeping.remember(session)
+
+    def restore(self, session: Session, memory: Memory) -> tuple[str, ...]:
+        """See `keeping.restore`."""
+        return keeping.restore(session, memory)
+
+    def forbid(self, session: Session, data: bytes) -> str | None:
+        """Why these bytes must not be sent; see `safety`."""
+        return objection(session, data)
+
+    def preflight(self, session: Session) -> None:
+        """See `survey`."""
+        survey(session)
+
+    def unusable(self, session: Session, need: str) -> str:
+        """See `try_flags`; nothing else the operator names has to be tried."""
+        return try_flags(session) if need == "flags" else ""
+
+    def disturbs(self, readings: Mapping[str, str]) -> bool:
+        """Whether idle units of such readings answer what is said to, or by, another one."""
+        return any(readings.get(switch) == reading for switch, reading in SHOUTING)
+
+    def diagnose(self, session: Session, request: bytes, reply: bytes | None) -> Violation | None:
+        """See `diagnose`."""
+        return diagnose(session, request, reply)
+
+
+FAMILY: Final = Msc()

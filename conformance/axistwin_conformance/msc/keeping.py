@@ -19,12 +19,12 @@ from typing import Final
 
 from axistwin_conformance.carrier import is_twin_url
 from axistwin_conformance.errors import TargetError, WrongDevice
+from axistwin_conformance.model import PROGRAM_FLAGS, Identity
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import SAFE_BLOCK, SAFE_STRIDE, Bench
 from axistwin_conformance.msc.codec import ACK
 from axistwin_conformance.msc.safety import PROGRAM_BLOCK, Writing
 from axistwin_conformance.msc.talk import QUIET_S, Exchange
-from axistwin_conformance.registry import PROGRAM_FLAGS, Identity
 from axistwin_conformance.session import ATTEMPTS, REPLY_TIMEOUT_S, Run, Session
 
 PROBE_ATTEMPTS: Final = 4
@@ -48,7 +48,7 @@ STATUS_WORDS: Final = (
 # --- who is there ---------------------------------------------------------------------------------
 
 
-def probe(session: Session) -> Identity:
+def identify(session: Session) -> Identity:
     """Ask for the status, and for all flags where the model has them: nothing else on the wire
     tells one model from another."""
     bench = Bench(session)

@@ -13,16 +13,13 @@ the ledger gives no exact rule: then a value is read instead.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import ACK, NAK, Packet
+from axistwin_conformance.msc.sequences import Operation, Sequence
 
-if TYPE_CHECKING:
-    from axistwin_conformance.msc.sequences import Sequence
-
-Act = Callable[["Sequence", int, int], None]
+Act = Callable[[Sequence, int, int], None]
 
 # Values whose bytes mean something elsewhere, and the edges of 32 bits.
 EDGES: Final = (
@@ -36,19 +33,6 @@ STRAYS: Final = (ACK, NAK, ACK + NAK + ACK, NAK + NAK)
 UNRULED_NAKS: Final = ("stray_nak",)
 UNRULED_TIMES: Final = ("packet_timeout_mode",)
 LONGEST_PIECE: Final = 0.3  # of the packet's time limit
-
-
-@dataclass(frozen=True, slots=True)
-class Operation:
-    """One line of the table: what it is called in reports, and what it does.
-
-    `is_of_link`: what it says is no plain exchange, and reads at most: where bytes may get lost, it
-    can be done again.
-    """
-
-    name: str
-    act: Act
-    is_of_link: bool = False
 
 
 def value_of(first: int, second: int) -> int:

@@ -39,7 +39,7 @@ class Player(playing.Player):
         """A sequence on a line at rest, with known values and flags."""
         if self.is_fresh or (self._last is not None and not self._last.is_over):
             self.bench.talk.settle()
-        self._last = begin(self.bench)
+        self._last = begin(self.bench, OPERATIONS)
         return self._last
 
 

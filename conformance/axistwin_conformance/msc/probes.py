@@ -37,8 +37,7 @@ from axistwin_conformance.msc.probing import (
     unanswered,
 )
 from axistwin_conformance.msc.talk import MOST_STRAYS
-from axistwin_conformance.probing import Outcome, probe
-from axistwin_conformance.profile import Probe
+from axistwin_conformance.probing import Outcome, Probe, probe
 
 HEADER: Final = codec.HEADER_BYTES
 NO_SUM: Final = 0x3030  # a wrong checksum for every short packet, and no byte of it begins anything

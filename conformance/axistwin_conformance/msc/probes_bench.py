@@ -28,8 +28,7 @@ from axistwin_conformance.msc.probing import (
     odd_packet,
     variable,
 )
-from axistwin_conformance.probing import Outcome, probe
-from axistwin_conformance.profile import Probe
+from axistwin_conformance.probing import Outcome, Probe, probe
 
 BENCH: Final = ("bench",)
 WORKED: Final = ("stored", "rig")

@@ -15,8 +15,7 @@ from axistwin_conformance.msc.probing import (
     glance_s,
     variable,
 )
-from axistwin_conformance.probing import Outcome, probe
-from axistwin_conformance.profile import Probe
+from axistwin_conformance.probing import Outcome, Probe, probe
 
 NAMED: Final = ("variables",)
 PLACES: Final = {1: 0, 2: 1, 4: 2}  # where in a block the value four addresses on is → the reading

@@ -23,9 +23,9 @@ from typing import Final
 from weakref import WeakKeyDictionary
 
 from axistwin_conformance.carrier import is_twin_url
+from axistwin_conformance.model import PROGRAM_FLAGS
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import ACK, NAK, STX
-from axistwin_conformance.registry import PROGRAM_FLAGS
 from axistwin_conformance.session import Run, Session
 
 TAIL_BYTES: Final = 2 * codec.MAX_PACKET  # of what was sent in pieces
@@ -37,7 +37,7 @@ _WRITE: Final = re.compile(rb"(BWRITE|DWRITE|CFLAG|SFLAG),?+(?=(..))", re.DOTALL
 _AT_AN_ADDRESS: Final = ("BREAD", "BWRITE", "DREAD", "DWRITE")
 _OF_A_FLAG: Final = ("CFLAG", "RFLAG", "SFLAG")
 
-DEEDS: Final[Mapping[str, str]] = {
+IMPACT: Final[Mapping[str, str]] = {
     "passive": "reads (BREAD, DREAD, RFLAG, RFLAGS, RQSTAT), and reads that are cut short or under"
     " a wrong checksum; bytes that are no packet",
     "stored": "writes variables (DWRITE, BWRITE, of --variables) and flags (SFLAG, CFLAG, of"

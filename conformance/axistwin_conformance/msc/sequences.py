@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -22,7 +22,6 @@ from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import SAFE_BLOCK, SAFE_STRIDE, Bench
 from axistwin_conformance.msc.codec import ACK, NAK, Packet
 from axistwin_conformance.msc.model import Surprise, UnitModel
-from axistwin_conformance.msc.operations import OPERATIONS, Operation
 from axistwin_conformance.msc.talk import Exchange
 from axistwin_conformance.playing import Mismatch, Steps
 from axistwin_conformance.session import ATTEMPTS
@@ -49,6 +48,19 @@ JUDGED: Final = (
 )  # fmt: skip
 
 
+@dataclass(frozen=True, slots=True)
+class Operation:
+    """One line of the table: what it is called in reports, and what it does.
+
+    `is_of_link`: what it says is no plain exchange, and reads at most: where bytes may get lost, it
+    can be done again.
+    """
+
+    name: str
+    act: Callable[[Sequence, int, int], None]
+    is_of_link: bool = False
+
+
 @dataclass
 class Sequence(Steps):
     """One run of one byte string against one unit; see `playing.Playable`.
@@ -64,6 +76,7 @@ class Sequence(Steps):
     spots: tuple[int, ...]
     blocks: tuple[int, ...]
     flags: tuple[int, ...]
+    operations: tuple[Operation, ...]
     judged: Counter[str] = field(default_factory=Counter)
     operated: Counter[tuple[str, str]] = field(default_factory=Counter)
     marks: list[int] = field(default_factory=list)
@@ -104,7 +117,7 @@ class Sequence(Steps):
     def operate(self, what: int, first: int, second: int, pause: int) -> None:
         """Run one operation.  Raises Mismatch for what is not admissible."""
         self.marks.append(len(self._log))
-        operation = OPERATIONS[what % len(OPERATIONS)]
+        operation = self.operations[what % len(self.operations)]
         state = "waiting" if self.is_waiting else "idle"
         with self._telling():
             if operation.is_of_link and not self.target.is_lossless:
@@ -365,11 +378,12 @@ class _Telling:
 # --- how one begins -------------------------------------------------------------------------------
 
 
-def begin(bench: Bench) -> Sequence:
-    """Bring what is in play to a known state, always the same, and give a sequence to play."""
+def begin(bench: Bench, operations: tuple[Operation, ...]) -> Sequence:
+    """Bring what is in play to a known state, always the same, and give a sequence of these
+    operations to play."""
     spots, blocks, cover = places(bench)
     flags = tuple(_spread(list(bench.flags_free), FLAGS))
-    run = Sequence(bench, UnitModel(_strides(bench)), spots, blocks, flags)
+    run = Sequence(bench, UnitModel(_strides(bench)), spots, blocks, flags, operations)
     zeros = (BEGINNING_VALUE,) * codec.BLOCK_VALUES
     for address in cover:
         if _is_done(bench, codec.bwrite(address, zeros)):

@@ -13,9 +13,9 @@ from collections.abc import Sequence
 from typing import Final
 
 from axistwin_conformance.errors import UsageError
+from axistwin_conformance.model import NO_GROUNDS
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import SAFE_BLOCK, SAFE_STRIDE, Bench
-from axistwin_conformance.registry import NO_GROUNDS
 from axistwin_conformance.session import Session
 
 SAMPLES: Final = 16  # addresses from the first to the last that are looked at

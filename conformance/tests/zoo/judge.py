@@ -8,11 +8,13 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from types import FrameType
 
+from axistwin_conformance.catalog import find_family
+from axistwin_conformance.check import Check
 from axistwin_conformance.cli import make_options
-from axistwin_conformance.engine import Engine, Result
+from axistwin_conformance.engine import Engine
 from axistwin_conformance.events import CheckFinished, Event, Outcome
 from axistwin_conformance.ledger import Ledger
-from axistwin_conformance.registry import Check, find_family
+from axistwin_conformance.result import Result
 from axistwin_conformance.verdicts import Verdict
 from zoo.mutant import Mutant
 

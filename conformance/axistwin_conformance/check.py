@@ -1,0 +1,152 @@
+"""Checks: how a property is declared.
+
+A check is a function that takes a `Session` and judges; the decorator says which requirements it
+judges and what it does to the device:
+
+    @check("MACS-CMD-13-01", "MACS-REPLY-14", safety=("motion", "stored"), needs=("neighbour",))
+    def a_move_ends_at_its_target(session: Session) -> None:
+        '''20h reads the target once the profile is over.'''
+
+The function's name is the property's name, its docstring the behaviour in a sentence.  A wrong
+declaration is refused at import, with the remedy in the message.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from axistwin_conformance.classes import LEVELS, SAFETY_CLASSES
+
+RIG = "rig:"  # what a need of a rig's capability begins with
+BENCH = "bench"  # the need of what may go wrong where hands on the wiring have to be near
+
+# What a rig may be able to do, in words that follow "a rig that".
+CAPABILITIES: Final[Mapping[str, str]] = {
+    "reference": "works the reference input",
+    "positive_stop": "works the positive stop input",
+    "negative_stop": "works the negative stop input",
+    "reset": "works the reset input",
+    "supply": "sets the supply voltage",
+    "temperature": "sets the module's temperature",
+    "power": "switches the supply off and on",
+    "hold": "holds the shaft against the motor",
+    "turn": "turns the shaft by hand",
+    "micro_cut": "makes a micro-cut of the supply",
+    "amplifier": "makes the amplifier report a fault",
+    "encoder": "takes the encoder away",
+    "flag": "works the inputs, timers and motors behind the controller's flags",
+    "status": "brings about the conditions of the status word",
+    "program": "starts and stops the macroprogram",
+    "battery": "takes the battery of the memory away",
+}
+
+# What a check may need beside the device itself, and what to tell who does not have it.
+NEEDS: Mapping[str, str] = {
+    "neighbour": "needs a second module beside it (--neighbour ADDRESS)",
+    "alone": "needs the module alone (no --neighbour)",
+    "virtual": "needs virtual time: only the built-in twin can show it",
+    "variables": "needs variables to use as it likes (--variables FIRST-LAST)",
+    "flags": "needs user flags to use as it likes (--flags FIRST-LAST)",
+    "program": "needs the bench program in the controller (--bench-program FLAG:ADDRESS)",
+    "bench": "may disturb a controller that is in use: only on a bench (--allow rig)",
+    **{f"{RIG}{name}": f"needs a rig that {words} (--rig)" for name, words in CAPABILITIES.items()},
+}
+
+CheckFunction = Callable[[Any], None]  # of a `Session`, which knows checks and is not known here
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """A declared property: what it judges, what it does to the device, what it needs."""
+
+    name: str
+    function: CheckFunction
+    requirements: tuple[str, ...]
+    safety: tuple[str, ...]
+    level: str
+    needs: tuple[str, ...]
+    behaviour: str
+    module: str
+    soaks: bool = False
+    shared: tuple[str, ...] = ()  # taken over by another family: as it names what it judges itself
+
+    @classmethod
+    def named(
+        cls,
+        name: str,
+        behaviour: str,
+        module: str,
+        *,
+        requirements: tuple[str, ...] = (),
+        safety: tuple[str, ...] = ("passive",),
+        needs: tuple[str, ...] = (),
+    ) -> Check:
+        """A check without a function: for what the engine or a probe judges itself."""
+        return cls(
+            name, lambda session: None, requirements, safety, "quick", needs, behaviour, module
+        )
+
+    @property
+    def declared(self) -> tuple[str, ...]:
+        """The requirements as the check itself names them, whichever family runs it."""
+        return self.shared or self.requirements
+
+    def __call__(self, session: Any) -> None:
+        """Run the check."""
+        self.function(session)
+
+    @property
+    def rig_needs(self) -> tuple[str, ...]:
+        """The capabilities of a rig that it needs."""
+        return tuple(need.removeprefix(RIG) for need in self.needs if need.startswith(RIG))
+
+    @property
+    def danger(self) -> int:
+        """The rank of its worst safety class; checks run in this order."""
+        return max(SAFETY_CLASSES.index(name) for name in self.safety)
+
+
+def check(
+    *requirements: str,
+    safety: str | Sequence[str] = "passive",
+    level: str = "quick",
+    needs: Sequence[str] = (),
+    soaks: bool = False,
+) -> Callable[[CheckFunction], Check]:
+    """Declare the function below as the check of these requirements.
+
+    `safety`: one class or several of `SAFETY_CLASSES`; all of them must be allowed for the check to
+    run.  `level`: "quick" runs always, "full" only in full runs.  `needs`: names of `NEEDS`.
+    `soaks`: it draws from its seed, and a soak repeats it with fresh ones until the time is over.
+    Raises TypeError for a declaration that cannot be meant.
+    """
+    classes = (safety,) if isinstance(safety, str) else tuple(safety)
+
+    def declare(function: CheckFunction) -> Check:
+        name = function.__name__
+        behaviour = " ".join((function.__doc__ or "").split())
+        if not requirements or len(set(requirements)) != len(requirements):
+            raise TypeError(f"{name}: name the requirements it judges in @check(...), each once")
+        if not behaviour:
+            raise TypeError(f"{name}: give it a docstring, the behaviour in one sentence")
+        if not classes:
+            raise TypeError(f"{name}: safety= needs a class; choose from {SAFETY_CLASSES}")
+        _refuse_unknown(name, "safety", classes, SAFETY_CLASSES)
+        _refuse_unknown(name, "level", (level,), LEVELS)
+        _refuse_unknown(name, "needs", needs, tuple(NEEDS))
+        if ("rig" in classes) is not any(one == BENCH or one.startswith(RIG) for one in needs):
+            raise TypeError(f"{name}: safety 'rig' and a need of 'rig:...' or 'bench' go together")
+        return Check(
+            name, function, requirements, classes, level, tuple(needs), behaviour,
+            function.__module__, soaks,
+        )  # fmt: skip
+
+    return declare
+
+
+def _refuse_unknown(name: str, what: str, given: Sequence[str], known: Sequence[str]) -> None:
+    for word in given:
+        if word not in known:
+            raise TypeError(f"{name}: {what}={word!r} is unknown; choose from {', '.join(known)}")

@@ -1,0 +1,200 @@
+"""A device family: what the engine must know of a kind of device beside its checks.
+
+A family lists its models, the modules that hold its checks, and the few acts that the engine cannot
+know: how to ask who is there, how to stop, what to remember and put back.
+"""
+
+from __future__ import annotations
+
+import importlib
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+from axistwin_conformance.carrier import Carrier, Fence
+from axistwin_conformance.check import Check
+from axistwin_conformance.errors import UsageError, with_article
+from axistwin_conformance.ledger import load_ledger
+from axistwin_conformance.model import Grounds, Identity, Model
+from axistwin_conformance.probing import Probe
+from axistwin_conformance.recording import Recording
+from axistwin_conformance.rig import OF_AN_AXIS
+from axistwin_conformance.session import Run, Session
+from axistwin_conformance.transcript import Record
+from axistwin_conformance.ways import LINE, Way
+
+
+@dataclass(frozen=True, slots=True)
+class Violation:
+    """What a reply to a question of the engine's own breaks; see `Family.diagnose`."""
+
+    requirement: str
+    expected: str
+    actual: str
+
+
+class Family(ABC):
+    """One kind of device.
+
+    `name`: of the family and of its ledger.  `addresses`: those a device can have.
+    `default_rate`: of the line or bus; None: as the interface is set.  `rates`: the ones it can
+    have; none named: any.  `way`: how the devices are reached, and what that is called.
+    `capabilities`: what of a rig serves such a device.  `grounds`: of the built-in twin; None: the
+    family has no variables or flags to be named.  `has_axis`: an envelope of motion means something
+    to it.  `impact`: safety class → what its checks do to a device, in words, for `--dry-run`.
+    `tried_needs`: those needs of checks that `unusable` tries before a check relies on them.
+    `operation_bytes`: of one recorded operation; 0: nothing of it is recorded.
+    """
+
+    name: str
+    models: ClassVar[Mapping[str, Model]]
+    addresses: range
+    default_address: int
+    default_rate: int | None = None
+    rates: tuple[int, ...] = ()
+    way: Way = LINE
+    capabilities: frozenset[str] = OF_AN_AXIS
+    grounds: Grounds | None = None
+    has_axis: bool = True
+    impact: ClassVar[Mapping[str, str]] = {}
+    tried_needs: frozenset[str] = frozenset()
+    modules: tuple[str, ...] = ()
+    probe_modules: tuple[str, ...] = ()
+    replay_module: str = ""
+    operation_bytes: int = 0
+
+    # --- the way to a device ---------------------------------------------------------------------
+
+    @abstractmethod
+    def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> Carrier:
+        """Open the way to a device; raises TargetError with the reason in a line."""
+
+    def twin_url(self, model: str, address: int, neighbours: tuple[int, ...]) -> str:
+        """The URL of the built-in twin, with its neighbours on one line or bus."""
+        return self.way.twin_url(model, address, neighbours)
+
+    @abstractmethod
+    def explain(self, record: Record) -> str:
+        """Put the bytes of a record into words."""
+
+    # --- the acts of the engine ------------------------------------------------------------------
+
+    @abstractmethod
+    def driver(self, session: Session, address: int | None = None) -> Any:
+        """The device, or the one at an address, as the family's checks and probes handle it."""
+
+    @abstractmethod
+    def identify(self, session: Session) -> Identity:
+        """Ask who is there; raises WrongDevice if it is not the model named, TargetError if nobody
+        answers."""
+
+    @abstractmethod
+    def is_alive(self, session: Session) -> bool:
+        """One known-good exchange; True if the device gave a good answer."""
+
+    @abstractmethod
+    def stop(self, session: Session) -> None:
+        """Bring any motion to rest; does not raise for an answer that does not come."""
+
+    @abstractmethod
+    def remember(self, session: Session) -> Any:
+        """Read what `restore` will put back; called before anything but passive."""
+
+    @abstractmethod
+    def restore(self, session: Session, memory: Any) -> tuple[str, ...]:
+        """Put back what differs; a sentence for each thing that could not be."""
+
+    # --- what keeps a device safe ----------------------------------------------------------------
+
+    def forbid(self, session: Session, data: bytes) -> str | None:
+        """Why these bytes must not be sent to this device (of a class that the running check did
+        not declare), or None."""
+        return None
+
+    def travel_guard(self, run: Run) -> Fence | None:
+        """What keeps the axes inside the envelope, whatever is sent; None where nothing moves."""
+        return None
+
+    def stored_writes(self, data: bytes) -> int:
+        """How many writes to nonvolatile memory these bytes ask for."""
+        return 0
+
+    def preflight(self, session: Session) -> None:
+        """See whether the device has what the operator has named, once it is known who it is and
+        before anything is judged; raises UsageError for what is not there."""
+        return
+
+    def unusable(self, session: Session, need: str) -> str:
+        """Why nothing can be judged by what the operator has named for that need of a check, after
+        a try; empty if it can.  What the try touches is put back."""
+        return ""
+
+    def disturbs(self, readings: Mapping[str, str]) -> bool:
+        """Whether devices of such readings meddle with what is said to others on their line, so
+        that the built-in twin is judged alone wherever no check needs the others."""
+        return False
+
+    def diagnose(self, session: Session, request: bytes, reply: bytes | None) -> Violation | None:
+        """Which requirement a reply to these bytes breaks, if it is one that no device of the
+        family gives; `reply` None: there was none, the twin had crashed."""
+        return None
+
+    # --- its checks and probes -------------------------------------------------------------------
+
+    def probes(self) -> tuple[Probe, ...]:
+        """The family's quirk probes, in the order in which they have to run, without those that ask
+        what its ledger does not.
+
+        Raises TypeError if two of them share a name, ValueError for a switch that no ledger has.
+        """
+        book = load_ledger(self.name)
+        found: dict[str, Probe] = {}
+        for name in self.probe_modules:
+            for probe in importlib.import_module(name).PROBES:
+                if not book.asks(probe.switch):
+                    continue
+                if found.setdefault(probe.check.name, probe) is not probe:
+                    raise TypeError(f"two probes are named {probe.check.name}; rename one")
+        return tuple(found.values())
+
+    def replay_check(self, recording: Recording) -> Check:
+        """The check that plays recorded operations; raises UsageError without any."""
+        if not self.replay_module:
+            raise UsageError(
+                f"--replay: nothing records operations of {with_article(recording.model)}"
+            )
+        made = importlib.import_module(self.replay_module).replay_check(recording)
+        assert isinstance(made, Check)
+        own = self._own(made)
+        assert own is not None, "what is recorded of an axis is judged by what covers it here"
+        return own
+
+    def checks(self) -> tuple[Check, ...]:
+        """The family's checks, in the order of its modules and of their text.
+
+        Raises TypeError if two checks share a name (a name selects and replays exactly one), or
+        if one names a requirement that no ledger has.
+        """
+        found: dict[str, Check] = {}
+        for module_name in self.modules:
+            module = importlib.import_module(module_name)
+            for candidate in vars(module).values():
+                if not isinstance(candidate, Check) or candidate.module != module_name:
+                    continue
+                if (own := self._own(candidate)) is None:
+                    continue
+                if own.name in found:
+                    raise TypeError(f"two checks are named {own.name}; rename one")
+                found[own.name] = own
+        return tuple(found.values())
+
+    def _own(self, check: Check) -> Check | None:
+        """A check under this family's names of what it judges; None if it judges nothing here."""
+        book = load_ledger(self.name)
+        if unknown := [name for name in check.requirements if not book.knows(name)]:
+            raise TypeError(f"{check.name}: {unknown[0]} is no requirement of {book.name}")
+        names = book.own(check.requirements)
+        if names == check.requirements or not names:
+            return check if names else None
+        return replace(check, requirements=names, shared=check.requirements)

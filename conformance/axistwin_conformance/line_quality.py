@@ -1,0 +1,100 @@
+"""How far a line can be trusted: what share of its exchanges noise spoils, and how long a device is
+waited for that says nothing right.
+
+*Often enough* follows from the line itself: with a share p of exchanges spoilt, the same surprise
+k times by noise alone has the chance p to the power of k; k is taken so that it is one in a million
+(`LineQuality.alike_needed`).
+
+A module is deaf for 2 s after a restart, and nobody asks it anything meanwhile.  Longer than
+`PATIENCE_S`, and more bad replies in a row than noise makes on this line, is a device that is gone,
+babbles, or has become another one: whoever asks next gets `TargetError` instead of more of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass, field
+
+from axistwin_conformance.errors import TargetError
+
+FALSE_ALARM = 1e-6  # the chance left to noise of looking like the device
+FALSE_LOSS = 1e-9  # of looking like a device that is gone: that is asked after every exchange
+LEAST_ALIKE = 3
+NOISY = 1e-3  # share of spoilt exchanges from which a line counts as noisy
+PRIOR_EXCHANGES = 20  # before anything is known, a line is taken to spoil one exchange in these
+PATIENCE_S = 5.0
+LEAST_BAD = 4
+
+
+@dataclass(slots=True)
+class LineQuality:
+    """How many exchanges of a run went wrong on the way, as far as that can be told."""
+
+    exchanges: int = 0
+    spoilt: int = 0
+    votes: Counter[tuple[str, str]] = field(default_factory=Counter)  # how something is spelt
+
+    def note(self, *, is_spoilt: bool) -> None:
+        """Count one exchange."""
+        self.exchanges += 1
+        self.spoilt += is_spoilt
+
+    @property
+    def rate(self) -> float:
+        """The share of spoilt exchanges, estimated carefully while few are known."""
+        return (self.spoilt + 1) / (self.exchanges + PRIOR_EXCHANGES)
+
+    @property
+    def is_noisy(self) -> bool:
+        """True if what is done on this line cannot be relied on."""
+        return self.spoilt > NOISY * max(self.exchanges, 1)
+
+    @property
+    def alike_needed(self) -> int:
+        """How many times the same bad thing must come before it is the device's."""
+        return max(LEAST_ALIKE, self._in_a_row(FALSE_ALARM))
+
+    @property
+    def bad_when_lost(self) -> int:
+        """How many bad replies in a row mean that nobody answers any more."""
+        return self._in_a_row(FALSE_LOSS)
+
+    def _in_a_row(self, chance: float) -> int:
+        """How many spoilt exchanges in a row are as unlikely as that."""
+        return math.ceil(math.log(chance) / math.log(min(self.rate, 0.9)))
+
+    def is_settled(self, replies: list[bytes]) -> bool:
+        """True if the last replies to one request are alike and too many for noise."""
+        needed = self.alike_needed
+        return len(replies) >= needed and len(set(replies[-needed:])) == 1
+
+    def __str__(self) -> str:
+        return f"{self.spoilt} of {self.exchanges} exchanges spoilt"
+
+
+@dataclass(slots=True)
+class Patience:
+    """Counts bad replies in a row; any good one begins anew."""
+
+    bad: int = 0
+    silent: int = 0  # of these
+    since_ns: int = 0
+
+    def good(self) -> None:
+        """A reply was as it should be."""
+        self.bad = self.silent = 0
+
+    def tried(self, now_ns: int, needed: int, *, is_silence: bool) -> None:
+        """A reply was bad, or there was none; raises TargetError if that has lasted too long.
+
+        `needed`: how many in a row noise does not make on this line.
+        """
+        if not self.bad:
+            self.since_ns = now_ns
+        self.bad += 1
+        self.silent += is_silence
+        lasted_s = (now_ns - self.since_ns) / 1e9
+        if self.bad >= max(needed, LEAST_BAD) and lasted_s >= PATIENCE_S:
+            what = "nothing" if self.silent == self.bad else "nothing sensible"
+            raise TargetError(f"{what} has come for {lasted_s:.0f} s, in {self.bad} attempts")
