@@ -34,13 +34,13 @@ import psutil
 
 from axistwin_conformance import machines
 from axistwin_conformance.asked import usable_cores
-from axistwin_conformance.budget import WriteBudget
+from axistwin_conformance.base.check import Check
+from axistwin_conformance.base.classes import SAFETY_CLASSES
+from axistwin_conformance.base.events import Event, StatesCovered
+from axistwin_conformance.base.ledger import load_ledger
+from axistwin_conformance.base.write_budget import WriteBudget
 from axistwin_conformance.catalog import find_family
-from axistwin_conformance.check import Check
-from axistwin_conformance.classes import SAFETY_CLASSES
-from axistwin_conformance.events import Event, StatesCovered
 from axistwin_conformance.jobs import Jobs
-from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.mac_axis import checks_machines, checks_sequences
 from axistwin_conformance.mac_axis.machine_devices import Judged, Trivial
 from axistwin_conformance.mac_axis.machines import AxisMachine

@@ -110,8 +110,8 @@ class _Listener:
 
     def hear(self, event: Any) -> None:
         """Take an event of the suite."""
-        from axistwin_conformance.events import CheckFinished, ReadingSeen
-        from axistwin_conformance.verdicts import Verdict
+        from axistwin_conformance.base.events import CheckFinished, ReadingSeen
+        from axistwin_conformance.base.verdicts import Verdict
 
         if isinstance(event, ReadingSeen) and event.reading != event.default:
             self.readings.append(f"{event.switch}={event.reading}")

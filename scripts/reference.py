@@ -16,7 +16,7 @@ from scripts.reference_tables import table  # noqa: E402
 
 from axistwin import catalog  # noqa: E402
 from axistwin.cli.program import main as program  # noqa: E402
-from axistwin_conformance import ledger  # noqa: E402
+from axistwin_conformance.base import ledger  # noqa: E402
 
 DOCS = ROOT / "docs"
 NOTE = "<!-- Written by scripts/reference from the code; do not edit. -->\n\n"

@@ -18,7 +18,7 @@ from zoo import armed_by  # noqa: E402
 from zoo.judge import kills  # noqa: E402
 from zoo.mutant import Mutant  # noqa: E402
 
-from axistwin_conformance.ledger import load_ledger  # noqa: E402
+from axistwin_conformance.base.ledger import load_ledger  # noqa: E402
 
 # Family → package of its mutants.
 ZOOS = {"mac_serial": "zoo", "mac_can": "zoo_can", "msc": "zoo_msc"}

@@ -9,18 +9,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from axistwin_conformance.budget import DEFAULT_BUDGET
+from axistwin_conformance.base.classes import FULL, SAFETY_CLASSES, SOAK
+from axistwin_conformance.base.errors import UsageError, with_article
+from axistwin_conformance.base.write_budget import DEFAULT_BUDGET
 from axistwin_conformance.carrier import is_twin_url
 from axistwin_conformance.catalog import find_family
-from axistwin_conformance.classes import FULL, SAFETY_CLASSES, SOAK
-from axistwin_conformance.errors import UsageError, with_article
 from axistwin_conformance.family import Family
 from axistwin_conformance.model import NO_GROUNDS, Grounds
 from axistwin_conformance.ways import choose_endpoint
 
 if TYPE_CHECKING:
+    from axistwin_conformance.base.recording import Recording
     from axistwin_conformance.plan import Options
-    from axistwin_conformance.recording import Recording
     from axistwin_conformance.session import Envelope
 
 BENCH_TRAVEL = 2000  # increments: one turn of a MAC23, a fifth of a MAC34
@@ -208,7 +208,7 @@ def _envelope(
 
 def _recording(family: Family, model: str, word: str, others: Mapping[str, object]) -> Recording:
     """Read what to replay; raises UsageError for that, and for others that do not go with it."""
-    from axistwin_conformance.recording import load_recording
+    from axistwin_conformance.base.recording import load_recording
 
     for name, other in others.items():
         if other:
@@ -217,7 +217,7 @@ def _recording(family: Family, model: str, word: str, others: Mapping[str, objec
 
 
 def _expected(path: Path, family: Family, model: str) -> dict[str, str]:
-    from axistwin_conformance.ledger import load_ledger
+    from axistwin_conformance.base.ledger import load_ledger
     from axistwin_conformance.profile import load_profile
 
     return load_profile(path, model, load_ledger(family.name))

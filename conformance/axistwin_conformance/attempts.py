@@ -16,8 +16,8 @@ import time
 import traceback
 from typing import Protocol
 
-from axistwin_conformance.check import Check
-from axistwin_conformance.errors import (
+from axistwin_conformance.base.check import Check
+from axistwin_conformance.base.errors import (
     CannotDo,
     Disturbed,
     OutsideEnvelope,
@@ -26,11 +26,11 @@ from axistwin_conformance.errors import (
     TwinCrashed,
     interrupts_first,
 )
-from axistwin_conformance.events import Listener, Outcome
+from axistwin_conformance.base.events import Listener, Outcome
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.noise import Attempt, Replays
 from axistwin_conformance.result import CheckResult
 from axistwin_conformance.session import Run, Session, Stop
-from axistwin_conformance.verdicts import Verdict
 
 
 class Keeper(Protocol):

@@ -30,8 +30,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Protocol, cast
 
-from axistwin_conformance.errors import OutsideEnvelope, TargetError, TwinCrashed
-from axistwin_conformance.transcript import Direction, Record, Transcript
+from axistwin_conformance.base.errors import OutsideEnvelope, TargetError, TwinCrashed
+from axistwin_conformance.base.transcript import Direction, Record, Transcript
 
 SILENCE_NOTED_S = 0.05  # shorter waits in vain are not worth a line in the transcript
 STOP_HEARD_NS = 50_000_000  # the reply to a stop takes 3 ms at 9600 baud

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import importlib
 
-from axistwin_conformance.errors import UsageError
+from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.family import Family
 
 FAMILY_PACKAGES = (

@@ -21,19 +21,19 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from axistwin_conformance import interrupts
 from axistwin_conformance.asked import make_options as make_options
 from axistwin_conformance.asked import parse_allowed as parse_allowed
 from axistwin_conformance.asked import usable_cores
-from axistwin_conformance.budget import DEFAULT_BUDGET
+from axistwin_conformance.base import interrupts
+from axistwin_conformance.base.classes import FULL, LEVELS
+from axistwin_conformance.base.errors import UsageError, with_article
+from axistwin_conformance.base.write_budget import DEFAULT_BUDGET
 from axistwin_conformance.catalog import families
-from axistwin_conformance.classes import FULL, LEVELS
-from axistwin_conformance.errors import UsageError, with_article
 from axistwin_conformance.given import Word, WordPath, refuse_lost
 
 if TYPE_CHECKING:
+    from axistwin_conformance.base.events import Event, Listener
     from axistwin_conformance.engine import Engine
-    from axistwin_conformance.events import Event, Listener
     from axistwin_conformance.reports import ReportFolder
 
 VERDICTS = (0, 1, 4)
@@ -518,7 +518,7 @@ class _Readers:
             with _report_trouble():
                 self._folder(event)
             for path in self._folder.lost.keys() - before:
-                from axistwin_conformance.events import Note
+                from axistwin_conformance.base.events import Note
 
                 self._tell(Note(f"cannot write {path}: {self._folder.lost[path]}; the run goes on"))
         self._tell(event)

@@ -19,9 +19,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.report_json import Report
 from axistwin_conformance.report_terminal import STYLE
-from axistwin_conformance.verdicts import Verdict
 
 BEST_FIRST = (
     Verdict.PASS, Verdict.QUIRK, Verdict.INFO, Verdict.NOT_RUN, Verdict.INCONCLUSIVE, Verdict.FAIL,

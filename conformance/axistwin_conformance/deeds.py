@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from axistwin_conformance.check import Check
-from axistwin_conformance.classes import SAFETY_CLASSES
-from axistwin_conformance.errors import counted, with_article
+from axistwin_conformance.base.check import Check
+from axistwin_conformance.base.classes import SAFETY_CLASSES
+from axistwin_conformance.base.errors import counted, with_article
 from axistwin_conformance.model import Grounds
 from axistwin_conformance.plan import Options, Plan
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Protocol
 
-from axistwin_conformance.errors import (
+from axistwin_conformance.base.errors import (
     CannotDo,
     Disturbed,
     OutsideEnvelope,

@@ -29,27 +29,27 @@ from datetime import UTC, datetime
 from functools import partial
 from importlib import metadata
 
-from axistwin_conformance import events, interrupts
-from axistwin_conformance.armed import load_armed
 from axistwin_conformance.attempts import Attempts, describe
-from axistwin_conformance.budget import WriteBudget
+from axistwin_conformance.base import events, interrupts
+from axistwin_conformance.base.armed import load_armed
+from axistwin_conformance.base.check import Check
+from axistwin_conformance.base.errors import TargetError, TwinCrashed, UsageError, WrongDevice
+from axistwin_conformance.base.events import Listener, Outcome
+from axistwin_conformance.base.ledger import load_ledger
+from axistwin_conformance.base.verdicts import Finding, Verdict
+from axistwin_conformance.base.write_budget import WriteBudget
 from axistwin_conformance.carrier import Carrier
-from axistwin_conformance.check import Check
 from axistwin_conformance.deeds import allowed_in_vain
 from axistwin_conformance.detection import detect, leave_out
-from axistwin_conformance.errors import TargetError, TwinCrashed, UsageError, WrongDevice
-from axistwin_conformance.events import Listener, Outcome
 from axistwin_conformance.jobs import Jobs
 from axistwin_conformance.judgement import conclude
 from axistwin_conformance.keeper import Keeper, Opener
-from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.plan import Options, Plan, make_plan
 from axistwin_conformance.probing import Probe
 from axistwin_conformance.profile import Detection, held_to
 from axistwin_conformance.result import CheckResult, Result
 from axistwin_conformance.session import Envelope, Run, Session
 from axistwin_conformance.soak import Soak
-from axistwin_conformance.verdicts import Finding, Verdict
 from axistwin_conformance.ways import BUS, LINE
 
 __all__ = ["Engine", "Envelope", "Options", "Session"]

@@ -18,11 +18,11 @@ from collections.abc import Callable
 from importlib import metadata
 from typing import Final, NoReturn
 
+from axistwin_conformance.base.classes import SAFETY_CLASSES
+from axistwin_conformance.base.errors import Disturbed, TargetError, counted
+from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.carrier import Carrier
-from axistwin_conformance.classes import SAFETY_CLASSES
-from axistwin_conformance.errors import Disturbed, TargetError, counted
 from axistwin_conformance.playing import Mismatch, Operations, Played, Player
-from axistwin_conformance.recording import Recording
 from axistwin_conformance.session import Run, Session, Stop
 from axistwin_conformance.shrink import Budget, Shrunk, shrink, towards_zero
 

@@ -12,16 +12,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
+from axistwin_conformance.base.check import Check
+from axistwin_conformance.base.errors import UsageError, with_article
+from axistwin_conformance.base.ledger import load_ledger
+from axistwin_conformance.base.recording import Recording
+from axistwin_conformance.base.transcript import Record
 from axistwin_conformance.carrier import Carrier, Fence
-from axistwin_conformance.check import Check
-from axistwin_conformance.errors import UsageError, with_article
-from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.model import Grounds, Identity, Model
 from axistwin_conformance.probing import Probe
-from axistwin_conformance.recording import Recording
 from axistwin_conformance.rig import OF_AN_AXIS
 from axistwin_conformance.session import Run, Session
-from axistwin_conformance.transcript import Record
 from axistwin_conformance.ways import LINE, Way
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from axistwin_conformance.errors import UsageError
+from axistwin_conformance.base.errors import UsageError
 
 # What goes with an option that runs nothing, by the name of its parameter; all else would be lost.
 BESIDE_COMPARE = frozenset({"compare", "is_json", "model"})  # a model is refused by its name

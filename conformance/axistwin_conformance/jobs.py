@@ -27,19 +27,19 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 
 from axistwin_conformance.attempts import Attempts, describe
-from axistwin_conformance.budget import WriteBudget
+from axistwin_conformance.base.check import Check
+from axistwin_conformance.base.events import Event, FailureStored, Outcome
+from axistwin_conformance.base.ledger import load_ledger
+from axistwin_conformance.base.recording import Recording
+from axistwin_conformance.base.verdicts import Finding, Verdict
+from axistwin_conformance.base.write_budget import WriteBudget
 from axistwin_conformance.carrier import RoundTrip
 from axistwin_conformance.catalog import find_family
-from axistwin_conformance.check import Check
-from axistwin_conformance.events import Event, FailureStored, Outcome
 from axistwin_conformance.family import Family
-from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.model import Grounds, Identity
 from axistwin_conformance.profile import Detection
-from axistwin_conformance.recording import Recording
 from axistwin_conformance.result import CheckResult
 from axistwin_conformance.session import Envelope, Run, Session
-from axistwin_conformance.verdicts import Finding, Verdict
 
 WRONG = (Verdict.FAIL, Verdict.INCONCLUSIVE)
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from axistwin_conformance.check import Check
-from axistwin_conformance.errors import counted
-from axistwin_conformance.events import Outcome
-from axistwin_conformance.ledger import Ledger, Requirement
-from axistwin_conformance.recording import Recording
+from axistwin_conformance.base.check import Check
+from axistwin_conformance.base.errors import counted
+from axistwin_conformance.base.events import Outcome
+from axistwin_conformance.base.ledger import Ledger, Requirement
+from axistwin_conformance.base.recording import Recording
+from axistwin_conformance.base.verdicts import Finding, Verdict, join_texts, merge
 from axistwin_conformance.result import RequirementResult, Result
-from axistwin_conformance.verdicts import Finding, Verdict, join_texts, merge
 
 CONFORMS, FAILS, USAGE, UNREACHABLE, UNSETTLED, INTERRUPTED = 0, 1, 2, 3, 4, 130
 

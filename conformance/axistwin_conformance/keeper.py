@@ -21,19 +21,19 @@ import contextlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
-from axistwin_conformance import events, interrupts
 from axistwin_conformance.attempts import describe
-from axistwin_conformance.budget import WriteBudget
+from axistwin_conformance.base import events, interrupts
+from axistwin_conformance.base.check import Check
+from axistwin_conformance.base.errors import Disturbed, RigError, TargetError, TwinCrashed
+from axistwin_conformance.base.events import Listener, Outcome
+from axistwin_conformance.base.ledger import Ledger
+from axistwin_conformance.base.verdicts import Finding, Verdict
+from axistwin_conformance.base.write_budget import WriteBudget
 from axistwin_conformance.carrier import Carrier
-from axistwin_conformance.check import Check
-from axistwin_conformance.errors import Disturbed, RigError, TargetError, TwinCrashed
-from axistwin_conformance.events import Listener, Outcome
 from axistwin_conformance.family import Violation
-from axistwin_conformance.ledger import Ledger
 from axistwin_conformance.plan import Options
 from axistwin_conformance.result import CheckResult
 from axistwin_conformance.session import HUSH_S, Run, Session, Stop
-from axistwin_conformance.verdicts import Finding, Verdict
 
 SANITY_PAUSES_S = (0.0, 1.0, 1.5)  # together longer than the 2 s for which a module may be deaf
 

@@ -29,11 +29,11 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
+from axistwin_conformance.base.events import Outcome
+from axistwin_conformance.base.line_quality import LEAST_ALIKE, LineQuality
+from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.carrier import TWICE
-from axistwin_conformance.events import Outcome
-from axistwin_conformance.line_quality import LEAST_ALIKE, LineQuality
 from axistwin_conformance.result import CheckResult
-from axistwin_conformance.verdicts import Finding, Verdict
 
 FALSE_ALARM_AMONG_MANY = 1e-4  # the same, of attempts picked from many
 MOST_ATTEMPTS = 10  # of one check, the first one included

@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Mapping
 
-from axistwin_conformance.check import Check
+from axistwin_conformance.base.check import Check
 from axistwin_conformance.plan import Plan
 
 WEIGHTS = (1.0, 6.0, 6.0, 6.0, 8.0)  # passive, motion, stored, rig, destructive

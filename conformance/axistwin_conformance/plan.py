@@ -10,15 +10,15 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from axistwin_conformance.base.check import BENCH, CAPABILITIES, NEEDS, RIG, Check
+from axistwin_conformance.base.classes import FULL, LEVELS, SAFETY_CLASSES, SOAK
+from axistwin_conformance.base.errors import UsageError
+from axistwin_conformance.base.ledger import Ledger
+from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.carrier import is_twin_url
-from axistwin_conformance.check import BENCH, CAPABILITIES, NEEDS, RIG, Check
-from axistwin_conformance.classes import FULL, LEVELS, SAFETY_CLASSES, SOAK
-from axistwin_conformance.errors import UsageError
 from axistwin_conformance.family import Family
-from axistwin_conformance.ledger import Ledger
 from axistwin_conformance.model import NO_GROUNDS, Grounds
 from axistwin_conformance.probing import Probe
-from axistwin_conformance.recording import Recording
 from axistwin_conformance.rig import RigChoice
 from axistwin_conformance.session import Envelope
 

@@ -12,8 +12,8 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import ClassVar, Final, Protocol
 
-from axistwin_conformance.errors import Disturbed
-from axistwin_conformance.events import StatesCovered
+from axistwin_conformance.base.errors import Disturbed
+from axistwin_conformance.base.events import StatesCovered
 from axistwin_conformance.session import Session
 
 PLAY_ATTEMPTS: Final = 5  # of one list that noise breaks off

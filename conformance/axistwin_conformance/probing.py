@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from axistwin_conformance.check import Check
+from axistwin_conformance.base.check import Check
 from axistwin_conformance.session import Session
 
 

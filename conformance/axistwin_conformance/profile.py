@@ -23,11 +23,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from axistwin_conformance.errors import UsageError, with_article
-from axistwin_conformance.events import Departure, ProfileJudged
-from axistwin_conformance.ledger import Ledger
+from axistwin_conformance.base.errors import UsageError, with_article
+from axistwin_conformance.base.events import Departure, ProfileJudged
+from axistwin_conformance.base.ledger import Ledger
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.profile_values import Value, value_of
-from axistwin_conformance.verdicts import Verdict
 
 KEYS = ("model", "quirks")
 

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
-from axistwin_conformance.ledger import ANY_READING
+from axistwin_conformance.base.ledger import ANY_READING
 
 WORDS_OF_TRUTH = {
     "true": "true", "yes": "true", "on": "true", "1": "true",

@@ -17,10 +17,10 @@ from typing import Any
 
 import jinja2
 
-from axistwin_conformance.errors import counted
+from axistwin_conformance.base.errors import counted
+from axistwin_conformance.base.recording import FOLDER
 from axistwin_conformance.judgement import CONFORMS
 from axistwin_conformance.plot import is_inside, plot
-from axistwin_conformance.recording import FOLDER
 from axistwin_conformance.report_json import Report
 
 # In the order of urgency; the sign says the same as the colour.

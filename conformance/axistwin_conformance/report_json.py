@@ -13,12 +13,12 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, TextIO
 
-from axistwin_conformance import events
+from axistwin_conformance.base import events
+from axistwin_conformance.base.errors import UsageError
+from axistwin_conformance.base.ledger import Ledger
+from axistwin_conformance.base.transcript import Record
 from axistwin_conformance.deeds import allowed_in_vain, deeds
-from axistwin_conformance.errors import UsageError
-from axistwin_conformance.ledger import Ledger
 from axistwin_conformance.plan import Options, Plan
-from axistwin_conformance.transcript import Record
 from axistwin_conformance.ways import in_hex
 
 FORMAT = 1  # of events and report; raised when a field changes its meaning

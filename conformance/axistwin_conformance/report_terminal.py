@@ -24,18 +24,18 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
-from axistwin_conformance import events
-from axistwin_conformance.armed import load_armed
-from axistwin_conformance.check import Check
+from axistwin_conformance.base import events
+from axistwin_conformance.base.armed import load_armed
+from axistwin_conformance.base.check import Check
+from axistwin_conformance.base.errors import counted, time_left
+from axistwin_conformance.base.events import Outcome
+from axistwin_conformance.base.ledger import Ledger
+from axistwin_conformance.base.transcript import Direction, Record
+from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.deeds import Deed, allowed_in_vain, deeds
-from axistwin_conformance.errors import counted, time_left
-from axistwin_conformance.events import Outcome
 from axistwin_conformance.judgement import UNREACHABLE
-from axistwin_conformance.ledger import Ledger
 from axistwin_conformance.pace import Pace
 from axistwin_conformance.plan import Options, Plan
-from axistwin_conformance.transcript import Direction, Record
-from axistwin_conformance.verdicts import Finding, Verdict
 from axistwin_conformance.ways import in_hex
 
 LEFT_TOLD_EVERY_S = 60

@@ -9,9 +9,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-from axistwin_conformance import events, report_html, report_json, report_junit
-from axistwin_conformance.errors import UsageError
-from axistwin_conformance.recording import FOLDER
+from axistwin_conformance import report_html, report_json, report_junit
+from axistwin_conformance.base import events
+from axistwin_conformance.base.errors import UsageError
+from axistwin_conformance.base.recording import FOLDER
 from axistwin_conformance.report_json import Explain, Spell
 from axistwin_conformance.ways import in_hex
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from axistwin_conformance import events
-from axistwin_conformance.check import Check
-from axistwin_conformance.events import Outcome
-from axistwin_conformance.ledger import Requirement
+from axistwin_conformance.base import events
+from axistwin_conformance.base.check import Check
+from axistwin_conformance.base.events import Outcome
+from axistwin_conformance.base.ledger import Requirement
+from axistwin_conformance.base.recording import Recording
+from axistwin_conformance.base.verdicts import Finding, Verdict, join_texts, merge
 from axistwin_conformance.plan import Options, Plan
 from axistwin_conformance.profile import Detection
-from axistwin_conformance.recording import Recording
-from axistwin_conformance.verdicts import Finding, Verdict, join_texts, merge
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,9 +29,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol, TextIO
 
+from axistwin_conformance.base.check import CAPABILITIES
+from axistwin_conformance.base.errors import CannotDo, RigError, UsageError
 from axistwin_conformance.carrier import Carrier, is_twin_url
-from axistwin_conformance.check import CAPABILITIES
-from axistwin_conformance.errors import CannotDo, RigError, UsageError
 from axistwin_conformance.ways import LINE, Way
 
 INPUTS: Final = ("reference", "positive_stop", "negative_stop", "reset")

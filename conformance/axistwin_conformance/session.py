@@ -15,20 +15,20 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, NoReturn, Protocol, cast
 
-from axistwin_conformance.budget import WriteBudget
+from axistwin_conformance.base.check import Check
+from axistwin_conformance.base.errors import Disturbed, TargetError
+from axistwin_conformance.base.events import FailureStored, Listener, MotionSampled
+from axistwin_conformance.base.ledger import Ledger
+from axistwin_conformance.base.line_quality import LineQuality, Patience
+from axistwin_conformance.base.recording import Recording
+from axistwin_conformance.base.transcript import Direction, Record
+from axistwin_conformance.base.verdicts import Finding, Verdict
+from axistwin_conformance.base.write_budget import WriteBudget
 from axistwin_conformance.carrier import Carrier, Fence
-from axistwin_conformance.check import Check
-from axistwin_conformance.errors import Disturbed, TargetError
-from axistwin_conformance.events import FailureStored, Listener, MotionSampled
-from axistwin_conformance.ledger import Ledger
-from axistwin_conformance.line_quality import LineQuality, Patience
 from axistwin_conformance.model import NO_GROUNDS, Grounds, Identity, Model
 from axistwin_conformance.profile import Detection
-from axistwin_conformance.recording import Recording
 from axistwin_conformance.rig import Rig
 from axistwin_conformance.targets import Target
-from axistwin_conformance.transcript import Direction, Record
-from axistwin_conformance.verdicts import Finding, Verdict
 from axistwin_conformance.ways import Way
 
 REPLY_TIMEOUT_S = 0.5  # MACS-REPLY-16: no reply time is specified; the ledger sets this for suites

@@ -17,11 +17,11 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
-from axistwin_conformance import events
-from axistwin_conformance.check import Check
-from axistwin_conformance.events import Event, Listener, Outcome, StatesCovered
+from axistwin_conformance.base import events
+from axistwin_conformance.base.check import Check
+from axistwin_conformance.base.events import Event, Listener, Outcome, StatesCovered
+from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.result import CheckResult
-from axistwin_conformance.verdicts import Finding, Verdict
 
 SEEDS_TOLD = 10
 

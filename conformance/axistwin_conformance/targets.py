@@ -22,9 +22,9 @@ from typing import Protocol
 
 import serial
 
+from axistwin_conformance.base.errors import TargetError, TwinCrashed, UsageError
+from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.carrier import SILENCE_NOTED_S, STOP_HEARD_NS, Carrier, crash_of
-from axistwin_conformance.errors import TargetError, TwinCrashed, UsageError
-from axistwin_conformance.transcript import Direction, Record
 
 TWIN_SCHEME = "axistwin://"
 TWIN_HANDLER = "axistwin.urlhandler"  # found by pyserial by this name; the suite never imports it

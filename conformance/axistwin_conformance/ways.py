@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from axistwin_conformance.base.errors import UsageError, with_article
 from axistwin_conformance.can_frame import unpack_all
-from axistwin_conformance.errors import UsageError, with_article
 
 HOST_AND_PORT = re.compile(r"[\w.-]+:\d+|\[[0-9a-fA-F:]+\]:\d+")
 

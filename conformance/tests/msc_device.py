@@ -8,8 +8,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from axistwin_conformance.check import Check, check
-from axistwin_conformance.ledger import load_ledger
+from axistwin_conformance.base.check import Check, check
+from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import ACK, NAK, STX
 from axistwin_conformance.msc.family import FAMILY

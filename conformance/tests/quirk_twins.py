@@ -11,12 +11,12 @@ from pathlib import Path
 from family_variants import vary
 
 from axistwin.catalog import models
+from axistwin_conformance.base.ledger import Ledger, load_ledger
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine
-from axistwin_conformance.ledger import Ledger, load_ledger
 from axistwin_conformance.profile import as_toml, load_profile
 from axistwin_conformance.result import Result
-from axistwin_conformance.verdicts import Verdict
 
 Readings = Mapping[str, str]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from axistwin_conformance.armed import load_armed, parse_armed
-from axistwin_conformance.ledger import load_ledger
+from axistwin_conformance.base.armed import load_armed, parse_armed
+from axistwin_conformance.base.ledger import load_ledger
 
 
 def test_the_table_gives_the_mutants_of_each_requirement() -> None:

@@ -17,8 +17,8 @@ from lying_bus import (
     own_checks,
 )
 
+from axistwin_conformance.base.check import Check
 from axistwin_conformance.can_frame import Frame
-from axistwin_conformance.check import Check
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.blame import diagnose
 from axistwin_conformance.mac_can.family import FAMILY

@@ -15,10 +15,10 @@ from click.testing import CliRunner, Result
 from rich.console import Console
 
 from axistwin_conformance import report_html, report_json, report_junit
+from axistwin_conformance.base.events import Event
 from axistwin_conformance.can_target import CanTarget
 from axistwin_conformance.cli import conform, make_options
 from axistwin_conformance.engine import Engine
-from axistwin_conformance.events import Event
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.report_terminal import TerminalReport
 from axistwin_conformance.rig import choose_rig

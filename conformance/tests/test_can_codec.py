@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.can_frame import Frame
-from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.mac_axis.keeping import Facts
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.codec import Kind

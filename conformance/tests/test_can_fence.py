@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
+from axistwin_conformance.base.errors import OutsideEnvelope
 from axistwin_conformance.can_frame import Frame
-from axistwin_conformance.errors import OutsideEnvelope
 from axistwin_conformance.mac_axis.fence import Fence
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.codec import Request

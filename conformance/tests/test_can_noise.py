@@ -6,7 +6,7 @@ import pytest
 from bus_in_front import FATES, NoisyRun, noisy_run
 from noise_verdict import judge_healthy, passed
 
-from axistwin_conformance.verdicts import Verdict
+from axistwin_conformance.base.verdicts import Verdict
 
 KINDS = {"mixed": FATES, **{one: (one,) for one in FATES}}
 LEAST_PASSED = {500: 40, 50: 30}  # noise costs certainty, but not everything

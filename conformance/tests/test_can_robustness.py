@@ -18,15 +18,15 @@ import pytest
 from family_variants import vary
 from scripted_bus import FailingBus, Moment, Script, TurningModule, after, behind
 
-from axistwin_conformance import line_quality
+from axistwin_conformance.base import line_quality
+from axistwin_conformance.base.events import Event, Note, Outcome
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.can_frame import Frame
 from axistwin_conformance.can_target import CanTarget
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine
-from axistwin_conformance.events import Event, Note, Outcome
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.result import Result
-from axistwin_conformance.verdicts import Verdict
 
 SHORT_S = 1.0  # patience of most of these tests
 LONGEST_S = 20.0  # from the moment of the change to the end of the run

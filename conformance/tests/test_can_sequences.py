@@ -16,17 +16,18 @@ from click.testing import CliRunner
 from zoo.motion import a_ramped_stop_stops_dead
 
 from axistwin_conformance import failures, machines
+from axistwin_conformance.base.check import Check
+from axistwin_conformance.base.classes import SAFETY_CLASSES
+from axistwin_conformance.base.errors import Disturbed
+from axistwin_conformance.base.events import Event, FailureStored
+from axistwin_conformance.base.ledger import load_ledger
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.can_frame import Frame
 from axistwin_conformance.can_target import CanTarget
 from axistwin_conformance.catalog import find_family
-from axistwin_conformance.check import Check
-from axistwin_conformance.classes import SAFETY_CLASSES
 from axistwin_conformance.cli import conform
 from axistwin_conformance.drawing import no_folder
-from axistwin_conformance.errors import Disturbed
-from axistwin_conformance.events import Event, FailureStored
 from axistwin_conformance.failures import Failure
-from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.mac_axis.checks_machines import (
     some_runs_of_the_machine_agree_with_the_model as some_runs,
 )
@@ -44,7 +45,6 @@ from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
 from axistwin_conformance.playing import Mismatch
 from axistwin_conformance.session import Envelope, Run, Session, Stop
-from axistwin_conformance.verdicts import Verdict
 
 FAMILY = find_family("mac23-can")
 TWIN = "mac23-can:1,mac23-can:3?time=virtual"

@@ -19,9 +19,9 @@ from family_variants import vary
 from rich.console import Console
 
 from axistwin_conformance import catalog
+from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.cli import Mistake, conform, make_options, parse_allowed
 from axistwin_conformance.engine import Engine
-from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.report_terminal import TerminalReport
 from axistwin_conformance.session import Session
 from axistwin_conformance.targets import Target

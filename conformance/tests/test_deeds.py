@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.catalog import find_family
-from axistwin_conformance.classes import SAFETY_CLASSES
 from axistwin_conformance.cli import conform, make_options
 from axistwin_conformance.deeds import Deed, deeds
 from axistwin_conformance.engine import Engine

@@ -8,13 +8,14 @@ from typing import Any
 import pytest
 
 from axistwin_conformance import engine as engine_module
-from axistwin_conformance import events, keeper
-from axistwin_conformance.errors import OutsideEnvelope, TargetError, UsageError
-from axistwin_conformance.events import Outcome
+from axistwin_conformance import keeper
+from axistwin_conformance.base import events
+from axistwin_conformance.base.errors import OutsideEnvelope, TargetError, UsageError
+from axistwin_conformance.base.events import Outcome
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.probing import Seen
 from axistwin_conformance.result import RequirementResult
 from axistwin_conformance.session import Session
-from axistwin_conformance.verdicts import Verdict
 
 LINE, FRAME, MOVE, STORE = "MACS-LINE-01", "MACS-FRAME-01", "MACS-CMD-13-01", "MACS-CMD-0D-01"
 

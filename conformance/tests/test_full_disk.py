@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from axistwin_conformance import events
+from axistwin_conformance.base import events
+from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.mac_serial.family import FAMILY
-from axistwin_conformance.recording import Recording
 from axistwin_conformance.reports import ReportFolder
 
 RUN = """

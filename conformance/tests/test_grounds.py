@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+from axistwin_conformance.base.check import check
+from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.catalog import find_family
-from axistwin_conformance.check import check
 from axistwin_conformance.cli import conform, make_options
 from axistwin_conformance.engine import Engine
-from axistwin_conformance.errors import UsageError
 from axistwin_conformance.model import NO_GROUNDS, Grounds
 from axistwin_conformance.plan import Options
 from axistwin_conformance.rig import OF_A_CONTROLLER, CommandRig, TwinRig, in_words

@@ -38,10 +38,10 @@ from zoo.mutant import Mutant
 from zoo.sync import sync_starts_50_ms_late
 from zoo_msc.line import a_packet_has_200_ms, a_pause_of_100_ms_in_a_body_ends_a_packet
 
+from axistwin_conformance.base.events import Note
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine
-from axistwin_conformance.events import Note
-from axistwin_conformance.verdicts import Verdict
 
 # What depends on how long an exchange takes: bursts, rows of segments, what must not be answered.
 MAC_WORDS = (

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from axistwin_conformance import interrupts
+from axistwin_conformance.base import interrupts
 
 ENDING = pytest.mark.parametrize("number", interrupts.ENDING, ids=lambda one: one.name)
 

@@ -17,16 +17,16 @@ import pytest
 
 from axistwin_conformance.asked import make_options
 from axistwin_conformance.attempts import Attempts
+from axistwin_conformance.base.check import Check
+from axistwin_conformance.base.classes import SAFETY_CLASSES
+from axistwin_conformance.base.events import Event, Outcome, StatesCovered
+from axistwin_conformance.base.ledger import load_ledger
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.catalog import find_family
-from axistwin_conformance.check import Check
-from axistwin_conformance.classes import SAFETY_CLASSES
 from axistwin_conformance.engine import Engine
-from axistwin_conformance.events import Event, Outcome, StatesCovered
 from axistwin_conformance.jobs import Jobs, Place, judge
-from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.result import CheckResult
 from axistwin_conformance.session import Envelope, Run, Session
-from axistwin_conformance.verdicts import Verdict
 
 FAMILY = find_family("mac23")
 DRAWN = "some_mixed_sequences_agree_with_the_model"

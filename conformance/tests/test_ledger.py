@@ -7,9 +7,9 @@ from collections import Counter
 
 import pytest
 
-from axistwin_conformance import ledger as ledger_module
+from axistwin_conformance.base import ledger as ledger_module
+from axistwin_conformance.base.ledger import Kind, load_ledger, parse_ledger
 from axistwin_conformance.catalog import families
-from axistwin_conformance.ledger import Kind, load_ledger, parse_ledger
 
 LEDGERS = sorted({family.name for family in families()} | {"mac_can"})
 # How many requirements each chapter of the CAN ledger has.

@@ -14,11 +14,12 @@ from port_in_front import PortInFront
 from zoo.motion import a_ramped_stop_stops_dead
 
 from axistwin_conformance import failures
+from axistwin_conformance.base.errors import Disturbed
+from axistwin_conformance.base.events import Event, FailureStored, StatesCovered
+from axistwin_conformance.base.ledger import load_ledger
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
-from axistwin_conformance.errors import Disturbed
-from axistwin_conformance.events import Event, FailureStored, StatesCovered
 from axistwin_conformance.failures import Failure
-from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.mac_axis.checks_sequences import (
     many_mixed_sequences_agree_with_the_model,
 )
@@ -29,7 +30,6 @@ from axistwin_conformance.playing import Mismatch
 from axistwin_conformance.session import Run, Session, Stop
 from axistwin_conformance.shrink import Budget
 from axistwin_conformance.targets import TWIN_HANDLER, Target
-from axistwin_conformance.verdicts import Verdict
 
 TRAVEL = 2000
 REPLY = "MACS-REPLY-01"  # what a surprise under 19h is about

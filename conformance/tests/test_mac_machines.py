@@ -11,10 +11,11 @@ from zoo.judge import run
 from zoo.mutant import Mutant
 
 from axistwin_conformance import machines
+from axistwin_conformance.base.classes import SAFETY_CLASSES
+from axistwin_conformance.base.ledger import load_ledger
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.catalog import find_family
-from axistwin_conformance.classes import SAFETY_CLASSES
 from axistwin_conformance.drawing import no_folder
-from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.mac_axis.checks_machines import (
     some_runs_of_the_machine_agree_with_the_model as some_runs,
 )
@@ -28,7 +29,6 @@ from axistwin_conformance.machines import Device
 from axistwin_conformance.playing import Mismatch
 from axistwin_conformance.session import Envelope, Run, Session
 from axistwin_conformance.targets import open_target
-from axistwin_conformance.verdicts import Verdict
 
 # Each needs a state first: a motion under way, one segment being executed and three that wait.
 FOUND_ALONE = (

@@ -10,12 +10,12 @@ from msc_controller import Controller, Turn, answers, judge, refuses, twisted
 from msc_device import REPLY_NS
 from msc_judging import failed, troubles
 
-from axistwin_conformance.check import Check
+from axistwin_conformance.base.check import Check
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.model import NO_GROUNDS, Grounds
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import Packet
 from axistwin_conformance.msc.family import FAMILY
-from axistwin_conformance.verdicts import Verdict
 
 MODULES = tuple(
     f"axistwin_conformance.msc.checks_{name}"

@@ -23,10 +23,10 @@ from msc_controller import (
 )
 from msc_judging import failed, troubles
 
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import Packet
 from axistwin_conformance.msc.family import FAMILY
-from axistwin_conformance.verdicts import Verdict
 
 ERROR_BIT = 12
 STATUS = "the_status_is_followed_by_what_carries_nothing"

@@ -33,11 +33,11 @@ from msc_faulty import (
 )
 from msc_judging import failed, judge, link_checks, troubles
 
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.checks_golden import golden_exchanges
 from axistwin_conformance.msc.checks_packets import WRONG_SUMS
 from axistwin_conformance.msc.codec import ACK, NAK, STX
-from axistwin_conformance.verdicts import Verdict
 
 
 @pytest.mark.parametrize("name", link_checks())

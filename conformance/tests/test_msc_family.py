@@ -10,8 +10,9 @@ import pytest
 from click.testing import CliRunner
 from msc_device import MscPort, check_of, session_on, target_of
 
+from axistwin_conformance.base.errors import TargetError, WrongDevice
+from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.cli import conform
-from axistwin_conformance.errors import TargetError, WrongDevice
 from axistwin_conformance.family import Violation
 from axistwin_conformance.model import Grounds
 from axistwin_conformance.msc import codec
@@ -20,7 +21,6 @@ from axistwin_conformance.msc.codec import ACK, NAK
 from axistwin_conformance.msc.family import FAMILY
 from axistwin_conformance.msc.keeping import layout
 from axistwin_conformance.session import Session
-from axistwin_conformance.transcript import Direction, Record
 
 GROUNDS = Grounds(range(1024, 1400), range(128, 132))
 

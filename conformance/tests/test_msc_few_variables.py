@@ -9,12 +9,12 @@ import pytest
 from msc_device import MscPort
 from msc_judging import judge
 
+from axistwin_conformance.base.events import Outcome
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine
-from axistwin_conformance.events import Outcome
 from axistwin_conformance.model import Grounds
 from axistwin_conformance.msc.family import FAMILY
-from axistwin_conformance.verdicts import Verdict
 
 DRAWN = "axistwin_conformance.msc.checks_random"
 QUICK = tuple(one for one in FAMILY.checks() if one.level == "quick")

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 from msc_judging import link_checks
 
+from axistwin_conformance.base.events import CheckFinished
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine
-from axistwin_conformance.events import CheckFinished
 from axistwin_conformance.result import Result
-from axistwin_conformance.verdicts import Verdict
 
 SHARED = [name for name, one in link_checks().items() if "neighbour" in one.needs]
 WRITTEN = [name for name in link_checks() if name.startswith("the_written_exchanges")]

@@ -18,7 +18,7 @@ from msc_watch import FLAGS, PROGRAM, VARIABLES, MscWatch, run_on_a_port
 from test_safety import signalled
 from trouble import Trouble, interrupt, meet, moments_of
 
-from axistwin_conformance.events import Outcome
+from axistwin_conformance.base.events import Outcome
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.family import FAMILY
 from axistwin_conformance.msc.safety import is_harmless

@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from msc_controller import Controller, refuses, twisted
 from msc_device import MscPort, session_on, target_of
 
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import conform, make_options
 from axistwin_conformance.engine import Engine
 from axistwin_conformance.model import Grounds
@@ -18,7 +19,6 @@ from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.family import FAMILY
 from axistwin_conformance.msc.trial import try_flags
 from axistwin_conformance.result import Result
-from axistwin_conformance.verdicts import Verdict
 
 PORT = "axistwin://msc-250?time=virtual"
 INPUTS = "0-7"

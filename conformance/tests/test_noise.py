@@ -12,11 +12,11 @@ from zoo import ZOO
 from zoo.mutant import Mutant
 
 from axistwin_conformance import noise
-from axistwin_conformance.events import Outcome
-from axistwin_conformance.line_quality import LEAST_ALIKE, LineQuality
+from axistwin_conformance.base.events import Outcome
+from axistwin_conformance.base.line_quality import LEAST_ALIKE, LineQuality
+from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.noise import Attempt, Replays
 from axistwin_conformance.result import CheckResult
-from axistwin_conformance.verdicts import Finding, Verdict
 
 KINDS = {"mixed": FATES, **{one: (one,) for one in FATES}}
 LEAST_PASSED = {5000: 110, 500: 80, 50: 30}  # of 136: noise costs certainty, but not everything

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
+from axistwin_conformance.base.errors import time_left
 from axistwin_conformance.engine import Engine
-from axistwin_conformance.errors import time_left
 from axistwin_conformance.pace import Pace, weigh
 from axistwin_conformance.session import Session
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from axistwin_conformance.check import Check
-from axistwin_conformance.errors import UsageError
-from axistwin_conformance.ledger import load_ledger
+from axistwin_conformance.base.check import Check
+from axistwin_conformance.base.errors import UsageError
+from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.plan import Plan, make_plan
 from axistwin_conformance.probing import Probe, Seen
 from axistwin_conformance.session import Session

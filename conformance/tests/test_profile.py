@@ -10,9 +10,9 @@ import pytest
 from click.testing import CliRunner
 from quirk_twins import QuirkTwins, Readings
 
+from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.cli import conform, make_options
 from axistwin_conformance.engine import Engine
-from axistwin_conformance.errors import UsageError
 from axistwin_conformance.profile import load_profile, write_profile
 
 # Of a twin, not of a manual: `Ledger.configuration`.  And what no probe can tell, with the reason.

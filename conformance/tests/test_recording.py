@@ -13,11 +13,11 @@ from zoo.mutant import Mutant
 from zoo_msc.flags import a_flag_that_is_set_again_goes_off
 
 from axistwin_conformance import failures
+from axistwin_conformance.base.errors import UsageError
+from axistwin_conformance.base.events import Event, FailureStored
+from axistwin_conformance.base.recording import Recording, load_recording
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine
-from axistwin_conformance.errors import UsageError
-from axistwin_conformance.events import Event, FailureStored
-from axistwin_conformance.recording import Recording, load_recording
 from axistwin_conformance.shrink import Budget
 
 ONE = Recording(

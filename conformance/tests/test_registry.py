@@ -10,12 +10,12 @@ from typing import Any
 
 import pytest
 
+from axistwin_conformance.base.check import check
+from axistwin_conformance.base.classes import SAFETY_CLASSES
+from axistwin_conformance.base.errors import UsageError
+from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.catalog import families, find_family
-from axistwin_conformance.check import check
-from axistwin_conformance.classes import SAFETY_CLASSES
-from axistwin_conformance.errors import UsageError
 from axistwin_conformance.family import Family
-from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.session import Session
 
 

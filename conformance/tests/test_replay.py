@@ -12,8 +12,8 @@ import pytest
 from click.testing import CliRunner, Result
 from zoo.motion import a_ramped_stop_stops_dead
 
+from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.cli import Duration, conform, make_options
-from axistwin_conformance.ledger import load_ledger
 from axistwin_conformance.plan import make_plan
 
 CHECK = "some_mixed_sequences_agree_with_the_model"

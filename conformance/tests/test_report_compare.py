@@ -13,10 +13,10 @@ from click.testing import CliRunner, Result
 from rich.console import Console
 
 from axistwin_conformance import report_json
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import conform
 from axistwin_conformance.compare import BEST_FIRST, Change, changes, circumstances, print_changes
 from axistwin_conformance.report_json import Report, fold
-from axistwin_conformance.verdicts import Verdict
 
 
 @pytest.fixture

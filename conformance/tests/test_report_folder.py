@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from axistwin_conformance import interrupts, report_html, report_terminal
+from axistwin_conformance import report_html, report_terminal
+from axistwin_conformance.base import interrupts
 from axistwin_conformance.cli import conform
 from axistwin_conformance.mac_serial.family import FAMILY
 from axistwin_conformance.reports import ReportFolder

@@ -12,12 +12,13 @@ from typing import Any, get_args
 import pytest
 from click.testing import CliRunner
 
-from axistwin_conformance import events, report_json
+from axistwin_conformance import report_json
+from axistwin_conformance.base import events
+from axistwin_conformance.base.errors import UsageError
+from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.cli import conform
-from axistwin_conformance.errors import UsageError
 from axistwin_conformance.plot import is_inside
 from axistwin_conformance.report_json import FORMAT, JsonStream, fold, load
-from axistwin_conformance.transcript import Direction, Record
 
 DOCS = Path(__file__).parents[2] / "docs"
 Told = list[dict[str, Any]]

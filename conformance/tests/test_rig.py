@@ -13,13 +13,14 @@ from typing import Any
 import pytest
 
 from axistwin_conformance import rig as rig_module
+from axistwin_conformance.base.check import CAPABILITIES
+from axistwin_conformance.base.errors import CannotDo, RigError, UsageError
+from axistwin_conformance.base.events import CheckFinished, Outcome, RigQuestion
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.carrier import Carrier
 from axistwin_conformance.catalog import find_family
-from axistwin_conformance.check import CAPABILITIES
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine
-from axistwin_conformance.errors import CannotDo, RigError, UsageError
-from axistwin_conformance.events import CheckFinished, Outcome, RigQuestion
 from axistwin_conformance.result import Result
 from axistwin_conformance.rig import (
     INPUTS,
@@ -36,7 +37,6 @@ from axistwin_conformance.rig import (
 )
 from axistwin_conformance.session import Session
 from axistwin_conformance.targets import Target, open_target
-from axistwin_conformance.verdicts import Verdict
 
 ALL = OF_AN_AXIS
 TWIN = "axistwin://mac23:0,mac23:1?time=virtual"
@@ -440,7 +440,7 @@ def test_a_rig_that_goes_wrong_leaves_it_inconclusive_and_ends_the_run(toy: Any)
 
 def test_a_rig_check_says_what_it_needs() -> None:
     """Or is refused at import."""
-    from axistwin_conformance.check import check
+    from axistwin_conformance.base.check import check
 
     for declared in ({"safety": "rig"}, {"needs": ("rig:hold",)}):
         with pytest.raises(TypeError, match="go together"):
@@ -451,7 +451,7 @@ def test_a_question_stops_the_bar() -> None:
     """The terminal's face takes the event without a word of its own."""
     from rich.console import Console
 
-    from axistwin_conformance.ledger import load_ledger
+    from axistwin_conformance.base.ledger import load_ledger
     from axistwin_conformance.report_terminal import TerminalReport
 
     console = Console(file=io.StringIO(), force_terminal=True)

@@ -7,11 +7,12 @@ from typing import Any
 
 import pytest
 
+from axistwin_conformance.base.events import CheckFinished, Event
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.carrier import Carrier
 from axistwin_conformance.catalog import find_family
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine
-from axistwin_conformance.events import CheckFinished, Event
 from axistwin_conformance.rig import (
     OF_AN_AXIS,
     Act,
@@ -19,7 +20,6 @@ from axistwin_conformance.rig import (
     RigChoice,
     TwinRig,
 )
-from axistwin_conformance.verdicts import Verdict
 
 TWIN = "axistwin://mac23:0,mac23:1?time=virtual"
 RIG_CHECKS = tuple(one.name for one in find_family("mac23").checks() if one.rig_needs)

@@ -14,12 +14,12 @@ import pytest
 from family_variants import vary
 from scripted_peer import Answers, Moment, Peer, after, at, behind
 
-from axistwin_conformance import line_quality
+from axistwin_conformance.base import line_quality
+from axistwin_conformance.base.events import Outcome
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine
-from axistwin_conformance.events import Outcome
 from axistwin_conformance.result import Result
-from axistwin_conformance.verdicts import Verdict
 
 pytestmark = pytest.mark.slow
 

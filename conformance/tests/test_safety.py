@@ -32,9 +32,9 @@ from trouble import (
     moments_of,
 )
 
+from axistwin_conformance.base.events import Outcome
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine
-from axistwin_conformance.events import Outcome
 from axistwin_conformance.result import Result
 from axistwin_conformance.session import Session
 from axistwin_conformance.targets import TWIN_HANDLER, Target

@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 
 from axistwin_conformance import session as session_module
-from axistwin_conformance.check import check
-from axistwin_conformance.errors import TargetError
-from axistwin_conformance.ledger import load_ledger
+from axistwin_conformance.base.check import check
+from axistwin_conformance.base.errors import TargetError
+from axistwin_conformance.base.ledger import load_ledger
+from axistwin_conformance.base.verdicts import Finding, Verdict, merge
 from axistwin_conformance.session import MOTIONS_KEPT, Run, Session, Stop
-from axistwin_conformance.verdicts import Finding, Verdict, merge
 
 LINE, FRAME = "MACS-LINE-01", "MACS-FRAME-01"
 

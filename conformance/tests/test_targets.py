@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 import serial
 
-from axistwin_conformance.errors import TargetError, TwinCrashed, UsageError
+from axistwin_conformance.base.errors import TargetError, TwinCrashed, UsageError
+from axistwin_conformance.base.transcript import Direction
 from axistwin_conformance.targets import Target, open_target
-from axistwin_conformance.transcript import Direction
 from axistwin_conformance.ways import LINE, choose_endpoint
 
 NO_RATES = {"--baud": None, "--bitrate": None}

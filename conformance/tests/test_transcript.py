@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from axistwin_conformance.transcript import Direction, Record, Transcript
+from axistwin_conformance.base.transcript import Direction, Record, Transcript
 
 
 def filled(kept: int, count: int) -> Transcript:

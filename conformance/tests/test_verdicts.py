@@ -6,7 +6,7 @@ import itertools
 
 import pytest
 
-from axistwin_conformance.verdicts import Verdict, merge
+from axistwin_conformance.base.verdicts import Verdict, merge
 
 
 def test_the_worst_saying_wins_in_the_documented_order() -> None:

@@ -7,8 +7,8 @@ from zoo import ZOO, armed_by
 from zoo.judge import checks_of, judge_armed, judge_names, kills, wrong
 from zoo.mutant import Mutant
 
-from axistwin_conformance.armed import load_armed
-from axistwin_conformance.ledger import load_ledger
+from axistwin_conformance.base.armed import load_armed
+from axistwin_conformance.base.ledger import load_ledger
 
 LEDGER = load_ledger("mac_serial")
 # Traps of the ledger's §8 that no twin can fall into: 5 (the host's tty) and 42 (the suite itself)

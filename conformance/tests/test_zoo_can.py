@@ -10,8 +10,8 @@ from zoo.mutant import MonkeyPatch, Mutant
 from zoo_can import OWN, ZOO
 from zoo_can.axis import NOT_CLAIMED, NOT_ON_THE_BUS, alters_the_line
 
-from axistwin_conformance.armed import load_armed
-from axistwin_conformance.ledger import load_ledger
+from axistwin_conformance.base.armed import load_armed
+from axistwin_conformance.base.ledger import load_ledger
 
 MODEL = "mac23-can"
 LEDGER = load_ledger("mac_can")

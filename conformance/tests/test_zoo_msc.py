@@ -8,8 +8,8 @@ from zoo.judge import checks_of, judge_armed, judge_names, kills, wrong
 from zoo.mutant import Mutant
 from zoo_msc import ZOO
 
-from axistwin_conformance.armed import load_armed
-from axistwin_conformance.ledger import load_ledger
+from axistwin_conformance.base.armed import load_armed
+from axistwin_conformance.base.ledger import load_ledger
 
 LEDGER = load_ledger("msc")
 # Traps of the ledger's §7 that no controller can fall into: 5 gives the same result on every legal

@@ -15,8 +15,8 @@ from typing import Any, NoReturn, Protocol
 
 from shaft_watch import ACTING, Order, Shaft
 
-from axistwin_conformance import interrupts
-from axistwin_conformance.events import Outcome
+from axistwin_conformance.base import interrupts
+from axistwin_conformance.base.events import Outcome
 from axistwin_conformance.result import Result
 
 STOP = 0x18

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
 
-from axistwin_conformance.errors import OutsideEnvelope, TargetError
+from axistwin_conformance.base.errors import OutsideEnvelope, TargetError
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Forecast, Segment, Timeline, Window
 from axistwin_conformance.mac_axis.motion import RAMP_LEVELS, TICK_NS, TICKS_PER_SECOND, Course, Law

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from axistwin_conformance.check import check
+from axistwin_conformance.base.check import check
 from axistwin_conformance.mac_axis.acceptance import RUNNING, Row, outcome_of
 from axistwin_conformance.mac_axis.bench import SLOWEST, Bench, bench_of, segment, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance.check import check
+from axistwin_conformance.base.check import check
 from axistwin_conformance.drawn import play_machine
 from axistwin_conformance.mac_axis.checks_sequences import JUDGED, player_of
 from axistwin_conformance.mac_axis.machine_devices import Judged

@@ -13,8 +13,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
-from axistwin_conformance.check import check
-from axistwin_conformance.errors import CannotDo
+from axistwin_conformance.base.check import check
+from axistwin_conformance.base.errors import CannotDo
 from axistwin_conformance.mac_axis.bench import QUIET_S, segment, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Window

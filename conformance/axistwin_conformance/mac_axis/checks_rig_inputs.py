@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from axistwin_conformance.check import check
+from axistwin_conformance.base.check import check
 from axistwin_conformance.mac_axis.bench import QUIET_S, SLOWEST
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Forecast

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance.check import check
+from axistwin_conformance.base.check import check
 from axistwin_conformance.mac_axis.bench import (
     PRELOAD_SHOWS_S,
     segment,

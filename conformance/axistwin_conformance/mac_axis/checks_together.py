@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from axistwin_conformance.check import check
+from axistwin_conformance.base.check import check
 from axistwin_conformance.mac_axis.bench import QUIET_S, Bench, bench_of
 from axistwin_conformance.mac_axis.forecast import Segment
 from axistwin_conformance.mac_axis.probing import MOVES

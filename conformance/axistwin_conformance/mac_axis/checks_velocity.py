@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance.check import check
+from axistwin_conformance.base.check import check
 from axistwin_conformance.mac_axis.bench import SLOWEST, Bench, bench_of, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.motion import TICK_NS, TICKS_PER_SECOND

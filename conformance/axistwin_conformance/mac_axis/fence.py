@@ -30,7 +30,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final, NoReturn, Protocol
 
-from axistwin_conformance.errors import OutsideEnvelope
+from axistwin_conformance.base.errors import OutsideEnvelope
 from axistwin_conformance.mac_axis.dialogue import Kind, signed
 from axistwin_conformance.mac_axis.motion import TICKS_PER_SECOND, ramp_increments
 

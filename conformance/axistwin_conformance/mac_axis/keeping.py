@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from axistwin_conformance import interrupts
-from axistwin_conformance.errors import OutsideEnvelope, TargetError, WrongDevice, time_left
-from axistwin_conformance.events import Note
+from axistwin_conformance.base import interrupts
+from axistwin_conformance.base.errors import OutsideEnvelope, TargetError, WrongDevice, time_left
+from axistwin_conformance.base.events import Note
 from axistwin_conformance.mac_axis.bench import Bench, bench_of
 from axistwin_conformance.mac_axis.dialogue import Kind, Reply, signed
 from axistwin_conformance.mac_axis.way_home import LOOK_S, goes_astray

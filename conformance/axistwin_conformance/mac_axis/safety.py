@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Final
 
-from axistwin_conformance.classes import SAFETY_CLASSES
+from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.mac_axis.dialogue import COMMAND_NAMES
 from axistwin_conformance.session import Session
 

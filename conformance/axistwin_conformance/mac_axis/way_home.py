@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance.errors import TargetError
+from axistwin_conformance.base.errors import TargetError
 from axistwin_conformance.mac_axis.talk import Talk
 
 LOOK_S: Final = 0.1  # from one look at an axis on its way to the next

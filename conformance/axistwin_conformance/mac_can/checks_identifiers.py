@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
+from axistwin_conformance.base.check import check
 from axistwin_conformance.can_frame import Frame
-from axistwin_conformance.check import check
 from axistwin_conformance.mac_axis.bench import QUIET_S, SLOWEST, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.probing import MOVES

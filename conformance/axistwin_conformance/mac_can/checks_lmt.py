@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from axistwin_conformance.base.check import check
 from axistwin_conformance.can_frame import Frame
-from axistwin_conformance.check import check
 from axistwin_conformance.mac_axis import factory
 from axistwin_conformance.mac_axis.bench import QUIET_S
 from axistwin_conformance.mac_axis.dialogue import Kind

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final
 
-from axistwin_conformance.check import check
+from axistwin_conformance.base.check import check
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench

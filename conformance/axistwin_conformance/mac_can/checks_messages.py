@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 
+from axistwin_conformance.base.check import check
 from axistwin_conformance.can_frame import Frame
 from axistwin_conformance.can_target import Arrival
-from axistwin_conformance.check import check
 from axistwin_conformance.mac_axis.bench import QUIET_S, Exchange, segment
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Window

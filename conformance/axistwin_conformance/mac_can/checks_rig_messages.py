@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final
 
+from axistwin_conformance.base.check import check
 from axistwin_conformance.can_target import Arrival
-from axistwin_conformance.check import check
 from axistwin_conformance.mac_axis.bench import QUIET_S
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Window

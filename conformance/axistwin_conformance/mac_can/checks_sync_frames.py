@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from axistwin_conformance.base.check import check
 from axistwin_conformance.can_frame import Frame
-from axistwin_conformance.check import check
 from axistwin_conformance.mac_axis.bench import Exchange, segment, velocity
 from axistwin_conformance.mac_axis.forecast import Forecast, Window
 from axistwin_conformance.mac_axis.motion import TICK_NS

@@ -10,8 +10,8 @@ from functools import cache
 from importlib import resources
 from typing import Final
 
+from axistwin_conformance.base.check import check
 from axistwin_conformance.can_frame import Frame
-from axistwin_conformance.check import check
 from axistwin_conformance.mac_axis.bench import SLOWEST
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.probing import MOVES

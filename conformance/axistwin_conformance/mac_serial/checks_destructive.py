@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
-from axistwin_conformance.check import check
+from axistwin_conformance.base.check import check
 from axistwin_conformance.mac_axis import factory
 from axistwin_conformance.mac_axis.bench import QUIET_S
 from axistwin_conformance.mac_axis.dialogue import Kind

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
-from axistwin_conformance.check import check
+from axistwin_conformance.base.check import check
 from axistwin_conformance.mac_axis.bench import QUIET_S, SAFE_PERIOD
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.strangers import stranger_at

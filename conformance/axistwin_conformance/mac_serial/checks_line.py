@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from typing import Final
 
-from axistwin_conformance.check import check
+from axistwin_conformance.base.check import check
 from axistwin_conformance.mac_axis.bench import QUIET_S, Exchange, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.probes_stops import restarted_ns

@@ -8,7 +8,7 @@ from functools import cache
 from importlib import resources
 from typing import Final
 
-from axistwin_conformance.check import check
+from axistwin_conformance.base.check import check
 from axistwin_conformance.mac_axis.bench import QUIET_S, SLOWEST, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.strangers import stranger_at

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from axistwin_conformance.check import check
+from axistwin_conformance.base.check import check
 from axistwin_conformance.mac_axis.checks_rig_power import POWER
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.rig_bench import OFF_S

@@ -7,7 +7,8 @@ from collections.abc import Iterable
 from functools import lru_cache
 from typing import Final
 
-from axistwin_conformance.errors import TargetError
+from axistwin_conformance.base.errors import TargetError
+from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.family import Violation
 from axistwin_conformance.mac_axis.axis_family import AxisFamily
 from axistwin_conformance.mac_axis.dialogue import Kind
@@ -28,7 +29,6 @@ from axistwin_conformance.mac_serial.reader import LineReader
 from axistwin_conformance.model import Identity, Model
 from axistwin_conformance.session import ATTEMPTS, Run, Session
 from axistwin_conformance.targets import Target, open_target
-from axistwin_conformance.transcript import Direction, Record
 
 FACTORY_BAUD: Final = 38400  # MACS-LINE-01
 BAUDS: Final = (9600, 19200, 38400)  # MACS-CMD-1B-01

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from axistwin_conformance.check import check
+from axistwin_conformance.base.check import check
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import SAFE_STRIDE
 from axistwin_conformance.msc.codec import BLOCK_VALUES, signed

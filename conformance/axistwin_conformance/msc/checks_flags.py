@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
-from axistwin_conformance.check import check
+from axistwin_conformance.base.check import check
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import FLAGS
 from axistwin_conformance.msc.controller import Controller, Names

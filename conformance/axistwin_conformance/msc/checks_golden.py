@@ -9,8 +9,8 @@ from functools import cache
 from importlib import resources
 from typing import Any, Final
 
+from axistwin_conformance.base.check import check
 from axistwin_conformance.carrier import is_twin_url
-from axistwin_conformance.check import check
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import ACK, Packet
 from axistwin_conformance.msc.link import Link

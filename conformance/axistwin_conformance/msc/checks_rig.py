@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
 
-from axistwin_conformance.check import check
-from axistwin_conformance.errors import CannotDo
+from axistwin_conformance.base.check import check
+from axistwin_conformance.base.errors import CannotDo
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.checks_flags import NO_RFLAGS, judge_agreement
 from axistwin_conformance.msc.checks_status import AUTO_START, RUNNING

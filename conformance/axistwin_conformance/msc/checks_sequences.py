@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance.check import Check, check
+from axistwin_conformance.base.check import Check, check
+from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.drawn import Amount, play_drawn, replaying
 from axistwin_conformance.msc.player import player_of
 from axistwin_conformance.msc.sequences import JUDGED
-from axistwin_conformance.recording import Recording
 from axistwin_conformance.session import Session
 
 FREE: Final = Amount(120, {"quick": 4, "full": 40})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance.check import check
+from axistwin_conformance.base.check import check
 from axistwin_conformance.msc.codec import RQSTAT
 from axistwin_conformance.msc.controller import BenchProgram, Controller
 from axistwin_conformance.session import Session

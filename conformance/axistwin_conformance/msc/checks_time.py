@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance.check import check
+from axistwin_conformance.base.check import check
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import ACK, NAK, RQSTAT, STX
 from axistwin_conformance.msc.link import MS, Link

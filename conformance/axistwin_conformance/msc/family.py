@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
+from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.family import Family, Violation
 from axistwin_conformance.model import Grounds, Identity, Model
 from axistwin_conformance.msc import codec, keeping
@@ -19,7 +20,6 @@ from axistwin_conformance.msc.trial import try_flags
 from axistwin_conformance.rig import OF_A_CONTROLLER
 from axistwin_conformance.session import Session
 from axistwin_conformance.targets import Target, open_target
-from axistwin_conformance.transcript import Direction, Record
 
 BAUD: Final = 9600  # MSC-PHY-01
 TWIN_GROUNDS: Final = Grounds(range(1024, 5120), range(128, 192), (240, 6144))

@@ -17,8 +17,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
+from axistwin_conformance.base.errors import TargetError, WrongDevice
 from axistwin_conformance.carrier import is_twin_url
-from axistwin_conformance.errors import TargetError, WrongDevice
 from axistwin_conformance.model import PROGRAM_FLAGS, Identity
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import SAFE_BLOCK, SAFE_STRIDE, Bench

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from axistwin_conformance.errors import UsageError
+from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.model import NO_GROUNDS
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import SAFE_BLOCK, SAFE_STRIDE, Bench

@@ -8,14 +8,14 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from types import FrameType
 
+from axistwin_conformance.base.check import Check
+from axistwin_conformance.base.events import CheckFinished, Event, Outcome
+from axistwin_conformance.base.ledger import Ledger
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.catalog import find_family
-from axistwin_conformance.check import Check
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine
-from axistwin_conformance.events import CheckFinished, Event, Outcome
-from axistwin_conformance.ledger import Ledger
 from axistwin_conformance.result import Result
-from axistwin_conformance.verdicts import Verdict
 from zoo.mutant import Mutant
 
 # What is random comes last: it names nearly everything and costs more than all the others.

@@ -16,7 +16,7 @@ from zoo.mutant import MonkeyPatch, Mutant
 
 from axistwin.devices.mac import framing, serial
 from axistwin.runtime import network
-from axistwin_conformance.ledger import load_ledger
+from axistwin_conformance.base.ledger import load_ledger
 
 LINE_MODULES = (serial, framing, network)
 # Of the axis, and no fault of a module on a bus.

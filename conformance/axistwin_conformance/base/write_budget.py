@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from axistwin_conformance.errors import CannotDo
+from axistwin_conformance.base.errors import CannotDo
 
 DEFAULT_BUDGET = 2_000  # of the 100 000 that EEPROMs of the time were good for: one run in fifty
 

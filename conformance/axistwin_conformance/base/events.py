@@ -14,8 +14,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from axistwin_conformance.recording import Recording
-from axistwin_conformance.verdicts import Finding, Verdict
+from axistwin_conformance.base.recording import Recording
+from axistwin_conformance.base.verdicts import Finding, Verdict
 
 
 class Outcome(StrEnum):

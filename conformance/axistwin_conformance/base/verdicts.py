@@ -16,7 +16,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
-from axistwin_conformance.transcript import Record
+from axistwin_conformance.base.transcript import Record
 
 
 class Verdict(StrEnum):

@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from axistwin_conformance.classes import LEVELS, SAFETY_CLASSES
+from axistwin_conformance.base.classes import LEVELS, SAFETY_CLASSES
 
 RIG = "rig:"  # what a need of a rig's capability begins with
 BENCH = "bench"  # the need of what may go wrong where hands on the wiring have to be near

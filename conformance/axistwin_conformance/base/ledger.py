@@ -20,7 +20,7 @@ from enum import StrEnum
 from functools import cache
 from importlib import resources
 
-from axistwin_conformance.classes import SAFETY_CLASSES
+from axistwin_conformance.base.classes import SAFETY_CLASSES
 
 ANY_READING = "*"  # in a list of readings: any other value is admissible too (a measured time)
 

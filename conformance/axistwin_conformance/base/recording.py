@@ -27,7 +27,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from axistwin_conformance.errors import UsageError, with_article
+from axistwin_conformance.base.errors import UsageError, with_article
 
 FORMAT = 1
 FOLDER = "operations"  # of a report's folder

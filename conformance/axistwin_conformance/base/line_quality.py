@@ -16,7 +16,7 @@ import math
 from collections import Counter
 from dataclasses import dataclass, field
 
-from axistwin_conformance.errors import TargetError
+from axistwin_conformance.base.errors import TargetError
 
 FALSE_ALARM = 1e-6  # the chance left to noise of looking like the device
 FALSE_LOSS = 1e-9  # of looking like a device that is gone: that is asked after every exchange
