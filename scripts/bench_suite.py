@@ -49,7 +49,7 @@ from axistwin_conformance.mac_axis.sequences import BYTES_PER_OPERATION
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.result import CheckResult
 from axistwin_conformance.session import Envelope, Run, Session
-from axistwin_conformance.targets import Target, open_target
+from axistwin_conformance.transport.serial import Target, open_target
 
 MODEL = "mac23"
 WRITES_ALLOWED = 1 << 40

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 from axistwin_conformance.base.classes import FULL, SAFETY_CLASSES, SOAK
 from axistwin_conformance.base.errors import UsageError, with_article
 from axistwin_conformance.base.write_budget import DEFAULT_BUDGET
-from axistwin_conformance.carrier import is_twin_url
 from axistwin_conformance.catalog import find_family
 from axistwin_conformance.family import Family
 from axistwin_conformance.model import NO_GROUNDS, Grounds
-from axistwin_conformance.ways import choose_endpoint
+from axistwin_conformance.transport.kinds import choose_endpoint
+from axistwin_conformance.transport.transport import is_twin_url
 
 if TYPE_CHECKING:
     from axistwin_conformance.base.recording import Recording
@@ -113,7 +113,7 @@ def make_options(
 def _with_rig(options: Options, kind: str | None, command: str | None) -> Options:
     """The options with the rig that was chosen.  A program that nobody has named may be the one
     that works the machine: no rig stops or starts it."""
-    from axistwin_conformance.rig import choose_rig
+    from axistwin_conformance.transport.rig import choose_rig
 
     able = options.family.capabilities
     if options.grounds.program is None:

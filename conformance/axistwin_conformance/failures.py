@@ -21,10 +21,10 @@ from typing import Final, NoReturn
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.errors import Disturbed, TargetError, counted
 from axistwin_conformance.base.recording import Recording
-from axistwin_conformance.carrier import Carrier
 from axistwin_conformance.playing import Mismatch, Operations, Played, Player
 from axistwin_conformance.session import Run, Session, Stop
 from axistwin_conformance.shrink import Budget, Shrunk, shrink, towards_zero
+from axistwin_conformance.transport.transport import Carrier
 
 REPLAYS: Final = 3  # on a line: of the list as found, and at most of the short one
 TWIN_BUDGET: Final = Budget(operations=20_000, seconds=6.0)

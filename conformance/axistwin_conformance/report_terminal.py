@@ -36,7 +36,7 @@ from axistwin_conformance.deeds import Deed, allowed_in_vain, deeds
 from axistwin_conformance.judgement import UNREACHABLE
 from axistwin_conformance.pace import Pace
 from axistwin_conformance.plan import Options, Plan
-from axistwin_conformance.ways import in_hex
+from axistwin_conformance.transport.kinds import in_hex
 
 LEFT_TOLD_EVERY_S = 60
 MOST_IN_HEX = 50  # operations told on the terminal: what is longer is about to be shrunk

@@ -14,7 +14,7 @@ from axistwin_conformance.base import events
 from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.base.recording import FOLDER
 from axistwin_conformance.report_json import Explain, Spell
-from axistwin_conformance.ways import in_hex
+from axistwin_conformance.transport.kinds import in_hex
 
 EVENTS, REPORT, JUNIT, PAGE = "events.jsonl", "report.json", "junit.xml", "report.html"
 

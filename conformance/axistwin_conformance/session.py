@@ -24,12 +24,12 @@ from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.base.write_budget import WriteBudget
-from axistwin_conformance.carrier import Carrier, Fence
 from axistwin_conformance.model import NO_GROUNDS, Grounds, Identity, Model
 from axistwin_conformance.profile import Detection
-from axistwin_conformance.rig import Rig
-from axistwin_conformance.targets import Target
-from axistwin_conformance.ways import Way
+from axistwin_conformance.transport.kinds import Way
+from axistwin_conformance.transport.rig import Rig
+from axistwin_conformance.transport.serial import Target
+from axistwin_conformance.transport.transport import Carrier, Fence
 
 REPLY_TIMEOUT_S = 0.5  # MACS-REPLY-16: no reply time is specified; the ledger sets this for suites
 # With one byte in 50 lost, an exchange of 42 bytes fails as often as not: 24 attempts leave 1 in

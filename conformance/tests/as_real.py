@@ -13,7 +13,7 @@ from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine
 from axistwin_conformance.plan import Options
 from axistwin_conformance.result import Result
-from axistwin_conformance.targets import TWIN_HANDLER, Target
+from axistwin_conformance.transport.serial import TWIN_HANDLER, Target
 
 PORT = "/dev/ttyUSB0"
 

@@ -10,11 +10,11 @@ from typing import Any
 
 import can
 
-from axistwin_conformance.can_target import CanTarget, split_words
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.result import Result
+from axistwin_conformance.transport.can import CanTarget, split_words
 
 BITRATE = 125_000
 LATEST_NS = 60_000_000

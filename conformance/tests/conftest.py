@@ -22,14 +22,14 @@ from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.errors import TargetError, WrongDevice
 from axistwin_conformance.base.events import Event
 from axistwin_conformance.base.transcript import Record
-from axistwin_conformance.carrier import Carrier
 from axistwin_conformance.engine import Engine, Envelope, Options
 from axistwin_conformance.family import Family
 from axistwin_conformance.model import Identity, Model
 from axistwin_conformance.probing import Probe, Seen
 from axistwin_conformance.result import Result
 from axistwin_conformance.session import Session
-from axistwin_conformance.targets import Target, open_target
+from axistwin_conformance.transport.serial import Target, open_target
+from axistwin_conformance.transport.transport import Carrier
 
 STEP_NS = 1_000_000  # each exchange of the toy takes a millisecond
 

@@ -22,13 +22,13 @@ from typing import Any
 import pytest
 import serial
 
-from axistwin_conformance import carrier, targets
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine
 from axistwin_conformance.result import Result
-from axistwin_conformance.targets import TWIN_HANDLER, Target
+from axistwin_conformance.transport import serial
+from axistwin_conformance.transport.serial import TWIN_HANDLER, Target
 
 MS = 1_000_000
 BYTE_BITS = 10

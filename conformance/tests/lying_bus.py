@@ -14,12 +14,12 @@ from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Finding, Verdict
-from axistwin_conformance.can_frame import Frame
-from axistwin_conformance.can_target import CanTarget, split_words
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.family import FAMILY, TWIN_BITRATE
-from axistwin_conformance.rig import TwinRig
 from axistwin_conformance.session import Envelope, Run, Session, Stop
+from axistwin_conformance.transport.can import CanTarget, split_words
+from axistwin_conformance.transport.can_frame import Frame
+from axistwin_conformance.transport.rig import TwinRig
 
 OWN_MODULES = tuple(name for name in FAMILY.modules if ".mac_can." in name)
 LEDGER = load_ledger(FAMILY.name)

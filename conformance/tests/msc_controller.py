@@ -15,8 +15,8 @@ from axistwin_conformance.base.verdicts import Finding
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import ACK, NAK, Packet
 from axistwin_conformance.msc.family import FAMILY
-from axistwin_conformance.rig import OF_A_CONTROLLER, Act, Rig
 from axistwin_conformance.session import Session, Stop
+from axistwin_conformance.transport.rig import OF_A_CONTROLLER, Act, Rig
 
 SCAN_NS = 10_000_000
 AREA = 32768

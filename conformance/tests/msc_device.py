@@ -14,7 +14,7 @@ from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import ACK, NAK, STX
 from axistwin_conformance.msc.family import FAMILY
 from axistwin_conformance.session import Envelope, Run, Session
-from axistwin_conformance.targets import Target
+from axistwin_conformance.transport.serial import Target
 
 BYTE_NS = 10_000_000_000 // 9600
 T1_NS = T2_NS = 1_000_000_000

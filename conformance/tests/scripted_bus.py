@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import can
 
-from axistwin_conformance.can_frame import Frame
+from axistwin_conformance.transport.can_frame import Frame
 
 Script = Callable[[Frame], Iterable[Frame]]
 LISTEN_S = 0.05

@@ -15,7 +15,7 @@ from typing import Any
 
 import serial
 
-from axistwin_conformance.targets import TWIN_HANDLER
+from axistwin_conformance.transport.serial import TWIN_HANDLER
 
 TICK_S = 0.002
 CHUNK = 4096

@@ -16,13 +16,13 @@ from rich.console import Console
 
 from axistwin_conformance import report_html, report_json, report_junit
 from axistwin_conformance.base.events import Event
-from axistwin_conformance.can_target import CanTarget
 from axistwin_conformance.cli import conform, make_options
 from axistwin_conformance.engine import Engine
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.report_terminal import TerminalReport
-from axistwin_conformance.rig import choose_rig
-from axistwin_conformance.ways import BUS
+from axistwin_conformance.transport.can import CanTarget
+from axistwin_conformance.transport.kinds import BUS
+from axistwin_conformance.transport.rig import choose_rig
 
 ONE = "the_release_is_eight_digits_that_stay"
 TWIN = "axistwin:mac23-can:5?time=virtual"

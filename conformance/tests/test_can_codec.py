@@ -13,11 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from axistwin_conformance.base.ledger import load_ledger
-from axistwin_conformance.can_frame import Frame
 from axistwin_conformance.mac_axis.keeping import Facts
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.codec import Kind
 from axistwin_conformance.mac_serial.family import MODELS
+from axistwin_conformance.transport.can_frame import Frame
 
 FIXTURES = Path(__file__).parents[2] / "fixtures" / "mac_can"
 GOLDEN = resources.files("axistwin_conformance.mac_can") / "golden" / "exchanges.toml"

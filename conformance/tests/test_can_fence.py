@@ -7,11 +7,11 @@ from dataclasses import replace
 import pytest
 
 from axistwin_conformance.base.errors import OutsideEnvelope
-from axistwin_conformance.can_frame import Frame
 from axistwin_conformance.mac_axis.fence import Fence
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.codec import Request
 from axistwin_conformance.mac_can.reader import BusReader
+from axistwin_conformance.transport.can_frame import Frame
 
 SECOND = 1_000_000_000
 OWN, OTHER, ALL = 1, 3, codec.GENERAL_ADDRESS

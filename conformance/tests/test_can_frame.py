@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from axistwin_conformance.can_frame import Frame, unpack, unpack_all
+from axistwin_conformance.transport.can_frame import Frame, unpack, unpack_all
 
 
 @st.composite

@@ -21,12 +21,12 @@ from scripted_bus import FailingBus, Moment, Script, TurningModule, after, behin
 from axistwin_conformance.base import line_quality
 from axistwin_conformance.base.events import Event, Note, Outcome
 from axistwin_conformance.base.verdicts import Verdict
-from axistwin_conformance.can_frame import Frame
-from axistwin_conformance.can_target import CanTarget
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.result import Result
+from axistwin_conformance.transport.can import CanTarget
+from axistwin_conformance.transport.can_frame import Frame
 
 SHORT_S = 1.0  # patience of most of these tests
 LONGEST_S = 20.0  # from the moment of the change to the end of the run
@@ -196,7 +196,7 @@ FAILURES: dict[str, tuple[Exception | None, tuple[str, ...], str]] = {
 @pytest.fixture
 def bench(channel: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     """Judges a sound module by way of a bus that fails from a moment on."""
-    monkeypatch.setattr("axistwin_conformance.can_target.SEND_TIMEOUT_S", 0.5)
+    monkeypatch.setattr("axistwin_conformance.transport.can.SEND_TIMEOUT_S", 0.5)
     module = TurningModule(channel, NEVER, SCRIPTS["silence"])
 
     def run(

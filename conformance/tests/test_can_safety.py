@@ -22,11 +22,11 @@ from trouble import (
     moments_of,
 )
 
-from axistwin_conformance.can_target import CanTarget
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.result import Result
+from axistwin_conformance.transport.can import CanTarget
 
 TRAVEL, SPEED = 2000, 10_000
 STOPPED = partial(judge_interrupted, most=TRAVEL)

@@ -22,8 +22,6 @@ from axistwin_conformance.base.errors import Disturbed
 from axistwin_conformance.base.events import Event, FailureStored
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
-from axistwin_conformance.can_frame import Frame
-from axistwin_conformance.can_target import CanTarget
 from axistwin_conformance.catalog import find_family
 from axistwin_conformance.cli import conform
 from axistwin_conformance.drawing import no_folder
@@ -45,6 +43,8 @@ from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
 from axistwin_conformance.playing import Mismatch
 from axistwin_conformance.session import Envelope, Run, Session, Stop
+from axistwin_conformance.transport.can import CanTarget
+from axistwin_conformance.transport.can_frame import Frame
 
 FAMILY = find_family("mac23-can")
 TWIN = "mac23-can:1,mac23-can:3?time=virtual"

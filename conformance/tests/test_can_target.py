@@ -14,12 +14,12 @@ import pytest
 import serial
 from scripted_bus import ScriptedPeer, VirtualBus
 
-from axistwin_conformance import can_target
 from axistwin_conformance.base.errors import OutsideEnvelope, TargetError, TwinCrashed, UsageError
 from axistwin_conformance.base.transcript import Direction
-from axistwin_conformance.can_frame import Frame, unpack
-from axistwin_conformance.can_target import CanTarget, any_frame, open_can_target, split_words
 from axistwin_conformance.mac_can.codec import is_spontaneous
+from axistwin_conformance.transport import can
+from axistwin_conformance.transport.can import CanTarget, any_frame, open_can_target, split_words
+from axistwin_conformance.transport.can_frame import Frame, unpack
 
 ASK = Frame(0x601, bytes.fromhex("4000200000000000"))
 ANSWER = Frame(0x581, bytes.fromhex("4200200000000007"))

@@ -11,10 +11,10 @@ from click.testing import CliRunner
 
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.ledger import load_ledger
-from axistwin_conformance.can_frame import Frame
-from axistwin_conformance.can_target import CanTarget
 from axistwin_conformance.catalog import find_family
 from axistwin_conformance.cli import conform
+from axistwin_conformance.transport.can import CanTarget
+from axistwin_conformance.transport.can_frame import Frame
 
 FAMILY, LEDGER = find_family("mac23-can"), load_ledger("mac_can")
 TWIN = "axistwin:mac23-can:1,mac23-can:3?time=virtual"

@@ -24,7 +24,7 @@ from axistwin_conformance.cli import Mistake, conform, make_options, parse_allow
 from axistwin_conformance.engine import Engine
 from axistwin_conformance.report_terminal import TerminalReport
 from axistwin_conformance.session import Session
-from axistwin_conformance.targets import Target
+from axistwin_conformance.transport.serial import Target
 
 LINE, FRAME, MOVE = "MACS-LINE-01", "MACS-FRAME-01", "MACS-CMD-13-01"
 

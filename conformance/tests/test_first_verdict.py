@@ -14,7 +14,7 @@ from click.testing import CliRunner
 
 from axistwin_conformance.catalog import find_family
 from axistwin_conformance.cli import conform
-from axistwin_conformance.targets import Target
+from axistwin_conformance.transport.serial import Target
 
 TWIN = "axistwin://mac23:0,mac23:1?time=virtual"
 Wire = list[tuple[int, bytes]]

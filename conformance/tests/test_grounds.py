@@ -15,9 +15,9 @@ from axistwin_conformance.cli import conform, make_options
 from axistwin_conformance.engine import Engine
 from axistwin_conformance.model import NO_GROUNDS, Grounds
 from axistwin_conformance.plan import Options
-from axistwin_conformance.rig import OF_A_CONTROLLER, CommandRig, TwinRig, in_words
 from axistwin_conformance.session import Session
-from axistwin_conformance.targets import Target, open_target
+from axistwin_conformance.transport.rig import OF_A_CONTROLLER, CommandRig, TwinRig, in_words
+from axistwin_conformance.transport.serial import Target, open_target
 
 PORT = "/dev/ttyUSB0"
 

@@ -29,7 +29,7 @@ from axistwin_conformance.mac_serial.bench import Bench
 from axistwin_conformance.playing import Mismatch
 from axistwin_conformance.session import Run, Session, Stop
 from axistwin_conformance.shrink import Budget
-from axistwin_conformance.targets import TWIN_HANDLER, Target
+from axistwin_conformance.transport.serial import TWIN_HANDLER, Target
 
 TRAVEL = 2000
 REPLY = "MACS-REPLY-01"  # what a surprise under 19h is about

@@ -28,7 +28,7 @@ from axistwin_conformance.mac_axis.sequences import BYTES_PER_OPERATION
 from axistwin_conformance.machines import Device
 from axistwin_conformance.playing import Mismatch
 from axistwin_conformance.session import Envelope, Run, Session
-from axistwin_conformance.targets import open_target
+from axistwin_conformance.transport.serial import open_target
 
 # Each needs a state first: a motion under way, one segment being executed and three that wait.
 FOUND_ALONE = (

@@ -12,17 +12,17 @@ from typing import Any
 
 import pytest
 
-from axistwin_conformance import rig as rig_module
 from axistwin_conformance.base.check import CAPABILITIES
 from axistwin_conformance.base.errors import CannotDo, RigError, UsageError
 from axistwin_conformance.base.events import CheckFinished, Outcome, RigQuestion
 from axistwin_conformance.base.verdicts import Verdict
-from axistwin_conformance.carrier import Carrier
 from axistwin_conformance.catalog import find_family
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine
 from axistwin_conformance.result import Result
-from axistwin_conformance.rig import (
+from axistwin_conformance.session import Session
+from axistwin_conformance.transport import rig as rig_module
+from axistwin_conformance.transport.rig import (
     INPUTS,
     OF_AN_AXIS,
     Act,
@@ -35,8 +35,8 @@ from axistwin_conformance.rig import (
     in_words,
     run_command,
 )
-from axistwin_conformance.session import Session
-from axistwin_conformance.targets import Target, open_target
+from axistwin_conformance.transport.serial import Target, open_target
+from axistwin_conformance.transport.transport import Carrier
 
 ALL = OF_AN_AXIS
 TWIN = "axistwin://mac23:0,mac23:1?time=virtual"

@@ -9,17 +9,11 @@ import pytest
 
 from axistwin_conformance.base.events import CheckFinished, Event
 from axistwin_conformance.base.verdicts import Verdict
-from axistwin_conformance.carrier import Carrier
 from axistwin_conformance.catalog import find_family
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine
-from axistwin_conformance.rig import (
-    OF_AN_AXIS,
-    Act,
-    Rig,
-    RigChoice,
-    TwinRig,
-)
+from axistwin_conformance.transport.rig import OF_AN_AXIS, Act, Rig, RigChoice, TwinRig
+from axistwin_conformance.transport.transport import Carrier
 
 TWIN = "axistwin://mac23:0,mac23:1?time=virtual"
 RIG_CHECKS = tuple(one.name for one in find_family("mac23").checks() if one.rig_needs)

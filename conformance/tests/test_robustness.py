@@ -15,7 +15,7 @@ from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine
 from axistwin_conformance.result import Result
-from axistwin_conformance.targets import TWIN_HANDLER, Target
+from axistwin_conformance.transport.serial import TWIN_HANDLER, Target
 
 SECOND = 1_000_000_000
 SOON_S = 15.0  # of the device's time, from its loss to the end of the run

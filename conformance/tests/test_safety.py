@@ -37,7 +37,7 @@ from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine
 from axistwin_conformance.result import Result
 from axistwin_conformance.session import Session
-from axistwin_conformance.targets import TWIN_HANDLER, Target
+from axistwin_conformance.transport.serial import TWIN_HANDLER, Target
 
 TRAVEL, SPEED = 2000, 10_000
 STOPPED = partial(judge_interrupted, most=TRAVEL)

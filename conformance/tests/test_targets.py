@@ -15,8 +15,8 @@ import serial
 
 from axistwin_conformance.base.errors import TargetError, TwinCrashed, UsageError
 from axistwin_conformance.base.transcript import Direction
-from axistwin_conformance.targets import Target, open_target
-from axistwin_conformance.ways import LINE, choose_endpoint
+from axistwin_conformance.transport.kinds import LINE, choose_endpoint
+from axistwin_conformance.transport.serial import Target, open_target
 
 NO_RATES = {"--baud": None, "--bitrate": None}
 

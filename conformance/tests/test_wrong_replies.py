@@ -19,7 +19,7 @@ from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.blame import diagnose
 from axistwin_conformance.result import Result
 from axistwin_conformance.session import Envelope, Run, Session
-from axistwin_conformance.targets import TWIN_HANDLER, Target
+from axistwin_conformance.transport.serial import TWIN_HANDLER, Target
 
 REFUSED, NACK = b"\x06\x13\x17", b"\x15"
 Answer = Callable[[bytes], bytes]
@@ -242,7 +242,7 @@ def test_a_twin_that_crashes_as_it_is_opened_is_unreachable(
     def broken(*words: Any, **options: Any) -> Any:
         raise ZeroDivisionError("oops")
 
-    monkeypatch.setattr("axistwin_conformance.targets.serial.serial_for_url", broken)
+    monkeypatch.setattr("axistwin_conformance.transport.serial.serial.serial_for_url", broken)
     result = Engine(make_options(model="mac23", level="quick")).run(lambda event: None)
     assert result.exit_status == 3
     assert "the built-in twin crashed: ZeroDivisionError: oops" in result.sentence

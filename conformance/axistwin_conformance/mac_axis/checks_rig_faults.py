@@ -28,8 +28,8 @@ from axistwin_conformance.mac_axis.rig_bench import (
     Way,
     rig_bench_of,
 )
-from axistwin_conformance.rig import Rig
 from axistwin_conformance.session import Session
+from axistwin_conformance.transport.rig import Rig
 
 HOT_CELSIUS: Final = 90.0
 TRIPS_FROM_TT: Final = 0x79  # MAC23: 85 °C is 78h (§5.9)

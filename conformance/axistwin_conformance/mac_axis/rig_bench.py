@@ -23,8 +23,8 @@ from axistwin_conformance.mac_axis.bench import (
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Forecast, Segment, Window
 from axistwin_conformance.mac_axis.motion import TICK_NS, TICKS_PER_SECOND
-from axistwin_conformance.rig import Rig
 from axistwin_conformance.session import Session
+from axistwin_conformance.transport.rig import Rig
 
 WORKED: Final = ("motion", "stored", "rig")  # the safety of a check that moves and works a rig
 EXACT_REACH: Final = 300  # increments

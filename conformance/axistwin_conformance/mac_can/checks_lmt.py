@@ -6,7 +6,6 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.base.check import check
-from axistwin_conformance.can_frame import Frame
 from axistwin_conformance.mac_axis import factory
 from axistwin_conformance.mac_axis.bench import QUIET_S
 from axistwin_conformance.mac_axis.dialogue import Kind
@@ -39,6 +38,7 @@ from axistwin_conformance.mac_can.probes_destructive import (
 from axistwin_conformance.mac_can.probes_messages import LIFEBEAT_S
 from axistwin_conformance.mac_can.settings import TORQUE
 from axistwin_conformance.session import Session
+from axistwin_conformance.transport.can_frame import Frame
 
 NEW_ADDRESSES: Final = (0x2A, 0x55)
 BOUNDS: Final = (0x01, 0x02, 0x3F, 0x40, 0x7E, 0x7F)  # MACC-LMT-04

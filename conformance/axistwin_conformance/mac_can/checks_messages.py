@@ -12,8 +12,6 @@ from itertools import pairwise
 from typing import Final
 
 from axistwin_conformance.base.check import check
-from axistwin_conformance.can_frame import Frame
-from axistwin_conformance.can_target import Arrival
 from axistwin_conformance.mac_axis.bench import QUIET_S, Exchange, segment
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Window
@@ -37,6 +35,8 @@ from axistwin_conformance.mac_can.probes_messages import (
     said,
 )
 from axistwin_conformance.session import Session
+from axistwin_conformance.transport.can import Arrival
+from axistwin_conformance.transport.can_frame import Frame
 
 LIFEBEAT_NS: Final = round(LIFEBEAT_S * 1e9)
 BEATS: Final = 6  # in virtual time; each takes ten seconds

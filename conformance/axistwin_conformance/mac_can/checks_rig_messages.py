@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from axistwin_conformance.base.check import check
-from axistwin_conformance.can_target import Arrival
 from axistwin_conformance.mac_axis.bench import QUIET_S
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Window
@@ -32,8 +31,9 @@ from axistwin_conformance.mac_can.checks_messages import (
 from axistwin_conformance.mac_can.hearing import replies, slack_ns, told, unasked
 from axistwin_conformance.mac_can.probes_errors import BEGIN, CUT, HOT, OVER, UNDER
 from axistwin_conformance.mac_can.probes_messages import LIFEBEAT_S, said
-from axistwin_conformance.rig import Rig
 from axistwin_conformance.session import Session
+from axistwin_conformance.transport.can import Arrival
+from axistwin_conformance.transport.rig import Rig
 
 SHOWS_S: Final = 0.2
 RIG_PATIENCE_S: Final = 10.0  # a real temperature rises slowly, and the rig may not tell when

@@ -10,8 +10,6 @@ from typing import Final
 
 from axistwin_conformance.base.errors import TargetError
 from axistwin_conformance.base.transcript import Record
-from axistwin_conformance.can_frame import Frame, unpack_all
-from axistwin_conformance.can_target import CanTarget, open_can_target
 from axistwin_conformance.family import Violation
 from axistwin_conformance.mac_axis.axis_family import AxisFamily
 from axistwin_conformance.mac_axis.dialogue import Kind
@@ -31,7 +29,9 @@ from axistwin_conformance.mac_can.reader import BusReader
 from axistwin_conformance.mac_can.talk import bus_of
 from axistwin_conformance.model import Identity, Model
 from axistwin_conformance.session import ATTEMPTS, Run, Session
-from axistwin_conformance.ways import BUS
+from axistwin_conformance.transport.can import CanTarget, open_can_target
+from axistwin_conformance.transport.can_frame import Frame, unpack_all
+from axistwin_conformance.transport.kinds import BUS
 
 NOT_ON_CAN: Final = frozenset({0x08, 0x1B})
 LISTEN_S: Final = 0.25  # for traffic of others, before the first question

@@ -9,14 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from axistwin_conformance.can_frame import Frame
-from axistwin_conformance.can_target import Arrival
 from axistwin_conformance.mac_axis.bench import CLOCK_ERROR, QUIET_S, Part
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
 from axistwin_conformance.mac_can.codec import Reply, Request
 from axistwin_conformance.session import Session
+from axistwin_conformance.transport.can import Arrival
+from axistwin_conformance.transport.can_frame import Frame
 
 FRAMES_ON_THE_WAY: Final = 4  # what else may be on the bus, or wait for it, beside what is timed
 LONGEST_FRAME: Final = 1.3  # of eight bytes with all stuff bits there can be, over the shortest

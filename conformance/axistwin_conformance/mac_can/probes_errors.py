@@ -30,7 +30,7 @@ from axistwin_conformance.mac_can.probes_messages import (
     speaks,
 )
 from axistwin_conformance.probing import Measured, Outcome, Probe, probe
-from axistwin_conformance.rig import Rig
+from axistwin_conformance.transport.rig import Rig
 
 BEYOND: Final = 60  # increments, of which a stop lets 10 pass
 SHOWS_S: Final = 0.2

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 
-from axistwin_conformance.can_target import Arrival
 from axistwin_conformance.mac_axis.bench import DEAF_S, QUIET_S
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Window
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
 from axistwin_conformance.probing import Measured, Outcome, Probe, probe
+from axistwin_conformance.transport.can import Arrival
 
 MESSAGES: Final = ("MACC-EMCY",)  # what the lifebeat has to do with
 LIFEBEAT_S: Final = 10.0  # MACC-EMCY-01

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from axistwin_conformance.can_frame import Frame, unpack_all
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.fence import Asked, Heard
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.codec import Request
+from axistwin_conformance.transport.can_frame import Frame, unpack_all
 
 SYNCHRO: Final = 0x11  # what a SYNC frame does (MACC-SYNC-03)
 NOT_ON_CAN: Final = frozenset({0x08, 0x1B})

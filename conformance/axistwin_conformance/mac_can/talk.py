@@ -19,8 +19,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import ClassVar, Final
 
-from axistwin_conformance.can_frame import Frame, unpack
-from axistwin_conformance.can_target import Arrival, CanTarget
 from axistwin_conformance.mac_axis import talk
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Window
@@ -28,6 +26,8 @@ from axistwin_conformance.mac_axis.talk import QUIET_S, Exchange, Part
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.codec import Reply, Request
 from axistwin_conformance.session import Session
+from axistwin_conformance.transport.can import Arrival, CanTarget
+from axistwin_conformance.transport.can_frame import Frame, unpack
 
 BOOT_S: Final = 2.0  # MACC-BOOT-04
 BOOT_PATIENCE_S: Final = 1.0  # how much longer than that a boot-up message is waited for

@@ -28,7 +28,7 @@ from axistwin_conformance.mac_serial.codec import Reply
 from axistwin_conformance.mac_serial.reader import LineReader
 from axistwin_conformance.model import Identity, Model
 from axistwin_conformance.session import ATTEMPTS, Run, Session
-from axistwin_conformance.targets import Target, open_target
+from axistwin_conformance.transport.serial import Target, open_target
 
 FACTORY_BAUD: Final = 38400  # MACS-LINE-01
 BAUDS: Final = (9600, 19200, 38400)  # MACS-CMD-1B-01

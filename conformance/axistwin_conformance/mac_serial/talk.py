@@ -16,7 +16,7 @@ from axistwin_conformance.mac_axis.talk import QUIET_S, Exchange
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.codec import Reply, Request
 from axistwin_conformance.session import Session
-from axistwin_conformance.targets import Target
+from axistwin_conformance.transport.serial import Target
 
 SPELLINGS_ALIKE: Final = 3
 ANSWERED: Final = range(0x20, 0x2A)

@@ -17,9 +17,9 @@ from axistwin_conformance.msc.link import SHOUTING
 from axistwin_conformance.msc.safety import IMPACT, objection
 from axistwin_conformance.msc.survey import survey
 from axistwin_conformance.msc.trial import try_flags
-from axistwin_conformance.rig import OF_A_CONTROLLER
 from axistwin_conformance.session import Session
-from axistwin_conformance.targets import Target, open_target
+from axistwin_conformance.transport.rig import OF_A_CONTROLLER
+from axistwin_conformance.transport.serial import Target, open_target
 
 BAUD: Final = 9600  # MSC-PHY-01
 TWIN_GROUNDS: Final = Grounds(range(1024, 5120), range(128, 192), (240, 6144))

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
-from axistwin_conformance.carrier import is_twin_url
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import SAFE_BLOCK, SAFE_STRIDE, Bench
 from axistwin_conformance.msc.codec import ACK, NAK, RQSTAT, Packet
 from axistwin_conformance.msc.talk import QUIET_S, Exchange
+from axistwin_conformance.transport.transport import is_twin_url
 
 MS: Final = 1_000_000
 STATUS_END: Final = 9  # of RQSTAT's body: what follows the status word may be anything

@@ -22,7 +22,7 @@ from typing import Final
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import ACK, NAK, STX, Packet
 from axistwin_conformance.session import ATTEMPTS, Session
-from axistwin_conformance.targets import Target
+from axistwin_conformance.transport.serial import Target
 
 HEARD_AT_ONCE: Final = 4096
 QUIET_S: Final = 0.1  # after which a unit that is talking has ended

@@ -31,8 +31,8 @@ from typing import Any, Final, Protocol, TextIO
 
 from axistwin_conformance.base.check import CAPABILITIES
 from axistwin_conformance.base.errors import CannotDo, RigError, UsageError
-from axistwin_conformance.carrier import Carrier, is_twin_url
-from axistwin_conformance.ways import LINE, Way
+from axistwin_conformance.transport.kinds import LINE, Way
+from axistwin_conformance.transport.transport import Carrier, is_twin_url
 
 INPUTS: Final = ("reference", "positive_stop", "negative_stop", "reset")
 FAULTS: Final = ("micro_cut", "amplifier", "encoder")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from axistwin_conformance.base.errors import UsageError, with_article
-from axistwin_conformance.can_frame import unpack_all
+from axistwin_conformance.transport.can_frame import unpack_all
 
 HOST_AND_PORT = re.compile(r"[\w.-]+:\d+|\[[0-9a-fA-F:]+\]:\d+")
 
@@ -92,7 +92,7 @@ def choose_endpoint(
 def check_endpoint(way: Way, endpoint: str, rate: int | None) -> None:
     """Raise UsageError for what cannot be meant; whether it is there, shows when it is opened."""
     if way is BUS:
-        from axistwin_conformance.can_target import check_interface  # python-can is slow to load
+        from axistwin_conformance.transport.can import check_interface
 
         check_interface(endpoint, rate)
     elif HOST_AND_PORT.fullmatch(endpoint) and not Path(endpoint).exists():
@@ -100,6 +100,6 @@ def check_endpoint(way: Way, endpoint: str, rate: int | None) -> None:
             f"--port {endpoint} is no device; a line over TCP is --port socket://{endpoint}"
         )
     else:
-        from axistwin_conformance.targets import check_url
+        from axistwin_conformance.transport.serial import check_url
 
         check_url(endpoint)

@@ -34,8 +34,13 @@ import serial
 
 from axistwin_conformance.base.errors import TargetError, TwinCrashed, UsageError
 from axistwin_conformance.base.transcript import Transcript
-from axistwin_conformance.can_frame import Frame, unpack
-from axistwin_conformance.carrier import SILENCE_NOTED_S, STOP_HEARD_NS, Carrier, crash_of
+from axistwin_conformance.transport.can_frame import Frame, unpack
+from axistwin_conformance.transport.transport import (
+    SILENCE_NOTED_S,
+    STOP_HEARD_NS,
+    Carrier,
+    crash_of,
+)
 
 TWIN_INTERFACE: Final = "axistwin"  # found by python-can by this name; the suite never imports it
 ECHOING: Final = frozenset({"udp_multicast"})

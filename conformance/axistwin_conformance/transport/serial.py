@@ -24,7 +24,12 @@ import serial
 
 from axistwin_conformance.base.errors import TargetError, TwinCrashed, UsageError
 from axistwin_conformance.base.transcript import Direction, Record
-from axistwin_conformance.carrier import SILENCE_NOTED_S, STOP_HEARD_NS, Carrier, crash_of
+from axistwin_conformance.transport.transport import (
+    SILENCE_NOTED_S,
+    STOP_HEARD_NS,
+    Carrier,
+    crash_of,
+)
 
 TWIN_SCHEME = "axistwin://"
 TWIN_HANDLER = "axistwin.urlhandler"  # found by pyserial by this name; the suite never imports it
