@@ -13,15 +13,15 @@ from axistwin_conformance.base.classes import FULL, SAFETY_CLASSES, SOAK
 from axistwin_conformance.base.errors import UsageError, with_article
 from axistwin_conformance.base.write_budget import DEFAULT_BUDGET
 from axistwin_conformance.catalog import find_family
-from axistwin_conformance.family import Family
-from axistwin_conformance.model import NO_GROUNDS, Grounds
+from axistwin_conformance.core.family import Family
+from axistwin_conformance.core.identity import NO_GROUNDS, Grounds
 from axistwin_conformance.transport.kinds import choose_endpoint
 from axistwin_conformance.transport.transport import is_twin_url
 
 if TYPE_CHECKING:
     from axistwin_conformance.base.recording import Recording
+    from axistwin_conformance.core.session import Envelope
     from axistwin_conformance.plan import Options
-    from axistwin_conformance.session import Envelope
 
 BENCH_TRAVEL = 2000  # increments: one turn of a MAC23, a fifth of a MAC34
 BENCH_SPEED = 10_000  # increments per second: 300 rpm on a MAC23
@@ -197,7 +197,7 @@ def _envelope(
     max_travel: int | None, max_speed: int | None, *, is_builtin: bool, is_twin: bool
 ) -> Envelope:
     """The bounds of motion; enforced unless nobody has asked for any and a twin is moved."""
-    from axistwin_conformance.session import Envelope
+    from axistwin_conformance.core.session import Envelope
 
     return Envelope(
         max_travel or (TWIN_TRAVEL if is_builtin else BENCH_TRAVEL),
@@ -218,7 +218,7 @@ def _recording(family: Family, model: str, word: str, others: Mapping[str, objec
 
 def _expected(path: Path, family: Family, model: str) -> dict[str, str]:
     from axistwin_conformance.base.ledger import load_ledger
-    from axistwin_conformance.profile import load_profile
+    from axistwin_conformance.core.profile import load_profile
 
     return load_profile(path, model, load_ledger(family.name))
 

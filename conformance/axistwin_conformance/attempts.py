@@ -28,9 +28,9 @@ from axistwin_conformance.base.errors import (
 )
 from axistwin_conformance.base.events import Listener, Outcome
 from axistwin_conformance.base.verdicts import Verdict
+from axistwin_conformance.core.session import Run, Session, Stop
 from axistwin_conformance.noise import Attempt, Replays
 from axistwin_conformance.result import CheckResult
-from axistwin_conformance.session import Run, Session, Stop
 
 
 class Keeper(Protocol):

@@ -6,7 +6,7 @@ import difflib
 import importlib
 
 from axistwin_conformance.base.errors import UsageError
-from axistwin_conformance.family import Family
+from axistwin_conformance.core.family import Family
 
 FAMILY_PACKAGES = (
     "axistwin_conformance.mac_serial",

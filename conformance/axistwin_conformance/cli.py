@@ -419,7 +419,7 @@ def _conform(
 
 def _write_profile(engine: Engine, path: Path, is_json: bool) -> None:
     """Write what was detected; nothing where there was no device to ask."""
-    from axistwin_conformance.profile import as_toml, write_profile
+    from axistwin_conformance.core.profile import as_toml, write_profile
 
     detections = engine.detections
     if not detections:

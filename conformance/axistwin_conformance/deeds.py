@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.errors import counted, with_article
-from axistwin_conformance.model import Grounds
+from axistwin_conformance.core.identity import Grounds
 from axistwin_conformance.plan import Options, Plan
 
 

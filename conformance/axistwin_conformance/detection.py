@@ -27,10 +27,10 @@ from axistwin_conformance.base.errors import (
     TwinCrashed,
     interrupts_first,
 )
+from axistwin_conformance.core.probing import Probe, Seen
+from axistwin_conformance.core.profile import Detection
+from axistwin_conformance.core.session import Run, Session, Stop
 from axistwin_conformance.noise import MOST_ATTEMPTS
-from axistwin_conformance.probing import Probe, Seen
-from axistwin_conformance.profile import Detection
-from axistwin_conformance.session import Run, Session, Stop
 
 
 class Keeper(Protocol):

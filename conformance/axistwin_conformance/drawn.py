@@ -10,11 +10,11 @@ from axistwin_conformance import machines
 from axistwin_conformance.base import events
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.recording import Recording
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.drawing import no_folder
 from axistwin_conformance.failures import REPLAYS, Failure
 from axistwin_conformance.machines import Device, Machine
 from axistwin_conformance.playing import Mismatch, Player
-from axistwin_conformance.session import Session
 
 PlayerOf = Callable[[Session], Player]
 

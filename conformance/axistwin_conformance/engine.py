@@ -38,16 +38,16 @@ from axistwin_conformance.base.events import Listener, Outcome
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.base.write_budget import WriteBudget
+from axistwin_conformance.core.probing import Probe
+from axistwin_conformance.core.profile import Detection, held_to
+from axistwin_conformance.core.session import Envelope, Run, Session
 from axistwin_conformance.deeds import allowed_in_vain
 from axistwin_conformance.detection import detect, leave_out
 from axistwin_conformance.jobs import Jobs
 from axistwin_conformance.judgement import conclude
 from axistwin_conformance.keeper import Keeper, Opener
 from axistwin_conformance.plan import Options, Plan, make_plan
-from axistwin_conformance.probing import Probe
-from axistwin_conformance.profile import Detection, held_to
 from axistwin_conformance.result import CheckResult, Result
-from axistwin_conformance.session import Envelope, Run, Session
 from axistwin_conformance.soak import Soak
 from axistwin_conformance.transport.kinds import BUS, LINE
 from axistwin_conformance.transport.transport import Carrier

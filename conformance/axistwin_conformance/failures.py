@@ -21,8 +21,8 @@ from typing import Final, NoReturn
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.errors import Disturbed, TargetError, counted
 from axistwin_conformance.base.recording import Recording
+from axistwin_conformance.core.session import Run, Session, Stop
 from axistwin_conformance.playing import Mismatch, Operations, Played, Player
-from axistwin_conformance.session import Run, Session, Stop
 from axistwin_conformance.shrink import Budget, Shrunk, shrink, towards_zero
 from axistwin_conformance.transport.transport import Carrier
 

@@ -29,10 +29,10 @@ from axistwin_conformance.base.events import Listener, Outcome
 from axistwin_conformance.base.ledger import Ledger
 from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.base.write_budget import WriteBudget
-from axistwin_conformance.family import Violation
+from axistwin_conformance.core.family import Violation
+from axistwin_conformance.core.session import HUSH_S, Run, Session, Stop
 from axistwin_conformance.plan import Options
 from axistwin_conformance.result import CheckResult
-from axistwin_conformance.session import HUSH_S, Run, Session, Stop
 from axistwin_conformance.transport.transport import Carrier
 
 SANITY_PAUSES_S = (0.0, 1.0, 1.5)  # together longer than the 2 s for which a module may be deaf

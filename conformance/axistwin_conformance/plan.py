@@ -15,10 +15,10 @@ from axistwin_conformance.base.classes import FULL, LEVELS, SAFETY_CLASSES, SOAK
 from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.base.ledger import Ledger
 from axistwin_conformance.base.recording import Recording
-from axistwin_conformance.family import Family
-from axistwin_conformance.model import NO_GROUNDS, Grounds
-from axistwin_conformance.probing import Probe
-from axistwin_conformance.session import Envelope
+from axistwin_conformance.core.family import Family
+from axistwin_conformance.core.identity import NO_GROUNDS, Grounds
+from axistwin_conformance.core.probing import Probe
+from axistwin_conformance.core.session import Envelope
 from axistwin_conformance.transport.rig import RigChoice
 from axistwin_conformance.transport.transport import is_twin_url
 

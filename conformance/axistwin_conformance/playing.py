@@ -14,7 +14,7 @@ from typing import ClassVar, Final, Protocol
 
 from axistwin_conformance.base.errors import Disturbed
 from axistwin_conformance.base.events import StatesCovered
-from axistwin_conformance.session import Session
+from axistwin_conformance.core.session import Session
 
 PLAY_ATTEMPTS: Final = 5  # of one list that noise breaks off
 

@@ -11,8 +11,8 @@ from axistwin_conformance.base.events import Outcome
 from axistwin_conformance.base.ledger import Requirement
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.base.verdicts import Finding, Verdict, join_texts, merge
+from axistwin_conformance.core.profile import Detection
 from axistwin_conformance.plan import Options, Plan
-from axistwin_conformance.profile import Detection
 
 
 @dataclass(frozen=True, slots=True)

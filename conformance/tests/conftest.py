@@ -22,12 +22,12 @@ from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.errors import TargetError, WrongDevice
 from axistwin_conformance.base.events import Event
 from axistwin_conformance.base.transcript import Record
+from axistwin_conformance.core.family import Family
+from axistwin_conformance.core.identity import Identity, Model
+from axistwin_conformance.core.probing import Probe, Seen
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.engine import Engine, Envelope, Options
-from axistwin_conformance.family import Family
-from axistwin_conformance.model import Identity, Model
-from axistwin_conformance.probing import Probe, Seen
 from axistwin_conformance.result import Result
-from axistwin_conformance.session import Session
 from axistwin_conformance.transport.serial import Target, open_target
 from axistwin_conformance.transport.transport import Carrier
 

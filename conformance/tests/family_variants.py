@@ -3,7 +3,7 @@
 import copy
 from typing import Any, TypeVar
 
-from axistwin_conformance.family import Family
+from axistwin_conformance.core.family import Family
 
 F = TypeVar("F", bound=Family)
 

@@ -9,7 +9,7 @@ from typing import Any
 from msc_device import BYTE_NS, REPEATS, REPLY_NS, RESPONSE_NS, T2_NS, MscPort
 
 from axistwin_conformance.base.check import Check
-from axistwin_conformance.model import Grounds
+from axistwin_conformance.core.identity import Grounds
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import ACK, NAK, STX, Packet
 

@@ -14,8 +14,8 @@ from axistwin.catalog import models
 from axistwin_conformance.base.ledger import Ledger, load_ledger
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
+from axistwin_conformance.core.profile import as_toml, load_profile
 from axistwin_conformance.engine import Engine
-from axistwin_conformance.profile import as_toml, load_profile
 from axistwin_conformance.result import Result
 
 Readings = Mapping[str, str]

@@ -24,6 +24,7 @@ from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.catalog import find_family
 from axistwin_conformance.cli import conform
+from axistwin_conformance.core.session import Envelope, Run, Session, Stop
 from axistwin_conformance.drawing import no_folder
 from axistwin_conformance.failures import Failure
 from axistwin_conformance.mac_axis.checks_machines import (
@@ -42,7 +43,6 @@ from axistwin_conformance.mac_axis.sequences import Sequence
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
 from axistwin_conformance.playing import Mismatch
-from axistwin_conformance.session import Envelope, Run, Session, Stop
 from axistwin_conformance.transport.can import CanTarget
 from axistwin_conformance.transport.can_frame import Frame
 

@@ -21,9 +21,9 @@ from rich.console import Console
 from axistwin_conformance import catalog
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.cli import Mistake, conform, make_options, parse_allowed
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.engine import Engine
 from axistwin_conformance.report_terminal import TerminalReport
-from axistwin_conformance.session import Session
 from axistwin_conformance.transport.serial import Target
 
 LINE, FRAME, MOVE = "MACS-LINE-01", "MACS-FRAME-01", "MACS-CMD-13-01"

@@ -23,10 +23,10 @@ from axistwin_conformance.base.events import Event, Outcome, StatesCovered
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.catalog import find_family
+from axistwin_conformance.core.session import Envelope, Run, Session
 from axistwin_conformance.engine import Engine
 from axistwin_conformance.jobs import Jobs, Place, judge
 from axistwin_conformance.result import CheckResult
-from axistwin_conformance.session import Envelope, Run, Session
 
 FAMILY = find_family("mac23")
 DRAWN = "some_mixed_sequences_agree_with_the_model"

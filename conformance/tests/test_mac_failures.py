@@ -19,6 +19,7 @@ from axistwin_conformance.base.events import Event, FailureStored, StatesCovered
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
+from axistwin_conformance.core.session import Run, Session, Stop
 from axistwin_conformance.failures import Failure
 from axistwin_conformance.mac_axis.checks_sequences import (
     many_mixed_sequences_agree_with_the_model,
@@ -27,7 +28,6 @@ from axistwin_conformance.mac_axis.operations import OPERATIONS, WHAT
 from axistwin_conformance.mac_axis.player import Player, split
 from axistwin_conformance.mac_serial.bench import Bench
 from axistwin_conformance.playing import Mismatch
-from axistwin_conformance.session import Run, Session, Stop
 from axistwin_conformance.shrink import Budget
 from axistwin_conformance.transport.serial import TWIN_HANDLER, Target
 

@@ -15,6 +15,7 @@ from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.catalog import find_family
+from axistwin_conformance.core.session import Envelope, Run, Session
 from axistwin_conformance.drawing import no_folder
 from axistwin_conformance.mac_axis.checks_machines import (
     some_runs_of_the_machine_agree_with_the_model as some_runs,
@@ -27,7 +28,6 @@ from axistwin_conformance.mac_axis.player import Player
 from axistwin_conformance.mac_axis.sequences import BYTES_PER_OPERATION
 from axistwin_conformance.machines import Device
 from axistwin_conformance.playing import Mismatch
-from axistwin_conformance.session import Envelope, Run, Session
 from axistwin_conformance.transport.serial import open_target
 
 # Each needs a state first: a motion under way, one segment being executed and three that wait.

@@ -13,14 +13,14 @@ from msc_device import MscPort, check_of, session_on, target_of
 from axistwin_conformance.base.errors import TargetError, WrongDevice
 from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.cli import conform
-from axistwin_conformance.family import Violation
-from axistwin_conformance.model import Grounds
+from axistwin_conformance.core.family import Violation
+from axistwin_conformance.core.identity import Grounds
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import Bench
 from axistwin_conformance.msc.codec import ACK, NAK
 from axistwin_conformance.msc.family import FAMILY
 from axistwin_conformance.msc.keeping import layout
-from axistwin_conformance.session import Session
 
 GROUNDS = Grounds(range(1024, 1400), range(128, 132))
 

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from quirk_twins import QuirkTwins, Readings
 
 from axistwin_conformance.cli import conform
-from axistwin_conformance.profile import load_profile
+from axistwin_conformance.core.profile import load_profile
 
 TWINS = QuirkTwins(
     model="msc-250",

@@ -14,8 +14,9 @@ from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.events import Event, FailureStored, StatesCovered
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.base.verdicts import Verdict
+from axistwin_conformance.core.identity import Grounds
+from axistwin_conformance.core.session import Session, Stop
 from axistwin_conformance.drawing import no_folder
-from axistwin_conformance.model import Grounds
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import Bench
 from axistwin_conformance.msc.checks_machines import (
@@ -37,7 +38,6 @@ from axistwin_conformance.msc.operations import OPERATIONS, WHAT
 from axistwin_conformance.msc.player import Player, player_of
 from axistwin_conformance.msc.sequences import places
 from axistwin_conformance.playing import Mismatch
-from axistwin_conformance.session import Session, Stop
 
 
 def operation(name: str, first: int = 0, second: int = 0, pause: int = 0) -> bytes:

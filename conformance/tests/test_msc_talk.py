@@ -6,10 +6,10 @@ import pytest
 from msc_device import BYTE_NS, REPEATS, RESPONSE_NS, MscPort, check_of, session_on, target_of
 
 from axistwin_conformance.base.errors import Disturbed
+from axistwin_conformance.core.session import Stop
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import Bench
 from axistwin_conformance.msc.codec import ACK, NAK
-from axistwin_conformance.session import Stop
 
 
 def bench_on(port: MscPort) -> Bench:

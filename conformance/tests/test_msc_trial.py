@@ -13,8 +13,8 @@ from msc_device import MscPort, session_on, target_of
 
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import conform, make_options
+from axistwin_conformance.core.identity import Grounds
 from axistwin_conformance.engine import Engine
-from axistwin_conformance.model import Grounds
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.family import FAMILY
 from axistwin_conformance.msc.trial import try_flags

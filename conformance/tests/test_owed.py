@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from axistwin_conformance.probing import Seen
-from axistwin_conformance.session import Session
+from axistwin_conformance.core.probing import Seen
+from axistwin_conformance.core.session import Session
 
 MOVE = "MACS-CMD-13-01"
 GIVEN_BACK = "B"  # what is sent then

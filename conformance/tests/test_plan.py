@@ -9,9 +9,9 @@ import pytest
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.base.ledger import load_ledger
+from axistwin_conformance.core.probing import Probe, Seen
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.plan import Plan, make_plan
-from axistwin_conformance.probing import Probe, Seen
-from axistwin_conformance.session import Session
 
 
 def passive(session: Session) -> None:

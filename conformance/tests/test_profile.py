@@ -12,8 +12,8 @@ from quirk_twins import QuirkTwins, Readings
 
 from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.cli import conform, make_options
+from axistwin_conformance.core.profile import load_profile, write_profile
 from axistwin_conformance.engine import Engine
-from axistwin_conformance.profile import load_profile, write_profile
 
 # Of a twin, not of a manual: `Ledger.configuration`.  And what no probe can tell, with the reason.
 TWINS = QuirkTwins(

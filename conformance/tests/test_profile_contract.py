@@ -11,7 +11,7 @@ from axistwin import errors as twin_errors
 from axistwin.catalog import models, read_profile
 from axistwin_conformance.base import errors as suite_errors
 from axistwin_conformance.base.ledger import load_ledger
-from axistwin_conformance.profile import load_profile, settable
+from axistwin_conformance.core.profile import load_profile, settable
 
 LEDGERS = {"mac23": "mac_serial", "mac23-can": "mac_can", "msc-250": "msc"}
 # What a device was seen to do and no twin does: a reading of the suite alone.

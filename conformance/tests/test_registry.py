@@ -15,8 +15,8 @@ from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.catalog import families, find_family
-from axistwin_conformance.family import Family
-from axistwin_conformance.session import Session
+from axistwin_conformance.core.family import Family
+from axistwin_conformance.core.session import Session
 
 
 def documented(session: Session) -> None:

@@ -18,12 +18,12 @@ from zoo import ZOO
 
 from axistwin_conformance import report_json
 from axistwin_conformance.cli import conform
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.dialogue import signed
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.codec import Reply
 from axistwin_conformance.report_html import WHOLE_CHECKS, duration, render
 from axistwin_conformance.report_json import Report, fold, load
-from axistwin_conformance.session import Session
 
 VOID = {"meta", "input", "br", "circle", "path", "polygon"}
 OPTIONAL_END = {"td", "tr"}  # transcripts leave these out: half of a long page would be end tags

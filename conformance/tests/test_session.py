@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
-from axistwin_conformance import session as session_module
 from axistwin_conformance.base.check import check
 from axistwin_conformance.base.errors import TargetError
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Finding, Verdict, merge
-from axistwin_conformance.session import MOTIONS_KEPT, Run, Session, Stop
+from axistwin_conformance.core import session as session_module
+from axistwin_conformance.core.session import MOTIONS_KEPT, Run, Session, Stop
 
 LINE, FRAME = "MACS-LINE-01", "MACS-FRAME-01"
 

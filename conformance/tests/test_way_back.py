@@ -22,12 +22,12 @@ from axistwin_conformance.base import interrupts
 from axistwin_conformance.base.errors import TargetError
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
+from axistwin_conformance.core.session import Envelope, Run, Session
 from axistwin_conformance.engine import Engine
 from axistwin_conformance.mac_axis import checks_interpolation, probes_sync
 from axistwin_conformance.mac_axis.bench import bench_of
 from axistwin_conformance.mac_can import hearing
 from axistwin_conformance.mac_serial import codec
-from axistwin_conformance.session import Envelope, Run, Session
 from axistwin_conformance.transport.can import Arrival
 from axistwin_conformance.transport.can_frame import Frame
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable
 
-from axistwin_conformance.family import Family
+from axistwin_conformance.core.family import Family
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis import keeping
 from axistwin_conformance.mac_axis.keeping import Memory
 from axistwin_conformance.mac_axis.safety import STORING, objection
-from axistwin_conformance.session import Session
 
 
 class AxisFamily(Family):

@@ -11,6 +11,8 @@ from contextlib import contextmanager
 from typing import Final
 
 from axistwin_conformance.base.errors import OutsideEnvelope, TargetError
+from axistwin_conformance.core.probing import Probe
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Forecast, Segment, Timeline, Window
 from axistwin_conformance.mac_axis.motion import RAMP_LEVELS, TICK_NS, TICKS_PER_SECOND, Course, Law
@@ -28,8 +30,6 @@ from axistwin_conformance.mac_axis.talk import (
 )
 from axistwin_conformance.mac_axis.talk import Talk
 from axistwin_conformance.mac_axis.way_home import wait_for_it
-from axistwin_conformance.probing import Probe
-from axistwin_conformance.session import Session
 
 DEAF_S: Final = 2.0  # MACS-CMD-00-02
 FIFO_STAGES: Final = 3

@@ -11,11 +11,11 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.acceptance import RUNNING, Row, outcome_of
 from axistwin_conformance.mac_axis.bench import SLOWEST, Bench, bench_of, segment, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.motion import TICK_NS
-from axistwin_conformance.session import Session
 
 LONG_STEPS: Final = 120  # a second of motion at the slowest speed
 

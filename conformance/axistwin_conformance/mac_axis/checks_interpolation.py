@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.bench import SLOWEST, Bench, bench_of, segment
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Segment
@@ -22,7 +23,6 @@ from axistwin_conformance.mac_axis.probes_sync import (
     wait_steps,
 )
 from axistwin_conformance.mac_axis.probing import MOVES
-from axistwin_conformance.session import Session
 
 SURELY_EMPTY_NS: Final = 1_000_000_000  # after the end of all that was put there
 SETTLE_NS: Final = 2_000_000  # of a time that two exchanges straddle

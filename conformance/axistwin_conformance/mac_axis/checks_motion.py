@@ -6,12 +6,12 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.bench import SAFE_PERIOD, SLOWEST, bench_of
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.motion import TICK_NS, ramp_increments
 from axistwin_conformance.mac_axis.probes_motion import ramp_law, stop_ramp_law, triangle_law
 from axistwin_conformance.mac_axis.probing import MOVES
-from axistwin_conformance.session import Session
 
 # The table of §5.3: where a profile is one increment off, it shows at these distances.
 TABLE: Final = (

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.bench import SLOWEST, Bench, bench_of
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.probes_parameters import (
@@ -15,7 +16,6 @@ from axistwin_conformance.mac_axis.probes_parameters import (
     zero_catchup,
     zero_period_0d,
 )
-from axistwin_conformance.session import Session
 
 POSITION_EDGES: Final = (
     0, 1, 0xFFFFFFFF, 0x12345678, 0xFFFFFC18, 0x3FFFFFFF, 0xC0000000,

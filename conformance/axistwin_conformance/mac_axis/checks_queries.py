@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.bench import SLOWEST, Bench, bench_of
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.keeping import PLAUSIBLE_CELSIUS, facts_of
-from axistwin_conformance.session import Session
 
 PLAUSIBLE_VOLTS: Final = (5.0, 150.0)
 STATUS_RESERVED: Final = 0x80F0FF7F  # bits of dd ff gg hh without a meaning (§5.9)

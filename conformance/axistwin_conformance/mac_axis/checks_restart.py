@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.bench import SLOWEST, bench_of, segment
 from axistwin_conformance.mac_axis.forecast import Forecast
 from axistwin_conformance.mac_axis.motion import RAMP_LEVELS, TICK_NS, Course, ramp_increments
 from axistwin_conformance.mac_axis.probes_motion import cleared_in_a_move
 from axistwin_conformance.mac_axis.probing import MOVES
-from axistwin_conformance.session import Session
 
 PARAMETER_QUERIES: Final = (0x22, 0x23, 0x25, 0x26)
 

@@ -15,6 +15,7 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.base.errors import CannotDo
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.bench import QUIET_S, segment, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Window
@@ -28,7 +29,6 @@ from axistwin_conformance.mac_axis.rig_bench import (
     Way,
     rig_bench_of,
 )
-from axistwin_conformance.session import Session
 from axistwin_conformance.transport.rig import Rig
 
 HOT_CELSIUS: Final = 90.0

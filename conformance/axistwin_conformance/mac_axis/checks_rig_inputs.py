@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.bench import QUIET_S, SLOWEST
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Forecast
@@ -25,7 +26,6 @@ from axistwin_conformance.mac_axis.rig_bench import (
     Way,
     rig_bench_of,
 )
-from axistwin_conformance.session import Session
 
 STOP_INPUTS: Final = ("rig:positive_stop", "rig:negative_stop")
 REFERENCE: Final = ("rig:reference",)

@@ -10,12 +10,12 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.bench import SLOWEST, Sample, segment
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Window
 from axistwin_conformance.mac_axis.motion import CATCH_UP_UNIT_TICKS, TICK_NS
 from axistwin_conformance.mac_axis.rig_bench import AT_ONCE, WORKED, RigBench, rig_bench_of
-from axistwin_conformance.session import Session
 
 HOLD: Final = ("rig:hold",)
 TURN: Final = ("rig:turn",)

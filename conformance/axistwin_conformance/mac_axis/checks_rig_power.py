@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.bench import (
     PRELOAD_SHOWS_S,
     segment,
@@ -17,7 +18,6 @@ from axistwin_conformance.mac_axis.checks_rig_faults import (
 )
 from axistwin_conformance.mac_axis.checks_rig_inputs import judge_no_edge
 from axistwin_conformance.mac_axis.rig_bench import OVER_VOLTAGE, WORKED, rig_bench_of
-from axistwin_conformance.session import Session
 
 POWER: Final = ("rig:power",)
 LISTEN_S: Final = 3.0

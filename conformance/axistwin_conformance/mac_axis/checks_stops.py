@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.bench import SLOWEST, Bench, bench_of, segment, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Segment
 from axistwin_conformance.mac_axis.motion import TICK_NS
 from axistwin_conformance.mac_axis.probing import MOVES
-from axistwin_conformance.session import Session
 
 PERIOD: Final = 0x1000
 FAR: Final = 100_000  # increments: a stop that is never reached

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.bench import (
     SLOWEST,
     Bench,
@@ -19,7 +20,6 @@ from axistwin_conformance.mac_axis.probes_sync import (
     sync_during_interp,
 )
 from axistwin_conformance.mac_axis.probing import ACCEPTED_OR_REFUSED, MOVES
-from axistwin_conformance.session import Session
 
 
 @check("MACS-CMD-10-01", "MACS-CMD-11-01", "MACS-STATE-01", safety=MOVES)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.bench import QUIET_S, Bench, bench_of
 from axistwin_conformance.mac_axis.forecast import Segment
 from axistwin_conformance.mac_axis.probing import MOVES
-from axistwin_conformance.session import Session
 
 
 def everybody(session: Session) -> list[Bench]:

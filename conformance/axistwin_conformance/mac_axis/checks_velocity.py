@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.bench import SLOWEST, Bench, bench_of, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.motion import TICK_NS, TICKS_PER_SECOND
@@ -14,7 +15,6 @@ from axistwin_conformance.mac_axis.probes_motion import (
     vel_reverse_cmd,
 )
 from axistwin_conformance.mac_axis.probing import ACCEPTED_OR_REFUSED, MOVES
-from axistwin_conformance.session import Session
 
 F6: Final = 0xF6
 

@@ -11,10 +11,10 @@ from typing import Final
 from axistwin_conformance.base import interrupts
 from axistwin_conformance.base.errors import OutsideEnvelope, TargetError, WrongDevice, time_left
 from axistwin_conformance.base.events import Note
+from axistwin_conformance.core.session import ATTEMPTS, Session
 from axistwin_conformance.mac_axis.bench import Bench, bench_of
 from axistwin_conformance.mac_axis.dialogue import Kind, Reply, signed
 from axistwin_conformance.mac_axis.way_home import LOOK_S, goes_astray
-from axistwin_conformance.session import ATTEMPTS, Session
 
 PROBE_ATTEMPTS: Final = (
     6  # with the reply time-out of 0.5 s: longer than the deaf time after power-up

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from axistwin_conformance import playing
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.bench import Bench, Sample, bench_of
 from axistwin_conformance.mac_axis.forecast import Forecast
 from axistwin_conformance.mac_axis.model import AxisModel
@@ -15,7 +16,6 @@ from axistwin_conformance.mac_axis.sequences import (
     read_parameters,
 )
 from axistwin_conformance.playing import Operations, Playable
-from axistwin_conformance.session import Session
 
 
 def split(data: bytes, kinds: int = len(OPERATIONS)) -> Operations:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Final
 
+from axistwin_conformance.core.probing import Outcome, Probe, probe
 from axistwin_conformance.mac_axis.bench import (
     FIFO_STAGES,
     PRELOAD_SHOWS_S,
@@ -25,7 +26,6 @@ from axistwin_conformance.mac_axis.motion import (
 )
 from axistwin_conformance.mac_axis.probes_running_on import FASTEST, may_go_fast
 from axistwin_conformance.mac_axis.probing import ACCEPTED_OR_REFUSED, MOVES, reply_of
-from axistwin_conformance.probing import Outcome, Probe, probe
 
 RAMP_LAWS: Final = ("equal_time", "equal_increments")
 TARGET_OUT_OF_RANGE: Final = 0x40000000

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 from typing import Final
 
+from axistwin_conformance.core.probing import Measured, Outcome, Probe, probe
 from axistwin_conformance.mac_axis.bench import Bench
 from axistwin_conformance.mac_axis.checks_queries import MEASURES_RESERVED, STATUS_RESERVED
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.probing import ACCEPTED_OR_REFUSED, reply_of
-from axistwin_conformance.probing import Measured, Outcome, Probe, probe
 
 PLAIN_TORQUE: Final = 0x20
 ABOVE_IMAX: Final = 0x21  # no multiple of a power of two: clamping and masking differ

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Final
 
+from axistwin_conformance.core.probing import Outcome, Probe, probe
 from axistwin_conformance.mac_axis.bench import QUIET_S, SLOWEST, Bench
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.keeping import facts_of
 from axistwin_conformance.mac_axis.motion import TICK_NS
 from axistwin_conformance.mac_axis.probing import ACCEPTED_OR_REFUSED, reply_of
 from axistwin_conformance.mac_axis.rig_bench import rig_bench_of
-from axistwin_conformance.probing import Outcome, Probe, probe
 
 WORKED: Final = ("motion", "stored", "rig")
 STEPS: Final = 100

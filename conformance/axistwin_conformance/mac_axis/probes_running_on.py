@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from typing import Final
 
+from axistwin_conformance.core.probing import Measured, Outcome, Probe, probe
 from axistwin_conformance.mac_axis.bench import SLOWEST, Bench
 from axistwin_conformance.mac_axis.motion import TICKS_PER_SECOND
 from axistwin_conformance.mac_axis.probing import MOVES
-from axistwin_conformance.probing import Measured, Outcome, Probe, probe
 
 AHEAD: Final = 50  # increments to the stop
 FURTHER: Final = 1500  # increments to where a move would end that no stop ends

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from axistwin_conformance.core.probing import Measured, Outcome, Probe, probe
 from axistwin_conformance.mac_axis.bench import (
     DEAF_S,
     QUIET_S,
@@ -12,7 +13,6 @@ from axistwin_conformance.mac_axis.bench import (
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.probes_running_on import fence, overrun, step_from_a_stop
 from axistwin_conformance.mac_axis.probing import MOVES
-from axistwin_conformance.probing import Measured, Outcome, Probe, probe
 
 PERIOD: Final = 0x1000
 FAST: Final = 0x0200  # 15625 inc/s: an axis with inertia brakes over 12 increments

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Final
 
+from axistwin_conformance.core.probing import Outcome, Probe, probe
 from axistwin_conformance.mac_axis.bench import SLOWEST, Bench, Exchange, segment, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Segment
 from axistwin_conformance.mac_axis.motion import TICK_NS
 from axistwin_conformance.mac_axis.probing import ACCEPTED_OR_REFUSED, MOVES, reply_of
-from axistwin_conformance.probing import Outcome, Probe, probe
 
 WAIT_STEPS: Final = 0x20  # of a virtual segment at the slowest period: 262 ms
 BURST: Final = 7  # exchanges

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
+from axistwin_conformance.core.probing import Outcome
 from axistwin_conformance.mac_axis.dialogue import Kind
-from axistwin_conformance.probing import Outcome
 
 MOVES: Final = ("motion", "stored")
 ACCEPTED_OR_REFUSED: Final = {Kind.ACCEPTED: 0, Kind.REFUSED: 1}

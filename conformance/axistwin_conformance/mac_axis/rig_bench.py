@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Final
 
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.bench import (
     QUIET_S,
     SLOWEST,
@@ -23,7 +24,6 @@ from axistwin_conformance.mac_axis.bench import (
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Forecast, Segment, Window
 from axistwin_conformance.mac_axis.motion import TICK_NS, TICKS_PER_SECOND
-from axistwin_conformance.session import Session
 from axistwin_conformance.transport.rig import Rig
 
 WORKED: Final = ("motion", "stored", "rig")  # the safety of a check that moves and works a rig

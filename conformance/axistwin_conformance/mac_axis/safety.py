@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from typing import Final
 
 from axistwin_conformance.base.classes import SAFETY_CLASSES
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.dialogue import COMMAND_NAMES
-from axistwin_conformance.session import Session
 
 _CLASS_OF: Final[Mapping[str, tuple[int, ...]]] = {
     "stored": (0x02, 0x03, 0x09, 0x0A, 0x0C, 0x0D, 0x0E, 0x0F, 0x1C),

@@ -13,10 +13,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Final
 
+from axistwin_conformance.core.session import ATTEMPTS, Session
 from axistwin_conformance.mac_axis.acceptance import Row, table_without
 from axistwin_conformance.mac_axis.dialogue import QUERIES, Kind, Reply, signed
 from axistwin_conformance.mac_axis.forecast import Window
-from axistwin_conformance.session import ATTEMPTS, Session
 from axistwin_conformance.transport.transport import Carrier
 
 QUIET_S: Final = 0.05  # ten times any reply seen; silence is proven by the next exchange, not by it

@@ -11,12 +11,12 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.base.transcript import Direction
-from axistwin_conformance.family import Violation
+from axistwin_conformance.core.family import Violation
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.codec import Request
 from axistwin_conformance.mac_can.talk import MAY_BE_SILENT
-from axistwin_conformance.session import Session
 from axistwin_conformance.transport.can_frame import Frame, unpack_all
 
 # After frames of these identifiers some reading admits silence: network management, LMT.

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.bench import QUIET_S, SLOWEST, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.probing import MOVES
@@ -20,7 +21,6 @@ from axistwin_conformance.mac_can.hearing import (
     the_reply,
     told,
 )
-from axistwin_conformance.session import Session
 from axistwin_conformance.transport.can_frame import Frame
 
 AT_ONCE: Final = 8  # frames sent in a row before it is listened for a reply

@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis import factory
 from axistwin_conformance.mac_axis.bench import QUIET_S
 from axistwin_conformance.mac_axis.dialogue import Kind
@@ -37,7 +38,6 @@ from axistwin_conformance.mac_can.probes_destructive import (
 )
 from axistwin_conformance.mac_can.probes_messages import LIFEBEAT_S
 from axistwin_conformance.mac_can.settings import TORQUE
-from axistwin_conformance.session import Session
 from axistwin_conformance.transport.can_frame import Frame
 
 NEW_ADDRESSES: Final = (0x2A, 0x55)

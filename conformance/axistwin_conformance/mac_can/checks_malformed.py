@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
@@ -19,7 +20,6 @@ from axistwin_conformance.mac_can.hearing import (
     with_a_reason,
 )
 from axistwin_conformance.mac_can.settings import SETTINGS, TORQUE, held, unchanged
-from axistwin_conformance.session import Session
 
 # Of the standard's 256 first bytes the ones that mean something to a server there.
 COMMANDS: Final = (

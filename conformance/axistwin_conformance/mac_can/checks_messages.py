@@ -12,6 +12,7 @@ from itertools import pairwise
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.bench import QUIET_S, Exchange, segment
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Window
@@ -34,7 +35,6 @@ from axistwin_conformance.mac_can.probes_messages import (
     payload_readings,
     said,
 )
-from axistwin_conformance.session import Session
 from axistwin_conformance.transport.can import Arrival
 from axistwin_conformance.transport.can_frame import Frame
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.bench import QUIET_S
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Window
@@ -31,7 +32,6 @@ from axistwin_conformance.mac_can.checks_messages import (
 from axistwin_conformance.mac_can.hearing import replies, slack_ns, told, unasked
 from axistwin_conformance.mac_can.probes_errors import BEGIN, CUT, HOT, OVER, UNDER
 from axistwin_conformance.mac_can.probes_messages import LIFEBEAT_S, said
-from axistwin_conformance.session import Session
 from axistwin_conformance.transport.can import Arrival
 from axistwin_conformance.transport.rig import Rig
 

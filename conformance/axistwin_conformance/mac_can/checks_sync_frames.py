@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.bench import Exchange, segment, velocity
 from axistwin_conformance.mac_axis.forecast import Forecast, Window
 from axistwin_conformance.mac_axis.motion import TICK_NS
@@ -13,7 +14,6 @@ from axistwin_conformance.mac_axis.probing import MOVES
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
 from axistwin_conformance.mac_can.hearing import everybody, replies, strangers, told
-from axistwin_conformance.session import Session
 from axistwin_conformance.transport.can_frame import Frame
 
 PERIOD: Final = 0x1000  # 512 us an increment

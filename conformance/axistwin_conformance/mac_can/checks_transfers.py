@@ -11,6 +11,7 @@ from importlib import resources
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.bench import SLOWEST
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.probing import MOVES
@@ -29,7 +30,6 @@ from axistwin_conformance.mac_can.hearing import (
     unasked,
 )
 from axistwin_conformance.mac_can.settings import SETTINGS, TORQUE, held, unchanged
-from axistwin_conformance.session import Session
 from axistwin_conformance.transport.can_frame import Frame
 
 LISTEN_S: Final = 60.0  # a minute of a module's silence; on a real bus a moment of it

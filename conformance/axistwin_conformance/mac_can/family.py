@@ -10,7 +10,9 @@ from typing import Final
 
 from axistwin_conformance.base.errors import TargetError
 from axistwin_conformance.base.transcript import Record
-from axistwin_conformance.family import Violation
+from axistwin_conformance.core.family import Violation
+from axistwin_conformance.core.identity import Identity, Model
+from axistwin_conformance.core.session import ATTEMPTS, Run, Session
 from axistwin_conformance.mac_axis.axis_family import AxisFamily
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.fence import Fence
@@ -27,8 +29,6 @@ from axistwin_conformance.mac_can.blame import diagnose
 from axistwin_conformance.mac_can.codec import Reply
 from axistwin_conformance.mac_can.reader import BusReader
 from axistwin_conformance.mac_can.talk import bus_of
-from axistwin_conformance.model import Identity, Model
-from axistwin_conformance.session import ATTEMPTS, Run, Session
 from axistwin_conformance.transport.can import CanTarget, open_can_target
 from axistwin_conformance.transport.can_frame import Frame, unpack_all
 from axistwin_conformance.transport.kinds import BUS

@@ -15,13 +15,13 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Final
 
+from axistwin_conformance.core.probing import Measured, Outcome, Probe, probe
 from axistwin_conformance.mac_axis.bench import QUIET_S
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.probing import reply_of
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
 from axistwin_conformance.mac_can.codec import Reply, Request
-from axistwin_conformance.probing import Measured, Outcome, Probe, probe
 
 BIG, LITTLE = 0, 1  # readings of MACC-AMB-01
 TORQUE_AT: Final = 1  # byte of 2006h

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from functools import cmp_to_key
 from typing import Final
 
+from axistwin_conformance.core.probing import Measured, Outcome, Probe, probe
 from axistwin_conformance.mac_axis.bench import QUIET_S
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.probes_rig import TOO_MUCH_VOLTS
@@ -29,7 +30,6 @@ from axistwin_conformance.mac_can.probes_messages import (
     said,
     speaks,
 )
-from axistwin_conformance.probing import Measured, Outcome, Probe, probe
 from axistwin_conformance.transport.rig import Rig
 
 BEYOND: Final = 60  # increments, of which a stop lets 10 pass

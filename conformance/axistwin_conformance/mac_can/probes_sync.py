@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Final
 
+from axistwin_conformance.core.probing import Outcome, Probe, probe
 from axistwin_conformance.mac_axis.probes_sync import is_held
 from axistwin_conformance.mac_axis.probing import MOVES
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
-from axistwin_conformance.probing import Outcome, Probe, probe
 
 STEPS: Final = 30
 PERIOD: Final = 0x1000  # 512 µs per increment

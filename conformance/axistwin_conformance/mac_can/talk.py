@@ -19,13 +19,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import ClassVar, Final
 
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis import talk
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.forecast import Window
 from axistwin_conformance.mac_axis.talk import QUIET_S, Exchange, Part
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.codec import Reply, Request
-from axistwin_conformance.session import Session
 from axistwin_conformance.transport.can import Arrival, CanTarget
 from axistwin_conformance.transport.can_frame import Frame, unpack
 

@@ -11,12 +11,12 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.base.transcript import Direction
-from axistwin_conformance.family import Violation
+from axistwin_conformance.core.family import Violation
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.dialogue import COMMAND_NAMES, Kind
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.codec import Reply
 from axistwin_conformance.mac_serial.talk import ANSWERED, MAY_BE_SILENT, OTHER_DIGITS
-from axistwin_conformance.session import Session
 
 PLAIN: Final = b"00" + b"00000000"  # sub-index and parameter nobody can object to
 OBEYED: Final = frozenset(COMMAND_NAMES)

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis import factory
 from axistwin_conformance.mac_axis.bench import QUIET_S
 from axistwin_conformance.mac_axis.dialogue import Kind
@@ -22,7 +23,6 @@ from axistwin_conformance.mac_serial.whereabouts import (
     other_address,
     program_address,
 )
-from axistwin_conformance.session import Session
 
 OTHER_RATE: Final = 0x02  # of 1Bh: not the factory's
 NEW_ADDRESSES: Final = (0x2A, 0x7F, 0x01)

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.bench import QUIET_S, SAFE_PERIOD
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.strangers import stranger_at
@@ -14,7 +15,6 @@ from axistwin_conformance.mac_axis.talk import Part
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.bench import NACKED_BY_MANY, Bench
 from axistwin_conformance.mac_serial.codec import ETX, STX, Request
-from axistwin_conformance.session import Session
 
 OTHER_RATES: Final = (9600, 19200, 57600)
 IMAX_ADDRESS: Final = 0xAF  # MACS-Q-28-01: the one byte of RAM that is known not to change

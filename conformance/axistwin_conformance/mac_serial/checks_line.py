@@ -6,6 +6,7 @@ import itertools
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.bench import QUIET_S, Exchange, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.probes_stops import restarted_ns
@@ -14,7 +15,6 @@ from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.bench import Bench
 from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS
 from axistwin_conformance.mac_serial.probes import general_replies
-from axistwin_conformance.session import Session
 
 PARAMETER_QUERIES: Final = (0x22, 0x23, 0x25, 0x26)
 POLL_S: Final = 0.05

@@ -9,13 +9,13 @@ from importlib import resources
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.bench import QUIET_S, SLOWEST, velocity
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.strangers import stranger_at
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.bench import NACKED_BY_MANY, Bench
 from axistwin_conformance.mac_serial.probes import nack_readings, rx_during_xoff
-from axistwin_conformance.session import Session
 
 LISTEN_S: Final = 60.0  # the ledger's minute; on a real line the waits of all other checks add up
 LISTEN_REAL_S: Final = 0.3

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.checks_rig_power import POWER
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.rig_bench import OFF_S
@@ -15,7 +16,6 @@ from axistwin_conformance.mac_serial.whereabouts import (
     other_address,
     program_address,
 )
-from axistwin_conformance.session import Session
 
 
 @check("MACS-PERS-01", "MACS-CMD-1B-01", safety=(*DESTRUCTIVE, "rig"), needs=("alone", *POWER))

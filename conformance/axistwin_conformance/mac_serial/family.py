@@ -9,7 +9,9 @@ from typing import Final
 
 from axistwin_conformance.base.errors import TargetError
 from axistwin_conformance.base.transcript import Direction, Record
-from axistwin_conformance.family import Violation
+from axistwin_conformance.core.family import Violation
+from axistwin_conformance.core.identity import Identity, Model
+from axistwin_conformance.core.session import ATTEMPTS, Run, Session
 from axistwin_conformance.mac_axis.axis_family import AxisFamily
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.fence import Fence
@@ -26,8 +28,6 @@ from axistwin_conformance.mac_serial.bench import RigBench
 from axistwin_conformance.mac_serial.blame import diagnose
 from axistwin_conformance.mac_serial.codec import Reply
 from axistwin_conformance.mac_serial.reader import LineReader
-from axistwin_conformance.model import Identity, Model
-from axistwin_conformance.session import ATTEMPTS, Run, Session
 from axistwin_conformance.transport.serial import Target, open_target
 
 FACTORY_BAUD: Final = 38400  # MACS-LINE-01

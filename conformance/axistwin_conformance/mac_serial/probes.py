@@ -13,13 +13,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
+from axistwin_conformance.core.probing import Measured, Outcome, Probe, probe
 from axistwin_conformance.mac_axis.bench import QUIET_S
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.probing import reply_of
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.bench import Bench
 from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS, IMAX_ADDRESS
-from axistwin_conformance.probing import Measured, Outcome, Probe, probe
 
 EARLY_BYTES: Final = 3  # 0.8 ms at 38400 baud: a reply does not come sooner
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from axistwin_conformance.core.probing import Outcome, Probe, probe
 from axistwin_conformance.mac_axis.bench import QUIET_S, SLOWEST
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.probing import ACCEPTED_OR_REFUSED, reply_of
@@ -21,7 +22,6 @@ from axistwin_conformance.mac_serial.whereabouts import (
     other_address,
     program_address,
 )
-from axistwin_conformance.probing import Outcome, Probe, probe
 
 DESTRUCTIVE: Final = ("motion", "stored", "destructive")
 FACTORY_BAUD: Final = 38400

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from typing import ClassVar, Final
 
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis import talk
 from axistwin_conformance.mac_axis.dialogue import QUERIES, Kind
 from axistwin_conformance.mac_axis.forecast import Window
 from axistwin_conformance.mac_axis.talk import QUIET_S, Exchange
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.codec import Reply, Request
-from axistwin_conformance.session import Session
 from axistwin_conformance.transport.serial import Target
 
 SPELLINGS_ALIKE: Final = 3

@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import Packet
 from axistwin_conformance.msc.safety import may_set, may_write
 from axistwin_conformance.msc.talk import Exchange, Talk
-from axistwin_conformance.session import Session
 
 SAFE_STRIDE: Final = 4  # addresses so far apart are different variables in every reading (§5.2)
 SAFE_BLOCK: Final = 128  # and so are blocks

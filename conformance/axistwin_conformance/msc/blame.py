@@ -8,10 +8,10 @@ under test, at addresses and flags that every device must have an answer for or 
 from __future__ import annotations
 
 from axistwin_conformance.base.transcript import Direction
-from axistwin_conformance.family import Violation
+from axistwin_conformance.core.family import Violation
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import ACK, NAK, Packet
-from axistwin_conformance.session import Session
 
 ALWAYS_SERVED = ("RQSTAT",)  # what no state, address or flag lets a unit refuse, but MSC-AMB-32
 

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import BLOCK_VALUES, RQSTAT
 from axistwin_conformance.msc.controller import (
@@ -22,7 +23,6 @@ from axistwin_conformance.msc.controller import (
     Controller,
     Readings,
 )
-from axistwin_conformance.session import Session
 
 BENCH: Final = ("bench",)
 LAST_PLACE: Final = 0xFFFC

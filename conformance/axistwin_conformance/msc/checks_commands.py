@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import NAK, RQSTAT
 from axistwin_conformance.msc.controller import Controller
-from axistwin_conformance.session import Session
 
 EXAMPLE: Final = bytes.fromhex("02 01 00 0D 00 00 44 57 52 49 54 45 2C 07 D8 00 00 04 D2 03 BE")
 EXAMPLE_ADDRESS, EXAMPLE_VALUE = 2008, 1234

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import SAFE_STRIDE
 from axistwin_conformance.msc.codec import BLOCK_VALUES, signed
 from axistwin_conformance.msc.controller import Controller
-from axistwin_conformance.session import Session
 
 # The ends of the range, every sign of the protocol four times over, and bytes that text would lose.
 BOUNDARIES: Final = tuple(

@@ -6,10 +6,10 @@ from collections.abc import Iterable
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import FLAGS
 from axistwin_conformance.msc.controller import Controller, Names
-from axistwin_conformance.session import Session
 
 STATES: Final = (b"\x00\x00", b"\x00\x01")
 # The ends, both sides of a byte's border, and the signs of the protocol.

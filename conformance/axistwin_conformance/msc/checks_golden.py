@@ -10,10 +10,10 @@ from importlib import resources
 from typing import Any, Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import ACK, Packet
 from axistwin_conformance.msc.link import Link
-from axistwin_conformance.session import Session
 from axistwin_conformance.transport.transport import is_twin_url
 
 STATUS_AT: Final = slice(7, 9)  # of a reply's body: what RQSTAT tells; the rest is not specified

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.checks_packets import INVALID_UNITS
 from axistwin_conformance.msc.checks_time import judge_broken_off
 from axistwin_conformance.msc.codec import ACK, NAK, RQSTAT, STX
 from axistwin_conformance.msc.link import Link
-from axistwin_conformance.session import Session
 
 MOST_SIGNS: Final = 15  # one of each unit, if they do not speak at the same time
 ROUNDS_REAL: Final = 12

@@ -8,12 +8,12 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.checks_packets import carrying
 from axistwin_conformance.msc.codec import ACK, NAK, RQSTAT, Packet
 from axistwin_conformance.msc.controller import BenchProgram
 from axistwin_conformance.msc.link import Link
-from axistwin_conformance.session import Session
 
 MOST_REFUSALS: Final = 6  # one more than MSC-LNK-09 has repeats
 SECOND: Final = codec.rflag(0)  # whose reply cannot be taken for RQSTAT's

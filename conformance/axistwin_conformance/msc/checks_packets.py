@@ -11,12 +11,12 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import RS232_UNIT
 from axistwin_conformance.msc.codec import ACK, NAK, RQSTAT, Packet
 from axistwin_conformance.msc.link import Link
 from axistwin_conformance.msc.talk import Exchange
-from axistwin_conformance.session import Session
 
 XON_XOFF: Final = 0x11131113
 # Every byte that a careless receiver takes for something else, and the ends of the range.

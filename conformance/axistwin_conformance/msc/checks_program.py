@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import ACK, BLOCK_VALUES
 from axistwin_conformance.msc.controller import REACTION_S, BenchProgram
-from axistwin_conformance.session import Session
 
 BLOCKS_SENT: Final = 24
 PULSES: Final = 8

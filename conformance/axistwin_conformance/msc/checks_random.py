@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.checks_link import refusals
 from axistwin_conformance.msc.checks_packets import judge_noise
@@ -16,7 +17,6 @@ from axistwin_conformance.msc.checks_time import finish, send_in_parts
 from axistwin_conformance.msc.codec import ACK, NAK, RQSTAT, STX
 from axistwin_conformance.msc.link import Link
 from axistwin_conformance.msc.safety import is_harmless
-from axistwin_conformance.session import Session
 
 BITS: Final = 8
 LONGEST_JUNK: Final = 64

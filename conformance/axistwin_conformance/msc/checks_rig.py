@@ -12,6 +12,7 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.base.errors import CannotDo
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.checks_flags import NO_RFLAGS, judge_agreement
 from axistwin_conformance.msc.checks_status import AUTO_START, RUNNING
@@ -23,7 +24,6 @@ from axistwin_conformance.msc.controller import (
     SERVED,
     Controller,
 )
-from axistwin_conformance.session import Session
 
 CONDITIONS: Final = tuple(range(1, 16))  # bit 0 is the program itself
 LOADING: Final = 10

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.msc.codec import RQSTAT
 from axistwin_conformance.msc.controller import BenchProgram, Controller
-from axistwin_conformance.session import Session
 
 RUNNING, AUTO_START = 1, 64
 STATUS_BYTES: Final = {8: "6", 6: "4"}  # of the payload → what follows SS (MSC-AMB-38)

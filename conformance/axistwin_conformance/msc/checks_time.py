@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import ACK, NAK, RQSTAT, STX
 from axistwin_conformance.msc.link import MS, Link
-from axistwin_conformance.session import Session
 
 LISTEN_S: Final = 60.0  # costs nothing in virtual time
 LISTEN_REAL_S: Final = 2.0

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.checks_line import absent
 from axistwin_conformance.msc.codec import ACK, NAK, RQSTAT
 from axistwin_conformance.msc.link import MS, Link
-from axistwin_conformance.session import Session
 
 HALF_RATE: Final = 4800
 # At half the rate: five bits of 0 and five of 1.  At 9600: ten bits of 0, one character without a

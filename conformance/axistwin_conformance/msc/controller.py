@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Final
 
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import SAFE_BLOCK, SAFE_STRIDE
 from axistwin_conformance.msc.codec import BLOCK_VALUES, Packet
 from axistwin_conformance.msc.link import Link
 from axistwin_conformance.msc.talk import Exchange
-from axistwin_conformance.session import Session
 
 Names = str | tuple[str, ...]
 Readings = Mapping[str, str | tuple[str, ...]]

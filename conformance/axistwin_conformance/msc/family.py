@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import Final
 
 from axistwin_conformance.base.transcript import Direction, Record
-from axistwin_conformance.family import Family, Violation
-from axistwin_conformance.model import Grounds, Identity, Model
+from axistwin_conformance.core.family import Family, Violation
+from axistwin_conformance.core.identity import Grounds, Identity, Model
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.msc import codec, keeping
 from axistwin_conformance.msc.bench import Bench
 from axistwin_conformance.msc.blame import diagnose
@@ -17,7 +18,6 @@ from axistwin_conformance.msc.link import SHOUTING
 from axistwin_conformance.msc.safety import IMPACT, objection
 from axistwin_conformance.msc.survey import survey
 from axistwin_conformance.msc.trial import try_flags
-from axistwin_conformance.session import Session
 from axistwin_conformance.transport.rig import OF_A_CONTROLLER
 from axistwin_conformance.transport.serial import Target, open_target
 

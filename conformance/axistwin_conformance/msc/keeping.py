@@ -18,13 +18,13 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from axistwin_conformance.base.errors import TargetError, WrongDevice
-from axistwin_conformance.model import PROGRAM_FLAGS, Identity
+from axistwin_conformance.core.identity import PROGRAM_FLAGS, Identity
+from axistwin_conformance.core.session import ATTEMPTS, REPLY_TIMEOUT_S, Run, Session
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import SAFE_BLOCK, SAFE_STRIDE, Bench
 from axistwin_conformance.msc.codec import ACK
 from axistwin_conformance.msc.safety import PROGRAM_BLOCK, Writing
 from axistwin_conformance.msc.talk import QUIET_S, Exchange
-from axistwin_conformance.session import ATTEMPTS, REPLY_TIMEOUT_S, Run, Session
 from axistwin_conformance.transport.transport import is_twin_url
 
 PROBE_ATTEMPTS: Final = 4

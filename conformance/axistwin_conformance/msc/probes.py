@@ -13,6 +13,7 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Final
 
+from axistwin_conformance.core.probing import Outcome, Probe, probe
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import SAFE_BLOCK, Bench
 from axistwin_conformance.msc.codec import ACK, NAK, RQSTAT, STX
@@ -37,7 +38,6 @@ from axistwin_conformance.msc.probing import (
     unanswered,
 )
 from axistwin_conformance.msc.talk import MOST_STRAYS
-from axistwin_conformance.probing import Outcome, Probe, probe
 
 HEADER: Final = codec.HEADER_BYTES
 NO_SUM: Final = 0x3030  # a wrong checksum for every short packet, and no byte of it begins anything

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from axistwin_conformance.core.probing import Outcome, Probe, probe
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import SAFE_STRIDE, Bench
 from axistwin_conformance.msc.codec import (
@@ -28,7 +29,6 @@ from axistwin_conformance.msc.probing import (
     odd_packet,
     variable,
 )
-from axistwin_conformance.probing import Outcome, Probe, probe
 
 BENCH: Final = ("bench",)
 WORKED: Final = ("stored", "rig")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
+from axistwin_conformance.core.probing import Outcome, Probe, probe
 from axistwin_conformance.msc.bench import Bench
 from axistwin_conformance.msc.codec import BLOCK_VALUES
 from axistwin_conformance.msc.probing import running_program
-from axistwin_conformance.probing import Outcome, Probe, probe
 
 STARTS: Final = ("stored", "motion")
 PROGRAM: Final = ("program",)

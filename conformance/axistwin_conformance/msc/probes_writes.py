@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from axistwin_conformance.core.probing import Outcome, Probe, probe
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import SAFE_STRIDE, Bench
 from axistwin_conformance.msc.codec import ACK
@@ -15,7 +16,6 @@ from axistwin_conformance.msc.probing import (
     glance_s,
     variable,
 )
-from axistwin_conformance.probing import Outcome, Probe, probe
 
 NAMED: Final = ("variables",)
 PLACES: Final = {1: 0, 2: 1, 4: 2}  # where in a block the value four addresses on is → the reading

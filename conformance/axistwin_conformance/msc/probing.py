@@ -6,13 +6,13 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Final
 
+from axistwin_conformance.core.probing import Measured
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import Bench
 from axistwin_conformance.msc.codec import ACK, NAK, RQSTAT, Packet
 from axistwin_conformance.msc.controller import BenchProgram
 from axistwin_conformance.msc.link import LIMITS, Link
 from axistwin_conformance.msc.talk import QUIET_S
-from axistwin_conformance.probing import Measured
 
 MS: Final = 1_000_000
 LONGEST_S: Final = 10.0  # a time-out of a unit that has not run out by then counts as none

@@ -22,10 +22,10 @@ from functools import lru_cache
 from typing import Final
 from weakref import WeakKeyDictionary
 
-from axistwin_conformance.model import PROGRAM_FLAGS
+from axistwin_conformance.core.identity import PROGRAM_FLAGS
+from axistwin_conformance.core.session import Run, Session
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import ACK, NAK, STX
-from axistwin_conformance.session import Run, Session
 from axistwin_conformance.transport.transport import is_twin_url
 
 TAIL_BYTES: Final = 2 * codec.MAX_PACKET  # of what was sent in pieces

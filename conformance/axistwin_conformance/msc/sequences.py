@@ -18,13 +18,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
+from axistwin_conformance.core.session import ATTEMPTS
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import SAFE_BLOCK, SAFE_STRIDE, Bench
 from axistwin_conformance.msc.codec import ACK, NAK, Packet
 from axistwin_conformance.msc.model import Surprise, UnitModel
 from axistwin_conformance.msc.talk import Exchange
 from axistwin_conformance.playing import Mismatch, Steps
-from axistwin_conformance.session import ATTEMPTS
 
 BYTES_PER_OPERATION: Final = 4
 PAUSED: Final = 0x80  # a pause byte above it is a wait, ms beyond it

@@ -13,10 +13,10 @@ from collections.abc import Sequence
 from typing import Final
 
 from axistwin_conformance.base.errors import UsageError
-from axistwin_conformance.model import NO_GROUNDS
+from axistwin_conformance.core.identity import NO_GROUNDS
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import SAFE_BLOCK, SAFE_STRIDE, Bench
-from axistwin_conformance.session import Session
 
 SAMPLES: Final = 16  # addresses from the first to the last that are looked at
 RUNNING, LOADING = 1, 1 << 10  # of the status word (MSC-AMB-32)

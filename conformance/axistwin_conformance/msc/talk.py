@@ -19,9 +19,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from axistwin_conformance.core.session import ATTEMPTS, Session
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.codec import ACK, NAK, STX, Packet
-from axistwin_conformance.session import ATTEMPTS, Session
 from axistwin_conformance.transport.serial import Target
 
 HEARD_AT_ONCE: Final = 4096

@@ -13,10 +13,10 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import Final
 
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import Bench
 from axistwin_conformance.msc.safety import MOST_FLAGS, Writing
-from axistwin_conformance.session import Session
 
 ROUNDS: Final = 4  # of on and off in which a flag may follow
 FEW_ROUNDS: Final = 2  # are enough of one that follows each time

@@ -17,9 +17,9 @@ from axistwin_conformance.base.errors import UsageError, with_article
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.base.transcript import Record
-from axistwin_conformance.model import Grounds, Identity, Model
-from axistwin_conformance.probing import Probe
-from axistwin_conformance.session import Run, Session
+from axistwin_conformance.core.identity import Grounds, Identity, Model
+from axistwin_conformance.core.probing import Probe
+from axistwin_conformance.core.session import Run, Session
 from axistwin_conformance.transport.kinds import LINE, Way
 from axistwin_conformance.transport.rig import OF_AN_AXIS
 from axistwin_conformance.transport.transport import Carrier, Fence

@@ -24,8 +24,8 @@ from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.base.write_budget import WriteBudget
-from axistwin_conformance.model import NO_GROUNDS, Grounds, Identity, Model
-from axistwin_conformance.profile import Detection
+from axistwin_conformance.core.identity import NO_GROUNDS, Grounds, Identity, Model
+from axistwin_conformance.core.profile import Detection
 from axistwin_conformance.transport.kinds import Way
 from axistwin_conformance.transport.rig import Rig
 from axistwin_conformance.transport.serial import Target

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from axistwin_conformance.base.check import Check
-from axistwin_conformance.session import Session
+from axistwin_conformance.core.session import Session
 
 
 @dataclass(frozen=True, slots=True)

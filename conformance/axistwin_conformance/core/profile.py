@@ -27,7 +27,7 @@ from axistwin_conformance.base.errors import UsageError, with_article
 from axistwin_conformance.base.events import Departure, ProfileJudged
 from axistwin_conformance.base.ledger import Ledger
 from axistwin_conformance.base.verdicts import Verdict
-from axistwin_conformance.profile_values import Value, value_of
+from axistwin_conformance.core.profile_values import Value, value_of
 
 KEYS = ("model", "quirks")
 
