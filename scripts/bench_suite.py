@@ -32,7 +32,6 @@ from typing import Any
 
 import psutil
 
-from axistwin_conformance import machines
 from axistwin_conformance.asked import usable_cores
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.classes import SAFETY_CLASSES
@@ -49,6 +48,7 @@ from axistwin_conformance.mac_axis.player import Player
 from axistwin_conformance.mac_axis.sequences import BYTES_PER_OPERATION
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.result import CheckResult
+from axistwin_conformance.sequences import machine
 from axistwin_conformance.transport.serial import Target, open_target
 
 MODEL = "mac23"
@@ -191,11 +191,11 @@ def open_player(wrap: Callable[[Any], Any] | None = None) -> Player:
     return checks_sequences.player_of(session)
 
 
-def machine_slice(begin: Callable[[], machines.Device], number: int) -> int:
+def machine_slice(begin: Callable[[], machine.Device], number: int) -> int:
     """Run the machine for a slice; return how many steps it took."""
-    driven = machines.driven(begin, lambda operation: None, AxisMachine)
+    driven = machine.driven(begin, lambda operation: None, AxisMachine)
     steps: list[int] = []
-    machines.run(driven, SLICE_EXAMPLES, checks_machines.STEPS, number, steps.append)
+    machine.run(driven, SLICE_EXAMPLES, checks_machines.STEPS, number, steps.append)
     return sum(steps)
 
 

@@ -15,7 +15,6 @@ import pytest
 from click.testing import CliRunner
 from zoo.motion import a_ramped_stop_stops_dead
 
-from axistwin_conformance import failures, machines
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.errors import Disturbed
@@ -25,8 +24,6 @@ from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.catalog import find_family
 from axistwin_conformance.cli import conform
 from axistwin_conformance.core.session import Envelope, Run, Session, Stop
-from axistwin_conformance.drawing import no_folder
-from axistwin_conformance.failures import Failure
 from axistwin_conformance.mac_axis.checks_machines import (
     some_runs_of_the_machine_agree_with_the_model as some_runs,
 )
@@ -42,7 +39,10 @@ from axistwin_conformance.mac_axis.player import Player
 from axistwin_conformance.mac_axis.sequences import Sequence
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
-from axistwin_conformance.playing import Mismatch
+from axistwin_conformance.sequences import failure, machine
+from axistwin_conformance.sequences.failure import Failure
+from axistwin_conformance.sequences.runner import Mismatch
+from axistwin_conformance.sequences.strategies import no_folder
 from axistwin_conformance.transport.can import CanTarget
 from axistwin_conformance.transport.can_frame import Frame
 
@@ -230,7 +230,7 @@ def test_the_machine_synchronises_by_the_frame_too() -> None:
     """Among its rules are all of the axis."""
     case = Case(some_runs)
     begin = case.player.begin
-    sequences, failing = machines.search(begin, Judged, 6, 60, random.Random(5), SyncMachine)
+    sequences, failing = machine.search(begin, Judged, 6, 60, random.Random(5), SyncMachine)
     assert failing is None
     names = {name for run in sequences for _, name in run.operated}
     assert "trigger by SYNC" in names
@@ -262,11 +262,11 @@ def test_a_failure_is_told_in_the_names_of_can_and_shrunk() -> None:
 def test_the_twin_to_shrink_on_is_one_on_a_bus_with_the_same_readings() -> None:
     """With its neighbours, at the same bit rate, held to what the device has shown."""
     case = Case(readings={"ramp_law": "equal_increments"})
-    twin = failures.open_twin(case.session)
+    twin = failure.open_twin(case.session)
     assert isinstance(twin, CanTarget)
     assert twin.bitrate == BITRATE
     assert "quirk.ramp_law=equal_increments" in twin.description
-    other = case.player.on(failures.twin_session(case.session, twin))
+    other = case.player.on(failure.twin_session(case.session, twin))
     assert other.play((operation("turn", 0, 2), operation("nudge"))).mismatch is None
     assert sorted(one.address for one in twin.twins) == [1, 3]
     twin.close()

@@ -13,22 +13,22 @@ import serial
 from port_in_front import PortInFront
 from zoo.motion import a_ramped_stop_stops_dead
 
-from axistwin_conformance import failures
 from axistwin_conformance.base.errors import Disturbed
 from axistwin_conformance.base.events import Event, FailureStored, StatesCovered
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.core.session import Run, Session, Stop
-from axistwin_conformance.failures import Failure
 from axistwin_conformance.mac_axis.checks_sequences import (
     many_mixed_sequences_agree_with_the_model,
 )
 from axistwin_conformance.mac_axis.operations import OPERATIONS, WHAT
 from axistwin_conformance.mac_axis.player import Player, split
 from axistwin_conformance.mac_serial.bench import Bench
-from axistwin_conformance.playing import Mismatch
-from axistwin_conformance.shrink import Budget
+from axistwin_conformance.sequences import failure
+from axistwin_conformance.sequences.failure import Failure
+from axistwin_conformance.sequences.runner import Mismatch
+from axistwin_conformance.sequences.shrink import Budget
 from axistwin_conformance.transport.serial import TWIN_HANDLER, Target
 
 TRAVEL = 2000
@@ -232,9 +232,9 @@ def test_the_twin_to_shrink_on_reads_the_manual_as_the_device_does() -> None:
     """The readings that differ from the defaults are parameters of its URL."""
     case = Case(Device(always(), "quirk.xonerror_byte=18h"))
     case.run.readings |= {"xonerror_byte": "18h", "xon_byte": "1Ah"}
-    twin = failures.open_twin(case.session)
+    twin = failure.open_twin(case.session)
     assert twin.description == ("axistwin://mac23:0,mac23:1?time=virtual&quirk.xonerror_byte=18h")
-    other = case.player.on(failures.twin_session(case.session, twin))
+    other = case.player.on(failure.twin_session(case.session, twin))
     refused = other.play((operation("turn", 0, 2), operation("nudge")))
     assert refused.mismatch is None, "and is held to them"
     twin.close()
@@ -314,7 +314,7 @@ def test_on_a_noisy_line_once_more_is_not_enough() -> None:
     assert case.verdict is Verdict.INCONCLUSIVE
     found = re.search(r"came again in 1 of (\d+) replays", case.text)
     assert found is not None
-    assert int(found[1]) > failures.REPLAYS
+    assert int(found[1]) > failure.REPLAYS
 
 
 def test_shrinking_on_the_device_ends_with_its_budget(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,13 +10,11 @@ from zoo import ZOO
 from zoo.judge import run
 from zoo.mutant import Mutant
 
-from axistwin_conformance import machines
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.catalog import find_family
 from axistwin_conformance.core.session import Envelope, Run, Session
-from axistwin_conformance.drawing import no_folder
 from axistwin_conformance.mac_axis.checks_machines import (
     some_runs_of_the_machine_agree_with_the_model as some_runs,
 )
@@ -26,8 +24,10 @@ from axistwin_conformance.mac_axis.machines import AxisMachine
 from axistwin_conformance.mac_axis.operations import OPERATIONS, WHAT
 from axistwin_conformance.mac_axis.player import Player
 from axistwin_conformance.mac_axis.sequences import BYTES_PER_OPERATION
-from axistwin_conformance.machines import Device
-from axistwin_conformance.playing import Mismatch
+from axistwin_conformance.sequences import machine
+from axistwin_conformance.sequences.machine import Device
+from axistwin_conformance.sequences.runner import Mismatch
+from axistwin_conformance.sequences.strategies import no_folder
 from axistwin_conformance.transport.serial import open_target
 
 # Each needs a state first: a motion under way, one segment being executed and three that wait.
@@ -69,7 +69,7 @@ def planted(name: str) -> Mutant:
 def found_in(mutant: Mutant) -> tuple[bytes, Mismatch]:
     """The operations and the mismatch with which the machine finds a mutant, on its own."""
     with mutant.plant():
-        _, failing = machines.search(
+        _, failing = machine.search(
             new_player().begin, Judged, 15, 100, random.Random(1), AxisMachine
         )
     assert failing is not None, mutant.description
@@ -121,7 +121,7 @@ def test_every_rule_is_reached_and_every_state_is_met() -> None:
         devices.append(Counted(player.begin()))
         return devices[-1]
 
-    machines.run(machines.driven(begin, lambda operation: None, AxisMachine), 40, 100, 5)
+    machine.run(machine.driven(begin, lambda operation: None, AxisMachine), 40, 100, 5)
     states = {state for one in devices for state, _ in one.sequence.operated}
     assert {"HD", "PO", "VE", "IN", "AR", "PL"} <= states
     unreached = {one.name for one in OPERATIONS} - set(reached)
@@ -155,7 +155,7 @@ def test_the_same_seed_draws_the_same_run() -> None:
 
     def drawn() -> bytes:
         record = bytearray()
-        machines.run(machines.driven(Trivial, record.extend, AxisMachine), 5, 30, 7)
+        machine.run(machine.driven(Trivial, record.extend, AxisMachine), 5, 30, 7)
         return bytes(record)
 
     assert drawn() == drawn() != b""

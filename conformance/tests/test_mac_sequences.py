@@ -10,7 +10,7 @@ from test_mac_machines import new_player
 from axistwin_conformance.mac_axis.dialogue import Kind
 from axistwin_conformance.mac_axis.operations import ANCHORS, OPERATIONS, WHAT
 from axistwin_conformance.mac_axis.sequences import Sequence
-from axistwin_conformance.playing import Mismatch
+from axistwin_conformance.sequences.runner import Mismatch
 
 OPERATION_COUNT = 60
 

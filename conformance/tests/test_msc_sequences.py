@@ -9,14 +9,12 @@ from typing import Any
 import pytest
 from msc_device import MscPort, session_on, target_of
 
-from axistwin_conformance import machines
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.events import Event, FailureStored, StatesCovered
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.core.identity import Grounds
 from axistwin_conformance.core.session import Session, Stop
-from axistwin_conformance.drawing import no_folder
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.bench import Bench
 from axistwin_conformance.msc.checks_machines import (
@@ -37,7 +35,9 @@ from axistwin_conformance.msc.machines import Judged, UnitMachine
 from axistwin_conformance.msc.operations import OPERATIONS, WHAT
 from axistwin_conformance.msc.player import Player, player_of
 from axistwin_conformance.msc.sequences import places
-from axistwin_conformance.playing import Mismatch
+from axistwin_conformance.sequences import machine
+from axistwin_conformance.sequences.runner import Mismatch
+from axistwin_conformance.sequences.strategies import no_folder
 
 
 def operation(name: str, first: int = 0, second: int = 0, pause: int = 0) -> bytes:
@@ -117,7 +117,7 @@ def test_the_machine_does_every_operation() -> None:
     """Its rules reach all of the table but the wait, which is a pause there."""
     player, missing = Case(MscPort(), some_runs).player, {one.name for one in OPERATIONS}
     for number in range(8):  # what one seed draws depends on the modules that are loaded
-        begun, failing = machines.search(
+        begun, failing = machine.search(
             player.begin, Judged, 20, 60, random.Random(number), UnitMachine
         )
         assert failing is None

@@ -12,13 +12,12 @@ from zoo.motion import a_ramped_stop_stops_dead
 from zoo.mutant import Mutant
 from zoo_msc.flags import a_flag_that_is_set_again_goes_off
 
-from axistwin_conformance import failures
 from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.base.events import Event, FailureStored
 from axistwin_conformance.base.recording import Recording, load_recording
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import Engine
-from axistwin_conformance.shrink import Budget
+from axistwin_conformance.sequences.shrink import Budget
 
 ONE = Recording(
     "mac23", (b"\x01\xff\x00\x00", b"\x06\x00\x00\x00"), check="a_check", seed=7,

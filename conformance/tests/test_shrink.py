@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from axistwin_conformance.shrink import Budget, shrink, towards_zero
+from axistwin_conformance.sequences.shrink import Budget, shrink, towards_zero
 
 Numbers = tuple[int, ...]
 PLENTY = Budget(10**9, 10**9, clock=lambda: 0.0)

@@ -10,12 +10,12 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.drawn import play_machine
 from axistwin_conformance.mac_axis.checks_sequences import JUDGED, player_of
 from axistwin_conformance.mac_axis.machine_devices import Judged
 from axistwin_conformance.mac_axis.machines import AxisMachine
 from axistwin_conformance.mac_axis.machines_sync import SyncMachine
 from axistwin_conformance.mac_axis.probing import MOVES
+from axistwin_conformance.sequences.generated import play_machine
 
 STEPS: Final = 100
 EXAMPLES: Final = {"quick": 4, "full": 30}

@@ -7,11 +7,11 @@ from typing import Final
 from axistwin_conformance.base.check import Check, check
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.drawn import Amount, play_drawn, replaying
 from axistwin_conformance.mac_axis.bench import bench_of
 from axistwin_conformance.mac_axis.player import Player
 from axistwin_conformance.mac_axis.probing import MOVES
 from axistwin_conformance.mac_axis.sequences import BLAME, BLAME_MODE, BLAME_OTHERWISE
+from axistwin_conformance.sequences.generated import Amount, play_drawn, replaying
 
 FREE: Final = Amount(200, {"quick": 5, "full": 60})  # long ones spend less on beginning and end
 REAL: Final = Amount(30, {"quick": 1, "full": 10})

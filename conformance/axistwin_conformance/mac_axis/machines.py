@@ -26,7 +26,7 @@ from axistwin_conformance.mac_axis.machine_devices import View
 from axistwin_conformance.mac_axis.model import FIFO_STAGES
 from axistwin_conformance.mac_axis.operations import ANCHORS, OFFSETS_NS, TOLERANCES, WHAT
 from axistwin_conformance.mac_axis.sequences import COEFFICIENTS, PERIODS
-from axistwin_conformance.machines import Machine
+from axistwin_conformance.sequences.machine import Machine
 
 ASK_EVERY: Final = 9  # steps: an invariant that asked after each would leave no time for chains
 ASK: Final = {0x20: 0, 0x21: 1, 0x27: 7}  # the first argument of the operation "ask"

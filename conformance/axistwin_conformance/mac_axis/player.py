@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from axistwin_conformance import playing
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.bench import Bench, Sample, bench_of
 from axistwin_conformance.mac_axis.forecast import Forecast
@@ -15,15 +14,16 @@ from axistwin_conformance.mac_axis.sequences import (
     begin,
     read_parameters,
 )
-from axistwin_conformance.playing import Operations, Playable
+from axistwin_conformance.sequences import runner
+from axistwin_conformance.sequences.runner import Operations, Playable
 
 
 def split(data: bytes, kinds: int = len(OPERATIONS)) -> Operations:
     """Cut bytes into operations, each told by its lowest number."""
-    return playing.split(data, kinds, BYTES_PER_OPERATION)
+    return runner.split(data, kinds, BYTES_PER_OPERATION)
 
 
-class Player(playing.Player):
+class Player(runner.Player):
     """Plays operations on one module, always from the same place."""
 
     operation_bytes = BYTES_PER_OPERATION

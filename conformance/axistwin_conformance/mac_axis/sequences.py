@@ -23,7 +23,7 @@ from axistwin_conformance.mac_axis.model import (
     Parameters,
 )
 from axistwin_conformance.mac_axis.motion import TICK_NS, TICKS_PER_SECOND
-from axistwin_conformance.playing import Mismatch, Steps
+from axistwin_conformance.sequences.runner import Mismatch, Steps
 
 Choices = tuple[int, ...]
 

@@ -10,11 +10,11 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.drawn import play_machine
 from axistwin_conformance.msc.checks_sequences import NEEDS
 from axistwin_conformance.msc.machines import Judged, UnitMachine
 from axistwin_conformance.msc.player import player_of
 from axistwin_conformance.msc.sequences import JUDGED
+from axistwin_conformance.sequences.generated import play_machine
 
 STEPS: Final = 60
 EXAMPLES: Final = {"quick": 4, "full": 25}

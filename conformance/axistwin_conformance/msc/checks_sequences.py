@@ -7,9 +7,9 @@ from typing import Final
 from axistwin_conformance.base.check import Check, check
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.drawn import Amount, play_drawn, replaying
 from axistwin_conformance.msc.player import player_of
 from axistwin_conformance.msc.sequences import JUDGED
+from axistwin_conformance.sequences.generated import Amount, play_drawn, replaying
 
 FREE: Final = Amount(120, {"quick": 4, "full": 40})
 REAL: Final = Amount(30, {"quick": 1, "full": 6})

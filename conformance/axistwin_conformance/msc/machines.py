@@ -16,9 +16,9 @@ from typing import Final, NamedTuple
 from hypothesis import strategies as st
 from hypothesis.stateful import invariant, precondition, rule
 
-from axistwin_conformance.machines import Machine
 from axistwin_conformance.msc.operations import EDGES, MOST_REFUSED, WHAT
 from axistwin_conformance.msc.sequences import Sequence
+from axistwin_conformance.sequences.machine import Machine
 
 ASK_EVERY: Final = 7  # steps: an invariant that asked after each would leave no time for chains
 BYTES: Final = st.integers(0, 0xFF)

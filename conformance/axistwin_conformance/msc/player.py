@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance import playing
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.msc.bench import Bench
 from axistwin_conformance.msc.link import Link
 from axistwin_conformance.msc.operations import OPERATIONS
 from axistwin_conformance.msc.sequences import BYTES_PER_OPERATION, Sequence, begin
+from axistwin_conformance.sequences import runner
 
 BABBLING: Final = ("other_unit_framing", "stray_nak")  # MSC-AMB-14, -29
 
 
-class Player(playing.Player):
+class Player(runner.Player):
     """Plays operations on one unit, always from the same values and flags."""
 
     operation_bytes = BYTES_PER_OPERATION

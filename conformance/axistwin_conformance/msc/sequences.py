@@ -24,7 +24,7 @@ from axistwin_conformance.msc.bench import SAFE_BLOCK, SAFE_STRIDE, Bench
 from axistwin_conformance.msc.codec import ACK, NAK, Packet
 from axistwin_conformance.msc.model import Surprise, UnitModel
 from axistwin_conformance.msc.talk import Exchange
-from axistwin_conformance.playing import Mismatch, Steps
+from axistwin_conformance.sequences.runner import Mismatch, Steps
 
 BYTES_PER_OPERATION: Final = 4
 PAUSED: Final = 0x80  # a pause byte above it is a wait, ms beyond it

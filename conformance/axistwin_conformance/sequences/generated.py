@@ -6,15 +6,15 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from axistwin_conformance import machines
 from axistwin_conformance.base import events
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.drawing import no_folder
-from axistwin_conformance.failures import REPLAYS, Failure
-from axistwin_conformance.machines import Device, Machine
-from axistwin_conformance.playing import Mismatch, Player
+from axistwin_conformance.sequences import machine
+from axistwin_conformance.sequences.failure import REPLAYS, Failure
+from axistwin_conformance.sequences.machine import Device, Machine
+from axistwin_conformance.sequences.runner import Mismatch, Player
+from axistwin_conformance.sequences.strategies import no_folder
 
 PlayerOf = Callable[[Session], Player]
 
@@ -60,7 +60,7 @@ def play_machine(
     session = player.session
     if not session.carrier.is_lossless:
         session.skip("on a noisy line Hypothesis could not draw the same run twice")
-    begun, failing = machines.search(player.begin, judged, examples, steps, session.random, rules)
+    begun, failing = machine.search(player.begin, judged, examples, steps, session.random, rules)
     for one in begun:
         player.tally.add(one)
     if failing is not None:

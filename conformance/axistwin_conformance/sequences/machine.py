@@ -17,8 +17,8 @@ from hypothesis import seed
 from hypothesis.errors import Flaky
 from hypothesis.stateful import RuleBasedStateMachine, run_state_machine_as_test
 
-from axistwin_conformance.drawing import only_drawing
-from axistwin_conformance.playing import Mismatch
+from axistwin_conformance.sequences.runner import Mismatch
+from axistwin_conformance.sequences.strategies import only_drawing
 
 Run = TypeVar("Run")
 

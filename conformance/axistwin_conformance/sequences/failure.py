@@ -22,8 +22,8 @@ from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.errors import Disturbed, TargetError, counted
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.core.session import Run, Session, Stop
-from axistwin_conformance.playing import Mismatch, Operations, Played, Player
-from axistwin_conformance.shrink import Budget, Shrunk, shrink, towards_zero
+from axistwin_conformance.sequences.runner import Mismatch, Operations, Played, Player
+from axistwin_conformance.sequences.shrink import Budget, Shrunk, shrink, towards_zero
 from axistwin_conformance.transport.transport import Carrier
 
 REPLAYS: Final = 3  # on a line: of the list as found, and at most of the short one
