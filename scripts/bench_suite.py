@@ -40,14 +40,14 @@ from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.write_budget import WriteBudget
 from axistwin_conformance.catalog import find_family
 from axistwin_conformance.core.session import Envelope, Run, Session
-from axistwin_conformance.jobs import Jobs
+from axistwin_conformance.engine.jobs import Jobs
+from axistwin_conformance.engine.result import CheckResult
 from axistwin_conformance.mac_axis import checks_machines, checks_sequences
 from axistwin_conformance.mac_axis.machine_devices import Judged, Trivial
 from axistwin_conformance.mac_axis.machines import AxisMachine
 from axistwin_conformance.mac_axis.player import Player
 from axistwin_conformance.mac_axis.sequences import BYTES_PER_OPERATION
 from axistwin_conformance.mac_serial import codec
-from axistwin_conformance.result import CheckResult
 from axistwin_conformance.sequences import machine
 from axistwin_conformance.transport.serial import Target, open_target
 

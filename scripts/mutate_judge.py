@@ -80,7 +80,7 @@ def judge(stages: Stages) -> None:
     from axistwin.devices.msc.controller import MscController
     from axistwin.runtime.bus import Bus
     from axistwin.runtime.line import Line
-    from axistwin_conformance.engine import Engine
+    from axistwin_conformance.engine.run import Engine
 
     for owner in (MacSerial, MscController, Line, MacCan, Bus):
         watch(owner)
@@ -156,7 +156,7 @@ def reach(stages: Stages, root: str, paths: Iterable[str]) -> None:
         return followers[name](frame, event, arg)  # type: ignore[no-any-return]
 
     sys.settrace(trace)
-    from axistwin_conformance.engine import Engine
+    from axistwin_conformance.engine.run import Engine
 
     for model, level in stages:
         Engine(options_of(model, level)).run(lambda event: None)

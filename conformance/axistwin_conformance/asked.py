@@ -21,7 +21,7 @@ from axistwin_conformance.transport.transport import is_twin_url
 if TYPE_CHECKING:
     from axistwin_conformance.base.recording import Recording
     from axistwin_conformance.core.session import Envelope
-    from axistwin_conformance.plan import Options
+    from axistwin_conformance.engine.plan import Options
 
 BENCH_TRAVEL = 2000  # increments: one turn of a MAC23, a fifth of a MAC34
 BENCH_SPEED = 10_000  # increments per second: 300 rpm on a MAC23
@@ -67,7 +67,7 @@ def make_options(
     jobs: int = 1,
 ) -> Options:
     """Turn what was typed into options; raises UsageError in one line for what cannot be meant."""
-    from axistwin_conformance.plan import Options
+    from axistwin_conformance.engine.plan import Options
 
     family = find_family(model)
     endpoint, rate = choose_endpoint(

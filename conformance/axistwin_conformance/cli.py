@@ -33,7 +33,7 @@ from axistwin_conformance.given import Word, WordPath, refuse_lost
 
 if TYPE_CHECKING:
     from axistwin_conformance.base.events import Event, Listener
-    from axistwin_conformance.engine import Engine
+    from axistwin_conformance.engine.run import Engine
     from axistwin_conformance.reports import ReportFolder
 
 VERDICTS = (0, 1, 4)
@@ -90,7 +90,7 @@ class Duration(click.ParamType[float]):
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
         """Read it; nothing, less than nothing and more than a year are mistakes."""
-        from axistwin_conformance.plan import UNITS
+        from axistwin_conformance.engine.plan import UNITS
 
         match = re.fullmatch(r"(\d{1,9}(?:\.\d{1,9})?)([hms]?)", str(value).strip().lower())
         seconds = float(match[1]) * UNITS[match[2] or "h"] if match else 0.0
@@ -395,7 +395,7 @@ def _conform(
         if given["model"] is None:
             known = sorted(name for family in families() for name in family.models)
             raise UsageError(f"name a MODEL to judge: {', '.join(known)}")
-        from axistwin_conformance.engine import Engine
+        from axistwin_conformance.engine.run import Engine
 
         given["report"] = "" if report is None else str(report)
         engine = Engine(make_options(is_detection=detect is not None, **given))
@@ -472,7 +472,7 @@ def _show(engine: Engine, is_list: bool, is_json: bool) -> int:
 
 def _run(engine: Engine, is_json: bool, report: Path | None) -> int:
     from axistwin_conformance import report_json, report_terminal
-    from axistwin_conformance.pace import Pace, weigh
+    from axistwin_conformance.engine.eta import Pace, weigh
     from axistwin_conformance.reports import ReportFolder, past_seconds
 
     explain, spell = engine.family.explain, engine.family.way.spell

@@ -19,7 +19,7 @@ import jinja2
 
 from axistwin_conformance.base.errors import counted
 from axistwin_conformance.base.recording import FOLDER
-from axistwin_conformance.judgement import CONFORMS
+from axistwin_conformance.engine.judgement import CONFORMS
 from axistwin_conformance.plot import is_inside, plot
 from axistwin_conformance.report_json import Report
 

@@ -17,8 +17,8 @@ from axistwin_conformance.base import events
 from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.base.ledger import Ledger
 from axistwin_conformance.base.transcript import Record
-from axistwin_conformance.deeds import allowed_in_vain, deeds
-from axistwin_conformance.plan import Options, Plan
+from axistwin_conformance.engine.impact import allowed_in_vain, deeds
+from axistwin_conformance.engine.plan import Options, Plan
 from axistwin_conformance.transport.kinds import in_hex
 
 FORMAT = 1  # of events and report; raised when a field changes its meaning

@@ -32,10 +32,10 @@ from axistwin_conformance.base.events import Outcome
 from axistwin_conformance.base.ledger import Ledger
 from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.base.verdicts import Finding, Verdict
-from axistwin_conformance.deeds import Deed, allowed_in_vain, deeds
-from axistwin_conformance.judgement import UNREACHABLE
-from axistwin_conformance.pace import Pace
-from axistwin_conformance.plan import Options, Plan
+from axistwin_conformance.engine.eta import Pace
+from axistwin_conformance.engine.impact import Deed, allowed_in_vain, deeds
+from axistwin_conformance.engine.judgement import UNREACHABLE
+from axistwin_conformance.engine.plan import Options, Plan
 from axistwin_conformance.transport.kinds import in_hex
 
 LEFT_TOLD_EVERY_S = 60

@@ -10,9 +10,9 @@ from typing import Any
 import serial
 
 from axistwin_conformance.cli import make_options
-from axistwin_conformance.engine import Engine
-from axistwin_conformance.plan import Options
-from axistwin_conformance.result import Result
+from axistwin_conformance.engine.plan import Options
+from axistwin_conformance.engine.result import Result
+from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.transport.serial import TWIN_HANDLER, Target
 
 PORT = "/dev/ttyUSB0"

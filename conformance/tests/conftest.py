@@ -16,7 +16,7 @@ import pytest
 import serial
 from family_variants import vary
 
-from axistwin_conformance import keeper, report_json
+from axistwin_conformance import report_json
 from axistwin_conformance.base.check import Check, check
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.errors import TargetError, WrongDevice
@@ -26,8 +26,8 @@ from axistwin_conformance.core.family import Family
 from axistwin_conformance.core.identity import Identity, Model
 from axistwin_conformance.core.probing import Probe, Seen
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.engine import Engine, Envelope, Options
-from axistwin_conformance.result import Result
+from axistwin_conformance.engine.result import Result
+from axistwin_conformance.engine.run import Engine, Envelope, Options
 from axistwin_conformance.transport.serial import Target, open_target
 from axistwin_conformance.transport.transport import Carrier
 

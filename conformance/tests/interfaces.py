@@ -25,8 +25,8 @@ import serial
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
-from axistwin_conformance.engine import Engine
-from axistwin_conformance.result import Result
+from axistwin_conformance.engine.result import Result
+from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.transport import serial
 from axistwin_conformance.transport.serial import TWIN_HANDLER, Target
 

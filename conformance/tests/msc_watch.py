@@ -10,8 +10,8 @@ import serial
 from port_in_front import PortInFront
 
 from axistwin_conformance.cli import make_options
-from axistwin_conformance.engine import Engine
-from axistwin_conformance.result import Result
+from axistwin_conformance.engine.result import Result
+from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.transport.serial import TWIN_HANDLER, Target
 
 PORT: Final = "/dev/ttyMSC"  # what the suite takes for a real port

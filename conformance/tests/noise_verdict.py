@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Protocol, TypeVar
 
 from axistwin_conformance.base.verdicts import Verdict
-from axistwin_conformance.result import Result
+from axistwin_conformance.engine.result import Result
 
 HONEST = (0, 4)  # conforms, or nothing failed and something stayed inconclusive
 

@@ -12,8 +12,8 @@ import serial
 from port_in_front import PortInFront
 
 from axistwin_conformance.cli import make_options
-from axistwin_conformance.engine import Engine
-from axistwin_conformance.result import Result
+from axistwin_conformance.engine.result import Result
+from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.transport.serial import TWIN_HANDLER, Target
 
 LATEST_NS = 60_000_000  # a byte may come that late: more than the pause after a forbidden frame

@@ -15,8 +15,8 @@ from axistwin_conformance.base.ledger import Ledger, load_ledger
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.core.profile import as_toml, load_profile
-from axistwin_conformance.engine import Engine
-from axistwin_conformance.result import Result
+from axistwin_conformance.engine.result import Result
+from axistwin_conformance.engine.run import Engine
 
 Readings = Mapping[str, str]
 

@@ -22,9 +22,9 @@ from axistwin_conformance.base import line_quality
 from axistwin_conformance.base.events import Event, Note, Outcome
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
-from axistwin_conformance.engine import Engine
+from axistwin_conformance.engine.result import Result
+from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.mac_can import codec
-from axistwin_conformance.result import Result
 from axistwin_conformance.transport.can import CanTarget
 from axistwin_conformance.transport.can_frame import Frame
 

@@ -11,8 +11,8 @@ from click.testing import CliRunner
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.catalog import find_family
 from axistwin_conformance.cli import conform, make_options
-from axistwin_conformance.deeds import Deed, deeds
-from axistwin_conformance.engine import Engine
+from axistwin_conformance.engine.impact import Deed, deeds
+from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.mac_axis.dialogue import COMMAND_NAMES
 from axistwin_conformance.mac_axis.safety import SAFETY_OF
 

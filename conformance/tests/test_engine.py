@@ -7,15 +7,14 @@ from typing import Any
 
 import pytest
 
-from axistwin_conformance import engine as engine_module
-from axistwin_conformance import keeper
 from axistwin_conformance.base import events
 from axistwin_conformance.base.errors import OutsideEnvelope, TargetError, UsageError
 from axistwin_conformance.base.events import Outcome
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.core.probing import Seen
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.result import RequirementResult
+from axistwin_conformance.engine import run as engine_module
+from axistwin_conformance.engine.result import RequirementResult
 
 LINE, FRAME, MOVE, STORE = "MACS-LINE-01", "MACS-FRAME-01", "MACS-CMD-13-01", "MACS-CMD-0D-01"
 

@@ -41,7 +41,7 @@ from zoo_msc.line import a_packet_has_200_ms, a_pause_of_100_ms_in_a_body_ends_a
 from axistwin_conformance.base.events import Note
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
-from axistwin_conformance.engine import Engine
+from axistwin_conformance.engine.run import Engine
 
 # What depends on how long an exchange takes: bursts, rows of segments, what must not be answered.
 MAC_WORDS = (

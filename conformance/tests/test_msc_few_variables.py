@@ -13,7 +13,7 @@ from axistwin_conformance.base.events import Outcome
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.core.identity import Grounds
-from axistwin_conformance.engine import Engine
+from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.msc.family import FAMILY
 
 DRAWN = "axistwin_conformance.msc.checks_random"

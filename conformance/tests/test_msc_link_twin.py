@@ -8,8 +8,8 @@ from msc_judging import link_checks
 from axistwin_conformance.base.events import CheckFinished
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
-from axistwin_conformance.engine import Engine
-from axistwin_conformance.result import Result
+from axistwin_conformance.engine.result import Result
+from axistwin_conformance.engine.run import Engine
 
 SHARED = [name for name, one in link_checks().items() if "neighbour" in one.needs]
 WRITTEN = [name for name in link_checks() if name.startswith("the_written_exchanges")]

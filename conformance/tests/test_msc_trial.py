@@ -14,11 +14,11 @@ from msc_device import MscPort, session_on, target_of
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import conform, make_options
 from axistwin_conformance.core.identity import Grounds
-from axistwin_conformance.engine import Engine
+from axistwin_conformance.engine.result import Result
+from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.msc import codec
 from axistwin_conformance.msc.family import FAMILY
 from axistwin_conformance.msc.trial import try_flags
-from axistwin_conformance.result import Result
 
 PORT = "axistwin://msc-250?time=virtual"
 INPUTS = "0-7"

@@ -11,12 +11,12 @@ from noisy_line import FATES, NoisyRun, noisy_run
 from zoo import ZOO
 from zoo.mutant import Mutant
 
-from axistwin_conformance import noise
 from axistwin_conformance.base.events import Outcome
 from axistwin_conformance.base.line_quality import LEAST_ALIKE, LineQuality
 from axistwin_conformance.base.verdicts import Finding, Verdict
-from axistwin_conformance.noise import Attempt, Replays
-from axistwin_conformance.result import CheckResult
+from axistwin_conformance.engine import replays
+from axistwin_conformance.engine.replays import Attempt, Replays
+from axistwin_conformance.engine.result import CheckResult
 
 KINDS = {"mixed": FATES, **{one: (one,) for one in FATES}}
 LEAST_PASSED = {5000: 110, 500: 80, 50: 30}  # of 136: noise costs certainty, but not everything
@@ -206,7 +206,7 @@ def test_a_failure_that_comes_and_goes_on_a_quiet_line_is_inconclusive() -> None
     """Neither a pass nor a fail: the device does not hold still."""
     verdict, count, _ = settled(FAILS, PASSES)
     assert verdict is Verdict.INCONCLUSIVE
-    assert count == noise.MOST_ATTEMPTS
+    assert count == replays.MOST_ATTEMPTS
 
 
 def test_on_a_noisy_line_a_failure_that_does_not_come_again_was_noise() -> None:
@@ -231,9 +231,9 @@ def test_while_every_attempt_fails_it_is_replayed_longer() -> None:
     """Where more must agree than there usually are attempts; one that holds ends that."""
     noisy = LineQuality(1000, 400)
     assert settled(FAILS, quality=noisy)[:2] == (Verdict.FAIL, noisy.alike_needed)
-    assert noisy.alike_needed > noise.MOST_ATTEMPTS
+    assert noisy.alike_needed > replays.MOST_ATTEMPTS
     verdict, count, _ = settled(RETRIED, *[FAILS] * 30, quality=noisy)
-    assert (verdict, count) == (Verdict.INCONCLUSIVE, noise.MOST_ATTEMPTS)
+    assert (verdict, count) == (Verdict.INCONCLUSIVE, replays.MOST_ATTEMPTS)
 
 
 def test_a_failure_without_any_noise_is_waited_for_to_come_again() -> None:
@@ -242,9 +242,9 @@ def test_a_failure_without_any_noise_is_waited_for_to_come_again() -> None:
     hit = [attempt(Verdict.FAIL, spoilt=(f"20h, time {number}: ",)) for number in range(60)]
     row = [FAILS if number % 3 == 2 else one for number, one in enumerate(hit)]
     assert settled(*row, quality=line)[:2] == (Verdict.FAIL, 21)
-    assert settled(*hit, quality=line)[:2] == (Verdict.INCONCLUSIVE, noise.MOST_ATTEMPTS)
+    assert settled(*hit, quality=line)[:2] == (Verdict.INCONCLUSIVE, replays.MOST_ATTEMPTS)
     twice = [FAILS, *hit[:5], FAILS, *hit[5:]]
-    longest = noise.MOST_WHILE_QUIET * noise.MOST_ATTEMPTS
+    longest = replays.MOST_WHILE_QUIET * replays.MOST_ATTEMPTS
     assert settled(*twice, quality=line)[:2] == (Verdict.INCONCLUSIVE, longest)
     verdict, count, _ = settled(*row[:12], RETRIED, *hit, quality=line)
     assert (verdict, count) == (Verdict.INCONCLUSIVE, 13)

@@ -8,8 +8,8 @@ import pytest
 
 from axistwin_conformance.base.errors import time_left
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.engine import Engine
-from axistwin_conformance.pace import Pace, weigh
+from axistwin_conformance.engine.eta import Pace, weigh
+from axistwin_conformance.engine.run import Engine
 
 
 class Clock:

@@ -11,7 +11,7 @@ from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.core.probing import Probe, Seen
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.plan import Plan, make_plan
+from axistwin_conformance.engine.plan import Plan, make_plan
 
 
 def passive(session: Session) -> None:

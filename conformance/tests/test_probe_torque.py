@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from axistwin_conformance import detection
 from axistwin_conformance.cli import make_options
-from axistwin_conformance.engine import Engine
+from axistwin_conformance.engine import detection
+from axistwin_conformance.engine.run import Engine
 
 
 @pytest.mark.parametrize("model", ["mac23", "mac23-can"])

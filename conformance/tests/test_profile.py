@@ -13,7 +13,7 @@ from quirk_twins import QuirkTwins, Readings
 from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.cli import conform, make_options
 from axistwin_conformance.core.profile import load_profile, write_profile
-from axistwin_conformance.engine import Engine
+from axistwin_conformance.engine.run import Engine
 
 # Of a twin, not of a manual: `Ledger.configuration`.  And what no probe can tell, with the reason.
 TWINS = QuirkTwins(

@@ -6,7 +6,7 @@ import pytest
 from as_real import judge_as_real, real_options
 
 from axistwin_conformance.base.verdicts import Verdict
-from axistwin_conformance.result import Result
+from axistwin_conformance.engine.result import Result
 
 # What ends by 18h and stops, slowly and fast, and what has to come to rest before it.
 STOPPING = (

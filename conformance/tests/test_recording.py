@@ -16,7 +16,7 @@ from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.base.events import Event, FailureStored
 from axistwin_conformance.base.recording import Recording, load_recording
 from axistwin_conformance.cli import make_options
-from axistwin_conformance.engine import Engine
+from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.sequences.shrink import Budget
 
 ONE = Recording(

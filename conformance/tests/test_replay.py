@@ -14,7 +14,7 @@ from zoo.motion import a_ramped_stop_stops_dead
 
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.cli import Duration, conform, make_options
-from axistwin_conformance.plan import make_plan
+from axistwin_conformance.engine.plan import make_plan
 
 CHECK = "some_mixed_sequences_agree_with_the_model"
 FAILING = "030002ff0500000008000000"  # turn, ramped stop, move: refused while the ramp runs

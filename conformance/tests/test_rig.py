@@ -19,8 +19,8 @@ from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.catalog import find_family
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.engine import Engine
-from axistwin_conformance.result import Result
+from axistwin_conformance.engine.result import Result
+from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.transport import rig as rig_module
 from axistwin_conformance.transport.rig import (
     INPUTS,

@@ -13,8 +13,8 @@ from port_in_front import PortInFront
 from axistwin_conformance.base.events import Outcome
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
-from axistwin_conformance.engine import Engine
-from axistwin_conformance.result import Result
+from axistwin_conformance.engine.result import Result
+from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.transport.serial import TWIN_HANDLER, Target
 
 SECOND = 1_000_000_000

@@ -18,8 +18,8 @@ from axistwin_conformance.base import line_quality
 from axistwin_conformance.base.events import Outcome
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
-from axistwin_conformance.engine import Engine
-from axistwin_conformance.result import Result
+from axistwin_conformance.engine.result import Result
+from axistwin_conformance.engine.run import Engine
 
 pytestmark = pytest.mark.slow
 

@@ -35,8 +35,8 @@ from trouble import (
 from axistwin_conformance.base.events import Outcome
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.engine import Engine
-from axistwin_conformance.result import Result
+from axistwin_conformance.engine.result import Result
+from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.transport.serial import TWIN_HANDLER, Target
 
 TRAVEL, SPEED = 2000, 10_000

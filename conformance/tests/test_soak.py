@@ -15,8 +15,8 @@ from axistwin_conformance.base.events import CheckFinished, Note, SoakProgress, 
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.plan import duration_word, make_plan
-from axistwin_conformance.soak import Soak, round_seed
+from axistwin_conformance.engine.plan import duration_word, make_plan
+from axistwin_conformance.engine.soak import Soak, round_seed
 
 LINE, FRAME = "MACS-LINE-01", "MACS-FRAME-01"
 SHORT = {"level": "soak", "duration_s": 0.15}

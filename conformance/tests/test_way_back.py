@@ -23,7 +23,7 @@ from axistwin_conformance.base.errors import TargetError
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.core.session import Envelope, Run, Session
-from axistwin_conformance.engine import Engine
+from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.mac_axis import checks_interpolation, probes_sync
 from axistwin_conformance.mac_axis.bench import bench_of
 from axistwin_conformance.mac_can import hearing

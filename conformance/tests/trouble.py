@@ -17,7 +17,7 @@ from shaft_watch import ACTING, Order, Shaft
 
 from axistwin_conformance.base import interrupts
 from axistwin_conformance.base.events import Outcome
-from axistwin_conformance.result import Result
+from axistwin_conformance.engine.result import Result
 
 STOP = 0x18
 

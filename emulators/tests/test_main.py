@@ -73,7 +73,7 @@ def test_ctrl_c_while_the_program_is_loaded_ends_it_without_a_word(start: str, m
         ("axistwin.cli.models", ("models",)),
         ("axistwin.catalog", ("models",)),
         ("axistwin_conformance.cli", ("conform", "mac23")),
-        ("axistwin_conformance.engine", ("conform", "mac23")),
+        ("axistwin_conformance.engine.run", ("conform", "mac23")),
     ],
 )
 def test_ctrl_c_while_a_module_is_loaded_ends_it_without_a_word(

@@ -12,7 +12,7 @@ from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.errors import counted, with_article
 from axistwin_conformance.core.identity import Grounds
-from axistwin_conformance.plan import Options, Plan
+from axistwin_conformance.engine.plan import Options, Plan
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,7 @@ from axistwin_conformance.base.errors import (
 from axistwin_conformance.core.probing import Probe, Seen
 from axistwin_conformance.core.profile import Detection
 from axistwin_conformance.core.session import Run, Session, Stop
-from axistwin_conformance.noise import MOST_ATTEMPTS
+from axistwin_conformance.engine.replays import MOST_ATTEMPTS
 
 
 class Keeper(Protocol):

@@ -21,7 +21,6 @@ import contextlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
-from axistwin_conformance.attempts import describe
 from axistwin_conformance.base import events, interrupts
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.errors import Disturbed, RigError, TargetError, TwinCrashed
@@ -31,8 +30,9 @@ from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.base.write_budget import WriteBudget
 from axistwin_conformance.core.family import Violation
 from axistwin_conformance.core.session import HUSH_S, Run, Session, Stop
-from axistwin_conformance.plan import Options
-from axistwin_conformance.result import CheckResult
+from axistwin_conformance.engine.attempts import describe
+from axistwin_conformance.engine.plan import Options
+from axistwin_conformance.engine.result import CheckResult
 from axistwin_conformance.transport.transport import Carrier
 
 SANITY_PAUSES_S = (0.0, 1.0, 1.5)  # together longer than the 2 s for which a module may be deaf

@@ -29,8 +29,8 @@ from axistwin_conformance.base.errors import (
 from axistwin_conformance.base.events import Listener, Outcome
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.core.session import Run, Session, Stop
-from axistwin_conformance.noise import Attempt, Replays
-from axistwin_conformance.result import CheckResult
+from axistwin_conformance.engine.replays import Attempt, Replays
+from axistwin_conformance.engine.result import CheckResult
 
 
 class Keeper(Protocol):

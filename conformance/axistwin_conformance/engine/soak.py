@@ -21,7 +21,7 @@ from axistwin_conformance.base import events
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.events import Event, Listener, Outcome, StatesCovered
 from axistwin_conformance.base.verdicts import Finding, Verdict
-from axistwin_conformance.result import CheckResult
+from axistwin_conformance.engine.result import CheckResult
 
 SEEDS_TOLD = 10
 

@@ -12,7 +12,7 @@ from axistwin_conformance.base.ledger import Requirement
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.base.verdicts import Finding, Verdict, join_texts, merge
 from axistwin_conformance.core.profile import Detection
-from axistwin_conformance.plan import Options, Plan
+from axistwin_conformance.engine.plan import Options, Plan
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,6 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 
-from axistwin_conformance.attempts import Attempts, describe
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.events import Event, FailureStored, Outcome
 from axistwin_conformance.base.ledger import load_ledger
@@ -38,7 +37,8 @@ from axistwin_conformance.core.family import Family
 from axistwin_conformance.core.identity import Grounds, Identity
 from axistwin_conformance.core.profile import Detection
 from axistwin_conformance.core.session import Envelope, Run, Session
-from axistwin_conformance.result import CheckResult
+from axistwin_conformance.engine.attempts import Attempts, describe
+from axistwin_conformance.engine.result import CheckResult
 from axistwin_conformance.transport.transport import RoundTrip
 
 WRONG = (Verdict.FAIL, Verdict.INCONCLUSIVE)

@@ -29,7 +29,6 @@ from datetime import UTC, datetime
 from functools import partial
 from importlib import metadata
 
-from axistwin_conformance.attempts import Attempts, describe
 from axistwin_conformance.base import events, interrupts
 from axistwin_conformance.base.armed import load_armed
 from axistwin_conformance.base.check import Check
@@ -41,14 +40,15 @@ from axistwin_conformance.base.write_budget import WriteBudget
 from axistwin_conformance.core.probing import Probe
 from axistwin_conformance.core.profile import Detection, held_to
 from axistwin_conformance.core.session import Envelope, Run, Session
-from axistwin_conformance.deeds import allowed_in_vain
-from axistwin_conformance.detection import detect, leave_out
-from axistwin_conformance.jobs import Jobs
-from axistwin_conformance.judgement import conclude
-from axistwin_conformance.keeper import Keeper, Opener
-from axistwin_conformance.plan import Options, Plan, make_plan
-from axistwin_conformance.result import CheckResult, Result
-from axistwin_conformance.soak import Soak
+from axistwin_conformance.engine.attempts import Attempts, describe
+from axistwin_conformance.engine.detection import detect, leave_out
+from axistwin_conformance.engine.device_guard import Keeper, Opener
+from axistwin_conformance.engine.impact import allowed_in_vain
+from axistwin_conformance.engine.jobs import Jobs
+from axistwin_conformance.engine.judgement import conclude
+from axistwin_conformance.engine.plan import Options, Plan, make_plan
+from axistwin_conformance.engine.result import CheckResult, Result
+from axistwin_conformance.engine.soak import Soak
 from axistwin_conformance.transport.kinds import BUS, LINE
 from axistwin_conformance.transport.transport import Carrier
 

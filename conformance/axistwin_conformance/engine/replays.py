@@ -32,7 +32,7 @@ from dataclasses import dataclass, field, replace
 from axistwin_conformance.base.events import Outcome
 from axistwin_conformance.base.line_quality import LEAST_ALIKE, LineQuality
 from axistwin_conformance.base.verdicts import Finding, Verdict
-from axistwin_conformance.result import CheckResult
+from axistwin_conformance.engine.result import CheckResult
 from axistwin_conformance.transport.transport import TWICE
 
 FALSE_ALARM_AMONG_MANY = 1e-4  # the same, of attempts picked from many

@@ -10,7 +10,7 @@ from axistwin_conformance.base.events import Outcome
 from axistwin_conformance.base.ledger import Ledger, Requirement
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.base.verdicts import Finding, Verdict, join_texts, merge
-from axistwin_conformance.result import RequirementResult, Result
+from axistwin_conformance.engine.result import RequirementResult, Result
 
 CONFORMS, FAILS, USAGE, UNREACHABLE, UNSETTLED, INTERRUPTED = 0, 1, 2, 3, 4, 130
 

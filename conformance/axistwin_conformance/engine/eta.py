@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 
 from axistwin_conformance.base.check import Check
-from axistwin_conformance.plan import Plan
+from axistwin_conformance.engine.plan import Plan
 
 WEIGHTS = (1.0, 6.0, 6.0, 6.0, 8.0)  # passive, motion, stored, rig, destructive
 FULL_FACTOR = 2.0  # checks that only full runs do are the long ones
