@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import io
-import json
 import os
 import re
 import shlex
@@ -34,7 +33,7 @@ from axistwin_conformance.given import Word, WordPath, refuse_lost
 if TYPE_CHECKING:
     from axistwin_conformance.base.events import Event, Listener
     from axistwin_conformance.engine.run import Engine
-    from axistwin_conformance.reports import ReportFolder
+    from axistwin_conformance.report.folder import ReportFolder
 
 VERDICTS = (0, 1, 4)
 UNWRITTEN = 2  # a verdict that is missing where it was asked for is none
@@ -439,41 +438,39 @@ def _write_profile(engine: Engine, path: Path, is_json: bool) -> None:
 
 def _compare(old: Path, new: Path, is_json: bool, model: str | None) -> int:
     """Tell what changed between two reports; 1 if anything got worse."""
-    from axistwin_conformance import compare, report_json, report_terminal
+    from axistwin_conformance.report import compare, json, terminal
 
     if model is not None:
         raise UsageError(f"--compare runs nothing: leave out {model!r}")
-    before, after = report_json.load(old), report_json.load(new)
+    before, after = json.load(old), json.load(new)
     found = compare.changes(before, after)
     notes = compare.circumstances(before, after)
     if is_json:
         click.echo(json.dumps(compare.as_object(found, notes), ensure_ascii=False))
     else:
-        compare.print_changes(report_terminal.make_console(), found, notes)
+        compare.print_changes(terminal.make_console(), found, notes)
     return int(any(one.is_worse for one in found))
 
 
 def _show(engine: Engine, is_list: bool, is_json: bool) -> int:
     """Show requirements or the plan; runs nothing."""
-    from axistwin_conformance import report_json, report_terminal
+    from axistwin_conformance.report import json, terminal
 
     plan = engine.plan()
     if is_json:
-        click.echo(report_json.overview(engine.ledger, plan, engine.options))
+        click.echo(json.overview(engine.ledger, plan, engine.options))
     elif is_list:
         checks = engine.family.checks()
-        report_terminal.print_ledger(
-            report_terminal.make_console(), engine.ledger, plan.requirements, checks
-        )
+        terminal.print_ledger(terminal.make_console(), engine.ledger, plan.requirements, checks)
     else:
-        report_terminal.print_plan(report_terminal.make_console(), plan, engine.options)
+        terminal.print_plan(terminal.make_console(), plan, engine.options)
     return 0
 
 
 def _run(engine: Engine, is_json: bool, report: Path | None) -> int:
-    from axistwin_conformance import report_json, report_terminal
     from axistwin_conformance.engine.eta import Pace, weigh
-    from axistwin_conformance.reports import ReportFolder, past_seconds
+    from axistwin_conformance.report import json, terminal
+    from axistwin_conformance.report.folder import ReportFolder, past_seconds
 
     explain, spell = engine.family.explain, engine.family.way.spell
     folder, past = None, {}
@@ -484,13 +481,13 @@ def _run(engine: Engine, is_json: bool, report: Path | None) -> int:
     with contextlib.ExitStack() as stack:
         terminal: Listener
         if is_json:
-            terminal = report_json.JsonStream(sys.stdout, explain, spell)
+            terminal = json.JsonStream(sys.stdout, explain, spell)
         else:
-            console = report_terminal.make_console()
+            console = terminal.make_console()
             duration_s = engine.options.duration_s or 0.0
             pace = Pace(weigh(engine.plan()), past, afterwards_s=duration_s)
             terminal = stack.enter_context(
-                report_terminal.TerminalReport(
+                terminal.TerminalReport(
                     console, engine.ledger, explain, pace, engine.options.report, spell
                 )
             )

@@ -16,7 +16,6 @@ import pytest
 import serial
 from family_variants import vary
 
-from axistwin_conformance import report_json
 from axistwin_conformance.base.check import Check, check
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.errors import TargetError, WrongDevice
@@ -28,6 +27,7 @@ from axistwin_conformance.core.probing import Probe, Seen
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine, Envelope, Options
+from axistwin_conformance.report import json
 from axistwin_conformance.transport.serial import Target, open_target
 from axistwin_conformance.transport.transport import Carrier
 
@@ -274,4 +274,4 @@ def wrong_run(toy: Toy) -> list[dict[str, Any]]:
     toy.add(_measured, "MACS-REPLY-16")
     toy.add(_drifting, "MACS-CMD-13-01", safety="motion")
     toy.run()
-    return [report_json.event_object(event, ToyFamily().explain) for event in toy.events]
+    return [json.event_object(event, ToyFamily().explain) for event in toy.events]

@@ -14,12 +14,12 @@ from bus_in_front import BITRATE, BusInFront, twin_bus
 from click.testing import CliRunner, Result
 from rich.console import Console
 
-from axistwin_conformance import report_html, report_json, report_junit
 from axistwin_conformance.base.events import Event
 from axistwin_conformance.cli import conform, make_options
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.mac_can import codec
-from axistwin_conformance.report_terminal import TerminalReport
+from axistwin_conformance.report import html, json, junit
+from axistwin_conformance.report.terminal import TerminalReport
 from axistwin_conformance.transport.can import CanTarget
 from axistwin_conformance.transport.kinds import BUS
 from axistwin_conformance.transport.rig import choose_rig
@@ -214,9 +214,7 @@ def failed() -> tuple[Engine, list[Event]]:
 def report_of(engine: Engine, told: list[Event]) -> Any:
     """The report of a run."""
     family = engine.family
-    return report_json.fold(
-        report_json.event_object(one, family.explain, family.way.spell) for one in told
-    )
+    return json.fold(json.event_object(one, family.explain, family.way.spell) for one in told)
 
 
 def test_reports_show_frames_with_their_identifiers(failed: tuple[Engine, list[Event]]) -> None:
@@ -232,7 +230,7 @@ def test_reports_show_frames_with_their_identifiers(failed: tuple[Engine, list[E
     assert {"601#4004200000000000"} <= {one["data"] for one in records}
     assert any(one["data"].startswith("581#42042000000007") for one in records)
     assert any("answer 2004h" in one["decoded"] for one in records)
-    page, junit = report_html.render(report), report_junit.junit(report)
+    page, junit = html.render(report), junit.junit(report)
     for text in (page, junit):
         assert "601#4004200000000000" in text
         assert "125000" in text

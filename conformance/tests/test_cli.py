@@ -23,7 +23,7 @@ from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.cli import Mistake, conform, make_options, parse_allowed
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.engine.run import Engine
-from axistwin_conformance.report_terminal import TerminalReport
+from axistwin_conformance.report.terminal import TerminalReport
 from axistwin_conformance.transport.serial import Target
 
 LINE, FRAME, MOVE = "MACS-LINE-01", "MACS-FRAME-01", "MACS-CMD-13-01"

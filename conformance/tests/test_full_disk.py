@@ -15,7 +15,7 @@ import pytest
 from axistwin_conformance.base import events
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.mac_serial.family import FAMILY
-from axistwin_conformance.reports import ReportFolder
+from axistwin_conformance.report.folder import ReportFolder
 
 RUN = """
 import resource, sys

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from axistwin_conformance.plot import BAND_POINTS, HEIGHT, WIDTH, is_inside, plot, ticks
+from axistwin_conformance.report.plot import BAND_POINTS, HEIGHT, WIDTH, is_inside, plot, ticks
 
 MS = 1_000_000
 

@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from axistwin_conformance import report_html, report_terminal
 from axistwin_conformance.base import interrupts
 from axistwin_conformance.cli import conform
 from axistwin_conformance.mac_serial.family import FAMILY
-from axistwin_conformance.reports import ReportFolder
+from axistwin_conformance.report import terminal
+from axistwin_conformance.report.folder import ReportFolder
 
 ALL = {"report.html", "report.json", "junit.xml", "events.jsonl"}
 
@@ -60,7 +60,7 @@ def test_a_folder_that_another_run_fills_is_refused_before_anything_is_done(
 @pytest.mark.parametrize("number", interrupts.ENDING, ids=lambda one: one.name)
 @pytest.mark.parametrize(
     ("place", "name"),
-    [(report_terminal.TerminalReport, "_verdict_table"), (report_html, "render")],
+    [(terminal.TerminalReport, "_verdict_table"), (report_html, "render")],
     ids=["while the verdicts are told", "while the page is made"],
 )
 def test_an_interrupt_at_the_very_end_loses_no_report(
@@ -84,7 +84,7 @@ def test_an_interrupt_at_the_very_end_loses_no_report(
 @pytest.mark.parametrize(
     ("place", "name", "left"),
     [
-        (report_terminal.TerminalReport, "_open", ALL),
+        (terminal.TerminalReport, "_open", ALL),
         (ReportFolder, "_write", ALL),
         (ReportFolder, "__call__", {"events.jsonl"}),
     ],

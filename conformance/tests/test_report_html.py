@@ -16,14 +16,14 @@ import pytest
 from click.testing import CliRunner
 from zoo import ZOO
 
-from axistwin_conformance import report_json
 from axistwin_conformance.cli import conform
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.mac_axis.dialogue import signed
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.codec import Reply
-from axistwin_conformance.report_html import WHOLE_CHECKS, duration, render
-from axistwin_conformance.report_json import Report, fold, load
+from axistwin_conformance.report import json
+from axistwin_conformance.report.html import WHOLE_CHECKS, duration, render
+from axistwin_conformance.report.json import Report, fold, load
 
 VOID = {"meta", "input", "br", "circle", "path", "polygon"}
 OPTIONAL_END = {"td", "tr"}  # transcripts leave these out: half of a long page would be end tags
@@ -308,7 +308,7 @@ def test_an_unreachable_device_gets_a_page_too(toy: Any) -> None:
     toy.add(asks, "MACS-LINE-01")
     toy.port.is_mute = True
     toy.run()
-    text = render(fold([report_json.event_object(event) for event in toy.events]))
+    text = render(fold([json.event_object(event) for event in toy.events]))
     assert text.startswith("<!DOCTYPE html>")
     assert "Not judged: device unreachable: nothing answers" in text
 

@@ -7,8 +7,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from axistwin_conformance.report_json import fold
-from axistwin_conformance.report_junit import RUN_CASE, junit
+from axistwin_conformance.report.json import fold
+from axistwin_conformance.report.junit import RUN_CASE, junit
 
 # What the JUnit schema of the common build servers knows, with the attributes they read.
 CHILDREN = {

@@ -15,8 +15,8 @@ from axistwin_conformance.cli import conform
 from axistwin_conformance.mac_axis.dialogue import signed
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.codec import Reply
-from axistwin_conformance.report_json import Report, load
-from axistwin_conformance.report_junit import PROFILE_CASE, junit
+from axistwin_conformance.report.json import Report, load
+from axistwin_conformance.report.junit import PROFILE_CASE, junit
 
 WORDS = ("mac23", "MACS-LINE-02", "MACS-FRAME-01")
 DEPARTS = 'model = "mac23"\n[quirks]\nxon_byte = "11h"\nreply28_length = "014"\n'

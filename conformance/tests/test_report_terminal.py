@@ -9,14 +9,14 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from axistwin_conformance import report_terminal
 from axistwin_conformance.asked import make_options
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.engine import run as engine_module
 from axistwin_conformance.engine.eta import Pace
 from axistwin_conformance.engine.run import Engine
-from axistwin_conformance.report_terminal import TerminalReport
+from axistwin_conformance.report import terminal
+from axistwin_conformance.report.terminal import TerminalReport
 
 
 def answers(session: Session) -> None:
@@ -112,9 +112,9 @@ def test_list_and_plan_fit_every_terminal(model: str, width: int) -> None:
     engine = Engine(make_options(model=model))
     plan, out = engine.plan(), io.StringIO()
     console = Console(file=out, width=width, color_system=None)
-    report_terminal.print_plan(console, plan, engine.options)
+    terminal.print_plan(console, plan, engine.options)
     planned = out.getvalue()
-    report_terminal.print_ledger(console, engine.ledger, plan.requirements, engine.family.checks())
+    terminal.print_ledger(console, engine.ledger, plan.requirements, engine.family.checks())
     listed = out.getvalue().removeprefix(planned)
     assert "…" not in planned + listed
     lines, words = planned.splitlines(), " ".join(planned.split())

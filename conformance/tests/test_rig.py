@@ -452,7 +452,7 @@ def test_a_question_stops_the_bar() -> None:
     from rich.console import Console
 
     from axistwin_conformance.base.ledger import load_ledger
-    from axistwin_conformance.report_terminal import TerminalReport
+    from axistwin_conformance.report.terminal import TerminalReport
 
     console = Console(file=io.StringIO(), force_terminal=True)
     face = TerminalReport(console, load_ledger("mac_serial"), str)

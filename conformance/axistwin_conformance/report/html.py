@@ -20,8 +20,8 @@ import jinja2
 from axistwin_conformance.base.errors import counted
 from axistwin_conformance.base.recording import FOLDER
 from axistwin_conformance.engine.judgement import CONFORMS
-from axistwin_conformance.plot import is_inside, plot
-from axistwin_conformance.report_json import Report
+from axistwin_conformance.report.json import Report
+from axistwin_conformance.report.plot import is_inside, plot
 
 # In the order of urgency; the sign says the same as the colour.
 SIGNS = {

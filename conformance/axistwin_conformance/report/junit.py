@@ -21,7 +21,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 from xml.etree import ElementTree
 
-from axistwin_conformance.report_json import Report
+from axistwin_conformance.report.json import Report
 
 UNTRUSTED = (2, 3, 130)  # exit statuses: nothing judged, unreachable, interrupted
 RUN_CASE = "the run itself"

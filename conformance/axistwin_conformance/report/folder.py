@@ -9,11 +9,11 @@ import json
 from pathlib import Path
 from typing import Any
 
-from axistwin_conformance import report_html, report_json, report_junit
 from axistwin_conformance.base import events
 from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.base.recording import FOLDER
-from axistwin_conformance.report_json import Explain, Spell
+from axistwin_conformance.report import html, json, junit
+from axistwin_conformance.report.json import Explain, Spell
 from axistwin_conformance.transport.kinds import in_hex
 
 EVENTS, REPORT, JUNIT, PAGE = "events.jsonl", "report.json", "junit.xml", "report.html"
@@ -24,7 +24,7 @@ def past_seconds(directory: Path, url: str) -> dict[str, float]:
     try:
         if not (directory / REPORT).is_file():  # a device may have no end
             return {}
-        report = report_json.load(directory / REPORT)
+        report = json.load(directory / REPORT)
         if url not in report["run"]["target"]:
             return {}
         return {check["name"]: float(check["seconds"]) for check in report["checks"]}
@@ -75,7 +75,7 @@ class ReportFolder:
         """Take an event."""
         if isinstance(event, events.FailureStored):
             self._store(event)
-        told = report_json.event_object(event, self._explain, self._spell)
+        told = json.event_object(event, self._explain, self._spell)
         self._told.append(told)
         path = self.directory / EVENTS
         if path in self.lost:
@@ -119,9 +119,9 @@ class ReportFolder:
     def _made(self) -> tuple[Path, ...]:
         if not self._told or self._told[0]["event"] != "run_started":
             return ()  # interrupted before there was anything to be told
-        report = report_json.fold(self._told)
-        text = report_json.to_text(report)
-        made = {PAGE: report_html.render(report), REPORT: text, JUNIT: report_junit.junit(report)}
+        report = json.fold(self._told)
+        text = json.to_text(report)
+        made = {PAGE: html.render(report), REPORT: text, JUNIT: junit.junit(report)}
         for name in reversed(made):  # the small ones for programs first
             path = self.directory / name
             try:

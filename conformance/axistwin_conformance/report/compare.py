@@ -20,8 +20,8 @@ from rich.table import Table
 from rich.text import Text
 
 from axistwin_conformance.base.verdicts import Verdict
-from axistwin_conformance.report_json import Report
-from axistwin_conformance.report_terminal import STYLE
+from axistwin_conformance.report.json import Report
+from axistwin_conformance.report.terminal import STYLE
 
 BEST_FIRST = (
     Verdict.PASS, Verdict.QUIRK, Verdict.INFO, Verdict.NOT_RUN, Verdict.INCONCLUSIVE, Verdict.FAIL,
