@@ -42,18 +42,18 @@ from axistwin_conformance.catalog import find_family
 from axistwin_conformance.core.session import Envelope, Run, Session
 from axistwin_conformance.engine.jobs import Jobs
 from axistwin_conformance.engine.result import CheckResult
-from axistwin_conformance.mac_axis import checks_machines, checks_sequences
-from axistwin_conformance.mac_axis.machine_devices import Judged, Trivial
-from axistwin_conformance.mac_axis.machines import AxisMachine
-from axistwin_conformance.mac_axis.player import Player
-from axistwin_conformance.mac_axis.sequences import BYTES_PER_OPERATION
+from axistwin_conformance.families.mac.axis.checks import machines, sequences
+from axistwin_conformance.families.mac.axis.sequences.machine import AxisMachine
+from axistwin_conformance.families.mac.axis.sequences.machine_devices import Judged, Trivial
+from axistwin_conformance.families.mac.axis.sequences.runner import Player
+from axistwin_conformance.families.mac.axis.sequences.sequence import BYTES_PER_OPERATION
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.sequences import machine
 from axistwin_conformance.transport.serial import Target, open_target
 
 MODEL = "mac23"
 WRITES_ALLOWED = 1 << 40
-SEQUENCE_BYTES = checks_sequences.FREE.operations * BYTES_PER_OPERATION
+SEQUENCE_BYTES = sequences.FREE.operations * BYTES_PER_OPERATION
 STATEFUL_AIM = 0.5  # of the limit
 ONE_DRAW_AIM = 10.0  # times the stateful rate
 # Hypothesis begins with the simplest example, the same step all the time: one in so many here.
@@ -180,7 +180,7 @@ def open_player(wrap: Callable[[Any], Any] | None = None) -> Player:
         envelope=Envelope(1 << 20, 5000, is_fenced=False),
     )  # fmt: skip
     run.memory = family.remember(Session(run))
-    session = Session(run, checks_machines.some_runs_of_the_machine_agree_with_the_model)
+    session = Session(run, machines.some_runs_of_the_machine_agree_with_the_model)
 
     def gate(data: bytes) -> None:
         assert family.forbid(session, data) is None
@@ -188,14 +188,14 @@ def open_player(wrap: Callable[[Any], Any] | None = None) -> Player:
 
     target.gate = gate
     target.meter = lambda data: budget.note(family.stored_writes(data))
-    return checks_sequences.player_of(session)
+    return sequences.player_of(session)
 
 
 def machine_slice(begin: Callable[[], machine.Device], number: int) -> int:
     """Run the machine for a slice; return how many steps it took."""
     driven = machine.driven(begin, lambda operation: None, AxisMachine)
     steps: list[int] = []
-    machine.run(driven, SLICE_EXAMPLES, checks_machines.STEPS, number, steps.append)
+    machine.run(driven, SLICE_EXAMPLES, machines.STEPS, number, steps.append)
     return sum(steps)
 
 
@@ -204,7 +204,7 @@ def sequence_slice(player: Player, number: int) -> int:
     source = random.Random(number)
     for _ in range(SLICE_SEQUENCES):
         player.begin().play(source.randbytes(SEQUENCE_BYTES))
-    return SLICE_SEQUENCES * checks_sequences.FREE.operations
+    return SLICE_SEQUENCES * sequences.FREE.operations
 
 
 class CannedSlice:

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from axistwin_conformance.base.ledger import load_ledger
-from axistwin_conformance.mac_axis.keeping import Facts
+from axistwin_conformance.families.mac.axis.snapshot import Facts
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.codec import Kind
 from axistwin_conformance.mac_serial.family import MODELS

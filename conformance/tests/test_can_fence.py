@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from axistwin_conformance.base.errors import OutsideEnvelope
-from axistwin_conformance.mac_axis.fence import Fence
+from axistwin_conformance.families.mac.axis.travel_guard import Fence
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.codec import Request
 from axistwin_conformance.mac_can.reader import BusReader

@@ -24,19 +24,19 @@ from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.catalog import find_family
 from axistwin_conformance.cli import conform
 from axistwin_conformance.core.session import Envelope, Run, Session, Stop
-from axistwin_conformance.mac_axis.checks_machines import (
+from axistwin_conformance.families.mac.axis.checks.machines import (
     some_runs_of_the_machine_agree_with_the_model as some_runs,
 )
-from axistwin_conformance.mac_axis.checks_sequences import (
+from axistwin_conformance.families.mac.axis.checks.sequences import (
     many_mixed_sequences_agree_with_the_model as many_sequences,
 )
-from axistwin_conformance.mac_axis.dialogue import Kind
-from axistwin_conformance.mac_axis.machine_devices import Judged
-from axistwin_conformance.mac_axis.machines import AxisMachine
-from axistwin_conformance.mac_axis.machines_sync import SyncMachine
-from axistwin_conformance.mac_axis.operations import OPERATIONS, WHAT, WITH_SYNC
-from axistwin_conformance.mac_axis.player import Player
-from axistwin_conformance.mac_axis.sequences import Sequence
+from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.sequences.machine import AxisMachine
+from axistwin_conformance.families.mac.axis.sequences.machine_devices import Judged
+from axistwin_conformance.families.mac.axis.sequences.machine_sync import SyncMachine
+from axistwin_conformance.families.mac.axis.sequences.operations import OPERATIONS, WHAT, WITH_SYNC
+from axistwin_conformance.families.mac.axis.sequences.runner import Player
+from axistwin_conformance.families.mac.axis.sequences.sequence import Sequence
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
 from axistwin_conformance.sequences import failure, machine

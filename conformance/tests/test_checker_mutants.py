@@ -13,10 +13,11 @@ from typing import Any
 import pytest
 from checker_faults import Patch, fault, faults_in, judge_red
 
-from axistwin_conformance.mac_axis import forecast, keeping, motion
-from axistwin_conformance.mac_axis.acceptance import ACCEPTANCE
-from axistwin_conformance.mac_axis.forecast import Forecast, Timeline, Window
-from axistwin_conformance.mac_axis.motion import Course, Profile, Run
+from axistwin_conformance.families.mac.axis import snapshot
+from axistwin_conformance.families.mac.axis.model import forecast, kinematics
+from axistwin_conformance.families.mac.axis.model.acceptance import ACCEPTANCE
+from axistwin_conformance.families.mac.axis.model.forecast import Forecast, Timeline, Window
+from axistwin_conformance.families.mac.axis.model.kinematics import Course, Profile, Run
 from axistwin_conformance.mac_serial import codec, family
 
 
@@ -63,7 +64,7 @@ def a_wrong_sum_is_sent_right(patch: Patch) -> None:
 
 
 def _ramp(patch: Patch, change: Callable[[tuple[Run, ...]], Iterable[Run]]) -> None:
-    ramp = motion.ramp
+    ramp = kinematics.ramp
 
     def made(*args: Any) -> tuple[Run, ...]:
         runs = ramp(*args)
@@ -154,9 +155,9 @@ def segments_are_expected_to_have_gaps(patch: Patch) -> None:
 @fault("beyond_a_software_stop_every_motion_ends", "MACS-CMD-09-02")
 def the_bits_of_both_stops_are_exchanged(patch: Patch) -> None:
     """ff bit 0 is expected of the superior stop."""
-    from axistwin_conformance.mac_axis import checks_stops
+    from axistwin_conformance.families.mac.axis.checks import stops
 
-    one, other = checks_stops.SIDES
+    one, other = stops.SIDES
     swapped = (replace(one, bit=other.bit), replace(other, bit=one.bit))
     patch.setattr(checks_stops, "SIDES", swapped)
 
@@ -164,8 +165,8 @@ def the_bits_of_both_stops_are_exchanged(patch: Patch) -> None:
 @fault("supply_and_temperature_have_the_model_s_scale", "MACS-Q-27-01")
 def the_supply_has_another_scale(patch: Patch) -> None:
     """27h is read with half of the model's volts per count."""
-    facts = keeping.Facts.volts
-    patch.setattr(keeping.Facts, "volts", lambda one, vv: facts(one, vv) * 0.9)
+    facts = snapshot.Facts.volts
+    patch.setattr(snapshot.Facts, "volts", lambda one, vv: facts(one, vv) * 0.9)
 
 
 FAULTS = faults_in(globals())

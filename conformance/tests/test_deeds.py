@@ -13,8 +13,8 @@ from axistwin_conformance.catalog import find_family
 from axistwin_conformance.cli import conform, make_options
 from axistwin_conformance.engine.impact import Deed, deeds
 from axistwin_conformance.engine.run import Engine
-from axistwin_conformance.mac_axis.dialogue import COMMAND_NAMES
-from axistwin_conformance.mac_axis.safety import SAFETY_OF
+from axistwin_conformance.families.mac.axis.exchanges import COMMAND_NAMES
+from axistwin_conformance.families.mac.axis.safety import SAFETY_OF
 
 
 def told(*ids: str, model: str = "mac23", **given: Any) -> dict[str, Deed]:

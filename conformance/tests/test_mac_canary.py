@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from axistwin_conformance.cli import conform
-from axistwin_conformance.mac_axis.dialogue import Kind
+from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.codec import Reply
 

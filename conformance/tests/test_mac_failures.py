@@ -19,11 +19,11 @@ from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.core.session import Run, Session, Stop
-from axistwin_conformance.mac_axis.checks_sequences import (
+from axistwin_conformance.families.mac.axis.checks.sequences import (
     many_mixed_sequences_agree_with_the_model,
 )
-from axistwin_conformance.mac_axis.operations import OPERATIONS, WHAT
-from axistwin_conformance.mac_axis.player import Player, split
+from axistwin_conformance.families.mac.axis.sequences.operations import OPERATIONS, WHAT
+from axistwin_conformance.families.mac.axis.sequences.runner import Player, split
 from axistwin_conformance.mac_serial.bench import Bench
 from axistwin_conformance.sequences import failure
 from axistwin_conformance.sequences.failure import Failure

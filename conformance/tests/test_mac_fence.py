@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from axistwin_conformance.base.errors import OutsideEnvelope
-from axistwin_conformance.mac_axis.fence import Fence
+from axistwin_conformance.families.mac.axis.travel_guard import Fence
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.reader import LineReader
 

@@ -15,15 +15,15 @@ from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.catalog import find_family
 from axistwin_conformance.core.session import Envelope, Run, Session
-from axistwin_conformance.mac_axis.checks_machines import (
+from axistwin_conformance.families.mac.axis.checks.machines import (
     some_runs_of_the_machine_agree_with_the_model as some_runs,
 )
-from axistwin_conformance.mac_axis.checks_sequences import player_of
-from axistwin_conformance.mac_axis.machine_devices import Judged, Trivial
-from axistwin_conformance.mac_axis.machines import AxisMachine
-from axistwin_conformance.mac_axis.operations import OPERATIONS, WHAT
-from axistwin_conformance.mac_axis.player import Player
-from axistwin_conformance.mac_axis.sequences import BYTES_PER_OPERATION
+from axistwin_conformance.families.mac.axis.checks.sequences import player_of
+from axistwin_conformance.families.mac.axis.sequences.machine import AxisMachine
+from axistwin_conformance.families.mac.axis.sequences.machine_devices import Judged, Trivial
+from axistwin_conformance.families.mac.axis.sequences.operations import OPERATIONS, WHAT
+from axistwin_conformance.families.mac.axis.sequences.runner import Player
+from axistwin_conformance.families.mac.axis.sequences.sequence import BYTES_PER_OPERATION
 from axistwin_conformance.sequences import machine
 from axistwin_conformance.sequences.machine import Device
 from axistwin_conformance.sequences.runner import Mismatch

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
-from axistwin_conformance.mac_axis.acceptance import ACCEPTANCE, LOCKED_IN_MOTION, STATES
-from axistwin_conformance.mac_axis.bench import segment, velocity
-from axistwin_conformance.mac_axis.dialogue import Kind
-from axistwin_conformance.mac_axis.forecast import Forecast, Segment, Timeline, Window
-from axistwin_conformance.mac_axis.model import AxisModel, Parameters
-from axistwin_conformance.mac_axis.motion import TICK_NS
+from axistwin_conformance.families.mac.axis.driver.motion import segment, velocity
+from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.model.acceptance import (
+    ACCEPTANCE,
+    LOCKED_IN_MOTION,
+    STATES,
+)
+from axistwin_conformance.families.mac.axis.model.axis_model import AxisModel, Parameters
+from axistwin_conformance.families.mac.axis.model.forecast import (
+    Forecast,
+    Segment,
+    Timeline,
+    Window,
+)
+from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 
 MS = 1_000_000
 PERIOD = 800  # 0.1 ms per increment

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from axistwin_conformance.mac_axis.motion import (
+from axistwin_conformance.families.mac.axis.model.kinematics import (
     Course,
     Law,
     Profile,

@@ -7,9 +7,9 @@ import random
 import pytest
 from test_mac_machines import new_player
 
-from axistwin_conformance.mac_axis.dialogue import Kind
-from axistwin_conformance.mac_axis.operations import ANCHORS, OPERATIONS, WHAT
-from axistwin_conformance.mac_axis.sequences import Sequence
+from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.sequences.operations import ANCHORS, OPERATIONS, WHAT
+from axistwin_conformance.families.mac.axis.sequences.sequence import Sequence
 from axistwin_conformance.sequences.runner import Mismatch
 
 OPERATION_COUNT = 60

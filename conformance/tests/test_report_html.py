@@ -18,7 +18,7 @@ from zoo import ZOO
 
 from axistwin_conformance.cli import conform
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.mac_axis.dialogue import signed
+from axistwin_conformance.families.mac.axis.exchanges import signed
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.codec import Reply
 from axistwin_conformance.report import json

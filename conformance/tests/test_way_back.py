@@ -24,8 +24,8 @@ from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.core.session import Envelope, Run, Session
 from axistwin_conformance.engine.run import Engine
-from axistwin_conformance.mac_axis import checks_interpolation, probes_sync
-from axistwin_conformance.mac_axis.bench import bench_of
+from axistwin_conformance.families.mac.axis.driver.motion import bench_of
+from axistwin_conformance.families.mac.axis.probes import sync
 from axistwin_conformance.mac_can import hearing
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.transport.can import Arrival
@@ -240,7 +240,7 @@ def test_a_bus_that_never_falls_silent_is_not_listened_to_for_ever() -> None:
 
 def test_a_module_that_refuses_segments_for_ever_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     """It is at rest, the FIFO is empty, and it goes on refusing: nobody waits for the end."""
-    put, count = probes_sync.put, itertools.count()
+    put, count = sync.put, itertools.count()
 
     def refused(bench: Any, one: Any) -> Any:
         if next(count) < 5:

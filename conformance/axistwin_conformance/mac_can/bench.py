@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from axistwin_conformance.mac_axis import bench, rig_bench
+from axistwin_conformance.families.mac.axis.driver import motion, rig
 from axistwin_conformance.mac_can.talk import Talk
 
 
-class Bench(bench.Bench, Talk):
+class Bench(motion.Bench, Talk):
     """One module on the bus."""
 
 
-class RigBench(rig_bench.RigBench, Bench):
+class RigBench(rig.RigBench, Bench):
     """One module on the bus and the rig around it."""

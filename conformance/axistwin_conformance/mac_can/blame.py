@@ -13,7 +13,7 @@ from typing import Final
 from axistwin_conformance.base.transcript import Direction
 from axistwin_conformance.core.family import Violation
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.mac_axis.dialogue import Kind
+from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.codec import Request
 from axistwin_conformance.mac_can.talk import MAY_BE_SILENT

@@ -7,11 +7,11 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.mac_axis import factory
-from axistwin_conformance.mac_axis.bench import QUIET_S
-from axistwin_conformance.mac_axis.dialogue import Kind
-from axistwin_conformance.mac_axis.forecast import Window
-from axistwin_conformance.mac_axis.rig_bench import OFF_S
+from axistwin_conformance.families.mac.axis.driver import factory
+from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S
+from axistwin_conformance.families.mac.axis.driver.rig import OFF_S
+from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.model.forecast import Window
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench, RigBench
 from axistwin_conformance.mac_can.checks_messages import (

@@ -6,11 +6,11 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.mac_axis.bench import Exchange, segment, velocity
-from axistwin_conformance.mac_axis.forecast import Forecast, Window
-from axistwin_conformance.mac_axis.motion import TICK_NS
-from axistwin_conformance.mac_axis.probes_sync import back, is_held
-from axistwin_conformance.mac_axis.probing import MOVES
+from axistwin_conformance.families.mac.axis.driver.motion import Exchange, segment, velocity
+from axistwin_conformance.families.mac.axis.model.forecast import Forecast, Window
+from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
+from axistwin_conformance.families.mac.axis.probes.sync import back, is_held
+from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
 from axistwin_conformance.mac_can.hearing import everybody, replies, strangers, told

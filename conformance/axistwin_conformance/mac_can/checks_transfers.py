@@ -12,10 +12,10 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.mac_axis.bench import SLOWEST
-from axistwin_conformance.mac_axis.dialogue import Kind
-from axistwin_conformance.mac_axis.probing import MOVES
-from axistwin_conformance.mac_axis.strangers import stranger_at
+from axistwin_conformance.families.mac.axis.driver.motion import SLOWEST
+from axistwin_conformance.families.mac.axis.driver.unknown_modules import stranger_at
+from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
 from axistwin_conformance.mac_can.codec import Request

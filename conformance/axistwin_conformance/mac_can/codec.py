@@ -30,10 +30,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from axistwin_conformance.mac_axis.dialogue import COMMAND_NAMES as AXIS_COMMANDS
-from axistwin_conformance.mac_axis.dialogue import QUERY_NAMES as AXIS_QUERIES
-from axistwin_conformance.mac_axis.dialogue import Kind as Kind
-from axistwin_conformance.mac_axis.dialogue import signed as signed
+from axistwin_conformance.families.mac.axis.exchanges import COMMAND_NAMES as AXIS_COMMANDS
+from axistwin_conformance.families.mac.axis.exchanges import QUERY_NAMES as AXIS_QUERIES
+from axistwin_conformance.families.mac.axis.exchanges import Kind as Kind
+from axistwin_conformance.families.mac.axis.exchanges import signed as signed
 from axistwin_conformance.transport.can_frame import Frame
 
 NMT: Final = 0x000

@@ -13,16 +13,11 @@ from axistwin_conformance.base.transcript import Record
 from axistwin_conformance.core.family import Violation
 from axistwin_conformance.core.identity import Identity, Model
 from axistwin_conformance.core.session import ATTEMPTS, Run, Session
-from axistwin_conformance.mac_axis.axis_family import AxisFamily
-from axistwin_conformance.mac_axis.dialogue import Kind
-from axistwin_conformance.mac_axis.fence import Fence
-from axistwin_conformance.mac_axis.keeping import (
-    PROBE_ATTEMPTS,
-    Facts,
-    climate,
-    sanity,
-)
-from axistwin_conformance.mac_axis.safety import impact_of_axis
+from axistwin_conformance.families.mac.axis.axis_family import AxisFamily
+from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.safety import impact_of_axis
+from axistwin_conformance.families.mac.axis.snapshot import PROBE_ATTEMPTS, Facts, climate, sanity
+from axistwin_conformance.families.mac.axis.travel_guard import Fence
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import RigBench
 from axistwin_conformance.mac_can.blame import diagnose

@@ -10,8 +10,8 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.mac_axis.bench import CLOCK_ERROR, QUIET_S, Part
-from axistwin_conformance.mac_axis.dialogue import Kind
+from axistwin_conformance.families.mac.axis.driver.motion import CLOCK_ERROR, QUIET_S, Part
+from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
 from axistwin_conformance.mac_can.codec import Reply, Request

@@ -12,12 +12,12 @@ from functools import cmp_to_key
 from typing import Final
 
 from axistwin_conformance.core.probing import Measured, Outcome, Probe, probe
-from axistwin_conformance.mac_axis.bench import QUIET_S
-from axistwin_conformance.mac_axis.dialogue import Kind
-from axistwin_conformance.mac_axis.probes_rig import TOO_MUCH_VOLTS
-from axistwin_conformance.mac_axis.probes_running_on import fence
-from axistwin_conformance.mac_axis.probes_stops import rest
-from axistwin_conformance.mac_axis.probing import MOVES
+from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S
+from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.probes.rig import TOO_MUCH_VOLTS
+from axistwin_conformance.families.mac.axis.probes.running_on import fence
+from axistwin_conformance.families.mac.axis.probes.stops import rest
+from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
 from axistwin_conformance.mac_can.probes_messages import (

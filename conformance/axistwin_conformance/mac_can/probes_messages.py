@@ -11,9 +11,9 @@ from itertools import pairwise
 from typing import Final
 
 from axistwin_conformance.core.probing import Measured, Outcome, Probe, probe
-from axistwin_conformance.mac_axis.bench import DEAF_S, QUIET_S
-from axistwin_conformance.mac_axis.dialogue import Kind
-from axistwin_conformance.mac_axis.forecast import Window
+from axistwin_conformance.families.mac.axis.driver.motion import DEAF_S, QUIET_S
+from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.model.forecast import Window
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
 from axistwin_conformance.transport.can import Arrival

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.core.probing import Outcome, Probe, probe
-from axistwin_conformance.mac_axis.probes_sync import is_held
-from axistwin_conformance.mac_axis.probing import MOVES
+from axistwin_conformance.families.mac.axis.probes.sync import is_held
+from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.bench import Bench
 

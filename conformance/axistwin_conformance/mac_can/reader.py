@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from axistwin_conformance.mac_axis.dialogue import Kind
-from axistwin_conformance.mac_axis.fence import Asked, Heard
+from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.travel_guard import Asked, Heard
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.codec import Request
 from axistwin_conformance.transport.can_frame import Frame, unpack_all

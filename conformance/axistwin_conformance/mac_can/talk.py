@@ -20,10 +20,10 @@ from dataclasses import replace
 from typing import ClassVar, Final
 
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.mac_axis import talk
-from axistwin_conformance.mac_axis.dialogue import Kind
-from axistwin_conformance.mac_axis.forecast import Window
-from axistwin_conformance.mac_axis.talk import QUIET_S, Exchange, Part
+from axistwin_conformance.families.mac.axis.driver import client
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, Exchange, Part
+from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.model.forecast import Window
 from axistwin_conformance.mac_can import codec
 from axistwin_conformance.mac_can.codec import Reply, Request
 from axistwin_conformance.transport.can import Arrival, CanTarget
@@ -45,7 +45,7 @@ def bus_of(session: Session) -> CanTarget:
     return session.carrier
 
 
-class Talk(talk.Talk):
+class Talk(client.Talk):
     """One module on the bus: what is said to it, what it says, and what that proves."""
 
     answered: ClassVar[range] = codec.ANSWERED
@@ -152,7 +152,7 @@ class Talk(talk.Talk):
     def swift(
         self, index: int, parameter: int, timeout_s: float, is_cleared: bool
     ) -> tuple[bytes, bytes, Window]:
-        """See `talk.Talk.swift`."""
+        """See `client.Talk.swift`."""
         exchange = self.send(self.request(index, parameter), timeout_s)
         return exchange.request, exchange.reply.raw, exchange.taken
 

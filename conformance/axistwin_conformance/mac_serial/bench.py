@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance.mac_axis import bench, rig_bench
+from axistwin_conformance.families.mac.axis.driver import motion, rig
 from axistwin_conformance.mac_serial.codec import Request
 from axistwin_conformance.mac_serial.talk import Talk
 
 NACKED_BY_MANY: Final = "every module of the line Nacks here, all at once: ask it alone"
 
 
-class Bench(bench.Bench, Talk):
+class Bench(motion.Bench, Talk):
     """One module on the line."""
 
     def nacked_alone(self, request: Request) -> list[Request]:
@@ -19,5 +19,5 @@ class Bench(bench.Bench, Talk):
         return [] if self.is_nacked_by_many else [request.with_wrong_checksum()]
 
 
-class RigBench(rig_bench.RigBench, Bench):
+class RigBench(rig.RigBench, Bench):
     """One module on the line and the rig around it."""

@@ -13,7 +13,7 @@ from typing import Final
 from axistwin_conformance.base.transcript import Direction
 from axistwin_conformance.core.family import Violation
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.mac_axis.dialogue import COMMAND_NAMES, Kind
+from axistwin_conformance.families.mac.axis.exchanges import COMMAND_NAMES, Kind
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.codec import Reply
 from axistwin_conformance.mac_serial.talk import ANSWERED, MAY_BE_SILENT, OTHER_DIGITS

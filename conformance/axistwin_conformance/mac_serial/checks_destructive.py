@@ -9,9 +9,9 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.mac_axis import factory
-from axistwin_conformance.mac_axis.bench import QUIET_S
-from axistwin_conformance.mac_axis.dialogue import Kind
+from axistwin_conformance.families.mac.axis.driver import factory
+from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S
+from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.mac_serial.bench import Bench
 from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS
 from axistwin_conformance.mac_serial.probes_destructive import DESTRUCTIVE, FACTORY_BAUD

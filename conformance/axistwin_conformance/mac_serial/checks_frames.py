@@ -8,10 +8,10 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.mac_axis.bench import QUIET_S, SAFE_PERIOD
-from axistwin_conformance.mac_axis.dialogue import Kind
-from axistwin_conformance.mac_axis.strangers import stranger_at
-from axistwin_conformance.mac_axis.talk import Part
+from axistwin_conformance.families.mac.axis.driver.client import Part
+from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S, SAFE_PERIOD
+from axistwin_conformance.families.mac.axis.driver.unknown_modules import stranger_at
+from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.bench import NACKED_BY_MANY, Bench
 from axistwin_conformance.mac_serial.codec import ETX, STX, Request

@@ -7,10 +7,10 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.mac_axis.bench import QUIET_S, Exchange, velocity
-from axistwin_conformance.mac_axis.dialogue import Kind
-from axistwin_conformance.mac_axis.probes_stops import restarted_ns
-from axistwin_conformance.mac_axis.probing import MOVES
+from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S, Exchange, velocity
+from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.probes.stops import restarted_ns
+from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.bench import Bench
 from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.mac_axis.keeping import facts_of
+from axistwin_conformance.families.mac.axis.snapshot import facts_of
 from axistwin_conformance.mac_serial.bench import Bench
 from axistwin_conformance.mac_serial.codec import IMAX_ADDRESS
 from axistwin_conformance.mac_serial.probes import imax_value, mem_wrap

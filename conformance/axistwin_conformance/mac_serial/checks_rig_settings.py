@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.mac_axis.checks_rig_power import POWER
-from axistwin_conformance.mac_axis.dialogue import Kind
-from axistwin_conformance.mac_axis.rig_bench import OFF_S
-from axistwin_conformance.mac_axis.talk import QUIET_S
+from axistwin_conformance.families.mac.axis.checks.rig_power import POWER
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
+from axistwin_conformance.families.mac.axis.driver.rig import OFF_S
+from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.mac_serial.bench import RigBench
 from axistwin_conformance.mac_serial.probes_destructive import DESTRUCTIVE, FACTORY_BAUD
 from axistwin_conformance.mac_serial.whereabouts import (

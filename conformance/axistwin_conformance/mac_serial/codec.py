@@ -21,7 +21,12 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Final
 
-from axistwin_conformance.mac_axis.dialogue import COMMAND_NAMES, QUERY_NAMES, Kind, signed
+from axistwin_conformance.families.mac.axis.exchanges import (
+    COMMAND_NAMES,
+    QUERY_NAMES,
+    Kind,
+    signed,
+)
 
 STX: Final = 0x02
 ETX: Final = 0x03

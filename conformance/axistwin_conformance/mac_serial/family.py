@@ -12,17 +12,12 @@ from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.core.family import Violation
 from axistwin_conformance.core.identity import Identity, Model
 from axistwin_conformance.core.session import ATTEMPTS, Run, Session
-from axistwin_conformance.mac_axis.axis_family import AxisFamily
-from axistwin_conformance.mac_axis.dialogue import Kind
-from axistwin_conformance.mac_axis.fence import Fence
-from axistwin_conformance.mac_axis.keeping import (
-    PROBE_ATTEMPTS,
-    Facts,
-    climate,
-    sanity,
-)
-from axistwin_conformance.mac_axis.safety import impact_of_axis
-from axistwin_conformance.mac_axis.talk import QUIET_S
+from axistwin_conformance.families.mac.axis.axis_family import AxisFamily
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
+from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.safety import impact_of_axis
+from axistwin_conformance.families.mac.axis.snapshot import PROBE_ATTEMPTS, Facts, climate, sanity
+from axistwin_conformance.families.mac.axis.travel_guard import Fence
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.bench import RigBench
 from axistwin_conformance.mac_serial.blame import diagnose
@@ -121,35 +116,35 @@ class MacSerial(AxisFamily):
     modules = (
         "axistwin_conformance.mac_serial.checks_frames",
         "axistwin_conformance.mac_serial.checks_replies",
-        "axistwin_conformance.mac_axis.checks_queries",
+        "axistwin_conformance.families.mac.axis.checks.queries",
         "axistwin_conformance.mac_serial.checks_memory",
-        "axistwin_conformance.mac_axis.checks_parameters",
-        "axistwin_conformance.mac_axis.checks_acceptance",
-        "axistwin_conformance.mac_axis.checks_motion",
-        "axistwin_conformance.mac_axis.checks_velocity",
-        "axistwin_conformance.mac_axis.checks_interpolation",
-        "axistwin_conformance.mac_axis.checks_sync",
-        "axistwin_conformance.mac_axis.checks_stops",
-        "axistwin_conformance.mac_axis.checks_restart",
+        "axistwin_conformance.families.mac.axis.checks.parameters",
+        "axistwin_conformance.families.mac.axis.checks.acceptance",
+        "axistwin_conformance.families.mac.axis.checks.motion",
+        "axistwin_conformance.families.mac.axis.checks.velocity",
+        "axistwin_conformance.families.mac.axis.checks.interpolation",
+        "axistwin_conformance.families.mac.axis.checks.sync",
+        "axistwin_conformance.families.mac.axis.checks.stops",
+        "axistwin_conformance.families.mac.axis.checks.restart",
         "axistwin_conformance.mac_serial.checks_line",
-        "axistwin_conformance.mac_axis.checks_together",
-        "axistwin_conformance.mac_axis.checks_sequences",
-        "axistwin_conformance.mac_axis.checks_machines",
-        "axistwin_conformance.mac_axis.checks_rig_inputs",
-        "axistwin_conformance.mac_axis.checks_rig_faults",
-        "axistwin_conformance.mac_axis.checks_rig_load",
-        "axistwin_conformance.mac_axis.checks_rig_power",
+        "axistwin_conformance.families.mac.axis.checks.together",
+        "axistwin_conformance.families.mac.axis.checks.sequences",
+        "axistwin_conformance.families.mac.axis.checks.machines",
+        "axistwin_conformance.families.mac.axis.checks.rig_inputs",
+        "axistwin_conformance.families.mac.axis.checks.rig_faults",
+        "axistwin_conformance.families.mac.axis.checks.rig_load",
+        "axistwin_conformance.families.mac.axis.checks.rig_power",
         "axistwin_conformance.mac_serial.checks_rig_settings",
         "axistwin_conformance.mac_serial.checks_destructive",
     )
     probe_modules = (
         "axistwin_conformance.mac_serial.probes",
-        "axistwin_conformance.mac_axis.probes_parameters",
-        "axistwin_conformance.mac_axis.probes_running_on",
-        "axistwin_conformance.mac_axis.probes_motion",
-        "axistwin_conformance.mac_axis.probes_sync",
-        "axistwin_conformance.mac_axis.probes_stops",
-        "axistwin_conformance.mac_axis.probes_rig",
+        "axistwin_conformance.families.mac.axis.probes.parameters",
+        "axistwin_conformance.families.mac.axis.probes.running_on",
+        "axistwin_conformance.families.mac.axis.probes.motion",
+        "axistwin_conformance.families.mac.axis.probes.sync",
+        "axistwin_conformance.families.mac.axis.probes.stops",
+        "axistwin_conformance.families.mac.axis.probes.rig",
         "axistwin_conformance.mac_serial.probes_destructive",
     )
 

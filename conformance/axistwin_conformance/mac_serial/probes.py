@@ -14,9 +14,9 @@ from dataclasses import replace
 from typing import Final
 
 from axistwin_conformance.core.probing import Measured, Outcome, Probe, probe
-from axistwin_conformance.mac_axis.bench import QUIET_S
-from axistwin_conformance.mac_axis.dialogue import Kind
-from axistwin_conformance.mac_axis.probing import reply_of
+from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S
+from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.probing import reply_of
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.bench import Bench
 from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS, IMAX_ADDRESS

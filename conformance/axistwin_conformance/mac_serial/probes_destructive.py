@@ -8,9 +8,9 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.core.probing import Outcome, Probe, probe
-from axistwin_conformance.mac_axis.bench import QUIET_S, SLOWEST
-from axistwin_conformance.mac_axis.dialogue import Kind
-from axistwin_conformance.mac_axis.probing import ACCEPTED_OR_REFUSED, reply_of
+from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S, SLOWEST
+from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.probing import ACCEPTED_OR_REFUSED, reply_of
 from axistwin_conformance.mac_serial.bench import Bench
 from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS
 from axistwin_conformance.mac_serial.probes import answers_to_all

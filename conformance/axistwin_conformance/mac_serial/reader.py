@@ -3,7 +3,7 @@ replies."""
 
 from __future__ import annotations
 
-from axistwin_conformance.mac_axis.fence import Asked, Heard
+from axistwin_conformance.families.mac.axis.travel_guard import Asked, Heard
 from axistwin_conformance.mac_serial import codec
 
 

@@ -10,10 +10,10 @@ from __future__ import annotations
 from typing import ClassVar, Final
 
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.mac_axis import talk
-from axistwin_conformance.mac_axis.dialogue import QUERIES, Kind
-from axistwin_conformance.mac_axis.forecast import Window
-from axistwin_conformance.mac_axis.talk import QUIET_S, Exchange
+from axistwin_conformance.families.mac.axis.driver import client
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, Exchange
+from axistwin_conformance.families.mac.axis.exchanges import QUERIES, Kind
+from axistwin_conformance.families.mac.axis.model.forecast import Window
 from axistwin_conformance.mac_serial import codec
 from axistwin_conformance.mac_serial.codec import Reply, Request
 from axistwin_conformance.transport.serial import Target
@@ -32,7 +32,7 @@ OTHER_DIGITS: Final = {0x21: 2, 0x23: 2}  # MACS-AMB-03, -04
 GLANCE_BYTES: Final = codec.REQUEST_BYTES + 12  # a query, and the reply as far as its data
 
 
-class Talk(talk.Talk):
+class Talk(client.Talk):
     """One module on the line: what is said to it, what it says, and what that proves."""
 
     answered: ClassVar[range] = ANSWERED
@@ -121,7 +121,7 @@ class Talk(talk.Talk):
         return received
 
     def in_vain(self, request: Request | bytes) -> Exchange:
-        """See `talk.Talk.in_vain`; a Nack at most is expected, where nothing disturbs."""
+        """See `client.Talk.in_vain`; a Nack at most is expected, where nothing disturbs."""
         if not self.target.is_direct:
             return super().in_vain(request)
         data = request if isinstance(request, bytes) else request.encode()
@@ -184,7 +184,7 @@ class Talk(talk.Talk):
     def swift(
         self, index: int, parameter: int, timeout_s: float, is_cleared: bool
     ) -> tuple[bytes, bytes, Window]:
-        """See `talk.Talk.swift`."""
+        """See `client.Talk.swift`."""
         data = codec.frame(self.address, index, parameter)
         size = codec.ANSWER_BYTES if index in ANSWERED else codec.SHORT_REPLY_BYTES
         received, taken = self.exchange(data, size, timeout_s, is_cleared)

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
-from axistwin_conformance.mac_axis.bench import QUIET_S
-from axistwin_conformance.mac_axis.dialogue import Kind
+from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S
+from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.mac_serial.bench import Bench
 from axistwin_conformance.mac_serial.codec import GENERAL_ADDRESS
 

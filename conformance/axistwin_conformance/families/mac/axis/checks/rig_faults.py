@@ -1,0 +1,455 @@
+"""Faults, warnings and what 21h and 27h tell of supply and temperature (STATE-02 to -04, Q-21-02,
+Q-21-03, Q-27-01).
+
+A fault that latches cuts the motor's power and keeps every motion command refused until 00h or the
+supply has been away; parameters stay writable.  Warnings come and go with the supply.  What the
+supply or the temperature must do is judged by what 27h tells of it: a rig need not be exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Final
+
+from axistwin_conformance.base.check import check
+from axistwin_conformance.base.errors import CannotDo
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S, segment, velocity
+from axistwin_conformance.families.mac.axis.driver.rig import (
+    AT_ONCE,
+    OVER_VOLTAGE,
+    UNDER_VOLTAGE,
+    WORKED,
+    RigBench,
+    Way,
+    rig_bench_of,
+)
+from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.model.forecast import Window
+from axistwin_conformance.families.mac.axis.snapshot import DISJUNCTIONS, facts_of
+from axistwin_conformance.transport.rig import Rig
+
+HOT_CELSIUS: Final = 90.0
+TRIPS_FROM_TT: Final = 0x79  # MAC23: 85 °C is 78h (§5.9)
+OVER_FROM_VV: Final = 0xDD  # MAC23: 46.04 V
+UNDER_TO_VV: Final = 0x39  # MAC23: 11.88 V
+NO_THRESHOLDS: Final = "the manual gives no thresholds for this model (MACS-AMB-56)"
+FIRST_WITH_MEMORY: Final = 0x0704  # hh.7 exists from release 7.4 on, if 24h spells it so
+
+STARTING: Final = (0x13, 0x14, 0x15, 0x16, 0x19, 0x1E)
+OTHER_MOTION: Final = (0x10, 0x11, 0x17, 0x18, 0x1A)  # refused too, or not: MACS-AMB-33
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """A fault: what brings it about, what ends it, its bit of dd, and whether its cause lasts."""
+
+    name: str
+    bit: int
+    begin: Callable[[Rig], tuple[int, int]]
+    end: Callable[[Rig], tuple[int, int]]
+    lasts: bool = True
+
+
+def _named(name: str, bit: int, lasts: bool = True) -> Cause:
+    return Cause(
+        name,
+        bit,
+        lambda rig: rig.fault(name, True),
+        lambda rig: rig.fault(name, False),
+        lasts,
+    )
+
+
+MICRO_CUT: Final = _named("micro_cut", 0x01, lasts=False)
+ENCODER: Final = _named("encoder", 0x02)
+AMPLIFIER: Final = _named("amplifier", 0x08)
+
+
+def heat(usual: float) -> Cause:
+    """Too hot, which a MAC23 tells in bit 4; back to the usual temperature."""
+    return Cause(
+        "temperature",
+        0x10,
+        lambda rig: rig.set_temperature(HOT_CELSIUS),
+        lambda rig: rig.set_temperature(usual),
+    )
+
+
+def is_mac23(session: Session) -> bool:
+    """True for the model whose thresholds and thermal bit the manual gives."""
+    return facts_of(session).is_mac23
+
+
+def celsius(bench: RigBench) -> float:
+    """The temperature, by 27h."""
+    return facts_of(bench.session).celsius(bench.data_bytes(0x27)[0])
+
+
+# --- disjunctions --------------------------------------------------------------------------------
+
+
+@check("MACS-STATE-02", "MACS-Q-21-02", safety=WORKED, needs=("rig:micro_cut",))
+def a_micro_cut_of_the_supply_locks_motion(session: Session) -> None:
+    """A micro-cut latches dd.0 and refuses motion until 00h; parameters stay writable."""
+    walk_through(rig_bench_of(session), MICRO_CUT)
+
+
+@check("MACS-STATE-02", "MACS-STATE-03", "MACS-Q-21-02", safety=WORKED, needs=("rig:temperature",))
+def overheating_locks_motion(session: Session) -> None:
+    """Above 85 °C dd.4 latches and motion is refused until 00h, or again if it is still hot."""
+    if not is_mac23(session):
+        session.skip(NO_THRESHOLDS)
+    bench = rig_bench_of(session)
+    walk_through(bench, heat(celsius(bench)))
+
+
+@check("MACS-STATE-02", "MACS-STATE-03", "MACS-Q-21-02", safety=WORKED, needs=("rig:amplifier",))
+def an_amplifier_fault_locks_motion(session: Session) -> None:
+    """On a MAC34 an amplifier fault latches dd.3 and refuses motion until 00h."""
+    if is_mac23(session):
+        session.skip("only a MAC34 tells faults of its amplifier")
+    walk_through(rig_bench_of(session), AMPLIFIER)
+
+
+@check("MACS-STATE-02", "MACS-STATE-03", "MACS-Q-21-02", safety=WORKED, needs=("rig:encoder",))
+def a_missing_encoder_locks_motion(session: Session) -> None:
+    """On a MAC34 a missing encoder is told in dd.1 and refuses motion, or is only told."""
+    if is_mac23(session):
+        session.skip("only a MAC34 tells that its encoder is missing")
+    bench = rig_bench_of(session)
+    start = bench.begin()
+    bench.rig.fault("encoder", True)
+    session.expect(
+        bench.faults() == ENCODER.bit,
+        ("MACS-STATE-03", "MACS-Q-21-02"),
+        "dd 02",
+        f"{bench.faults():02X}",
+    )
+    kind = bench.command(0x13, start + 5).kind
+    bench.at_rest()
+    bench.rig.fault("encoder", False)
+    outcome = {Kind.REFUSED: 0, Kind.ACCEPTED: 1}.get(kind, kind.value)
+    bench.reading("encoder_fault_locks", outcome, "MACS-STATE-02")
+    bench.restart()
+    if outcome == 0:
+        walk_through(bench, ENCODER)
+
+
+@check("MACS-STATE-03", "MACS-Q-21-02", safety=WORKED, needs=("rig:temperature",), level="full")
+def a_fault_gone_by_the_end_of_the_start_up_is_forgotten(session: Session) -> None:
+    """At the end of the start-up faults are looked at afresh: what came and went before, is not."""
+    if not is_mac23(session):
+        session.skip(NO_THRESHOLDS)
+    bench = rig_bench_of(session)
+    if not bench.rig.is_exact or bench.deaf_s < 1:
+        session.skip(f"{AT_ONCE}: it has to heat and to cool while the module starts")
+    start = bench.begin()
+    cause = heat(celsius(bench))
+    bench.within(QUIET_S, 0x00)
+    cause.begin(bench.rig)
+    bench.wait(0.1)
+    cause.end(bench.rig)
+    bench.awake("MACS-STATE-03")
+    seen = bench.faults()
+    session.expect(seen == 0, ("MACS-STATE-03", "MACS-Q-21-02"), "dd 00", f"{seen:02X}")
+    bench.finish(bench.go(start + 10), "MACS-STATE-03")
+
+
+def walk_through(bench: RigBench, cause: Cause) -> None:
+    """A fault's whole life, at rest: it comes, locks, latches, goes with 00h, or comes back."""
+    session = bench.session
+    start = bench.begin()
+    cause.begin(bench.rig)
+    _judge_bits(bench, cause, "MACS-Q-21-02")
+    _judge_lock(bench, start)
+    _judge_parameters(bench)
+    cause.end(bench.rig)
+    bench.wait(0.2)
+    _judge_bits(bench, cause, "MACS-Q-21-02")
+    for index in (0x19, 0x1A):  # neither clears it
+        bench.command(index)
+    bench.refused(0x13, start + 5, requirement="MACS-STATE-02")
+    _judge_bits(bench, cause, "MACS-Q-21-02")
+    _clear(bench)
+    session.expect(
+        bench.faults() == 0, ("MACS-STATE-02", "MACS-Q-21-02"), "dd 00", f"{bench.faults():02X}"
+    )
+    bench.finish(bench.go(start + 40), "MACS-STATE-02")
+    bench.finish(bench.go(start), "MACS-STATE-02")
+    if cause.lasts:
+        _judge_return(bench, cause, start)
+    session.expect(bench.position() == start, "MACS-STATE-02", f"still {start}", bench.position())
+
+
+def _judge_return(bench: RigBench, cause: Cause, start: int) -> None:
+    """With its cause still there, the fault is back after 00h."""
+    cause.begin(bench.rig)
+    _clear(bench)
+    _judge_bits(bench, cause, "MACS-STATE-03")
+    bench.refused(0x13, start + 5, requirement="MACS-STATE-03")
+    cause.end(bench.rig)
+    _clear(bench)
+
+
+def _clear(bench: RigBench) -> None:
+    """00h, which a disjuncted module accepts, and the time it then needs."""
+    bench.command(0x00)
+    bench.awake("MACS-STATE-02")
+
+
+def _judge_bits(bench: RigBench, cause: Cause, requirement: str) -> None:
+    seen = bench.faults() & DISJUNCTIONS
+    bench.session.expect(
+        seen == cause.bit, requirement, f"dd {cause.bit:02X} for {cause.name}", f"{seen:02X}"
+    )
+
+
+def _judge_lock(bench: RigBench, start: int) -> None:
+    """Motion commands are refused; whether stops and the like count among them is open."""
+    parameters = {
+        0x13: start + 40,
+        0x15: velocity(1, bench.period),
+        0x16: segment(5, bench.period),
+        0x1E: segment(5, bench.period),
+    }
+    for index in STARTING:
+        bench.refused(index, parameters.get(index, 0), requirement="MACS-STATE-02")
+    ambiguous = [
+        index for index in OTHER_MOTION if index != 0x11 or not bench.known("sync_without_preload")
+    ]
+    kinds = {index: bench.command(index).kind for index in ambiguous}
+    told = ", ".join(f"{index:02X}h {kind.value}" for index, kind in kinds.items())
+    outcome: int | str = told
+    if set(kinds.values()) == {Kind.REFUSED}:
+        outcome = 0
+    elif set(kinds.values()) == {Kind.ACCEPTED}:
+        outcome = 1
+    bench.reading("disj_refuse_set", outcome, "MACS-STATE-02")
+    bench.session.expect(
+        bench.position() == start, "MACS-STATE-02", f"still {start}", bench.position()
+    )
+
+
+def _judge_parameters(bench: RigBench) -> None:
+    """What is no motion command is accepted, with what is set already."""
+    speeds, modes = bench.value(0x25), bench.value(0x26)
+    for index, parameter in (
+        (0x02, modes >> 12 & 0xF), (0x03, modes >> 8 & 0xF), (0x07, 0),
+        (0x09, bench.value(0x22)), (0x0A, bench.value(0x23)), (0x0C, modes >> 16 & 0xFF),
+        (0x0D, speeds & 0xFFFF), (0x0E, speeds >> 24 << 8), (0x0F, modes >> 24),
+    ):  # fmt: skip
+        bench.accepted(index, parameter, requirement="MACS-STATE-02")
+    if bench.has_tolerance():
+        bench.accepted(0x1C, modes & 0xFF, requirement="MACS-STATE-02")
+    for index in bench.answered:
+        bench.value(index)
+
+
+def _causes(bench: RigBench) -> list[Cause]:
+    """The faults this model tells that the rig can make."""
+    known = [MICRO_CUT]
+    if is_mac23(bench.session):
+        known.append(heat(celsius(bench)))
+    else:
+        known.append(AMPLIFIER)
+    return [cause for cause in known if cause.name in bench.rig.capabilities]
+
+
+@check("MACS-STATE-02", "MACS-Q-20-01", safety=WORKED, needs=("rig:micro_cut",))
+def a_fault_in_motion_cuts_the_power(session: Session) -> None:
+    """A fault under any motion ends it; the position stays valid, nothing resumes after 00h."""
+    bench = rig_bench_of(session)
+    for cause in _causes(bench):
+        for way in bench.ways:
+            with suppress(CannotDo):  # of the causes one suffices
+                _cut_down(bench, cause, way)
+
+
+def _cut_down(bench: RigBench, cause: Cause, way: Way) -> None:
+    session = bench.session
+    start = bench.begin()
+    moving = way.begin(bench, start, bench.reach)
+    bench.wait(0.08)
+    act = Window(*cause.begin(bench.rig))
+    bench.in_time(moving, act)
+    place = bench.rest()
+    bench.judge_place(place, moving.halted(act), 1, ("MACS-STATE-02", "MACS-Q-20-01"), coasts=True)
+    _judge_bits(bench, cause, "MACS-STATE-02")
+    bench.refused(0x13, start, requirement="MACS-STATE-02")
+    bench.refused(0x16, segment(5, bench.period), requirement="MACS-STATE-02")
+    cause.end(bench.rig)
+    _clear(bench)
+    again = bench.rest()
+    session.expect(again == place, "MACS-STATE-02", f"nothing resumes: still {place}", again)
+    bench.finish(bench.go(start), "MACS-STATE-02")
+
+
+@check("MACS-STATE-02", "MACS-Q-21-02", safety=WORKED,
+       needs=("virtual", "rig:supply", "rig:temperature"))  # fmt: skip
+def far_too_much_cuts_the_power_of_a_mac34(session: Session) -> None:
+    """Where dd.3 comes with the supply, or dd.2 with the temperature, it ends the motion as well.
+
+    From where on is not told (MACS-AMB-56), so both are raised as far as 27h can tell: too much for
+    a real one.
+    """
+    if is_mac23(session):
+        session.skip("only a MAC34 has these two bits")
+    bench, facts = rig_bench_of(session), facts_of(session)
+    usual_volts, usual_celsius = facts.volts(bench.data_bytes(0x27)[1]), celsius(bench)
+    most_volts = facts.volts(0xFF)
+    rises = (
+        (0x08, bench.rig.set_supply, usual_volts, most_volts),
+        (0x04, bench.rig.set_temperature, usual_celsius, 120.0),
+    )
+    for bit, put, usual, most in rises:
+        start = bench.begin()
+        bench.turn(1, bench.period)
+        values = (round(usual + (most - usual) * part / 20, 1) for part in range(1, 21))
+        is_latched = any(_latches(bench, put, value, bit) for value in values)
+        place = bench.rest() if is_latched else start
+        if is_latched:
+            _judge_lock(bench, place)
+        put(usual)
+        bench.at_rest()
+        _clear(bench)
+        again = bench.position()
+        session.expect(
+            not is_latched or again == place, "MACS-STATE-02", f"nothing resumes: {place}", again
+        )
+
+
+def _latches(bench: RigBench, put: Callable[[float], object], value: float, bit: int) -> bool:
+    """Whether supply or temperature at that value is a fault; if so, it is the one of `bit`."""
+    put(value)
+    seen = bench.faults() & DISJUNCTIONS
+    bench.session.expect(seen in (0, bit), "MACS-Q-21-02", f"dd 00 or {bit:02X}", f"{seen:02X}")
+    return seen == bit
+
+
+# --- supply and temperature ----------------------------------------------------------------------
+
+
+def _judge_close(bench: RigBench, what: str, wanted: float, told: float, exact: float) -> None:
+    """27h tells the value that the rig set: to one count, or to what a bench's own meter shows."""
+    limit = exact if bench.rig.is_exact else max(1.0, 0.1 * abs(wanted), exact)
+    bench.session.expect(
+        abs(told - wanted) <= limit, "MACS-Q-27-01", f"{what} {wanted:g} ± {limit:.2f}", f"{told:g}"
+    )
+
+
+@check("MACS-Q-27-01", safety=WORKED, needs=("rig:supply", "rig:temperature"))
+def supply_and_temperature_have_the_model_s_scale(session: Session) -> None:
+    """27h follows supply and temperature in the scale that the manual gives for the model."""
+    bench, facts = rig_bench_of(session), facts_of(session)
+    usual = facts.volts(bench.data_bytes(0x27)[1])
+    for share in (0.7, 0.85, 1.1):
+        bench.rig.set_supply(round(usual * share, 2))
+        told = facts.volts(bench.data_bytes(0x27)[1])
+        _judge_close(bench, "supply", round(usual * share, 2), told, facts.volts_per_count)
+    for degrees in (10.0, 35.0, 60.0, 80.0):
+        bench.rig.set_temperature(degrees)
+        _judge_close(bench, "temperature", degrees, celsius(bench), facts.celsius_gain)
+
+
+@check("MACS-Q-21-02", "MACS-STATE-04", safety=WORKED, needs=("rig:supply",))
+def warnings_follow_the_supply_and_refuse_nothing(session: Session) -> None:
+    """dd.6 from 46 V up and dd.5 from 12 V down come and go; motion runs as ever under both."""
+    if not is_mac23(session):
+        session.skip(NO_THRESHOLDS)
+    bench = rig_bench_of(session)
+    bench.begin()
+    steps = (24.0, 45.6, 46.4, 45.6, 12.4, 11.5, 12.4)
+    fine = (45.8, 46.1, 12.1, 11.85) if bench.rig.is_exact else ()
+    for volts in (*steps, *fine):
+        bench.rig.set_supply(volts)
+        vv = bench.data_bytes(0x27)[1]
+        wanted = OVER_VOLTAGE * (vv >= OVER_FROM_VV) | UNDER_VOLTAGE * (vv <= UNDER_TO_VV)
+        seen = bench.faults()
+        if bench.data_bytes(0x27)[1] != vv:
+            continue  # a supply that swings: not to be judged by one count
+        session.expect(
+            seen == wanted, "MACS-Q-21-02", f"dd {wanted:02X} at vv {vv:02X}", f"{seen:02X}"
+        )
+        if wanted:
+            _judge_moves(bench)
+    bench.rig.reset()
+    session.expect(bench.faults() == 0, "MACS-Q-21-02", "dd 00", f"{bench.faults():02X}")
+
+
+def _judge_moves(bench: RigBench) -> None:
+    """Every kind of motion is accepted and runs to its end."""
+    start = bench.position()
+    for way in bench.ways:
+        moving = way.begin(bench, start, 20)
+        if way.is_endless:
+            bench.wait(0.02)
+            bench.accepted(0x18)
+        else:
+            bench.finish(moving, "MACS-STATE-04")
+        bench.finish(bench.go(start), "MACS-STATE-04")
+    for index in (0x19, 0x17, 0x18, 0x1A):
+        bench.accepted(index, requirement="MACS-STATE-04")
+
+
+@check("MACS-Q-21-03", "MACS-STATE-04", safety=WORKED, needs=("rig:supply",))
+def an_over_voltage_is_remembered(session: Session) -> None:
+    """hh tells a past over-voltage until 00h; it locks nothing and no motion clears it."""
+    if not is_mac23(session):
+        session.skip(NO_THRESHOLDS)
+    bench = rig_bench_of(session)
+    start = bench.begin()
+    bench.restart()
+    idle = bench.memories()  # all its bits but one mean nothing, and need not be 0
+    bench.rig.set_supply(11.5)
+    hh = bench.memories()
+    session.expect(hh == idle, "MACS-Q-21-03", f"hh {idle:02X}: too little is not remembered", hh)
+    bench.rig.set_supply(46.4)
+    if not bench.faults() & OVER_VOLTAGE:
+        session.inconclusive(None, "the rig's supply did not reach 46 V")
+    bench.rig.set_supply(24.0)
+    judge_memory(bench, idle)
+    bench.finish(bench.go(start + 20), "MACS-STATE-04")
+    for index in (0x18, 0x1A, 0x19):
+        bench.accepted(index, requirement="MACS-Q-21-03")
+    judge_memory(bench, idle)
+    bench.restart()
+    hh = bench.memories()
+    session.expect(hh == idle, "MACS-Q-21-03", f"hh {idle:02X} after 00h", f"{hh:02X}")
+
+
+def judge_memory(bench: RigBench, idle: int) -> None:
+    """hh tells it by its bit 7, or by all the others (MACS-AMB-13)."""
+    hh = bench.memories() ^ idle
+    release = bench.value(0x24)
+    if hh == 0 and release < FIRST_WITH_MEMORY:
+        bench.session.skip(f"release {release:08X} may be older than 7.4, which brought this bit")
+    outcome: int | str = {0x80: 0, 0x7F: 1}.get(hh, f"hh changed in {hh:02X} by an over-voltage")
+    if hh & idle:
+        outcome = f"hh {idle:02X} before any over-voltage, {hh ^ idle:02X} after it"
+    bench.reading("status_hh_bit", outcome, "MACS-Q-21-03")
+
+
+@check("MACS-Q-21-02", "MACS-Q-27-01", safety=WORKED, needs=("rig:temperature",))
+def the_thermal_fault_begins_above_85_degrees(session: Session) -> None:
+    """dd.4 is set from the first count above 85 °C on, and stays when it is cooler again."""
+    if not is_mac23(session):
+        session.skip(NO_THRESHOLDS)
+    bench = rig_bench_of(session)
+    bench.begin()
+    is_hot = False
+    for degrees in (80.0, 85.0, 87.5, 80.0) if bench.rig.is_exact else (75.0, 95.0, 75.0):
+        bench.rig.set_temperature(degrees)
+        tt = bench.data_bytes(0x27)[0]
+        is_hot = is_hot or tt >= TRIPS_FROM_TT
+        wanted = 0x10 if is_hot else 0
+        seen = bench.faults()
+        session.expect(
+            seen == wanted, "MACS-Q-21-02", f"dd {wanted:02X} at tt {tt:02X}", f"{seen:02X}"
+        )
+        _judge_close(bench, "temperature", degrees, celsius(bench), 2.5)
+    bench.rig.reset()
+    bench.command(0x00)
+    bench.awake()

@@ -1,0 +1,53 @@
+"""Long mixed sequences against the exact model: what single properties do not meet."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from axistwin_conformance.base.check import Check, check
+from axistwin_conformance.base.recording import Recording
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mac.axis.driver.motion import bench_of
+from axistwin_conformance.families.mac.axis.probing import MOVES
+from axistwin_conformance.families.mac.axis.sequences.runner import Player
+from axistwin_conformance.families.mac.axis.sequences.sequence import (
+    BLAME,
+    BLAME_MODE,
+    BLAME_OTHERWISE,
+)
+from axistwin_conformance.sequences.generated import Amount, play_drawn, replaying
+
+FREE: Final = Amount(200, {"quick": 5, "full": 60})  # long ones spend less on beginning and end
+REAL: Final = Amount(30, {"quick": 1, "full": 10})
+
+JUDGED: Final = tuple(
+    dict.fromkeys(
+        [*BLAME.values(), *BLAME_MODE.values(), BLAME_OTHERWISE, "MACS-Q-XX-01", "MACS-REPLY-02",
+         "MACS-FRAME-07"]
+    )
+)  # fmt: skip
+
+
+@check(*JUDGED, safety=MOVES, needs=("virtual",))
+def some_mixed_sequences_agree_with_the_model(session: Session) -> None:
+    """Every reply of a few random sequences is one that the model admits."""
+    play_drawn(session, "quick", player_of, FREE, REAL)
+
+
+@check(*JUDGED, safety=MOVES, level="full", soaks=True)
+def many_mixed_sequences_agree_with_the_model(session: Session) -> None:
+    """Every reply of many random sequences is one that the model admits."""
+    play_drawn(session, "full", player_of, FREE, REAL)
+
+
+def player_of(session: Session) -> Player:
+    """Somebody who plays on the module under test; ends the check where nobody can judge that."""
+    bench = bench_of(session)
+    if not bench.has_ideal_plant or session.reading("brake_increments") not in ("plant", "0"):
+        session.skip("the ledger gives no exact rule for an axis that runs on after a stop")
+    return Player(bench, bench.ready())
+
+
+def replay_check(recording: Recording) -> Check:
+    """The check that plays recorded operations."""
+    return replaying(recording, many_mixed_sequences_agree_with_the_model, player_of)

@@ -1,0 +1,304 @@
+"""Exchanges with one module, whichever way it is talked to.
+
+A face says how a request looks and how a reply is fetched (`Talk`'s abstract part); what a value
+means and what a reply proves is the same for all.  Every exchange tells when the module can have
+taken the request over (`Exchange.taken`): the same arithmetic then holds in virtual time, over a
+pty, on a bus and over a real adapter.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Final
+
+from axistwin_conformance.core.session import ATTEMPTS, Session
+from axistwin_conformance.families.mac.axis.exchanges import QUERIES, Kind, Reply, signed
+from axistwin_conformance.families.mac.axis.model.acceptance import Row, table_without
+from axistwin_conformance.families.mac.axis.model.forecast import Window
+from axistwin_conformance.transport.transport import Carrier
+
+QUIET_S: Final = 0.05  # ten times any reply seen; silence is proven by the next exchange, not by it
+
+Part = str | tuple[str, ...] | None
+
+
+@dataclass(frozen=True, slots=True)
+class Exchange:
+    """One request as it was sent, its reply, and when the module took the request over."""
+
+    request: bytes
+    reply: Any  # the face's own `dialogue.Reply`
+    taken: Window
+
+    @property
+    def kind(self) -> Kind:
+        """What the module said."""
+        kind: Kind = self.reply.kind
+        return kind
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """A counter reading and the window in which the module took it."""
+
+    position: int
+    taken: Window
+
+
+class Talk(ABC):
+    """One module: what is said to it, what it says, and what that proves.
+
+    `answered`: the queries it answers; `may_be_silent`: the commands it may obey without a reply.
+    `repeatable`: what it may be told twice and does the same, with the same reply; after anything
+    else the check is in doubt about the first (a second 13h is refused, a second segment runs).
+    `missing`: commands and queries that other faces have and this one does not.  `unassigned`: what
+    comes to a command and to a query that mean nothing, for each reading of `unknown_index`.
+    """
+
+    answered: ClassVar[range]
+    may_be_silent: ClassVar[frozenset[int]]
+    repeatable: ClassVar[frozenset[int]]
+    missing: ClassVar[tuple[int, ...]] = ()
+    unassigned: ClassVar[tuple[tuple[Kind, Kind], ...]]
+
+    def __init__(self, session: Session, address: int | None = None) -> None:
+        self.session = session
+        self.target: Carrier = session.carrier
+        self.address = session.address if address is None else address
+
+    # --- what a face brings -----------------------------------------------------------------------
+
+    @abstractmethod
+    def request(
+        self, index: int, parameter: int = 0, sub_index: int = 0, address: int | None = None
+    ) -> Any:
+        """A well-formed request to this module, or to that address."""
+
+    @abstractmethod
+    def to_all(self, index: int, parameter: int = 0) -> Any:
+        """A well-formed request to all modules."""
+
+    @abstractmethod
+    def spoilt(self, index: int, parameter: int, how: int) -> tuple[Any, Kind] | None:
+        """A request that must not be obeyed, one of several (`how`), and the reply it gets; None
+        where there is none whose reply could be told from others."""
+
+    @abstractmethod
+    def send(self, request: Any, timeout_s: float | None = None) -> Exchange:
+        """Send a request and take the reply apart; where noise is possible, again if need be."""
+
+    @abstractmethod
+    def swift(
+        self, index: int, parameter: int, timeout_s: float, is_cleared: bool
+    ) -> tuple[bytes, bytes, Window]:
+        """What `send` does by the shortest way there is: the request, the reply, and when the
+        request was taken over.  Only where `is_direct`, and not for what may be silent."""
+
+    @property
+    @abstractmethod
+    def is_direct(self) -> bool:
+        """True where `swift` may be used: time is virtual and nothing disturbs."""
+
+    @property
+    @abstractmethod
+    def frame_ns(self) -> int:
+        """The time a request takes on its way; 0 where that is not known."""
+
+    @property
+    @abstractmethod
+    def glance_ns(self) -> int:
+        """How long before an instant a query must be sent so that the counter is read before it."""
+
+    @property
+    @abstractmethod
+    def imax(self) -> int:
+        """The highest torque limit of this module (MACS-CMD-0C-01)."""
+
+    @abstractmethod
+    def is_answer(self, index: int, reply: Any, *, in_any_reading: bool = False) -> bool:
+        """True if a reply says that it answers that query of this module; `in_any_reading`: also
+        in a way that only another reading of the manual admits."""
+
+    @abstractmethod
+    def unasked(self) -> str:
+        """What has arrived without being asked for, in words; empty if nothing has."""
+
+    @staticmethod
+    @abstractmethod
+    def kind_of(received: bytes) -> Kind:
+        """What kind of reply these bytes are."""
+
+    @abstractmethod
+    def data_of(self, received: bytes) -> int | None:
+        """The number in an answer; None for what is none."""
+
+    @staticmethod
+    @abstractmethod
+    def named(index: int) -> str:
+        """What a command or a query is called on this face."""
+
+    @staticmethod
+    @abstractmethod
+    def explained(sent: bytes) -> str:
+        """A request in words."""
+
+    @abstractmethod
+    def told(self, received: bytes) -> str:
+        """A reply in words."""
+
+    def synchronise(self) -> Exchange | None:
+        """Do what 11h does, to all modules and without a reply; None where there is no such way."""
+        return None
+
+    @property
+    def has_sync(self) -> bool:
+        """True if there is a way to `synchronise`."""
+        return False
+
+    # --- noise ------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def _once(self, request: Any, timeout_s: float | None) -> Exchange:
+        """Send, and take the reply apart."""
+
+    @abstractmethod
+    def _is_good(self, index: int, reply: Any, *, may_be_silent: bool) -> bool:
+        """True if a module could say that, as far as is known of this one."""
+
+    def _undisturbed(
+        self, request: Any, index: int, exchange: Exchange, timeout_s: float | None
+    ) -> Exchange:
+        """Send again until noise is not the reason for the reply; only what may be sent twice.
+
+        What was Nacked was not obeyed (MACS-REPLY-04), and may be sent again whatever it is.
+        """
+        bad: list[bytes] = []
+        since_ns: int | None = None  # the first sending that may have been obeyed
+        for _ in range(ATTEMPTS):
+            is_good = self._is_good(index, exchange.reply, may_be_silent=timeout_s is not None)
+            if self.session.is_believed(bad, exchange.reply.raw, is_good=is_good):
+                break
+            words = f"{self.explained(exchange.request)}: {exchange.reply}"
+            if exchange.kind is not Kind.NACK:
+                if index not in self.repeatable:
+                    if self.session.check is not None:
+                        self.session.disturbed(words)
+                    break
+                since_ns = exchange.taken.earliest_ns if since_ns is None else since_ns
+            self.session.record_retry(words)
+            exchange = self._once(request, timeout_s)
+        if since_ns is None or index in QUERIES:
+            return exchange
+        return replace(exchange, taken=Window(since_ns, exchange.taken.latest_ns))
+
+    # --- values -----------------------------------------------------------------------------------
+
+    @property
+    def acceptance(self) -> Mapping[int, Row]:
+        """The acceptance table of this face."""
+        return table_without(self.missing)
+
+    def command(self, index: int, parameter: int = 0, sub_index: int = 0) -> Exchange:
+        """Send a command."""
+        return self.send(self.request(index, parameter, sub_index))
+
+    def within(self, timeout_s: float, index: int, parameter: int = 0) -> Exchange:
+        """Send a command or a query to which nothing need come; wait so long for a reply."""
+        return self.send(self.request(index, parameter), timeout_s)
+
+    def in_vain(self, request: Any) -> Exchange:
+        """Send a request that must not be obeyed, and listen for `QUIET_S`."""
+        return self.send(request, QUIET_S)
+
+    def ask(self, index: int, sub_index: int = 0) -> Exchange:
+        """Send a query."""
+        return self.command(index, 0, sub_index)
+
+    def value(self, index: int, sub_index: int = 0) -> int:
+        """The 32-bit number a query answers; no answer fails the check."""
+        reply: Reply = self.ask(index, sub_index).reply
+        if reply.data is None:
+            self.session.fail(None, f"an answer to {self.named(index)}", reply)
+        return reply.data
+
+    def data_bytes(self, index: int, sub_index: int = 0) -> tuple[int, int, int, int]:
+        """The four bytes a query answers, first byte first."""
+        first, second, third, fourth = self.value(index, sub_index).to_bytes(4, "big")
+        return first, second, third, fourth
+
+    def sample(self) -> Sample:
+        """Read the counter, with the window in which it was read."""
+        exchange = self.ask(0x20)
+        if exchange.reply.data is None:
+            self.session.fail(None, f"an answer to {self.named(0x20)}", exchange.reply)
+        return Sample(signed(exchange.reply.data), exchange.taken)
+
+    def position(self) -> int:
+        """Read the counter."""
+        return self.sample().position
+
+    def is_busy(self) -> bool:
+        """The inverted bit 3 of 27h byte 3 (MACS-Q-27-03)."""
+        return not self.data_bytes(0x27)[2] & 0x08
+
+    def stopped_on(self) -> int:
+        """The byte ff of 21h: which stops ended the motion."""
+        return self.data_bytes(0x21)[1] & 0x0F
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass."""
+        if seconds > 0:
+            self.target.wait(seconds)
+
+    def wait_until(self, moment_ns: int) -> None:
+        """Let time pass up to a moment of the target's clock."""
+        self.wait((moment_ns - self.target.now_ns) / 1e9)
+
+    # --- judging ----------------------------------------------------------------------------------
+
+    def must(self, kind: Kind, exchange: Exchange, requirement: Part = None) -> Exchange:
+        """Judge that the reply is of that kind.
+
+        Without a requirement it is a step on the way: a wrong reply fails all the check names, but
+        a right one proves none of them when there are several.
+        """
+        self._judge(
+            exchange.kind is kind,
+            requirement,
+            f"{kind.value} ({self.explained(exchange.request)})",
+            exchange.reply,
+        )
+        return exchange
+
+    def _judge(self, condition: bool, requirement: Part, expected: str, actual: object) -> None:
+        """Judge a requirement; without one, in a check that names several, it is a step."""
+        check = self.session.check
+        if requirement is None and check is not None and len(check.requirements) > 1:
+            self.session.step(condition, expected, actual)
+        else:
+            self.session.expect(condition, requirement, expected, actual)
+
+    def accepted(
+        self, index: int, parameter: int = 0, sub_index: int = 0, requirement: Part = None
+    ) -> Exchange:
+        """Send a command that must be accepted."""
+        return self.must(Kind.ACCEPTED, self.command(index, parameter, sub_index), requirement)
+
+    def refused(
+        self, index: int, parameter: int = 0, sub_index: int = 0, requirement: Part = None
+    ) -> Exchange:
+        """Send a command that must be refused."""
+        return self.must(Kind.REFUSED, self.command(index, parameter, sub_index), requirement)
+
+    def silent(self, request: Any, requirement: Part = None) -> None:
+        """Judge that a frame gets no reply: none now, and exactly one to the next query."""
+        exchange = self.send(request, QUIET_S + self.target.uncertainty_ns / 1e9)
+        self.must(Kind.SILENCE, exchange, requirement)
+        self.alive(requirement)
+
+    def alive(self, requirement: Part = None) -> None:
+        """Judge that the module answers a good query, once."""
+        exchange = self.ask(0x20)
+        self.must(Kind.ANSWER, exchange, requirement)

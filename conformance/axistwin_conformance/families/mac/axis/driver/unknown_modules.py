@@ -1,0 +1,63 @@
+"""Who answers at an address that is neither this module's nor named with --neighbour: the module
+itself, which is a fault, or another one that the operator has not told of, which is none."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, Talk
+from axistwin_conformance.families.mac.axis.exchanges import Kind
+
+# What stays as it is while an axis is at rest; the release differs between versions.
+AT_REST: Final = (0x20, 0x22, 0x23, 0x24, 0x25, 0x26)
+Value = int | None
+ROUNDS: Final = 3  # what changes between them, on either side, proves nothing
+
+
+def stranger_at(bench: Talk, address: int) -> str:
+    """Ask who answers at an address that nobody has been said to have.
+
+    A module that differs from the one under test is another one: the check ends as inconclusive,
+    with the remedy.  One that is alike may be this one, and is a failure for the caller to tell;
+    the text returned goes with it.  Empty if nobody answers there, and on the built-in twin's line,
+    of which it is known who is there.
+    """
+    session = bench.session
+    own = {bench.address, *session.neighbours}
+    if bench.target.is_builtin or address in own:
+        return ""
+    other = type(bench)(session, address)
+    if not any(_told(other, AT_REST[0]) is not None for _ in range(ROUNDS)):
+        return ""
+    for index in AT_REST:
+        here, there = _in_turn(bench, other, index)
+        is_settled = len(here) == len(there) == 1 and None not in here | there
+        if is_settled and here != there:
+            session.inconclusive(
+                None,
+                f"another module answers at {address} ({bench.named(index)} tells it from"
+                f" {bench.address}): name it (--neighbour {address}) or take it off the"
+                f" {bench.target.word}",
+            )
+    return (
+        f"who answers at {address} is like {bench.address} in all that can be asked at rest; if"
+        f" another module is there, name it (--neighbour {address})"
+    )
+
+
+def _in_turn(first: Talk, second: Talk, index: int) -> tuple[set[Value], set[Value]]:
+    """All that two modules say to a query, asked in turn."""
+    here, there = {_told(first, index)}, set[Value]()
+    for _ in range(ROUNDS):
+        there.add(_told(second, index))
+        here.add(_told(first, index))
+    return here, there
+
+
+def _told(module: Talk, index: int) -> Value:
+    """What a module answers, under its own address; None without such an answer."""
+    timeout_s = QUIET_S + module.target.uncertainty_ns / 1e9
+    reply = module.send(module.request(index), timeout_s).reply
+    is_own = reply.kind is Kind.ANSWER and module.is_answer(index, reply, in_any_reading=True)
+    data: Value = reply.data
+    return data if is_own else None

@@ -1,0 +1,320 @@
+"""The operations of a sequence: what four bytes can mean.
+
+An operation is (what, first, second, pause): `what` picks a line of `OPERATIONS`, `first` and
+`second` its arguments, and `pause` a wait after it.  Any four bytes are an operation; what the
+state of the model does not allow is replaced by a stop or a query.  Lines are only ever appended:
+a recorded sequence keeps its meaning as long as the table is not longer than what it names.
+
+Left out because the ledger does not say what happens: 15h while segments run and 10h while
+anything runs (each has a check of its own); segments while armed; 0Bh in a move (AMB-53).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from axistwin_conformance.families.mac.axis.driver.motion import Bench, segment, velocity
+from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.model.axis_model import DROPPING, MOTIONS, SEGMENTS
+from axistwin_conformance.families.mac.axis.sequences.sequence import (
+    COEFFICIENTS,
+    PERIODS,
+    Operation,
+    Sequence,
+)
+
+Act = Callable[[Sequence, int, int], None]
+
+TOLERANCES: Final = (0, 0, 1, 10, 100)
+# What a target may lie beside; an offset of 80h is right there.
+ANCHORS: Final = ("here", "superior stop", "inferior stop", "home", "end of motion", "counter 0",
+                  "far above", "far below")  # fmt: skip
+# How far before or after the predicted end of something the next request is taken over.
+OFFSETS_NS: Final = (0, -1_000_000, 1_000_000, -3_000_000, 3_000_000, -300_000, 300_000, 10_000_000)
+
+# Where a device follows another reading than the default and the ledger gives no exact rule for
+# it, the operations that would need one are left out.
+UNRULED_SEGMENTS: Final = ("fifo_underrun", "abort_flush", "segment_zero_steps")
+UNRULED_SYNC: Final = ("preload_policy", "abort_flush", "sync_arm_lifetime")
+UNRULED_CHANGES: Final = ("vel_change_law", "ramp_law", "vel_reverse_cmd")
+UNRULED_RAMPED_STOPS: Final = ("stop_ramp_law", "ramp_law")
+UNRULED_RESTARTS: Final = ("persist_modes",)
+UNASSIGNED: Final = (0x04, 0x05, 0x06, 0x12, 0x1D, 0x1F, 0x2A, 0x2F)  # on every face
+TO_COMMANDS: Final = (Kind.ACCEPTED, Kind.REFUSED)
+
+
+def _move(run: Sequence, first: int, second: int) -> None:
+    run.command(0x13, run.place(first))
+
+
+def _nudge(run: Sequence, first: int, second: int) -> None:
+    run.command(0x13, run.here() + first % 21 - 10)
+
+
+def _home(run: Sequence, first: int, second: int) -> None:
+    is_near = abs(run.home - run.offset) <= run.room
+    is_ruled = run.is_resting or run.follows("motion_lock_set")
+    run.command(0x14) if is_near and is_ruled else run.query(0x20)
+
+
+def _turn(run: Sequence, first: int, second: int) -> None:
+    _turn_at(run, first, max(PERIODS[second % len(PERIODS)], run.fastest))
+
+
+def _turn_at(run: Sequence, first: int, period: int) -> None:
+    if run.has_segments or not (run.is_resting or run.follows(*UNRULED_CHANGES)):
+        run.command(0x18)
+        return
+    if not run.may_change() or not run.has_room(period):
+        run.command(0x18)
+        return
+    run.command(0x15, velocity(run.way(first), period))
+
+
+def _turn_off(run: Sequence, first: int, second: int) -> None:
+    is_ruled = run.is_resting or run.follows(*UNRULED_RAMPED_STOPS, "vel_reverse_cmd")
+    if run.has_segments or run.is_held or not is_ruled or not run.may_change():
+        run.command(0x18)
+        return
+    run.command(0x15, velocity(run.way(first), 0))
+
+
+def _ramped_stop(run: Sequence, first: int, second: int) -> None:
+    is_ruled = run.follows(*UNRULED_RAMPED_STOPS)
+    is_ruled &= not run.has_segments or run.known("stop17_in_interp") < 2
+    run.command(0x17 if run.is_resting or (is_ruled and run.may_change()) else 0x18)
+
+
+def _segment(index: int) -> Act:
+    def send(run: Sequence, first: int, second: int) -> None:
+        is_ruled = run.follows(*UNRULED_SEGMENTS)
+        is_ruled &= run.is_resting or run.known("interp_during_profile") < 2
+        if run.is_held or not is_ruled:
+            run.query(0x20)
+            return
+        period = max(PERIODS[second % len(PERIODS)], run.fastest)
+        is_zero = second == 0xFF and run.follows("segment_zero_period")
+        steps = first % 65 - 32
+        steps = abs(steps) if run.known("segment_signed") else steps
+        run.command(index, segment(steps, 0 if is_zero else period))
+
+    return send
+
+
+def _sync(index: int) -> Act:
+    def send(run: Sequence, first: int, second: int) -> None:
+        is_ruled = run.is_resting and run.follows(*UNRULED_SYNC)
+        run.command(index if is_ruled else 0x18)
+
+    return send
+
+
+def _sync_frame(run: Sequence, first: int, second: int) -> None:
+    """What 11h does, told to all at once; it is not answered, so it must be clear what it does."""
+    if run.is_resting and run.follows(*UNRULED_SYNC, "sync_without_preload"):
+        run.synchronise()
+    else:
+        run.command(0x18)
+
+
+def _set(index: int, value: Callable[[Sequence, int], int]) -> Act:
+    def send(run: Sequence, first: int, second: int) -> None:
+        if not run.is_resting and not run.follows("motion_lock_set"):
+            run.query(0x20)  # what a new speed or ramp does to a running motion is not said
+            return
+        run.command(index, value(run, first))
+
+    return send
+
+
+def _clear(run: Sequence, first: int, second: int) -> None:
+    if run.is_fenced:
+        run.command(0x18)  # so that the place is known exactly, and the envelope stays where it is
+    run.query(0x20)
+    if not run.is_resting or abs(run.home) > run.room:
+        return
+    before = run.here()
+    run.command(0x0B)
+    run.offset += before
+
+
+def _at_rest(index: int) -> Act:
+    def send(run: Sequence, first: int, second: int) -> None:
+        run.command(index if run.is_resting else 0x18)
+
+    return send
+
+
+def _query(run: Sequence, first: int, second: int) -> None:
+    answered = run.bench.answered
+    run.query(answered[first % len(answered)])
+
+
+def _unassigned(run: Sequence, first: int, second: int) -> None:
+    bench = run.bench
+    indices = UNASSIGNED + bench.missing
+    index = indices[first % len(indices)]
+    if bench.unassigned[run.known("unknown_index")][index >= 0x20] in TO_COMMANDS:
+        run.command(index, second if run.follows("dont_care_digits") else 0)
+
+
+def _spoilt(run: Sequence, first: int, second: int) -> None:
+    index = (*MOTIONS, *SEGMENTS, *DROPPING, 0x0B, 0x0D, 0x20)[first % 11]
+    # A module that obeyed it would stay inside.
+    parameter = run.place(second) if index == 0x13 else 0x00101000
+    spoilt = run.bench.spoilt(index, parameter, second)
+    if spoilt is not None:
+        run.lost(*spoilt, "MACS-REPLY-02")
+
+
+def _astray(run: Sequence, first: int, second: int) -> None:
+    session = run.bench.session
+    taken = {session.address, *session.neighbours}
+    addresses = session.run.family.addresses
+    other = next(one for one in range(first % 0x70, 0x80) if one in addresses and one not in taken)
+    index = (*DROPPING, 0x13, 0x20)[second % 5]
+    if session.envelope.is_fenced and index == 0x13:
+        index = 0x20  # a module that nobody has named might be there and move
+    run.lost(run.bench.request(index, 0, address=other), Kind.SILENCE, "MACS-FRAME-07")
+
+
+def _restart(run: Sequence, first: int, second: int) -> None:
+    is_cheap = run.bench.target.is_virtual and first < 0x40
+    run.restart() if is_cheap and run.follows(*UNRULED_RESTARTS) else run.query(0x26)
+
+
+def _wait(run: Sequence, first: int, second: int) -> None:
+    run.pause(first / 1000)
+
+
+def _wait_for_instant(run: Sequence, first: int, second: int) -> None:
+    """Let the next request be taken over about the end of the motion or of a stage of it."""
+    run.pause_until_taken(first, OFFSETS_NS[second % len(OFFSETS_NS)])
+
+
+def _stop_near(index: int, way: int) -> Act:
+    def send(run: Sequence, first: int, second: int) -> None:
+        if not run.is_resting and not run.follows("motion_lock_set"):
+            run.query(0x20)
+            return
+        run.command(index, run.here() + way * (first % 0x40))
+
+    return send
+
+
+def _move_to_stop(run: Sequence, first: int, second: int) -> None:
+    limits = run.model.parameters.limits
+    if limits is None:
+        run.command(0x13, run.place(first))
+        return
+    target = limits[first & 1] + second % 5 - 2
+    is_near = abs(run.shaft(target) - run.home) <= run.room
+    run.command(0x13, target if is_near else run.place(second))
+
+
+def _anchor(run: Sequence, name: str) -> int:
+    """Where an anchor is, as far as the model knows."""
+    one, forecast = run.model.parameters, run.model.forecast
+    match name:
+        case "superior stop":
+            return one.superior
+        case "inferior stop":
+            return one.inferior
+        case "home":
+            return run.home - run.offset
+        case "end of motion":
+            end = forecast.timelines[0].final
+            return run.here() if end is None else end
+        case "counter 0":
+            return 0
+        case "far above" | "far below":
+            return run.place(0xFF if name == "far above" else 0)
+    return run.here()
+
+
+def _move_beside(run: Sequence, first: int, second: int) -> None:
+    """13h to an anchor, or up to 128 increments beside it."""
+    target = _anchor(run, ANCHORS[first % len(ANCHORS)]) + second - 0x80
+    is_near = abs(run.shaft(target) - run.home) <= run.room
+    run.command(0x13, target if is_near else run.place(second))
+
+
+def _put_stop_beside(run: Sequence, first: int, second: int) -> None:
+    """09h (an odd first) or 0Ah at an anchor, or up to 128 increments beside it."""
+    index = 0x09 if first & 1 else 0x0A
+    name = ANCHORS[(first >> 1) % len(ANCHORS)]
+    _set(index, lambda run, _: _anchor(run, name) + second - 0x80)(run, first, second)
+
+
+def _any_period(run: Sequence, byte: int) -> int:
+    """One of 256 periods, spread over all that the slowest and the fastest axis here run at."""
+    return max(PERIODS[0], run.fastest, byte << 8 | byte)
+
+
+def _turn_at_any_speed(run: Sequence, first: int, second: int) -> None:
+    _turn_at(run, first, _any_period(run, second))
+
+
+def _tell(index: int) -> Act:
+    return lambda run, first, second: run.command(index)
+
+
+def _ask_position(run: Sequence, first: int, second: int) -> None:
+    run.query(0x20)
+
+
+OPERATIONS: Final[tuple[Operation, ...]] = (
+    Operation("ask the position", _ask_position),
+    Operation("move", _move),
+    Operation("wait", _wait),
+    Operation("turn", _turn),
+    Operation("segment", _segment(0x16)),
+    Operation("ramped stop", _ramped_stop),
+    Operation("stop", _tell(0x18)),
+    Operation("virtual segment", _segment(0x1E)),
+    Operation("nudge", _nudge),
+    Operation("arm", _sync(0x10)),
+    Operation("trigger", _sync(0x11)),
+    Operation("turn at speed 0", _turn_off),
+    Operation("ask", _query),
+    Operation("move", _move),
+    Operation("segment", _segment(0x16)),
+    Operation("ask the position", _ask_position),
+    Operation("set the period", _set(0x0D, lambda run, first: run.period(first))),
+    Operation("set the ramp", _set(0x0F, lambda run, first: COEFFICIENTS[first % 7])),
+    Operation("set the tolerance", _set(0x1C, lambda run, first: TOLERANCES[first % 5])),
+    Operation("set the catch-up", _set(0x0E, lambda run, first: run.catch_up(first))),
+    Operation("set the torque", _set(0x0C, lambda run, first: run.torque(first))),
+    Operation(
+        "set the standby", _set(0x02, lambda run, first: run.value((0, 0, 2, 0x10), (0,), first))
+    ),
+    Operation("enable the stops", _set(0x03, lambda run, first: run.stops(first))),
+    Operation("set the superior stop", _set(0x09, lambda run, first: run.place(first))),
+    Operation("set the inferior stop", _set(0x0A, lambda run, first: run.place(first))),
+    Operation("clear the counter", _clear),
+    Operation("power off", _at_rest(0x1A)),
+    Operation("power on", _tell(0x19)),
+    Operation("move to 0", _home),
+    Operation("send an unassigned index", _unassigned),
+    Operation("spoil a frame", _spoilt),
+    Operation("call another address", _astray),
+    Operation("restart", _restart),
+    Operation("wait for an instant", _wait_for_instant),
+    Operation("set the superior stop near", _stop_near(0x09, 1)),
+    Operation("set the inferior stop near", _stop_near(0x0A, -1)),
+    Operation("move to a stop", _move_to_stop),
+    Operation("move beside", _move_beside),
+    Operation("put a stop beside", _put_stop_beside),
+    Operation("turn at any speed", _turn_at_any_speed),
+    Operation("set any period", _set(0x0D, _any_period)),
+)
+# Beside them, where a face has such a frame.
+WITH_SYNC: Final = (*OPERATIONS, Operation("trigger by SYNC", _sync_frame))
+
+WHAT: Final = {one.name: number for number, one in reversed(list(enumerate(WITH_SYNC)))}
+
+
+def operations_of(bench: Bench) -> tuple[Operation, ...]:
+    """The table for a module on this face."""
+    return WITH_SYNC if bench.has_sync else OPERATIONS

@@ -1,0 +1,82 @@
+"""Who plays operations on an axis, and from where."""
+
+from __future__ import annotations
+
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mac.axis.driver.motion import Bench, Sample, bench_of
+from axistwin_conformance.families.mac.axis.model.axis_model import AxisModel
+from axistwin_conformance.families.mac.axis.model.forecast import Forecast
+from axistwin_conformance.families.mac.axis.sequences.operations import OPERATIONS, operations_of
+from axistwin_conformance.families.mac.axis.sequences.sequence import (
+    BYTES_PER_OPERATION,
+    OPEN_STOPS,
+    Sequence,
+    begin,
+    read_parameters,
+)
+from axistwin_conformance.sequences import runner
+from axistwin_conformance.sequences.runner import Operations, Playable
+
+
+def split(data: bytes, kinds: int = len(OPERATIONS)) -> Operations:
+    """Cut bytes into operations, each told by its lowest number."""
+    return runner.split(data, kinds, BYTES_PER_OPERATION)
+
+
+class Player(runner.Player):
+    """Plays operations on one module, always from the same place."""
+
+    operation_bytes = BYTES_PER_OPERATION
+    arguments = (3, 1, 2)
+    beginning = "00h"
+
+    def __init__(self, bench: Bench, home: int) -> None:
+        super().__init__(bench.session)
+        self.bench, self.home = bench, home
+        self._last: Sequence | None = None
+        bench.is_plotting = False  # or the ways home of all sequences would fill the report
+
+    @property
+    def kinds(self) -> int:
+        """How many operations there are on this face."""
+        return len(operations_of(self.bench))
+
+    def on(self, session: Session) -> Player:
+        """The same on the twin of this module."""
+        bench = bench_of(session)
+        return Player(bench, bench.ready())
+
+    def begin(self) -> Sequence:
+        """A sequence that begins where every sequence begins; fresh ones with 00h, which costs 2 s
+        of deafness."""
+        again = None if self.is_fresh or self._last is None else self._last.again()
+        if again is None:
+            if self.is_fresh:
+                self.bench.reinitialise()
+            for index, parameter in OPEN_STOPS:
+                self.bench.command(index, parameter)
+            again = begin(self.bench, self.home, model_of, operations_of(self.bench))
+        self._last = again
+        return again
+
+    def watched(self, run: Playable) -> None:
+        """Have the motion plotted."""
+        assert isinstance(run, Sequence), "it has begun here"
+        run.watch = self._plot
+
+    def _plot(self, forecast: Forecast, sample: Sample, slack: int) -> None:
+        self.bench.is_plotting = True
+        self.bench.plot(forecast, sample, slack)
+        self.bench.is_plotting = False
+
+
+def model_of(bench: Bench) -> AxisModel:
+    """The model of a module at rest, held to the readings it has shown."""
+    ledger, seen = bench.session.run.ledger, bench.session.readings
+    readings = {
+        switch: ledger.ambiguity_of(switch).switches[switch].index(reading)
+        for switch, reading in seen.items()
+        if reading in ledger.ambiguity_of(switch).switches[switch]
+    }
+    parameters = read_parameters(bench)
+    return AxisModel(parameters, Forecast.rest(0), readings, bench.law, bench.acceptance)

@@ -1,0 +1,549 @@
+"""The fence: no frame leaves the suite that asks an axis to leave the envelope.
+
+It reads every byte either way, below checks, hooks and shrinking alike, and keeps for each axis on
+the line an interval of where the shaft may be or may still go (`Axis.reach`), in increments from
+where the run found it.  The counter may be cleared under it (0Bh, the reference input): `offset`
+is what has to be added to the counter to get the shaft, an interval as well.
+
+    frame sent ──▶ what would follow, all readings of a doubt joined ──▶ outside? not sent
+    reply heard ─▶ refused or Nack: nothing followed; none: both remain possible
+
+Endless motion has no asked-for position.  It is bounded by time: `deadline_ns` is when the stop
+must be on its way, and who lets time pass (`Target`) sends it then, whatever the check is about.
+
+The counter is an encoder's and tells of a shaft that was turned by hand, too.  It does not tell
+where the shaft is once it has been cleared: by 0Bh, by the reference input in motion (07h), or by a
+supply that was cut on a device that forgets.  The rig says when it does such things (`worked`), and
+all places that then are possible are kept (`_origin_seen`): nothing the run does gives back travel
+that is used up.  A reference contact may open again and again: a move it can prolong is treated
+like endless motion until its target is seen.
+
+18h is never held back.  Any other request may be (`OutsideEnvelope`, which names what it would
+take): `foresee` asks beforehand, so that a check can be left out instead.  Judged is what a device
+does that follows the manual in the readings known of it; nothing can be said of one that obeys
+frames with wrong checksums.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Final, NoReturn, Protocol
+
+from axistwin_conformance.base.errors import OutsideEnvelope
+from axistwin_conformance.families.mac.axis.exchanges import Kind, signed
+from axistwin_conformance.families.mac.axis.model.kinematics import (
+    TICKS_PER_SECOND,
+    ramp_increments,
+)
+
+MARGIN_NS: Final = 30_000_000  # a frame at 9600 baud takes 22 ms; the rest is our own reaction
+FACTORY_PERIOD: Final = 0x0320
+# The readings that matter here, as the ledger names them (MACS-AMB-07, -36, -38, -51).
+F6_TURNS: Final = "negative"
+REPLACES: Final = "replace"
+SEGMENTS_UNSIGNED: Final = "false"
+FLUSHES: Final = "true"
+GENTLE_BRAKING: Final = 1_000_000  # inc/s²: a tenth of what an unloaded MAC23 does (§5.4)
+HALTING: Final = frozenset({0x00, 0x01, 0x18, 0x1A})
+STOP: Final = 0x18
+CUTTING: Final = frozenset({"power", "micro_cut", "supply"})  # a device may forget its place then
+ZERO_SLACK: Final = 2  # increments by which a cleared counter may swing
+MOTIONS: Final = frozenset({0x13, 0x14, 0x15, 0x16})
+Interval = tuple[int, int]
+
+
+def join(*intervals: Interval) -> Interval:
+    """The smallest interval around all of them."""
+    return min(low for low, _ in intervals), max(high for _, high in intervals)
+
+
+def shift(one: Interval, by: Interval) -> Interval:
+    """Add two intervals."""
+    return one[0] + by[0], one[1] + by[1]
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """What may be true of one axis.  Places are of the shaft, from where it was found.
+
+    `reach`: where it is or may still go.  `counter`: what the counter was at `seen_ns`.  `tip`:
+    where the last stored segment ends.  `target`: the counter a lone move goes to.  `speed`: of an
+    endless motion (increments per second, 0: none) that may be running since `since_ns`, in the
+    directions `ways`.  `held`: an endless motion that waits for 11h.  `may_move`: something may
+    still be under way or stored; `segment_speed`: of the fastest segment among it.  `edge`: the
+    counter where the reference contact was worked since it was read; `is_cut`: the supply was cut
+    since then.  `begun_ns`: when a motion was last asked for.
+    """
+
+    reach: Interval = (0, 0)
+    counter: Interval = (0, 0)
+    seen_ns: int = 0
+    tip: Interval = (0, 0)
+    offset: Interval = (0, 0)
+    target: int | None = None
+    period: int = FACTORY_PERIOD
+    coefficient: int = 0
+    speed: int = 0
+    since_ns: int = 0
+    begun_ns: int = 0
+    ways: Interval = (0, 0)
+    held: tuple[int, Interval] | None = None
+    is_armed: bool = False
+    may_move: bool = False
+    segment_speed: int = 0
+    has_reference: bool = False
+    edge: Interval | None = None
+    is_cut: bool = False
+
+    def grown(self, now_ns: int) -> Axis:
+        """The same with endless motion accounted for up to now."""
+        if not self.speed:
+            return self
+        far = self.speed * max(0, now_ns - self.since_ns) // 1_000_000_000 + 1
+        reach = (self.reach[0] + self.ways[0] * far, self.reach[1] + self.ways[1] * far)
+        return replace(self, reach=reach, since_ns=now_ns)
+
+    def joined(self, other: Axis) -> Axis:
+        """Either of two; nobody knows which."""
+        ways = join(self.ways, other.ways)
+        return replace(
+            other,
+            reach=join(self.reach, other.reach),
+            tip=join(self.tip, other.tip),
+            counter=join(self.counter, other.counter),
+            seen_ns=min(self.seen_ns, other.seen_ns),
+            offset=join(self.offset, other.offset),
+            target=self.target if self.target == other.target else None,
+            period=min(self.period, other.period),
+            coefficient=max(self.coefficient, other.coefficient),
+            speed=max(self.speed, other.speed),
+            since_ns=min(self.since_ns, other.since_ns) if self.speed else other.since_ns,
+            ways=ways,
+            held=self.held or other.held,
+            is_armed=self.is_armed or other.is_armed,
+            may_move=self.may_move or other.may_move,
+            segment_speed=max(self.segment_speed, other.segment_speed),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """A request that would be obeyed: by the module at that address, or by all (None); `raw` as it
+    was sent."""
+
+    address: int | None
+    index: int
+    parameter: int
+    raw: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """A whole reply: its kind, and the number in it if it is an answer.
+
+    `whom`: where many were asked and one speaks for itself alone, its address.
+    """
+
+    kind: Kind
+    data: int | None = None
+    whom: int | None = None
+
+
+class Reader(Protocol):
+    """How the fence understands what passes, on one face of the module."""
+
+    def foreseen(self, data: bytes, /) -> list[Asked]:
+        """What these bytes would ask for if they followed what was sent so far."""
+
+    def sent(self, data: bytes, /) -> None:
+        """From now on these bytes have been sent."""
+
+    def heard(self, data: bytes, /) -> Heard | None:
+        """Take in what was received; the reply it completes, or None."""
+
+    def stop(self, address: int, /) -> bytes:
+        """The frame that ends any motion of that module."""
+
+    def explained(self, raw: bytes, /) -> str:
+        """A request in words."""
+
+
+class Fence:
+    """The envelope of one line.
+
+    `own`: the address under test.  `readings`: what is known of the device, as the run learns it.
+    """
+
+    def __init__(
+        self,
+        reader: Reader,
+        max_travel: int,
+        max_speed: int,
+        own: int,
+        readings: Mapping[str, str],
+    ) -> None:
+        self.reader = reader
+        self.max_travel, self.max_speed, self.own = max_travel, max_speed, own
+        self.readings = readings
+        self.axes: dict[int, Axis] = {}
+        self._found_periods: dict[int, int] = {}
+        self._before: dict[int, Axis] = {}
+        self._after: dict[int, Axis] = {}
+        self._asked: Asked | None = None  # the last request sent
+        self._asked_ns = 0
+
+    # --- what is sent -----------------------------------------------------------------------------
+
+    def foresee(self, data: bytes, now_ns: int) -> OutsideEnvelope | None:
+        """Why these bytes would be held back now; None if they would not be."""
+        after = {address: axis.grown(now_ns) for address, axis in self.axes.items()}
+        try:
+            for asked in self.reader.foreseen(data):
+                self._tell(after, asked, now_ns)
+        except OutsideEnvelope as error:
+            return error
+        return None
+
+    def sending(self, data: bytes, now_ns: int) -> None:
+        """Account for bytes about to be sent; raises OutsideEnvelope if they must not be."""
+        before = {address: axis.grown(now_ns) for address, axis in self.axes.items()}
+        after = dict(before)
+        requests = self.reader.foreseen(data)
+        for asked in requests:
+            self._tell(after, asked, now_ns)
+        self.reader.sent(data)
+        self._before, self._after = before, after
+        # Until the reply comes, the frame may have been obeyed or not.
+        self.axes = {
+            address: before[address].joined(axis) if address in before else axis
+            for address, axis in after.items()
+        }
+        self._asked = requests[-1] if requests else None
+        self._asked_ns = now_ns
+
+    def _tell(self, axes: dict[int, Axis], asked: Asked, now_ns: int) -> None:
+        address, index, parameter, frame = asked.address, asked.index, asked.parameter, asked.raw
+        if index in MOTIONS and address is not None and address not in axes:
+            self._refuse(
+                frame,
+                f"nobody knows where the axis at {address:02X}h is",
+                "--neighbour",
+                address,
+            )
+        for one in tuple(axes) if address is None else (address,):
+            if one not in axes:
+                continue
+            after = self._obeyed(axes[one], index, parameter, now_ns, frame)
+            if index in MOTIONS or index == 0x11:
+                after = replace(after, begun_ns=now_ns)
+            if index != STOP:
+                self._judge_reach(axes[one], after, now_ns, frame)
+            axes[one] = after
+            if index == 0x08:  # the same axis may answer there from now on
+                new = parameter & 0x7F
+                axes[new] = axes[new].joined(after) if new in axes else after
+
+    def _judge_reach(self, before: Axis, after: Axis, now_ns: int, frame: bytes) -> None:
+        """Hold back what leads out, or further out for an axis that was turned out by hand."""
+        (low, high), (lowest, highest) = after.reach, before.reach
+        if low < min(-self.max_travel, lowest) or high > max(self.max_travel, highest):
+            self._refuse(
+                frame,
+                f"it could bring the axis to {low:+}..{high:+} from where it was found",
+                "--max-travel",
+                max(-low, high),
+            )
+        is_begun = after.speed > before.speed or after.ways != before.ways
+        if after.speed and is_begun and self._deadline_of(after) <= now_ns:
+            room = _braking(after.speed) + after.speed * 2 * MARGIN_NS // 1_000_000_000 + 2
+            self._refuse(
+                frame,
+                "there is no room for motion without an end at that speed",
+                "--max-travel",
+                room + max(abs(low), abs(high)),
+            )
+
+    def _refuse(self, frame: bytes, reason: str, option: str, needed: int) -> NoReturn:
+        raise OutsideEnvelope(
+            f"held back {self.reader.explained(frame)}: {reason}; the envelope is"
+            f" {self.max_travel} increments either way, {self.max_speed} per second",
+            option,
+            needed,
+        )
+
+    def _obeyed(self, axis: Axis, index: int, parameter: int, now_ns: int, frame: bytes) -> Axis:
+        """What may be true once the axis has obeyed."""
+        low_byte, half = parameter & 0xFF, parameter & 0xFFFF
+        if index in (0x13, 0x14):
+            counter = signed(parameter) if index == 0x13 else 0
+            return self._sent_to(axis, counter, now_ns, frame)
+        if index == 0x15:
+            return self._endless(axis, parameter >> 16 & 0xFF, half, now_ns, frame)
+        if index == 0x16 and half:
+            return self._stepped(axis, parameter >> 16, half, frame)
+        if index == 0x11 and axis.held is not None:
+            speed, ways = axis.held
+            return replace(
+                axis, speed=speed, ways=ways, since_ns=now_ns, held=None, may_move=True, target=None
+            )
+        if index == 0x17:
+            return replace(self._run_out(axis), held=None, is_armed=False)
+        if index in HALTING:
+            return self._halted(axis, index, now_ns)
+        if index == 0x0D and half:
+            if half != self._found_periods.get(self.own):  # what was found may be put back
+                self._judge_period(half, frame)
+            return replace(axis, period=half)
+        if index == 0x0B:
+            return self._cleared(axis, now_ns, now_ns + 2 * MARGIN_NS)
+        changes: dict[int, dict[str, Any]] = {
+            0x10: {"is_armed": True},
+            0x07: {"has_reference": bool(low_byte)},
+            0x0F: {"coefficient": low_byte},
+        }
+        return replace(axis, **changes.get(index, {}))
+
+    def _cleared(self, axis: Axis, since_ns: int, now_ns: int) -> Axis:
+        """0Bh, between two instants: the counter is 0, where the shaft is known no better."""
+        offset = shift(axis.offset, self._counter_at(axis, now_ns))
+        return replace(axis, offset=offset, counter=(0, 0), seen_ns=since_ns, target=None)
+
+    def _counter_at(self, axis: Axis, now_ns: int) -> Interval:
+        """What the counter may be now, if nothing has cleared it since it was read."""
+        if not axis.may_move:
+            return axis.counter
+        speed = max(axis.speed, axis.segment_speed, TICKS_PER_SECOND // axis.period + 1)
+        far = speed * max(0, now_ns - axis.seen_ns) // 1_000_000_000 + ZERO_SLACK
+        return axis.counter[0] - far, axis.counter[1] + far
+
+    def _steadily_at(self, axis: Axis, now_ns: int) -> Interval:
+        """The same for an axis that keeps its speed without a ramp, and nothing is in its way."""
+        low, high = self._counter_at(axis, now_ns)
+        here = axis.counter[0]
+        if axis.coefficient or not axis.may_move or axis.counter[1] > here:
+            return low, high
+        speed, left = TICKS_PER_SECOND // axis.period, (axis.target or here) - here
+        if axis.segment_speed:
+            speed, left = axis.segment_speed - 1, axis.tip[0] - axis.offset[0] - here
+        elif axis.target is None and axis.ways != (-1, 1):
+            speed, left = axis.speed - 1, (axis.ways[0] + axis.ways[1]) * self.max_travel
+        moving_ns = now_ns - max(axis.seen_ns, axis.begun_ns) - 2 * MARGIN_NS
+        least = min(abs(left), max(0, speed * moving_ns // 1_000_000_000 - ZERO_SLACK))
+        return (here + least, high) if left > 0 else (low, here - least)
+
+    def _judge_period(self, period: int, frame: bytes) -> None:
+        if self.max_speed * period < TICKS_PER_SECOND:
+            speed = -(-TICKS_PER_SECOND // period)
+            self._refuse(frame, f"period {period:04X}h is too fast", "--max-speed", speed)
+
+    def _sent_to(self, axis: Axis, counter: int, now_ns: int, frame: bytes) -> Axis:
+        self._judge_period(axis.period, frame)
+        goal = shift(axis.offset, (counter, counter))
+        moved = replace(
+            axis, reach=join(axis.reach, goal), tip=join(axis.tip, goal), may_move=True,
+            target=None if axis.may_move else counter,
+        )  # fmt: skip
+        if not axis.has_reference or goal[1] <= axis.reach[0]:
+            return moved
+        if axis.is_armed:  # 11h starts it; the deadline is checked then
+            return replace(moved, held=(TICKS_PER_SECOND // axis.period + 1, (0, 1)))
+        # Cleared on the way, the counter has as far to go again from there.
+        speed = max(axis.speed, TICKS_PER_SECOND // axis.period + 1)
+        return replace(moved, speed=speed, ways=join(axis.ways, (0, 1)), since_ns=now_ns)
+
+    def _stepped(self, axis: Axis, digits: int, period: int, frame: bytes) -> Axis:
+        self._judge_period(period, frame)
+        is_signed = self.readings.get("segment_signed") != SEGMENTS_UNSIGNED
+        steps = signed(digits, 16) if is_signed else digits
+        tip = shift(axis.tip, (steps, steps))
+        return replace(
+            axis, reach=join(axis.reach, tip), tip=tip, target=None, may_move=True,
+            segment_speed=max(axis.segment_speed, TICKS_PER_SECOND // period + 1),
+        )  # fmt: skip
+
+    def _endless(self, axis: Axis, selector: int, period: int, now_ns: int, frame: bytes) -> Axis:
+        if not period:
+            return self._run_out(axis)
+        self._judge_period(period, frame)
+        speed = max(TICKS_PER_SECOND // period + 1, axis.speed)
+        if axis.may_move:  # a move may be taken over at its own speed, in its own direction
+            speed = max(speed, TICKS_PER_SECOND // axis.period + 1)
+        is_known = "vel_f6_direction" in self.readings and not axis.may_move
+        way = -1 if selector == 0xF6 and self.readings.get("vel_f6_direction") == F6_TURNS else 1
+        ways = (min(way, 0), max(way, 0)) if is_known else (-1, 1)
+        if axis.is_armed:
+            return replace(axis, held=(speed, ways))
+        return replace(axis, speed=speed, ways=ways, since_ns=now_ns, may_move=True, target=None)
+
+    def _run_out(self, axis: Axis) -> Axis:
+        """17h, or 15h with period 0: what is left is the ramp."""
+        if not axis.speed:
+            return axis
+        far = ramp_increments(axis.coefficient) + _braking(axis.speed)
+        reach = (axis.reach[0] + axis.ways[0] * far, axis.reach[1] + axis.ways[1] * far)
+        return replace(axis, reach=reach, speed=0, ways=(0, 0), target=None)
+
+    def _halted(self, axis: Axis, index: int, now_ns: int) -> Axis:
+        """18h, 1Ah, 00h, 01h: at rest at once, nothing stored; unless the device reads it else."""
+        counter = self._counter_at(axis, now_ns + 2 * MARGIN_NS)  # at rest, until it is read
+        far = _braking(axis.speed) if axis.speed else 0
+        reach = (axis.reach[0] + axis.ways[0] * far, axis.reach[1] + axis.ways[1] * far)
+        is_factory = index == 0x01
+        keeps = index in (0x18, 0x1A) and (
+            self.readings.get("abort_flush", FLUSHES) != FLUSHES
+            or self.readings.get("preload_policy", REPLACES) != REPLACES
+        )
+        return replace(
+            axis,
+            reach=reach,
+            tip=axis.tip if keeps else reach,
+            counter=counter,
+            speed=0,
+            ways=(0, 0),
+            target=None,
+            held=axis.held if keeps else None,
+            is_armed=axis.is_armed and keeps,
+            may_move=axis.may_move and keeps,
+            segment_speed=axis.segment_speed if keeps else 0,
+            period=FACTORY_PERIOD if is_factory else axis.period,
+        )
+
+    def worked(self, name: str, window: tuple[int, int]) -> None:
+        """The rig has worked `name` (of `rig.CAPABILITIES`) in this window of the clock, ns."""
+        for address, axis in self.axes.items():
+            if name == "reference":
+                edge = self._counter_at(axis, window[1])
+                self.axes[address] = replace(axis, edge=join(edge, axis.edge or edge))
+            elif name in CUTTING:
+                self.axes[address] = replace(axis, is_cut=True)
+
+    # --- what is heard ----------------------------------------------------------------------------
+
+    def received(self, data: bytes, now_ns: int) -> None:
+        """Learn from the reply what became of the frame."""
+        reply, asked = self.reader.heard(data), self._asked
+        if reply is None or asked is None:
+            return
+        axes = self.axes
+        if reply.kind is Kind.REFUSED and asked.index == STOP:
+            axes = {
+                address: self._unpowered(self._before.get(address, axis), axis, now_ns)
+                for address, axis in self._after.items()
+            }
+        elif reply.kind in (Kind.REFUSED, Kind.NACK):
+            axes = {address: self._before.get(address, self._after[address])
+                    for address in self._after}  # fmt: skip
+        elif reply.kind is Kind.ACCEPTED:
+            axes = {
+                address: self._heeded(self._before.get(address, axis), axis, now_ns)
+                for address, axis in self._after.items()
+            }
+        elif reply.data is not None and asked.address is not None:
+            self._learn(asked.address, asked.index, reply.data, now_ns)
+        if asked.address is None and reply.whom is not None:  # what became of the others is open
+            axes = {**self.axes, **{one: axes[one] for one in axes if one == reply.whom}}
+        self.axes = axes
+        self._asked = None
+
+    def _unpowered(self, before: Axis, after: Axis, now_ns: int) -> Axis:
+        """An axis that refuses to stop: after a fault nothing drives it (MACS-STATE-02).  What is
+        preloaded stays where that is the reason (MACS-AMB-36)."""
+        ended = self._heeded(before, after, now_ns)
+        return replace(ended, held=before.held, is_armed=before.is_armed)
+
+    def _heeded(self, before: Axis, after: Axis, now_ns: int) -> Axis:
+        """An axis that has obeyed somewhere between request and reply."""
+        if after is not before and self._asked is not None and self._asked.index == 0x0B:
+            return self._cleared(before, self._asked_ns, now_ns)
+        if not before.speed or after.speed:
+            return after
+        grown = before.grown(now_ns).reach
+        far = shift(grown, (after.reach[0] - before.reach[0], after.reach[1] - before.reach[1]))
+        return replace(after, reach=far, tip=join(after.tip, far))
+
+    def _learn(self, address: int, index: int, data: int, now_ns: int) -> None:
+        axis = self.axes.get(address)
+        if index == 0x20:
+            counter = signed(data)
+            if axis is None:
+                self.axes[address] = Axis(offset=(-counter, -counter), seen_ns=self._asked_ns)
+            else:
+                self.axes[address] = self._located(axis, counter, now_ns)
+        elif axis is not None and index == 0x25:
+            self._found_periods.setdefault(address, data & 0xFFFF)
+            self.axes[address] = replace(axis, period=data & 0xFFFF or 1)
+        elif axis is not None and index == 0x26:
+            self.axes[address] = replace(axis, coefficient=data >> 24)
+
+    def _located(self, axis: Axis, counter: int, now_ns: int) -> Axis:
+        """Narrow down by a counter reading."""
+        axis = self._origin_seen(axis, counter, now_ns)
+        here = shift(axis.offset, (counter, counter))
+        axis = replace(axis, counter=(counter, counter), seen_ns=self._asked_ns)
+        if axis.speed and counter == axis.target:  # a move that the reference could have prolonged
+            axis = replace(axis, speed=0, ways=(0, 0), may_move=False, target=None)
+        if axis.speed:
+            return replace(axis, reach=here, since_ns=self._asked_ns)
+        if not axis.may_move:
+            return replace(axis, reach=here, tip=here)
+        if axis.target is None:
+            return replace(axis, reach=join(axis.reach, here))
+        goal = shift(axis.offset, (axis.target, axis.target))
+        return replace(axis, reach=join(here, goal), tip=goal, may_move=counter != axis.target)
+
+    def _origin_seen(self, axis: Axis, counter: int, now_ns: int) -> Axis:
+        """Account for a counter that may have been cleared since it was read last: it then counts
+        from a place `zero` of the old count."""
+        low, high = self._counter_at(axis, now_ns)
+        if axis.edge is not None:  # a slow rig leaves much open that the motion itself settles
+            low, high = self._steadily_at(axis, now_ns)
+        is_plain = low <= counter <= high
+        zeros = [(0, 0)] if is_plain else []
+        if axis.is_cut and not is_plain and abs(counter) <= ZERO_SLACK:
+            zeros = [(0, 0), (low, high)]
+        if axis.edge is not None:
+            zeros.append((max(axis.edge[0], low - counter), min(axis.edge[1], high - counter)))
+        if axis.has_reference and not is_plain and axis.edge is None:  # a contact of the machine's
+            zeros.append((max(low, low - counter), min(high, high - counter)))
+        zeros = [zero for zero in zeros if zero[0] <= zero[1]] or [(0, 0)]  # turned by hand
+        return replace(axis, offset=shift(axis.offset, join(*zeros)), edge=None, is_cut=False)
+
+    # --- endless motion ---------------------------------------------------------------------------
+
+    @property
+    def deadline_ns(self) -> int | None:
+        """When the stop has to be on its way; None while nothing moves without an end."""
+        moving = [self._deadline_of(axis) for axis in self.axes.values() if axis.speed]
+        if not moving:
+            return None
+        is_stopping = self._asked is not None and self._asked.index in HALTING
+        return max(min(moving), self._asked_ns + 2 * MARGIN_NS) if is_stopping else min(moving)
+
+    def _deadline_of(self, axis: Axis) -> int:
+        rooms = []
+        if axis.ways[0] < 0:
+            rooms.append(self.max_travel + axis.reach[0])
+        if axis.ways[1] > 0:
+            rooms.append(self.max_travel - axis.reach[1])
+        room = min(rooms) - _braking(axis.speed) - 1
+        return axis.since_ns + room * 1_000_000_000 // axis.speed - MARGIN_NS
+
+    def needed(self, wait_ns: int) -> int:
+        """How far from where they were found endless motions lead if they go on for so long."""
+        far = [0]
+        for axis in self.axes.values():
+            if axis.speed:
+                low, high = axis.grown(self._deadline_of(axis) + wait_ns).reach
+                margin = _braking(axis.speed) + axis.speed * 2 * MARGIN_NS // 1_000_000_000
+                far.append(max(-low, high) + margin)
+        return max(far)
+
+    def stop(self) -> tuple[bytes, ...]:
+        """The frames that end what may be running, to each axis."""
+        return tuple(self.reader.stop(one) for one, axis in self.axes.items() if axis.speed)
+
+
+def _braking(speed: int) -> int:
+    """Increments a real axis may need to stop without ramp."""
+    return 2 + speed * speed // (2 * GENTLE_BRAKING)
