@@ -17,7 +17,7 @@ FAMILY_PACKAGES = (
 
 def families() -> tuple[Family, ...]:
     """Return every family the suite knows, each the `FAMILY` of its package."""
-    return tuple(importlib.import_module(name).FAMILY for name in FAMILY_PACKAGES)
+    return tuple(importlib.import_module(f"{name}.family").FAMILY for name in FAMILY_PACKAGES)
 
 
 def find_family(model: str) -> Family:

@@ -9,14 +9,15 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping
 from functools import cache
-from importlib import resources
+
+from axistwin_conformance.base.ledger import family_folder
 
 
 @cache
 def load_armed(family: str) -> Mapping[str, tuple[str, ...]] | None:
     """Return requirement → mutants killed; None if nobody has tried.  Raises ValueError for a file
     that holds something else."""
-    path = resources.files("axistwin_conformance") / family / "armed.toml"
+    path = family_folder(family) / "armed.toml"
     if not path.is_file():
         return None
     return parse_armed(path.read_text(encoding="utf-8"))

@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cache
 from importlib import resources
+from importlib.resources.abc import Traversable
 
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 
@@ -119,10 +120,15 @@ class Ledger:
         raise ValueError(f"no ambiguity of {self.name} has a switch {switch!r}")
 
 
+def family_folder(name: str) -> Traversable:
+    """Where a family keeps its data: the ledger, the golden exchanges, what is armed."""
+    return resources.files(f"axistwin_conformance.families.{name.replace('_', '.')}")
+
+
 @cache
 def load_ledger(name: str) -> Ledger:
     """Load a shipped ledger; raises ValueError naming the entry if it contradicts itself."""
-    path = resources.files("axistwin_conformance") / "ledger" / f"{name}.toml"
+    path = family_folder(name) / "ledger.toml"
     return parse_ledger(name, path.read_text(encoding="utf-8"))
 
 

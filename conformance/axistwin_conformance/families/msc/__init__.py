@@ -5,9 +5,3 @@ status word.
 is what checks take into their hands; `family` is what the engine must know.  The other modules hold
 the model, the sequences, the checks and the probes.
 """
-
-from __future__ import annotations
-
-from axistwin_conformance.msc.family import FAMILY
-
-__all__ = ["FAMILY"]
