@@ -47,7 +47,7 @@ from axistwin_conformance.families.mac.axis.sequences.machine import AxisMachine
 from axistwin_conformance.families.mac.axis.sequences.machine_devices import Judged, Trivial
 from axistwin_conformance.families.mac.axis.sequences.runner import Player
 from axistwin_conformance.families.mac.axis.sequences.sequence import BYTES_PER_OPERATION
-from axistwin_conformance.mac_serial import codec
+from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.sequences import machine
 from axistwin_conformance.transport.serial import Target, open_target
 

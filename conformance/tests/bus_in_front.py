@@ -13,7 +13,7 @@ import can
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
-from axistwin_conformance.mac_can import codec
+from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.transport.can import CanTarget, split_words
 
 BITRATE = 125_000

@@ -15,8 +15,8 @@ from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.core.session import Envelope, Run, Session, Stop
-from axistwin_conformance.mac_can import codec
-from axistwin_conformance.mac_can.family import FAMILY, TWIN_BITRATE
+from axistwin_conformance.families.mac.can import codec
+from axistwin_conformance.families.mac.can.family import FAMILY, TWIN_BITRATE
 from axistwin_conformance.transport.can import CanTarget, split_words
 from axistwin_conformance.transport.can_frame import Frame
 from axistwin_conformance.transport.rig import TwinRig

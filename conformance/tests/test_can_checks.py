@@ -19,9 +19,9 @@ from lying_bus import (
 
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.mac_can import codec
-from axistwin_conformance.mac_can.blame import diagnose
-from axistwin_conformance.mac_can.family import FAMILY
+from axistwin_conformance.families.mac.can import codec
+from axistwin_conformance.families.mac.can.diagnosis import diagnose
+from axistwin_conformance.families.mac.can.family import FAMILY
 from axistwin_conformance.transport.can_frame import Frame
 
 # --- the ledger and the checks -------------------------------------------------------------------

@@ -17,7 +17,7 @@ from rich.console import Console
 from axistwin_conformance.base.events import Event
 from axistwin_conformance.cli import conform, make_options
 from axistwin_conformance.engine.run import Engine
-from axistwin_conformance.mac_can import codec
+from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.report import html, json, junit
 from axistwin_conformance.report.terminal import TerminalReport
 from axistwin_conformance.transport.can import CanTarget

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.families.mac.axis.snapshot import Facts
-from axistwin_conformance.mac_can import codec
-from axistwin_conformance.mac_can.codec import Kind
-from axistwin_conformance.mac_serial.family import MODELS
+from axistwin_conformance.families.mac.can import codec
+from axistwin_conformance.families.mac.can.codec import Kind
+from axistwin_conformance.families.mac.serial.family import MODELS
 from axistwin_conformance.transport.can_frame import Frame
 
 FIXTURES = Path(__file__).parents[2] / "fixtures" / "mac_can"

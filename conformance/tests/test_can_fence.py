@@ -8,9 +8,9 @@ import pytest
 
 from axistwin_conformance.base.errors import OutsideEnvelope
 from axistwin_conformance.families.mac.axis.travel_guard import Fence
-from axistwin_conformance.mac_can import codec
-from axistwin_conformance.mac_can.codec import Request
-from axistwin_conformance.mac_can.reader import BusReader
+from axistwin_conformance.families.mac.can import codec
+from axistwin_conformance.families.mac.can.codec import Request
+from axistwin_conformance.families.mac.can.reader import BusReader
 from axistwin_conformance.transport.can_frame import Frame
 
 SECOND = 1_000_000_000

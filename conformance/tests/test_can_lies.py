@@ -22,7 +22,7 @@ from lying_bus import (
     twice,
 )
 
-from axistwin_conformance.mac_can import codec
+from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.transport.can_frame import Frame
 
 # What the twin is made to do: who says it, the check that must see it, the requirement it breaks.

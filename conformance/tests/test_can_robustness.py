@@ -24,14 +24,16 @@ from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
-from axistwin_conformance.mac_can import codec
+from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.transport.can import CanTarget
 from axistwin_conformance.transport.can_frame import Frame
 
 SHORT_S = 1.0  # patience of most of these tests
 LONGEST_S = 20.0  # from the moment of the change to the end of the run
 NEVER = after(1_000_000)
-FIRST = ("axistwin_conformance.mac_can.probes",)  # what motion waits for: the order of bytes
+FIRST = (
+    "axistwin_conformance.families.mac.can.probes.transfers",
+)  # what motion waits for: the order of bytes
 PASSIVE = ("the_release_is_eight_digits_that_stay",)
 MOVING = (*PASSIVE, "moves_take_the_time_of_the_closed_form")
 FOREIGN = (

@@ -25,7 +25,7 @@ from trouble import (
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
-from axistwin_conformance.mac_can import codec
+from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.transport.can import CanTarget
 
 TRAVEL, SPEED = 2000, 10_000

@@ -37,8 +37,8 @@ from axistwin_conformance.families.mac.axis.sequences.machine_sync import SyncMa
 from axistwin_conformance.families.mac.axis.sequences.operations import OPERATIONS, WHAT, WITH_SYNC
 from axistwin_conformance.families.mac.axis.sequences.runner import Player
 from axistwin_conformance.families.mac.axis.sequences.sequence import Sequence
-from axistwin_conformance.mac_can import codec
-from axistwin_conformance.mac_can.bench import Bench
+from axistwin_conformance.families.mac.can import codec
+from axistwin_conformance.families.mac.can.driver import Bench
 from axistwin_conformance.sequences import failure, machine
 from axistwin_conformance.sequences.failure import Failure
 from axistwin_conformance.sequences.runner import Mismatch

@@ -13,9 +13,9 @@ from axistwin_conformance.base.errors import Disturbed
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.core.session import ATTEMPTS, Run, Session, Stop
-from axistwin_conformance.mac_can import codec
-from axistwin_conformance.mac_can.codec import Kind
-from axistwin_conformance.mac_can.talk import Talk
+from axistwin_conformance.families.mac.can import codec
+from axistwin_conformance.families.mac.can.client import Talk
+from axistwin_conformance.families.mac.can.codec import Kind
 from axistwin_conformance.transport.can import CanTarget
 from axistwin_conformance.transport.can_frame import Frame
 

@@ -16,7 +16,7 @@ from scripted_bus import ScriptedPeer, VirtualBus
 
 from axistwin_conformance.base.errors import OutsideEnvelope, TargetError, TwinCrashed, UsageError
 from axistwin_conformance.base.transcript import Direction
-from axistwin_conformance.mac_can.codec import is_spontaneous
+from axistwin_conformance.families.mac.can.codec import is_spontaneous
 from axistwin_conformance.transport import can
 from axistwin_conformance.transport.can import CanTarget, any_frame, open_can_target, split_words
 from axistwin_conformance.transport.can_frame import Frame, unpack

@@ -18,7 +18,7 @@ from axistwin_conformance.families.mac.axis.model import forecast, kinematics
 from axistwin_conformance.families.mac.axis.model.acceptance import ACCEPTANCE
 from axistwin_conformance.families.mac.axis.model.forecast import Forecast, Timeline, Window
 from axistwin_conformance.families.mac.axis.model.kinematics import Course, Profile, Run
-from axistwin_conformance.mac_serial import codec, family
+from axistwin_conformance.families.mac.serial import codec, family
 
 
 def _cell(patch: Patch, index: int, cells: str) -> None:

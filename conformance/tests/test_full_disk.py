@@ -14,7 +14,7 @@ import pytest
 
 from axistwin_conformance.base import events
 from axistwin_conformance.base.recording import Recording
-from axistwin_conformance.mac_serial.family import FAMILY
+from axistwin_conformance.families.mac.serial.family import FAMILY
 from axistwin_conformance.report.folder import ReportFolder
 
 RUN = """

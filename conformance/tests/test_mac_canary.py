@@ -11,8 +11,8 @@ from click.testing import CliRunner
 
 from axistwin_conformance.cli import conform
 from axistwin_conformance.families.mac.axis.exchanges import Kind
-from axistwin_conformance.mac_serial import codec
-from axistwin_conformance.mac_serial.codec import Reply
+from axistwin_conformance.families.mac.serial import codec
+from axistwin_conformance.families.mac.serial.codec import Reply
 
 Lie = Callable[[Reply], Reply]
 

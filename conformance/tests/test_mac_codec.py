@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from axistwin_conformance.families.mac.axis.exchanges import Kind
-from axistwin_conformance.mac_serial import codec
-from axistwin_conformance.mac_serial.checks_replies import golden_exchanges, readdressed
+from axistwin_conformance.families.mac.serial import codec
+from axistwin_conformance.families.mac.serial.checks.replies import golden_exchanges, readdressed
 
 FIXTURES = Path(__file__).parents[2] / "fixtures" / "mac_serial"
 GOLDEN = resources.files("axistwin_conformance.mac_serial") / "golden" / "exchanges.toml"

@@ -24,7 +24,7 @@ from axistwin_conformance.families.mac.axis.checks.sequences import (
 )
 from axistwin_conformance.families.mac.axis.sequences.operations import OPERATIONS, WHAT
 from axistwin_conformance.families.mac.axis.sequences.runner import Player, split
-from axistwin_conformance.mac_serial.bench import Bench
+from axistwin_conformance.families.mac.serial.driver import Bench
 from axistwin_conformance.sequences import failure
 from axistwin_conformance.sequences.failure import Failure
 from axistwin_conformance.sequences.runner import Mismatch

@@ -9,8 +9,8 @@ import pytest
 
 from axistwin_conformance.base.errors import OutsideEnvelope
 from axistwin_conformance.families.mac.axis.travel_guard import Fence
-from axistwin_conformance.mac_serial import codec
-from axistwin_conformance.mac_serial.reader import LineReader
+from axistwin_conformance.families.mac.serial import codec
+from axistwin_conformance.families.mac.serial.reader import LineReader
 
 ACCEPTED, REFUSED, NACK = b"\x06\x13\x1a", b"\x06\x13\x17", b"\x15"
 SECOND = 1_000_000_000

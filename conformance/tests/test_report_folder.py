@@ -13,7 +13,7 @@ from click.testing import CliRunner, Result
 
 from axistwin_conformance.base import interrupts
 from axistwin_conformance.cli import conform
-from axistwin_conformance.mac_serial.family import FAMILY
+from axistwin_conformance.families.mac.serial.family import FAMILY
 from axistwin_conformance.report import terminal
 from axistwin_conformance.report.folder import ReportFolder
 

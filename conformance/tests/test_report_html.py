@@ -19,8 +19,8 @@ from zoo import ZOO
 from axistwin_conformance.cli import conform
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.exchanges import signed
-from axistwin_conformance.mac_serial import codec
-from axistwin_conformance.mac_serial.codec import Reply
+from axistwin_conformance.families.mac.serial import codec
+from axistwin_conformance.families.mac.serial.codec import Reply
 from axistwin_conformance.report import json
 from axistwin_conformance.report.html import WHOLE_CHECKS, duration, render
 from axistwin_conformance.report.json import Report, fold, load

@@ -13,8 +13,8 @@ from click.testing import CliRunner, Result
 
 from axistwin_conformance.cli import conform
 from axistwin_conformance.families.mac.axis.exchanges import signed
-from axistwin_conformance.mac_serial import codec
-from axistwin_conformance.mac_serial.codec import Reply
+from axistwin_conformance.families.mac.serial import codec
+from axistwin_conformance.families.mac.serial.codec import Reply
 from axistwin_conformance.report.json import Report, load
 from axistwin_conformance.report.junit import PROFILE_CASE, junit
 

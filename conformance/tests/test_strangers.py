@@ -17,7 +17,7 @@ from axistwin_conformance.catalog import find_family
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
-from axistwin_conformance.mac_can import codec as can_codec
+from axistwin_conformance.families.mac.can import codec as can_codec
 from axistwin_conformance.transport.can import CanTarget
 from axistwin_conformance.transport.can_frame import Frame
 from axistwin_conformance.transport.serial import TWIN_HANDLER

@@ -26,8 +26,8 @@ from axistwin_conformance.core.session import Envelope, Run, Session
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families.mac.axis.driver.motion import bench_of
 from axistwin_conformance.families.mac.axis.probes import sync
-from axistwin_conformance.mac_can import hearing
-from axistwin_conformance.mac_serial import codec
+from axistwin_conformance.families.mac.can import collect_replies
+from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.transport.can import Arrival
 from axistwin_conformance.transport.can_frame import Frame
 
@@ -235,7 +235,7 @@ def test_a_bus_that_never_falls_silent_is_not_listened_to_for_ever() -> None:
     bench: Any = SimpleNamespace(
         target=Babble(), session=SimpleNamespace(reply_timeout_s=0.1), address=1
     )
-    assert 2 < len(hearing.replies(bench, frame)) < 1000
+    assert 2 < len(collect_replies.replies(bench, frame)) < 1000
 
 
 def test_a_module_that_refuses_segments_for_ever_fails(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,8 +17,8 @@ from axistwin_conformance.cli import make_options
 from axistwin_conformance.core.session import Envelope, Run, Session
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
-from axistwin_conformance.mac_serial import codec
-from axistwin_conformance.mac_serial.blame import diagnose
+from axistwin_conformance.families.mac.serial import codec
+from axistwin_conformance.families.mac.serial.diagnosis import diagnose
 from axistwin_conformance.transport.serial import TWIN_HANDLER, Target
 
 REFUSED, NACK = b"\x06\x13\x17", b"\x15"

@@ -1,0 +1,337 @@
+"""Whose frame it is: identifiers, forms of frames, and what is said to all (ID, GEN)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S, SLOWEST, velocity
+from axistwin_conformance.families.mac.axis.driver.unknown_modules import stranger_at
+from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.probing import MOVES
+from axistwin_conformance.families.mac.can import codec
+from axistwin_conformance.families.mac.can.codec import Request
+from axistwin_conformance.families.mac.can.collect_replies import (
+    everybody,
+    replies,
+    strangers,
+    the_reply,
+    told,
+)
+from axistwin_conformance.families.mac.can.driver import Bench
+from axistwin_conformance.transport.can_frame import Frame
+
+AT_ONCE: Final = 8  # frames sent in a row before it is listened for a reply
+# Identifiers that mean something to a module, or to every CANopen device on a bus.
+MEANINGFUL: Final = frozenset({codec.NMT, codec.SYNC, codec.LMT_REQUEST, codec.REQUEST})
+# What a module of address adr does not listen to, as bases of the standard's identifiers: none of
+# them reaches another device of a real bus.
+OTHER_BASES: Final = (
+    0x100, 0x180, 0x200, 0x280, 0x300, 0x380, 0x400, 0x480, 0x500, 0x580, 0x680, 0x700, 0x780,
+)  # fmt: skip
+REMOTE_LENGTHS: Final = (0, 1, 8)
+TORQUES: Final = (0x21, 0x22)  # of 200Ch, both inside the range of every model
+STOPS: Final = (0x0012_3456, 0x0023_4567)  # of 2009h
+FOREIGN: Final = (0x33, 0x4C, 0x5A)
+PARAMETERS: Final = (0x20, 0x22, 0x23, 0x25, 0x26)
+
+
+# --- individual addresses ------------------------------------------------------------------------
+
+
+@check("MACC-ID-01", "MACC-SDO-06")
+def it_answers_once_on_the_identifier_of_its_address(session: Session) -> None:
+    """A request on 600h plus the address gets one reply, on 580h plus the address."""
+    bench = Bench(session)
+    for index in codec.ANSWERED:
+        reply = the_reply(bench, bench.request(index), ("MACC-ID-01", "MACC-SDO-06"))
+        bench.session.step(reply.kind is Kind.ANSWER, "an answer", reply)
+
+
+@check("MACC-ID-02", "MACC-SDO-06")
+def requests_to_other_addresses_get_no_reply(session: Session) -> None:
+    """No upload asked of an address that nobody has is answered by anybody."""
+    bench = Bench(session)
+    for address in strangers(session):
+        heard = replies(bench, bench.request(0x20, address=address).frame(), is_awaited=False)
+        hint = stranger_at(bench, address) if heard else ""
+        session.expect(
+            not heard, ("MACC-ID-02", "MACC-SDO-06"), f"silence at {address}", told(heard), hint
+        )
+    bench.alive("MACC-ID-02")
+
+
+@check("MACC-ID-02", safety=MOVES)
+def downloads_to_other_addresses_do_nothing(session: Session) -> None:
+    """Commands for another address neither move this module nor change its parameters."""
+    bench = Bench(session)
+    start = bench.ready()
+    before = [bench.value(index) for index in PARAMETERS]
+    taken = {session.address, *session.neighbours}
+    other = next(address for address in FOREIGN if address not in taken)
+    hint = stranger_at(bench, other)  # before it is told anything
+    if hint:
+        session.fail("MACC-ID-02", f"silence at {other}", "an answer to 2000h", hint)
+    cases = [(0x0D, 0x1456), (0x0F, 0x21), (0x0B, 0), (0x0C, 0x11), (0x09, 0x1234)]
+    if not session.envelope.is_fenced:  # or a module that nobody has named might be there and move
+        cases += [(0x13, start + 300), (0x15, velocity(1, SLOWEST)), (0x00, 0)]
+    for index, parameter in cases:
+        heard = replies(
+            bench, bench.request(index, parameter, address=other).frame(), is_awaited=False
+        )
+        session.expect(not heard, "MACC-ID-02", f"silence at {other}", told(heard))
+    after = [bench.value(index) for index in PARAMETERS]
+    session.expect(after == before, "MACC-ID-02", _hex(before), _hex(after))
+
+
+@check("MACC-ID-01", "MACC-ID-02", "MACC-SDO-06", safety="stored", needs=("neighbour",))
+def each_module_answers_and_obeys_its_own_identifier(session: Session) -> None:
+    """Of several modules each answers for itself, once, and stores what it alone was told."""
+    benches = everybody(session)[:2]
+    names = ("MACC-ID-01", "MACC-SDO-06")
+    for bench, torque in zip(benches, TORQUES, strict=True):
+        the_reply(bench, bench.request(0x24), names)
+        reply = the_reply(bench, bench.request(0x0C, torque), names)
+        session.step(reply.kind is Kind.ACCEPTED, "60h", reply)
+    for bench, torque in zip(benches, TORQUES, strict=True):
+        seen = bench.data_bytes(0x26)[1]
+        session.expect(
+            seen == torque, "MACC-ID-02", f"torque {torque:02X} at {bench.address}", f"{seen:02X}"
+        )
+
+
+def _other_identifiers(bench: Bench) -> list[int]:
+    if not bench.target.is_virtual:
+        return [base + bench.address for base in OTHER_BASES]
+    modules = {codec.REQUEST + one.address for one in everybody(bench.session)}
+    silent = MEANINGFUL | modules | {codec.LMT_REPLY}
+    return [one for one in range(0x800) if one not in silent]
+
+
+@check("MACC-ID-01", "MACC-ID-02", level="full")
+def no_other_identifier_reaches_a_module(session: Session) -> None:
+    """An upload request under any identifier without a meaning gets no reply."""
+    bench = Bench(session)
+    body = bench.request(0x20).frame().data
+    identifiers = _other_identifiers(bench)
+    for at in range(0, len(identifiers), AT_ONCE):
+        some = identifiers[at : at + AT_ONCE]
+        heard = replies(bench, *(Frame(one, body) for one in some), is_awaited=False)
+        # Under 600h and an address that is not this module's, somebody else may be meant.
+        meant = [one - codec.REQUEST for one in some if one - codec.REQUEST in codec.ADDRESSES]
+        hints = [stranger_at(bench, address) for address in meant if heard]
+        session.expect(
+            not heard, ("MACC-ID-01", "MACC-ID-02"),
+            f"silence under {some[0]:03X}h..{some[-1]:03X}h", told(heard),
+            next((hint for hint in hints if hint), ""),
+        )  # fmt: skip
+    bench.alive("MACC-ID-01")
+
+
+# --- forms of frames -----------------------------------------------------------------------------
+
+
+def _extended(plain: Frame) -> list[Frame]:
+    """A frame's identifier as a number of 29 bits, as the first 11 of them, and with others set."""
+    own = plain.identifier
+    places = (own, own << 18, own << 18 | 0x3FFFF, own | 1 << 28)
+    return [Frame(one, plain.data, is_extended=True) for one in places]
+
+
+@check("MACC-ID-03")
+def extended_frames_are_ignored(session: Session) -> None:
+    """An upload request in a frame of 29 bits gets no reply, wherever the own identifier stands."""
+    bench = Bench(session)
+    for address in (bench.address, codec.GENERAL_ADDRESS):
+        plain = bench.request(0x20, address=address).frame()
+        for frame in _extended(plain):
+            bench.silent(frame)
+
+
+@check("MACC-ID-03")
+def remote_frames_are_ignored(session: Session) -> None:
+    """A remote frame gets no reply under any identifier that a module receives or sends."""
+    bench = Bench(session)
+    own = [base + bench.address for base in (codec.REQUEST, codec.REPLY, codec.EMERGENCY)]
+    if session.reading("nmt_supported") == "false":  # by the standard 700h is guarding
+        own.append(codec.BOOT_UP + bench.address)
+    for identifier in (*own, codec.REQUEST, codec.SYNC):
+        for length in REMOTE_LENGTHS:
+            bench.target.take_spontaneous()
+            bench.silent(Frame(identifier, is_remote=True, asked_length=length))
+            said = [str(one.frame) for one in bench.target.take_spontaneous() if _guards(one.frame)]
+            session.expect(not said, None, "not a frame", " ".join(said))
+
+
+def _guards(frame: Frame) -> bool:
+    """True for what lies under a boot-up's identifier; a lifebeat may come at any time."""
+    return frame.identifier - codec.BOOT_UP in codec.ADDRESSES
+
+
+@check("MACC-ID-03", safety="stored")
+def extended_and_remote_frames_change_nothing(session: Session) -> None:
+    """A download in a frame of 29 bits is not obeyed, nor is a remote frame."""
+    bench = Bench(session)
+    before = bench.value(0x26)
+    other = (before >> 16 & 0xFF) ^ 0x03
+    download = bench.request(0x0C, other).frame()
+    for plain in (download, bench.to_all(0x0C, other).frame()):
+        for frame in _extended(plain):
+            bench.silent(frame)
+    bench.silent(Frame(download.identifier, is_remote=True, asked_length=8))
+    after = bench.value(0x26)
+    session.expect(after == before, None, f"2006h {before:08X}", f"{after:08X}")
+
+
+# --- to all --------------------------------------------------------------------------------------
+
+
+def general_wanted(bench: Bench) -> str:
+    """What a request to all gets on this bus, in words."""
+    return "one reply, module 1's" if _has_spokesman(bench.session) else "silence: no module 1"
+
+
+def _has_spokesman(session: Session) -> bool:
+    return codec.SPOKESMAN in (session.address, *session.neighbours)
+
+
+def judge_general(bench: Bench, one: Request) -> Kind:
+    """Judge who answers a request to all (MACC-GEN-02), and where (MACC-GEN-03)."""
+    session, heard = bench.session, replies(bench, one.frame())
+    is_upload = one.command == codec.UPLOAD
+    hint = stranger_at(bench, codec.SPOKESMAN) if heard and not _has_spokesman(session) else ""
+    if is_upload and not heard and _has_spokesman(session):
+        bench.reading("general_upload", 1, "MACC-GEN-02")
+        return Kind.SILENCE
+    is_right = len(heard) == _has_spokesman(session)
+    session.expect(is_right, "MACC-GEN-02", general_wanted(bench), told(heard), hint)
+    if not heard:
+        return Kind.SILENCE
+    if is_upload:
+        bench.reading("general_upload", 0, "MACC-GEN-02")
+    whence = {codec.REPLY + 1: 0, codec.REQUEST + 1: 1}.get(heard[0].identifier, str(heard[0]))
+    bench.reading("general_reply_id", whence, "MACC-GEN-03")
+    flaw = codec.mismatch(one, heard[0])
+    session.expect(not flaw, "MACC-GEN-02", codec.explain(one.frame()), told(heard), flaw)
+    return codec.parse(heard[0], bench.byte_order).kind
+
+
+@check("MACC-GEN-02", "MACC-GEN-03")
+def module_1_alone_answers_what_all_are_asked(session: Session) -> None:
+    """A request on 600h gets one reply, on 581h, if there is a module 1, and none if there is not.
+
+    Uploads and downloads, with what is refused among them.
+    """
+    bench = Bench(session)
+    unassigned = (0x12,) if session.reading("unknown_index") == "refuse" else ()
+    for index in (*codec.ANSWERED, 0x11, *unassigned):
+        kind = judge_general(bench, bench.to_all(index))
+        if index in codec.ANSWERED and kind is not Kind.SILENCE:
+            session.expect(kind is Kind.ANSWER, "MACC-GEN-02", "an answer", kind.value)
+    bench.alive("MACC-GEN-02")
+    if not _has_spokesman(session):
+        session.not_run("MACC-GEN-03", "there is no module 1 on this bus")
+
+
+@check("MACC-GEN-01", "MACC-GEN-02", "MACC-GEN-03", safety="stored", needs=("neighbour",))
+def a_setting_for_all_is_taken_by_all(session: Session) -> None:
+    """200Ch and 2009h on 600h change every module; module 1 answers with its own value."""
+    benches = everybody(session)
+    first = benches[0]
+    for torque in TORQUES:
+        judge_general(first, first.to_all(0x0C, torque))
+        for bench in benches:
+            seen = bench.data_bytes(0x26)[1]
+            told_ = f"torque {torque:02X} at {bench.address}"
+            session.expect(seen == torque, "MACC-GEN-01", told_, f"{seen:02X}")
+    for bench, stop in zip(benches, STOPS, strict=False):
+        bench.accepted(0x09, stop)
+    own = {bench.address: bench.value(0x22) for bench in benches}
+    asked = first.to_all(0x22)
+    heard = replies(first, asked.frame())
+    if not heard or not _has_spokesman(session):
+        session.expect(
+            judge_general(first, asked) is Kind.SILENCE, "MACC-GEN-02", "silence", told(heard)
+        )
+        if not _has_spokesman(session):
+            session.not_run("MACC-GEN-03", "there is no module 1 on this bus")
+        return
+    answer = codec.parse(heard[0], first.byte_order).data
+    session.expect(
+        answer == own[codec.SPOKESMAN], "MACC-GEN-02",
+        f"2002h of module 1, {own[codec.SPOKESMAN]:08X}", told(heard),
+    )  # fmt: skip
+
+
+@check("MACC-GEN-01", safety=MOVES, needs=("neighbour",))
+def a_motion_for_all_moves_all_and_one_stop_ends_it(session: Session) -> None:
+    """2015h on 600h sets every module in motion, 2018h on 600h ends it."""
+    benches = everybody(session)
+    first = benches[0]
+    starts = [bench.ready(SLOWEST) for bench in benches]
+    period = first.gentle(0x2000, 4.0)  # until each has told that the stop has ended it
+    try:
+        replies(first, first.to_all(0x15, velocity(1, period)).frame())
+        first.wait(0.3)
+        replies(first, first.to_all(0x18).frame())
+        for bench, start in zip(benches, starts, strict=True):
+            bench.run_out()
+            place = bench.position()
+            session.expect(place > start, "MACC-GEN-01", f"{bench.address} has moved", place)
+            bench.wait(0.1)
+            again = bench.position()
+            session.expect(again == place, "MACC-GEN-01", f"{bench.address} rests", again)
+    finally:
+        for bench, start in zip(benches, starts, strict=True):
+            bench.at_rest()
+            bench.finish(bench.go_plainly(start))
+
+
+@check("MACC-GEN-01", "MACC-GEN-02", safety=MOVES, needs=("neighbour",))
+def module_1_answers_for_itself_only(session: Session) -> None:
+    """What module 1 refuses, another module may obey, and the other way round: the reply to 600h is
+    module 1's own verdict."""
+    benches = {bench.address: bench for bench in everybody(session)}
+    if codec.SPOKESMAN not in benches:
+        session.skip("there is no module 1 on this bus")
+    spokesman = benches.pop(codec.SPOKESMAN)
+    other = next(iter(benches.values()))
+    for moving, resting, kind in (
+        (spokesman, other, Kind.REFUSED),
+        (other, spokesman, Kind.ACCEPTED),
+    ):
+        for bench in (moving, resting):
+            bench.ready(SLOWEST)
+        start = moving.position()
+        moving.accepted(0x13, start + 200)
+        reply = replies(spokesman, spokesman.to_all(0x02, 1).frame())
+        moving.at_rest()
+        kinds = tuple(codec.parse(one).kind for one in reply)
+        session.expect(kinds == (kind,), "MACC-GEN-02", f"{kind.value}, once", told(reply))
+        for bench, wanted in ((moving, 0), (resting, 1)):
+            seen = bench.value(0x26) >> 12 & 0xF
+            told_ = f"standby {wanted} at {bench.address}"
+            session.expect(seen == wanted, "MACC-GEN-01", told_, seen)
+        moving.finish(moving.go_plainly(start))
+
+
+@check("MACC-GEN-02", safety="stored")
+def a_general_request_must_be_whole_as_well(session: Session) -> None:
+    """Too short a request on 600h is ignored by all, module 1 included."""
+    bench = Bench(session)
+    if session.reading("short_frame") != "ignore":
+        session.skip("this device pads short frames (MACC-AMB-19)")
+    before = bench.value(0x26)
+    other = (before >> 16 & 0xFF) ^ 0x03
+    for length in range(8):
+        for one in (bench.to_all(0x20), bench.to_all(0x0C, other)):
+            bench.silent(replace(one, length=length))
+    after = bench.value(0x26)
+    session.expect(after == before, None, f"2006h {before:08X}", f"{after:08X}")
+    bench.wait(QUIET_S)
+
+
+def _hex(values: list[int]) -> str:
+    return " ".join(f"{value:08X}" for value in values)

@@ -1,0 +1,175 @@
+"""What is no request, or none of the manual's: refused or ignored, and without effect (SDO)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Final
+
+from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.can import codec
+from axistwin_conformance.families.mac.can.codec import Request
+from axistwin_conformance.families.mac.can.collect_replies import (
+    outcome_of,
+    replies,
+    the_reply,
+    told,
+    with_a_reason,
+)
+from axistwin_conformance.families.mac.can.driver import Bench
+from axistwin_conformance.families.mac.can.settings import SETTINGS, TORQUE, held, unchanged
+
+# Of the standard's 256 first bytes the ones that mean something to a server there.
+COMMANDS: Final = (
+    0x00, 0x0F, 0x20, 0x21, 0x22, 0x27, 0x2B, 0x2F, 0x41, 0x42, 0x43, 0x60, 0x70, 0x80, 0xA0, 0xA4,
+    0xC0, 0xC4, 0xE0, 0xFF,
+)  # fmt: skip
+HIGH_BYTES: Final = (0x00, 0x10, 0x1F, 0x21, 0x60, 0xA0, 0xFF)
+# What every device of the standard has, and what MACC-AMB-14 therefore names; and more of it.
+MINIMUM: Final = (0x1000, 0x1001, 0x1018)
+STANDARD: Final = (0x1002, 0x1003, 0x1005, 0x1008, 0x1014, 0x1016, 0x1017, 0x1200, 0x1400, 0x1800)
+HIGHER_LOW: Final = (0x10, 0x13, 0x20, 0x40, 0x80, 0xC7, 0xFF)  # of uploads, which do nothing
+# The same of downloads.  Less their upper bits they are the manual's, so on a real axis only those
+# that would then be harmless.
+HARMLESS_LOW: Final = (0x2C, 0x8C, 0xEC, 0x47, 0x84, 0xE5)
+EXPEDITED: Final = (0x22, 0x27, 0x2B, 0x2F)  # the standard's other first bytes of such a download
+OTHER_COMMANDS: Final = {Kind.REFUSED: 0, Kind.ACCEPTED: 1, Kind.SILENCE: 2}
+
+
+@check("MACC-SDO-10", "MACC-SDO-12", safety="stored")
+def any_other_first_byte_is_refused(session: Session) -> None:
+    """A request whose first byte is neither 23h nor 40h is refused and sets nothing; other readings
+    take it for 23h, or ignore it."""
+    bench = Bench(session)
+    every = [one for one in range(0x100) if one not in (codec.DOWNLOAD, codec.UPLOAD)]
+    for command in every if session.carrier.is_virtual else COMMANDS:
+        before, value = TORQUE.read(bench), TORQUE.other(bench)
+        one = replace(bench.request(0x0C, value), command=command)
+        outcome = outcome_of(bench, one, OTHER_COMMANDS)
+        is_open = outcome == 0 and command not in EXPEDITED  # 23h by another name they are not
+        bench.reading("sdo_other_ccs", (0, 1) if is_open else outcome, "MACC-SDO-10")
+        wanted, seen = (before, value)[outcome == 1], TORQUE.read(bench)
+        session.expect(seen == wanted, "MACC-SDO-12", f"torque {wanted:02X}", f"{seen:02X}")
+    bench.alive("MACC-SDO-12")
+
+
+@check("MACC-SDO-10")
+def objects_outside_the_area_are_refused(session: Session) -> None:
+    """An upload of an index whose high byte is not 20h is refused; other readings have the three
+    objects every device of the standard has, or ignore it."""
+    bench = Bench(session)
+    every = [one for one in range(0x100) if one != codec.INDEX_HIGH]
+    highs = every if session.carrier.is_virtual else HIGH_BYTES
+    turned = [one << 8 | codec.INDEX_HIGH for one in range(len(codec.ANSWERED))]
+    objects = [*MINIMUM, *STANDARD, *turned, *(one << 8 | 0x02 for one in highs)]
+    for number in objects:
+        one = replace(bench.request(0x20), index_low=number & 0xFF, index_high=number >> 8)
+        bench.reading("od_outside_20", _outside(bench, one, number))
+
+
+def _outside(bench: Bench, one: Request, number: int) -> int | tuple[int, ...] | str:
+    heard = replies(bench, one.frame())
+    if not heard:
+        return 2
+    reply = codec.parse(heard[0])
+    is_ours = len(heard) == 1 and heard[0].identifier == codec.REPLY + bench.address
+    if not is_ours or heard[0].data[1:4] != one.frame().data[1:4]:
+        return told(heard)
+    if reply.kind is Kind.REFUSED and not with_a_reason(bench, reply):
+        return 0 if number in MINIMUM else (0, 1)
+    is_answer = heard[0].data[0] & 0xE0 == codec.UPLOAD  # of the standard: any size
+    return 1 if number in MINIMUM and is_answer else told(heard)
+
+
+@check("MACC-SDO-10", "MACC-SDO-12", safety="stored")
+def downloads_outside_the_area_set_nothing(session: Session) -> None:
+    """A download whose high byte is not 20h is refused, with that byte repeated, and sets
+    nothing."""
+    bench = Bench(session)
+    before, value = TORQUE.read(bench), TORQUE.other(bench)
+    readings = {Kind.REFUSED: 0, Kind.SILENCE: 2}
+    every = [one for one in range(0x100) if one != codec.INDEX_HIGH]
+    for high in every if session.carrier.is_virtual else HIGH_BYTES:
+        one = replace(bench.request(0x0C, value), index_high=high)
+        outcome = outcome_of(bench, one, readings)
+        bench.reading("od_outside_20", (0, 1) if outcome == 0 else outcome, "MACC-SDO-10")
+        seen = TORQUE.read(bench)
+        session.expect(seen == before, "MACC-SDO-12", f"torque {before:02X}", f"{seen:02X}")
+
+
+def judge_unassigned(bench: Bench, asked: Iterable[Request], *names: str) -> None:
+    """Judge requests of unassigned low bytes by one reading of MACC-AMB-15."""
+    for one in asked:
+        readings = {Kind.REFUSED: 0, Kind.SILENCE: 2, Kind.ACCEPTED: 1}
+        outcome = outcome_of(bench, one, readings)
+        if one.command == codec.UPLOAD and isinstance(outcome, str):
+            zeros = replies(bench, one.frame())
+            is_zero = len(zeros) == 1 and zeros[0].data[4:] == codec.ZEROS
+            is_answer = is_zero and zeros[0].data[0] in codec.ANSWER_SPELLINGS
+            outcome = 1 if is_answer else outcome
+        bench.reading("unknown_index", outcome, names)
+
+
+@check("MACC-CMD-XX-01", "MACC-SDO-10", "MACC-SDO-12")
+def unassigned_downloads_are_refused(session: Session) -> None:
+    """04h, 05h, 06h, 08h, 12h, 1Bh, 1Dh, 1Fh and all from 20h on are refused and do nothing."""
+    bench = Bench(session)
+    before = held(bench)
+    for index in codec.UNASSIGNED_DOWNLOADS:
+        asked = [bench.request(index, parameter) for parameter in (0, 1, 0xFFFFFFFF)]
+        judge_unassigned(bench, asked, "MACC-CMD-XX-01", "MACC-SDO-10")
+    above = range(0x20, 0x100) if session.carrier.is_virtual else HARMLESS_LOW
+    for low in above:
+        one = replace(bench.request(0x04), index_low=low)
+        judge_unassigned(bench, [one], "MACC-SDO-10")
+    unchanged(bench, before, "MACC-SDO-12")
+
+
+@check("MACC-Q-XX-01", "MACC-SDO-10")
+def unassigned_uploads_are_refused(session: Session) -> None:
+    """Uploads of 2008h to 200Fh and of everything above are refused."""
+    bench = Bench(session)
+    for index in codec.UNASSIGNED_UPLOADS:
+        asked = [bench.request(index, filler) for filler in (0, 0xFFFFFFFF)]
+        judge_unassigned(bench, asked, "MACC-Q-XX-01", "MACC-SDO-10")
+    above = (
+        range(0x10, 0x100) if session.carrier.is_virtual else (0x10, 0x13, 0x20, 0x40, 0x80, 255)
+    )
+    for low in above:
+        one = replace(bench.request(0x20), index_low=low)
+        judge_unassigned(bench, [one], "MACC-SDO-10")
+
+
+@check("MACC-SDO-11", "MACC-SDO-06")
+def a_short_request_gets_no_reply(session: Session) -> None:
+    """An upload request of 0 to 7 bytes gets no reply, or what it gets with zeros behind it; the
+    next whole one gets one."""
+    bench = Bench(session)
+    for index in (0x20, 0x22, 0x26):
+        for length in range(codec.TRANSFER_BYTES):
+            one = replace(bench.request(index), length=length)
+            heard = replies(bench, one.frame(), is_awaited=False)
+            outcome: int | tuple[int, ...] | str = told(heard)
+            if not heard:  # padded, fewer than four bytes may be ignored for another reason
+                outcome = 0 if length >= 4 else (0, 1)
+            elif len(heard) == 1:
+                outcome = 1
+            bench.reading("short_frame", outcome, "MACC-SDO-11")
+            the_reply(bench, bench.request(index), "MACC-SDO-06")
+
+
+@check("MACC-SDO-11", "MACC-SDO-12", safety="stored")
+def a_short_download_sets_nothing(session: Session) -> None:
+    """A download of 0 to 7 bytes is ignored: no reply, nothing set."""
+    bench = Bench(session)
+    if session.reading("short_frame") != "ignore":
+        session.skip("this device pads short frames (MACC-AMB-19)")
+    before = held(bench)
+    for one in SETTINGS.values():
+        whole = bench.request(one.index, one.parameter(one.other(bench)))
+        for length in range(codec.TRANSFER_BYTES):
+            heard = replies(bench, replace(whole, length=length).frame(), is_awaited=False)
+            session.expect(not heard, "MACC-SDO-11", f"silence to {length} bytes", told(heard))
+    unchanged(bench, before, "MACC-SDO-12")

@@ -1,0 +1,263 @@
+"""Exchanges with one module on the bus: requests, replies, and when the module can have taken a
+request over.
+
+Indices are the suite's (see `codec`): 00h to 1Fh are downloads, 20h to 2Fh the uploads 00h to 0Fh,
+so that what knows the axis talks to it here as on the serial line.
+
+A reply belongs to a request by the identifier it comes from, and by the index, the sub-index and
+the direction it names.  What comes from there and names something else is waited past; only if
+nothing better comes is it handed on as garbage, with what is wrong with it.  Boot-up, lifebeat and
+emergency are never replies (`CanTarget.receive`).
+
+When a request was taken over (`Exchange.taken`): not before its frame can have been on the bus, not
+after the reply was in our hands.  Where the bit rate is known the shortest times of both frames
+narrow that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar, Final
+
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mac.axis.driver import client
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, Exchange, Part
+from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.model.forecast import Window
+from axistwin_conformance.families.mac.can import codec
+from axistwin_conformance.families.mac.can.codec import Reply, Request
+from axistwin_conformance.transport.can import Arrival, CanTarget
+from axistwin_conformance.transport.can_frame import Frame, unpack
+
+BOOT_S: Final = 2.0  # MACC-BOOT-04
+BOOT_PATIENCE_S: Final = 1.0  # how much longer than that a boot-up message is waited for
+# Uploads, settings except the counter reset, the end of a motion and of powering.
+REPEATABLE: Final = frozenset(
+    {*codec.QUERIES, 0x02, 0x03, 0x07, 0x09, 0x0A, 0x0C, 0x0D, 0x0E, 0x0F, 0x18, 0x19, 0x1A, 0x1C,
+     *codec.UNASSIGNED_DOWNLOADS}
+)  # fmt: skip
+MAY_BE_SILENT: Final = frozenset({0x00, 0x01})  # MACC-AMB-26
+
+
+def bus_of(session: Session) -> CanTarget:
+    """The bus a session is on."""
+    assert isinstance(session.carrier, CanTarget), "a MAC on CAN is judged on a CAN bus"
+    return session.carrier
+
+
+class Talk(client.Talk):
+    """One module on the bus: what is said to it, what it says, and what that proves."""
+
+    answered: ClassVar[range] = codec.ANSWERED
+    may_be_silent: ClassVar[frozenset[int]] = MAY_BE_SILENT
+    repeatable: ClassVar[frozenset[int]] = REPEATABLE
+    missing: ClassVar[tuple[int, ...]] = (0x08, 0x1B, 0x28, 0x29)  # address, rate, memory
+    unassigned: ClassVar[tuple[tuple[Kind, Kind], ...]] = (  # MACC-AMB-15
+        (Kind.REFUSED, Kind.REFUSED),
+        (Kind.ACCEPTED, Kind.ANSWER),
+        (Kind.SILENCE, Kind.SILENCE),
+    )
+
+    def __init__(self, session: Session, address: int | None = None) -> None:
+        super().__init__(session, address)
+        self.target: CanTarget = bus_of(session)
+
+    # --- requests and replies ---------------------------------------------------------------------
+
+    @property
+    def byte_order(self) -> str:
+        """The order of bytes this module has shown (MACC-AMB-01)."""
+        return self.session.readings.get("can_byte_order", "big")
+
+    @property
+    def general_reply_identifier(self) -> int:
+        """Where module 1 answers what all are told (MACC-AMB-03)."""
+        return int(self.session.readings.get("general_reply_id", "581h")[:-1], 16)
+
+    def request(
+        self, index: int, parameter: int = 0, sub_index: int = 0, address: int | None = None
+    ) -> Request:
+        """A well-formed request to this module, or to that address (0: to all)."""
+        whom = self.address if address is None else address
+        return codec.request(whom, index, parameter, sub_index, self.byte_order)
+
+    def send(self, one: Request, timeout_s: float | None = None) -> Exchange:
+        """Send a request, take the reply apart.  Where frames get lost, what may be said twice is
+        said again until noise is not the reason for the reply."""
+        exchange = self._once(one, timeout_s)
+        if self.target.is_lossless or not one.is_well_formed:
+            return exchange
+        return self._undisturbed(one, one.index, exchange, timeout_s)
+
+    def _is_good(self, index: int, reply: Reply, *, may_be_silent: bool) -> bool:
+        if reply.kind is Kind.SILENCE:
+            return may_be_silent or index in MAY_BE_SILENT
+        if index in codec.ANSWERED:
+            return reply.kind is Kind.ANSWER
+        return reply.kind is not Kind.GARBAGE
+
+    def _once(self, one: Request, timeout_s: float | None) -> Exchange:
+        self.target.drain()
+        frame = one.frame()
+        sent_ns = self.target.send(frame)
+        arrival = self._reply_to(one, timeout_s)
+        if arrival is None:
+            return Exchange(frame.pack(), codec.SILENCE, Window(sent_ns, self.target.now_ns))
+        self.target.note_exchange(frame, sent_ns, arrival.time_ns)
+        flaw = codec.mismatch(one, arrival.frame)
+        reply = codec.parse(arrival.frame, self.byte_order)
+        if flaw:
+            reply = replace(reply, kind=Kind.GARBAGE, flaws=(*reply.flaws, flaw))
+        is_late = one.index in MAY_BE_SILENT  # obeyed when the reply has left (MACC-CMD-00-02)
+        begun = None if is_late else reply.frame
+        return Exchange(frame.pack(), reply, self._window(frame, sent_ns, begun, arrival.time_ns))
+
+    def _reply_to(self, one: Request, timeout_s: float | None) -> Arrival | None:
+        """The reply, or else what came from where it had to come from."""
+        whence = codec.REPLY + one.address
+        if one.address == codec.GENERAL_ADDRESS:
+            whence = self.general_reply_identifier
+
+        def comes_from_there(frame: Frame) -> bool:
+            return frame.identifier == whence and frame.is_plain
+
+        def is_reply(frame: Frame) -> bool:
+            return comes_from_there(frame) and not codec.mismatch(one, frame)
+
+        limit_s = self.session.reply_timeout_s if timeout_s is None else timeout_s
+        return self.target.receive(is_reply, limit_s) or self.target.receive(comes_from_there, 0)
+
+    def _window(self, request: Frame, sent_ns: int, begun: Frame | None, done_ns: int) -> Window:
+        """When the module can have taken a request over: at its end, before that reply began."""
+        earliest = sent_ns + self.target.least_time_ns(request)
+        latest = done_ns if begun is None else done_ns - self.target.least_time_ns(begun)
+        return Window(sent_ns, done_ns) if latest < earliest else Window(earliest, latest)
+
+    def to_all(self, index: int, parameter: int = 0) -> Request:
+        """A well-formed request on 600h (MACC-GEN-01)."""
+        return self.request(index, parameter, address=codec.GENERAL_ADDRESS)
+
+    def spoilt(self, index: int, parameter: int, how: int) -> tuple[Request, Kind] | None:
+        """A request whose frame is too short, which is ignored (MACC-SDO-11); None where this
+        device pads such frames (MACC-AMB-19)."""
+        if self.session.reading("short_frame") != "ignore":
+            return None
+        return replace(self.request(index, parameter), length=how % 8), Kind.SILENCE
+
+    @property
+    def is_direct(self) -> bool:
+        """False: what a bus carries besides the reply is heard too, so there is no shorter way."""
+        return False
+
+    def swift(
+        self, index: int, parameter: int, timeout_s: float, is_cleared: bool
+    ) -> tuple[bytes, bytes, Window]:
+        """See `client.Talk.swift`."""
+        exchange = self.send(self.request(index, parameter), timeout_s)
+        return exchange.request, exchange.reply.raw, exchange.taken
+
+    @property
+    def frame_ns(self) -> int:
+        """The least time a request takes on the bus."""
+        return self.target.least_time_ns(self.request(0x20).frame())
+
+    @property
+    def glance_ns(self) -> int:
+        """How long before an instant a query must be sent so that the counter is read before it:
+        two frames of the greatest length there is."""
+        return 3 * self.frame_ns
+
+    @property
+    def imax(self) -> int:
+        """The highest torque limit (MACC-CMD-0C-01)."""
+        return codec.IMAX
+
+    def is_answer(self, index: int, reply: Reply, *, in_any_reading: bool = False) -> bool:
+        """True if a reply is an answer; that it belongs to its request is seen to already."""
+        return reply.kind is Kind.ANSWER
+
+    def unasked(self) -> str:
+        """What has arrived without being asked for, but for what modules say unasked."""
+        return "; ".join(codec.explain(one.frame) for one in self.target.drain())
+
+    @staticmethod
+    def kind_of(received: bytes) -> Kind:
+        """What kind of reply this frame is."""
+        return codec.parse(unpack(received) if received else None).kind
+
+    def data_of(self, received: bytes) -> int | None:
+        """The number in an answer."""
+        return self._parsed(received).data
+
+    def _parsed(self, received: bytes) -> Reply:
+        return codec.parse(unpack(received) if received else None, self.byte_order)
+
+    @staticmethod
+    def named(index: int) -> str:
+        """What a command or a query is called."""
+        service = "upload" if index in codec.QUERIES else "download"
+        return f"{service} 20{index & 0x1F if index < 0x20 else index & 0x0F:02X}h"
+
+    @staticmethod
+    def explained(sent: bytes) -> str:
+        """A request in words."""
+        return codec.explain(unpack(sent))
+
+    def told(self, received: bytes) -> str:
+        """A reply in words."""
+        return str(self._parsed(received))
+
+    def say(self, frame: Frame) -> Window:
+        """Send a frame that is not answered; return when the modules can have heard it.
+
+        An upload behind it bounds that: the bus has one order, and what a host sends later has no
+        better identifier than the frames this is for (SYNC, general).
+        """
+        earliest_ns = self.target.send(frame) + self.target.least_time_ns(frame)
+        behind = self.ask(0x20).taken.latest_ns - self.frame_ns
+        return Window(earliest_ns, max(earliest_ns, behind))
+
+    def synchronise(self) -> Exchange:
+        """Send SYNC, which does what 11h does (MACC-SYNC-03) and is not answered."""
+        frame = Frame(codec.SYNC)
+        return Exchange(frame.pack(), codec.SILENCE, self.say(frame))
+
+    @property
+    def has_sync(self) -> bool:
+        """True: SYNC is another way to start what is preloaded."""
+        return True
+
+    # --- what a module says unasked ---------------------------------------------------------------
+
+    def boot_up(self, timeout_s: float, address: int | None = None) -> Arrival | None:
+        """Wait for the boot-up message, in any of its forms (MACC-AMB-04); None without one."""
+        whom = self.address if address is None else address
+
+        def is_boot_up(frame: Frame) -> bool:
+            return codec.spontaneous_from(frame) == whom and codec.boot_up_form(frame) is not None
+
+        return self.target.receive_spontaneous(is_boot_up, timeout_s)
+
+    def emergency(self, timeout_s: float) -> Arrival | None:
+        """Wait for an emergency or lifebeat message; None without one."""
+
+        def is_ours(frame: Frame) -> bool:
+            return codec.spontaneous_from(frame) == self.address and codec.is_emergency(frame)
+
+        return self.target.receive_spontaneous(is_ours, timeout_s)
+
+    def wait_awake(self) -> Arrival | None:
+        """Wait for the boot-up message after a reset; where none comes, long enough without it."""
+        return self.boot_up(BOOT_S + BOOT_PATIENCE_S + self.target.uncertainty_ns / 1e9)
+
+    # --- judging ----------------------------------------------------------------------------------
+
+    def silent(self, request: Request | Frame, requirement: Part = None) -> None:
+        """Judge that a frame gets no reply of any kind, and that the module is still there."""
+        frame = request if isinstance(request, Frame) else request.frame()
+        self.target.drain()
+        self.target.send(frame)
+        heard = self.target.receive(codec.is_reply, QUIET_S + self.target.uncertainty_ns / 1e9)
+        actual = "silence" if heard is None else codec.explain(heard.frame)
+        self._judge(heard is None, requirement, f"silence after {codec.explain(frame)}", actual)
+        self.alive(requirement)

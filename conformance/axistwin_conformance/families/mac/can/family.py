@@ -1,0 +1,201 @@
+"""What the engine must know of the MAC23 on CAN beside its checks: who is there, how to open the
+bus, and which frame may do what to the axis."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable
+from functools import lru_cache
+from typing import Final
+
+from axistwin_conformance.base.errors import TargetError
+from axistwin_conformance.base.transcript import Record
+from axistwin_conformance.core.family import Violation
+from axistwin_conformance.core.identity import Identity, Model
+from axistwin_conformance.core.session import ATTEMPTS, Run, Session
+from axistwin_conformance.families.mac.axis.axis_family import AxisFamily
+from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.safety import impact_of_axis
+from axistwin_conformance.families.mac.axis.snapshot import PROBE_ATTEMPTS, Facts, climate, sanity
+from axistwin_conformance.families.mac.axis.travel_guard import Fence
+from axistwin_conformance.families.mac.can import codec
+from axistwin_conformance.families.mac.can.client import bus_of
+from axistwin_conformance.families.mac.can.codec import Reply
+from axistwin_conformance.families.mac.can.diagnosis import diagnose
+from axistwin_conformance.families.mac.can.driver import RigBench
+from axistwin_conformance.families.mac.can.reader import BusReader
+from axistwin_conformance.transport.can import CanTarget, open_can_target
+from axistwin_conformance.transport.can_frame import Frame, unpack_all
+from axistwin_conformance.transport.kinds import BUS
+
+NOT_ON_CAN: Final = frozenset({0x08, 0x1B})
+LISTEN_S: Final = 0.25  # for traffic of others, before the first question
+SPOKEN: Final = frozenset({codec.REPLY, codec.EMERGENCY, codec.BOOT_UP})  # + address
+SET_ADDRESS: Final = 0x08  # in the safety classes of the axis: what the LMT frames do
+
+MODELS: Final = {
+    "mac23-can": Model("mac23-can", "MAC23 (CAN)", Facts(2000, 2.5, -215.0, 1 / 4.8, codec.IMAX))
+}
+
+
+def identify(session: Session) -> Identity:
+    """Ask release and measures; raises TargetError if nobody answers."""
+    bench = RigBench(session)
+    if not session.carrier.is_virtual:
+        _know_the_others(session)
+    session.is_strict = True  # the attempts are counted here
+    last = _insisted(bench, 0x24)
+    release = last.data if last.kind is Kind.ANSWER else None
+    if release is None and not sanity(session):
+        raise TargetError(
+            f"no module answers at address {bench.address} on {session.carrier.description}:"
+            f" {'; '.join((str(last), *session.carrier.remarks))};"
+            " try another --address or --bitrate"
+        )
+    session.is_strict = session.carrier.is_lossless
+    values = {"release": "unknown" if release is None else f"{release:08X}"}
+    measures = bench.ask(0x27).reply
+    if measures.data is not None:
+        values |= climate(session, measures)
+    told = [f"release {values['release']}"]
+    told += [values[name] for name in ("temperature", "supply") if name in values]
+    return Identity(f"{session.model.title} at {bench.address}, {', '.join(told)}", values)
+
+
+def _know_the_others(session: Session) -> None:
+    """Hear who else talks on the bus while nothing is asked."""
+    own = {session.address, *session.neighbours}
+
+    def is_ours(frame: Frame) -> bool:
+        is_mine = frame.identifier & 0x7F in own and frame.identifier & ~0x7F in SPOKEN
+        return frame.is_plain and is_mine
+
+    bus_of(session).leave_out_others(LISTEN_S, is_ours)
+
+
+def _insisted(bench: RigBench, index: int) -> Reply:
+    """Ask until there is an answer; longer if what comes differs, which is noise."""
+    seen = set()
+    for number in range(1, ATTEMPTS + 1):
+        reply: Reply = bench.ask(index).reply
+        seen.add(reply.raw)
+        if reply.kind is Kind.ANSWER or (number >= PROBE_ATTEMPTS and len(seen) == 1):
+            break
+    return reply
+
+
+@lru_cache(maxsize=1024)  # the same frame is asked about three times on its way out
+def _indices(data: bytes) -> tuple[int, ...]:
+    """The index of every request in these bytes that some reading would obey."""
+    return tuple(index for frame in unpack_all(data) if (index := _index_of(frame)) is not None)
+
+
+def _index_of(frame: Frame) -> int | None:
+    head = frame.data.ljust(4, b"\0")
+    if frame.is_extended or frame.is_remote:
+        return None
+    if frame.identifier == codec.LMT_REQUEST:
+        return SET_ADDRESS
+    if frame.identifier == codec.SYNC:
+        return 0x11
+    if frame.identifier & 0x780 != codec.REQUEST or head[2] != codec.INDEX_HIGH:
+        return None
+    if head[0] == codec.UPLOAD:
+        return head[1] + 0x20
+    return None if head[1] in NOT_ON_CAN else head[1]  # unassigned here: refused
+
+
+_BUSES: Final = itertools.count()
+TWIN_BITRATE: Final = 125_000  # of the built-in twin, unless another one is asked for
+
+_CHECKS: Final = (
+    "mac_can.checks_identifiers",
+    "mac_can.checks_transfers",
+    "mac_can.checks_malformed",
+    "mac_can.checks_messages",
+    "mac_can.checks_sync_frames",
+    "mac_axis.checks_queries",
+    "mac_axis.checks_parameters",
+    "mac_axis.checks_acceptance",
+    "mac_axis.checks_motion",
+    "mac_axis.checks_velocity",
+    "mac_axis.checks_interpolation",
+    "mac_axis.checks_sync",
+    "mac_axis.checks_stops",
+    "mac_axis.checks_restart",
+    "mac_axis.checks_together",
+    "mac_axis.checks_sequences",
+    "mac_axis.checks_machines",
+    "mac_axis.checks_rig_inputs",
+    "mac_axis.checks_rig_faults",
+    "mac_axis.checks_rig_load",
+    "mac_axis.checks_rig_power",
+    "mac_can.checks_rig_messages",
+    "mac_can.checks_lmt",
+)
+_PROBES: Final = (
+    "mac_can.probes",
+    "mac_can.probes_messages",
+    "mac_axis.probes_parameters",
+    "mac_axis.probes_running_on",
+    "mac_axis.probes_motion",
+    "mac_can.probes_sync",
+    "mac_axis.probes_sync",
+    "mac_axis.probes_stops",
+    "mac_can.probes_errors",
+    "mac_axis.probes_rig",
+    "mac_can.probes_destructive",
+)
+
+
+class MacCan(AxisFamily):
+    """MAC23 on a CAN bus."""
+
+    name = "mac_can"
+    models = MODELS
+    addresses = codec.ADDRESSES
+    default_address = 1
+    way = BUS
+    impact = impact_of_axis("address (LMT)", NOT_ON_CAN)
+    modules = tuple(f"axistwin_conformance.{name}" for name in _CHECKS)
+    probe_modules = tuple(f"axistwin_conformance.{name}" for name in _PROBES)
+
+    def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> CanTarget:
+        """Open INTERFACE:CHANNEL, at that bit rate if one is given; the built-in twin on a bus of
+        its own, however many of its kind are open in this process."""
+        target = open_can_target(
+            f"{url}&bus=suite{next(_BUSES)}" if is_builtin else url,
+            bitrate=rate or (TWIN_BITRATE if is_builtin else None),
+            is_spontaneous=codec.is_spontaneous,
+            is_builtin=is_builtin,
+        )
+        target.description = url  # which opens another such bus
+        return target
+
+    def explain(self, record: Record) -> str:
+        """Put the frames of a record into words."""
+        return "; ".join(codec.explain(frame) for frame in unpack_all(record.data))
+
+    def driver(self, session: Session, address: int | None = None) -> RigBench:
+        """A module on the bus."""
+        return RigBench(session, address)
+
+    def identify(self, session: Session) -> Identity:
+        """See `identify`."""
+        return identify(session)
+
+    def indices(self, data: bytes) -> Iterable[int]:
+        """The index of every request in these bytes that some reading would obey."""
+        return _indices(data)
+
+    def travel_guard(self, run: Run) -> Fence:
+        """What keeps the axes of a bus inside the envelope."""
+        bounds, reader = run.envelope, BusReader(run.readings)
+        return Fence(reader, bounds.max_travel, bounds.max_speed, run.address, run.readings)
+
+    def diagnose(self, session: Session, request: bytes, reply: bytes | None) -> Violation | None:
+        """See `diagnose`."""
+        return diagnose(session, request, reply)
+
+
+FAMILY: Final = MacCan()

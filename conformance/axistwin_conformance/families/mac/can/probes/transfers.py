@@ -1,0 +1,239 @@
+"""Which readings a module follows, asked on the bus alone: spelling of replies, frames, indices.
+
+Each function asks the device one question of chapter 7 of the ledger (`probing`).
+
+The probes run in the order of `Family.probe_modules` and of their text: the order of bytes and the
+spelling of replies first, since everything is heard through them; then what needs no write.
+
+Not asked.  MACC-AMB-02, -21 and -30 have one reading only.  MACC-AMB-23: bit rate, sample point and
+what follows bus-off are the bus's, which is configured and not judged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Final
+
+from axistwin_conformance.core.probing import Measured, Outcome, Probe, probe
+from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S
+from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.probing import reply_of
+from axistwin_conformance.families.mac.can import codec
+from axistwin_conformance.families.mac.can.codec import Reply, Request
+from axistwin_conformance.families.mac.can.driver import Bench
+
+BIG, LITTLE = 0, 1  # readings of MACC-AMB-01
+TORQUE_AT: Final = 1  # byte of 2006h
+TORQUE: Final = 0x40
+OTHER_TORQUE: Final = 0x20
+OTHER_COMMAND: Final = 0x22  # a download of the standard without a size
+DEVICE_TYPE: Final = (0x00, 0x10)  # index 1000h of the standard, low byte first
+SHORT_BYTES: Final = 4
+FROM_MODULE_1: Final = (codec.REPLY + codec.SPOKESMAN, codec.REQUEST + codec.SPOKESMAN)
+
+
+# --- order of bytes, spelling --------------------------------------------------------------------
+
+
+def _raw(bench: Bench, index: int) -> bytes:
+    """The four bytes of an answer as they came; zeros without one."""
+    reply: Reply = bench.ask(index).reply
+    is_answer = reply.frame is not None and reply.kind is Kind.ANSWER
+    return bytes(reply.frame.data[4:]) if reply.frame and is_answer else codec.ZEROS
+
+
+@probe(safety="stored")
+def can_byte_order(bench: Bench) -> Outcome:
+    """200Ch with the value in its last byte, then in its first, and the torque in 2006h."""
+    own = _raw(bench, 0x26)[TORQUE_AT]
+    value = TORQUE if own != TORQUE else OTHER_TORQUE
+    shown = []
+    for order in (BIG, LITTLE):
+        _write_torque(bench, order, value)
+        shown.append(_raw(bench, 0x26)[TORQUE_AT])
+        _write_torque(bench, order, own)
+    # What the wrong order has put there must not stay: the probes that follow move.
+    _write_torque(bench, shown.index(value) if value in shown else BIG, own)
+    if shown.count(value) != 1:
+        return f"{value:02X} in the last byte, then in the first: {shown[0]:02X}, {shown[1]:02X}"
+    return _learnt(bench, shown.index(value))
+
+
+def _write_torque(bench: Bench, order: int, value: int) -> None:
+    """200Ch, in that order of bytes whatever is known of it."""
+    data = bytes([0, 0, 0, value]) if order == BIG else bytes([value, 0, 0, 0])
+    bench.send(replace(bench.request(0x0C), data=data))
+
+
+def _learnt(bench: Bench, order: int) -> int:
+    """What was remembered before this was known is read again, and the fence learns it now.  Only
+    the torque may have changed, where noise has kept it from being put back: it is a byte, and was
+    read rightly before."""
+    run = bench.session.run
+    if run.memory is not None:
+        run.readings["can_byte_order"] = ("big", "little")[order]
+        again = run.family.remember(bench.session)
+        run.memory = replace(again, torque=run.memory.torque)
+    return order
+
+
+@probe()
+def upload_scs(bench: Bench) -> Outcome:
+    """The first byte of the answer to 2000h."""
+    reply: Reply = bench.ask(0x20).reply
+    spelling = reply.answer_spelling
+    return str(reply) if spelling is None else Measured(spelling)
+
+
+def refusals(bench: Bench) -> Iterator[Request]:
+    """Requests that a module refuses at rest, by one requirement or another, and that do
+    nothing."""
+    yield bench.request(0x12)
+    yield bench.request(0x28)
+    yield replace(bench.request(0x20), index_low=DEVICE_TYPE[0], index_high=DEVICE_TYPE[1])
+    yield replace(bench.request(0x12), command=OTHER_COMMAND)
+
+
+@probe()
+def abort_code_form(bench: Bench) -> Outcome:
+    """The last four bytes of a refusal at rest."""
+    for one in refusals(bench):
+        reply: Reply = bench.send(one, QUIET_S).reply
+        if reply.kind is Kind.REFUSED:
+            return 1 if reply.abort_code else 0
+    return bench.session.skip("nothing that does no harm is refused")
+
+
+# --- who answers what all are told ----------------------------------------------------------------
+
+
+def answer_to_all(bench: Bench, one: Request) -> Reply | None:
+    """What module 1 says to a request on 600h, on either identifier; None for nothing."""
+    bench.target.drain()
+    bench.target.send(one.frame())
+    seconds = QUIET_S * 2 + bench.target.uncertainty_ns / 1e9
+    arrival = bench.target.receive(lambda frame: frame.identifier in FROM_MODULE_1, seconds)
+    return None if arrival is None else codec.parse(arrival.frame, bench.byte_order)
+
+
+def has_module_1(bench: Bench) -> bool:
+    """True if the module that answers is known to be there."""
+    return codec.SPOKESMAN in (bench.session.address, *bench.session.neighbours)
+
+
+@probe()
+def general_reply_id(bench: Bench) -> Outcome:
+    """The identifier of what comes to 2000h, or to what is refused, on 600h."""
+    for one in (bench.request(0x20), *refusals(bench)):
+        reply = answer_to_all(bench, replace(one, address=codec.GENERAL_ADDRESS))
+        if reply is not None and reply.frame is not None:
+            return FROM_MODULE_1.index(reply.frame.identifier)
+    if has_module_1(bench):
+        return "silence, whatever all are told"
+    return bench.session.skip("module 1 alone answers, and it is not on this bus")
+
+
+@probe()
+def general_upload(bench: Bench) -> Outcome:
+    """2000h on 600h."""
+    reply = answer_to_all(bench, bench.to_all(0x20))
+    if reply is None and not has_module_1(bench):
+        bench.session.skip("module 1 alone answers, and it is not on this bus")
+    if reply is None:
+        return 1
+    return reply_of(reply.kind, {Kind.ANSWER: 0})
+
+
+# --- frames and indices --------------------------------------------------------------------------
+
+
+@probe()
+def short_frame(bench: Bench) -> Outcome:
+    """2000h in a frame of four bytes."""
+    short = replace(bench.request(0x20), length=SHORT_BYTES)
+    return reply_of(bench.send(short, QUIET_S).kind, {Kind.SILENCE: 0, Kind.ANSWER: 1})
+
+
+@probe()
+def subindex_policy(bench: Bench) -> Outcome:
+    """2000h with sub-index 01."""
+    return reply_of(bench.ask(0x20, 0x01).kind, {Kind.ANSWER: 0, Kind.REFUSED: 1})
+
+
+@probe()
+def unknown_index(bench: Bench) -> Outcome:
+    """A download of 2012h and an upload of 2008h at rest."""
+    down, up = (bench.send(bench.request(index), QUIET_S).reply for index in (0x12, 0x28))
+    told = f"{down} to the download of 2012h, {up} to the upload of 2008h"
+    if up.kind is Kind.ANSWER and up.data:
+        return told
+    pairs = {
+        (Kind.REFUSED, Kind.REFUSED): 0,
+        (Kind.ACCEPTED, Kind.ANSWER): 1,
+        (Kind.SILENCE, Kind.SILENCE): 2,
+    }
+    return pairs.get((down.kind, up.kind), told)
+
+
+@probe()
+def od_outside_20(bench: Bench) -> Outcome:
+    """An upload of 1000h."""
+    low, high = DEVICE_TYPE
+    kind = bench.send(replace(bench.request(0x20), index_low=low, index_high=high), QUIET_S).kind
+    return reply_of(kind, {Kind.REFUSED: 0, Kind.ANSWER: 1, Kind.SILENCE: 2})
+
+
+@probe()
+def imax_value(bench: Bench) -> Outcome:
+    """The torque that the limit 80h stands for."""
+    bench.session.skip("no request tells it")
+
+
+# --- what takes a write ---------------------------------------------------------------------------
+
+
+def torque(bench: Bench) -> int:
+    """The torque limit that 2006h shows."""
+    return bench.data_bytes(0x26)[1]
+
+
+@probe(safety="stored")
+def dont_care_digits(bench: Bench) -> Outcome:
+    """200Ch with FF FF FF before the value, then 2006h."""
+    with bench.torque_kept():
+        bench.command(0x0C, OTHER_TORQUE)
+        kind = bench.command(0x0C, 0xFFFFFF00 | TORQUE).kind
+        after = torque(bench)
+    if (kind, after) in ((Kind.ACCEPTED, TORQUE), (Kind.REFUSED, OTHER_TORQUE)):
+        return int(kind is Kind.REFUSED)
+    return f"{kind.value}, then 2006h shows {after:02X}"
+
+
+@probe(safety="stored")
+def sdo_other_ccs(bench: Bench) -> Outcome:
+    """200Ch by 22h instead of 23h, then 2006h."""
+    with bench.torque_kept():
+        bench.command(0x0C, OTHER_TORQUE)
+        one = replace(bench.request(0x0C, TORQUE), command=OTHER_COMMAND)
+        kind = bench.send(one, QUIET_S).kind
+        after = torque(bench)
+    fitting = {
+        (Kind.REFUSED, OTHER_TORQUE): 0,
+        (Kind.ACCEPTED, TORQUE): 1,
+        (Kind.SILENCE, OTHER_TORQUE): 2,
+    }
+    return fitting.get((kind, after), f"{kind.value}, then 2006h shows {after:02X}")
+
+
+@probe(safety=("motion", "stored"), switch="abort_code_form")
+def abort_code_form_in_motion(bench: Bench) -> Outcome:
+    """The last four bytes of the refusal of 2013h during a move."""
+    start = bench.ready()
+    bench.accepted(0x13, start + 100)
+    reply: Reply = bench.command(0x13, start).reply
+    bench.command(0x18)
+    return int(bool(reply.abort_code)) if reply.kind is Kind.REFUSED else f"{reply} in motion"
+
+
+PROBES: Final = tuple(one for one in vars().values() if isinstance(one, Probe))

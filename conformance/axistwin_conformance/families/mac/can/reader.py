@@ -1,0 +1,111 @@
+"""What the fence (`mac_axis.fence`) reads on the bus: frames that would be obeyed, and replies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.travel_guard import Asked, Heard
+from axistwin_conformance.families.mac.can import codec
+from axistwin_conformance.families.mac.can.codec import Request
+from axistwin_conformance.transport.can_frame import Frame, unpack_all
+
+SYNCHRO: Final = 0x11  # what a SYNC frame does (MACC-SYNC-03)
+NOT_ON_CAN: Final = frozenset({0x08, 0x1B})
+SET_ADDRESS: Final = 0x08  # the serial command that an LMT frame stands for
+GIVE_ADDRESS: Final = 0x11  # the first byte of that frame
+BYTE_ORDERS: Final = ("big", "little")
+
+
+class BusReader:
+    """Reads what is sent and the reply to it.
+
+    A frame that only some readings would obey (too short, another command byte, SYNC with data)
+    counts as obeyed; a short one no longer once this device is known to ignore them.  `readings`:
+    what is known of it, as the run learns it.  Until the order of bytes is, a parameter is what it
+    is in either, and no number is learnt from an answer.
+
+    A reply belongs to the request that was sent last if it names the same index, sub-index and
+    direction: one that comes late must not tell what became of another request.
+    """
+
+    def __init__(self, readings: Mapping[str, str]) -> None:
+        self._readings = readings
+        self._request: Request | None = None  # sent last, if it is one that is answered
+
+    def foreseen(self, data: bytes) -> list[Asked]:
+        """See `fence.Reader`."""
+        return [one for frame in unpack_all(data) for one in self._asked(frame)]
+
+    def sent(self, data: bytes) -> None:
+        """See `fence.Reader`."""
+        for frame in unpack_all(data):
+            self._request = _request_of(frame)
+
+    def heard(self, data: bytes) -> Heard | None:
+        """See `fence.Reader`."""
+        asked = self._request
+        for frame in unpack_all(data):
+            if asked is None or not codec.is_reply(frame):
+                continue
+            whom = frame.identifier - codec.REPLY
+            if asked.address not in (codec.GENERAL_ADDRESS, whom) or codec.mismatch(asked, frame):
+                continue
+            order = self._byte_order
+            reply = codec.parse(frame, order or "big")
+            if reply.kind is not Kind.GARBAGE:
+                return Heard(reply.kind, reply.data if order else None, whom)
+        return None
+
+    def stop(self, address: int) -> bytes:
+        """See `fence.Reader`."""
+        return codec.request(address, 0x18).frame().pack()
+
+    def explained(self, raw: bytes) -> str:
+        """See `fence.Reader`."""
+        return "; ".join(codec.explain(frame) for frame in unpack_all(raw))
+
+    @property
+    def _byte_order(self) -> str | None:
+        return self._readings.get("can_byte_order")
+
+    def _asked(self, frame: Frame) -> list[Asked]:
+        """What a frame would ask for; nothing for what nobody obeys."""
+        raw = frame.pack()
+        if not frame.is_plain:
+            return []
+        if frame.identifier == codec.SYNC:
+            return [Asked(None, SYNCHRO, 0, raw)]
+        if frame.identifier == codec.LMT_REQUEST and frame.data[:1] == bytes([GIVE_ADDRESS]):
+            return [Asked(None, SET_ADDRESS, frame.data[1] if frame.length > 1 else 0, raw)]
+        one = _request_of(frame)
+        if one is None or one.index_high != codec.INDEX_HIGH:
+            return []
+        is_short = frame.length < codec.TRANSFER_BYTES
+        if is_short and self._readings.get("short_frame") == "ignore":
+            return []
+        whom = None if one.address == codec.GENERAL_ADDRESS else one.address
+        if one.command == codec.UPLOAD:
+            return [Asked(whom, 0x20 + (one.index_low & 0x0F), 0, raw)]
+        index = one.index_low & 0x1F
+        if index in NOT_ON_CAN:  # nothing here, and by no reading what it is on the serial line
+            return []
+        orders = BYTE_ORDERS if self._byte_order is None else (self._byte_order,)
+        numbers = dict.fromkeys(_number(index, one.data, order) for order in orders)
+        return [Asked(whom, index, number, raw) for number in numbers]
+
+
+def _request_of(frame: Frame) -> Request | None:
+    """A frame under an identifier of requests, taken apart as if it were whole."""
+    if not frame.is_plain or frame.identifier & 0x780 != codec.REQUEST:
+        return None
+    data = frame.data.ljust(codec.TRANSFER_BYTES, b"\0")
+    command, low, high, sub_index = data[:4]
+    return Request(frame.identifier - codec.REQUEST, command, low, data[4:], sub_index, high)
+
+
+def _number(index: int, data: bytes, order: str) -> int:
+    if order != BYTE_ORDERS[0]:
+        data = codec.LAYOUTS.get(index, codec.Layout()).reordered(data)
+    return int.from_bytes(data, "big")

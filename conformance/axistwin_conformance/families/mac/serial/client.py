@@ -1,0 +1,250 @@
+"""Exchanges with one module: requests, replies, and when the module can have taken a request over.
+
+Every exchange tells when that was (`Exchange.taken`): not before the request's last byte has left
+us, not after its reply began.  That needs no assumption about latencies, so the same arithmetic
+holds in virtual time, over a pty and over a real adapter.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar, Final
+
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mac.axis.driver import client
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, Exchange
+from axistwin_conformance.families.mac.axis.exchanges import QUERIES, Kind
+from axistwin_conformance.families.mac.axis.model.forecast import Window
+from axistwin_conformance.families.mac.serial import codec
+from axistwin_conformance.families.mac.serial.codec import Reply, Request
+from axistwin_conformance.transport.serial import Target
+
+SPELLINGS_ALIKE: Final = 3
+ANSWERED: Final = range(0x20, 0x2A)
+# The queries, every setting but the counter reset, the end of a motion and of powering (§4.2).
+REPEATABLE: Final = frozenset(
+    {*QUERIES, 0x02, 0x03, 0x07, 0x09, 0x0A, 0x0C, 0x0D, 0x0E, 0x0F, 0x18, 0x19, 0x1A, 0x1C,
+     0x04, 0x05, 0x06, 0x12, 0x1D, 0x1F}
+)  # fmt: skip
+NACK_BY_ALL: Final = "any"
+NACK_BYTES: Final = 1
+MAY_BE_SILENT: Final = frozenset({0x00, 0x01, 0x08, 0x1B})  # MACS-AMB-20, §6
+OTHER_DIGITS: Final = {0x21: 2, 0x23: 2}  # MACS-AMB-03, -04
+GLANCE_BYTES: Final = codec.REQUEST_BYTES + 12  # a query, and the reply as far as its data
+
+
+class Talk(client.Talk):
+    """One module on the line: what is said to it, what it says, and what that proves."""
+
+    answered: ClassVar[range] = ANSWERED
+    may_be_silent: ClassVar[frozenset[int]] = MAY_BE_SILENT
+    repeatable: ClassVar[frozenset[int]] = REPEATABLE
+    unassigned: ClassVar[tuple[tuple[Kind, Kind], ...]] = (  # MACS-AMB-58
+        (Kind.REFUSED, Kind.REFUSED),
+        (Kind.ACCEPTED, Kind.ACCEPTED),
+        (Kind.ACCEPTED, Kind.ANSWER),
+        (Kind.SILENCE, Kind.SILENCE),
+    )
+
+    def __init__(self, session: Session, address: int | None = None) -> None:
+        super().__init__(session, address)
+        self.target: Target = session.target
+        self._noted: set[int] = set()  # last bytes of replies whose spelling is noted
+
+    @property
+    def byte_ns(self) -> int:
+        """The time a byte takes on the line."""
+        return self.target.byte_ns
+
+    def send(self, frame: Request | bytes, timeout_s: float | None = None) -> Exchange:
+        """Send bytes, take the reply apart.  A Nack that noise provoked is answered by sending
+        again: a module does nothing with a frame it Nacks (MACS-REPLY-04)."""
+        data = frame if isinstance(frame, bytes) else frame.encode()
+        exchange = self._once(data, timeout_s)
+        if self.target.is_lossless or not isinstance(frame, Request) or not frame.is_well_formed:
+            return exchange
+        return self._undisturbed(data, int(frame.index, 16), exchange, timeout_s)
+
+    def _is_good(self, index: int, reply: Reply, *, may_be_silent: bool) -> bool:
+        """True if a module could say that, as far as is known of this one."""
+        if reply.kind is Kind.SILENCE:
+            return may_be_silent or index in MAY_BE_SILENT
+        seen = self.session.readings
+        spelling, error = reply.xon_spelling, reply.xonerror_spelling
+        if spelling != seen.get("xon_byte", spelling) and spelling is not None:
+            return False
+        if error != seen.get("xonerror_byte", error) and error is not None:
+            return False
+        if index in ANSWERED:
+            return reply.kind is Kind.ANSWER
+        return reply.kind in (Kind.ACCEPTED, Kind.REFUSED, Kind.ANSWER)
+
+    def _once(self, data: bytes, timeout_s: float | None) -> Exchange:
+        self.target.drain()
+        sent_ns = self.target.send(data)
+        limit_s = self._limit_s(timeout_s)
+        received = self._whole(b"", limit_s)
+        self.target.note_exchange(data, len(received), sent_ns)
+        taken = self._window(sent_ns, len(data), len(received), self.target.now_ns)
+        reply = codec.parse(received)
+        self._note_spelling(reply)
+        return Exchange(data, reply, taken)
+
+    def _limit_s(self, timeout_s: float | None) -> float:
+        """How long to listen where the module may take so long; the line's own time is added."""
+        return self.session.reply_timeout_s if timeout_s is None else timeout_s + self.target.line_s
+
+    def exchange(
+        self, data: bytes, size: int, timeout_s: float, is_cleared: bool = False
+    ) -> tuple[bytes, Window]:
+        """What `send` does, at a fraction of its cost, where the target allows it
+        (`Target.is_direct`): the reply as it came, and when the request was taken over.
+
+        `size`: of the reply if all goes well; `is_cleared`: see `Target.exchange`.
+        """
+        sent_ns, received, done_ns = self.target.exchange(data, size, timeout_s, is_cleared)
+        if received and received[-1] not in self._noted:
+            if len(received) >= size and codec.missing_bytes(received):  # an answer to no query
+                received, done_ns = self._whole(received, timeout_s), self.target.now_ns
+            reply = codec.parse(received)
+            if reply.final is not None:
+                self._noted.add(reply.final)
+                self._note_spelling(reply)
+        return received, self._window(sent_ns, len(data), len(received), done_ns)
+
+    def _whole(self, received: bytes, timeout_s: float) -> bytes:
+        """The rest of a reply that is longer than the usual one, behind its beginning."""
+        while (count := codec.missing_bytes(received)) > 0:
+            arrived = self.target.receive(count, timeout_s)
+            if not arrived:
+                break
+            received += arrived
+        return received
+
+    def in_vain(self, request: Request | bytes) -> Exchange:
+        """See `client.Talk.in_vain`; a Nack at most is expected, where nothing disturbs."""
+        if not self.target.is_direct:
+            return super().in_vain(request)
+        data = request if isinstance(request, bytes) else request.encode()
+        received, taken = self.exchange(data, NACK_BYTES, QUIET_S)
+        return Exchange(data, codec.parse(received), taken)
+
+    def _window(self, sent_ns: int, sent: int, received: int, done_ns: int) -> Window:
+        """When the module can have taken over a request of `sent` bytes."""
+        byte_ns = self.target.byte_ns
+        earliest, latest = sent_ns + sent * byte_ns, done_ns - received * byte_ns
+        if latest < earliest:  # a line on which bytes take no time
+            return Window(sent_ns, done_ns)
+        # A motion may count from the end of the reply (MACS-AMB-41): within the window.
+        return Window(earliest, done_ns if received == codec.SHORT_REPLY_BYTES else latest)
+
+    def _note_spelling(self, reply: Reply) -> None:
+        """Remember how this device spells Xon and Xonerror; a check of its own judges it.  Noise
+        can turn one spelling into the other, so there it takes some that agree."""
+        for switch, seen in (
+            ("xon_byte", reply.xon_spelling),
+            ("xonerror_byte", reply.xonerror_spelling),
+        ):
+            if seen is None or switch in self.session.readings:
+                continue
+            if not self.target.is_lossless:
+                votes = self.session.run.quality.votes
+                votes[switch, seen] += 1
+                if votes[switch, seen] < SPELLINGS_ALIKE:
+                    continue
+            self.session.run.readings.setdefault(switch, seen)
+
+    def request(
+        self, index: int, parameter: int = 0, sub_index: int = 0, address: int | None = None
+    ) -> Request:
+        """A well-formed request to this module."""
+        whom = self.address if address is None else address
+        return codec.request(whom, index, parameter, sub_index)
+
+    def to_all(self, index: int, parameter: int = 0) -> Request:
+        """A well-formed request to FF (MACS-MULTI-02)."""
+        return codec.request(codec.GENERAL_ADDRESS, index, parameter)
+
+    def spoilt(self, index: int, parameter: int, how: int) -> tuple[Request, Kind] | None:
+        """A request under a wrong checksum, which is Nacked (MACS-REPLY-02)."""
+        if self.is_nacked_by_many:  # all at once: neither reply nor the next frame would be heard
+            return None
+        request = self.request(index, parameter)
+        return request.with_wrong_checksum(how % 0xFF + 1), Kind.NACK
+
+    @property
+    def is_nacked_by_many(self) -> bool:
+        """True where every module on this line Nacks every wrong checksum (MACS-AMB-19)."""
+        return bool(self.session.neighbours) and self.session.reading("nack_scope") == NACK_BY_ALL
+
+    @property
+    def is_direct(self) -> bool:
+        """True where a request and its reply are one call of the port."""
+        return self.target.is_direct
+
+    def swift(
+        self, index: int, parameter: int, timeout_s: float, is_cleared: bool
+    ) -> tuple[bytes, bytes, Window]:
+        """See `client.Talk.swift`."""
+        data = codec.frame(self.address, index, parameter)
+        size = codec.ANSWER_BYTES if index in ANSWERED else codec.SHORT_REPLY_BYTES
+        received, taken = self.exchange(data, size, timeout_s, is_cleared)
+        return data, received, taken
+
+    @property
+    def frame_ns(self) -> int:
+        """The time a request takes on the line."""
+        return codec.REQUEST_BYTES * self.byte_ns
+
+    @property
+    def glance_ns(self) -> int:
+        """How long before an instant a query must be sent so that the counter is read before it."""
+        return GLANCE_BYTES * self.byte_ns
+
+    @property
+    def imax(self) -> int:
+        """The byte at AFh of the RAM (MACS-Q-28-01)."""
+        return self.data_bytes(0x28, codec.IMAX_ADDRESS)[0]
+
+    def is_answer(self, index: int, reply: Reply, *, in_any_reading: bool = False) -> bool:
+        """True if a reply says that it answers that query (MACS-REPLY-09)."""
+        if in_any_reading:
+            digits = (index & 0xF, OTHER_DIGITS.get(index))
+            return reply.address == self.address and reply.digit in digits
+        return reply.digit == index & 0xF
+
+    def unasked(self) -> str:
+        """What has arrived without being asked for, as hex."""
+        return self.target.drain().hex(" ")
+
+    @staticmethod
+    def kind_of(received: bytes) -> Kind:
+        """What kind of reply these bytes are."""
+        return codec.parse(received).kind
+
+    def data_of(self, received: bytes) -> int | None:
+        """The number in an answer."""
+        return codec.answer_data(received)
+
+    @staticmethod
+    def named(index: int) -> str:
+        """What a command or a query is called."""
+        return f"query {index:02X}h" if index in QUERIES else f"{index:02X}h"
+
+    @staticmethod
+    def explained(sent: bytes) -> str:
+        """A request in words."""
+        return codec.explain(sent)
+
+    def told(self, received: bytes) -> str:
+        """A reply in words."""
+        return str(codec.parse(received))
+
+    def command(self, index: int, parameter: int = 0, sub_index: int = 0) -> Exchange:
+        """Send a command."""
+        if sub_index or index in MAY_BE_SILENT or not self.target.is_direct:
+            return super().command(index, parameter, sub_index)
+        self.target.drain()
+        data = codec.frame(self.address, index, parameter)
+        size = codec.ANSWER_BYTES if index in ANSWERED else codec.SHORT_REPLY_BYTES
+        received, taken = self.exchange(data, size, self.session.reply_timeout_s)
+        return Exchange(data, codec.parse(received), taken)

@@ -1,0 +1,93 @@
+"""What a module breaks by a reply that no module gives, whoever asked: the engine's own questions,
+the probes, what is remembered and put back.
+
+Judged is only what every reading of the manual leaves out.  A frame that is not well-formed, not
+for a module on this line, or of an index whose reply is open, may be answered by anything; silence
+is nobody's fault once something was sent that makes a module deaf.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from axistwin_conformance.base.transcript import Direction
+from axistwin_conformance.core.family import Violation
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mac.axis.exchanges import COMMAND_NAMES, Kind
+from axistwin_conformance.families.mac.serial import codec
+from axistwin_conformance.families.mac.serial.client import ANSWERED, MAY_BE_SILENT, OTHER_DIGITS
+from axistwin_conformance.families.mac.serial.codec import Reply
+
+PLAIN: Final = b"00" + b"00000000"  # sub-index and parameter nobody can object to
+OBEYED: Final = frozenset(COMMAND_NAMES)
+LONG_LENGTH: Final = (0x28, b"014")  # MACS-AMB-05
+
+
+def diagnose(session: Session, request: bytes, reply: bytes | None) -> Violation | None:
+    """Which requirement a reply to these bytes breaks, if it is one that no module gives.
+
+    `reply` None: there was none, the twin had crashed.
+    """
+    # Nobody need answer a general frame, but nobody may fall over one.
+    also = (codec.GENERAL_ADDRESS,) if reply is None else ()
+    index = _asked(session, request, *also)
+    if index is None:
+        return None
+    if reply is None:
+        return _promised(index, "the twin crashed")
+    seen = codec.parse(reply)
+    if seen.kind is Kind.SILENCE and _may_be_deaf(session):
+        return None
+    judge = _judge_answer if index in ANSWERED else _judge_short
+    return judge(request, index, seen)
+
+
+def _asked(session: Session, request: bytes, *also: int) -> int | None:
+    """The index of a frame that a module on this line must answer in a known way, or None.
+
+    `also`: addresses beside those of the modules.
+    """
+    if len(request) != codec.REQUEST_BYTES or request[:4] != b"\x02014" or request[20] != codec.ETX:
+        return None
+    summed = request[4:18]
+    if not set(summed) <= set(b"0123456789ABCDEF"):
+        return None
+    address, index = int(summed[:2], 16), int(summed[2:4], 16)
+    is_whole = request[18:20] == codec.two_digits(codec.checksum(summed))
+    is_ours = address in (session.address, *session.neighbours, *also)
+    is_known = index in ANSWERED or index in OBEYED
+    return index if is_whole and is_ours and is_known else None
+
+
+def _promised(index: int, came: str) -> Violation:
+    if index in ANSWERED:
+        return Violation("MACS-REPLY-07", f"an answer to query {index:02X}h", came)
+    return Violation("MACS-REPLY-01", f"06 13 1A or 06 13 17 to {index:02X}h", came)
+
+
+def _may_be_deaf(session: Session) -> bool:
+    """True if something was sent here after which a module may say nothing for a while."""
+    sent = (one.data for one in session.said() if one.direction is Direction.HOST)
+    return any(_asked(session, data) in MAY_BE_SILENT for data in sent)
+
+
+def _judge_short(request: bytes, index: int, seen: Reply) -> Violation | None:
+    is_open = index in MAY_BE_SILENT and seen.kind is Kind.SILENCE
+    if is_open or seen.kind in (Kind.ACCEPTED, Kind.REFUSED):
+        return None
+    return _promised(index, str(seen))
+
+
+def _judge_answer(request: bytes, index: int, seen: Reply) -> Violation | None:
+    if seen.kind is Kind.REFUSED and request[8:18] != PLAIN:  # MACS-AMB-62 and the like
+        return None
+    if seen.kind is not Kind.ANSWER:
+        return _promised(index, str(seen))
+    query = int(request[4:6], 16)
+    if seen.address != query:
+        return Violation("MACS-REPLY-08", f"address {query:02X} in the answer", str(seen))
+    if seen.digit not in (index & 0xF, OTHER_DIGITS.get(index)):
+        return Violation("MACS-REPLY-09", f"digit {index & 0xF} in the answer", str(seen))
+    if seen.length != b"011" and (index, seen.length) != LONG_LENGTH:
+        return Violation("MACS-REPLY-10", "length field 011", str(seen))
+    return None
