@@ -13,9 +13,9 @@ from msc_device import REPLY_NS, RESPONSE_NS, T2_NS, MscPort, session_on
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.verdicts import Finding
 from axistwin_conformance.core.session import Session, Stop
-from axistwin_conformance.msc import codec
-from axistwin_conformance.msc.codec import ACK, NAK, Packet
-from axistwin_conformance.msc.family import FAMILY
+from axistwin_conformance.families.msc import codec
+from axistwin_conformance.families.msc.codec import ACK, NAK, Packet
+from axistwin_conformance.families.msc.family import FAMILY
 from axistwin_conformance.transport.rig import OF_A_CONTROLLER, Act, Rig
 
 SCAN_NS = 10_000_000

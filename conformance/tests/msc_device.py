@@ -11,9 +11,9 @@ from typing import Any
 from axistwin_conformance.base.check import Check, check
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.core.session import Envelope, Run, Session
-from axistwin_conformance.msc import codec
-from axistwin_conformance.msc.codec import ACK, NAK, STX
-from axistwin_conformance.msc.family import FAMILY
+from axistwin_conformance.families.msc import codec
+from axistwin_conformance.families.msc.codec import ACK, NAK, STX
+from axistwin_conformance.families.msc.family import FAMILY
 from axistwin_conformance.transport.serial import Target
 
 BYTE_NS = 10_000_000_000 // 9600

@@ -10,8 +10,8 @@ from msc_device import BYTE_NS, REPEATS, REPLY_NS, RESPONSE_NS, T2_NS, MscPort
 
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.core.identity import Grounds
-from axistwin_conformance.msc import codec
-from axistwin_conformance.msc.codec import ACK, NAK, STX, Packet
+from axistwin_conformance.families.msc import codec
+from axistwin_conformance.families.msc.codec import ACK, NAK, STX, Packet
 
 Accepts = Callable[[bytes], bool]
 SCAN_NS = 10_000_000

@@ -12,7 +12,7 @@ from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.core.session import Stop
-from axistwin_conformance.msc.family import FAMILY
+from axistwin_conformance.families.msc.family import FAMILY
 
 LINK_MODULES = tuple(
     f"axistwin_conformance.msc.checks_{name}"

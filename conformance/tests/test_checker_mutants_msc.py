@@ -9,16 +9,10 @@ from typing import Any
 import pytest
 from checker_faults import Patch, fault, faults_in, judge_red
 
-from axistwin_conformance.msc import (
-    bench,
-    checks_golden,
-    checks_rig,
-    codec,
-    link,
-    model,
-)
-from axistwin_conformance.msc.link import Link, Window
-from axistwin_conformance.msc.model import UnitModel
+from axistwin_conformance.families.msc import codec, driver, link, model
+from axistwin_conformance.families.msc.checks import golden
+from axistwin_conformance.families.msc.link import Link, Window
+from axistwin_conformance.families.msc.model import UnitModel
 
 MODEL = "msc-250"
 
@@ -49,7 +43,7 @@ def values_go_low_byte_first(patch: Patch) -> None:
 @fault("the_written_exchanges_of_flags_and_status_come_byte_for_byte", "MSC-PKT-12")
 def a_written_exchange_is_misprinted(patch: Patch) -> None:
     """One byte of each written reply is another one."""
-    written = checks_golden.golden_exchanges()
+    written = golden.golden_exchanges()
 
     def spoilt(said: tuple[str, bytes]) -> tuple[str, bytes]:
         who, data = said
@@ -94,7 +88,7 @@ def a_repeat_is_expected_with_the_old_one(patch: Patch) -> None:
 @fault("a_block_written_is_the_block_read", "MSC-BREAD-03")
 def neighbours_are_expected_two_apart(patch: Patch) -> None:
     """The suite believes in words where the unit has bytes."""
-    patch.setattr(bench.Bench, "stride", property(lambda one: 2))
+    patch.setattr(driver.Bench, "stride", property(lambda one: 2))
 
 
 @fault("flag_f_is_bit_f_mod_8_of_byte_f_div_8", "MSC-RFLAGS-02")

@@ -10,9 +10,9 @@ from msc_judging import failed, troubles
 
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
-from axistwin_conformance.msc import codec
-from axistwin_conformance.msc.codec import COMMA, Packet
-from axistwin_conformance.msc.family import FAMILY
+from axistwin_conformance.families.msc import codec
+from axistwin_conformance.families.msc.codec import COMMA, Packet
+from axistwin_conformance.families.msc.family import FAMILY
 
 UNKNOWN = "a_name_nobody_knows_is_refused"
 NO_COMMA = "a_name_without_its_comma_is_unknown"

@@ -13,9 +13,9 @@ from msc_judging import failed, troubles
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.core.identity import NO_GROUNDS, Grounds
-from axistwin_conformance.msc import codec
-from axistwin_conformance.msc.codec import Packet
-from axistwin_conformance.msc.family import FAMILY
+from axistwin_conformance.families.msc import codec
+from axistwin_conformance.families.msc.codec import Packet
+from axistwin_conformance.families.msc.family import FAMILY
 
 MODULES = tuple(
     f"axistwin_conformance.msc.checks_{name}"

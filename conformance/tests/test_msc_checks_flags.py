@@ -24,9 +24,9 @@ from msc_controller import (
 from msc_judging import failed, troubles
 
 from axistwin_conformance.base.verdicts import Verdict
-from axistwin_conformance.msc import codec
-from axistwin_conformance.msc.codec import Packet
-from axistwin_conformance.msc.family import FAMILY
+from axistwin_conformance.families.msc import codec
+from axistwin_conformance.families.msc.codec import Packet
+from axistwin_conformance.families.msc.family import FAMILY
 
 ERROR_BIT = 12
 STATUS = "the_status_is_followed_by_what_carries_nothing"

@@ -34,10 +34,10 @@ from msc_faulty import (
 from msc_judging import failed, judge, link_checks, troubles
 
 from axistwin_conformance.base.verdicts import Verdict
-from axistwin_conformance.msc import codec
-from axistwin_conformance.msc.checks_golden import golden_exchanges
-from axistwin_conformance.msc.checks_packets import WRONG_SUMS
-from axistwin_conformance.msc.codec import ACK, NAK, STX
+from axistwin_conformance.families.msc import codec
+from axistwin_conformance.families.msc.checks.golden import golden_exchanges
+from axistwin_conformance.families.msc.checks.packets import WRONG_SUMS
+from axistwin_conformance.families.msc.codec import ACK, NAK, STX
 
 
 @pytest.mark.parametrize("name", link_checks())

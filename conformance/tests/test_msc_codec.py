@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from axistwin_conformance.msc import codec
+from axistwin_conformance.families.msc import codec
 
 BODIES = (
     codec.bread(2048), codec.bwrite(2048, range(1, 33)), codec.cflag(200), codec.dread(2008),

@@ -16,11 +16,11 @@ from axistwin_conformance.cli import conform
 from axistwin_conformance.core.family import Violation
 from axistwin_conformance.core.identity import Grounds
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.msc import codec
-from axistwin_conformance.msc.bench import Bench
-from axistwin_conformance.msc.codec import ACK, NAK
-from axistwin_conformance.msc.family import FAMILY
-from axistwin_conformance.msc.keeping import layout
+from axistwin_conformance.families.msc import codec
+from axistwin_conformance.families.msc.codec import ACK, NAK
+from axistwin_conformance.families.msc.driver import Bench
+from axistwin_conformance.families.msc.family import FAMILY
+from axistwin_conformance.families.msc.snapshot import layout
 
 GROUNDS = Grounds(range(1024, 1400), range(128, 132))
 

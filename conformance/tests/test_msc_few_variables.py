@@ -14,9 +14,9 @@ from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.core.identity import Grounds
 from axistwin_conformance.engine.run import Engine
-from axistwin_conformance.msc.family import FAMILY
+from axistwin_conformance.families.msc.family import FAMILY
 
-DRAWN = "axistwin_conformance.msc.checks_random"
+DRAWN = "axistwin_conformance.families.msc.checks.random"
 QUICK = tuple(one for one in FAMILY.checks() if one.level == "quick")
 CONCERNED = tuple(one.name for one in QUICK if "variables" in one.needs or one.module == DRAWN)
 ON_A_SMALL_UNIT = tuple(

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from axistwin_conformance.msc import codec
+from axistwin_conformance.families.msc import codec
 
 FIXTURES = Path(__file__).parents[2] / "fixtures" / "msc"
 GOLDEN = resources.files("axistwin_conformance.msc") / "golden" / "exchanges.toml"

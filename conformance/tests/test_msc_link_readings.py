@@ -19,7 +19,7 @@ from msc_faulty import (
 from msc_judging import failed, judge, link_checks, troubles
 
 from axistwin_conformance.base.verdicts import Verdict
-from axistwin_conformance.msc.checks_packets import block_readings
+from axistwin_conformance.families.msc.checks.packets import block_readings
 
 # Another reading of the manual: the unit, the switch, the reading, the checks that meet it.
 READINGS: list[tuple[Make, str, str, tuple[str, ...]]] = [

@@ -20,9 +20,9 @@ from trouble import Trouble, interrupt, meet, moments_of
 
 from axistwin_conformance.base.events import Outcome
 from axistwin_conformance.engine.result import Result
-from axistwin_conformance.msc import codec
-from axistwin_conformance.msc.family import FAMILY
-from axistwin_conformance.msc.safety import is_harmless
+from axistwin_conformance.families.msc import codec
+from axistwin_conformance.families.msc.family import FAMILY
+from axistwin_conformance.families.msc.safety import is_harmless
 
 SLOW = pytest.mark.slow
 SOAK = pytest.mark.soak

@@ -15,26 +15,24 @@ from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.core.identity import Grounds
 from axistwin_conformance.core.session import Session, Stop
-from axistwin_conformance.msc import codec
-from axistwin_conformance.msc.bench import Bench
-from axistwin_conformance.msc.checks_machines import (
+from axistwin_conformance.families.msc import codec
+from axistwin_conformance.families.msc.checks.machines import (
     some_runs_of_the_machine_agree_with_the_model as some_runs,
 )
-from axistwin_conformance.msc.checks_sequences import (
+from axistwin_conformance.families.msc.checks.sequences import (
     many_mixed_sequences_agree_with_the_model as many_sequences,
 )
-from axistwin_conformance.msc.checks_sequences import (
-    replay_check,
-)
-from axistwin_conformance.msc.checks_sequences import (
+from axistwin_conformance.families.msc.checks.sequences import replay_check
+from axistwin_conformance.families.msc.checks.sequences import (
     some_mixed_sequences_agree_with_the_model as some_sequences,
 )
-from axistwin_conformance.msc.codec import ACK, NAK
-from axistwin_conformance.msc.family import FAMILY
-from axistwin_conformance.msc.machines import Judged, UnitMachine
-from axistwin_conformance.msc.operations import OPERATIONS, WHAT
-from axistwin_conformance.msc.player import Player, player_of
-from axistwin_conformance.msc.sequences import places
+from axistwin_conformance.families.msc.codec import ACK, NAK
+from axistwin_conformance.families.msc.driver import Bench
+from axistwin_conformance.families.msc.family import FAMILY
+from axistwin_conformance.families.msc.sequences.machine import Judged, UnitMachine
+from axistwin_conformance.families.msc.sequences.operations import OPERATIONS, WHAT
+from axistwin_conformance.families.msc.sequences.runner import Player, player_of
+from axistwin_conformance.families.msc.sequences.sequence import places
 from axistwin_conformance.sequences import machine
 from axistwin_conformance.sequences.runner import Mismatch
 from axistwin_conformance.sequences.strategies import no_folder

@@ -13,7 +13,7 @@ from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import conform, make_options
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
-from axistwin_conformance.msc import codec
+from axistwin_conformance.families.msc import codec
 
 SIZE = 32768  # of the data areas here
 IDS = ("MSC-DREAD", "MSC-BREAD", "MSC-PKT-06", "MSC-PROP-01", "MSC-PROP-02")

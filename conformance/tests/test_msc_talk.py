@@ -7,9 +7,9 @@ from msc_device import BYTE_NS, REPEATS, RESPONSE_NS, MscPort, check_of, session
 
 from axistwin_conformance.base.errors import Disturbed
 from axistwin_conformance.core.session import Stop
-from axistwin_conformance.msc import codec
-from axistwin_conformance.msc.bench import Bench
-from axistwin_conformance.msc.codec import ACK, NAK
+from axistwin_conformance.families.msc import codec
+from axistwin_conformance.families.msc.codec import ACK, NAK
+from axistwin_conformance.families.msc.driver import Bench
 
 
 def bench_on(port: MscPort) -> Bench:

@@ -1,0 +1,191 @@
+"""Every exchange that the ledger writes out, byte for byte (§2.5)."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from typing import Any, Final
+
+from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.msc import codec
+from axistwin_conformance.families.msc.codec import ACK, Packet
+from axistwin_conformance.families.msc.link import Link
+from axistwin_conformance.transport.transport import is_twin_url
+
+STATUS_AT: Final = slice(7, 9)  # of a reply's body: what RQSTAT tells; the rest is not specified
+
+
+@dataclass(frozen=True, slots=True)
+class Golden:
+    """One written exchange.
+
+    `said`: who says what ("H" the host, "D" the unit), in order, for unit `unit`.  `uses`: the
+    first and the last variable, or the flag, that it works on.  `variables`, `flags`, `status`:
+    what must be so before; None: it does not matter.
+    """
+
+    name: str
+    unit: int
+    said: tuple[tuple[str, bytes], ...]
+    uses: tuple[int, ...]
+    variables: tuple[tuple[int, int], ...] = ()
+    flags: frozenset[int] | None = None
+    status: int | None = None
+
+    @property
+    def command(self) -> str:
+        """The name of the command."""
+        one = codec.parse(self.said[0][1])
+        assert one is not None
+        return one.name
+
+    @property
+    def is_about_variables(self) -> bool:
+        """True if variables alone have to be named for it."""
+        return self.command in ("BREAD", "BWRITE", "DREAD", "DWRITE")
+
+    def readdressed(self, unit: int) -> tuple[tuple[str, bytes], ...]:
+        """The same exchange with another unit."""
+        return tuple((who, _readdressed(data, self.unit, unit)) for who, data in self.said)
+
+
+def _readdressed(data: bytes, from_unit: int, unit: int) -> bytes:
+    one = codec.parse(data)
+    if one is None or unit == from_unit:
+        return data
+    moved = one.checksum + unit - from_unit  # what was wrong about it stays so
+    return codec.packet(unit, one.body, one.block, length=one.length, checksum=moved)
+
+
+@cache
+def golden_exchanges() -> tuple[Golden, ...]:
+    """Load the exchanges, shipped beside this module."""
+    path = resources.files("axistwin_conformance.msc") / "golden" / "exchanges.toml"
+    rows = tomllib.loads(path.read_text(encoding="utf-8"))["exchange"]
+    return tuple(_golden(row) for row in rows)
+
+
+def _golden(row: Mapping[str, Any]) -> Golden:
+    said = tuple((one[0], bytes.fromhex(one[1:])) for one in row["said"])
+    variables = tuple((address, value) for address, value in row.get("variables", ()))
+    flags = frozenset(row["flags"]) if "flags" in row else None
+    return Golden(
+        row["name"], row.get("unit", 1), said, tuple(row["uses"]), variables, flags,
+        row.get("status"),
+    )  # fmt: skip
+
+
+@check(
+    "MSC-PKT-21", "MSC-PKT-12", "MSC-LNK-01", "MSC-LNK-02", "MSC-LNK-10", "MSC-LNK-14",
+    safety="stored", needs=("variables",),
+)  # fmt: skip
+def the_written_exchanges_of_variables_come_byte_for_byte(session: Session) -> None:
+    """DWRITE, DREAD, BWRITE and BREAD of the ledger, the refused packet and the refused reply among
+    them, are answered as written."""
+    link = Link(session)
+    link.calm()
+    said = 0
+    for golden in golden_exchanges():
+        if not golden.is_about_variables:
+            continue
+        if not {golden.uses[0], golden.uses[-1]} <= set(link.variables):
+            session.not_run(None, f"{golden.name}: {golden.uses} may not be written (--variables)")
+            continue
+        for address, value in golden.variables:
+            link.write(address, value)
+        _play(link, golden)
+        said += 1
+    if said:
+        names = ("MSC-PKT-21", "MSC-PKT-12", "MSC-LNK-01", "MSC-LNK-02", "MSC-LNK-10", "MSC-LNK-14")
+        session.expect(True, names, "as written", "as written")
+
+
+@check(
+    "MSC-PKT-12", "MSC-LNK-01", "MSC-LNK-07", "MSC-LNK-14", safety=("stored", "motion", "rig"),
+    needs=("rig:flag", "rig:status"),
+)  # fmt: skip
+def the_written_exchanges_of_flags_and_status_come_byte_for_byte(session: Session) -> None:
+    """SFLAG, RFLAG, RFLAGS, CFLAG and RQSTAT of the ledger are answered as written."""
+    link = Link(session)
+    link.calm("other_unit_framing")
+    for golden in golden_exchanges():
+        if golden.is_about_variables:
+            continue
+        if golden.command == "RFLAGS" and not link.has_rflags:
+            continue
+        if golden.uses and not _may_set(link, golden.uses[0]):
+            session.not_run(None, f"{golden.name}: not a flag that may be set (--flags)")
+            continue
+        if golden.flags is not None:
+            _turn_on(link, golden.flags)
+        if golden.status is not None:
+            _bring_about(link, golden.status)
+        _play(link, golden)
+    names = ("MSC-PKT-12", "MSC-LNK-01", "MSC-LNK-07", "MSC-LNK-14")
+    session.expect(True, names, "as written", "as written")
+
+
+def _may_set(link: Link, flag: int) -> bool:
+    return flag in link.flags_free or is_twin_url(link.target.description)
+
+
+def _turn_on(link: Link, wanted: frozenset[int]) -> None:
+    """Have these flags on and no other, by the machine."""
+    states = link.flags()
+    assert states is not None, "only where the model has RFLAGS"
+    on = codec.flags_on(states)
+    for number in sorted(wanted ^ on):
+        link.session.rig.set_flag(number, number in wanted)
+
+
+def _bring_about(link: Link, wanted: int) -> None:
+    status = link.status()
+    for bit in range(16):
+        if (status ^ wanted) >> bit & 1:
+            link.session.rig.set_status(bit, bool(wanted >> bit & 1))
+
+
+def _play(link: Link, golden: Golden) -> None:
+    """Say what the host says and judge what the unit says; then nothing more may come."""
+    link.target.drain()
+    for who, data in golden.readdressed(link.unit):
+        if who == "H":
+            link.target.send(data)
+            continue
+        heard = link.talk.hear(len(data))
+        if len(data) > 1:
+            heard, data = _as_read(link, heard, data)
+        _judge(link, golden, data, heard)
+    if golden.command in codec.WRITES and link.session.reading("write_reply") == "empty_packet":
+        link.talk.hear_packet()  # against MSC-LNK-14; a check of its own names it
+        link.target.send(ACK)
+    extra = link.talk.listen(link.glance_s)
+    _judge(link, golden, b"", extra)
+
+
+def _judge(link: Link, golden: Golden, expected: bytes, heard: bytes) -> None:
+    told = codec.explain(expected) or "nothing more"
+    link.session.step(
+        heard == expected, f"{told} ({golden.name}): {expected.hex(' ')}",
+        f"{codec.explain(heard) or 'nothing'}: {heard.hex(' ')}",
+    )  # fmt: skip
+
+
+def _as_read(link: Link, heard: bytes, written: bytes) -> tuple[bytes, bytes]:
+    """A reply and what was written of it, both without what this device's readings leave open: the
+    block number, and what RQSTAT sends behind the status."""
+    one, other = codec.parse(heard), codec.parse(written)
+    assert other is not None
+    if one is None or not one.is_sound:
+        return heard, written
+    return _without(link, one), _without(link, other)
+
+
+def _without(link: Link, one: Packet) -> bytes:
+    block = 0 if link.session.reading("reply_block") == "counter" else one.block
+    body = one.body[: STATUS_AT.stop] if one.name == "RQSTAT" else one.body
+    return codec.packet(one.unit, body, block)

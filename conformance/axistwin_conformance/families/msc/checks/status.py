@@ -1,0 +1,55 @@
+"""The status word, as far as it shows without a hand at the machine (RQSTAT, STA)."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.msc.codec import RQSTAT
+from axistwin_conformance.families.msc.controller import BenchProgram, Controller
+
+RUNNING, AUTO_START = 1, 64
+STATUS_BYTES: Final = {8: "6", 6: "4"}  # of the payload → what follows SS (MSC-AMB-38)
+BOTH: Final = ("MSC-STA-01", "MSC-RQSTAT-02")
+ERRORS: Final = 0xFB30  # the bits of the status word that tell an error (§5.4)
+READS: Final = 3
+
+
+@check("MSC-RQSTAT-01")
+def the_status_is_followed_by_what_carries_nothing(session: Session) -> None:
+    """RQSTAT is served by a status word and six bytes more, or four as this device reads the
+    manual; what those hold is told and judges nobody."""
+    unit = Controller(session)
+    for _ in range(READS):
+        reply = unit.served(RQSTAT, None, "a reply")
+        size = len(reply.payload)
+        if size not in STATUS_BYTES:
+            session.fail(None, ["8 bytes behind the comma", "6 bytes"], f"{size} bytes")
+        unit.reading("status_tail", STATUS_BYTES[size])
+        unit.reading("status_spare", "internal" if any(reply.payload[2:]) else "zeros")
+
+
+@check("MSC-STA-04")
+def reading_the_status_leaves_its_errors_as_they_are(session: Session) -> None:
+    """RQSTAT again tells the same errors; or fewer, on a device that clears what it has told."""
+    unit = Controller(session)
+    first = unit.status() & ERRORS
+    for _ in range(READS):
+        again = unit.status() & ERRORS
+        # Where there is no error, none can be cleared.
+        readings = ("level",) if first else ("level", "clear_on_read")
+        unit.reading("status_latch", readings if again & first == first else "clear_on_read")
+        first = again
+
+
+@check("MSC-STA-01", "MSC-RQSTAT-02", needs=("program",))
+def bit_0_tells_whether_the_program_runs(session: Session) -> None:
+    """While the bench program counts its scans the status word is odd: 1, or 65 with auto start;
+    while nothing counts it is even."""
+    program = BenchProgram(session)
+    counts = program.is_running()
+    word = program.unit.query(RQSTAT).payload[:2]
+    told = f"{RUNNING}, or {RUNNING | AUTO_START} with auto start" if counts else "an even number"
+    is_told = bool(int.from_bytes(word, "big") & RUNNING) == counts
+    session.expect(is_told, BOTH, f"{told}, whatever else is on", word.hex(" "))

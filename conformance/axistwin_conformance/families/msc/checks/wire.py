@@ -1,0 +1,261 @@
+"""What takes a bench: headers of impossible length, characters that are none, power."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.msc import codec
+from axistwin_conformance.families.msc.checks.line import absent
+from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT
+from axistwin_conformance.families.msc.link import MS, Link
+
+HALF_RATE: Final = 4800
+# At half the rate: five bits of 0 and five of 1.  At 9600: ten bits of 0, one character without a
+# stop bit, then the line at rest for as long.
+SPOILT_CHARACTER: Final = b"\xf0"
+SPOILT_AT: Final = {"header": 4, "body": 8, "checksum": 13}  # places in RQSTAT
+FILLER: Final = b"0"
+RUNNING: Final = 1  # bit 0 of the status word
+START_S: Final = 2.0  # for how long after power-up nothing must be said
+HEARD_BYTES: Final = 4  # of a reply, when it is interrupted
+# Where a packet or a reply is when the power goes: how much of RQSTAT has been sent, or what of the
+# exchange is under way.  The first three are all that hands at a switch are asked for.
+CUTS: Final[Mapping[str, int | str]] = {
+    "idle": 0, "in a body": 9, "waiting for a sign": "waiting", "in a header": 3,
+    "in a checksum": 14, "in another unit's packet": "skipping", "in a reply": "replying",
+    "in a repeat": "repeating",
+}  # fmt: skip
+
+
+@check("MSC-LNK-20", "MSC-PKT-10", safety="rig", needs=("bench",))
+def a_header_that_announces_too_much_is_refused(session: Session) -> None:
+    """A header with a length above 240 leads to one NAK: after all that it announced, or when this
+    device reads it.  (BODY, discarding)"""
+    link = Link(session)
+    seen = set()
+    for length in (241, 255, 256, 0xFFFF) if session.target.is_virtual else (241, 0xFFFF):
+        header = codec.packet(link.unit, b"", length=length)[: codec.HEADER_BYTES]
+        heard, sent_ns, came_ns = link.break_off(header)
+        told = f"a header with length {length}"
+        session.expect(heard == NAK, ("MSC-LNK-20", "MSC-PKT-10"), f"NAK to {told}", heard.hex())
+        link.nothing_more("MSC-LNK-20", told)
+        is_late = came_ns in link.sign_window(sent_ns, codec.HEADER_BYTES)
+        is_early = came_ns < link.sign_window(sent_ns, codec.HEADER_BYTES).earliest_ns
+        session.expect(
+            is_late or is_early, "MSC-LNK-20", "NAK at once or at T1",
+            f"after {(came_ns - sent_ns) / MS:.1f} ms",
+        )  # fmt: skip
+        seen.add("at T1" if is_late else "at once")
+        link.alive("MSC-LNK-20")
+    session.expect(len(seen) == 1, "MSC-LNK-20", "one of the two", " and ".join(sorted(seen)))
+    if seen == {"at once"}:
+        link.reading("overlength", "nak_after_header", ("MSC-LNK-20", "MSC-PKT-10"))
+        return
+    readings = {_after_all_of_it(link, length) for length in (241, 256)}
+    session.expect(len(readings) == 1, "MSC-LNK-20", "one reading", sorted(readings))
+    link.reading("overlength", readings.pop(), ("MSC-LNK-20", "MSC-PKT-10"))
+
+
+def _after_all_of_it(link: Link, length: int) -> tuple[str, ...]:
+    """What a whole packet of that length shows, its sum being wrong and its body no command."""
+    body = RQSTAT.ljust(length, FILLER)
+    raw = codec.packet(link.unit, body, checksum=0x3030)
+    heard, sent_ns, came_ns = link.break_off(raw)
+    link.session.expect(heard == NAK, "MSC-LNK-20", "NAK", heard.hex(" ") or "nothing")
+    link.nothing_more("MSC-LNK-20", "the NAK")
+    link.alive("MSC-LNK-20")
+    is_late = came_ns >= link.sign_window(sent_ns, codec.HEADER_BYTES).earliest_ns
+    return ("timeout_only",) if is_late else ("nak_after_packet", "accept")
+
+
+@check("MSC-LNK-02", "MSC-LNK-04", safety="rig", needs=("bench",))
+def an_empty_body_is_no_command(session: Session) -> None:
+    """A packet without a body under a right checksum is treated as an unknown command, or ACKed if
+    this device reads it so."""
+    link = Link(session)
+    link.calm()
+    raw = codec.packet(link.unit, b"")
+    exchange = link.talk.ask(raw, is_read=False)
+    link.nothing_more(("MSC-LNK-02", "MSC-LNK-04"), "it")
+    like_unknown = {"nak": NAK, "ack_ignore": ACK, "silent": b""}
+    readings = ["as_unknown"] * (
+        exchange.raw == like_unknown[session.reading("unknown_command")]
+    ) + ["ack"] * (exchange.raw == ACK)
+    if not readings:
+        session.fail(("MSC-LNK-02", "MSC-LNK-04"), ["like an unknown command", "ACK"], exchange)
+    link.reading("empty_body", readings, ("MSC-LNK-02", "MSC-LNK-04"))
+    link.alive("MSC-LNK-02")
+
+
+# --- characters that are none ---------------------------------------------------------------------
+
+
+def judge_rates(session: Session) -> None:
+    """Go on only where our end has a rate."""
+    if session.target.description.startswith("socket:"):
+        session.skip("a plain socket carries bytes, not a rate")
+
+
+@check("MSC-LNK-02", "MSC-LNK-03", safety="rig", needs=("bench",))
+def a_character_without_its_stop_bit_spoils_its_packet(session: Session) -> None:
+    """A framing error in RQSTAT draws NAK at the packet's end; or the byte counts as it is, or is
+    lost, if this device reads it so; between packets, and while a sign is awaited, it does nothing.
+    (UART error in IDLE, HDR, BODY, CSUM, WAIT)"""
+    link = Link(session)
+    judge_rates(session)
+    link.calm()
+    session.target.drain()
+    _spoilt(link)
+    link.nothing_more("MSC-LNK-02", "a framing error between packets")
+    link.alive("MSC-LNK-02")
+    raw = codec.packet(link.unit, RQSTAT)  # its block number is 0000h, as the spoilt byte is
+    for place in SPOILT_AT.values():
+        session.target.drain()
+        sent_ns = session.target.send(raw[:place])
+        _spoilt(link)
+        session.target.send(raw[place + 1 :])
+        link.reading("uart_error", _uart_reading(link, sent_ns, place), "MSC-LNK-02")
+        link.alive(("MSC-LNK-02", "MSC-LNK-03"))
+    first = link.unanswered()
+    _spoilt(link)
+    again = link.refuse_in("MSC-LNK-02")
+    is_same = again is not None and link.is_same(again, first)
+    session.expect(is_same, "MSC-LNK-02", "the repeat to a NAK behind it", again)
+    session.target.send(ACK)
+    link.alive("MSC-LNK-03")
+
+
+@check("MSC-LNK-19", safety="rig", needs=("bench",))
+def a_spoilt_character_for_another_unit_is_counted(session: Session) -> None:
+    """A framing error in another unit's packet counts as a byte of it: the packet behind is served.
+    (UART error in SKIP)"""
+    link = Link(session)
+    judge_rates(session)
+    link.calm()
+    for switch, wanted in (("uart_error", "drop_byte"), ("rs232_unit_check", "ignore")):
+        if session.reading(switch) == wanted:
+            session.skip(f"this device has {switch}={wanted}")
+    raw = codec.packet(absent(session), RQSTAT, checksum=0x3030)
+    session.target.drain()
+    session.target.send(raw[:8])
+    _spoilt(link)
+    session.target.send(raw[9:])
+    link.nothing_more("MSC-LNK-19", "another unit's packet", link.glance_s)
+    link.alive("MSC-LNK-19")
+
+
+@check("MSC-LNK-10", "MSC-LNK-08", safety="rig", needs=("bench", "alone"))
+def a_spoilt_character_while_it_talks_is_ignored(session: Session) -> None:
+    """A framing error during a reply, or a repeat, neither counts as a sign nor changes what is
+    sent again.  (UART error in EXEC and RETX)"""
+    link = Link(session)
+    judge_rates(session)
+    if not link.is_busy_hearing:
+        session.skip("on RS-485 the host would talk over the unit")
+    first = link.unanswered()
+    session.target.send(ACK)
+    for repeats in (0, 1):
+        session.target.drain()
+        session.target.send(link.talk.request(RQSTAT))
+        session.step(link.talk.hear(1) == ACK, "ACK", "something else")
+        if repeats:
+            reply, _ = link.talk.hear_packet()
+            session.step(reply is not None, "a reply", "nothing")
+            session.target.send(NAK)
+        link.talk.hear(HEARD_BYTES)
+        _spoilt(link, wait_s=0.0)  # what comes meanwhile our end cannot read
+        link.talk.listen(link.glance_s)
+        again = link.refuse()
+        is_same = again is not None and again.is_sound and link.told(again) == link.told(first)
+        session.expect(is_same, ("MSC-LNK-10", "MSC-LNK-08"), first, again)
+        session.target.send(ACK)
+        link.nothing_more("MSC-LNK-08", "ACK")
+
+
+def _spoilt(link: Link, wait_s: float | None = None) -> None:
+    """Send one character that has no stop bit, once all before it has left.
+
+    `wait_s`: how long that takes; None: as long as a whole RQSTAT.
+    """
+    target = link.target
+    rate = target.baud
+    own_s = codec.REQUEST_BYTES["RQSTAT"] * link.byte_ns / 1e9
+    target.wait((own_s if wait_s is None else wait_s) + link.spare_ns / 1e9)
+    try:
+        target.baud = HALF_RATE
+        target.send(SPOILT_CHARACTER)
+        target.wait(4 * link.byte_ns / 1e9 + link.spare_ns / 1e9)
+    finally:
+        target.baud = rate
+
+
+def _uart_reading(link: Link, sent_ns: int, place: int) -> tuple[str, ...]:
+    """What is read from the answer to an RQSTAT with one character spoilt (MSC-AMB-43)."""
+    heard = link.talk.hear(1, link.packet_timeout_s * 1.5 + link.glance_s)
+    came_ns = link.target.now_ns
+    count = codec.REQUEST_BYTES["RQSTAT"] - 1
+    if heard == ACK:
+        link.talk.hear_packet()
+        link.target.send(ACK)
+        return ("use_byte",)
+    link.session.expect(heard == NAK, "MSC-LNK-02", "NAK or ACK", heard.hex(" ") or "nothing")
+    link.nothing_more("MSC-LNK-02", "NAK")
+    if came_ns >= link.sign_window(sent_ns, count).earliest_ns:
+        return ("drop_byte",)
+    # Only where 00 stands anyway does the byte as it is make a good packet.
+    return ("bad_packet",) if place == SPOILT_AT["header"] else ("bad_packet", "use_byte")
+
+
+# --- power ----------------------------------------------------------------------------------------
+
+
+@check("MSC-PHY-04", "MSC-PHY-03", safety=("rig", "motion"), needs=("rig:power",))
+def power_up_says_nothing(session: Session) -> None:
+    """Neither losing its supply nor getting it back makes a unit say anything, whatever it was at;
+    then it serves, counting from 0.  (power cycle in every state)"""
+    link = Link(session)
+    longer_s = max(link.packet_timeout_s, link.ack_timeout_s) * 1.2 + START_S
+    was_running = link.status() & RUNNING
+    for state in list(CUTS) if session.rig.is_exact else list(CUTS)[:3]:
+        _bring_to(link, CUTS[state])
+        session.rig.power_off()
+        session.target.wait(2 * link.byte_ns / 1e9)
+        session.target.drain()  # a character that was cut in two
+        names = ("MSC-PHY-04", "MSC-PHY-03")
+        link.nothing_more(names, f"a power cut while {state}", link.glance_s)
+        session.rig.power_on()
+        link.nothing_more(names, f"power-up after a cut while {state}", longer_s)
+        link.alive("MSC-PHY-04")
+        link.unanswered()
+        for number in range(link.limit):
+            told = f"repeat {number + 1} of {link.limit}"
+            session.expect(link.refuse_in("MSC-PHY-04") is not None, "MSC-PHY-04", told, "nothing")
+        session.target.send(ACK)
+        link.nothing_more("MSC-PHY-04", "the last repeat")
+    if was_running and not link.status() & RUNNING and "program" in session.rig.capabilities:
+        session.rig.run_program(True)
+
+
+def _bring_to(link: Link, state: int | str) -> None:
+    """Bring a unit into a state of `CUTS`."""
+    target, raw = link.target, link.talk.request(RQSTAT)
+    if isinstance(state, int):
+        target.send(raw[:state]) if state else None
+        target.wait((state + 2) * link.byte_ns / 1e9)
+    elif state == "skipping":
+        target.send(codec.packet(absent(link.session), RQSTAT)[:9])
+        target.wait(11 * link.byte_ns / 1e9)
+    elif state == "replying":
+        target.send(raw)
+        link.talk.hear(1 + HEARD_BYTES)
+    else:
+        link.unanswered()
+        if state == "waiting":
+            told = link.refuse_in("MSC-PHY-04")
+            link.session.step(told is not None, "a repeat", "nothing")
+        else:
+            target.send(NAK)
+            link.talk.hear(HEARD_BYTES)

@@ -1,0 +1,80 @@
+"""What a unit breaks by a reply that no MSC gives, whoever asked: the engine's own questions, the
+probes, what is remembered and put back.
+
+Judged is only what every reading of the manual leaves out, and only for sound requests to the unit
+under test, at addresses and flags that every device must have an answer for or a NAK.
+"""
+
+from __future__ import annotations
+
+from axistwin_conformance.base.transcript import Direction
+from axistwin_conformance.core.family import Violation
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.msc import codec
+from axistwin_conformance.families.msc.codec import ACK, NAK, Packet
+
+ALWAYS_SERVED = ("RQSTAT",)  # what no state, address or flag lets a unit refuse, but MSC-AMB-32
+
+
+def diagnose(session: Session, request: bytes, reply: bytes | None) -> Violation | None:
+    """Which requirement a reply to these bytes breaks, if it is one that no unit gives.
+
+    `reply` None: there was none, the twin had crashed.
+    """
+    if request in (ACK, NAK) and reply is not None:
+        request, reply = _before_the_sign(session)
+    asked = codec.parse(request)
+    if asked is None or not asked.is_request or asked.unit != session.address:
+        return None
+    awaited = "ACK" if asked.name in codec.WRITES else f"ACK and a {asked.name} packet"
+    if reply is None:
+        return Violation("MSC-LNK-01", awaited, "the twin crashed")
+    came = codec.explain(reply) or "nothing"
+    if reply[:1] == NAK and asked.name not in ALWAYS_SERVED:
+        return None
+    if reply[:1] != ACK:
+        return Violation("MSC-LNK-01", awaited, came)
+    if asked.name in codec.WRITES:
+        return None  # what may follow is left open (MSC-AMB-36)
+    if asked.name == "RFLAGS" and not session.model.facts.has_rflags:
+        return None
+    answer = codec.parse(reply[1:])
+    if answer is None:
+        return Violation("MSC-CMD-05", awaited, came)
+    return _judged(session, asked, answer, came)
+
+
+def _before_the_sign(session: Session) -> tuple[bytes, bytes]:
+    """The last packet we have sent, and what came before we acknowledged or refused it."""
+    request, reply, is_over = b"", b"", False
+    for one in session.said():
+        if one.direction is Direction.HOST and one.data in (ACK, NAK):
+            is_over = True
+        elif one.direction is Direction.HOST:
+            request, reply, is_over = one.data, b"", False
+        elif one.direction is Direction.DEVICE and not is_over:
+            reply += one.data
+    return request, reply
+
+
+def _judged(session: Session, asked: Packet, answer: Packet, came: str) -> Violation | None:
+    """What is wrong with a reply, the most telling first."""
+    size = codec.REPLY_BYTES[asked.name]
+    sizes = (size, size - 2) if asked.name == "RQSTAT" else (size,)  # MSC-AMB-38
+    right = codec.checksum(answer.raw[1:-2])
+    if answer.length != len(answer.body):
+        return Violation("MSC-PKT-06", f"length {len(answer.body)}", came)
+    if answer.checksum != right:
+        return Violation("MSC-PKT-12", f"checksum {right:04X}", came)
+    if answer.unit != asked.unit:
+        return Violation("MSC-PKT-18", f"unit {asked.unit}", came)
+    if answer.name != asked.name or codec.COMMA not in answer.body:
+        return Violation("MSC-CMD-04", f"the name {asked.name} and a comma", came)
+    if len(answer.raw) not in sizes:
+        return Violation(f"MSC-{asked.name}-{_SIZE_ROW[asked.name]}", f"{size} bytes", came)
+    if asked.name == "RFLAG" and answer.numbers[0] not in (0, 1):
+        return Violation("MSC-RFLAG-02", "0 or 1", came)
+    return None
+
+
+_SIZE_ROW = {"BREAD": "02", "DREAD": "02", "RFLAG": "02", "RFLAGS": "01", "RQSTAT": "01"}

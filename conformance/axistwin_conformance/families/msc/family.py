@@ -1,0 +1,146 @@
+"""What the engine must know of the MSC family beside its checks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from axistwin_conformance.base.transcript import Direction, Record
+from axistwin_conformance.core.family import Family, Violation
+from axistwin_conformance.core.identity import Grounds, Identity, Model
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.msc import codec, snapshot
+from axistwin_conformance.families.msc.diagnosis import diagnose
+from axistwin_conformance.families.msc.driver import Bench
+from axistwin_conformance.families.msc.flag_check import try_flags
+from axistwin_conformance.families.msc.link import SHOUTING
+from axistwin_conformance.families.msc.preflight import survey
+from axistwin_conformance.families.msc.safety import IMPACT, objection
+from axistwin_conformance.families.msc.snapshot import Memory
+from axistwin_conformance.transport.rig import OF_A_CONTROLLER
+from axistwin_conformance.transport.serial import Target, open_target
+
+BAUD: Final = 9600  # MSC-PHY-01
+TWIN_GROUNDS: Final = Grounds(range(1024, 5120), range(128, 192), (240, 6144))
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What differs between the models on the wire (MSC-MOD-01)."""
+
+    has_rflags: bool
+
+
+MODELS: Final = {
+    model.name: model
+    for model in (
+        Model("msc-generic", "MSC of any model", Facts(has_rflags=False)),
+        Model("msc-250", "MSC-250", Facts(has_rflags=True)),
+        Model("msc-850", "MSC-850", Facts(has_rflags=False)),
+        Model("msc-850-32", "MSC-850/32", Facts(has_rflags=True)),
+    )
+}
+
+
+class Msc(Family):
+    """MSC controllers on their executive port."""
+
+    name = "msc"
+    models = MODELS
+    addresses = range(codec.UNITS.start, codec.UNITS.stop)
+    default_address = 1
+    default_rate = BAUD
+    rates = (BAUD,)
+    capabilities = OF_A_CONTROLLER
+    grounds = TWIN_GROUNDS
+    has_axis = False
+    impact = IMPACT
+    tried_needs = frozenset({"flags"})
+    replay_module = "axistwin_conformance.families.msc.checks.sequences"
+    operation_bytes = 4
+    modules = (
+        "axistwin_conformance.families.msc.checks.packets",
+        "axistwin_conformance.families.msc.checks.link",
+        "axistwin_conformance.families.msc.checks.time",
+        "axistwin_conformance.families.msc.checks.line",
+        "axistwin_conformance.families.msc.checks.wire",
+        "axistwin_conformance.families.msc.checks.commands",
+        "axistwin_conformance.families.msc.checks.data",
+        "axistwin_conformance.families.msc.checks.flags",
+        "axistwin_conformance.families.msc.checks.status",
+        "axistwin_conformance.families.msc.checks.random",
+        "axistwin_conformance.families.msc.checks.golden",
+        "axistwin_conformance.families.msc.checks.sequences",
+        "axistwin_conformance.families.msc.checks.machines",
+        "axistwin_conformance.families.msc.checks.program",
+        "axistwin_conformance.families.msc.checks.bench",
+        "axistwin_conformance.families.msc.checks.rig",
+    )
+    probe_modules = (
+        "axistwin_conformance.families.msc.probes.link",
+        "axistwin_conformance.families.msc.probes.writes",
+        "axistwin_conformance.families.msc.probes.bench",
+        "axistwin_conformance.families.msc.probes.program",
+    )
+
+    def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> Target:
+        """Open a port at that rate, or at the manual's."""
+        return open_target(url, rate or BAUD, is_builtin=is_builtin)
+
+    def twin_url(self, model: str, address: int, neighbours: tuple[int, ...]) -> str:
+        """The built-in twin, in virtual time, with its neighbours on one line and the bench program
+        in each of them."""
+        return f"{super().twin_url(model, address, neighbours)}&program=bench"
+
+    def explain(self, record: Record) -> str:
+        """Put a packet, or what comes back, into words."""
+        is_request = record.direction is Direction.HOST
+        return (codec.explain_request if is_request else codec.explain)(record.data)
+
+    def driver(self, session: Session, address: int | None = None) -> Bench:
+        """A unit on the line."""
+        return Bench(session, address)
+
+    def identify(self, session: Session) -> Identity:
+        """See `snapshot.identify`."""
+        return snapshot.identify(session)
+
+    def is_alive(self, session: Session) -> bool:
+        """See `snapshot.sanity`."""
+        return snapshot.sanity(session)
+
+    def stop(self, session: Session) -> None:
+        """See `snapshot.stop`."""
+        snapshot.stop(session)
+
+    def remember(self, session: Session) -> Memory:
+        """See `snapshot.remember`."""
+        return snapshot.remember(session)
+
+    def restore(self, session: Session, memory: Memory) -> tuple[str, ...]:
+        """See `snapshot.restore`."""
+        return snapshot.restore(session, memory)
+
+    def forbid(self, session: Session, data: bytes) -> str | None:
+        """Why these bytes must not be sent; see `safety`."""
+        return objection(session, data)
+
+    def preflight(self, session: Session) -> None:
+        """See `survey`."""
+        survey(session)
+
+    def unusable(self, session: Session, need: str) -> str:
+        """See `try_flags`; nothing else the operator names has to be tried."""
+        return try_flags(session) if need == "flags" else ""
+
+    def disturbs(self, readings: Mapping[str, str]) -> bool:
+        """Whether idle units of such readings answer what is said to, or by, another one."""
+        return any(readings.get(switch) == reading for switch, reading in SHOUTING)
+
+    def diagnose(self, session: Session, request: bytes, reply: bytes | None) -> Violation | None:
+        """See `diagnose`."""
+        return diagnose(session, request, reply)
+
+
+FAMILY: Final = Msc()

@@ -1,0 +1,261 @@
+"""A unit as the checks of its link take it into their hands: signs counted, replies refused or left
+without an answer, packets broken off, and the instants at which all that must show.
+
+Windows.  T1 runs from the first byte of a packet, T2 from the last byte of a reply (§5.6).  When a
+byte has left, and when one has come, is known to the time of a character and, on a real line, to
+the carrier's uncertainty; what the unit takes to turn round is measured on a good exchange.  A
+reading is a whole number of ms, so that one ms is allowed for that on either side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+from axistwin_conformance.families.msc import codec
+from axistwin_conformance.families.msc.client import QUIET_S, Exchange
+from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, Packet
+from axistwin_conformance.families.msc.driver import SAFE_BLOCK, SAFE_STRIDE, Bench
+from axistwin_conformance.transport.transport import is_twin_url
+
+MS: Final = 1_000_000
+STATUS_END: Final = 9  # of RQSTAT's body: what follows the status word may be anything
+ROUNDING_NS: Final = MS  # a measured time-out is told in whole ms,
+COARSE_NS: Final = 15 * MS  # or in steps of 20 where the line blurs it
+LIMITS: Final = {"5_repeats": 5, "5_total": 4}  # MSC-AMB-01: how many repeats there are
+# Readings in which the idle units of a shared line answer what one of them says, or junk for it.
+SHOUTING: Final = (
+    ("stray_nak", "resend_last"), ("noise_in_idle", "nak"), ("other_unit_framing", "hunt_stx"),
+)  # fmt: skip
+WAITS_AT_MOST: Final = 1.5  # times the time-out of a unit until it counts as not coming
+
+NEEDS_ONE: Final = (
+    f"needs 1 variable whose address is a multiple of {SAFE_STRIDE} (--variables FIRST-LAST)"
+)
+
+Names = str | tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """Between which instants (ns, of the target's clock) something has to come."""
+
+    earliest_ns: int
+    latest_ns: int
+
+    def __contains__(self, instant_ns: int) -> bool:
+        return self.earliest_ns <= instant_ns <= self.latest_ns
+
+    def since(self, origin_ns: int) -> str:
+        """The window in words, counted from that instant."""
+        first, last = ((one - origin_ns) / MS for one in (self.earliest_ns, self.latest_ns))
+        return f"after {first:.1f} to {last:.1f} ms"
+
+
+class Link(Bench):
+    """A unit whose link is judged."""
+
+    # --- what is known of the line ----------------------------------------------------------------
+
+    @property
+    def byte_ns(self) -> int:
+        """The time a character takes."""
+        return self.target.byte_ns
+
+    @property
+    def spare_ns(self) -> int:
+        """How well an instant is known: exactly, where time is virtual and nothing is disturbed."""
+        is_exact = self.target.is_virtual and self.target.is_lossless
+        return 0 if is_exact else self.target.uncertainty_ns
+
+    @property
+    def glance_s(self) -> float:
+        """How long what must not come is listened for, where no time-out is at stake."""
+        delay_s = int(self.session.reading("reply_delay_ms")) / 1000
+        return QUIET_S + delay_s + self.spare_ns / 1e9
+
+    @cached_property
+    def latency_ns(self) -> int:
+        """From the last byte of a good packet to the first bit of its ACK.
+
+        An exchange of its own: whoever measures has it measured before he begins.
+        """
+        asked = self.ask(RQSTAT)
+        return max(0, asked.signed_ns - asked.asked_ns - (len(asked.request) + 1) * self.byte_ns)
+
+    def _measure_latency(self) -> int:
+        return self.latency_ns
+
+    @property
+    def is_busy_hearing(self) -> bool:
+        """True if the unit can hear while it talks: two wires of RS-485 carry one way at a time."""
+        return not self.is_rs485
+
+    @property
+    def limit(self) -> int:
+        """How many repeats this device sends (MSC-AMB-01)."""
+        return LIMITS[self.session.reading("retransmit_limit")]
+
+    def calm(self, *switches: str) -> None:
+        """Go on only if one unit's NAK, or junk, leaves the other units of the line quiet.
+
+        `switches`: the readings that matter; none named: all of `SHOUTING`.
+        """
+        for switch, reading in SHOUTING:
+            if switches and switch not in switches:
+                continue
+            if self.session.neighbours and self.session.reading(switch) == reading:
+                told = "the other units of this line take part; ask the unit alone"
+                self.session.skip(f"with {switch}={reading} {told}")
+
+    # --- what may be sent to whom -----------------------------------------------------------------
+
+    @property
+    def is_twin(self) -> bool:
+        """True if nothing can be harmed: a twin, not a controller."""
+        return is_twin_url(self.target.description)
+
+    def only_on_a_twin(self) -> None:
+        """Skip on a real controller: what is wrong on purpose there, is a read."""
+        if not self.is_twin:
+            self.session.skip("a write that is wrong on purpose is sent to a twin only")
+
+    # --- what may be read and written -------------------------------------------------------------
+
+    def spots(self, count: int) -> list[int]:
+        """So many addresses of named variables, each safely apart; fewer if fewer are named."""
+        return [one for one in self.variables if one % SAFE_STRIDE == 0][:count]
+
+    def spot(self) -> int:
+        """The address of a named variable, whatever the stride is; skips without one."""
+        for one in self.spots(1):
+            return one
+        return self.session.skip(NEEDS_ONE)
+
+    def block_spot(self) -> int:
+        """Where a whole block of named variables begins, in every reading; skips without one."""
+        for one in self.variables:
+            if one % SAFE_STRIDE == 0 and one + SAFE_BLOCK - 1 in self.variables:
+                return one
+        return self.session.skip(f"needs {SAFE_BLOCK} variables in a row (--variables FIRST-LAST)")
+
+    def reads(self) -> list[bytes]:
+        """The bodies of all reading commands that this unit has and that need nothing named, and
+        those of the named variables."""
+        bodies = [RQSTAT, codec.rflag(0), codec.rflag(255)]
+        bodies += [codec.RFLAGS] if self.has_rflags else []
+        for one in self.spots(1):
+            bodies.append(codec.dread(one))
+            if one + SAFE_BLOCK - 1 in self.variables:
+                bodies.append(codec.bread(one))
+        return bodies
+
+    # --- signs ------------------------------------------------------------------------------------
+
+    def sign(self, raw: bytes, sign: bytes, names: Names, what: str) -> Exchange:
+        """Judge that a packet draws that sign, then nothing but the reply it asks for."""
+        if sign == NAK:
+            self.calm()
+        exchange = self.talk.ask(raw)
+        told = {ACK: "ACK", NAK: "NAK", b"": "nothing"}[sign]
+        is_so = exchange.sign == sign and not exchange.extra
+        if sign != ACK:
+            is_so = exchange.raw == sign
+        self.session.expect(is_so, names, f"{told} to {what}", exchange)
+        self.nothing_more(names, what)
+        return exchange
+
+    def nothing_more(self, names: Names, what: str, seconds: float | None = None) -> None:
+        """Judge that the unit says nothing on its own after that."""
+        extra = self.talk.listen(self.glance_s if seconds is None else seconds)
+        self.session.expect(
+            not extra, names, f"nothing more after {what}", codec.explain(extra) or "nothing"
+        )
+
+    def alive(self, names: Names) -> Packet:
+        """Judge that a good RQSTAT is served: ACK, and its reply."""
+        exchange = self.ask(RQSTAT)
+        reply = exchange.reply
+        is_good = exchange.is_acked and reply is not None and reply.name == "RQSTAT"
+        self.session.expect(is_good, names, "ACK and a reply to RQSTAT", exchange)
+        assert reply is not None
+        return reply
+
+    def told(self, reply: Packet) -> bytes:
+        """The body of a reply as far as it is specified (MSC-RQSTAT-03)."""
+        return reply.body[:STATUS_END] if reply.name == "RQSTAT" else reply.body
+
+    # --- replies without an answer ----------------------------------------------------------------
+
+    def unanswered(self, body: bytes = RQSTAT) -> Packet:
+        """Ask, and keep the answer to the reply back; a step."""
+        self._measure_latency()
+        exchange = self.ask(body, answer=None)
+        is_good = exchange.is_acked and exchange.reply is not None and exchange.reply.is_sound
+        self.session.step(is_good, "ACK and a reply", exchange)
+        assert exchange.reply is not None
+        return exchange.reply
+
+    def refuse(self) -> Packet | None:
+        """Answer a reply with NAK; the repeat, or None if none comes.  What comes instead of one
+        fails MSC-LNK-10."""
+        return self.refuse_in("MSC-LNK-10")
+
+    def refuse_in(self, names: Names) -> Packet | None:
+        """The same where something else is judged than MSC-LNK-10."""
+        self.calm()
+        self.target.send(NAK)
+        again, strays = self.talk.hear_packet()
+        if strays:
+            heard = codec.explain(strays + (again.raw if again else b""))
+            self.session.fail(names, "the packet again, or nothing", heard)
+        return again
+
+    def is_same(self, again: Packet, first: Packet) -> bool:
+        """True if a packet repeats another in this device's reading (MSC-AMB-35)."""
+        if self.session.reading("retransmit_content") == "snapshot":
+            return again.raw == first.raw
+        return (again.is_sound, again.name, again.unit, len(again.raw)) == (
+            True, first.name, first.unit, len(first.raw),
+        )  # fmt: skip
+
+    # --- when -------------------------------------------------------------------------------------
+
+    def sign_window(self, sent_ns: int, count: int) -> Window:
+        """When the NAK for a packet comes of which `count` bytes were sent in a row from then on
+        and no more: T1 later, in this device's reading of MSC-AMB-03."""
+        mode = self.session.reading("packet_timeout_mode")
+        first, last = 0, 1  # in characters: when T1 may have begun
+        if mode == "interbyte":
+            first, last = count - 1, count
+        elif mode == "after_header":
+            first, last = (5, 6) if count >= codec.HEADER_BYTES else (0, count)
+        return self._due(sent_ns, first, last, self.packet_timeout_s)
+
+    def repeat_window(self, replied_ns: int, size: int) -> Window:
+        """When a repeat of that size is there entirely, if the one before was at that time and
+        nobody answered it: T2 later."""
+        own_ns = size * self.byte_ns
+        due = self._due(replied_ns, 0, 1, self.ack_timeout_s)
+        return Window(due.earliest_ns + own_ns - self.byte_ns, due.latest_ns + own_ns)
+
+    def _due(self, origin_ns: int, first: int, last: int, timeout_s: float) -> Window:
+        """When one character comes that is sent when a time-out is over that began between those
+        characters after the origin."""
+        due_ns = origin_ns + round(timeout_s * 1e9)
+        rounding_ns = ROUNDING_NS if self.target.is_virtual else COARSE_NS
+        early_ns = due_ns + first * self.byte_ns - rounding_ns - self.spare_ns
+        late_ns = due_ns + (last + 2) * self.byte_ns + self.latency_ns + rounding_ns
+        return Window(early_ns, late_ns + self.spare_ns)
+
+    def break_off(self, raw: bytes) -> tuple[bytes, int, int]:
+        """Send the beginning of a packet and wait out T1: what came, when sending began and when it
+        came (ns)."""
+        self.calm()
+        self._measure_latency()
+        self.target.drain()
+        sent_ns = self.target.send(raw)
+        own_s = len(raw) * self.byte_ns / 1e9
+        heard = self.talk.hear(1, self.packet_timeout_s * WAITS_AT_MOST + own_s + self.glance_s)
+        return heard, sent_ns, self.target.now_ns

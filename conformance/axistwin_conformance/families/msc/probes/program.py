@@ -1,0 +1,69 @@
+"""Which readings a unit follows, as far as it takes the bench program in it to show them."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from axistwin_conformance.core.probing import Outcome, Probe, probe
+from axistwin_conformance.families.msc.codec import BLOCK_VALUES
+from axistwin_conformance.families.msc.driver import Bench
+from axistwin_conformance.families.msc.probing import running_program
+
+STARTS: Final = ("stored", "motion")
+PROGRAM: Final = ("program",)
+PULSES: Final = 12
+CALM_S: Final = 0.5  # in which nobody writes
+BLOCKS: Final = 8
+TIMER_FLAG: Final = 32
+TIMER_S: Final = 0.25
+
+
+@probe(safety=STARTS, needs=PROGRAM)
+def write_visibility(bench: Bench) -> Outcome:
+    """SFLAG and CFLAG back to back: how many such pulses the program has seen, and in how many
+    scans beside those that it would have made anyhow."""
+    program = running_program(bench)
+    target = bench.target
+    scans, since_ns = program.ticks(), target.now_ns
+    target.wait(CALM_S)
+    calm, calm_ns = program.ticks() - scans, target.now_ns - since_ns
+    before, widths_ns = program.pulses(), []
+    scans, since_ns = program.ticks(), target.now_ns
+    for _ in range(PULSES):
+        on, off = bench.set_flag(program.pulse), bench.clear_flag(program.pulse)
+        widths_ns.append(off.signed_ns - on.signed_ns)
+    scans, busy_ns = program.ticks() - scans, target.now_ns - since_ns
+    if scans - calm * busy_ns / calm_ns > PULSES:  # of two writes each
+        return 1
+    if program.pulses() - before < PULSES:
+        return 0
+    if calm_ns / max(calm, 1) < 1.5 * min(widths_ns):
+        bench.session.skip("its scans are too short for a pulse to fall between two")
+    return 1
+
+
+@probe(safety=STARTS, needs=PROGRAM)
+def bwrite_atomic(bench: Bench) -> Outcome:
+    """BWRITEs of blocks of one value, and whether the program ever finds two in one."""
+    program = running_program(bench)
+    before = program.torn()
+    for number in range(BLOCKS):
+        bench.write_block(program.block, [number + 1] * BLOCK_VALUES)
+    return int(program.torn() != before)
+
+
+@probe(safety=STARTS, needs=PROGRAM)
+def timer_flag(bench: Bench) -> Outcome:
+    """A timer's flag while it runs, and when it has run out."""
+    program = running_program(bench)
+    set_ns = bench.set_flag(program.timed).asked_ns
+    program.until(lambda: not bench.flag(program.timed), TIMER_S / 2)
+    while_running = bench.flag(TIMER_FLAG)
+    bench.in_time(set_ns, TIMER_S, "the timer")
+    bench.target.wait(2 * TIMER_S)
+    after = bench.flag(TIMER_FLAG)
+    readings = {(True, False): 0, (False, True): 1}
+    return readings.get((while_running, after), f"now {while_running}, then {after}")
+
+
+PROBES: Final = tuple(one for one in vars().values() if isinstance(one, Probe))

@@ -1,0 +1,78 @@
+"""Which readings a unit follows, as far as it takes a write to one of the named variables; the
+family puts back what it was."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from axistwin_conformance.core.probing import Outcome, Probe, probe
+from axistwin_conformance.families.msc import codec
+from axistwin_conformance.families.msc.codec import ACK
+from axistwin_conformance.families.msc.driver import SAFE_STRIDE, Bench
+from axistwin_conformance.families.msc.probing import (
+    Drawn,
+    block_of_variables,
+    drawn_by,
+    glance_s,
+    variable,
+)
+
+NAMED: Final = ("variables",)
+PLACES: Final = {1: 0, 2: 1, 4: 2}  # where in a block the value four addresses on is → the reading
+MARK: Final = 0x1D3C5A96  # in all four bytes something else
+OTHER: Final = 0x2B4D6F87
+
+
+@probe(safety="stored", needs=NAMED)
+def write_reply(bench: Bench) -> Outcome:
+    """DWRITE of the value that is there, and what follows its ACK."""
+    address = variable(bench)
+    same = codec.dwrite(address, bench.read(address))
+    exchange = bench.ask(same)
+    if exchange.sign != ACK:
+        return str(exchange)
+    reply, strays = bench.talk.hear_packet(glance_s(bench))
+    if reply is None and not strays:
+        return 0
+    bench.talk.send(ACK)
+    bench.talk.settle()
+    return 1 if reply is not None and not strays else codec.explain(strays)
+
+
+@probe(safety="stored", needs=NAMED, switch="data_address_stride")
+def data_address_stride_of_a_mark(bench: Bench) -> Outcome:
+    """Where in BREAD of A a value is that DWRITE has put at A+4."""
+    address = block_of_variables(bench)
+    other = address + SAFE_STRIDE
+    before = bench.read_block(address)
+    mark = next(one for one in (MARK, OTHER, MARK ^ OTHER) if one not in before)
+    bench.write(other, mark)
+    after = bench.read_block(address)
+    if after.count(mark) != 1:
+        return f"{mark} {after.count(mark)} times in the block"
+    place = after.index(mark)
+    return PLACES.get(place, f"it is value {place + 1}")
+
+
+@probe(safety="stored", needs=NAMED, switch="invalid_unit")
+def invalid_unit_obeyed(bench: Bench) -> Outcome:
+    """DWRITE with unit 0, and what is then read there."""
+    others = [Bench(bench.session, unit) for unit in bench.session.neighbours]
+    if others and not bench.target.is_builtin:
+        bench.session.skip("a write to all would reach the neighbours too")
+    address = variable(bench)
+    before = bench.read(address)
+    kept = [other.read(address) for other in others]
+    mark = MARK if before != MARK else OTHER
+    drawn = drawn_by(bench, codec.packet(0, codec.dwrite(address, mark)))
+    is_written = bench.read(address) == mark
+    for other, value in zip(others, kept, strict=True):
+        other.write(address, value)
+    if others:  # one that hunts for packets in others' (MSC-AMB-14) may have begun to read one
+        bench.talk.settle()
+    if drawn is not Drawn.SILENCE:
+        bench.session.skip(f"on this line unit 0 draws {drawn.value}")
+    return 2 if is_written else 0
+
+
+PROBES: Final = tuple(one for one in vars().values() if isinstance(one, Probe))

@@ -1,0 +1,167 @@
+"""What probes of an MSC unit share: replies kept without an answer, refused, or waited for; what an
+odd packet draws; measured times as readings."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Final
+
+from axistwin_conformance.core.probing import Measured
+from axistwin_conformance.families.msc import codec
+from axistwin_conformance.families.msc.client import QUIET_S
+from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, Packet
+from axistwin_conformance.families.msc.controller import BenchProgram
+from axistwin_conformance.families.msc.driver import Bench
+from axistwin_conformance.families.msc.link import LIMITS, Link
+
+MS: Final = 1_000_000
+LONGEST_S: Final = 10.0  # a time-out of a unit that has not run out by then counts as none
+MOST_REFUSED: Final = 8  # NAKs: more than any unit repeats for
+LINE_SLACK_NS: Final = 5 * MS  # what a serial adapter and its driver may add to a time
+BUSY_NS: Final = 20 * MS  # what they may add on a busy host, or by an adapter that collects bytes
+COARSE_MS: Final = 20  # a time measured on a real line is told in steps of so many
+
+
+class Drawn(StrEnum):
+    """What one packet has drawn, all told."""
+
+    SILENCE = "nothing"
+    NAK = "NAK"
+    ACK = "ACK alone"
+    REPLY = "ACK and a reply"
+    OTHER = "something else"
+
+
+Answer = tuple[Drawn, Packet | None]  # what came, and the reply if that was one
+
+
+def answer_to(bench: Bench, raw: bytes, timeout_s: float | None = None) -> Answer:
+    """Send a packet that this unit need not serve, once; what it draws is taken to its end.
+
+    `timeout_s`: until the sign comes.
+    """
+    bench.target.drain()
+    bench.talk.send(raw)
+    return answer_now(bench, bench.talk.limit_s(len(raw)) if timeout_s is None else timeout_s)
+
+
+def answer_now(bench: Bench, timeout_s: float) -> Answer:
+    """The answer to what was sent last."""
+    sign = bench.talk.hear(1, timeout_s)
+    if sign == ACK:
+        reply, strays = bench.talk.hear_packet()
+        if reply is not None or strays:
+            bench.talk.send(ACK)
+            return (Drawn.REPLY, reply) if reply is not None and not strays else (Drawn.OTHER, None)
+        return Drawn.ACK, None
+    if sign in (b"", NAK):
+        return Drawn.NAK if sign else Drawn.SILENCE, None
+    bench.talk.listen(glance_s(bench))
+    bench.talk.send(ACK)
+    return Drawn.OTHER, None
+
+
+def drawn_by(bench: Bench, raw: bytes) -> Drawn:
+    """What a packet draws that this unit need not serve."""
+    return answer_to(bench, raw)[0]
+
+
+def glance_s(bench: Bench) -> float:
+    """How long to listen for what a unit sends at once, as far as it is known how long it takes."""
+    delay_s = int(bench.session.reading("reply_delay_ms")) / 1000
+    spare_ns = bench.target.line_ns
+    return QUIET_S + delay_s + spare_ns / 1e9
+
+
+def unanswered(bench: Bench, body: bytes = RQSTAT) -> tuple[Packet, int]:
+    """Ask and keep our answer to the reply back; the reply, and when it was over (ns)."""
+    exchange = bench.ask(body, answer=None)
+    bench.session.step(exchange.is_acked and exchange.reply is not None, "a reply", exchange)
+    assert exchange.reply is not None, "the step above has seen to it"
+    return exchange.reply, exchange.replied_ns
+
+
+def repeat_at_once(bench: Bench) -> bool:
+    """True if the unit now sends more than a sign on its own, before T2 could make it do so."""
+    again, strays = bench.talk.hear_packet(min(glance_s(bench), bench.ack_timeout_s / 2))
+    if strays:  # of several units that talk at once nothing can be read
+        bench.talk.listen(glance_s(bench))
+    return again is not None or bool(strays.strip(ACK + NAK))
+
+
+def refusals(bench: Bench) -> int:
+    """How many packets NAKs draw, one after another, until one draws none; then it is idle."""
+    for count in range(MOST_REFUSED):
+        bench.talk.send(NAK)
+        if not repeat_at_once(bench):
+            return count
+    bench.talk.send(ACK)
+    return MOST_REFUSED
+
+
+def down_to_the_last(bench: Bench) -> int:
+    """Ask, and refuse the reply until it will be repeated but once; when the last one was over."""
+    _, over_ns = unanswered(bench)
+    for _ in range(LIMITS[bench.session.reading("retransmit_limit")] - 1):
+        bench.talk.send(NAK)
+        bench.session.step(repeat_at_once(bench), "the reply again", "nothing")
+        over_ns = bench.target.now_ns
+    return over_ns
+
+
+def is_waiting(bench: Bench) -> bool | None:
+    """Whether a unit that has one repeat left still waits for our answer; None: it sends its last
+    reply again to any NAK, so that this tells nothing (MSC-AMB-29).  Afterwards it is idle."""
+    count = refusals(bench)
+    return None if count == 1 and bench.session.reading("stray_nak") != "ignore" else count == 1
+
+
+def default_of(bench: Bench, switch: str) -> int:
+    """The default of a switch whose reading is a number."""
+    return int(bench.session.run.ledger.ambiguity_of(switch).default_of(switch))
+
+
+def in_ms(
+    bench: Bench, measured_ns: int, switch: str, *, is_from_sending: bool = False
+) -> Measured:
+    """A time as the reading of a switch: exact where time is, else the default if it may be that,
+    and in steps that the line does not blur.
+
+    `is_from_sending`: it was measured from something sent to something heard, so that the way there
+    and back is in it; from one thing heard to another there is only what the way varies by.
+    """
+    ms = max(0, round(measured_ns / MS))
+    target = bench.target
+    if target.is_virtual and target.is_lossless:
+        return Measured(str(ms))
+    default = default_of(bench, switch)
+    over_ns = measured_ns - default * MS
+    trip = target.round_trip
+    jitter_ns = trip.max_ns - trip.median_ns
+    longer_ns = trip.way_ns if is_from_sending else jitter_ns
+    if -jitter_ns - BUSY_NS <= over_ns <= longer_ns + BUSY_NS:
+        return Measured(str(default))
+    return Measured(str(max(1, round(ms / COARSE_MS)) * COARSE_MS))
+
+
+def variable(bench: Bench) -> int:
+    """The address of one of the named variables; skips without one."""
+    return Link(bench.session).spot()
+
+
+def block_of_variables(bench: Bench) -> int:
+    """Where a whole block of the named variables begins: none is read beyond what was named.  Skips
+    if there is none."""
+    return Link(bench.session).block_spot()
+
+
+def odd_packet(bench: Bench, body: bytes) -> bytes:
+    """A packet whose header, length and checksum are right, whatever its body."""
+    return codec.packet(bench.unit, body)
+
+
+def running_program(bench: Bench) -> BenchProgram:
+    """The bench program; skips if it stands still."""
+    program = BenchProgram(bench.session)
+    program.must_run()
+    return program
