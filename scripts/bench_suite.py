@@ -32,22 +32,22 @@ from typing import Any
 
 import psutil
 
-from axistwin_conformance.asked import usable_cores
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.events import Event, StatesCovered
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.write_budget import WriteBudget
-from axistwin_conformance.catalog import find_family
 from axistwin_conformance.core.session import Envelope, Run, Session
 from axistwin_conformance.engine.jobs import Jobs
 from axistwin_conformance.engine.result import CheckResult
+from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.families.mac.axis.checks import machines, sequences
 from axistwin_conformance.families.mac.axis.sequences.machine import AxisMachine
 from axistwin_conformance.families.mac.axis.sequences.machine_devices import Judged, Trivial
 from axistwin_conformance.families.mac.axis.sequences.runner import Player
 from axistwin_conformance.families.mac.axis.sequences.sequence import BYTES_PER_OPERATION
 from axistwin_conformance.families.mac.serial import codec
+from axistwin_conformance.options import usable_cores
 from axistwin_conformance.sequences import machine
 from axistwin_conformance.transport.serial import Target, open_target
 

@@ -20,15 +20,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from axistwin_conformance.asked import make_options as make_options
-from axistwin_conformance.asked import parse_allowed as parse_allowed
-from axistwin_conformance.asked import usable_cores
 from axistwin_conformance.base import interrupts
 from axistwin_conformance.base.classes import FULL, LEVELS
 from axistwin_conformance.base.errors import UsageError, with_article
 from axistwin_conformance.base.write_budget import DEFAULT_BUDGET
-from axistwin_conformance.catalog import families
-from axistwin_conformance.given import Word, WordPath, refuse_lost
+from axistwin_conformance.cli_types import Word, WordPath, refuse_lost
+from axistwin_conformance.families.catalog import families
+from axistwin_conformance.options import make_options as make_options
+from axistwin_conformance.options import parse_allowed as parse_allowed
+from axistwin_conformance.options import usable_cores
 
 if TYPE_CHECKING:
     from axistwin_conformance.base.events import Event, Listener

@@ -21,9 +21,9 @@ from axistwin_conformance.base.errors import Disturbed
 from axistwin_conformance.base.events import Event, FailureStored
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
-from axistwin_conformance.catalog import find_family
 from axistwin_conformance.cli import conform
 from axistwin_conformance.core.session import Envelope, Run, Session, Stop
+from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.families.mac.axis.checks.machines import (
     some_runs_of_the_machine_agree_with_the_model as some_runs,
 )

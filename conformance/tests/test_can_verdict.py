@@ -11,8 +11,8 @@ from click.testing import CliRunner
 
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.ledger import load_ledger
-from axistwin_conformance.catalog import find_family
 from axistwin_conformance.cli import conform
+from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.transport.can import CanTarget
 from axistwin_conformance.transport.can_frame import Frame
 

@@ -18,11 +18,11 @@ from click.testing import CliRunner, Result
 from family_variants import vary
 from rich.console import Console
 
-from axistwin_conformance import catalog
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.cli import Mistake, conform, make_options, parse_allowed
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.engine.run import Engine
+from axistwin_conformance.families import catalog
 from axistwin_conformance.report.terminal import TerminalReport
 from axistwin_conformance.transport.serial import Target
 

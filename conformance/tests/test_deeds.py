@@ -9,10 +9,10 @@ import pytest
 from click.testing import CliRunner
 
 from axistwin_conformance.base.classes import SAFETY_CLASSES
-from axistwin_conformance.catalog import find_family
 from axistwin_conformance.cli import conform, make_options
 from axistwin_conformance.engine.impact import Deed, deeds
 from axistwin_conformance.engine.run import Engine
+from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.families.mac.axis.exchanges import COMMAND_NAMES
 from axistwin_conformance.families.mac.axis.safety import SAFETY_OF
 

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from axistwin_conformance.catalog import find_family
 from axistwin_conformance.cli import conform
+from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.transport.serial import Target
 
 TWIN = "axistwin://mac23:0,mac23:1?time=virtual"

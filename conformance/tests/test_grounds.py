@@ -10,12 +10,12 @@ from click.testing import CliRunner
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.base.errors import UsageError
-from axistwin_conformance.catalog import find_family
 from axistwin_conformance.cli import conform, make_options
 from axistwin_conformance.core.identity import NO_GROUNDS, Grounds
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.engine.plan import Options
 from axistwin_conformance.engine.run import Engine
+from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.transport.rig import OF_A_CONTROLLER, CommandRig, TwinRig, in_words
 from axistwin_conformance.transport.serial import Target, open_target
 

@@ -15,18 +15,18 @@ from dataclasses import dataclass, field, replace
 import psutil
 import pytest
 
-from axistwin_conformance.asked import make_options
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.events import Event, Outcome, StatesCovered
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
-from axistwin_conformance.catalog import find_family
 from axistwin_conformance.core.session import Envelope, Run, Session
 from axistwin_conformance.engine.attempts import Attempts
 from axistwin_conformance.engine.jobs import Jobs, Place, judge
 from axistwin_conformance.engine.result import CheckResult
 from axistwin_conformance.engine.run import Engine
+from axistwin_conformance.families.catalog import find_family
+from axistwin_conformance.options import make_options
 
 FAMILY = find_family("mac23")
 DRAWN = "some_mixed_sequences_agree_with_the_model"

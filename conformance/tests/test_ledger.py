@@ -9,7 +9,7 @@ import pytest
 
 from axistwin_conformance.base import ledger as ledger_module
 from axistwin_conformance.base.ledger import Kind, load_ledger, parse_ledger
-from axistwin_conformance.catalog import families
+from axistwin_conformance.families.catalog import families
 
 LEDGERS = sorted({family.name for family in families()} | {"mac_can"})
 # How many requirements each chapter of the CAN ledger has.

@@ -14,9 +14,9 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.base.ledger import load_ledger
-from axistwin_conformance.catalog import families, find_family
 from axistwin_conformance.core.family import Family
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.catalog import families, find_family
 
 
 def documented(session: Session) -> None:

@@ -9,12 +9,12 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from axistwin_conformance.asked import make_options
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.engine import run as engine_module
 from axistwin_conformance.engine.eta import Pace
 from axistwin_conformance.engine.run import Engine
+from axistwin_conformance.options import make_options
 from axistwin_conformance.report import terminal
 from axistwin_conformance.report.terminal import TerminalReport
 

@@ -16,11 +16,11 @@ from axistwin_conformance.base.check import CAPABILITIES
 from axistwin_conformance.base.errors import CannotDo, RigError, UsageError
 from axistwin_conformance.base.events import CheckFinished, Outcome, RigQuestion
 from axistwin_conformance.base.verdicts import Verdict
-from axistwin_conformance.catalog import find_family
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
+from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.transport import rig as rig_module
 from axistwin_conformance.transport.rig import (
     INPUTS,

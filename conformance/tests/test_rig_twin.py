@@ -9,9 +9,9 @@ import pytest
 
 from axistwin_conformance.base.events import CheckFinished, Event
 from axistwin_conformance.base.verdicts import Verdict
-from axistwin_conformance.catalog import find_family
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.run import Engine
+from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.transport.rig import OF_AN_AXIS, Act, Rig, RigChoice, TwinRig
 from axistwin_conformance.transport.transport import Carrier
 

@@ -13,10 +13,10 @@ from bus_in_front import BITRATE, twin_bus
 from lying_bus import Liar, Turn, as_it_is
 
 from axistwin_conformance.base.verdicts import Finding, Verdict
-from axistwin_conformance.catalog import find_family
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
+from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.families.mac.can import codec as can_codec
 from axistwin_conformance.transport.can import CanTarget
 from axistwin_conformance.transport.can_frame import Frame

@@ -17,7 +17,6 @@ from typing import Any
 import pytest
 from zoo.motion import a_move_is_relative
 
-from axistwin_conformance.asked import make_options
 from axistwin_conformance.base import interrupts
 from axistwin_conformance.base.errors import TargetError
 from axistwin_conformance.base.ledger import load_ledger
@@ -28,6 +27,7 @@ from axistwin_conformance.families.mac.axis.driver.motion import bench_of
 from axistwin_conformance.families.mac.axis.probes import sync
 from axistwin_conformance.families.mac.can import collect_replies
 from axistwin_conformance.families.mac.serial import codec
+from axistwin_conformance.options import make_options
 from axistwin_conformance.transport.can import Arrival
 from axistwin_conformance.transport.can_frame import Frame
 

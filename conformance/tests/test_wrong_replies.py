@@ -12,11 +12,11 @@ from port_in_front import PortInFront
 
 from axistwin_conformance.base.events import Outcome
 from axistwin_conformance.base.verdicts import Verdict
-from axistwin_conformance.catalog import find_family
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.core.session import Envelope, Run, Session
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
+from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.families.mac.serial.diagnosis import diagnose
 from axistwin_conformance.transport.serial import TWIN_HANDLER, Target

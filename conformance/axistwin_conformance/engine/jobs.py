@@ -32,13 +32,13 @@ from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.base.write_budget import WriteBudget
-from axistwin_conformance.catalog import find_family
 from axistwin_conformance.core.family import Family
 from axistwin_conformance.core.identity import Grounds, Identity
 from axistwin_conformance.core.profile import Detection
 from axistwin_conformance.core.session import Envelope, Run, Session
 from axistwin_conformance.engine.attempts import Attempts, describe
 from axistwin_conformance.engine.result import CheckResult
+from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.transport.transport import RoundTrip
 
 WRONG = (Verdict.FAIL, Verdict.INCONCLUSIVE)

@@ -140,7 +140,7 @@ def render(report: Report) -> str:
 @cache
 def _template() -> jinja2.Template:
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("axistwin_conformance"),
+        loader=jinja2.PackageLoader("axistwin_conformance.report"),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,

@@ -12,10 +12,10 @@ from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.events import CheckFinished, Event, Outcome
 from axistwin_conformance.base.ledger import Ledger
 from axistwin_conformance.base.verdicts import Verdict
-from axistwin_conformance.catalog import find_family
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
+from axistwin_conformance.families.catalog import find_family
 from zoo.mutant import Mutant
 
 # What is random comes last: it names nearly everything and costs more than all the others.

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 from axistwin_conformance.base.classes import FULL, SAFETY_CLASSES, SOAK
 from axistwin_conformance.base.errors import UsageError, with_article
 from axistwin_conformance.base.write_budget import DEFAULT_BUDGET
-from axistwin_conformance.catalog import find_family
 from axistwin_conformance.core.family import Family
 from axistwin_conformance.core.identity import NO_GROUNDS, Grounds
+from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.transport.kinds import choose_endpoint
 from axistwin_conformance.transport.transport import is_twin_url
 
