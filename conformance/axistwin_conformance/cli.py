@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import io
+import json
 import os
 import re
 import shlex
@@ -438,11 +439,12 @@ def _write_profile(engine: Engine, path: Path, is_json: bool) -> None:
 
 def _compare(old: Path, new: Path, is_json: bool, model: str | None) -> int:
     """Tell what changed between two reports; 1 if anything got worse."""
-    from axistwin_conformance.report import compare, json, terminal
+    from axistwin_conformance.report import compare, terminal
+    from axistwin_conformance.report import json as report_json
 
     if model is not None:
         raise UsageError(f"--compare runs nothing: leave out {model!r}")
-    before, after = json.load(old), json.load(new)
+    before, after = report_json.load(old), report_json.load(new)
     found = compare.changes(before, after)
     notes = compare.circumstances(before, after)
     if is_json:
@@ -454,11 +456,12 @@ def _compare(old: Path, new: Path, is_json: bool, model: str | None) -> int:
 
 def _show(engine: Engine, is_list: bool, is_json: bool) -> int:
     """Show requirements or the plan; runs nothing."""
-    from axistwin_conformance.report import json, terminal
+    from axistwin_conformance.report import json as report_json
+    from axistwin_conformance.report import terminal
 
     plan = engine.plan()
     if is_json:
-        click.echo(json.overview(engine.ledger, plan, engine.options))
+        click.echo(report_json.overview(engine.ledger, plan, engine.options))
     elif is_list:
         checks = engine.family.checks()
         terminal.print_ledger(terminal.make_console(), engine.ledger, plan.requirements, checks)
@@ -469,7 +472,8 @@ def _show(engine: Engine, is_list: bool, is_json: bool) -> int:
 
 def _run(engine: Engine, is_json: bool, report: Path | None) -> int:
     from axistwin_conformance.engine.eta import Pace, weigh
-    from axistwin_conformance.report import json, terminal
+    from axistwin_conformance.report import json as report_json
+    from axistwin_conformance.report import terminal
     from axistwin_conformance.report.folder import ReportFolder, past_seconds
 
     explain, spell = engine.family.explain, engine.family.way.spell
@@ -479,19 +483,19 @@ def _run(engine: Engine, is_json: bool, report: Path | None) -> int:
         with _report_trouble():  # before a long run, not after it
             folder = ReportFolder(report, explain, spell)
     with contextlib.ExitStack() as stack:
-        terminal: Listener
+        shown: Listener
         if is_json:
-            terminal = json.JsonStream(sys.stdout, explain, spell)
+            shown = report_json.JsonStream(sys.stdout, explain, spell)
         else:
             console = terminal.make_console()
             duration_s = engine.options.duration_s or 0.0
             pace = Pace(weigh(engine.plan()), past, afterwards_s=duration_s)
-            terminal = stack.enter_context(
+            shown = stack.enter_context(
                 terminal.TerminalReport(
                     console, engine.ledger, explain, pace, engine.options.report, spell
                 )
             )
-        readers = _Readers(folder, terminal)
+        readers = _Readers(folder, shown)
         result = engine.run(readers)
     status = result.exit_status
     if folder is not None and not _is_finished(folder, is_json) and status in VERDICTS:

@@ -25,6 +25,7 @@ from axistwin_conformance.core.family import Family
 from axistwin_conformance.core.identity import Identity, Model
 from axistwin_conformance.core.probing import Probe, Seen
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.engine import device_guard
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine, Envelope, Options
 from axistwin_conformance.report import json
@@ -164,7 +165,7 @@ class Toy:
         self.port: ToyPort = VirtualToyPort()
         self.opened: list[tuple[int, ...]] = []
         self.events: list[Event] = []
-        self.family: Family = vary(ToyFamily(), modules=(module.__name__,))
+        self.family: Family = vary(ToyFamily(), modules=(module.__name__,), probe_modules=())
 
     def add(self, function: Callable[[Session], None], *ids: str, **declared: Any) -> Check:
         """Declare a function as a check of the toy family."""
@@ -216,7 +217,7 @@ def toy(monkeypatch: pytest.MonkeyPatch) -> Toy:
     """A toy bench without checks."""
     module = types.ModuleType("toy_checks")
     monkeypatch.setitem(sys.modules, "toy_checks", module)
-    monkeypatch.setattr(keeper, "SANITY_PAUSES_S", (0.0,))
+    monkeypatch.setattr(device_guard, "SANITY_PAUSES_S", (0.0,))
     return Toy(module)
 
 

@@ -27,7 +27,8 @@ from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
-from axistwin_conformance.transport import serial
+from axistwin_conformance.transport import serial as serial_transport
+from axistwin_conformance.transport import transport
 from axistwin_conformance.transport.serial import TWIN_HANDLER, Target
 
 MS = 1_000_000
@@ -270,8 +271,8 @@ def real_time_of() -> Iterator[WorldTime]:
     """What the suite takes for the machine's clock is the world's."""
     world = WorldTime()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(carrier, "time", world)
-        patch.setattr(targets, "time", world)
+        patch.setattr(transport, "time", world)
+        patch.setattr(serial_transport, "time", world)
         yield world
 
 

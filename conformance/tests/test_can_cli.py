@@ -18,7 +18,8 @@ from axistwin_conformance.base.events import Event
 from axistwin_conformance.cli import conform, make_options
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families.mac.can import codec
-from axistwin_conformance.report import html, json, junit
+from axistwin_conformance.report import html, junit
+from axistwin_conformance.report import json as report_json
 from axistwin_conformance.report.terminal import TerminalReport
 from axistwin_conformance.transport.can import CanTarget
 from axistwin_conformance.transport.kinds import BUS
@@ -214,7 +215,9 @@ def failed() -> tuple[Engine, list[Event]]:
 def report_of(engine: Engine, told: list[Event]) -> Any:
     """The report of a run."""
     family = engine.family
-    return json.fold(json.event_object(one, family.explain, family.way.spell) for one in told)
+    return report_json.fold(
+        report_json.event_object(one, family.explain, family.way.spell) for one in told
+    )
 
 
 def test_reports_show_frames_with_their_identifiers(failed: tuple[Engine, list[Event]]) -> None:
@@ -230,14 +233,14 @@ def test_reports_show_frames_with_their_identifiers(failed: tuple[Engine, list[E
     assert {"601#4004200000000000"} <= {one["data"] for one in records}
     assert any(one["data"].startswith("581#42042000000007") for one in records)
     assert any("answer 2004h" in one["decoded"] for one in records)
-    page, junit = html.render(report), junit.junit(report)
-    for text in (page, junit):
+    page, xml = html.render(report), junit.junit(report)
+    for text in (page, xml):
         assert "601#4004200000000000" in text
         assert "125000" in text
     assert "<dt>Interface</dt>" in page
     assert "1, 125000 bit/s; neighbour 2" in page
-    assert '<property name="carrier" value="bus" />' in junit
-    assert 'name="baud"' not in junit
+    assert '<property name="carrier" value="bus" />' in xml
+    assert 'name="baud"' not in xml
 
 
 def test_the_terminal_says_bus_rate_and_frames(failed: tuple[Engine, list[Event]]) -> None:

@@ -17,7 +17,7 @@ from scripted_bus import ScriptedPeer, VirtualBus
 from axistwin_conformance.base.errors import OutsideEnvelope, TargetError, TwinCrashed, UsageError
 from axistwin_conformance.base.transcript import Direction
 from axistwin_conformance.families.mac.can.codec import is_spontaneous
-from axistwin_conformance.transport import can
+from axistwin_conformance.transport import can as can_transport
 from axistwin_conformance.transport.can import CanTarget, any_frame, open_can_target, split_words
 from axistwin_conformance.transport.can_frame import Frame, unpack
 
@@ -163,7 +163,7 @@ def test_frames_that_are_not_wanted_wait_for_who_wants_them() -> None:
 
 def test_a_frame_is_found_among_more_than_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     """The oldest of what nobody wants falls out; what comes last is still seen."""
-    monkeypatch.setattr(can_target, "FRAMES_KEPT", 3)
+    monkeypatch.setattr(can_transport, "FRAMES_KEPT", 3)
     target = virtual(lambda frame: [*(Frame(0x100 + one) for one in range(5)), ANSWER])
     target.send(ASK)
     assert target.receive(is_answer, 1.0) is not None

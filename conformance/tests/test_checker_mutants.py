@@ -70,7 +70,7 @@ def _ramp(patch: Patch, change: Callable[[tuple[Run, ...]], Iterable[Run]]) -> N
         runs = ramp(*args)
         return tuple(change(runs)) if runs else ()
 
-    patch.setattr(motion, "ramp", made)
+    patch.setattr(kinematics, "ramp", made)
 
 
 @fault("moves_take_the_time_of_the_closed_form", "MACS-CMD-13-01")
@@ -93,7 +93,7 @@ def the_ramp_has_levels_of_equal_length(patch: Patch) -> None:
 @fault("moves_take_the_time_of_the_closed_form", "MACS-CMD-13-01")
 def the_ramp_has_fifteen_levels(patch: Patch) -> None:
     """Level k runs at k/15 of the full speed."""
-    patch.setattr(motion, "RAMP_LEVELS", 15)
+    patch.setattr(kinematics, "RAMP_LEVELS", 15)
 
 
 @fault("segments_run_at_their_own_constant_speed", "MACS-CMD-16-01")
@@ -159,7 +159,7 @@ def the_bits_of_both_stops_are_exchanged(patch: Patch) -> None:
 
     one, other = stops.SIDES
     swapped = (replace(one, bit=other.bit), replace(other, bit=one.bit))
-    patch.setattr(checks_stops, "SIDES", swapped)
+    patch.setattr(stops, "SIDES", swapped)
 
 
 @fault("supply_and_temperature_have_the_model_s_scale", "MACS-Q-27-01")
@@ -175,4 +175,4 @@ FAULTS = faults_in(globals())
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_wrong_checker_turns_a_healthy_twin_red(name: str) -> None:
     """The prediction that was tampered with no longer holds, and the check says so."""
-    judge_red(FAULTS[name], "mac23", (codec, family, forecast, keeping, motion))
+    judge_red(FAULTS[name], "mac23", (codec, family, forecast, snapshot, kinematics))

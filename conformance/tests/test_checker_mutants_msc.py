@@ -10,7 +10,7 @@ import pytest
 from checker_faults import Patch, fault, faults_in, judge_red
 
 from axistwin_conformance.families.msc import codec, driver, link, model
-from axistwin_conformance.families.msc.checks import golden
+from axistwin_conformance.families.msc.checks import golden, rig
 from axistwin_conformance.families.msc.link import Link, Window
 from axistwin_conformance.families.msc.model import UnitModel
 
@@ -51,8 +51,8 @@ def a_written_exchange_is_misprinted(patch: Patch) -> None:
         return (who, data[:-3] + bytes([data[-3] ^ 1]) + data[-2:]) if is_reply else said
 
     turned = tuple(replace(one, said=tuple(map(spoilt, one.said))) for one in written)
-    patch.setattr(checks_golden, "golden_exchanges", lambda: turned)
-    patch.setattr(checks_golden, "STATUS_AT", slice(7, 15))
+    patch.setattr(golden, "golden_exchanges", lambda: turned)
+    patch.setattr(golden, "STATUS_AT", slice(7, 15))
 
 
 # --- link ----------------------------------------------------------------------------------------
@@ -118,7 +118,7 @@ def a_state_is_expected_in_one_byte(patch: Patch) -> None:
 @fault("bit_0_is_the_program", "MSC-STA-01")
 def bit_1_is_expected_to_be_the_program(patch: Patch) -> None:
     """The suite counts the bits of the status word from 1."""
-    patch.setattr(checks_rig, "RUNNING", 2)
+    patch.setattr(rig, "RUNNING", 2)
 
 
 @fault("some_mixed_sequences_agree_with_the_model", "MSC-PROP-08", "MSC-PROP-09")
@@ -150,4 +150,4 @@ FAULTS = faults_in(globals())
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_wrong_checker_turns_a_healthy_twin_red(name: str) -> None:
     """The prediction that was tampered with no longer holds, and the check says so."""
-    judge_red(FAULTS[name], MODEL, (bench, checks_golden, codec, link, model))
+    judge_red(FAULTS[name], MODEL, (driver, golden, codec, link, model))

@@ -9,7 +9,6 @@ import os
 import signal
 import subprocess
 import sys
-import types
 from pathlib import Path
 from typing import Any
 
@@ -57,10 +56,8 @@ def bench(toy: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
         toy.opened.append((url, rate, is_builtin))
         return Target(toy.port, url, is_builtin=is_builtin)
 
-    package = types.ModuleType("toy_family")
-    vars(package)["FAMILY"] = vary(toy.family, open=open_toy)
-    monkeypatch.setitem(sys.modules, "toy_family", package)
-    monkeypatch.setattr(catalog, "FAMILY_PACKAGES", ("toy_family", *catalog.FAMILY_PACKAGES))
+    known = (*catalog.families(), vary(toy.family, open=open_toy))
+    monkeypatch.setattr(catalog, "families", lambda: known)
     toy.add(answers, LINE)
     toy.add(moves, MOVE, safety="motion")
     return toy

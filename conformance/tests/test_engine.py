@@ -13,6 +13,7 @@ from axistwin_conformance.base.events import Outcome
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.core.probing import Seen
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.engine import device_guard
 from axistwin_conformance.engine import run as engine_module
 from axistwin_conformance.engine.result import RequirementResult
 
@@ -413,7 +414,7 @@ def test_a_port_that_vanishes_becomes_verdicts(toy: Any) -> None:
 
 def test_a_deaf_device_is_waited_for(toy: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """A module that re-initialises is silent for 2 s and is not lost."""
-    monkeypatch.setattr(keeper, "SANITY_PAUSES_S", (0.0, 1.0, 1.5))
+    monkeypatch.setattr(device_guard, "SANITY_PAUSES_S", (0.0, 1.0, 1.5))
     original = toy.port.pass_time
 
     def pass_time(duration_ns: int) -> None:

@@ -319,7 +319,7 @@ def test_on_a_noisy_line_once_more_is_not_enough() -> None:
 
 def test_shrinking_on_the_device_ends_with_its_budget(monkeypatch: pytest.MonkeyPatch) -> None:
     """Which is named; what was reached by then is what fails."""
-    monkeypatch.setattr(failures, "LINE_BUDGET", Budget(40, 1000.0))
+    monkeypatch.setattr(failure, "LINE_BUDGET", Budget(40, 1000.0))
     case = Case(Device(always()))
     counted = counting(case.player)
     case.settle()

@@ -17,6 +17,7 @@ from axistwin_conformance.base.events import Event, FailureStored
 from axistwin_conformance.base.recording import Recording, load_recording
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.run import Engine
+from axistwin_conformance.sequences import failure
 from axistwin_conformance.sequences.shrink import Budget
 
 ONE = Recording(
@@ -67,7 +68,7 @@ def test_each_operation_of_a_machines_run_is_told_in_words(
     monkeypatch: pytest.MonkeyPatch, model: str, fault: Mutant
 ) -> None:
     """Also of a run as it was found, which nobody has made shorter."""
-    monkeypatch.setattr(failures, "TWIN_BUDGET", Budget(operations=0, seconds=0.0))
+    monkeypatch.setattr(failure, "TWIN_BUDGET", Budget(operations=0, seconds=0.0))
     told: list[Event] = []
     ids = ("some_runs_of_the_machine_agree_with_the_model",)
     with fault.plant():

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import conform
-from axistwin_conformance.report import json
+from axistwin_conformance.report import json as report_json
 from axistwin_conformance.report.compare import (
     BEST_FIRST,
     Change,
@@ -47,7 +47,7 @@ def compare(tmp_path: Path, old: Report, new: Report, *more: str) -> Result:
     """Type the command."""
     paths = [tmp_path / "old.json", tmp_path / "new.json"]
     for path, report in zip(paths, (old, new), strict=True):
-        path.write_text(json.to_text(report))
+        path.write_text(report_json.to_text(report))
     return CliRunner().invoke(conform, ["--compare", *map(str, paths), *more])
 
 

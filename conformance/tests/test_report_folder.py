@@ -14,7 +14,7 @@ from click.testing import CliRunner, Result
 from axistwin_conformance.base import interrupts
 from axistwin_conformance.cli import conform
 from axistwin_conformance.families.mac.serial.family import FAMILY
-from axistwin_conformance.report import terminal
+from axistwin_conformance.report import html, terminal
 from axistwin_conformance.report.folder import ReportFolder
 
 ALL = {"report.html", "report.json", "junit.xml", "events.jsonl"}
@@ -60,7 +60,7 @@ def test_a_folder_that_another_run_fills_is_refused_before_anything_is_done(
 @pytest.mark.parametrize("number", interrupts.ENDING, ids=lambda one: one.name)
 @pytest.mark.parametrize(
     ("place", "name"),
-    [(terminal.TerminalReport, "_verdict_table"), (report_html, "render")],
+    [(terminal.TerminalReport, "_verdict_table"), (html, "render")],
     ids=["while the verdicts are told", "while the page is made"],
 )
 def test_an_interrupt_at_the_very_end_loses_no_report(
@@ -121,7 +121,7 @@ def test_whoever_insists_at_the_very_end_is_heard(
             os.kill(os.getpid(), signal.SIGINT)
         raise AssertionError("the second one is heard")
 
-    monkeypatch.setattr(report_html, "render", interrupted)
+    monkeypatch.setattr(html, "render", interrupted)
     result = judge(tmp_path)
     assert isinstance(result.exception, SystemExit | KeyboardInterrupt), result.output
     assert result.exit_code != 0

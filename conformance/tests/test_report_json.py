@@ -16,7 +16,7 @@ from axistwin_conformance.base import events
 from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.cli import conform
-from axistwin_conformance.report import json
+from axistwin_conformance.report import json as report_json
 from axistwin_conformance.report.json import FORMAT, JsonStream, fold, load
 from axistwin_conformance.report.plot import is_inside
 
@@ -95,7 +95,7 @@ def test_every_event_is_a_line_at_once() -> None:
 
 def test_a_record_is_explained_only_if_it_holds_bytes() -> None:
     """A silence is not put into other words."""
-    explained = json.plain(Record(1, Direction.SILENCE, text="nothing"), lambda record: "x")
+    explained = report_json.plain(Record(1, Direction.SILENCE, text="nothing"), lambda record: "x")
     assert explained == {
         "time_ns": 1, "direction": "silence", "data": "", "text": "nothing", "decoded": "",
     }  # fmt: skip
@@ -106,7 +106,7 @@ def test_a_report_and_its_events_load_the_same(wrong_run: Told, tmp_path: Path) 
     lines = tmp_path / "events.jsonl"
     lines.write_text("\n".join(json.dumps(one) for one in wrong_run) + "\n")
     whole = tmp_path / "report.json"
-    whole.write_text(json.to_text(fold(wrong_run)))
+    whole.write_text(report_json.to_text(fold(wrong_run)))
     assert load(lines) == load(whole) == fold(wrong_run)
 
 

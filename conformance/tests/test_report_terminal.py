@@ -60,7 +60,7 @@ def test_a_log_is_told_now_and_then_how_long_it_still_takes(
     past = {"answers": 60.0, "reads_otherwise": 300.0}
     quiet = shown(bench, Pace({"answers": 1, "reads_otherwise": 1}, past))
     assert "… " not in quiet
-    monkeypatch.setattr(report_terminal, "LEFT_TOLD_EVERY_S", 0)
+    monkeypatch.setattr(terminal, "LEFT_TOLD_EVERY_S", 0)
     assert "… " in shown(bench, Pace({"answers": 1, "reads_otherwise": 1}, past))
 
 

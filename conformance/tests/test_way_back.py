@@ -23,6 +23,7 @@ from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.core.session import Envelope, Run, Session
 from axistwin_conformance.engine.run import Engine
+from axistwin_conformance.families.mac.axis.checks import interpolation
 from axistwin_conformance.families.mac.axis.driver.motion import bench_of
 from axistwin_conformance.families.mac.axis.probes import sync
 from axistwin_conformance.families.mac.can import collect_replies
@@ -249,7 +250,7 @@ def test_a_module_that_refuses_segments_for_ever_fails(monkeypatch: pytest.Monke
         exchange = bench.ask(0x20)
         return replace(exchange, reply=codec.parse(b"\x06\x13\x17"))
 
-    monkeypatch.setattr(checks_interpolation, "put", refused)
+    monkeypatch.setattr(interpolation, "put", refused)
     options = make_options(model="mac23", ids=("segments_follow_one_another_without_a_gap",))
     result = Engine(options).run(lambda event: None)
     verdicts = {one.requirement.id: one.verdict for one in result.requirements}

@@ -1,0 +1,1 @@
+"""What every floor uses: errors, verdicts, events, the ledger, checks, transcripts."""

@@ -1,16 +1,19 @@
 """A device family: what the engine must know of a kind of device beside its checks.
 
-A family lists its models, the modules that hold its checks, and the few acts that the engine cannot
-know: how to ask who is there, how to stop, what to remember and put back.
+A family names its models and the few acts that the engine cannot know: how to ask who is there, how
+to stop, what to remember and put back.  Its checks and probes are found in its folder.
 """
 
 from __future__ import annotations
 
+import contextlib
 import importlib
+import pkgutil
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from functools import cached_property
+from typing import Any, ClassVar, TypeVar
 
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.errors import UsageError, with_article
@@ -23,6 +26,8 @@ from axistwin_conformance.core.session import Run, Session
 from axistwin_conformance.transport.kinds import LINE, Way
 from axistwin_conformance.transport.rig import OF_AN_AXIS
 from axistwin_conformance.transport.transport import Carrier, Fence
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +64,6 @@ class Family(ABC):
     has_axis: bool = True
     impact: ClassVar[Mapping[str, str]] = {}
     tried_needs: frozenset[str] = frozenset()
-    modules: tuple[str, ...] = ()
-    probe_modules: tuple[str, ...] = ()
     replay_module: str = ""
     operation_bytes: int = 0
 
@@ -142,20 +145,51 @@ class Family(ABC):
 
     # --- its checks and probes -------------------------------------------------------------------
 
+    @cached_property
+    def modules(self) -> tuple[str, ...]:
+        """The modules that hold its checks, in the order of a run (see `_modules`)."""
+        return _modules("checks", self.packages)
+
+    @cached_property
+    def probe_modules(self) -> tuple[str, ...]:
+        """The modules that hold its quirk probes, in the order in which they are asked: what later
+        probes rest on comes first."""
+        return _modules("probes", self.packages)
+
+    @property
+    def packages(self) -> tuple[str, ...]:
+        """The packages in which its `checks` and `probes` are; its own, and any it shares."""
+        return (type(self).__module__.rpartition(".")[0],)
+
+    def checks(self) -> tuple[Check, ...]:
+        """The family's checks, in the order of its modules and of their text.
+
+        Raises TypeError if two checks share a name (a name selects and replays exactly one), or
+        if one names a requirement that no ledger has.
+        """
+        found: dict[str, Check] = {}
+        for check in _found(self.modules, Check, lambda check: check.module):
+            if (own := self._own(check)) is None:
+                continue
+            if own.name in found:
+                raise TypeError(f"two checks are named {own.name}; rename one")
+            found[own.name] = own
+        return tuple(found.values())
+
     def probes(self) -> tuple[Probe, ...]:
-        """The family's quirk probes, in the order in which they have to run, without those that ask
-        what its ledger does not.
+        """The family's quirk probes, in the order of their modules and of their text, without those
+        that ask what its ledger does not.
 
         Raises TypeError if two of them share a name, ValueError for a switch that no ledger has.
         """
         book = load_ledger(self.name)
         found: dict[str, Probe] = {}
-        for name in self.probe_modules:
-            for probe in importlib.import_module(name).PROBES:
-                if not book.asks(probe.switch):
-                    continue
-                if found.setdefault(probe.check.name, probe) is not probe:
-                    raise TypeError(f"two probes are named {probe.check.name}; rename one")
+        for probe in _found(self.probe_modules, Probe, lambda probe: probe.check.module):
+            if not book.asks(probe.switch):
+                continue
+            if probe.check.name in found:
+                raise TypeError(f"two probes are named {probe.check.name}; rename one")
+            found[probe.check.name] = probe
         return tuple(found.values())
 
     def replay_check(self, recording: Recording) -> Check:
@@ -170,25 +204,6 @@ class Family(ABC):
         assert own is not None, "what is recorded of an axis is judged by what covers it here"
         return own
 
-    def checks(self) -> tuple[Check, ...]:
-        """The family's checks, in the order of its modules and of their text.
-
-        Raises TypeError if two checks share a name (a name selects and replays exactly one), or
-        if one names a requirement that no ledger has.
-        """
-        found: dict[str, Check] = {}
-        for module_name in self.modules:
-            module = importlib.import_module(module_name)
-            for candidate in vars(module).values():
-                if not isinstance(candidate, Check) or candidate.module != module_name:
-                    continue
-                if (own := self._own(candidate)) is None:
-                    continue
-                if own.name in found:
-                    raise TypeError(f"two checks are named {own.name}; rename one")
-                found[own.name] = own
-        return tuple(found.values())
-
     def _own(self, check: Check) -> Check | None:
         """A check under this family's names of what it judges; None if it judges nothing here."""
         book = load_ledger(self.name)
@@ -198,3 +213,25 @@ class Family(ABC):
         if names == check.requirements or not names:
             return check if names else None
         return replace(check, requirements=names, shared=check.requirements)
+
+
+def _modules(kind: str, packages: Iterable[str]) -> tuple[str, ...]:
+    """The modules in the folder `kind` of the packages, by their `ORDER` (0: it has none), then
+    by name."""
+    found = []
+    for package in packages:
+        with contextlib.suppress(ModuleNotFoundError):
+            folder = importlib.import_module(f"{package}.{kind}")
+            names = (module.name for module in pkgutil.iter_modules(folder.__path__))
+            found += [importlib.import_module(f"{folder.__name__}.{name}") for name in names]
+    found.sort(key=lambda module: (getattr(module, "ORDER", 0), module.__name__))
+    return tuple(module.__name__ for module in found)
+
+
+def _found(modules: Iterable[str], kind: type[T], home: Callable[[T], str]) -> Iterator[T]:
+    """Everything of a kind that stands in these modules, in the order of their text; not what they
+    have imported."""
+    for name in modules:
+        for candidate in vars(importlib.import_module(name)).values():
+            if isinstance(candidate, kind) and home(candidate) == name:
+                yield candidate

@@ -1,0 +1,1 @@
+"""Runs a plan safely against a device and concludes verdicts."""

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import pkgutil
+from functools import cache
 
+from axistwin_conformance import families as packages
 from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.core.family import Family
 
-FAMILY_PACKAGES = (
-    "axistwin_conformance.mac_serial",
-    "axistwin_conformance.mac_can",
-    "axistwin_conformance.msc",
-)
 
-
+@cache
 def families() -> tuple[Family, ...]:
-    """Return every family the suite knows, each the `FAMILY` of its package."""
-    return tuple(importlib.import_module(f"{name}.family").FAMILY for name in FAMILY_PACKAGES)
+    """Every family the suite knows: the `FAMILY` of each module `family` below this package, by the
+    names of its folders."""
+    found = pkgutil.walk_packages(packages.__path__, f"{packages.__name__}.")
+    names = sorted(module.name for module in found if module.name.endswith(".family"))
+    return tuple(importlib.import_module(name).FAMILY for name in names)
 
 
 def find_family(model: str) -> Family:

@@ -1,0 +1,1 @@
+"""What a run tells: terminal, page, JSON, JUnit, plots, comparison."""

@@ -12,7 +12,8 @@ from typing import Any
 from axistwin_conformance.base import events
 from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.base.recording import FOLDER
-from axistwin_conformance.report import html, json, junit
+from axistwin_conformance.report import html, junit
+from axistwin_conformance.report import json as report_json
 from axistwin_conformance.report.json import Explain, Spell
 from axistwin_conformance.transport.kinds import in_hex
 
@@ -24,7 +25,7 @@ def past_seconds(directory: Path, url: str) -> dict[str, float]:
     try:
         if not (directory / REPORT).is_file():  # a device may have no end
             return {}
-        report = json.load(directory / REPORT)
+        report = report_json.load(directory / REPORT)
         if url not in report["run"]["target"]:
             return {}
         return {check["name"]: float(check["seconds"]) for check in report["checks"]}
@@ -75,7 +76,7 @@ class ReportFolder:
         """Take an event."""
         if isinstance(event, events.FailureStored):
             self._store(event)
-        told = json.event_object(event, self._explain, self._spell)
+        told = report_json.event_object(event, self._explain, self._spell)
         self._told.append(told)
         path = self.directory / EVENTS
         if path in self.lost:
@@ -119,8 +120,8 @@ class ReportFolder:
     def _made(self) -> tuple[Path, ...]:
         if not self._told or self._told[0]["event"] != "run_started":
             return ()  # interrupted before there was anything to be told
-        report = json.fold(self._told)
-        text = json.to_text(report)
+        report = report_json.fold(self._told)
+        text = report_json.to_text(report)
         made = {PAGE: html.render(report), REPORT: text, JUNIT: junit.junit(report)}
         for name in reversed(made):  # the small ones for programs first
             path = self.directory / name

@@ -1,0 +1,1 @@
+"""The ways to a device: a serial line, a CAN bus, and the rig around it."""

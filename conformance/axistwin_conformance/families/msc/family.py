@@ -59,30 +59,6 @@ class Msc(Family):
     tried_needs = frozenset({"flags"})
     replay_module = "axistwin_conformance.families.msc.checks.sequences"
     operation_bytes = 4
-    modules = (
-        "axistwin_conformance.families.msc.checks.packets",
-        "axistwin_conformance.families.msc.checks.link",
-        "axistwin_conformance.families.msc.checks.time",
-        "axistwin_conformance.families.msc.checks.line",
-        "axistwin_conformance.families.msc.checks.wire",
-        "axistwin_conformance.families.msc.checks.commands",
-        "axistwin_conformance.families.msc.checks.data",
-        "axistwin_conformance.families.msc.checks.flags",
-        "axistwin_conformance.families.msc.checks.status",
-        "axistwin_conformance.families.msc.checks.random",
-        "axistwin_conformance.families.msc.checks.golden",
-        "axistwin_conformance.families.msc.checks.sequences",
-        "axistwin_conformance.families.msc.checks.machines",
-        "axistwin_conformance.families.msc.checks.program",
-        "axistwin_conformance.families.msc.checks.bench",
-        "axistwin_conformance.families.msc.checks.rig",
-    )
-    probe_modules = (
-        "axistwin_conformance.families.msc.probes.link",
-        "axistwin_conformance.families.msc.probes.writes",
-        "axistwin_conformance.families.msc.probes.bench",
-        "axistwin_conformance.families.msc.probes.program",
-    )
 
     def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> Target:
         """Open a port at that rate, or at the manual's."""

@@ -18,6 +18,11 @@ class AxisFamily(Family):
     replay_module = "axistwin_conformance.families.mac.axis.checks.sequences"
     operation_bytes = 4
 
+    @property
+    def packages(self) -> tuple[str, ...]:
+        """Its own, and that of the axis."""
+        return (*super().packages, __name__.rpartition(".")[0])
+
     @abstractmethod
     def indices(self, data: bytes) -> Iterable[int]:
         """The index of every command in these bytes that some reading would obey."""

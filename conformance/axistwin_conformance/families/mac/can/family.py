@@ -108,45 +108,6 @@ def _index_of(frame: Frame) -> int | None:
 _BUSES: Final = itertools.count()
 TWIN_BITRATE: Final = 125_000  # of the built-in twin, unless another one is asked for
 
-_CHECKS: Final = (
-    "mac_can.checks_identifiers",
-    "mac_can.checks_transfers",
-    "mac_can.checks_malformed",
-    "mac_can.checks_messages",
-    "mac_can.checks_sync_frames",
-    "mac_axis.checks_queries",
-    "mac_axis.checks_parameters",
-    "mac_axis.checks_acceptance",
-    "mac_axis.checks_motion",
-    "mac_axis.checks_velocity",
-    "mac_axis.checks_interpolation",
-    "mac_axis.checks_sync",
-    "mac_axis.checks_stops",
-    "mac_axis.checks_restart",
-    "mac_axis.checks_together",
-    "mac_axis.checks_sequences",
-    "mac_axis.checks_machines",
-    "mac_axis.checks_rig_inputs",
-    "mac_axis.checks_rig_faults",
-    "mac_axis.checks_rig_load",
-    "mac_axis.checks_rig_power",
-    "mac_can.checks_rig_messages",
-    "mac_can.checks_lmt",
-)
-_PROBES: Final = (
-    "mac_can.probes",
-    "mac_can.probes_messages",
-    "mac_axis.probes_parameters",
-    "mac_axis.probes_running_on",
-    "mac_axis.probes_motion",
-    "mac_can.probes_sync",
-    "mac_axis.probes_sync",
-    "mac_axis.probes_stops",
-    "mac_can.probes_errors",
-    "mac_axis.probes_rig",
-    "mac_can.probes_destructive",
-)
-
 
 class MacCan(AxisFamily):
     """MAC23 on a CAN bus."""
@@ -157,8 +118,6 @@ class MacCan(AxisFamily):
     default_address = 1
     way = BUS
     impact = impact_of_axis("address (LMT)", NOT_ON_CAN)
-    modules = tuple(f"axistwin_conformance.{name}" for name in _CHECKS)
-    probe_modules = tuple(f"axistwin_conformance.{name}" for name in _PROBES)
 
     def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> CanTarget:
         """Open INTERFACE:CHANNEL, at that bit rate if one is given; the built-in twin on a bus of

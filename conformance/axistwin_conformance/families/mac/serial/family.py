@@ -113,40 +113,6 @@ class MacSerial(AxisFamily):
     default_rate = FACTORY_BAUD
     rates = BAUDS
     impact = impact_of_axis("address, rate")
-    modules = (
-        "axistwin_conformance.families.mac.serial.checks.frames",
-        "axistwin_conformance.families.mac.serial.checks.replies",
-        "axistwin_conformance.families.mac.axis.checks.queries",
-        "axistwin_conformance.families.mac.serial.checks.memory",
-        "axistwin_conformance.families.mac.axis.checks.parameters",
-        "axistwin_conformance.families.mac.axis.checks.acceptance",
-        "axistwin_conformance.families.mac.axis.checks.motion",
-        "axistwin_conformance.families.mac.axis.checks.velocity",
-        "axistwin_conformance.families.mac.axis.checks.interpolation",
-        "axistwin_conformance.families.mac.axis.checks.sync",
-        "axistwin_conformance.families.mac.axis.checks.stops",
-        "axistwin_conformance.families.mac.axis.checks.restart",
-        "axistwin_conformance.families.mac.serial.checks.line",
-        "axistwin_conformance.families.mac.axis.checks.together",
-        "axistwin_conformance.families.mac.axis.checks.sequences",
-        "axistwin_conformance.families.mac.axis.checks.machines",
-        "axistwin_conformance.families.mac.axis.checks.rig_inputs",
-        "axistwin_conformance.families.mac.axis.checks.rig_faults",
-        "axistwin_conformance.families.mac.axis.checks.rig_load",
-        "axistwin_conformance.families.mac.axis.checks.rig_power",
-        "axistwin_conformance.families.mac.serial.checks.rig_settings",
-        "axistwin_conformance.families.mac.serial.checks.destructive",
-    )
-    probe_modules = (
-        "axistwin_conformance.families.mac.serial.probes.line",
-        "axistwin_conformance.families.mac.axis.probes.parameters",
-        "axistwin_conformance.families.mac.axis.probes.running_on",
-        "axistwin_conformance.families.mac.axis.probes.motion",
-        "axistwin_conformance.families.mac.axis.probes.sync",
-        "axistwin_conformance.families.mac.axis.probes.stops",
-        "axistwin_conformance.families.mac.axis.probes.rig",
-        "axistwin_conformance.families.mac.serial.probes.destructive",
-    )
 
     def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> Target:
         """Open a port at that rate, or at the factory's."""

@@ -24,6 +24,8 @@ from axistwin_conformance.families.msc.controller import (
     Readings,
 )
 
+ORDER = 150  # of this module in a run; see `Family.modules`
+
 BENCH: Final = ("bench",)
 LAST_PLACE: Final = 0xFFFC
 ADDRESSES: Final = 0x10000

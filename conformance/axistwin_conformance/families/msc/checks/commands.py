@@ -10,6 +10,8 @@ from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import NAK, RQSTAT
 from axistwin_conformance.families.msc.controller import Controller
 
+ORDER = 60  # of this module in a run; see `Family.modules`
+
 EXAMPLE: Final = bytes.fromhex("02 01 00 0D 00 00 44 57 52 49 54 45 2C 07 D8 00 00 04 D2 03 BE")
 EXAMPLE_ADDRESS, EXAMPLE_VALUE = 2008, 1234
 COMMA: Final = 0x2C

@@ -12,6 +12,8 @@ from axistwin_conformance.families.msc.codec import BLOCK_VALUES, signed
 from axistwin_conformance.families.msc.controller import Controller
 from axistwin_conformance.families.msc.driver import SAFE_STRIDE
 
+ORDER = 70  # of this module in a run; see `Family.modules`
+
 # The ends of the range, every sign of the protocol four times over, and bytes that text would lose.
 BOUNDARIES: Final = tuple(
     signed(one)

@@ -11,6 +11,8 @@ from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import FLAGS
 from axistwin_conformance.families.msc.controller import Controller, Names
 
+ORDER = 80  # of this module in a run; see `Family.modules`
+
 STATES: Final = (b"\x00\x00", b"\x00\x01")
 # The ends, both sides of a byte's border, and the signs of the protocol.
 TELLING_FLAGS: Final = (0, 1, 2, 6, 7, 8, 15, 17, 19, 21, 44, 127, 128, 248, 254, 255)

@@ -16,6 +16,8 @@ from axistwin_conformance.families.msc.codec import ACK, Packet
 from axistwin_conformance.families.msc.link import Link
 from axistwin_conformance.transport.transport import is_twin_url
 
+ORDER = 110  # of this module in a run; see `Family.modules`
+
 STATUS_AT: Final = slice(7, 9)  # of a reply's body: what RQSTAT tells; the rest is not specified
 
 

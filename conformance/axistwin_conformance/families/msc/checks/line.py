@@ -13,6 +13,8 @@ from axistwin_conformance.families.msc.checks.time import judge_broken_off
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, STX
 from axistwin_conformance.families.msc.link import Link
 
+ORDER = 40  # of this module in a run; see `Family.modules`
+
 MOST_SIGNS: Final = 15  # one of each unit, if they do not speak at the same time
 ROUNDS_REAL: Final = 12
 ROUNDS: Final = 60

@@ -15,6 +15,8 @@ from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, Packet
 from axistwin_conformance.families.msc.controller import BenchProgram
 from axistwin_conformance.families.msc.link import Link
 
+ORDER = 20  # of this module in a run; see `Family.modules`
+
 MOST_REFUSALS: Final = 6  # one more than MSC-LNK-09 has repeats
 SECOND: Final = codec.rflag(0)  # whose reply cannot be taken for RQSTAT's
 WHILE_IT_TALKS: Final = 4  # characters of a reply that have come when it is interrupted

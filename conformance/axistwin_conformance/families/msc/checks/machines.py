@@ -16,6 +16,8 @@ from axistwin_conformance.families.msc.sequences.runner import player_of
 from axistwin_conformance.families.msc.sequences.sequence import JUDGED
 from axistwin_conformance.sequences.generated import play_machine
 
+ORDER = 130  # of this module in a run; see `Family.modules`
+
 STEPS: Final = 60
 EXAMPLES: Final = {"quick": 4, "full": 25}
 

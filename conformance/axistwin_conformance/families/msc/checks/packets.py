@@ -18,6 +18,8 @@ from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, Packet
 from axistwin_conformance.families.msc.driver import RS232_UNIT
 from axistwin_conformance.families.msc.link import Link
 
+ORDER = 10  # of this module in a run; see `Family.modules`
+
 XON_XOFF: Final = 0x11131113
 # Every byte that a careless receiver takes for something else, and the ends of the range.
 LOADED_VALUES: Final = (

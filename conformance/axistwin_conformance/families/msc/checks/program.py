@@ -14,6 +14,8 @@ from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, BLOCK_VALUES
 from axistwin_conformance.families.msc.controller import REACTION_S, BenchProgram
 
+ORDER = 140  # of this module in a run; see `Family.modules`
+
 BLOCKS_SENT: Final = 24
 PULSES: Final = 8
 TIMER: Final = 32  # the one that `timed` starts

@@ -18,6 +18,8 @@ from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, STX
 from axistwin_conformance.families.msc.link import Link
 from axistwin_conformance.families.msc.safety import is_harmless
 
+ORDER = 100  # of this module in a run; see `Family.modules`
+
 BITS: Final = 8
 LONGEST_JUNK: Final = 64
 NOISE_BYTES: Final = 24

@@ -25,6 +25,8 @@ from axistwin_conformance.families.msc.controller import (
     Controller,
 )
 
+ORDER = 160  # of this module in a run; see `Family.modules`
+
 CONDITIONS: Final = tuple(range(1, 16))  # bit 0 is the program itself
 LOADING: Final = 10
 SELF_TEST, BATTERY_LOW, UNRELIABLE = 128, 2, 4

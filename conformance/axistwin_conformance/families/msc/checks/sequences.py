@@ -11,6 +11,8 @@ from axistwin_conformance.families.msc.sequences.runner import player_of
 from axistwin_conformance.families.msc.sequences.sequence import JUDGED
 from axistwin_conformance.sequences.generated import Amount, play_drawn, replaying
 
+ORDER = 120  # of this module in a run; see `Family.modules`
+
 FREE: Final = Amount(120, {"quick": 4, "full": 40})
 REAL: Final = Amount(30, {"quick": 1, "full": 6})
 NEEDS: Final = ("variables", "flags")

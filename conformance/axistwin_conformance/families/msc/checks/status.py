@@ -9,6 +9,8 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc.codec import RQSTAT
 from axistwin_conformance.families.msc.controller import BenchProgram, Controller
 
+ORDER = 90  # of this module in a run; see `Family.modules`
+
 RUNNING, AUTO_START = 1, 64
 STATUS_BYTES: Final = {8: "6", 6: "4"}  # of the payload → what follows SS (MSC-AMB-38)
 BOTH: Final = ("MSC-STA-01", "MSC-RQSTAT-02")

@@ -14,6 +14,8 @@ from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, STX
 from axistwin_conformance.families.msc.link import MS, Link
 
+ORDER = 30  # of this module in a run; see `Family.modules`
+
 LISTEN_S: Final = 60.0  # costs nothing in virtual time
 LISTEN_REAL_S: Final = 2.0
 LONGEST_PACKET_NS: Final = 258_400_000  # MSC-LNK-17: 248 characters

@@ -12,6 +12,8 @@ from axistwin_conformance.families.msc.checks.line import absent
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT
 from axistwin_conformance.families.msc.link import MS, Link
 
+ORDER = 50  # of this module in a run; see `Family.modules`
+
 HALF_RATE: Final = 4800
 # At half the rate: five bits of 0 and five of 1.  At 9600: ten bits of 0, one character without a
 # stop bit, then the line at rest for as long.

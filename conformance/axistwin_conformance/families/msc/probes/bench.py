@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance.core.probing import Outcome, Probe, probe
+from axistwin_conformance.core.probing import Outcome, probe
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import (
     BLOCK_VALUES,
@@ -29,6 +29,8 @@ from axistwin_conformance.families.msc.probing import (
     odd_packet,
     variable,
 )
+
+ORDER = 30  # of this module in a run; see `Family.modules`
 
 BENCH: Final = ("bench",)
 WORKED: Final = ("stored", "rig")
@@ -365,6 +367,3 @@ def _read_or_refused(bench: Bench) -> Outcome:
     address = next((one for one in bench.variables if one % SAFE_STRIDE == 0), 0)
     drawn, _ = _asked(bench, codec.dread(address))
     return {Drawn.REPLY: 0, Drawn.NAK: 1}.get(drawn, drawn.value)
-
-
-PROBES: Final = tuple(one for one in vars().values() if isinstance(one, Probe))

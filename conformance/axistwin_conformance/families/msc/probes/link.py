@@ -13,7 +13,7 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Final
 
-from axistwin_conformance.core.probing import Outcome, Probe, probe
+from axistwin_conformance.core.probing import Outcome, probe
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.client import MOST_STRAYS
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, STX
@@ -38,6 +38,8 @@ from axistwin_conformance.families.msc.probing import (
     running_program,
     unanswered,
 )
+
+ORDER = 10  # of this module in a run; see `Family.modules`
 
 HEADER: Final = codec.HEADER_BYTES
 NO_SUM: Final = 0x3030  # a wrong checksum for every short packet, and no byte of it begins anything
@@ -455,6 +457,3 @@ def rs485_mode(bench: Bench) -> Outcome:
 def ack_order(bench: Bench) -> Outcome:
     """Whether a write is carried out before its ACK."""
     bench.session.skip("the next command is served after both: it takes an output and an eye on it")
-
-
-PROBES: Final = tuple(one for one in vars().values() if isinstance(one, Probe))

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance.core.probing import Outcome, Probe, probe
+from axistwin_conformance.core.probing import Outcome, probe
 from axistwin_conformance.families.msc.codec import BLOCK_VALUES
 from axistwin_conformance.families.msc.driver import Bench
 from axistwin_conformance.families.msc.probing import running_program
+
+ORDER = 40  # of this module in a run; see `Family.modules`
 
 STARTS: Final = ("stored", "motion")
 PROGRAM: Final = ("program",)
@@ -64,6 +66,3 @@ def timer_flag(bench: Bench) -> Outcome:
     after = bench.flag(TIMER_FLAG)
     readings = {(True, False): 0, (False, True): 1}
     return readings.get((while_running, after), f"now {while_running}, then {after}")
-
-
-PROBES: Final = tuple(one for one in vars().values() if isinstance(one, Probe))

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance.core.probing import Outcome, Probe, probe
+from axistwin_conformance.core.probing import Outcome, probe
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK
 from axistwin_conformance.families.msc.driver import SAFE_STRIDE, Bench
@@ -16,6 +16,8 @@ from axistwin_conformance.families.msc.probing import (
     glance_s,
     variable,
 )
+
+ORDER = 20  # of this module in a run; see `Family.modules`
 
 NAMED: Final = ("variables",)
 PLACES: Final = {1: 0, 2: 1, 4: 2}  # where in a block the value four addresses on is → the reading
@@ -73,6 +75,3 @@ def invalid_unit_obeyed(bench: Bench) -> Outcome:
     if drawn is not Drawn.SILENCE:
         bench.session.skip(f"on this line unit 0 draws {drawn.value}")
     return 2 if is_written else 0
-
-
-PROBES: Final = tuple(one for one in vars().values() if isinstance(one, Probe))

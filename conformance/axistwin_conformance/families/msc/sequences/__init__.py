@@ -1,0 +1,1 @@
+"""Operations of a unit, and the machine that chains them."""

@@ -23,6 +23,8 @@ from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.families.mac.axis.model.acceptance import RUNNING, Row, outcome_of
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 
+ORDER = 110  # of this module in a run; see `Family.modules`
+
 LONG_STEPS: Final = 120  # a second of motion at the slowest speed
 
 

@@ -24,6 +24,8 @@ from axistwin_conformance.families.mac.axis.probes.sync import (
 )
 from axistwin_conformance.families.mac.axis.probing import MOVES
 
+ORDER = 140  # of this module in a run; see `Family.modules`
+
 SURELY_EMPTY_NS: Final = 1_000_000_000  # after the end of all that was put there
 SETTLE_NS: Final = 2_000_000  # of a time that two exchanges straddle
 

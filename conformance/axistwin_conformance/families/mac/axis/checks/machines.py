@@ -17,6 +17,8 @@ from axistwin_conformance.families.mac.axis.sequences.machine_devices import Jud
 from axistwin_conformance.families.mac.axis.sequences.machine_sync import SyncMachine
 from axistwin_conformance.sequences.generated import play_machine
 
+ORDER = 210  # of this module in a run; see `Family.modules`
+
 STEPS: Final = 100
 EXAMPLES: Final = {"quick": 4, "full": 30}
 

@@ -17,6 +17,8 @@ from axistwin_conformance.families.mac.axis.probes.motion import (
 )
 from axistwin_conformance.families.mac.axis.probing import MOVES
 
+ORDER = 120  # of this module in a run; see `Family.modules`
+
 # The table of §5.3: where a profile is one increment off, it shows at these distances.
 TABLE: Final = (
     (1, 1), (2, 1), (3, 1), (10, 1), (100, 1), (239, 1), (240, 1), (241, 1), (479, 2), (481, 2),

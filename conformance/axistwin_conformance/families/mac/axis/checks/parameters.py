@@ -17,6 +17,8 @@ from axistwin_conformance.families.mac.axis.probes.parameters import (
     zero_period_0d,
 )
 
+ORDER = 100  # of this module in a run; see `Family.modules`
+
 POSITION_EDGES: Final = (
     0, 1, 0xFFFFFFFF, 0x12345678, 0xFFFFFC18, 0x3FFFFFFF, 0xC0000000,
 )  # fmt: skip

@@ -10,6 +10,8 @@ from axistwin_conformance.families.mac.axis.driver.motion import SLOWEST, Bench,
 from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.families.mac.axis.snapshot import PLAUSIBLE_CELSIUS, facts_of
 
+ORDER = 80  # of this module in a run; see `Family.modules`
+
 PLAUSIBLE_VOLTS: Final = (5.0, 150.0)
 STATUS_RESERVED: Final = 0x80F0FF7F  # bits of dd ff gg hh without a meaning (§5.9)
 MEASURES_RESERVED: Final = 0x0000D79F  # bits of cc dd without a meaning

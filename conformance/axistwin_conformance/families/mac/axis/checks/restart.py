@@ -17,6 +17,8 @@ from axistwin_conformance.families.mac.axis.model.kinematics import (
 from axistwin_conformance.families.mac.axis.probes.motion import cleared_in_a_move
 from axistwin_conformance.families.mac.axis.probing import MOVES
 
+ORDER = 170  # of this module in a run; see `Family.modules`
+
 PARAMETER_QUERIES: Final = (0x22, 0x23, 0x25, 0x26)
 
 

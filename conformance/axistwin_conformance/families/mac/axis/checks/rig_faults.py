@@ -31,6 +31,8 @@ from axistwin_conformance.families.mac.axis.model.forecast import Window
 from axistwin_conformance.families.mac.axis.snapshot import DISJUNCTIONS, facts_of
 from axistwin_conformance.transport.rig import Rig
 
+ORDER = 230  # of this module in a run; see `Family.modules`
+
 HOT_CELSIUS: Final = 90.0
 TRIPS_FROM_TT: Final = 0x79  # MAC23: 85 °C is 78h (§5.9)
 OVER_FROM_VV: Final = 0xDD  # MAC23: 46.04 V

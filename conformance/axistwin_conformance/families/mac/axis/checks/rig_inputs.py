@@ -27,6 +27,8 @@ from axistwin_conformance.families.mac.axis.model.forecast import Forecast
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probing import ACCEPTED_OR_REFUSED
 
+ORDER = 220  # of this module in a run; see `Family.modules`
+
 STOP_INPUTS: Final = ("rig:positive_stop", "rig:negative_stop")
 REFERENCE: Final = ("rig:reference",)
 CATCH_UP_NS: Final = 200_000  # per increment and unit of 0Eh

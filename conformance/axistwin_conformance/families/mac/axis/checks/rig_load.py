@@ -22,6 +22,8 @@ from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.families.mac.axis.model.forecast import Window
 from axistwin_conformance.families.mac.axis.model.kinematics import CATCH_UP_UNIT_TICKS, TICK_NS
 
+ORDER = 240  # of this module in a run; see `Family.modules`
+
 HOLD: Final = ("rig:hold",)
 TURN: Final = ("rig:turn",)
 LAG: Final = 40  # increments by which a held axis is left behind

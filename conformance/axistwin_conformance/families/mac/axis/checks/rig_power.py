@@ -16,6 +16,8 @@ from axistwin_conformance.families.mac.axis.checks.rig_inputs import judge_no_ed
 from axistwin_conformance.families.mac.axis.driver.motion import PRELOAD_SHOWS_S, segment
 from axistwin_conformance.families.mac.axis.driver.rig import OVER_VOLTAGE, WORKED, rig_bench_of
 
+ORDER = 250  # of this module in a run; see `Family.modules`
+
 POWER: Final = ("rig:power",)
 LISTEN_S: Final = 3.0
 

@@ -17,6 +17,8 @@ from axistwin_conformance.families.mac.axis.sequences.sequence import (
 )
 from axistwin_conformance.sequences.generated import Amount, play_drawn, replaying
 
+ORDER = 200  # of this module in a run; see `Family.modules`
+
 FREE: Final = Amount(200, {"quick": 5, "full": 60})  # long ones spend less on beginning and end
 REAL: Final = Amount(30, {"quick": 1, "full": 10})
 

@@ -21,6 +21,8 @@ from axistwin_conformance.families.mac.axis.model.forecast import Segment
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probing import MOVES
 
+ORDER = 160  # of this module in a run; see `Family.modules`
+
 PERIOD: Final = 0x1000
 FAR: Final = 100_000  # increments: a stop that is never reached
 FARTHEST: Final = 160  # increments that a check here waits for

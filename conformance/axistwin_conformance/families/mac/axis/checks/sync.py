@@ -21,6 +21,8 @@ from axistwin_conformance.families.mac.axis.probes.sync import (
 )
 from axistwin_conformance.families.mac.axis.probing import ACCEPTED_OR_REFUSED, MOVES
 
+ORDER = 150  # of this module in a run; see `Family.modules`
+
 
 @check("MACS-CMD-10-01", "MACS-CMD-11-01", "MACS-STATE-01", safety=MOVES)
 def a_preloaded_move_waits_for_11h(session: Session) -> None:

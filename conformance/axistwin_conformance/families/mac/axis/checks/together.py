@@ -8,6 +8,8 @@ from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S, Bench,
 from axistwin_conformance.families.mac.axis.model.forecast import Segment
 from axistwin_conformance.families.mac.axis.probing import MOVES
 
+ORDER = 190  # of this module in a run; see `Family.modules`
+
 
 def everybody(session: Session) -> list[Bench]:
     """The module under test and its neighbours."""

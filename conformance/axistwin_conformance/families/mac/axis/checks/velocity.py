@@ -16,6 +16,8 @@ from axistwin_conformance.families.mac.axis.probes.motion import (
 )
 from axistwin_conformance.families.mac.axis.probing import ACCEPTED_OR_REFUSED, MOVES
 
+ORDER = 130  # of this module in a run; see `Family.modules`
+
 F6: Final = 0xF6
 
 

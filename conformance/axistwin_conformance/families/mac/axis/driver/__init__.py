@@ -1,0 +1,1 @@
+"""The host-side driver of one axis."""

@@ -1,0 +1,1 @@
+"""What an axis is admitted to do: acceptance, forecasts, kinematics."""

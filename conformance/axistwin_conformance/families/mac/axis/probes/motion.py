@@ -9,7 +9,7 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Final
 
-from axistwin_conformance.core.probing import Outcome, Probe, probe
+from axistwin_conformance.core.probing import Outcome, probe
 from axistwin_conformance.families.mac.axis.driver.motion import (
     FIFO_STAGES,
     PRELOAD_SHOWS_S,
@@ -22,6 +22,8 @@ from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS, Course, ramp_increments
 from axistwin_conformance.families.mac.axis.probes.running_on import FASTEST, may_go_fast
 from axistwin_conformance.families.mac.axis.probing import ACCEPTED_OR_REFUSED, MOVES, reply_of
+
+ORDER = 60  # of this module in a run; see `Family.modules`
 
 RAMP_LAWS: Final = ("equal_time", "equal_increments")
 TARGET_OUT_OF_RANGE: Final = 0x40000000
@@ -389,6 +391,3 @@ def target_range(bench: Bench) -> Outcome:
     kind = bench.command(0x13, TARGET_OUT_OF_RANGE).kind
     bench.at_rest()
     return reply_of(kind, {Kind.REFUSED: 0, Kind.ACCEPTED: 1})
-
-
-PROBES: Final = tuple(one for one in vars().values() if isinstance(one, Probe))

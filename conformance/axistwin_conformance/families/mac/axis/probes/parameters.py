@@ -5,11 +5,13 @@ from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance.core.probing import Measured, Outcome, Probe, probe
+from axistwin_conformance.core.probing import Measured, Outcome, probe
 from axistwin_conformance.families.mac.axis.checks.queries import MEASURES_RESERVED, STATUS_RESERVED
 from axistwin_conformance.families.mac.axis.driver.motion import Bench
 from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.families.mac.axis.probing import ACCEPTED_OR_REFUSED, reply_of
+
+ORDER = 40  # of this module in a run; see `Family.modules`
 
 PLAIN_TORQUE: Final = 0x20
 ABOVE_IMAX: Final = 0x21  # no multiple of a power of two: clamping and masking differ
@@ -122,6 +124,3 @@ def param_range_policy(bench: Bench) -> Outcome:
     if kind is Kind.REFUSED:
         return 0
     return 1 if shown == 8 else 2 if shown == 9 else f"{kind.value}, then m = {shown:X}"
-
-
-PROBES: Final = tuple(one for one in vars().values() if isinstance(one, Probe))

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance.core.probing import Outcome, Probe, probe
+from axistwin_conformance.core.probing import Outcome, probe
 from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S, SLOWEST, Bench
 from axistwin_conformance.families.mac.axis.driver.rig import rig_bench_of
 from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probing import ACCEPTED_OR_REFUSED, reply_of
 from axistwin_conformance.families.mac.axis.snapshot import facts_of
+
+ORDER = 110  # of this module in a run; see `Family.modules`
 
 WORKED: Final = ("motion", "stored", "rig")
 STEPS: Final = 100
@@ -196,6 +198,3 @@ def power_on_at_boot(bench: Bench) -> Outcome:
 def position_overflow(bench: Bench) -> Outcome:
     """What the counter does at its ends."""
     bench.session.skip("they are 1073741824 increments away, beyond any sensible envelope")
-
-
-PROBES: Final = tuple(one for one in vars().values() if isinstance(one, Probe))

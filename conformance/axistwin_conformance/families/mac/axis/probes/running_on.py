@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance.core.probing import Measured, Outcome, Probe, probe
+from axistwin_conformance.core.probing import Measured, Outcome, probe
 from axistwin_conformance.families.mac.axis.driver.motion import SLOWEST, Bench
 from axistwin_conformance.families.mac.axis.model.kinematics import TICKS_PER_SECOND
 from axistwin_conformance.families.mac.axis.probing import MOVES
+
+ORDER = 50  # of this module in a run; see `Family.modules`
 
 AHEAD: Final = 50  # increments to the stop
 FURTHER: Final = 1500  # increments to where a move would end that no stop ends
@@ -96,6 +98,3 @@ def inertia(bench: Bench) -> Outcome:
     if bench.session.reading("brake_increments").isdigit():
         bench.session.skip("nothing brakes this axis that would tell")
     return int(overrun(bench, SLOWEST) + step_from_a_stop(bench) > 0)
-
-
-PROBES: Final = tuple(one for one in vars().values() if isinstance(one, Probe))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance.core.probing import Measured, Outcome, Probe, probe
+from axistwin_conformance.core.probing import Measured, Outcome, probe
 from axistwin_conformance.families.mac.axis.driver.motion import DEAF_S, QUIET_S, Bench
 from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.families.mac.axis.probes.running_on import (
@@ -13,6 +13,8 @@ from axistwin_conformance.families.mac.axis.probes.running_on import (
     step_from_a_stop,
 )
 from axistwin_conformance.families.mac.axis.probing import MOVES
+
+ORDER = 90  # of this module in a run; see `Family.modules`
 
 PERIOD: Final = 0x1000
 FAST: Final = 0x0200  # 15625 inc/s: an axis with inertia brakes over 12 increments
@@ -216,6 +218,3 @@ def persist_modes(bench: Bench) -> Outcome:
     if changed == now:
         bench.session.skip("02h and 03h change nothing")
     return 0 if after == changed else 1
-
-
-PROBES: Final = tuple(one for one in vars().values() if isinstance(one, Probe))

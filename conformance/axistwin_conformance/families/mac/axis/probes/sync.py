@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance.core.probing import Outcome, Probe, probe
+from axistwin_conformance.core.probing import Outcome, probe
 from axistwin_conformance.families.mac.axis.driver.motion import (
     SLOWEST,
     Bench,
@@ -16,6 +16,8 @@ from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.families.mac.axis.model.forecast import Segment
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probing import ACCEPTED_OR_REFUSED, MOVES, reply_of
+
+ORDER = 80  # of this module in a run; see `Family.modules`
 
 WAIT_STEPS: Final = 0x20  # of a virtual segment at the slowest period: 262 ms
 BURST: Final = 7  # exchanges
@@ -227,6 +229,3 @@ def sync_during_interp(bench: Bench) -> Outcome:
     if places[-1] == -100:
         return 0 if max(places) >= 30 else 1
     return 2 if places[-1] == 40 else f"{sync.kind.value}, places {places}"
-
-
-PROBES: Final = tuple(one for one in vars().values() if isinstance(one, Probe))

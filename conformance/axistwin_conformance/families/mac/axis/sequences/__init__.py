@@ -1,0 +1,1 @@
+"""Operations of an axis, and the machine that chains them."""

@@ -23,6 +23,8 @@ from axistwin_conformance.families.mac.can.collect_replies import (
 from axistwin_conformance.families.mac.can.driver import Bench
 from axistwin_conformance.transport.can_frame import Frame
 
+ORDER = 30  # of this module in a run; see `Family.modules`
+
 AT_ONCE: Final = 8  # frames sent in a row before it is listened for a reply
 # Identifiers that mean something to a module, or to every CANopen device on a bus.
 MEANINGFUL: Final = frozenset({codec.NMT, codec.SYNC, codec.LMT_REQUEST, codec.REQUEST})

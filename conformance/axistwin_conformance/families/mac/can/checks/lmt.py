@@ -40,6 +40,8 @@ from axistwin_conformance.families.mac.can.probes.messages import LIFEBEAT_S
 from axistwin_conformance.families.mac.can.settings import TORQUE
 from axistwin_conformance.transport.can_frame import Frame
 
+ORDER = 290  # of this module in a run; see `Family.modules`
+
 NEW_ADDRESSES: Final = (0x2A, 0x55)
 BOUNDS: Final = (0x01, 0x02, 0x3F, 0x40, 0x7E, 0x7F)  # MACC-LMT-04
 BAD_ADDRESSES: Final = (0x00, 0x80, 0x81, 0xAA, 0xFE, 0xFF)

@@ -21,6 +21,8 @@ from axistwin_conformance.families.mac.can.collect_replies import (
 from axistwin_conformance.families.mac.can.driver import Bench
 from axistwin_conformance.families.mac.can.settings import SETTINGS, TORQUE, held, unchanged
 
+ORDER = 50  # of this module in a run; see `Family.modules`
+
 # Of the standard's 256 first bytes the ones that mean something to a server there.
 COMMANDS: Final = (
     0x00, 0x0F, 0x20, 0x21, 0x22, 0x27, 0x2B, 0x2F, 0x41, 0x42, 0x43, 0x60, 0x70, 0x80, 0xA0, 0xA4,

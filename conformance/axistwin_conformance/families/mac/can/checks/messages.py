@@ -38,6 +38,8 @@ from axistwin_conformance.families.mac.can.probes.messages import (
 from axistwin_conformance.transport.can import Arrival
 from axistwin_conformance.transport.can_frame import Frame
 
+ORDER = 60  # of this module in a run; see `Family.modules`
+
 LIFEBEAT_NS: Final = round(LIFEBEAT_S * 1e9)
 BEATS: Final = 6  # in virtual time; each takes ten seconds
 BEATS_REAL: Final = 2

@@ -35,6 +35,8 @@ from axistwin_conformance.families.mac.can.probes.messages import LIFEBEAT_S, sa
 from axistwin_conformance.transport.can import Arrival
 from axistwin_conformance.transport.rig import Rig
 
+ORDER = 280  # of this module in a run; see `Family.modules`
+
 SHOWS_S: Final = 0.2
 RIG_PATIENCE_S: Final = 10.0  # a real temperature rises slowly, and the rig may not tell when
 HELD_S: Final = 2.5 * LIFEBEAT_S  # long enough for lifebeats, were there any

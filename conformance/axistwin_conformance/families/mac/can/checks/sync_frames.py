@@ -21,6 +21,8 @@ from axistwin_conformance.families.mac.can.collect_replies import (
 from axistwin_conformance.families.mac.can.driver import Bench
 from axistwin_conformance.transport.can_frame import Frame
 
+ORDER = 70  # of this module in a run; see `Family.modules`
+
 PERIOD: Final = 0x1000  # 512 us an increment
 STEPS: Final = 60
 SLOW: Final = 0x8000  # 4 ms an increment: frames on the bus are told apart from steps

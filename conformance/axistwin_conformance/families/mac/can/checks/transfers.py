@@ -32,6 +32,8 @@ from axistwin_conformance.families.mac.can.driver import Bench
 from axistwin_conformance.families.mac.can.settings import SETTINGS, TORQUE, held, unchanged
 from axistwin_conformance.transport.can_frame import Frame
 
+ORDER = 40  # of this module in a run; see `Family.modules`
+
 LISTEN_S: Final = 60.0  # a minute of a module's silence; on a real bus a moment of it
 LISTEN_REAL_S: Final = 0.3
 ACKNOWLEDGED_WITHIN_S: Final = 0.5  # MACS-REPLY-16: what the ledger gives a reply

@@ -10,13 +10,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
-from axistwin_conformance.core.probing import Measured, Outcome, Probe, probe
+from axistwin_conformance.core.probing import Measured, Outcome, probe
 from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S
 from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.families.mac.axis.probing import reply_of
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.driver import Bench
 from axistwin_conformance.transport.can_frame import Frame
+
+ORDER = 130  # of this module in a run; see `Family.modules`
 
 DESTRUCTIVE: Final = ("motion", "stored", "destructive")
 ALONE: Final = ("alone",)
@@ -164,6 +166,3 @@ def whether_2001h_restarts(bench: Bench) -> Outcome:
     if not is_there:
         return "neither the old address nor 1 answers"
     return int(message is None)
-
-
-PROBES: Final = tuple(one for one in vars().values() if isinstance(one, Probe))

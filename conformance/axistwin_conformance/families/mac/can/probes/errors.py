@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from functools import cmp_to_key
 from typing import Final
 
-from axistwin_conformance.core.probing import Measured, Outcome, Probe, probe
+from axistwin_conformance.core.probing import Measured, Outcome, probe
 from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S
 from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.families.mac.axis.probes.rig import TOO_MUCH_VOLTS
@@ -31,6 +31,8 @@ from axistwin_conformance.families.mac.can.probes.messages import (
     speaks,
 )
 from axistwin_conformance.transport.rig import Rig
+
+ORDER = 100  # of this module in a run; see `Family.modules`
 
 BEYOND: Final = 60  # increments, of which a stop lets 10 pass
 SHOWS_S: Final = 0.2
@@ -172,6 +174,3 @@ def fault_ack_while_present(bench: Bench) -> Outcome:
     if kind is Kind.REFUSED:
         return 1
     return 0 if is_restarted else f"{kind.value}, and no boot-up message"
-
-
-PROBES: Final = tuple(one for one in vars().values() if isinstance(one, Probe))

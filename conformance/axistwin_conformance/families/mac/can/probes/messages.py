@@ -10,13 +10,15 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 
-from axistwin_conformance.core.probing import Measured, Outcome, Probe, probe
+from axistwin_conformance.core.probing import Measured, Outcome, probe
 from axistwin_conformance.families.mac.axis.driver.motion import DEAF_S, QUIET_S
 from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.families.mac.axis.model.forecast import Window
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.driver import Bench
 from axistwin_conformance.transport.can import Arrival
+
+ORDER = 30  # of this module in a run; see `Family.modules`
 
 MESSAGES: Final = ("MACC-EMCY",)  # what the lifebeat has to do with
 LIFEBEAT_S: Final = 10.0  # MACC-EMCY-01
@@ -189,6 +191,3 @@ def time_to_the_boot_up(bench: Bench) -> Outcome:
     if one.reply is Kind.SILENCE:
         doubt_ms += bench.target.round_trip.median_ns // 10**6
     return Measured(str(default_ms if abs(passed_ms - default_ms) <= doubt_ms else passed_ms))
-
-
-PROBES: Final = tuple(one for one in vars().values() if isinstance(one, Probe))

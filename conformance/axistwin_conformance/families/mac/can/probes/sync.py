@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance.core.probing import Outcome, Probe, probe
+from axistwin_conformance.core.probing import Outcome, probe
 from axistwin_conformance.families.mac.axis.probes.sync import is_held
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.driver import Bench
+
+ORDER = 70  # of this module in a run; see `Family.modules`
 
 STEPS: Final = 30
 PERIOD: Final = 0x1000  # 512 µs per increment
@@ -49,6 +51,3 @@ def sync_dlc(bench: Bench) -> Outcome:
     if bench.session.reading("sync_arm_lifetime") == "permanent":
         bench.reinitialise()
     return {(True, True): 0, (False, True): 1}.get((starts[0], starts[1]), "SYNC starts nothing")
-
-
-PROBES: Final = tuple(one for one in vars().values() if isinstance(one, Probe))

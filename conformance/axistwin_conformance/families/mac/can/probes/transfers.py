@@ -15,13 +15,15 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Final
 
-from axistwin_conformance.core.probing import Measured, Outcome, Probe, probe
+from axistwin_conformance.core.probing import Measured, Outcome, probe
 from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S
 from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.families.mac.axis.probing import reply_of
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.codec import Reply, Request
 from axistwin_conformance.families.mac.can.driver import Bench
+
+ORDER = 20  # of this module in a run; see `Family.modules`
 
 BIG, LITTLE = 0, 1  # readings of MACC-AMB-01
 TORQUE_AT: Final = 1  # byte of 2006h
@@ -234,6 +236,3 @@ def abort_code_form_in_motion(bench: Bench) -> Outcome:
     reply: Reply = bench.command(0x13, start).reply
     bench.command(0x18)
     return int(bool(reply.abort_code)) if reply.kind is Kind.REFUSED else f"{reply} in motion"
-
-
-PROBES: Final = tuple(one for one in vars().values() if isinstance(one, Probe))

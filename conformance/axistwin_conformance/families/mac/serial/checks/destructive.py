@@ -24,6 +24,8 @@ from axistwin_conformance.families.mac.serial.codec import GENERAL_ADDRESS
 from axistwin_conformance.families.mac.serial.driver import Bench
 from axistwin_conformance.families.mac.serial.probes.destructive import DESTRUCTIVE, FACTORY_BAUD
 
+ORDER = 270  # of this module in a run; see `Family.modules`
+
 OTHER_RATE: Final = 0x02  # of 1Bh: not the factory's
 NEW_ADDRESSES: Final = (0x2A, 0x7F, 0x01)
 

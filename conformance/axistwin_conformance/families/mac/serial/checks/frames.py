@@ -16,6 +16,8 @@ from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.families.mac.serial.codec import ETX, STX, Request
 from axistwin_conformance.families.mac.serial.driver import NACKED_BY_MANY, Bench
 
+ORDER = 10  # of this module in a run; see `Family.modules`
+
 OTHER_RATES: Final = (9600, 19200, 57600)
 IMAX_ADDRESS: Final = 0xAF  # MACS-Q-28-01: the one byte of RAM that is known not to change
 SLOW_TYPING_GAP_S: Final = 0.03

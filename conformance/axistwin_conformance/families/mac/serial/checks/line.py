@@ -16,6 +16,8 @@ from axistwin_conformance.families.mac.serial.codec import GENERAL_ADDRESS
 from axistwin_conformance.families.mac.serial.driver import Bench
 from axistwin_conformance.families.mac.serial.probes.line import general_replies
 
+ORDER = 180  # of this module in a run; see `Family.modules`
+
 PARAMETER_QUERIES: Final = (0x22, 0x23, 0x25, 0x26)
 POLL_S: Final = 0.05
 # What MACS-CMD-00-02 leaves to MACS-AMB-21: a host may talk 2.5 s after 00h, and what it sends

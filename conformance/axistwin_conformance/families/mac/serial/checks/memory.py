@@ -9,6 +9,8 @@ from axistwin_conformance.families.mac.serial.codec import IMAX_ADDRESS
 from axistwin_conformance.families.mac.serial.driver import Bench
 from axistwin_conformance.families.mac.serial.probes.line import imax_value, mem_wrap
 
+ORDER = 90  # of this module in a run; see `Family.modules`
+
 
 @check("MACS-Q-28-01")
 def ram_is_read_from_the_sub_index_upward(session: Session) -> None:

@@ -17,6 +17,8 @@ from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.families.mac.serial.driver import NACKED_BY_MANY, Bench
 from axistwin_conformance.families.mac.serial.probes.line import nack_readings, rx_during_xoff
 
+ORDER = 20  # of this module in a run; see `Family.modules`
+
 LISTEN_S: Final = 60.0  # the ledger's minute; on a real line the waits of all other checks add up
 LISTEN_REAL_S: Final = 0.3
 ACKNOWLEDGED_WITHIN_S: Final = 0.5

@@ -17,6 +17,8 @@ from axistwin_conformance.families.mac.serial.address_recovery import (
 from axistwin_conformance.families.mac.serial.driver import RigBench
 from axistwin_conformance.families.mac.serial.probes.destructive import DESTRUCTIVE, FACTORY_BAUD
 
+ORDER = 260  # of this module in a run; see `Family.modules`
+
 
 @check("MACS-PERS-01", "MACS-CMD-1B-01", safety=(*DESTRUCTIVE, "rig"), needs=("alone", *POWER))
 def the_rate_outlives_the_supply(session: Session) -> None:

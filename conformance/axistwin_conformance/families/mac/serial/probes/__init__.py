@@ -1,0 +1,1 @@
+"""The quirk probes of the serial face alone."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance.core.probing import Outcome, Probe, probe
+from axistwin_conformance.core.probing import Outcome, probe
 from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S, SLOWEST
 from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.families.mac.axis.probing import ACCEPTED_OR_REFUSED, reply_of
@@ -22,6 +22,8 @@ from axistwin_conformance.families.mac.serial.address_recovery import (
 from axistwin_conformance.families.mac.serial.codec import GENERAL_ADDRESS
 from axistwin_conformance.families.mac.serial.driver import Bench
 from axistwin_conformance.families.mac.serial.probes.line import answers_to_all
+
+ORDER = 120  # of this module in a run; see `Family.modules`
 
 DESTRUCTIVE: Final = ("motion", "stored", "destructive")
 FACTORY_BAUD: Final = 38400
@@ -129,6 +131,3 @@ def factory_reset_scope(bench: Bench) -> Outcome:
         is_deaf = bench.send(bench.request(0x20), QUIET_S).kind is Kind.SILENCE
         bench.wait_awake()
     return int(not is_deaf)
-
-
-PROBES: Final = tuple(one for one in vars().values() if isinstance(one, Probe))

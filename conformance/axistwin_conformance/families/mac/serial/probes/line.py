@@ -13,13 +13,15 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
-from axistwin_conformance.core.probing import Measured, Outcome, Probe, probe
+from axistwin_conformance.core.probing import Measured, Outcome, probe
 from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S
 from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.families.mac.axis.probing import reply_of
 from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.families.mac.serial.codec import GENERAL_ADDRESS, IMAX_ADDRESS
 from axistwin_conformance.families.mac.serial.driver import Bench
+
+ORDER = 10  # of this module in a run; see `Family.modules`
 
 EARLY_BYTES: Final = 3  # 0.8 ms at 38400 baud: a reply does not come sooner
 
@@ -249,6 +251,3 @@ def _spoilt(bench: Bench, address: int) -> bytes:
     bench.target.send(bench.request(0x20, address=address).with_wrong_checksum().encode())
     bench.wait(0)
     return bench.target.receive(codec.ANSWER_BYTES, QUIET_S * 2)
-
-
-PROBES: Final = tuple(one for one in vars().values() if isinstance(one, Probe))
