@@ -49,7 +49,7 @@ from axistwin_conformance.families.mac.axis.sequences.sequence import BYTES_PER_
 from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.options import usable_cores
 from axistwin_conformance.sequences import machine
-from axistwin_conformance.transport.serial import Target, open_target
+from axistwin_conformance.transport.serial import SerialTransport, open_target
 
 MODEL = "mac23"
 WRITES_ALLOWED = 1 << 40
@@ -172,12 +172,12 @@ def open_player(wrap: Callable[[Any], Any] | None = None) -> Player:
         is_builtin=True,
     )
     if wrap is not None:
-        target = Target(wrap(target._port), target.description, is_builtin=True)
+        target = SerialTransport(wrap(target._port), target.description, is_builtin=True)
     run = Run(
         target=target, family=family, model=family.models[MODEL],
         ledger=load_ledger(family.name), address=family.default_address, neighbours=(),
         allowed=frozenset(SAFETY_CLASSES), seed=0,
-        envelope=Envelope(1 << 20, 5000, is_fenced=False),
+        envelope=Envelope(1 << 20, 5000, is_guarded=False),
     )  # fmt: skip
     run.memory = family.remember(Session(run))
     session = Session(run, machines.some_runs_of_the_machine_agree_with_the_model)

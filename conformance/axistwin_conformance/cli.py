@@ -471,7 +471,7 @@ def _show(engine: Engine, is_list: bool, is_json: bool) -> int:
 
 
 def _run(engine: Engine, is_json: bool, report: Path | None) -> int:
-    from axistwin_conformance.engine.eta import Pace, weigh
+    from axistwin_conformance.engine.eta import Eta, weigh
     from axistwin_conformance.report import json as report_json
     from axistwin_conformance.report import terminal
     from axistwin_conformance.report.folder import ReportFolder, past_seconds
@@ -489,7 +489,7 @@ def _run(engine: Engine, is_json: bool, report: Path | None) -> int:
         else:
             console = terminal.make_console()
             duration_s = engine.options.duration_s or 0.0
-            pace = Pace(weigh(engine.plan()), past, afterwards_s=duration_s)
+            pace = Eta(weigh(engine.plan()), past, afterwards_s=duration_s)
             shown = stack.enter_context(
                 terminal.TerminalReport(
                     console, engine.ledger, explain, pace, engine.options.report, spell

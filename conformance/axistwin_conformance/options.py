@@ -13,7 +13,7 @@ from axistwin_conformance.base.classes import FULL, SAFETY_CLASSES, SOAK
 from axistwin_conformance.base.errors import UsageError, with_article
 from axistwin_conformance.base.write_budget import DEFAULT_BUDGET
 from axistwin_conformance.core.family import Family
-from axistwin_conformance.core.identity import NO_GROUNDS, Grounds
+from axistwin_conformance.core.identity import NO_SCRATCH, ScratchArea
 from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.transport.kinds import choose_endpoint
 from axistwin_conformance.transport.transport import is_twin_url
@@ -91,7 +91,7 @@ def make_options(
         rate=rate or family.default_rate,
         allowed=allowed,
         envelope=_envelope(max_travel, max_speed, is_builtin=is_builtin, is_twin=is_twin),
-        grounds=_grounds(family, model, granted, is_builtin=is_builtin),
+        scratch=_grounds(family, model, granted, is_builtin=is_builtin),
         level=level or FULL,
         seed=seed,
         words=ids,
@@ -116,7 +116,7 @@ def _with_rig(options: Options, kind: str | None, command: str | None) -> Option
     from axistwin_conformance.transport.rig import choose_rig
 
     able = options.family.capabilities
-    if options.grounds.program is None:
+    if options.scratch.program is None:
         able -= {"program"}
     choice = choose_rig(
         kind,
@@ -143,41 +143,43 @@ def _refuse_bounds(family: Family, model: str, bounds: Mapping[str, int | None])
             raise UsageError(f"{option} {bound}: the suite drives no axis of {with_article(model)}")
 
 
-def _grounds(family: Family, model: str, given: Mapping[str, Any], *, is_builtin: bool) -> Grounds:
+def _grounds(
+    family: Family, model: str, given: Mapping[str, Any], *, is_builtin: bool
+) -> ScratchArea:
     """What of a controller is the suite's to use: as named, else what the built-in twin has."""
     named = {option: ground for option, ground in given.items() if ground is not None}
-    if family.grounds is None:
+    if family.scratch is None:
         for option in named:
             raise UsageError(
                 f"{option}: {with_article(model)} has no variables and no flags to be named"
             )
-        return NO_GROUNDS
-    own = family.grounds if is_builtin else NO_GROUNDS
-    grounds = Grounds(
+        return NO_SCRATCH
+    own = family.scratch if is_builtin else NO_SCRATCH
+    scratch = ScratchArea(
         named.get("--variables", own.variables),
         named.get("--flags", own.flags),
         named.get("--bench-program", own.program),
     )
-    _check_program(grounds)
-    return grounds
+    _check_program(scratch)
+    return scratch
 
 
-def _check_program(grounds: Grounds) -> None:
+def _check_program(scratch: ScratchArea) -> None:
     """Raise UsageError for a bench program that cannot be there, or that shares what it has."""
-    if grounds.program is None:
+    if scratch.program is None:
         return
-    flag, address = grounds.program
+    flag, address = scratch.program
     told = f"--bench-program {flag}:{address}"
     if address % PROGRAM_STEP:
         raise UsageError(f"{told}: its ADDRESS is a multiple of {PROGRAM_STEP}")
-    variables, flags = grounds.of_program
+    variables, flags = scratch.of_program
     if variables[-1] >= ADDRESSES:
         raise UsageError(
             f"{told} has {len(variables)} addresses, the last of them {variables[-1]}: its ADDRESS"
             f" is {ADDRESSES - len(variables)} at most"
         )
     for option, own, named in (
-        ("--variables", variables, grounds.variables), ("--flags", flags, grounds.flags)
+        ("--variables", variables, scratch.variables), ("--flags", flags, scratch.flags)
     ):  # fmt: skip
         if named and own.start < named.stop and named.start < own.stop:
             raise UsageError(
@@ -202,7 +204,7 @@ def _envelope(
     return Envelope(
         max_travel or (TWIN_TRAVEL if is_builtin else BENCH_TRAVEL),
         max_speed or (TWIN_SPEED if is_builtin else BENCH_SPEED),
-        is_fenced=bool(max_travel or max_speed) or not is_twin,
+        is_guarded=bool(max_travel or max_speed) or not is_twin,
     )
 
 

@@ -13,12 +13,12 @@ from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.plan import Options
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
-from axistwin_conformance.transport.serial import TWIN_HANDLER, Target
+from axistwin_conformance.transport.serial import TWIN_HANDLER, SerialTransport
 
 PORT = "/dev/ttyUSB0"
 
 
-class RealTarget(Target):
+class RealTarget(SerialTransport):
     """A target in virtual time of which nobody but itself knows that it is."""
 
     def __init__(self, port: Any, description: str) -> None:
@@ -51,12 +51,12 @@ class RealTarget(Target):
             return super().now_ns
 
     def receive(self, count: int, timeout_s: float) -> bytes:
-        """See `Target`."""
+        """See `SerialTransport`."""
         with self._working():
             return super().receive(count, timeout_s)
 
     def wait(self, seconds: float) -> float:
-        """See `Target`."""
+        """See `SerialTransport`."""
         with self._working():
             return super().wait(seconds)
 
@@ -79,7 +79,7 @@ def judge_as_real(
         serial.protocol_handler_packages.append(TWIN_HANDLER)
     url = options.family.twin_url(options.model, options.address, options.neighbours) + query
 
-    def open_real(neighbours: tuple[int, ...]) -> Target:
+    def open_real(neighbours: tuple[int, ...]) -> SerialTransport:
         return RealTarget(port(serial.serial_for_url(url, baudrate=38400)), PORT)
 
     return Engine(options, open_real).run(lambda event: None)

@@ -14,7 +14,7 @@ from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families.mac.can import codec
-from axistwin_conformance.transport.can import CanTarget, split_words
+from axistwin_conformance.transport.can import CanTransport, split_words
 
 BITRATE = 125_000
 LATEST_NS = 60_000_000
@@ -28,7 +28,7 @@ def twin_bus(words: str) -> Any:
 
 
 class BusInFront:
-    """Hands on what a `CanTarget` asks of `bus` beside sending and receiving."""
+    """Hands on what a `CanTransport` asks of `bus` beside sending and receiving."""
 
     def __init__(self, bus: Any) -> None:
         self.bus = bus
@@ -153,11 +153,11 @@ def noisy_run(
     options = make_options(model="mac23-can", ids=words, level=level, seed=seed)
     buses: list[NoisyBus] = []
 
-    def open_noisy(neighbours: tuple[int, ...]) -> CanTarget:
+    def open_noisy(neighbours: tuple[int, ...]) -> CanTransport:
         url = options.family.twin_url(options.model, options.address, neighbours)
         url += "".join(f"&quirk.{name}={value}" for name, value in quirks.items())
         buses.append(NoisyBus(twin_bus(url), every, seed + len(buses), fates))
-        return CanTarget(
+        return CanTransport(
             buses[-1], url, is_spontaneous=codec.is_spontaneous, bitrate=BITRATE, is_builtin=True,
             is_lossless=False,
         )  # fmt: skip

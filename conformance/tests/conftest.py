@@ -29,8 +29,8 @@ from axistwin_conformance.engine import device_guard
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine, Envelope, Options
 from axistwin_conformance.report import json
-from axistwin_conformance.transport.serial import Target, open_target
-from axistwin_conformance.transport.transport import Carrier
+from axistwin_conformance.transport.serial import SerialTransport, open_target
+from axistwin_conformance.transport.transport import Transport
 
 STEP_NS = 1_000_000  # each exchange of the toy takes a millisecond
 
@@ -113,7 +113,7 @@ class ToyFamily(Family):
     default_address = 0
     default_rate = 9600
 
-    def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> Carrier:
+    def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> Transport:
         """Open a port."""
         return open_target(url, rate or 9600, is_builtin=is_builtin)
 
@@ -178,9 +178,10 @@ class Toy:
         self, switch: str, look: Callable[[Session], Seen], safety: tuple[str, ...] = ("passive",)
     ) -> None:
         """Declare a question of the toy family."""
-        one = Check.named(f"detect_{switch}", "Asked.", "", safety=safety)
-        self.module.PROBES = (*getattr(self.module, "PROBES", ()), Probe(switch, look, one))  # type: ignore[attr-defined]
-        self.family = vary(self.family, probe_modules=(self.module.__name__,))
+        name = self.module.__name__
+        question = Check.named(f"detect_{switch}", "Asked.", name, safety=safety)
+        setattr(self.module, question.name, Probe(switch, look, question))
+        self.family = vary(self.family, probe_modules=(name,))
 
     def options(self, **changes: Any) -> Options:
         """The options of a run on the built-in toy, with everything allowed."""
@@ -198,10 +199,10 @@ class Toy:
         } | changes
         return Options(**given)
 
-    def open(self, neighbours: tuple[int, ...]) -> Target:
+    def open(self, neighbours: tuple[int, ...]) -> SerialTransport:
         """Open the toy port."""
         self.opened.append(neighbours)
-        return Target(self.port, "toy", is_builtin=True)
+        return SerialTransport(self.port, "toy", is_builtin=True)
 
     def run(self, **changes: Any) -> Result:
         """Run the engine over the declared checks."""

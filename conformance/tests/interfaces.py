@@ -29,7 +29,7 @@ from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.transport import serial as serial_transport
 from axistwin_conformance.transport import transport
-from axistwin_conformance.transport.serial import TWIN_HANDLER, Target
+from axistwin_conformance.transport.serial import TWIN_HANDLER, SerialTransport
 
 MS = 1_000_000
 BYTE_BITS = 10
@@ -352,11 +352,11 @@ def judged_behind(
     ports: list[InterfacePort] = []
     with real_time_of() as world:
 
-        def opener(neighbours: tuple[int, ...]) -> Target:
+        def opener(neighbours: tuple[int, ...]) -> SerialTransport:
             line = serial.serial_for_url(url, baudrate=options.rate or BAUD)
             ports.append(InterfacePort(line, interface, seed))
             world.port = ports[-1]
-            return Target(ports[-1], interface.url)
+            return SerialTransport(ports[-1], interface.url)
 
         result = Engine(options, opener).run(lambda event: None)
         seconds = sum(port.now_ns for port in ports) / 1e9

@@ -17,7 +17,7 @@ from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.core.session import Envelope, Run, Session, Stop
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.family import FAMILY, TWIN_BITRATE
-from axistwin_conformance.transport.can import CanTarget, split_words
+from axistwin_conformance.transport.can import CanTransport, split_words
 from axistwin_conformance.transport.can_frame import Frame
 from axistwin_conformance.transport.rig import TwinRig
 
@@ -81,23 +81,23 @@ class Liar:
         self._bus.shutdown()
 
 
-def open_liar(neighbours: tuple[int, ...], says: Turn, hears: Turn, injects: Turn) -> CanTarget:
+def open_liar(neighbours: tuple[int, ...], says: Turn, hears: Turn, injects: Turn) -> CanTransport:
     """The built-in twin of module 1, with these beside it, and what is told of it in front."""
     url = FAMILY.twin_url("mac23-can", 1, neighbours)
     interface, channel, _ = split_words(url)
     bus = can.Bus(channel, interface, ignore_config=True, bitrate=TWIN_BITRATE)
-    return CanTarget(
+    return CanTransport(
         Liar(bus, says, hears, injects), url, is_spontaneous=codec.is_spontaneous,
         bitrate=TWIN_BITRATE, is_builtin=True,
     )  # fmt: skip
 
 
-def make_run(target: CanTarget, neighbours: tuple[int, ...] = ()) -> Run:
+def make_run(target: CanTransport, neighbours: tuple[int, ...] = ()) -> Run:
     """A run of module 1 that may do anything."""
     return Run(
         target=target, family=FAMILY, model=FAMILY.models["mac23-can"], ledger=LEDGER, address=1,
         neighbours=neighbours, allowed=frozenset(SAFETY_CLASSES),
-        envelope=Envelope(20_000, 60_000, is_fenced=False), seed=3,
+        envelope=Envelope(20_000, 60_000, is_guarded=False), seed=3,
     )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from axistwin_conformance.core.session import Envelope, Run, Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK, STX
 from axistwin_conformance.families.msc.family import FAMILY
-from axistwin_conformance.transport.serial import Target
+from axistwin_conformance.transport.serial import SerialTransport
 
 BYTE_NS = 10_000_000_000 // 9600
 T1_NS = T2_NS = 1_000_000_000
@@ -183,9 +183,9 @@ class MscPort:
         return b""
 
 
-def target_of(port: MscPort, *, is_lossless: bool = True) -> Target:
+def target_of(port: MscPort, *, is_lossless: bool = True) -> SerialTransport:
     """The suite's view of it."""
-    return Target(port, "a small MSC", is_lossless=is_lossless)
+    return SerialTransport(port, "a small MSC", is_lossless=is_lossless)
 
 
 def session_on(port: MscPort, checked: Check | None = None, **how: Any) -> Session:
@@ -196,7 +196,7 @@ def session_on(port: MscPort, checked: Check | None = None, **how: Any) -> Sessi
             "model": FAMILY.models["msc-250" if port.has_rflags else "msc-generic"],
             "ledger": load_ledger("msc"), "address": port.unit, "neighbours": (),
             "allowed": frozenset({"passive", "stored"}), "envelope": Envelope(0, 0), "seed": 0,
-            "grounds": FAMILY.grounds, **how,
+            "grounds": FAMILY.scratch, **how,
         }
     )  # fmt: skip
     return Session(run, checked)

@@ -9,14 +9,14 @@ from typing import Any
 from msc_device import BYTE_NS, REPEATS, REPLY_NS, RESPONSE_NS, T2_NS, MscPort
 
 from axistwin_conformance.base.check import Check
-from axistwin_conformance.core.identity import Grounds
+from axistwin_conformance.core.identity import ScratchArea
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK, STX, Packet
 
 Accepts = Callable[[bytes], bool]
 SCAN_NS = 10_000_000
 PROGRAM = (240, 6144)
-GROUNDS = Grounds(range(1024, 5120), range(128, 240), PROGRAM)
+GROUNDS = ScratchArea(range(1024, 5120), range(128, 240), PROGRAM)
 Make = Callable[[], MscPort]
 
 

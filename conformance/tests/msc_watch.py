@@ -12,7 +12,7 @@ from port_in_front import PortInFront
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
-from axistwin_conformance.transport.serial import TWIN_HANDLER, Target
+from axistwin_conformance.transport.serial import TWIN_HANDLER, SerialTransport
 
 PORT: Final = "/dev/ttyMSC"  # what the suite takes for a real port
 VARIABLES: Final = range(1024, 2048)
@@ -105,9 +105,9 @@ def run_on_a_port(
     )  # fmt: skip
     watches: list[MscWatch] = []
 
-    def open_watch(neighbours: tuple[int, ...]) -> Target:
+    def open_watch(neighbours: tuple[int, ...]) -> SerialTransport:
         url = options.family.twin_url(model, options.address, neighbours)
         watches.append(MscWatch(serial.serial_for_url(url, baudrate=9600), at_call))
-        return Target(watches[-1], PORT, is_lossless=False)  # as a real line may be
+        return SerialTransport(watches[-1], PORT, is_lossless=False)  # as a real line may be
 
     return Engine(options, open_watch).run(lambda event: None), watches

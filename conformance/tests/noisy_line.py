@@ -14,7 +14,7 @@ from port_in_front import PortInFront
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
-from axistwin_conformance.transport.serial import TWIN_HANDLER, Target
+from axistwin_conformance.transport.serial import TWIN_HANDLER, SerialTransport
 
 LATEST_NS = 60_000_000  # a byte may come that late: more than the pause after a forbidden frame
 FATES = ("lost", "corrupted", "late")
@@ -151,12 +151,12 @@ def noisy_run(
     options = make_options(model=model, ids=words, level=level, seed=seed)
     ports: list[NoisyPort] = []
 
-    def open_noisy(neighbours: tuple[int, ...]) -> Target:
+    def open_noisy(neighbours: tuple[int, ...]) -> SerialTransport:
         url = options.family.twin_url(options.model, options.address, neighbours)
         url += "".join(f"&quirk.{name}={value}" for name, value in quirks.items())
         inner = serial.serial_for_url(url, baudrate=options.rate or 38400)
         ports.append(port(inner, every, seed + len(ports), fates))
-        return Target(ports[-1], url, is_builtin=True, is_lossless=False)
+        return SerialTransport(ports[-1], url, is_builtin=True, is_lossless=False)
 
     result = engine(options, open_noisy).run(lambda event: None)
     return NoisyRun(result, tuple(ports))

@@ -6,7 +6,7 @@ from typing import Any
 
 
 class PortInFront:
-    """Hands on what a `Target` asks of `port` beside reading and writing."""
+    """Hands on what a `SerialTransport` asks of `port` beside reading and writing."""
 
     def __init__(self, port: Any) -> None:
         self.port = port

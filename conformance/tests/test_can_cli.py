@@ -21,7 +21,7 @@ from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.report import html, junit
 from axistwin_conformance.report import json as report_json
 from axistwin_conformance.report.terminal import TerminalReport
-from axistwin_conformance.transport.can import CanTarget
+from axistwin_conformance.transport.can import CanTransport
 from axistwin_conformance.transport.kinds import BUS
 from axistwin_conformance.transport.rig import choose_rig
 
@@ -200,9 +200,9 @@ def failed() -> tuple[Engine, list[Event]]:
     """A run in which a requirement fails."""
     options = make_options(model="mac23-can", ids=(ONE,), bitrate=BITRATE)
 
-    def opened(neighbours: tuple[int, ...]) -> CanTarget:
+    def opened(neighbours: tuple[int, ...]) -> CanTransport:
         url = options.family.twin_url(options.model, options.address, neighbours)
-        return CanTarget(
+        return CanTransport(
             Restless(twin_bus(url)), url, is_spontaneous=codec.is_spontaneous, bitrate=BITRATE,
             is_builtin=True,
         )  # fmt: skip

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from axistwin_conformance.base.errors import OutsideEnvelope
-from axistwin_conformance.families.mac.axis.travel_guard import Fence
+from axistwin_conformance.families.mac.axis.travel_guard import TravelGuard
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.codec import Request
 from axistwin_conformance.families.mac.can.reader import BusReader
@@ -31,7 +31,7 @@ class Bus:
 
     def __init__(self, **readings: str) -> None:
         self.readings = readings
-        self.fence = Fence(BusReader(readings), 2000, 10_000, OWN, readings)
+        self.travel_guard = TravelGuard(BusReader(readings), 2000, 10_000, OWN, readings)
         self.now_ns = 0
 
     def request(self, index: int, parameter: int = 0, address: int = OWN) -> Request:
@@ -41,10 +41,10 @@ class Bus:
 
     def send(self, frame: Frame, *replies: Frame) -> None:
         """Send a frame; what comes, comes 10 ms later."""
-        self.fence.sending(frame.pack(), self.now_ns)
+        self.travel_guard.sending(frame.pack(), self.now_ns)
         self.now_ns += SECOND // 100
         for one in replies:
-            self.fence.received(one.pack(), self.now_ns)
+            self.travel_guard.received(one.pack(), self.now_ns)
 
     def say(self, index: int, parameter: int = 0, address: int = OWN) -> None:
         """Send a request that is accepted."""
@@ -59,12 +59,12 @@ class Bus:
 
     def holds_back(self, frame: Frame) -> bool:
         """True if the frame is held back; otherwise it is refused, as if never said."""
-        before = dict(self.fence.axes)
+        before = dict(self.travel_guard.axes)
         try:
-            self.fence.sending(frame.pack(), self.now_ns)
+            self.travel_guard.sending(frame.pack(), self.now_ns)
         except OutsideEnvelope:
             return True
-        self.fence.axes = before
+        self.travel_guard.axes = before
         return False
 
     def refuses(self, index: int, parameter: int = 0, address: int = OWN) -> bool:
@@ -73,7 +73,7 @@ class Bus:
 
     def has_deadline(self) -> bool:
         """Whether the fence will stop an axis by itself."""
-        return self.fence.deadline_ns is not None
+        return self.travel_guard.deadline_ns is not None
 
 
 @pytest.fixture
@@ -114,7 +114,7 @@ def test_the_answer_to_a_general_request_tells_of_module_1_alone(bus: Bus) -> No
     bus.at(0, address=OTHER)
     one = bus.request(0x15, F6 | 0x1000, address=ALL)
     bus.send(one.frame(), reply(one, codec.REFUSED, address=OWN))
-    moving = {address for address, axis in bus.fence.axes.items() if axis.speed}
+    moving = {address for address, axis in bus.travel_guard.axes.items() if axis.speed}
     assert moving == {OTHER}
     bus.say(0x18, address=ALL)
     assert bus.has_deadline(), "only module 1 has said that it has stopped"
@@ -167,10 +167,10 @@ def test_a_frame_that_is_too_short_counts_as_padded(bus: Bus, length: int) -> No
 def test_a_short_frame_asks_a_device_that_ignores_them_for_nothing(bus: Bus) -> None:
     """Or each one would leave another doubt behind, of a counter cleared or not."""
     bus.readings["short_frame"] = "ignore"
-    axes = dict(bus.fence.axes)
+    axes = dict(bus.travel_guard.axes)
     for index, parameter in ((0x0B, 0), (0x13, 0x00ABCDEF), (0x16, 0x7FFF1000)):
         bus.send(replace(bus.request(index, parameter), length=7).frame())
-    assert bus.fence.axes == axes
+    assert bus.travel_guard.axes == axes
 
 
 def test_another_command_byte_counts_as_a_download(bus: Bus) -> None:
@@ -192,9 +192,9 @@ def test_another_command_byte_counts_as_a_download(bus: Bus) -> None:
 )
 def test_what_nobody_obeys_asks_for_nothing(bus: Bus, frame: Frame) -> None:
     """Extended and remote frames, identifiers of nobody, other objects, what CAN does not have."""
-    axes = dict(bus.fence.axes)
+    axes = dict(bus.travel_guard.axes)
     bus.send(frame)
-    assert bus.fence.axes == axes
+    assert bus.travel_guard.axes == axes
 
 
 def test_a_refused_segment_does_not_count_and_an_unanswered_one_may(bus: Bus) -> None:
@@ -213,7 +213,7 @@ def test_what_is_no_reply_tells_nothing(bus: Bus, unasked: Frame) -> None:
     one = bus.request(0x15, 0x1000)
     bus.send(one.frame(), unasked)
     assert bus.has_deadline()
-    bus.fence.received(reply(one, codec.REFUSED).pack(), bus.now_ns)
+    bus.travel_guard.received(reply(one, codec.REFUSED).pack(), bus.now_ns)
     assert not bus.has_deadline()
 
 
@@ -226,7 +226,7 @@ def test_a_late_reply_does_not_tell_what_became_of_another_request(bus: Bus) -> 
     bus.say(0x18)
     answer = bus.request(0x22)  # 2002h, as the download 02h
     bus.send(bus.request(0x02).frame(), reply(answer, 0x42, bytes(4)))
-    assert bus.fence._asked is not None, "the reply is still to come"
+    assert bus.travel_guard._asked is not None, "the reply is still to come"
 
 
 def test_a_garbled_reply_leaves_it_open_what_was_done(bus: Bus) -> None:
@@ -234,14 +234,14 @@ def test_a_garbled_reply_leaves_it_open_what_was_done(bus: Bus) -> None:
     one = bus.request(0x15, 0x1000)
     bus.send(one.frame(), reply(one, codec.ACCEPTED, b"\0\0\0\1"), Frame(0x581, bytes(5)))
     assert bus.has_deadline()
-    assert bus.fence._asked is not None
+    assert bus.travel_guard._asked is not None
 
 
 def test_while_nobody_knows_the_order_of_bytes_both_count() -> None:
     """And no counter is read: it would be another one."""
     bus = Bus(**{switch: one for switch, one in KNOWN.items() if switch != "can_byte_order"})
     bus.at(0)
-    assert bus.fence.axes == {}
+    assert bus.travel_guard.axes == {}
     bus.readings["can_byte_order"] = "big"
     bus.at(0)
     assert not bus.refuses(0x13, 500)
@@ -260,11 +260,11 @@ def test_a_device_of_the_other_order_is_kept_inside_too() -> None:
     assert bus.refuses(0x16, 0x0001_031F)
     assert not bus.refuses(0x16, 0x0001_0320)
     bus.say(0x15, F6 | 0x1000)
-    assert bus.fence.axes[OWN].ways == (-1, 0)
+    assert bus.travel_guard.axes[OWN].ways == (-1, 0)
 
 
 def test_the_fence_stops_each_axis_by_itself(bus: Bus) -> None:
     """With 2018h to those that move without an end."""
     bus.at(0, address=OTHER)
     bus.say(0x15, 0x1000, address=OTHER)
-    assert bus.fence.stop() == (codec.request(OTHER, 0x18).frame().pack(),)
+    assert bus.travel_guard.stop() == (codec.request(OTHER, 0x18).frame().pack(),)

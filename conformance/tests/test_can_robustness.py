@@ -25,7 +25,7 @@ from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families.mac.can import codec
-from axistwin_conformance.transport.can import CanTarget
+from axistwin_conformance.transport.can import CanTransport
 from axistwin_conformance.transport.can_frame import Frame
 
 SHORT_S = 1.0  # patience of most of these tests
@@ -212,8 +212,8 @@ def bench(channel: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
         inner = can.Bus(channel, "virtual", ignore_config=True)
         bus = FailingBus(inner, moment, error, where, is_noisy=is_noisy)
 
-        def opened(neighbours: tuple[int, ...]) -> CanTarget:
-            return CanTarget(bus, "failing", is_spontaneous=codec.is_spontaneous)
+        def opened(neighbours: tuple[int, ...]) -> CanTransport:
+            return CanTransport(bus, "failing", is_spontaneous=codec.is_spontaneous)
 
         result = Engine(options, opened).run(lambda event: None)
         return checked(result, bus.turned_at, time.monotonic())

@@ -26,7 +26,7 @@ from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families.mac.can import codec
-from axistwin_conformance.transport.can import CanTarget
+from axistwin_conformance.transport.can import CanTransport
 
 TRAVEL, SPEED = 2000, 10_000
 STOPPED = partial(judge_interrupted, most=TRAVEL)
@@ -64,11 +64,11 @@ def run(
     )
     watches: list[BusWatch] = []
 
-    def opened(neighbours: tuple[int, ...]) -> CanTarget:
+    def opened(neighbours: tuple[int, ...]) -> CanTransport:
         url = options.family.twin_url(options.model, options.address, neighbours)
         OPEN.append(twin_bus(f"{url}&bus=watch{next(NUMBERS)}"))
         watches.append(BusWatch(OPEN[-1], at_call))
-        return CanTarget(
+        return CanTransport(
             watches[-1], url, is_spontaneous=codec.is_spontaneous, bitrate=BITRATE,
             is_builtin=True, is_lossless=is_lossless,
         )  # fmt: skip
@@ -129,7 +129,7 @@ def test_a_bus_lost_at_any_moment_ends_the_run_soon() -> None:
         gone()
 
     def judge(result: Result, watches: list[Any], met: Any, sent: int) -> None:
-        judge_lost(result, met, sent, carrier="bus")
+        judge_lost(result, met, sent, transport="bus")
 
     moving = partial(run, words=MOVING, is_lossless=False)
     meet(Trouble(moments_of(5, moving, seed=5), lose, judge), moving)

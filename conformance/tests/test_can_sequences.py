@@ -17,7 +17,7 @@ from zoo.motion import a_ramped_stop_stops_dead
 
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.classes import SAFETY_CLASSES
-from axistwin_conformance.base.errors import Disturbed
+from axistwin_conformance.base.errors import AttemptVoid
 from axistwin_conformance.base.events import Event, FailureStored
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
@@ -43,7 +43,7 @@ from axistwin_conformance.sequences import failure, machine
 from axistwin_conformance.sequences.failure import Failure
 from axistwin_conformance.sequences.runner import Mismatch
 from axistwin_conformance.sequences.strategies import no_folder
-from axistwin_conformance.transport.can import CanTarget
+from axistwin_conformance.transport.can import CanTransport
 from axistwin_conformance.transport.can_frame import Frame
 
 FAMILY = find_family("mac23-can")
@@ -86,7 +86,7 @@ class Case:
         quirks = "".join(f"&quirk.{switch}={one}" for switch, one in readings.items())
         if bus is None:
             bus = twin_bus(quirks)
-        target = CanTarget(
+        target = CanTransport(
             bus, f"axistwin:{TWIN}{quirks}", is_spontaneous=codec.is_spontaneous, bitrate=BITRATE,
             is_lossless=is_lossless,
         )  # fmt: skip
@@ -94,7 +94,7 @@ class Case:
         self.run = Run(
             target=target, family=FAMILY, model=FAMILY.models["mac23-can"],
             ledger=load_ledger("mac_can"), address=1, neighbours=(3,),
-            allowed=frozenset(SAFETY_CLASSES), envelope=Envelope(1 << 20, 5000, is_fenced=False),
+            allowed=frozenset(SAFETY_CLASSES), envelope=Envelope(1 << 20, 5000, is_guarded=False),
             seed=3, tell=self.events.append, readings=dict(readings),
         )  # fmt: skip
         self.run.memory = FAMILY.remember(Session(self.run))
@@ -215,7 +215,7 @@ def test_what_modules_say_unasked_disturbs_nothing(seconds: int) -> None:
     for _ in range(12):
         run.pause(seconds)
         run.query(0x20)
-    assert isinstance(case.run.target, CanTarget)
+    assert isinstance(case.run.target, CanTransport)
     heard = {one.frame.identifier for one in case.run.target.take_spontaneous()}
     assert heard == ({0x083} if seconds < 10 else {0x081, 0x083})
     run.conclude()
@@ -263,7 +263,7 @@ def test_the_twin_to_shrink_on_is_one_on_a_bus_with_the_same_readings() -> None:
     """With its neighbours, at the same bit rate, held to what the device has shown."""
     case = Case(readings={"ramp_law": "equal_increments"})
     twin = failure.open_twin(case.session)
-    assert isinstance(twin, CanTarget)
+    assert isinstance(twin, CanTransport)
     assert twin.bitrate == BITRATE
     assert "quirk.ramp_law=equal_increments" in twin.description
     other = case.player.on(failure.twin_session(case.session, twin))
@@ -319,7 +319,7 @@ def test_lost_frames_make_no_mismatch(seed: int) -> None:
     for _ in range(2):
         try:
             played = case.player.play(case.player.split(data))
-        except Disturbed:
+        except AttemptVoid:
             continue
         assert played.mismatch is None, played.mismatch
     assert case.run.target._bus.lost  # type: ignore[attr-defined]

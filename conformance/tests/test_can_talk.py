@@ -9,14 +9,14 @@ import pytest
 from scripted_bus import VirtualBus
 
 from axistwin_conformance.base.check import check
-from axistwin_conformance.base.errors import Disturbed
+from axistwin_conformance.base.errors import AttemptVoid
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.core.session import ATTEMPTS, Run, Session, Stop
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.client import Talk
 from axistwin_conformance.families.mac.can.codec import Kind
-from axistwin_conformance.transport.can import CanTarget
+from axistwin_conformance.transport.can import CanTransport
 from axistwin_conformance.transport.can_frame import Frame
 
 REPLY_NS = 1_000_000
@@ -59,7 +59,7 @@ def sample_check(session: Session) -> None:
 
 def make_talk(module: Module, toy: Any, *, is_lossless: bool = True, **words: Any) -> Talk:
     """A talk with it, in a session that judges two requirements."""
-    target = CanTarget(
+    target = CanTransport(
         module.bus, "toy", is_spontaneous=codec.is_spontaneous, is_lossless=is_lossless, **words
     )
     options = toy.options()
@@ -289,7 +289,7 @@ def test_what_must_not_be_said_twice_voids_the_attempt(module: Module, toy: Any)
     """The module may have obeyed."""
     talk = make_talk(module, toy, is_lossless=False)
     module.instead = [()]
-    with pytest.raises(Disturbed, match="download 2016h"):
+    with pytest.raises(AttemptVoid, match="download 2016h"):
         talk.command(0x16, 0x0001_1000)
 
 

@@ -18,7 +18,7 @@ from axistwin_conformance.base.errors import OutsideEnvelope, TargetError, TwinC
 from axistwin_conformance.base.transcript import Direction
 from axistwin_conformance.families.mac.can.codec import is_spontaneous
 from axistwin_conformance.transport import can as can_transport
-from axistwin_conformance.transport.can import CanTarget, any_frame, open_can_target, split_words
+from axistwin_conformance.transport.can import CanTransport, any_frame, open_can_target, split_words
 from axistwin_conformance.transport.can_frame import Frame, unpack
 
 ASK = Frame(0x601, bytes.fromhex("4000200000000000"))
@@ -37,12 +37,12 @@ def is_answer(frame: Frame) -> bool:
     return frame.identifier == 0x581
 
 
-def virtual(script: Callable[[Frame], Iterable[Frame]] = answers, **words: Any) -> CanTarget:
+def virtual(script: Callable[[Frame], Iterable[Frame]] = answers, **words: Any) -> CanTransport:
     """A target on a bus of virtual time."""
-    return CanTarget(VirtualBus(script), "toy", is_spontaneous=is_spontaneous, **words)
+    return CanTransport(VirtualBus(script), "toy", is_spontaneous=is_spontaneous, **words)
 
 
-def behind(target: CanTarget) -> VirtualBus:
+def behind(target: CanTransport) -> VirtualBus:
     """The bus of such a target."""
     bus = target._bus
     assert isinstance(bus, VirtualBus)
@@ -58,7 +58,7 @@ def peer() -> Iterator[ScriptedPeer]:
 
 
 @pytest.fixture
-def target(peer: ScriptedPeer) -> Iterator[CanTarget]:
+def target(peer: ScriptedPeer) -> Iterator[CanTransport]:
     """The way to it."""
     one = open_can_target("virtual:suite-test", is_spontaneous=is_spontaneous)
     yield one
@@ -68,7 +68,7 @@ def target(peer: ScriptedPeer) -> Iterator[CanTarget]:
 # --- over a real python-can bus -------------------------------------------------------------------
 
 
-def test_frames_go_and_come_over_a_python_can_bus(target: CanTarget, peer: ScriptedPeer) -> None:
+def test_frames_go_and_come_over_a_python_can_bus(target: CanTransport, peer: ScriptedPeer) -> None:
     """The machine's clock tells when; all that was said is in the transcript, each frame whole."""
     before_ns = target.now_ns
     target.send(ASK)
@@ -86,7 +86,7 @@ def test_frames_go_and_come_over_a_python_can_bus(target: CanTarget, peer: Scrip
 
 
 def test_remote_and_extended_frames_arrive_as_what_they_are(
-    target: CanTarget, peer: ScriptedPeer
+    target: CanTransport, peer: ScriptedPeer
 ) -> None:
     """Either way."""
     odd = (Frame(0x601, is_remote=True, asked_length=8), Frame(0x601, b"\1", is_extended=True))
@@ -101,7 +101,7 @@ def test_remote_and_extended_frames_arrive_as_what_they_are(
     assert peer.heard == [*odd, ASK]
 
 
-def test_a_bus_that_is_closed_is_trouble_in_one_line(target: CanTarget) -> None:
+def test_a_bus_that_is_closed_is_trouble_in_one_line(target: CanTransport) -> None:
     """TargetError, nothing else; closing it again is fine."""
     target.close()
     for act in (lambda: target.send(ASK), lambda: target.receive(any_frame, 0.1), target.drain):
@@ -111,7 +111,7 @@ def test_a_bus_that_is_closed_is_trouble_in_one_line(target: CanTarget) -> None:
     target.close()
 
 
-def test_the_round_trip_is_measured(target: CanTarget) -> None:
+def test_the_round_trip_is_measured(target: CanTransport) -> None:
     """And bounds how well an instant is known."""
 
     def exchange() -> bool:
@@ -204,12 +204,12 @@ def test_a_bus_that_has_babbled_is_hushed() -> None:
     """Nothing that comes late is left; one that never stops is given up."""
     target = virtual()
     target.send(ASK)
-    target.hush(0.1)
+    target.wait_until_quiet(0.1)
     assert target.receive(any_frame, 0.0) is None
     for at in range(100):
         behind(target).schedule(target.now_ns + at * 50_000_000, ANSWER)
     before_ns = target.now_ns
-    target.hush(0.1)
+    target.wait_until_quiet(0.1)
     assert target.now_ns - before_ns < 2_000_000_000
 
 
@@ -235,7 +235,7 @@ class EchoingBus(VirtualBus):
 def test_our_own_frames_are_not_heard(is_marked: bool) -> None:
     """Those the interface marks, and one for each sent on an interface known for it."""
     bus = EchoingBus(is_marked=is_marked)
-    target = CanTarget(bus, "toy", is_spontaneous=is_spontaneous, is_echoing=not is_marked)
+    target = CanTransport(bus, "toy", is_spontaneous=is_spontaneous, is_echoing=not is_marked)
     target.send(ASK)
     assert target.wait(0.1)
     assert [one.frame for one in target.drain()] == [ANSWER]
@@ -244,7 +244,7 @@ def test_our_own_frames_are_not_heard(is_marked: bool) -> None:
 def test_on_socketcan_frames_of_other_local_programs_are_heard() -> None:
     """Linux marks whatever was sent on this machine."""
     bus = EchoingBus(is_marked=True)
-    target = CanTarget(bus, "toy", is_spontaneous=is_spontaneous, marks_own=False)
+    target = CanTransport(bus, "toy", is_spontaneous=is_spontaneous, marks_own=False)
     target.send(ASK)
     assert target.wait(0.1)
     assert [one.frame for one in target.drain()] == [ASK, ANSWER]
@@ -259,11 +259,11 @@ def test_a_frame_like_ours_is_heard_where_nothing_echoes() -> None:
 
 def test_an_echo_is_taken_away_once_and_not_for_ever() -> None:
     """A second one like it is a foreign frame, and so is one long after."""
-    target = CanTarget(VirtualBus(lambda frame: (frame, frame)), "toy", is_echoing=True)
+    target = CanTransport(VirtualBus(lambda frame: (frame, frame)), "toy", is_echoing=True)
     target.send(ASK)
     target.wait(0.1)
     assert len(target.drain()) == 1
-    silent = CanTarget(VirtualBus(), "toy", is_echoing=True)
+    silent = CanTransport(VirtualBus(), "toy", is_echoing=True)
     silent.send(ASK)
     silent.wait(2.0)
     behind(silent).schedule(silent.now_ns, ASK)
@@ -332,8 +332,8 @@ STOP = Frame(0x601, bytes.fromhex("2318200000000000"))
 
 def test_the_fence_hears_both_ways_and_stops_endless_motion_in_time() -> None:
     """Past the gate, and the check is told that its wait was cut."""
-    target, fence = virtual(), ToyFence()
-    target.fence = fence
+    target, travel_guard = virtual(), ToyFence()
+    target.travel_guard = travel_guard
 
     def gate(data: bytes) -> None:
         assert unpack(data) == ASK, "a stop need not pass"
@@ -346,13 +346,13 @@ def test_the_fence_hears_both_ways_and_stops_endless_motion_in_time() -> None:
     assert behind(target).sent == [ASK, STOP]
     assert target.gate is gate
     assert target.now_ns <= 550_000_000
-    assert fence.heard == [LIFEBEAT, ANSWER]
+    assert travel_guard.heard == [LIFEBEAT, ANSWER]
 
 
 def test_between_checks_endless_motion_is_stopped_without_a_word() -> None:
     """There is nobody to tell; the wait goes on."""
     target = virtual()
-    target.fence = ToyFence()
+    target.travel_guard = ToyFence()
     assert target.wait(2.0) == 2.0
     assert behind(target).sent == [STOP]
 
@@ -428,7 +428,7 @@ def test_a_driver_that_falls_over_is_no_twin() -> None:
         def recv(self, timeout: float | None = None) -> can.Message | None:
             raise TypeError("'NoneType'\nobject")
 
-    target = CanTarget(Broken(), "toy")
+    target = CanTransport(Broken(), "toy")
     with pytest.raises(TargetError, match="closed while receiving: 'NoneType' object"):
         target.receive(any_frame, 0.1)
     assert target.crash == ""

@@ -13,7 +13,7 @@ from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.cli import conform
 from axistwin_conformance.families.catalog import find_family
-from axistwin_conformance.transport.can import CanTarget
+from axistwin_conformance.transport.can import CanTransport
 from axistwin_conformance.transport.can_frame import Frame
 
 FAMILY, LEDGER = find_family("mac23-can"), load_ledger("mac_can")
@@ -114,13 +114,13 @@ def test_nothing_that_is_the_serial_line_s_own_is_covered_by_a_requirement_here(
 def test_a_passive_run_sends_no_frame_that_acts(monkeypatch: pytest.MonkeyPatch) -> None:
     """What goes to a bus without --allow: nothing that moves or is stored, and no address."""
     sent: list[Frame] = []
-    plain = CanTarget.send
+    plain = CanTransport.send
 
-    def spy(target: CanTarget, frame: Frame) -> int:
+    def spy(target: CanTransport, frame: Frame) -> int:
         sent.append(frame)
         return plain(target, frame)
 
-    monkeypatch.setattr(CanTarget, "send", spy)
+    monkeypatch.setattr(CanTransport, "send", spy)
     status, events = run("--can", TWIN, "--neighbour", "3")
     assert (status, troubles(events)) == (0, [])
     assert len(sent) > 50
@@ -139,13 +139,13 @@ def test_the_same_seed_gives_the_same_frames_at_the_same_times(
 ) -> None:
     """Everything is replayable on the bus too."""
     sent: list[tuple[int, bytes]] = []
-    plain = CanTarget.send
+    plain = CanTransport.send
 
-    def spy(target: CanTarget, frame: Frame) -> int:
+    def spy(target: CanTransport, frame: Frame) -> int:
         sent.append((target.now_ns, frame.pack()))
         return plain(target, frame)
 
-    monkeypatch.setattr(CanTarget, "send", spy)
+    monkeypatch.setattr(CanTransport, "send", spy)
 
     def frames(seed: int) -> list[tuple[int, bytes]]:
         sent.clear()

@@ -23,7 +23,7 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families import catalog
 from axistwin_conformance.report.terminal import TerminalReport
-from axistwin_conformance.transport.serial import Target
+from axistwin_conformance.transport.serial import SerialTransport
 
 LINE, FRAME, MOVE = "MACS-LINE-01", "MACS-FRAME-01", "MACS-CMD-13-01"
 
@@ -52,9 +52,9 @@ def fails(session: Session) -> None:
 def bench(toy: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
     """The toy family known to the command, with one passive and one moving check."""
 
-    def open_toy(url: str, rate: int | None, *, is_builtin: bool = False) -> Target:
+    def open_toy(url: str, rate: int | None, *, is_builtin: bool = False) -> SerialTransport:
         toy.opened.append((url, rate, is_builtin))
-        return Target(toy.port, url, is_builtin=is_builtin)
+        return SerialTransport(toy.port, url, is_builtin=is_builtin)
 
     known = (*catalog.families(), vary(toy.family, open=open_toy))
     monkeypatch.setattr(catalog, "families", lambda: known)

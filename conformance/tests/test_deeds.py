@@ -10,17 +10,17 @@ from click.testing import CliRunner
 
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.cli import conform, make_options
-from axistwin_conformance.engine.impact import Deed, deeds
+from axistwin_conformance.engine.impact import Impact, impacts
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.families.mac.axis.exchanges import COMMAND_NAMES
 from axistwin_conformance.families.mac.axis.safety import SAFETY_OF
 
 
-def told(*ids: str, model: str = "mac23", **given: Any) -> dict[str, Deed]:
+def told(*ids: str, model: str = "mac23", **given: Any) -> dict[str, Impact]:
     """The deeds of a plan, by class."""
     options = make_options(model=model, ids=ids, **given)
-    return {one.safety: one for one in deeds(Engine(options).plan(), options)}
+    return {one.safety: one for one in impacts(Engine(options).plan(), options)}
 
 
 def test_every_command_of_a_class_is_named_with_its_index() -> None:
@@ -75,7 +75,7 @@ def test_of_a_controller_what_the_operator_has_named_is_told() -> None:
 ])  # fmt: skip
 def test_who_would_do_it_is_counted(checks: tuple[str, ...], questions: int, who: str) -> None:
     """Checks and questions before them."""
-    assert Deed("motion", checks, questions, "", "").who == who
+    assert Impact("motion", checks, questions, "", "").who == who
 
 
 def test_a_dry_run_tells_it_to_people_and_programs() -> None:

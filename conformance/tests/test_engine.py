@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from family_variants import vary
 
 from axistwin_conformance.base import events
 from axistwin_conformance.base.errors import OutsideEnvelope, TargetError, UsageError
@@ -309,7 +310,7 @@ def test_a_passive_check_runs_though_nothing_can_be_remembered_for_a_probe(toy: 
     def unreadable(session: Session) -> Any:
         raise TargetError("no answer to 22h")
 
-    toy.family = replace(toy.family, remember=unreadable)
+    toy.family = vary(toy.family, remember=unreadable)
     toy.probe("xon_byte", lambda session: Seen(("11h",), "asked"))
     toy.probe("zero_period_0d", lambda session: Seen(("refuse",), "asked"), safety=("stored",))
     toy.add(answers, LINE)
@@ -323,7 +324,7 @@ def test_a_passive_check_runs_though_nothing_can_be_remembered_for_a_probe(toy: 
 
 def test_the_eeprom_writes_are_told_at_the_end(toy: Any) -> None:
     """With what was put back, and how many there might have been."""
-    toy.family = replace(toy.family, writes=lambda data: data[:1] == b"P")
+    toy.family = vary(toy.family, stored_writes=lambda data: data[:1] == b"P")
     toy.add(stores, STORE, safety="stored")
     toy.run(eeprom_budget=9)
     [finished] = toy.seen(events.RunFinished)
@@ -441,7 +442,7 @@ def test_without_a_memory_nothing_but_passive_runs(toy: Any) -> None:
     def unreadable(session: Session) -> Any:
         raise TargetError("no answer to 22h")
 
-    toy.family = replace(toy.family, remember=unreadable)
+    toy.family = vary(toy.family, remember=unreadable)
     toy.add(answers, LINE)
     toy.add(moves, MOVE, safety="motion")
     result = toy.run()
@@ -452,7 +453,7 @@ def test_without_a_memory_nothing_but_passive_runs(toy: Any) -> None:
 
 def test_what_could_not_be_put_back_is_a_problem_of_the_run(toy: Any) -> None:
     """It is named, and the run does not end as a success."""
-    toy.family = replace(toy.family, restore=lambda session, memory: ("the stored digit 7",))
+    toy.family = vary(toy.family, restore=lambda session, memory: ("the stored digit 7",))
     toy.add(moves, MOVE, safety="motion")
     toy.add(answers, LINE)
     result = toy.run()
@@ -466,7 +467,7 @@ def test_a_mistake_in_putting_back_is_reported_and_still_closes_the_port(toy: An
     def broken(session: Session, memory: Any) -> tuple[str, ...]:
         raise ZeroDivisionError("oops")
 
-    toy.family = replace(toy.family, restore=broken)
+    toy.family = vary(toy.family, restore=broken)
     toy.add(moves, MOVE, safety="motion")
     toy.add(stores, STORE, safety="stored")
     result = toy.run()
@@ -480,8 +481,8 @@ def test_a_mistake_in_putting_back_is_reported_and_still_closes_the_port(toy: An
 
 def test_a_frame_that_the_family_guards_against_is_never_sent(toy: Any) -> None:
     """A check that would leave its class or the envelope is our mistake, caught before the wire."""
-    toy.family = replace(
-        toy.family, guard=lambda session, data: "it would move" if data == b"M" else None
+    toy.family = vary(
+        toy.family, forbid=lambda session, data: "it would move" if data == b"M" else None
     )
     toy.add(moves, MOVE)
     result = toy.run()
@@ -517,7 +518,7 @@ def test_a_twin_that_meddles_with_its_neighbours_is_judged_alone(toy: Any) -> No
         seen.append(("together", session.neighbours))
         session.expect(True, None, "", "")
 
-    toy.family = replace(toy.family, disturbs=lambda readings: True)
+    toy.family = vary(toy.family, disturbs=lambda readings: True)
     toy.add(anywhere, LINE)
     toy.add(together, FRAME, needs=("neighbour",))
     assert toy.run().exit_status == 0
@@ -537,14 +538,14 @@ def test_a_partial_pass_says_what_was_left_out(toy: Any) -> None:
 def test_a_neighbour_that_is_not_there_is_named_and_not_the_device(toy: Any) -> None:
     """Its silence, which the line is given up for, is not the silence of what is to be judged."""
     toy.add(answers, FRAME)
-    sanity = toy.family.sanity
+    is_alive = toy.family.is_alive
 
     def gives_up(session: Session) -> bool:
         if session.address == 2:
             raise TargetError("nothing has come for 5 s")
-        return bool(sanity(session))
+        return bool(is_alive(session))
 
-    toy.family = replace(toy.family, sanity=gives_up)
+    toy.family = vary(toy.family, is_alive=gives_up)
     result = toy.run(endpoint="toy://there", neighbours=(2,))
     assert result.exit_status == 3
     assert "nobody answers at 2, which --neighbour names; leave that out" in result.refusal

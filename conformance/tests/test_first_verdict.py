@@ -14,7 +14,7 @@ from click.testing import CliRunner
 
 from axistwin_conformance.cli import conform
 from axistwin_conformance.families.catalog import find_family
-from axistwin_conformance.transport.serial import Target
+from axistwin_conformance.transport.serial import SerialTransport
 
 TWIN = "axistwin://mac23:0,mac23:1?time=virtual"
 Wire = list[tuple[int, bytes]]
@@ -41,14 +41,14 @@ def wire(monkeypatch: pytest.MonkeyPatch) -> Wire:
     sent: Wire = []
 
     def spied(way: Callable[..., Any]) -> Callable[..., Any]:
-        def spy(target: Target, data: bytes, *rest: Any) -> Any:
+        def spy(target: SerialTransport, data: bytes, *rest: Any) -> Any:
             sent.append((target.now_ns, data))
             return way(target, data, *rest)
 
         return spy
 
     for name in ("send", "exchange"):
-        monkeypatch.setattr(Target, name, spied(getattr(Target, name)))
+        monkeypatch.setattr(SerialTransport, name, spied(getattr(SerialTransport, name)))
     return sent
 
 

@@ -11,13 +11,13 @@ from click.testing import CliRunner
 from axistwin_conformance.base.check import check
 from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.cli import conform, make_options
-from axistwin_conformance.core.identity import NO_GROUNDS, Grounds
+from axistwin_conformance.core.identity import NO_SCRATCH, ScratchArea
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.engine.plan import Options
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.transport.rig import OF_A_CONTROLLER, CommandRig, TwinRig, in_words
-from axistwin_conformance.transport.serial import Target, open_target
+from axistwin_conformance.transport.serial import SerialTransport, open_target
 
 PORT = "/dev/ttyUSB0"
 
@@ -32,18 +32,18 @@ def options(**given: Any) -> Options:
 
 def test_a_real_controller_grants_nothing_by_itself() -> None:
     """Whatever the built-in twin has, of a device on a port nothing is the suite's to use."""
-    assert options().grounds == NO_GROUNDS
-    assert not options().grounds.met
+    assert options().scratch == NO_SCRATCH
+    assert not options().scratch.met
     assert not {"variables", "flags", "program", "bench"} & options().provided
     builtin = make_options(model="msc-250")
-    assert builtin.grounds == find_family("msc-250").grounds
+    assert builtin.scratch == find_family("msc-250").scratch
     assert {"variables", "flags", "program", "bench"} <= builtin.provided
 
 
 def test_what_is_named_is_granted() -> None:
     """Each option meets the need of its name."""
     named = options(variables=range(2048, 2304), flags=range(200, 204), bench_program=(240, 6144))
-    assert named.grounds == Grounds(range(2048, 2304), range(200, 204), (240, 6144))
+    assert named.scratch == ScratchArea(range(2048, 2304), range(200, 204), (240, 6144))
     assert {"variables", "flags", "program"} <= named.provided
     assert "bench" not in named.provided
     assert "bench" in options(allow="rig").provided
@@ -64,7 +64,7 @@ def test_what_is_named_on_a_port_is_named_again_even_if_a_twin_has_just_that() -
         model="msc-250", port=PORT, variables=range(1024, 5120), flags=range(128, 192),
         bench_program=(240, 6144),
     )  # fmt: skip
-    assert named.grounds == find_family("msc-250").grounds
+    assert named.scratch == find_family("msc-250").scratch
     assert "--variables 1024-5119 --flags 128-191 --bench-program 240:6144" in named.command
 
 
@@ -154,14 +154,14 @@ def test_a_check_that_may_disturb_a_controller_is_of_class_rig() -> None:
 
 
 @pytest.fixture
-def target() -> Iterator[Target]:
+def target() -> Iterator[SerialTransport]:
     """The built-in twin with its bench program."""
     one = open_target("axistwin://msc-250:1?time=virtual&program=bench", 9600, is_builtin=True)
     yield one
     one.close()
 
 
-def test_the_twin_of_a_controller_is_worked_by_its_handles(target: Target) -> None:
+def test_the_twin_of_a_controller_is_worked_by_its_handles(target: SerialTransport) -> None:
     """Flags of the machine, conditions, battery, program, supply; and all put back."""
     rig, twin = TwinRig(target, 1, OF_A_CONTROLLER), target.twins[0]
     rig.set_flag(3, True)
@@ -178,7 +178,9 @@ def test_the_twin_of_a_controller_is_worked_by_its_handles(target: Target) -> No
     assert twin.is_powered
 
 
-def test_a_command_is_told_what_to_do_with_a_controller(tmp_path: Any, target: Target) -> None:
+def test_a_command_is_told_what_to_do_with_a_controller(
+    tmp_path: Any, target: SerialTransport
+) -> None:
     """Verb, name and value of each act, and of what undoes it."""
     log = tmp_path / "said"
     template = f"sh -c 'echo $0 $1 $2 >> {log}' {{verb}} {{name}} {{value}}"
@@ -197,7 +199,7 @@ def test_a_command_is_told_what_to_do_with_a_controller(tmp_path: Any, target: T
     ]  # fmt: skip
 
 
-def test_a_person_is_asked_for_it_in_words(target: Target) -> None:
+def test_a_person_is_asked_for_it_in_words(target: SerialTransport) -> None:
     """Numbers of flags and bits are in the sentence."""
     rig = TwinRig(target, 1, OF_A_CONTROLLER)
     told = []

@@ -64,7 +64,7 @@ class Bench:
             target=FAMILY.open(url, None, is_builtin=True), family=FAMILY,
             model=FAMILY.models["mac23"], ledger=load_ledger(FAMILY.name), address=0,
             neighbours=(), allowed=frozenset(SAFETY_CLASSES),
-            envelope=Envelope(1 << 20, 1 << 20, is_fenced=False), seed=seed,
+            envelope=Envelope(1 << 20, 1 << 20, is_guarded=False), seed=seed,
             tell=self.events.append,
         )  # fmt: skip
         run.target.meter = lambda data: run.budget.note(FAMILY.stored_writes(data))

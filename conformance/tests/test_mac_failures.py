@@ -13,7 +13,7 @@ import serial
 from port_in_front import PortInFront
 from zoo.motion import a_ramped_stop_stops_dead
 
-from axistwin_conformance.base.errors import Disturbed
+from axistwin_conformance.base.errors import AttemptVoid
 from axistwin_conformance.base.events import Event, FailureStored, StatesCovered
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
@@ -29,7 +29,7 @@ from axistwin_conformance.sequences import failure
 from axistwin_conformance.sequences.failure import Failure
 from axistwin_conformance.sequences.runner import Mismatch
 from axistwin_conformance.sequences.shrink import Budget
-from axistwin_conformance.transport.serial import TWIN_HANDLER, Target
+from axistwin_conformance.transport.serial import TWIN_HANDLER, SerialTransport
 
 TRAVEL = 2000
 REPLY = "MACS-REPLY-01"  # what a surprise under 19h is about
@@ -133,7 +133,7 @@ class Case:
         self.port = port
         self.events: list[Event] = []
         self.run = Run(
-            target=Target(port, "a device", is_lossless=is_lossless),
+            target=SerialTransport(port, "a device", is_lossless=is_lossless),
             family=options.family,
             model=options.family.models["mac23"],
             ledger=load_ledger("mac_serial"),
@@ -145,7 +145,7 @@ class Case:
             tell=self.events.append,
         )
         if fenced:
-            self.run.target.fence = options.family.travel_guard(self.run)
+            self.run.target.travel_guard = options.family.travel_guard(self.run)
         self.run.memory = options.family.remember(Session(self.run))
         self.session = Session(self.run, many_mixed_sequences_agree_with_the_model)
         bench = Bench(self.session)
@@ -301,7 +301,7 @@ def test_on_a_noisy_line_what_never_comes_again_is_taken_for_noise() -> None:
     """The attempt is void, and the engine makes another."""
     case = Case(Device(at_times(True)))
     case.run.quality.exchanges, case.run.quality.spoilt = 1000, 20
-    with pytest.raises(Disturbed, match="taken for noise"):
+    with pytest.raises(AttemptVoid, match="taken for noise"):
         Failure(case.player, case.player.play(LONG)).settle()
     assert not case.session.findings
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from axistwin_conformance.base.errors import OutsideEnvelope
-from axistwin_conformance.families.mac.axis.travel_guard import Fence
+from axistwin_conformance.families.mac.axis.travel_guard import TravelGuard
 from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.families.mac.serial.reader import LineReader
 
@@ -27,7 +27,7 @@ class Line:
     """A host and a module that says what the test tells it to, behind the fence."""
 
     def __init__(self, **readings: str) -> None:
-        self.fence = Fence(LineReader(), 2000, 10_000, 0, readings)
+        self.travel_guard = TravelGuard(LineReader(), 2000, 10_000, 0, readings)
         self.now_ns = 0
 
     def say(
@@ -35,10 +35,10 @@ class Line:
     ) -> None:
         """Send a frame; the reply comes 10 ms later."""
         frame = codec.request(address, index, parameter).encode()
-        self.fence.sending(frame, self.now_ns)
+        self.travel_guard.sending(frame, self.now_ns)
         self.now_ns += SECOND // 100
         if reply:
-            self.fence.received(reply, self.now_ns)
+            self.travel_guard.received(reply, self.now_ns)
 
     def at(self, position: int, address: int = 0) -> None:
         """A counter reading."""
@@ -46,16 +46,16 @@ class Line:
 
     def has_deadline(self) -> bool:
         """Whether the fence will stop the axis by itself."""
-        return self.fence.deadline_ns is not None
+        return self.travel_guard.deadline_ns is not None
 
     def refuses(self, index: int, parameter: int = 0, address: int = 0) -> bool:
         """True if the frame is held back."""
         frame = codec.request(address, index, parameter).encode()
         try:
-            self.fence.sending(frame, self.now_ns)
+            self.travel_guard.sending(frame, self.now_ns)
         except OutsideEnvelope:
             return True
-        self.fence.received(NACK, self.now_ns)  # as if never said
+        self.travel_guard.received(NACK, self.now_ns)  # as if never said
         return False
 
 
@@ -147,20 +147,20 @@ def test_a_move_at_the_speed_that_was_found_is_held_back_if_that_is_too_fast() -
 def test_endless_motion_has_to_be_stopped_before_the_edge(line: Line) -> None:
     """1953 increments per second over 2000 of room: a good second, less what braking takes."""
     line.say(0x15, 0x1000)
-    deadline_ns = line.fence.deadline_ns
+    deadline_ns = line.travel_guard.deadline_ns
     assert deadline_ns is not None
     assert 0.9 * SECOND < deadline_ns < 2000 / 1953 * SECOND
     line.say(0x18)
-    assert line.fence.deadline_ns is None
+    assert line.travel_guard.deadline_ns is None
 
 
 def test_a_stop_that_was_not_answered_does_not_lift_the_deadline(line: Line) -> None:
     """It may not have been heard."""
     line.say(0x15, 0x1000)
-    before = line.fence.deadline_ns
+    before = line.travel_guard.deadline_ns
     line.say(0x18, 0, b"")
     line.say(0x21, 0, answer(0x21, 0))
-    after = line.fence.deadline_ns
+    after = line.travel_guard.deadline_ns
     assert before is not None
     assert after is not None
     assert before - SECOND // 100 < after <= before
@@ -169,11 +169,11 @@ def test_a_stop_that_was_not_answered_does_not_lift_the_deadline(line: Line) -> 
 def test_a_reading_moves_the_deadline(line: Line) -> None:
     """From where the axis is known to be, there is more or less time left."""
     line.say(0x15, F6 | 0x1000)
-    first = line.fence.deadline_ns
+    first = line.travel_guard.deadline_ns
     assert first is not None
     line.now_ns += SECOND // 2
     line.at(400)
-    later = line.fence.deadline_ns
+    later = line.travel_guard.deadline_ns
     assert later is not None
     assert later > first + SECOND // 4
 
@@ -211,7 +211,7 @@ def test_a_preloaded_endless_motion_begins_with_11h(line: Line) -> None:
 def test_a_frame_with_a_wrong_checksum_asks_for_nothing(line: Line) -> None:
     """It is how Nacks are provoked."""
     frame = codec.request(0, 0x13, 100_000).with_wrong_checksum().encode()
-    line.fence.sending(frame, line.now_ns)
+    line.travel_guard.sending(frame, line.now_ns)
 
 
 def test_frames_hidden_in_noise_or_in_lower_case_are_seen(line: Line) -> None:
@@ -219,16 +219,16 @@ def test_frames_hidden_in_noise_or_in_lower_case_are_seen(line: Line) -> None:
     frame: Any = codec.request(0, 0x13, 0x00ABCDEF)
     for data in (b"\x02\x02" + frame.encode() + b"\x03", frame.in_lower_case().encode()):
         with pytest.raises(OutsideEnvelope, match=r"00ABCDEF|00abcdef"):
-            line.fence.sending(data, line.now_ns)
+            line.travel_guard.sending(data, line.now_ns)
 
 
 def test_a_frame_sent_in_pieces_is_seen(line: Line) -> None:
     """A module waits for the rest of it as long as it takes."""
     frame = codec.request(0, 0x13, 0x00ABCDEF).encode()
-    line.fence.sending(frame[:9], line.now_ns)
-    line.fence.sending(frame[9:20], line.now_ns)
+    line.travel_guard.sending(frame[:9], line.now_ns)
+    line.travel_guard.sending(frame[9:20], line.now_ns)
     with pytest.raises(OutsideEnvelope) as caught:
-        line.fence.sending(frame[20:], line.now_ns)
+        line.travel_guard.sending(frame[20:], line.now_ns)
     assert (caught.value.option, caught.value.needed) == ("--max-travel", 0x00ABCDEF - 500)
 
 
@@ -250,11 +250,11 @@ def test_an_axis_turned_out_by_hand_may_come_back(line: Line) -> None:
 def test_what_would_be_held_back_can_be_asked_beforehand(line: Line) -> None:
     """With the option in the way and the least value that would do; nothing changes by asking."""
     fast, near = codec.request(0, 0x15, 0x0100), codec.request(0, 0x13, 2500)
-    held_back = line.fence.foresee(fast.encode(), line.now_ns)
+    held_back = line.travel_guard.foresee(fast.encode(), line.now_ns)
     assert held_back is not None
     assert (held_back.option, held_back.needed) == ("--max-speed", 31_250)
-    assert line.fence.foresee(near.encode(), line.now_ns) is None
-    assert line.fence.axes[0].reach == (0, 0)
+    assert line.travel_guard.foresee(near.encode(), line.now_ns) is None
+    assert line.travel_guard.axes[0].reach == (0, 0)
 
 
 def test_who_refuses_18h_is_unpowered(line: Line) -> None:
@@ -269,7 +269,7 @@ def test_the_rig_gives_no_travel_back(line: Line) -> None:
     line.say(0x13, 2400)
     line.at(2400)
     for name in ("reference", "power"):
-        line.fence.worked(name, (line.now_ns, line.now_ns))
+        line.travel_guard.worked(name, (line.now_ns, line.now_ns))
         line.at(2400)
         assert not line.refuses(0x13, 2500)
         assert line.refuses(0x13, 2501)
@@ -279,7 +279,7 @@ def test_a_counter_lost_with_the_supply_may_stand_anywhere_it_could(line: Line) 
     """At 1500 from home it reads 0 again: it may be there still, or be back."""
     line.say(0x13, 2000)
     line.at(2000)
-    line.fence.worked("power", (line.now_ns, line.now_ns))
+    line.travel_guard.worked("power", (line.now_ns, line.now_ns))
     line.at(0)
     assert line.refuses(0x13, 501)
     assert not line.refuses(0x13, 500)
@@ -290,7 +290,7 @@ def test_an_edge_of_the_reference_in_motion_moves_the_origin(line: Line) -> None
     line.say(0x07, 1)
     line.say(0x15, 0x4000)
     line.at(700)
-    line.fence.worked("reference", (line.now_ns, line.now_ns))
+    line.travel_guard.worked("reference", (line.now_ns, line.now_ns))
     line.at(4)
     line.say(0x18)
     line.at(5)
@@ -311,7 +311,7 @@ def test_a_move_that_the_reference_may_prolong_has_a_deadline(line: Line) -> Non
 
 def test_how_much_endless_motion_would_need_can_be_told(line: Line) -> None:
     """1953 increments per second go on for as long as they have already, and once more."""
-    assert line.fence.needed(SECOND) == 0
+    assert line.travel_guard.needed(SECOND) == 0
     line.say(0x15, 0x1000)
-    needed = line.fence.needed(SECOND)
+    needed = line.travel_guard.needed(SECOND)
     assert 2000 + 1953 - 200 < needed < 2000 + 1953 + 200

@@ -47,7 +47,7 @@ def new_player() -> Player:
     one = Run(
         target=target, family=family, model=family.models["mac23"],
         ledger=load_ledger(family.name), address=0, neighbours=(),
-        allowed=frozenset(SAFETY_CLASSES), envelope=Envelope(1 << 20, 5000, is_fenced=False),
+        allowed=frozenset(SAFETY_CLASSES), envelope=Envelope(1 << 20, 5000, is_guarded=False),
         seed=1,
     )  # fmt: skip
     one.memory = family.remember(Session(one))

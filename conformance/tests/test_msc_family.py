@@ -14,7 +14,7 @@ from axistwin_conformance.base.errors import TargetError, WrongDevice
 from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.cli import conform
 from axistwin_conformance.core.family import Violation
-from axistwin_conformance.core.identity import Grounds
+from axistwin_conformance.core.identity import ScratchArea
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK
@@ -22,7 +22,7 @@ from axistwin_conformance.families.msc.driver import Bench
 from axistwin_conformance.families.msc.family import FAMILY
 from axistwin_conformance.families.msc.snapshot import layout
 
-GROUNDS = Grounds(range(1024, 1400), range(128, 132))
+GROUNDS = ScratchArea(range(1024, 1400), range(128, 132))
 
 
 def session_of(port: MscPort, **how: Any) -> Session:
@@ -217,12 +217,12 @@ def test_a_run_does_not_write_to_what_a_program_uses() -> None:
 @pytest.mark.parametrize(
     ("ground", "told"),
     [
-        (Grounds(range(1024, 1400), range(0)), "a value behind address 1024 changes by itself"),
-        (Grounds(range(1028, 1040), range(0)), "the value at 1028 changes by itself"),
-        (Grounds(range(0), range(128, 132)), "flag 130 changes by itself"),
+        (ScratchArea(range(1024, 1400), range(0)), "a value behind address 1024 changes by itself"),
+        (ScratchArea(range(1028, 1040), range(0)), "the value at 1028 changes by itself"),
+        (ScratchArea(range(0), range(128, 132)), "flag 130 changes by itself"),
     ],
 )
-def test_what_a_program_uses_is_not_the_suites_to_write(ground: Grounds, told: str) -> None:
+def test_what_a_program_uses_is_not_the_suites_to_write(ground: ScratchArea, told: str) -> None:
     """Named by mistake, it keeps a run from writing, and is named."""
     port = MscPort()
     served = port._served
@@ -234,14 +234,14 @@ def test_what_a_program_uses_is_not_the_suites_to_write(ground: Grounds, told: s
 
     port._served = counting  # type: ignore[method-assign]
     with pytest.raises(TargetError, match=told):
-        FAMILY.remember(session_of(port, grounds=ground))
+        FAMILY.remember(session_of(port, scratch=ground))
 
 
 def test_the_programs_flags_are_put_back_to_off_only() -> None:
     """Turned on, they are orders to it."""
     port = MscPort()
     port.flags = {240}
-    session = session_of(port, grounds=Grounds(range(0), range(0), (240, 6144)))
+    session = session_of(port, scratch=ScratchArea(range(0), range(0), (240, 6144)))
     run = session.run
     run.memory = FAMILY.remember(session)
     moving = Session(run, check_of("motion", needs=("program",)))
@@ -255,7 +255,7 @@ def test_the_programs_flags_are_put_back_to_off_only() -> None:
 def test_variables_that_cannot_be_read_keep_a_run_from_writing() -> None:
     """Nothing may be put back as 0."""
     with pytest.raises(TargetError, match="a DREAD reply of 18 bytes"):
-        FAMILY.remember(session_of(MscPort(), grounds=Grounds(range(40000, 40008))))
+        FAMILY.remember(session_of(MscPort(), scratch=ScratchArea(range(40000, 40008))))
 
 
 # --- what no unit says ----------------------------------------------------------------------------

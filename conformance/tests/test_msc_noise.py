@@ -7,7 +7,7 @@ import pytest
 from noise_verdict import judge_healthy, passed
 from noisy_line import FATES, NoisyPort, NoisyRun, noisy_run
 
-from axistwin_conformance.families.msc.family import TWIN_GROUNDS
+from axistwin_conformance.families.msc.family import TWIN_SCRATCH
 
 KINDS = {"mixed": FATES, **{one: (one,) for one in FATES}}
 LEAST_PASSED = {2000: 100, 500: 60}  # noise costs certainty, but not everything
@@ -19,8 +19,8 @@ class NoisyMsc(NoisyPort):
     def _stored(self) -> tuple[object, ...]:
         return tuple(
             (
-                tuple(twin.variables[address] for address in TWIN_GROUNDS.variables[::4]),
-                tuple(twin.flags[number] for number in TWIN_GROUNDS.flags),
+                tuple(twin.variables[address] for address in TWIN_SCRATCH.variables[::4]),
+                tuple(twin.flags[number] for number in TWIN_SCRATCH.flags),
             )
             for twin in self.twins
         )

@@ -125,8 +125,8 @@ def test_a_line_at_9600_baud_shows_the_same(tmp_path: Path) -> None:
     quirks = [word for one in readings.items() for word in ("--quirk", "=".join(one))]
     pty, path = tmp_path / "msc", tmp_path / "unit.toml"
     twin = [sys.executable, "-m", "axistwin", "run", "msc-250", "--program", "bench", *quirks]
-    grounds = ["--variables", "1024-5119", "--flags", "128-191", "--bench-program", "240:6144"]
-    words = ["msc-250", "--port", str(pty), "--allow", "stored,motion,rig", *grounds]
+    scratch = ["--variables", "1024-5119", "--flags", "128-191", "--bench-program", "240:6144"]
+    words = ["msc-250", "--port", str(pty), "--allow", "stored,motion,rig", *scratch]
     with subprocess.Popen(
         [*twin, "--pty", str(pty)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     ) as served:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from msc_device import BYTE_NS, REPEATS, RESPONSE_NS, MscPort, check_of, session_on, target_of
 
-from axistwin_conformance.base.errors import Disturbed
+from axistwin_conformance.base.errors import AttemptVoid
 from axistwin_conformance.core.session import Stop
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK
@@ -121,7 +121,7 @@ def test_a_value_is_written_again_but_a_flag_is_not_set_again() -> None:
     assert port.data[2008] == 5
     spoilt_once(port, b"")
     before = port.heard
-    with pytest.raises(Disturbed):
+    with pytest.raises(AttemptVoid):
         bench.set_flag(150)
     assert port.heard.removeprefix(before).count(b"SFLAG") == 1
 
@@ -134,7 +134,7 @@ def test_a_repeat_that_noise_has_broken_voids_the_attempt_or_is_compared_by() ->
     assert bench.ask(codec.RQSTAT, answer=None).reply is not None
     spoilt_once(port)
     bench.talk.send(NAK)
-    with pytest.raises(Disturbed):
+    with pytest.raises(AttemptVoid):
         bench.talk.hear_packet()
     session.is_strict = True
     spoilt_once(port)

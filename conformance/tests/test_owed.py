@@ -38,7 +38,7 @@ def run(toy: Any, giver: Giver, within: Callable[[Session], None]) -> Any:
     """A run of one check that does that while it owes something."""
 
     def away(session: Session) -> None:
-        with session.owes("address 00h", lambda: giver(session)):
+        with session.restore_on_exit("address 00h", lambda: giver(session)):
             within(session)
 
     toy.add(away, MOVE, safety=("motion", "stored"))
@@ -108,7 +108,10 @@ def test_of_several_the_last_is_given_back_first(toy: Any) -> None:
         return True
 
     def away(session: Session) -> None:
-        with session.owes("one", lambda: back("one")), session.owes("two", lambda: back("two")):
+        with (
+            session.restore_on_exit("one", lambda: back("one")),
+            session.restore_on_exit("two", lambda: back("two")),
+        ):
             interrupted()
 
     toy.add(away, MOVE, safety=("motion",))
@@ -125,11 +128,11 @@ def test_a_probe_gives_back_before_the_next_one_asks(toy: Any) -> None:
         return False
 
     def owing(session: Session) -> Seen:
-        with session.owes("address 00h", in_vain):
+        with session.restore_on_exit("address 00h", in_vain):
             return Seen(("1Ah",), "as asked")
 
     def next_one(session: Session) -> Seen:
-        assert session.run.owed == []
+        assert session.run.cleanups == []
         tries.append("the next one")
         return Seen((), "nothing")
 

@@ -8,7 +8,7 @@ import pytest
 
 from axistwin_conformance.base.errors import time_left
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.engine.eta import Pace, weigh
+from axistwin_conformance.engine.eta import Eta, weigh
 from axistwin_conformance.engine.run import Engine
 
 
@@ -25,7 +25,7 @@ class Clock:
 
 def test_nobody_can_say_at_the_beginning() -> None:
     """No past, nothing done: silence is better than a number."""
-    pace = Pace({"a": 1, "b": 1})
+    pace = Eta({"a": 1, "b": 1})
     assert pace.remaining_s is None
     pace.end("a", 3.0)
     assert pace.remaining_s is None, "one check says little about the others"
@@ -33,7 +33,7 @@ def test_nobody_can_say_at_the_beginning() -> None:
 
 def test_the_run_so_far_gives_the_measure() -> None:
     """Five checks of one second each: the next five, twice as heavy, take ten."""
-    pace = Pace({**{f"a{n}": 1.0 for n in range(5)}, **{f"b{n}": 2.0 for n in range(5)}})
+    pace = Eta({**{f"a{n}": 1.0 for n in range(5)}, **{f"b{n}": 2.0 for n in range(5)}})
     for n in range(5):
         pace.end(f"a{n}", 1.0)
     assert pace.remaining_s == pytest.approx(10.0)
@@ -42,7 +42,7 @@ def test_the_run_so_far_gives_the_measure() -> None:
 def test_an_earlier_run_is_the_best_guide() -> None:
     """At once, check by check, whatever their weights are."""
     clock = Clock()
-    pace = Pace({"a": 1, "b": 1, "c": 1}, {"a": 2.0, "b": 60.0, "c": 5.0}, clock)
+    pace = Eta({"a": 1, "b": 1, "c": 1}, {"a": 2.0, "b": 60.0, "c": 5.0}, clock)
     assert pace.remaining_s == pytest.approx(67.0)
     pace.begin("a")
     clock.now += 1.5
@@ -53,20 +53,20 @@ def test_an_earlier_run_is_the_best_guide() -> None:
 
 def test_a_run_that_is_slower_than_the_earlier_one_is_guessed_longer() -> None:
     """Another adapter, another machine."""
-    pace = Pace({"a": 1, "b": 1}, {"a": 4.0, "b": 10.0})
+    pace = Eta({"a": 1, "b": 1}, {"a": 4.0, "b": 10.0})
     pace.end("a", 8.0)
     assert pace.remaining_s == pytest.approx(20.0)
 
 
 def test_a_check_that_is_new_is_guessed_from_the_others() -> None:
     """By its weight."""
-    pace = Pace({"a": 1, "b": 1, "new": 3}, {"a": 2.0, "b": 2.0})
+    pace = Eta({"a": 1, "b": 1, "new": 3}, {"a": 2.0, "b": 2.0})
     assert pace.remaining_s == pytest.approx(10.0)
 
 
 def test_at_the_end_nothing_is_left() -> None:
     """Zero, not None."""
-    pace = Pace({"a": 1}, {"a": 2.0})
+    pace = Eta({"a": 1}, {"a": 2.0})
     pace.end("a", 2.0)
     assert pace.remaining_s == 0 or pace.remaining_s is None
 

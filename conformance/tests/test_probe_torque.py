@@ -16,10 +16,10 @@ def test_no_probe_leaves_another_torque_limit(model: str, monkeypatch: pytest.Mo
     """Neither between the probes nor after them; resets and factory values apart."""
     ask, kept = detection._ask, []
 
-    def asking(run: Any, probe: Any, keeper: Any) -> Any:
+    def asking(run: Any, probe: Any, device_guard: Any) -> Any:
         twin = run.target.twins[0]
         before = twin.cells["torque"]
-        answer = ask(run, probe, keeper)
+        answer = ask(run, probe, device_guard)
         if "destructive" not in probe.check.safety:
             kept.append((probe.switch, before == twin.cells["torque"]))
         return answer

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from family_variants import vary
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.base.classes import SAFETY_CLASSES
@@ -63,7 +64,7 @@ def test_two_checks_of_one_name_are_refused(toy: Any, monkeypatch: pytest.Monkey
     monkeypatch.setitem(sys.modules, twice.__name__, twice)
     toy.add(documented, "MACS-LINE-01")
     vars(twice)["documented"] = replace(toy.module.documented, module=twice.__name__)
-    family = replace(toy.family, modules=(toy.module.__name__, twice.__name__))
+    family = vary(toy.family, modules=(toy.module.__name__, twice.__name__))
     with pytest.raises(TypeError, match="documented"):
         family.checks()
 

@@ -195,8 +195,8 @@ def test_the_head_tells_what_was_judged_and_how(report: Report) -> None:
 
 def test_the_head_tells_of_a_controller_what_it_has(report: Report) -> None:
     """What was named for the suite's use; no bounds of motion, and no EEPROM."""
-    grounds = {"variables": "2048-3071", "bench-program": "240:6144"}
-    report["run"] |= {"max_travel": None, "max_speed": None, "grounds": grounds}
+    scratch = {"variables": "2048-3071", "bench-program": "240:6144"}
+    report["run"] |= {"max_travel": None, "max_speed": None, "grounds": scratch}
     text = render(report)
     assert "<dt>Variables</dt><dd>2048-3071</dd>" in text
     assert "<dt>Bench program</dt><dd>240:6144</dd>" in text

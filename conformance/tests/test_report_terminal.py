@@ -12,7 +12,7 @@ from rich.console import Console
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.engine import run as engine_module
-from axistwin_conformance.engine.eta import Pace
+from axistwin_conformance.engine.eta import Eta
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.options import make_options
 from axistwin_conformance.report import terminal
@@ -31,7 +31,7 @@ def reads_otherwise(session: Session) -> None:
     session.quirk(None, "xon_byte", "11h")
 
 
-def shown(toy: Any, pace: Pace | None = None, *, width: int = 100, **console: Any) -> str:
+def shown(toy: Any, pace: Eta | None = None, *, width: int = 100, **console: Any) -> str:
     """Run the toy and give what was printed."""
     out = io.StringIO()
     face = TerminalReport(
@@ -58,15 +58,15 @@ def test_a_log_is_told_now_and_then_how_long_it_still_takes(
 ) -> None:
     """Not with every line."""
     past = {"answers": 60.0, "reads_otherwise": 300.0}
-    quiet = shown(bench, Pace({"answers": 1, "reads_otherwise": 1}, past))
+    quiet = shown(bench, Eta({"answers": 1, "reads_otherwise": 1}, past))
     assert "… " not in quiet
     monkeypatch.setattr(terminal, "LEFT_TOLD_EVERY_S", 0)
-    assert "… " in shown(bench, Pace({"answers": 1, "reads_otherwise": 1}, past))
+    assert "… " in shown(bench, Eta({"answers": 1, "reads_otherwise": 1}, past))
 
 
 def test_on_a_terminal_the_guess_stands_beside_the_bar(bench: Any) -> None:
     """From the first check on, if an earlier run is known."""
-    pace = Pace({"answers": 1, "reads_otherwise": 1}, {"answers": 600.0, "reads_otherwise": 300.0})
+    pace = Eta({"answers": 1, "reads_otherwise": 1}, {"answers": 600.0, "reads_otherwise": 300.0})
     assert "about 15 min left" in shown(bench, pace, force_terminal=True)
 
 

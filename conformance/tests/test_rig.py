@@ -35,8 +35,8 @@ from axistwin_conformance.transport.rig import (
     in_words,
     run_command,
 )
-from axistwin_conformance.transport.serial import Target, open_target
-from axistwin_conformance.transport.transport import Carrier
+from axistwin_conformance.transport.serial import SerialTransport, open_target
+from axistwin_conformance.transport.transport import Transport
 
 ALL = OF_AN_AXIS
 TWIN = "axistwin://mac23:0,mac23:1?time=virtual"
@@ -64,7 +64,7 @@ def target() -> Any:
 # --- the twin's handles --------------------------------------------------------------------------
 
 
-def test_the_twin_is_worked_by_its_handles(target: Target) -> None:
+def test_the_twin_is_worked_by_its_handles(target: SerialTransport) -> None:
     """Each verb reaches the twin with that address, and no other."""
     rig, (other, twin) = TwinRig(target, 1), target.twins
     rig.set_input("positive_stop", True)
@@ -81,7 +81,7 @@ def test_the_twin_is_worked_by_its_handles(target: Target) -> None:
     assert not twin.is_powered
 
 
-def test_reset_brings_the_twin_back_to_rest(target: Target) -> None:
+def test_reset_brings_the_twin_back_to_rest(target: SerialTransport) -> None:
     """Whatever was worked; the usual supply and temperature are those it had."""
     rig, twin = TwinRig(target, 0), target.twins[0]
     usual = (twin.supply_volts, twin.temperature_celsius)
@@ -95,7 +95,7 @@ def test_reset_brings_the_twin_back_to_rest(target: Target) -> None:
     assert twin.describe()["state"] == "BT"
 
 
-def test_acts_are_bracketed_in_time_and_told_in_the_transcript(target: Target) -> None:
+def test_acts_are_bracketed_in_time_and_told_in_the_transcript(target: SerialTransport) -> None:
     """The twin's take no time."""
     rig = TwinRig(target, 0)
     begin_ns = target.now_ns
@@ -159,7 +159,7 @@ def relay(tmp_path: Path) -> Relay:
     return Relay(script, log)
 
 
-def test_a_command_gets_verb_name_and_value(relay: Relay, target: Target) -> None:
+def test_a_command_gets_verb_name_and_value(relay: Relay, target: SerialTransport) -> None:
     """One run per act; reset undoes each, the shaft first and the supply last."""
     rig = CommandRig(target, relay.template, ALL)
     acts = [(words, act) for words, act in ACTS if not words.startswith("temperature")]
@@ -173,7 +173,9 @@ def test_a_command_gets_verb_name_and_value(relay: Relay, target: Target) -> Non
     assert undone[6:] == ["supply volts rest", "power supply on"]
 
 
-def test_what_a_command_cannot_do_is_told_by_status_3(relay: Relay, target: Target) -> None:
+def test_what_a_command_cannot_do_is_told_by_status_3(
+    relay: Relay, target: SerialTransport
+) -> None:
     """Which is no failure."""
     rig = CommandRig(target, relay.template, ALL)
     with pytest.raises(CannotDo, match="temperature celsius 90"):
@@ -181,7 +183,7 @@ def test_what_a_command_cannot_do_is_told_by_status_3(relay: Relay, target: Targ
     assert not rig.is_disturbed
 
 
-def test_a_command_that_fails_says_why_in_one_line(relay: Relay, target: Target) -> None:
+def test_a_command_that_fails_says_why_in_one_line(relay: Relay, target: SerialTransport) -> None:
     """The last line of its output; what it may have half done is still put back."""
     rig = CommandRig(target, relay.template, ALL)
     with pytest.raises(RigError, match=r"supply volts 13 ended with status 1: relay: no contact$"):
@@ -191,7 +193,7 @@ def test_a_command_that_fails_says_why_in_one_line(relay: Relay, target: Target)
     assert relay.said[-1] == "supply volts rest"
 
 
-def test_a_command_that_hangs_is_ended(relay: Relay, target: Target) -> None:
+def test_a_command_that_hangs_is_ended(relay: Relay, target: SerialTransport) -> None:
     """After its time-out."""
     rig = CommandRig(target, relay.template, ALL, timeout_s=0.5)
     with pytest.raises(RigError, match=r"did not end within 0\.5 s"):
@@ -206,7 +208,9 @@ def test_what_is_filled_in_stays_one_word(tmp_path: Path) -> None:
     assert out.read_text() == "a b;$(c) `d`"
 
 
-def test_reset_puts_back_all_it_can_and_names_the_rest(relay: Relay, target: Target) -> None:
+def test_reset_puts_back_all_it_can_and_names_the_rest(
+    relay: Relay, target: SerialTransport
+) -> None:
     """One thing that fails does not keep the others disturbed."""
     rig = CommandRig(target, relay.template, ALL)
     rig.set_supply(30.0)
@@ -255,7 +259,7 @@ class Person:
         return self.answers.pop(0) if self.answers else None
 
 
-def test_a_person_is_asked_and_presses_enter(target: Target) -> None:
+def test_a_person_is_asked_and_presses_enter(target: SerialTransport) -> None:
     """In words; a report is told that a question is open."""
     told: list[bool] = []
     person = Person(["\n", "\n"])
@@ -267,7 +271,7 @@ def test_a_person_is_asked_and_presses_enter(target: Target) -> None:
     assert told == [True, False] * 2
 
 
-def test_what_a_person_skips_is_not_asked_again(target: Target) -> None:
+def test_what_a_person_skips_is_not_asked_again(target: SerialTransport) -> None:
     """Whatever else it takes."""
     person = Person(["s\n"])
     rig = PromptRig(target, person)
@@ -277,7 +281,7 @@ def test_what_a_person_skips_is_not_asked_again(target: Target) -> None:
     assert len(person.asked) == 1
 
 
-def test_a_person_is_asked_to_put_everything_back(target: Target) -> None:
+def test_a_person_is_asked_to_put_everything_back(target: SerialTransport) -> None:
     """And if nobody answers, that is told instead of waited for."""
     person = Person(["\n", "\n", "\n"])
     rig = PromptRig(target, person)
@@ -289,7 +293,7 @@ def test_a_person_is_asked_to_put_everything_back(target: Target) -> None:
     assert "Switch the supply on." in person.asked[3]
 
 
-def test_the_end_of_input_is_no_consent(target: Target) -> None:
+def test_the_end_of_input_is_no_consent(target: SerialTransport) -> None:
     """A closed terminal skips."""
     rig = PromptRig(target, rig_module.Console(io.StringIO(""), io.StringIO()))
     with pytest.raises(CannotDo):
@@ -362,7 +366,7 @@ def test_the_replay_names_the_rig() -> None:
 class FakeRig(Rig):
     """Notes what it is told; may fail or be unable."""
 
-    def __init__(self, target: Carrier, *, trouble: Exception | None = None) -> None:
+    def __init__(self, target: Transport, *, trouble: Exception | None = None) -> None:
         super().__init__(target, ALL)
         self.trouble = trouble
         self.done: list[str] = []
@@ -381,7 +385,7 @@ class FakeChoice(RigChoice):
     made: list[FakeRig] = field(default_factory=list)
     trouble: Exception | None = None
 
-    def open(self, target: Carrier, address: int, notify: Any) -> Rig:
+    def open(self, target: Transport, address: int, notify: Any) -> Rig:
         """Make it."""
         self.made.append(FakeRig(target, trouble=self.trouble))
         return self.made[-1]

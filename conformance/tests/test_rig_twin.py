@@ -13,7 +13,7 @@ from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.transport.rig import OF_AN_AXIS, Act, Rig, RigChoice, TwinRig
-from axistwin_conformance.transport.transport import Carrier
+from axistwin_conformance.transport.transport import Transport
 
 TWIN = "axistwin://mac23:0,mac23:1?time=virtual"
 RIG_CHECKS = tuple(one.name for one in find_family("mac23").checks() if one.rig_needs)
@@ -24,7 +24,7 @@ class SlowRig(TwinRig):
 
     delay_s = 0.4
 
-    def __init__(self, target: Carrier, address: int) -> None:
+    def __init__(self, target: Transport, address: int) -> None:
         super().__init__(target, address)
         self.is_exact = False
 
@@ -40,7 +40,7 @@ class SlowChoice(RigChoice):
 
     capabilities: frozenset[str] = OF_AN_AXIS
 
-    def open(self, target: Carrier, address: int, notify: Any) -> Rig:
+    def open(self, target: Transport, address: int, notify: Any) -> Rig:
         """Make it."""
         return SlowRig(target, address)
 

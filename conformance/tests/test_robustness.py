@@ -15,7 +15,7 @@ from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
-from axistwin_conformance.transport.serial import TWIN_HANDLER, Target
+from axistwin_conformance.transport.serial import TWIN_HANDLER, SerialTransport
 
 SECOND = 1_000_000_000
 SOON_S = 15.0  # of the device's time, from its loss to the end of the run
@@ -85,12 +85,12 @@ def judge(good: int, answers: Answers) -> tuple[Result, Peer, float]:
     options = make_options(model="mac23", level="quick", allow="motion,stored")
     peers: list[Peer] = []
 
-    def open_peer(neighbours: tuple[int, ...]) -> Target:
+    def open_peer(neighbours: tuple[int, ...]) -> SerialTransport:
         url = options.family.twin_url(options.model, options.address, neighbours)
         peers.append(
             Peer(serial.serial_for_url(url, baudrate=options.rate or 38400), good, answers)
         )
-        return Target(peers[-1], url, is_builtin=True, is_lossless=False)
+        return SerialTransport(peers[-1], url, is_builtin=True, is_lossless=False)
 
     started = time.monotonic()
     result = Engine(options, open_peer).run(lambda event: None)

@@ -37,7 +37,7 @@ from axistwin_conformance.cli import make_options
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
-from axistwin_conformance.transport.serial import TWIN_HANDLER, Target
+from axistwin_conformance.transport.serial import TWIN_HANDLER, SerialTransport
 
 TRAVEL, SPEED = 2000, 10_000
 STOPPED = partial(judge_interrupted, most=TRAVEL)
@@ -74,10 +74,10 @@ def run(
     )
     watches: list[Watch] = []
 
-    def open_watch(neighbours: tuple[int, ...]) -> Target:
+    def open_watch(neighbours: tuple[int, ...]) -> SerialTransport:
         url = options.family.twin_url(options.model, options.address, neighbours)
         watches.append(Watch(serial.serial_for_url(url, baudrate=options.rate or 38400), at_call))
-        return Target(watches[-1], url, is_builtin=True, is_lossless=is_lossless)
+        return SerialTransport(watches[-1], url, is_builtin=True, is_lossless=is_lossless)
 
     return Engine(options, open_watch).run(lambda event: None), watches
 
@@ -152,7 +152,7 @@ def test_a_port_lost_at_any_moment_ends_the_run_soon() -> None:
     """Nothing can be stopped then; that is said, and it is no crash."""
 
     def judge(result: Result, watches: list[Watch], met: Watch, sent: int) -> None:
-        judge_lost(result, met, sent, carrier="port")
+        judge_lost(result, met, sent, transport="port")
 
     lost = Lost(for_good=True)
     moving = partial(watched, words=MOVING[:3], is_lossless=False)

@@ -18,7 +18,7 @@ from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.families.mac.can import codec as can_codec
-from axistwin_conformance.transport.can import CanTarget
+from axistwin_conformance.transport.can import CanTransport
 from axistwin_conformance.transport.can_frame import Frame
 from axistwin_conformance.transport.serial import TWIN_HANDLER
 
@@ -68,11 +68,11 @@ def on_the_bus(
         address=address,
     )  # fmt: skip
 
-    def opener(neighbours: tuple[int, ...]) -> CanTarget:
+    def opener(neighbours: tuple[int, ...]) -> CanTransport:
         bus = twin_bus(url)
         change(bus)
         liar = Liar(bus, says, hears, lambda frame: ())
-        return CanTarget(
+        return CanTransport(
             liar, url, is_spontaneous=can_codec.is_spontaneous, bitrate=BITRATE, is_lossless=False
         )
 

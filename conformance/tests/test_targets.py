@@ -16,7 +16,7 @@ import serial
 from axistwin_conformance.base.errors import TargetError, TwinCrashed, UsageError
 from axistwin_conformance.base.transcript import Direction
 from axistwin_conformance.transport.kinds import LINE, choose_endpoint
-from axistwin_conformance.transport.serial import Target, open_target
+from axistwin_conformance.transport.serial import SerialTransport, open_target
 
 NO_RATES = {"--baud": None, "--bitrate": None}
 
@@ -223,7 +223,7 @@ def test_a_port_is_not_shared(master_and_name: tuple[int, str]) -> None:
     with pytest.raises(TargetError, match="in use by another program"):
         open_target(master_and_name[1], 38400)
     first.close()
-    assert isinstance(first, Target)
+    assert isinstance(first, SerialTransport)
 
 
 def test_an_exchange_is_a_send_and_a_receive(toy: Any) -> None:

@@ -19,7 +19,7 @@ from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.families.mac.serial.diagnosis import diagnose
-from axistwin_conformance.transport.serial import TWIN_HANDLER, Target
+from axistwin_conformance.transport.serial import TWIN_HANDLER, SerialTransport
 
 REFUSED, NACK = b"\x06\x13\x17", b"\x15"
 Answer = Callable[[bytes], bytes]
@@ -108,13 +108,13 @@ def judge(
         model="mac23", ids=ids, allow=allow, level=None if only_detection else "quick",
         is_detection=only_detection,
     )  # fmt: skip
-    opened: list[Target] = []
+    opened: list[SerialTransport] = []
 
-    def open_faulty(neighbours: tuple[int, ...]) -> Target:
+    def open_faulty(neighbours: tuple[int, ...]) -> SerialTransport:
         url = options.family.twin_url(options.model, options.address, neighbours)
         twin = serial.serial_for_url(url, baudrate=options.rate or 38400)
         port = answers(twin) if callable(answers) else Faulty(twin, answers)
-        opened.append(Target(port, url, is_builtin=True, is_lossless=is_lossless))
+        opened.append(SerialTransport(port, url, is_builtin=True, is_lossless=is_lossless))
         return opened[-1]
 
     result = Engine(options, open_faulty).run(lambda event: None)
@@ -273,7 +273,8 @@ def test_a_twin_that_crashes_at_a_general_frame_asked_late_has_failed() -> None:
 def blamed(request: bytes, reply: bytes | None) -> str:
     """The requirement that is broken by a reply, or nothing."""
     run = Run(
-        Target(serial.serial_for_url("loop://"), "", is_lossless=True), find_family("mac23"), None,  # type: ignore[arg-type]
+        SerialTransport(serial.serial_for_url("loop://"), "", is_lossless=True),
+        find_family("mac23"), None,  # type: ignore[arg-type]
         None, 0, (1,),  # type: ignore[arg-type]
         frozenset(), Envelope(1000, 1000), 0,
     )  # fmt: skip

@@ -152,12 +152,12 @@ def judge_interrupted(
     judge_way_out(watches, met, sent, most=most)
 
 
-def judge_lost(result: Result, met: Witness, sent: int, *, carrier: str) -> None:
+def judge_lost(result: Result, met: Witness, sent: int, *, transport: str) -> None:
     """The port or bus was lost: nothing can be stopped then; that is said, and it is no crash."""
     assert result.exit_status in (3, 4)
     told = " ".join([*result.problems, result.refusal])
     assert "error in the suite" not in told
-    assert f"the {carrier} failed" in told or "cannot open" in told
+    assert f"the {transport} failed" in told or "cannot open" in told
     if met.has_acted(sent):
         assert "could not stop the axis or put its parameters back" in told
 

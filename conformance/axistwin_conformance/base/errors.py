@@ -69,7 +69,7 @@ class CannotDo(SuiteError):  # noqa: N818 - an answer of the rig, not an error
     """The rig cannot do what was asked; what was to be judged is not run."""
 
 
-class Disturbed(SuiteError):  # noqa: N818 - a verdict on the attempt, not an error
+class AttemptVoid(SuiteError):  # noqa: N818 - a verdict on the attempt, not an error
     """The reply to something that must not be repeated was spoilt: the attempt is void."""
 
 

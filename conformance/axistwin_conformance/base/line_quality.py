@@ -5,9 +5,9 @@ waited for that says nothing right.
 k times by noise alone has the chance p to the power of k; k is taken so that it is one in a million
 (`LineQuality.alike_needed`).
 
-A module is deaf for 2 s after a restart, and nobody asks it anything meanwhile.  Longer than
-`PATIENCE_S`, and more bad replies in a row than noise makes on this line, is a device that is gone,
-babbles, or has become another one: whoever asks next gets `TargetError` instead of more of it.
+A module is deaf for 2 s after a restart, and is asked nothing meanwhile.  A device that is silent
+or wrong for longer than `SILENCE_LIMIT_S`, with more bad replies in a row than noise makes on this
+line, is gone, babbles, or has become another one: the next exchange raises `TargetError`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ FALSE_LOSS = 1e-9  # of looking like a device that is gone: that is asked after 
 LEAST_ALIKE = 3
 NOISY = 1e-3  # share of spoilt exchanges from which a line counts as noisy
 PRIOR_EXCHANGES = 20  # before anything is known, a line is taken to spoil one exchange in these
-PATIENCE_S = 5.0
+SILENCE_LIMIT_S = 5.0
 LEAST_BAD = 4
 
 
@@ -74,7 +74,7 @@ class LineQuality:
 
 
 @dataclass(slots=True)
-class Patience:
+class SilenceLimit:
     """Counts bad replies in a row; any good one begins anew."""
 
     bad: int = 0
@@ -95,6 +95,6 @@ class Patience:
         self.bad += 1
         self.silent += is_silence
         lasted_s = (now_ns - self.since_ns) / 1e9
-        if self.bad >= max(needed, LEAST_BAD) and lasted_s >= PATIENCE_S:
+        if self.bad >= max(needed, LEAST_BAD) and lasted_s >= SILENCE_LIMIT_S:
             what = "nothing" if self.silent == self.bad else "nothing sensible"
             raise TargetError(f"{what} has come for {lasted_s:.0f} s, in {self.bad} attempts")

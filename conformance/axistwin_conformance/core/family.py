@@ -6,8 +6,8 @@ to stop, what to remember and put back.  Its checks and probes are found in its 
 
 from __future__ import annotations
 
-import contextlib
 import importlib
+import importlib.util
 import pkgutil
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -20,12 +20,12 @@ from axistwin_conformance.base.errors import UsageError, with_article
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.base.transcript import Record
-from axistwin_conformance.core.identity import Grounds, Identity, Model
+from axistwin_conformance.core.identity import Identity, Model, ScratchArea
 from axistwin_conformance.core.probing import Probe
 from axistwin_conformance.core.session import Run, Session
-from axistwin_conformance.transport.kinds import LINE, Way
+from axistwin_conformance.transport.kinds import LINE, TransportKind
 from axistwin_conformance.transport.rig import OF_AN_AXIS
-from axistwin_conformance.transport.transport import Carrier, Fence
+from axistwin_conformance.transport.transport import Transport, TravelGuard
 
 T = TypeVar("T")
 
@@ -45,7 +45,7 @@ class Family(ABC):
     `name`: of the family and of its ledger.  `addresses`: those a device can have.
     `default_rate`: of the line or bus; None: as the interface is set.  `rates`: the ones it can
     have; none named: any.  `way`: how the devices are reached, and what that is called.
-    `capabilities`: what of a rig serves such a device.  `grounds`: of the built-in twin; None: the
+    `capabilities`: what of a rig serves such a device.  `scratch`: of the built-in twin; None: the
     family has no variables or flags to be named.  `has_axis`: an envelope of motion means something
     to it.  `impact`: safety class → what its checks do to a device, in words, for `--dry-run`.
     `tried_needs`: those needs of checks that `unusable` tries before a check relies on them.
@@ -58,9 +58,9 @@ class Family(ABC):
     default_address: int
     default_rate: int | None = None
     rates: tuple[int, ...] = ()
-    way: Way = LINE
+    way: TransportKind = LINE
     capabilities: frozenset[str] = OF_AN_AXIS
-    grounds: Grounds | None = None
+    scratch: ScratchArea | None = None
     has_axis: bool = True
     impact: ClassVar[Mapping[str, str]] = {}
     tried_needs: frozenset[str] = frozenset()
@@ -70,7 +70,7 @@ class Family(ABC):
     # --- the way to a device ---------------------------------------------------------------------
 
     @abstractmethod
-    def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> Carrier:
+    def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> Transport:
         """Open the way to a device; raises TargetError with the reason in a line."""
 
     def twin_url(self, model: str, address: int, neighbours: tuple[int, ...]) -> str:
@@ -115,7 +115,7 @@ class Family(ABC):
         not declare), or None."""
         return None
 
-    def travel_guard(self, run: Run) -> Fence | None:
+    def travel_guard(self, run: Run) -> TravelGuard | None:
         """What keeps the axes inside the envelope, whatever is sent; None where nothing moves."""
         return None
 
@@ -220,10 +220,10 @@ def _modules(kind: str, packages: Iterable[str]) -> tuple[str, ...]:
     by name."""
     found = []
     for package in packages:
-        with contextlib.suppress(ModuleNotFoundError):
-            folder = importlib.import_module(f"{package}.{kind}")
-            names = (module.name for module in pkgutil.iter_modules(folder.__path__))
-            found += [importlib.import_module(f"{folder.__name__}.{name}") for name in names]
+        folder = f"{package}.{kind}"
+        if importlib.util.find_spec(folder) is not None:
+            names = pkgutil.iter_modules(importlib.import_module(folder).__path__, f"{folder}.")
+            found += [importlib.import_module(module.name) for module in names]
     found.sort(key=lambda module: (getattr(module, "ORDER", 0), module.__name__))
     return tuple(module.__name__ for module in found)
 

@@ -29,7 +29,7 @@ PROGRAM_FLAGS = 4  # in a row
 
 
 @dataclass(frozen=True, slots=True)
-class Grounds:
+class ScratchArea:
     """What of a controller is the suite's to use: addresses of variables, numbers of user flags,
     and where the bench program is (its first flag, its first address); None: it is not there."""
 
@@ -61,4 +61,4 @@ class Grounds:
         return range(address, address + PROGRAM_EXTENT), range(flag, flag + PROGRAM_FLAGS)
 
 
-NO_GROUNDS = Grounds()
+NO_SCRATCH = ScratchArea()

@@ -16,26 +16,26 @@ from dataclasses import dataclass, field
 from typing import Any, NoReturn, Protocol, cast
 
 from axistwin_conformance.base.check import Check
-from axistwin_conformance.base.errors import Disturbed, TargetError
+from axistwin_conformance.base.errors import AttemptVoid, TargetError
 from axistwin_conformance.base.events import FailureStored, Listener, MotionSampled
 from axistwin_conformance.base.ledger import Ledger
-from axistwin_conformance.base.line_quality import LineQuality, Patience
+from axistwin_conformance.base.line_quality import LineQuality, SilenceLimit
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.base.write_budget import WriteBudget
-from axistwin_conformance.core.identity import NO_GROUNDS, Grounds, Identity, Model
+from axistwin_conformance.core.identity import NO_SCRATCH, Identity, Model, ScratchArea
 from axistwin_conformance.core.profile import Detection
-from axistwin_conformance.transport.kinds import Way
+from axistwin_conformance.transport.kinds import TransportKind
 from axistwin_conformance.transport.rig import Rig
-from axistwin_conformance.transport.serial import Target
-from axistwin_conformance.transport.transport import Carrier, Fence
+from axistwin_conformance.transport.serial import SerialTransport
+from axistwin_conformance.transport.transport import Transport, TravelGuard
 
 REPLY_TIMEOUT_S = 0.5  # MACS-REPLY-16: no reply time is specified; the ledger sets this for suites
 # With one byte in 50 lost, an exchange of 42 bytes fails as often as not: 24 attempts leave 1 in
 # 1 000 000 unsettled.
 ATTEMPTS = 24
-HUSH_S = 0.1  # how long a line must be quiet before a request is sent again
+QUIET_WAIT_S = 0.1  # how long a line must be quiet before a request is sent again
 MOTIONS_KEPT = 8  # per check: the first ones and the last, which is the one that failed, if any did
 EXCERPT_RECORDS = 60  # of the transcript with a finding: enough for a sequence, still readable
 
@@ -43,16 +43,16 @@ Requirements = str | Sequence[str] | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Owed:
+class Cleanup:
     """What was changed and the device is to get back, beside what the family remembers of it; no
     axis moves meanwhile.
 
-    `what`: in words, as it was.  `give_back`: does it from wherever the device has got to, as often
+    `what`: in words, as it was.  `restore`: does it from wherever the device has got to, as often
     as it is called, judging nothing; False if that did not work.
     """
 
     what: str
-    give_back: Callable[[], bool]
+    restore: Callable[[], bool]
 
 
 class Stop(Exception):  # noqa: N818 - control flow of a check, not an error
@@ -66,7 +66,7 @@ class Envelope:
 
     max_travel: int
     max_speed: int
-    is_fenced: bool = True  # False: nobody holds back what asks for more (built-in twin)
+    is_guarded: bool = True  # False: nobody holds back what asks for more (built-in twin)
 
 
 class DeviceFamily(Protocol):
@@ -89,14 +89,14 @@ class DeviceFamily(Protocol):
         """Of the line or bus; None: as the interface is set."""
 
     @property
-    def way(self) -> Way:
+    def way(self) -> TransportKind:
         """How the devices are reached."""
 
     @property
-    def grounds(self) -> Grounds | None:
+    def scratch(self) -> ScratchArea | None:
         """What the built-in twin has for the suite to use."""
 
-    def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> Carrier:
+    def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> Transport:
         """Open the way to a device; raises TargetError."""
 
     def twin_url(self, model: str, address: int, neighbours: tuple[int, ...]) -> str:
@@ -114,7 +114,7 @@ class DeviceFamily(Protocol):
     def restore(self, session: Session, memory: Any) -> tuple[str, ...]:
         """Put back what differs; a sentence for each thing that could not be."""
 
-    def travel_guard(self, run: Run) -> Fence | None:
+    def travel_guard(self, run: Run) -> TravelGuard | None:
         """What keeps the axes inside the envelope."""
 
 
@@ -122,7 +122,7 @@ class DeviceFamily(Protocol):
 class Run:
     """What all checks of one run share."""
 
-    target: Carrier
+    target: Transport
     family: DeviceFamily
     model: Model
     ledger: Ledger
@@ -134,33 +134,33 @@ class Run:
     identity: Identity | None = None
     rig: Rig | None = None
     memory: Any = None  # what the family's `remember` read; None in a run that is passive only
-    owed: list[Owed] = field(default_factory=list)  # the last one is to be given back first
-    astray: str = ""  # why the axis must not be moved any more
+    cleanups: list[Cleanup] = field(default_factory=list)  # the last one is to be given back first
+    runaway: str = ""  # why the axis must not be moved any more
     readings: dict[str, str] = field(default_factory=dict)  # switch → the reading seen in this run
     detections: dict[str, Detection] = field(default_factory=dict)  # what the probes found out
     budget: WriteBudget = field(default_factory=WriteBudget)
     quality: LineQuality = field(default_factory=LineQuality)
-    patience: Patience = field(default_factory=Patience)
+    silence_limit: SilenceLimit = field(default_factory=SilenceLimit)
     tell: Listener = lambda event: None  # who is told of what cannot wait for a check's end
     shrunk: set[str] = field(default_factory=set)  # requirements of which a short failure is known
     shrinks: bool = True  # False: what fails here is shrunk elsewhere
     is_interrupted: bool = False  # a check has told what it knew first: now the run is to end
-    grounds: Grounds = NO_GROUNDS
+    scratch: ScratchArea = NO_SCRATCH
 
     @property
     def variables(self) -> range:
         """The addresses that the suite may use as it likes."""
-        return self.grounds.variables
+        return self.scratch.variables
 
     @property
     def flags(self) -> range:
         """The user flags that the suite may use as it likes."""
-        return self.grounds.flags
+        return self.scratch.flags
 
     @property
     def bench_program(self) -> tuple[int, int] | None:
         """The first flag and the first address of the bench program, if it is there."""
-        return self.grounds.program
+        return self.scratch.program
 
 
 class Session:
@@ -190,14 +190,14 @@ class Session:
         self._started_at = run.target.transcript.position
 
     @property
-    def carrier(self) -> Carrier:
+    def transport(self) -> Transport:
         """The way to the device, whatever it carries."""
         return self.run.target
 
     @property
-    def target(self) -> Target:
+    def target(self) -> SerialTransport:
         """The device on a byte line, for the families whose devices are on one."""
-        return cast(Target, self.run.target)
+        return cast(SerialTransport, self.run.target)
 
     @property
     def model(self) -> Model:
@@ -253,48 +253,9 @@ class Session:
     @property
     def reply_timeout_s(self) -> float:
         """How long to wait for a reply: the ledger's limit and the line's measured worst."""
-        return REPLY_TIMEOUT_S + self.carrier.round_trip.max_ns / 1e9
+        return REPLY_TIMEOUT_S + self.transport.round_trip.max_ns / 1e9
 
     # Exchanges.
-
-    def transact(
-        self, request: bytes, missing: Callable[[bytes], int], timeout_s: float | None = None
-    ) -> bytes:
-        """Send once; return the reply, or what came of it before the time-out.
-
-        `missing(received)` tells how many bytes are still to come, 0 when the reply is complete.
-        """
-        self.target.drain()
-        self.target.send(request)
-        timeout_s = self.reply_timeout_s if timeout_s is None else timeout_s
-        received = b""
-        while (count := missing(received)) > 0:
-            arrived = self.target.receive(count, timeout_s)
-            if not arrived:
-                break
-            received += arrived
-        return received
-
-    def query(
-        self,
-        request: bytes,
-        missing: Callable[[bytes], int],
-        is_good: Callable[[bytes], bool],
-        timeout_s: float | None = None,
-    ) -> bytes:
-        """Like `transact`, for a request that may be repeated without harm.
-
-        What is not good is asked again and each retry is recorded.  The same bad reply every time
-        is the device's own and is returned for the check to judge; if the replies keep differing,
-        the line is at fault and the check ends inconclusive.
-        """
-        replies: list[bytes] = []
-        for _ in range(ATTEMPTS):
-            reply = self.transact(request, missing, timeout_s)
-            if self.is_believed(replies, reply, is_good=is_good(reply)):
-                return reply
-            self.record_retry(f"{request.hex(' ')} got {reply.hex(' ') or 'nothing'}")
-        return self.inconclusive(None, f"{ATTEMPTS} attempts, differing replies: noise on the line")
 
     def is_believed(self, bad: list[bytes], reply: bytes, *, is_good: bool) -> bool:
         """True if the reply is the device's own: good, or bad too often for noise.
@@ -305,20 +266,20 @@ class Session:
         """
         quality = self.run.quality
         self.is_settled = False
-        if self.carrier.is_lossless:
+        if self.transport.is_lossless:
             return True
         if not is_good:
-            self.run.patience.tried(
-                self.carrier.now_ns, quality.bad_when_lost, is_silence=not reply
+            self.run.silence_limit.tried(
+                self.transport.now_ns, quality.bad_when_lost, is_silence=not reply
             )
         elif reply:
-            self.run.patience.good()
+            self.run.silence_limit.good()
         if not bad:  # a device that never answers right must not make the line look noisy
-            is_late = self.carrier.late_count > self._late_count
+            is_late = self.transport.late_count > self._late_count
             quality.note(is_spoilt=is_late or not is_good)
-        self._late_count = self.carrier.late_count
+        self._late_count = self.transport.late_count
         bad.append(reply)
-        self._asked[self.carrier.last_sent] += 1
+        self._asked[self.transport.last_sent] += 1
         if self.is_strict and not is_good:
             self.spoilt.append(self._numbered(reply))
         self.is_settled = not is_good and quality.is_settled(bad)
@@ -327,26 +288,26 @@ class Session:
     def heard_in_pieces(self, heard: bytes) -> None:
         """Take note of what came broken and cannot be asked for again: the attempt is void, or,
         strictly, it is part of what attempts are compared by.  Raises Disturbed."""
-        if self.carrier.is_lossless:
+        if self.transport.is_lossless:
             return
         if self.is_strict:
             self.spoilt.append(self._numbered(heard))
         elif self.check is not None:
-            self.disturbed("what came by itself was broken")
+            self.void_attempt("what came by itself was broken")
 
     def _numbered(self, reply: bytes) -> str:
         """A bad reply with its number: what is polled all the time is hit by noise now and then,
         but a device is wrong the same time again."""
-        asked = self.carrier.last_sent
+        asked = self.transport.last_sent
         return f"{asked.hex()}, time {self._asked[asked]}: {reply.hex()}"
 
     @contextmanager
-    def owes(self, what: str, give_back: Callable[[], bool]) -> Iterator[None]:
-        """Give something back at the end of the block (see `Owed`).  Interrupted, in the block or
-        while it is given back, or should it not work, that is left to the keeper, who lets nothing
-        come between."""
-        one = Owed(what, give_back)
-        self.run.owed.append(one)
+    def restore_on_exit(self, what: str, restore: Callable[[], bool]) -> Iterator[None]:
+        """Restore something at the end of the block (see `Cleanup`).  If the block or the restoring
+        is interrupted, or the restoring fails, the device guard does it, and lets nothing come
+        between."""
+        cleanup = Cleanup(what, restore)
+        self.run.cleanups.append(cleanup)
         is_interrupted = False
         try:
             yield
@@ -354,8 +315,8 @@ class Session:
             is_interrupted = True
             raise
         finally:
-            if not is_interrupted and give_back():
-                self.run.owed.remove(one)
+            if not is_interrupted and restore():
+                self.run.cleanups.remove(cleanup)
 
     def last_exchange(self) -> tuple[bytes, bytes]:
         """What was sent last in this session, and what came since; nothing sent: empty."""
@@ -369,23 +330,23 @@ class Session:
 
     def said(self) -> tuple[Record, ...]:
         """All that was said in this session."""
-        return self.carrier.transcript.since(self._started_at)
+        return self.transport.transcript.since(self._started_at)
 
     def excerpt(self) -> tuple[Record, ...]:
         """The end of what was said in this session, for a reader who wants to follow."""
-        return self.carrier.transcript.since(self._started_at, EXCERPT_RECORDS)
+        return self.transport.transcript.since(self._started_at, EXCERPT_RECORDS)
 
-    def disturbed(self, text: str) -> NoReturn:
+    def void_attempt(self, text: str) -> NoReturn:
         """Give the attempt up: what was spoilt must not be repeated; the check is replayed."""
-        self.carrier.mark(f"given up: {text}")
-        raise Disturbed(text)
+        self.transport.mark(f"given up: {text}")
+        raise AttemptVoid(text)
 
     def record_retry(self, text: str) -> None:
         """Record trouble on the way that is overcome by asking again, once the line is quiet:
         a reply that comes late must not be taken for the next one."""
         self.retries.append(text)
-        self.carrier.mark(f"asked again: {text}")
-        self.carrier.hush(HUSH_S)
+        self.transport.mark(f"asked again: {text}")
+        self.transport.wait_until_quiet(QUIET_WAIT_S)
 
     # Judgements.
 
@@ -507,7 +468,7 @@ class Session:
 
     def note(self, text: str) -> None:
         """Write a line into the transcript, for the reader of a failure."""
-        self.carrier.mark(text)
+        self.transport.mark(text)
 
     def record(self, recording: Recording) -> None:
         """Keep the operations after which the device failed, and tell them at once."""
@@ -596,7 +557,7 @@ class Session:
     ) -> None:
         excerpt = self.excerpt()
         if verdict is Verdict.FAIL and not self.failed_after[0]:
-            self.failed_after = self.carrier.last_sent, self._asked[self.carrier.last_sent]
+            self.failed_after = self.transport.last_sent, self._asked[self.transport.last_sent]
         wanted = verdict in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.QUIRK)
         self.findings.append(
             Finding(requirement, verdict, text, expected, actual, excerpt if wanted else ())

@@ -18,8 +18,8 @@ from typing import Protocol
 
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.errors import (
+    AttemptVoid,
     CannotDo,
-    Disturbed,
     OutsideEnvelope,
     RigError,
     TargetError,
@@ -33,7 +33,7 @@ from axistwin_conformance.engine.replays import Attempt, Replays
 from axistwin_conformance.engine.result import CheckResult
 
 
-class Keeper(Protocol):
+class DeviceGuard(Protocol):
     """Who looks after the device between attempts."""
 
     def guard(self, session: Session, data: bytes) -> None:
@@ -49,11 +49,11 @@ class Keeper(Protocol):
 class Attempts:
     """Runs checks.
 
-    `emit`: who is told of sampled motion.  `keeper`: who looks after the device.
+    `emit`: who is told of sampled motion.  `device_guard`: who looks after the device.
     """
 
-    def __init__(self, emit: Listener, keeper: Keeper) -> None:
-        self._emit, self._keeper = emit, keeper
+    def __init__(self, emit: Listener, device_guard: DeviceGuard) -> None:
+        self._emit, self._guard = emit, device_guard
 
     def believed(self, run: Run, check: Check) -> CheckResult:
         """Run a check, where noise is possible as often as its result needs to be believed."""
@@ -69,8 +69,8 @@ class Attempts:
         def tidy() -> bool:
             try:
                 if check.danger > 0:
-                    self._keeper.settle(run)
-                return self._keeper.is_sane(run)
+                    self._guard.settle(run)
+                return self._guard.is_sane(run)
             except TargetError:
                 return False  # found again, and told, when the check is over
 
@@ -109,9 +109,9 @@ class Attempts:
     def _run(self, session: Session, check: Check) -> tuple[Outcome, str, Verdict, str]:
         """Run the check; give how it ended, what befell it, what is then said of all that it has
         not judged, and what was spoilt on the way."""
-        target, disturbance = session.carrier, ""
+        target, disturbance = session.transport, ""
         outcome, trouble, verdict = Outcome.DONE, "", Verdict.INCONCLUSIVE
-        target.gate = lambda data: self._keeper.guard(session, data)
+        target.gate = lambda data: self._guard.guard(session, data)
         try:
             target.drain()
             target.mark(f"check {check.name}")
@@ -123,7 +123,7 @@ class Attempts:
             pass
         except CannotDo as error:
             outcome, trouble, verdict = Outcome.LEFT_OUT, str(error), Verdict.NOT_RUN
-        except Disturbed as error:
+        except AttemptVoid as error:
             outcome, trouble, disturbance = Outcome.TROUBLE, f"spoilt: {error}", str(error)
         except OutsideEnvelope as error:
             outcome, trouble, verdict = Outcome.LEFT_OUT, error.told, Verdict.NOT_RUN

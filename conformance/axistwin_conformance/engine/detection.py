@@ -10,7 +10,8 @@ Rules.
 4. A second probe of a switch is asked only if the first left something open, and narrows it.
 5. A probe without a result is followed by a sanity exchange: a device that is gone ends the phase
    at once, whatever else would still be asked.
-6. A reply that no reading admits is told to the keeper, who judges it; the next probe is asked.
+6. A reply that no reading admits is given to the device guard, which judges it; then the next
+   probe is asked.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from collections.abc import Iterable
 from typing import Protocol
 
 from axistwin_conformance.base.errors import (
+    AttemptVoid,
     CannotDo,
-    Disturbed,
     OutsideEnvelope,
     RigError,
     TargetError,
@@ -33,7 +34,7 @@ from axistwin_conformance.core.session import Run, Session, Stop
 from axistwin_conformance.engine.replays import MOST_ATTEMPTS
 
 
-class Keeper(Protocol):
+class DeviceGuard(Protocol):
     """Who looks after the device, and after what the run says of it, while probes ask."""
 
     def guard(self, session: Session, data: bytes) -> None:
@@ -42,29 +43,29 @@ class Keeper(Protocol):
     def is_sane(self, run: Run) -> bool:
         """Whether the device still answers."""
 
-    def give_back(self, run: Run) -> None:
+    def run_cleanups(self, run: Run) -> None:
         """Give back what a probe still owes."""
 
     def trouble(self, text: str) -> None:
         """Take note of a mistake of the suite."""
 
-    def accuse(self, session: Session, act: str, behaviour: str) -> bool:
+    def record_violation(self, session: Session, act: str, behaviour: str) -> bool:
         """Judge the last reply of a session; True if the device has failed by it."""
 
     def revive(self, run: Run) -> bool:
         """Put a fresh twin in the place of one that crashed; False where there is none."""
 
 
-def detect(run: Run, probes: Iterable[Probe], keeper: Keeper) -> None:
+def detect(run: Run, probes: Iterable[Probe], device_guard: DeviceGuard) -> None:
     """Ask the probes and put what they tell into `run`; raises TargetError for a lost device."""
     for probe in probes:
         before = run.detections.get(probe.switch)
         if before is not None and before.reading is not None:
             continue
         try:
-            detection = _ask_until_believed(run, probe, keeper)
+            detection = _ask_until_believed(run, probe, device_guard)
         except TwinCrashed as error:
-            if not keeper.revive(run):
+            if not device_guard.revive(run):
                 raise
             detection = Detection(probe.switch, None, str(error))
         if before is not None and before.candidates:
@@ -72,11 +73,11 @@ def detect(run: Run, probes: Iterable[Probe], keeper: Keeper) -> None:
         run.detections[probe.switch] = detection
         if detection.reading is not None:
             run.readings.setdefault(probe.switch, detection.reading)
-        elif not keeper.is_sane(run):
+        elif not device_guard.is_sane(run):
             raise TargetError(f"it no longer answers after it was asked for {probe.switch}")
 
 
-def _ask_until_believed(run: Run, probe: Probe, keeper: Keeper) -> Detection:
+def _ask_until_believed(run: Run, probe: Probe, device_guard: DeviceGuard) -> Detection:
     """Ask once; where noise is possible, what is unusual counts when two answers agree."""
     known = dict(run.readings)
     told: list[tuple[tuple[str, ...], tuple[str, ...]]] = []  # answers, and what was late
@@ -84,9 +85,9 @@ def _ask_until_believed(run: Run, probe: Probe, keeper: Keeper) -> Detection:
     for _ in range(MOST_ATTEMPTS):
         run.target.forget_late()
         try:
-            one = _ask(run, probe, keeper)
-        except Disturbed as error:
-            if not keeper.is_sane(run):
+            one = _ask(run, probe, device_guard)
+        except AttemptVoid as error:
+            if not device_guard.is_sane(run):
                 raise TargetError(f"it was lost while asked for {probe.switch}: {error}") from error
             why = str(error)
             continue
@@ -122,23 +123,23 @@ def leave_out(run: Run, probe: Probe, reason: str) -> None:
     run.detections[probe.switch] = Detection(probe.switch, None, reason)
 
 
-def _ask(run: Run, probe: Probe, keeper: Keeper) -> Detection:
+def _ask(run: Run, probe: Probe, device_guard: DeviceGuard) -> Detection:
     """Ask once.  What is no answer at all is judged before anything else is said."""
     session = Session(run, probe.check)
     try:
-        seen = _look(session, probe, keeper)
+        seen = _look(session, probe, device_guard)
     finally:
         run.target.gate = None
         if probe.check.danger > 0 and not run.target.crash:
-            keeper.give_back(run)
+            device_guard.run_cleanups(run)
             run.family.stop(Session(run))
     return seen if isinstance(seen, Detection) else _told(run, probe, seen)
 
 
-def _look(session: Session, probe: Probe, keeper: Keeper) -> Seen | Detection:
+def _look(session: Session, probe: Probe, device_guard: DeviceGuard) -> Seen | Detection:
     """What the probe saw, or why it saw nothing."""
-    target, act = session.carrier, (probe.check.name, probe.check.behaviour)
-    target.gate = lambda data: keeper.guard(session, data)
+    target, act = session.transport, (probe.check.name, probe.check.behaviour)
+    target.gate = lambda data: device_guard.guard(session, data)
     try:
         target.drain()
         target.mark(f"detecting {probe.switch}")
@@ -147,24 +148,24 @@ def _look(session: Session, probe: Probe, keeper: Keeper) -> Seen | Detection:
         with interrupts_first():
             seen = probe.look(session)
         if not seen.readings:
-            keeper.accuse(session, *act)
+            device_guard.record_violation(session, *act)
         return seen
     except Stop as reason:
         if session.has_failed:
-            keeper.accuse(session, *act)
+            device_guard.record_violation(session, *act)
         return Detection(probe.switch, None, str(reason))
     except (CannotDo, RigError) as reason:
         return Detection(probe.switch, None, str(reason))
     except OutsideEnvelope as error:
         return Detection(probe.switch, None, error.told)
     except TwinCrashed:
-        keeper.accuse(session, *act)
+        device_guard.record_violation(session, *act)
         raise
-    except (TargetError, Disturbed):
+    except (TargetError, AttemptVoid):
         raise
     except Exception as error:  # a mistake of the suite must not stop the run
         text = f"error in the suite while detecting {probe.switch}: {type(error).__name__}: {error}"
-        keeper.trouble(text)
+        device_guard.trouble(text)
         return Detection(probe.switch, None, text)
 
 

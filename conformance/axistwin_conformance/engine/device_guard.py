@@ -1,5 +1,6 @@
-"""Who looks after the device during a run: opens it, holds it to what was allowed, brings it to
-rest, puts back what was changed, asks whether it is still there, and judges what it says meanwhile.
+"""The device guard looks after the device during a run: opens it, holds it to what was allowed,
+brings it to rest, restores what was changed, asks whether it is still there, and judges what it
+says meanwhile.
 
 Rules.
 
@@ -8,9 +9,10 @@ Rules.
    takes long, and soon all of it; what was not put back then is told.
 3. What the operator has named may not be what he took it for: then nothing is judged by it, and the
    device is not blamed (`of_no_use`).
-4. The device is judged by what it answers here as well (`accuse`): in virtual time, where nothing
-   gets lost by itself, by every reply; on a real line by the same wrong bytes time after time, from
-   a device that otherwise still answers.  Silence, and garbage that never settles, may be the line.
+4. The device is judged by what it answers here as well (`record_violation`): in virtual time, where
+   nothing gets lost by itself, by every reply; on a real line by the same wrong bytes time after
+   time, from a device that otherwise still answers.  Silence, and garbage that never settles, may
+   be the line.
 5. A twin in this process that crashed has failed what it was asked for; a fresh one takes its place
    (`revive`), so that one mistake of a twin does not hide the next.
 """
@@ -23,21 +25,21 @@ from dataclasses import dataclass, field, replace
 
 from axistwin_conformance.base import events, interrupts
 from axistwin_conformance.base.check import Check
-from axistwin_conformance.base.errors import Disturbed, RigError, TargetError, TwinCrashed
+from axistwin_conformance.base.errors import AttemptVoid, RigError, TargetError, TwinCrashed
 from axistwin_conformance.base.events import Listener, Outcome
 from axistwin_conformance.base.ledger import Ledger
 from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.base.write_budget import WriteBudget
 from axistwin_conformance.core.family import Violation
-from axistwin_conformance.core.session import HUSH_S, Run, Session, Stop
+from axistwin_conformance.core.session import QUIET_WAIT_S, Run, Session, Stop
 from axistwin_conformance.engine.attempts import describe
 from axistwin_conformance.engine.plan import Options
 from axistwin_conformance.engine.result import CheckResult
-from axistwin_conformance.transport.transport import Carrier
+from axistwin_conformance.transport.transport import Transport
 
 SANITY_PAUSES_S = (0.0, 1.0, 1.5)  # together longer than the 2 s for which a module may be deaf
 
-Opener = Callable[[tuple[int, ...]], Carrier]  # neighbours on the line → an open target
+Opener = Callable[[tuple[int, ...]], Transport]  # neighbours on the line → an open target
 
 # What the engine itself asks a device for, beside the probes, and what a sound device does then.
 ACTS = {
@@ -49,11 +51,11 @@ ACTS = {
 
 
 @dataclass(slots=True)
-class Keeper:
+class DeviceGuard:
     """Looks after the device of one run.
 
     `tell`: takes events.  `blocked`: why nothing more is asked of the device; `unremembered`: why
-    nothing but passive is; both empty at first.  `accusations`: what the device has failed beside
+    nothing but passive is; both empty at first.  `violations`: what the device has failed beside
     the checks.
     """
 
@@ -65,8 +67,8 @@ class Keeper:
     blocked: str = ""
     unremembered: str = ""
     problems: list[str] = field(default_factory=list)
-    accusations: list[CheckResult] = field(default_factory=list)
-    _accused: set[object] = field(default_factory=set)
+    violations: list[CheckResult] = field(default_factory=list)
+    _seen_violations: set[object] = field(default_factory=set)
     _tried: dict[str, str] = field(default_factory=dict)  # need → why it is of no use
 
     # --- open and close --------------------------------------------------------------------------
@@ -93,7 +95,7 @@ class Keeper:
             neighbours=neighbours,
             allowed=options.allowed,
             envelope=options.envelope,
-            grounds=options.grounds,
+            scratch=options.scratch,
             seed=options.seed,
             budget=self.budget,
             tell=self.tell,
@@ -110,8 +112,8 @@ class Keeper:
             target.close()
             raise TargetError(str(error)) from error
         target.meter = lambda data: self.budget.note(family.stored_writes(data))
-        if run.envelope.is_fenced:
-            target.fence = family.travel_guard(run)
+        if run.envelope.is_guarded:
+            target.travel_guard = family.travel_guard(run)
 
     def _tell_question(self, is_open: bool, text: str) -> None:
         self.tell(events.RigQuestion(is_open, text))
@@ -137,7 +139,7 @@ class Keeper:
             with contextlib.suppress(Exception):
                 self.options.family.stop(Session(run))
         finally:  # this is cut short as well
-            held = "; ".join([str(run.memory), *(one.what for one in run.owed)])
+            held = "; ".join([str(run.memory), *(one.what for one in run.cleanups)])
             self.trouble(f"interrupted again, could not {deed}; it held: {held}")
 
     # --- between checks --------------------------------------------------------------------------
@@ -159,7 +161,7 @@ class Keeper:
         except TargetError as error:
             self.unremembered = f"what is to be put back could not be read: {error}"
             self.trouble(self.unremembered)
-            self.accuse(session, "remember")
+            self.record_violation(session, "remember")
             if run.target.crash and not self.revive(run):
                 raise
         return not self.unremembered
@@ -185,33 +187,33 @@ class Keeper:
         session = Session(run)
         self._release_rig(run)
         try:
-            self.give_back(run)
+            self.run_cleanups(run)
             self._put_back(run, session, is_leaving=is_leaving)
         except TargetError:
             if run.target.is_lossless:
-                self.accuse(session, "put_back")
+                self.record_violation(session, "put_back")
             raise
         self.note_retries(session)
-        if run.astray and not self.blocked:
-            self.block(run.astray)
+        if run.runaway and not self.blocked:
+            self.block(run.runaway)
 
-    def give_back(self, run: Run) -> None:
+    def run_cleanups(self, run: Run) -> None:
         """Give back what a check or probe still owes: only then the device hears anything else."""
-        while run.owed and not run.target.crash:
-            one, is_back, why = run.owed[-1], False, ""
+        while run.cleanups and not run.target.crash:
+            one, is_back, why = run.cleanups[-1], False, ""
             try:
-                is_back = one.give_back()
-            except (Stop, Disturbed) as error:
+                is_back = one.restore()
+            except (Stop, AttemptVoid) as error:
                 why = f": {error}"
             if not is_back:
                 self.trouble(f"not put back: {one.what}{why}")
-            run.owed.remove(one)
+            run.cleanups.remove(one)
 
     def _put_back(self, run: Run, session: Session, *, is_leaving: bool) -> None:
         try:
             self.options.family.stop(session)
             if is_leaving and not run.target.is_virtual:
-                run.target.hush(HUSH_S)
+                run.target.wait_until_quiet(QUIET_WAIT_S)
         finally:
             if not run.target.crash:
                 for sentence in self.options.family.restore(session, run.memory):
@@ -241,10 +243,10 @@ class Keeper:
                     self.note_retries(session)
                     return True
         except TwinCrashed:
-            self.accuse(session, "sanity")
+            self.record_violation(session, "sanity")
             raise
         if run.target.is_lossless:
-            self.accuse(session, "sanity")
+            self.record_violation(session, "sanity")
         return False
 
     def revive(self, run: Run) -> bool:
@@ -253,7 +255,7 @@ class Keeper:
             return False
         crashed = run.target
         crashed.close()
-        run.owed.clear()
+        run.cleanups.clear()
         try:
             run.target = self.opener(run.neighbours)
             self._equip(run)
@@ -269,7 +271,7 @@ class Keeper:
 
     # --- what is told ----------------------------------------------------------------------------
 
-    def accuse(self, session: Session, act: str, behaviour: str = "") -> bool:
+    def record_violation(self, session: Session, act: str, behaviour: str = "") -> bool:
         """Judge the last reply of a session beside the checks; True if the device failed by it
         (rule 4).  `act`: what it was asked for, one of `ACTS` or the name of a probe."""
         run = session.run
@@ -286,8 +288,8 @@ class Keeper:
             return False
         if run.target.crash:
             violation = replace(violation, actual=run.target.crash)
-        if violation not in self._accused and act not in self._accused:
-            self._accused |= {violation, act}
+        if violation not in self._seen_violations and act not in self._seen_violations:
+            self._seen_violations |= {violation, act}
             self._record(session, act, behaviour or ACTS[act], violation)
         return True
 
@@ -299,7 +301,7 @@ class Keeper:
             violation.actual, session.excerpt(),
         )  # fmt: skip
         result = CheckResult(check, Outcome.DONE, (finding,), tuple(session.retries), 0.0, "")
-        self.accusations.append(result)
+        self.violations.append(result)
         self.tell(events.CheckStarted(0, 0, act, behaviour, check.requirements))
         self.tell(result.as_event(0, 0, self.options.command))
 

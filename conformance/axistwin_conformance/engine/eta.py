@@ -27,7 +27,7 @@ def _weight(check: Check) -> float:
     return WEIGHTS[check.danger] * (FULL_FACTOR if check.level == "full" else 1.0)
 
 
-class Pace:
+class Eta:
     """Watches checks begin and end; `past` gives the seconds a check took in an earlier run."""
 
     def __init__(

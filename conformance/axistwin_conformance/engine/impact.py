@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.errors import counted, with_article
-from axistwin_conformance.core.identity import Grounds
+from axistwin_conformance.core.identity import ScratchArea
 from axistwin_conformance.engine.plan import Options, Plan
 
 
 @dataclass(frozen=True, slots=True)
-class Deed:
+class Impact:
     """What would be done of one safety class, by these checks and by so many questions before."""
 
     safety: str
@@ -32,7 +32,7 @@ class Deed:
         return ", ".join(counted(number, word) for number, word in parts if number)
 
 
-def deeds(plan: Plan, options: Options) -> tuple[Deed, ...]:
+def impacts(plan: Plan, options: Options) -> tuple[Impact, ...]:
     """What would be done to the device, harmless classes first; nothing for a class without use."""
     asking = [probe.check for probe in plan.probes]
     told = []
@@ -41,7 +41,7 @@ def deeds(plan: Plan, options: Options) -> tuple[Deed, ...]:
         questions = sum(_does(check, safety) for check in asking)
         if checks or questions:
             what = options.family.impact.get(safety, "")
-            told.append(Deed(safety, checks, questions, what, _within(safety, options)))
+            told.append(Impact(safety, checks, questions, what, _within(safety, options)))
     return tuple(told)
 
 
@@ -68,14 +68,14 @@ def _does(check: Check, safety: str) -> bool:
 def _within(safety: str, options: Options) -> str:
     """The bounds that are kept to, whatever a check is about."""
     if not options.family.has_axis and safety in ("motion", "stored"):
-        return _grounds(safety, options.grounds)
+        return _grounds(safety, options.scratch)
     if safety == "motion":
         envelope = options.envelope
         bounds = (
             f"not further than {envelope.max_travel} increments from where the axis is found"
             f" (--max-travel), not faster than {envelope.max_speed} per second (--max-speed)"
         )
-        return bounds if envelope.is_fenced else "without bounds: a twin cannot be harmed"
+        return bounds if envelope.is_guarded else "without bounds: a twin cannot be harmed"
     if safety == "stored":
         budget = options.eeprom_budget
         most = "any number of" if budget is None else f"at most {budget}"
@@ -90,13 +90,13 @@ def _within(safety: str, options: Options) -> str:
     return "nothing is changed"
 
 
-def _grounds(safety: str, grounds: Grounds) -> str:
+def _grounds(safety: str, scratch: ScratchArea) -> str:
     """What of a controller is used, where no axis is driven and no EEPROM written."""
     if safety == "motion":
         at = (
-            "nothing" if grounds.program is None else "flag {}, address {}".format(*grounds.program)
+            "nothing" if scratch.program is None else "flag {}, address {}".format(*scratch.program)
         )
         return f"no axis is driven; the bench program works at {at} (--bench-program)"
-    named = {"variables": grounds.variables, "flags": grounds.flags}
+    named = {"variables": scratch.variables, "flags": scratch.flags}
     told = [f"{name} {one[0]} to {one[-1]} (--{name})" for name, one in named.items() if one]
     return f"read first and put back; {', '.join(told) or 'no variables and no flags'}"

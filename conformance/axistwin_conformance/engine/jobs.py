@@ -33,7 +33,7 @@ from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.base.write_budget import WriteBudget
 from axistwin_conformance.core.family import Family
-from axistwin_conformance.core.identity import Grounds, Identity
+from axistwin_conformance.core.identity import Identity, ScratchArea
 from axistwin_conformance.core.profile import Detection
 from axistwin_conformance.core.session import Envelope, Run, Session
 from axistwin_conformance.engine.attempts import Attempts, describe
@@ -61,7 +61,7 @@ class Place:
     round_trip: RoundTrip
     readings: Mapping[str, str]
     detections: Mapping[str, Detection]
-    grounds: Grounds
+    scratch: ScratchArea
 
     @classmethod
     def of(cls, run: Run) -> Place:
@@ -69,7 +69,7 @@ class Place:
         return cls(
             run.model.name, run.target.description, run.target.rate, run.address, run.neighbours,
             run.allowed, run.envelope, run.identity, run.target.round_trip, dict(run.readings),
-            dict(run.detections), run.grounds,
+            dict(run.detections), run.scratch,
         )  # fmt: skip
 
 
@@ -135,11 +135,11 @@ def judge(place: Place, name: str, seed: int) -> Told:
             ledger=load_ledger(family.name), address=place.address, neighbours=place.neighbours,
             allowed=place.allowed, envelope=place.envelope, seed=seed, identity=place.identity,
             readings=dict(place.readings), detections=dict(place.detections),
-            budget=WriteBudget(), tell=events.append, shrinks=False, grounds=place.grounds,
+            budget=WriteBudget(), tell=events.append, shrinks=False, scratch=place.scratch,
         )  # fmt: skip
         target.meter = lambda data: run.budget.note(family.stored_writes(data))
-        if run.envelope.is_fenced:
-            target.fence = family.travel_guard(run)
+        if run.envelope.is_guarded:
+            target.travel_guard = family.travel_guard(run)
         run.memory = family.remember(Session(run))
         one = Attempts(events.append, _Guard(family)).believed(run, check)
     finally:

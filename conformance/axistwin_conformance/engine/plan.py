@@ -16,7 +16,7 @@ from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.base.ledger import Ledger
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.core.family import Family
-from axistwin_conformance.core.identity import NO_GROUNDS, Grounds
+from axistwin_conformance.core.identity import NO_SCRATCH, ScratchArea
 from axistwin_conformance.core.probing import Probe
 from axistwin_conformance.core.session import Envelope
 from axistwin_conformance.transport.rig import RigChoice
@@ -59,7 +59,7 @@ class Options:
     replay_word: str = ""
     report: str = ""
     jobs: int = 1
-    grounds: Grounds = NO_GROUNDS
+    scratch: ScratchArea = NO_SCRATCH
 
     @property
     def is_builtin(self) -> bool:
@@ -91,7 +91,7 @@ class Options:
             met.add("virtual")
         if self.is_twin or "rig" in self.allowed:
             met.add(BENCH)
-        met.update(self.grounds.met)
+        met.update(self.scratch.met)
         met.update(f"{RIG}{name}" for name in self.rig.capabilities)
         return frozenset(met)
 
@@ -128,8 +128,8 @@ class Options:
             if self.eeprom_budget is not None:
                 words += ["--eeprom-budget", str(self.eeprom_budget)]
             words += [text for one in self.neighbours for text in ("--neighbour", str(one))]
-        own = self.family.grounds if self.endpoint is None else NO_GROUNDS
-        words += grounds_words(self.grounds) if self.grounds != own else []
+        own = self.family.scratch if self.endpoint is None else NO_SCRATCH
+        words += grounds_words(self.scratch) if self.scratch != own else []
         words += self.rig.words(is_default=is_twin_url(self.url))
         if self.address != self.family.default_address:
             words += ["--address", str(self.address)]
@@ -141,9 +141,9 @@ class Options:
         return shlex.join([*words, "--seed", str(self.seed), *selected])
 
 
-def grounds_words(grounds: Grounds) -> list[str]:
+def grounds_words(scratch: ScratchArea) -> list[str]:
     """The options that name them again."""
-    return [word for name, text in grounds.named.items() for word in (f"--{name}", text)]
+    return [word for name, text in scratch.named.items() for word in (f"--{name}", text)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,7 +228,7 @@ def _obstacle(check: Check, options: Options) -> str:
     if "destructive" in check.safety and not options.is_twin and not _is_named(check, options):
         return "destructive: only if named, by its name or by the whole ID of a requirement"
     missing = [name for name in check.needs if name not in options.provided]
-    if RIG_PROGRAM in missing and options.grounds.program is None:
+    if RIG_PROGRAM in missing and options.scratch.program is None:
         missing = ["program", *(name for name in missing if name not in (RIG_PROGRAM, "program"))]
     reasons = [NEEDS[name] for name in missing if not name.startswith(RIG)]
     rig = [CAPABILITIES[name.removeprefix(RIG)] for name in missing if name.startswith(RIG)]

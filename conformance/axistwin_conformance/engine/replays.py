@@ -1,7 +1,7 @@
 """Noise on the way: what may be asked again, what is replayed, and when a surprise is believed.
 
     a bad reply ──┬─ a Nack, or a frame that may be repeated: sent again, recorded
-                  └─ any other: the frame may have been obeyed: the attempt is void (`Disturbed`)
+                  └─ any other: the frame may have been obeyed: the attempt is void (`AttemptVoid`)
 
     an attempt ───┬─ without trouble and without surprise: believed
                   ├─ void: replayed; broken off at the same place again and again, it is replayed
@@ -11,7 +11,7 @@
                   └─ passed by asking again: replayed strictly, so that a device whose fault is
                      cured by asking again does not pass for a noisy line
 
-Late is what this host or the line holds up (`Carrier.late`).  What looks wrong in an attempt in
+Late is what this host or the line holds up (`Transport.late`).  What looks wrong in an attempt in
 which anything was late, counts only beside attempts in which the very same was; and once something
 has looked wrong, what holds in such an attempt does not do either.
 

@@ -14,7 +14,7 @@ Rules.
 3. A check that crashes is an error of the suite: reported, counted as inconclusive, the others run.
    A twin of this process that crashes fails what was asked of it; the run goes on with a fresh one.
 4. A device that answers wrongly while nobody judges (who are you, which reading, what is to be put
-   back) fails the requirement it breaks, and the run goes on as far as it can (`keeper`).
+   back) fails the requirement it breaks, and the run goes on as far as it can (`device_guard`).
 5. When the device does not answer a sanity exchange, not even after the longest deafness it is
    entitled to, the rest is blocked.  What the last check said is withdrawn, since a lost device
    and a wrong one look the same; in virtual time nothing gets lost by itself, so there it stands.
@@ -42,7 +42,7 @@ from axistwin_conformance.core.profile import Detection, held_to
 from axistwin_conformance.core.session import Envelope, Run, Session
 from axistwin_conformance.engine.attempts import Attempts, describe
 from axistwin_conformance.engine.detection import detect, leave_out
-from axistwin_conformance.engine.device_guard import Keeper, Opener
+from axistwin_conformance.engine.device_guard import DeviceGuard, Opener
 from axistwin_conformance.engine.impact import allowed_in_vain
 from axistwin_conformance.engine.jobs import Jobs
 from axistwin_conformance.engine.judgement import conclude
@@ -50,7 +50,7 @@ from axistwin_conformance.engine.plan import Options, Plan, make_plan
 from axistwin_conformance.engine.result import CheckResult, Result
 from axistwin_conformance.engine.soak import Soak
 from axistwin_conformance.transport.kinds import BUS, LINE
-from axistwin_conformance.transport.transport import Carrier
+from axistwin_conformance.transport.transport import Transport
 
 __all__ = ["Engine", "Envelope", "Options", "Session"]
 
@@ -69,14 +69,16 @@ class Engine:
         self.ledger = load_ledger(options.family.name)
         self._emit: Listener = lambda event: None
         self._budget = WriteBudget(options.eeprom_budget)
-        self._keeper = Keeper(options, self.ledger, opener or self._open, self._tell, self._budget)
+        self._guard = DeviceGuard(
+            options, self.ledger, opener or self._open, self._tell, self._budget
+        )
         self._is_identified = False
-        self._attempts = Attempts(self._tell, self._keeper)
+        self._attempts = Attempts(self._tell, self._guard)
         # A worker opens what this run opens, and has its word for the writes it may ask for.
         is_shared = opener is None and options.is_builtin and options.eeprom_budget is None
         self._cores = options.jobs if is_shared else 1
         self._jobs = Jobs(self._cores - 1, self._note)  # on one of them, this process is busy
-        self._result = Result(options, self.plan(), problems=self._keeper.problems)
+        self._result = Result(options, self.plan(), problems=self._guard.problems)
 
     def plan(self) -> Plan:
         """Return what will run and what will not; raises UsageError for a word without a match."""
@@ -98,8 +100,8 @@ class Engine:
             result.profile = held_to(
                 self.options.profile, self.options.expected, result.detections, self.ledger
             )
-        result.checks[:0] = self._keeper.accusations
-        result.lost = self._keeper.blocked
+        result.checks[:0] = self._guard.violations
+        result.lost = self._guard.blocked
         conclude(result, self.ledger)
         self._tell_readings()
         if result.profile is not None:
@@ -151,7 +153,7 @@ class Engine:
                 max_speed=bounds.max_speed if has_axis else None,
                 checks=tuple(check.name for check in plan.to_run),
                 left_out={check.name: reason for check, reason in plan.left_out},
-                grounds=options.grounds.named,
+                grounds=options.scratch.named,
             )
         )
         if in_vain := allowed_in_vain(options):
@@ -176,14 +178,14 @@ class Engine:
 
     # The target's life.
 
-    def _open(self, neighbours: tuple[int, ...]) -> Carrier:
+    def _open(self, neighbours: tuple[int, ...]) -> Transport:
         url = replace(self.options, neighbours=neighbours).url
         return self.family.open(url, self.options.rate, is_builtin=self.options.is_builtin)
 
     def _run_on_target(self) -> None:
         result = self._result
         try:
-            with self._keeper.opened(self.options.neighbours) as run:
+            with self._guard.opened(self.options.neighbours) as run:
                 self._prepare(run)
                 self._run_checks(run)
                 self._soak(run)
@@ -198,7 +200,7 @@ class Engine:
         except KeyboardInterrupt:
             result.is_interrupted = True
         except Exception as error:  # in a hook of the family; checks are caught one by one
-            self._keeper.trouble(describe(error))
+            self._guard.trouble(describe(error))
         finally:
             self._jobs.close()
 
@@ -213,9 +215,9 @@ class Engine:
             if self.options.is_only_detection:
                 self._detect(run, is_destructive=True)
         except TargetError as error:
-            if not self._keeper.accusations:
+            if not self._guard.violations:
                 raise
-            self._keeper.block(str(error))
+            self._guard.block(str(error))
 
     def _identify_unless_echoed(self, run: Run) -> None:
         """Say so if nobody can be identified because we hear ourselves."""
@@ -235,15 +237,15 @@ class Engine:
         try:
             run.identity = self.family.identify(session)
         except TwinCrashed:
-            self._keeper.accuse(session, "identity")
+            self._guard.record_violation(session, "identity")
             raise
-        if not self._keeper.is_sane(run):
+        if not self._guard.is_sane(run):
             raise TargetError("it answered once and then no more")
         self._meet_neighbours(run)
         # Virtual time has no jitter: three exchanges show what twenty would.
         samples = 3 if target.is_virtual else ROUND_TRIPS
         trip = target.measure_round_trip(lambda: self._is_sound(session), samples)
-        self._keeper.note_retries(session)
+        self._guard.note_retries(session)
         if not target.is_virtual:
             known_ms = target.uncertainty_ns / 1e6
             self._note(
@@ -302,7 +304,7 @@ class Engine:
             return
         for is_alone, row in itertools.groupby(mine, lambda one: "alone" in one.check.needs):
             if is_alone and run.neighbours:
-                with self._keeper.opened(()) as other:
+                with self._guard.opened(()) as other:
                     self._inherit(other, run)
                     self._ask(other, list(row))
             else:
@@ -313,21 +315,21 @@ class Engine:
         try:
             self._detect(run, is_destructive=True)
         except TargetError as error:
-            self._keeper.block(str(error))
+            self._guard.block(str(error))
 
     def _ask(self, run: Run, probes: list[Probe]) -> None:
-        if any(probe.check.danger > 0 for probe in probes) and not self._keeper.remember(run):
+        if any(probe.check.danger > 0 for probe in probes) and not self._guard.remember(run):
             for probe in probes:
                 if probe.check.danger > 0:
-                    leave_out(run, probe, self._keeper.unremembered)
+                    leave_out(run, probe, self._guard.unremembered)
             probes = [probe for probe in probes if probe.check.danger == 0]
-        detect(run, probes, self._keeper)
+        detect(run, probes, self._guard)
         if run.memory is None:
             return
         try:
-            self._keeper.settle(run)
+            self._guard.settle(run)
         except TwinCrashed:
-            if not self._keeper.revive(run):
+            if not self._guard.revive(run):
                 raise
 
     @staticmethod
@@ -336,14 +338,16 @@ class Engine:
         other.identity, other.target.round_trip = run.identity, run.target.round_trip
         other.quality = run.quality
         other.readings, other.detections = run.readings, run.detections
-        if other.target.fence is not None:
-            other.target.fence = other.family.travel_guard(other)  # nothing has been said there yet
+        if other.target.travel_guard is not None:
+            other.target.travel_guard = other.family.travel_guard(
+                other
+            )  # nothing has been said there yet
 
     def _last_words(self, run: Run) -> None:
         for text in run.target.remarks:
             self._emit(events.Note(text))
-        if not self._keeper.blocked and not self._keeper.is_sane(run):
-            self._keeper.trouble("the device did not answer the closing sanity exchange")
+        if not self._guard.blocked and not self._guard.is_sane(run):
+            self._guard.trouble("the device did not answer the closing sanity exchange")
         if run.quality.spoilt:
             self._emit(events.Note(f"noise on the {run.target.word}: {run.quality}"))
 
@@ -356,7 +360,7 @@ class Engine:
                 self._jobs.begin(run, drawing, run.seed)
         is_detected = False
         for number, check in enumerate(checks, 1):
-            if "destructive" in check.safety and not is_detected and not self._keeper.blocked:
+            if "destructive" in check.safety and not is_detected and not self._guard.blocked:
                 is_detected = True
                 self._detect_late(run)
             self._emit(
@@ -364,8 +368,8 @@ class Engine:
                     number, len(checks), check.name, check.behaviour, check.requirements
                 )
             )
-            if self._keeper.blocked:
-                result = self._blocked_result(check, self._keeper.blocked)
+            if self._guard.blocked:
+                result = self._blocked_result(check, self._guard.blocked)
             else:
                 result = self._run_one(run, check)
             self._keep(result, number, self.options.replay(check, result.recording))
@@ -379,7 +383,7 @@ class Engine:
         self._emit(result.as_event(number, len(self._result.plan.to_run), replay))
 
     def _is_over(self) -> bool:
-        return bool(self._keeper.blocked) or self._result.has_ended_early
+        return bool(self._guard.blocked) or self._result.has_ended_early
 
     def _soak(self, run: Run) -> None:
         """Repeat what draws at random; ended by an interrupt, it tells what it has found."""
@@ -416,12 +420,12 @@ class Engine:
     def _run_one(self, run: Run, check: Check) -> CheckResult:
         if run.neighbours and self._is_alone(run, check):
             return self._run_alone(run, check)
-        if check.danger > 0 and not self._keeper.remember(run):
-            return self._blocked_result(check, self._keeper.unremembered)
+        if check.danger > 0 and not self._guard.remember(run):
+            return self._blocked_result(check, self._guard.unremembered)
         if "destructive" in check.safety and run.quality.is_noisy and not run.target.is_lossless:
             reason = f"too risky on a noisy {run.target.word}: {run.quality}"
             return self._left_out(check, reason)
-        if reason := self._keeper.of_no_use(run, check):
+        if reason := self._guard.of_no_use(run, check):
             return self._blocked_result(check, reason)
         result = self._jobs.judged(run, check, self._attempts.believed)
         # Interrupted, the run ends here: the device is made safe on its way out.
@@ -429,22 +433,22 @@ class Engine:
 
     def _after(self, run: Run, check: Check, result: CheckResult) -> CheckResult:
         """Bring the device to rest after a check and see whether it is still there (rule 5)."""
-        keeper, why = self._keeper, f": {result.trouble}" if result.trouble else ""
+        device_guard, why = self._guard, f": {result.trouble}" if result.trouble else ""
         try:
             is_sane = self._is_back(run, check)
         except TargetError as error:
             is_sane, why = False, f": {error}"
             result = replace(result, trouble=result.trouble or str(error))
         except Exception as error:  # what cannot be put back must not be followed by more
-            keeper.block(describe(error))
+            device_guard.block(describe(error))
             return result
         if run.target.crash:
             crash = run.target.crash
-            if not keeper.revive(run):
-                keeper.block(f"{crash}; no fresh one could take its place")
+            if not device_guard.revive(run):
+                device_guard.block(f"{crash}; no fresh one could take its place")
         elif not is_sane:
-            keeper.block(f"the device no longer answers after {check.name}{why}")
-            result = result if run.target.is_lossless else result.withdrawn(keeper.blocked)
+            device_guard.block(f"the device no longer answers after {check.name}{why}")
+            result = result if run.target.is_lossless else result.withdrawn(device_guard.blocked)
         return result
 
     def _is_back(self, run: Run, check: Check) -> bool:
@@ -452,8 +456,8 @@ class Engine:
         if run.target.crash:
             return False
         if check.danger > 0:
-            self._keeper.settle(run)
-        return self._keeper.is_sane(run)
+            self._guard.settle(run)
+        return self._guard.is_sane(run)
 
     def _is_alone(self, run: Run, check: Check) -> bool:
         """True for a check that needs the module alone, or better has it so (see `disturbs`)."""
@@ -464,7 +468,7 @@ class Engine:
 
     def _run_alone(self, run: Run, check: Check) -> CheckResult:
         """Run a check with the module alone on a line or bus of its own (built-in twin)."""
-        with self._keeper.opened(()) as other:
+        with self._guard.opened(()) as other:
             self._inherit(other, run)
             result = self._run_one(other, check)
             run.is_interrupted |= other.is_interrupted

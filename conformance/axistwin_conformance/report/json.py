@@ -17,7 +17,7 @@ from axistwin_conformance.base import events
 from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.base.ledger import Ledger
 from axistwin_conformance.base.transcript import Record
-from axistwin_conformance.engine.impact import allowed_in_vain, deeds
+from axistwin_conformance.engine.impact import allowed_in_vain, impacts
 from axistwin_conformance.engine.plan import Options, Plan
 from axistwin_conformance.transport.kinds import in_hex
 
@@ -161,7 +161,7 @@ def overview(ledger: Ledger, plan: Plan, options: Options) -> str:
                 }
                 for check, reason in checks
             ],
-            "deeds": plain(deeds(plan, options)),
+            "deeds": plain(impacts(plan, options)),
             "note": allowed_in_vain(options),
         },
         ensure_ascii=False,

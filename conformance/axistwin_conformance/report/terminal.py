@@ -32,8 +32,8 @@ from axistwin_conformance.base.events import Outcome
 from axistwin_conformance.base.ledger import Ledger
 from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.base.verdicts import Finding, Verdict
-from axistwin_conformance.engine.eta import Pace
-from axistwin_conformance.engine.impact import Deed, allowed_in_vain, deeds
+from axistwin_conformance.engine.eta import Eta
+from axistwin_conformance.engine.impact import Impact, allowed_in_vain, impacts
 from axistwin_conformance.engine.judgement import UNREACHABLE
 from axistwin_conformance.engine.plan import Options, Plan
 from axistwin_conformance.transport.kinds import in_hex
@@ -71,7 +71,7 @@ def make_console() -> Console:
 class TimeLeftColumn(ProgressColumn):
     """How long the run still takes, as far as anybody can say."""
 
-    def __init__(self, pace: Pace) -> None:
+    def __init__(self, pace: Eta) -> None:
         super().__init__()
         self._pace = pace
 
@@ -90,12 +90,12 @@ class TerminalReport:
         console: Console,
         ledger: Ledger,
         explain: Callable[[Record], str],
-        pace: Pace | None = None,
+        pace: Eta | None = None,
         folder: str = "",
         spell: Callable[[bytes], str] = in_hex,
     ) -> None:
         self._console = console
-        self._pace = pace or Pace({})
+        self._pace = pace or Eta({})
         self._folder = folder  # of the report, empty if there is none
         self._told_left_at = time.monotonic()
         self._ledger = ledger
@@ -387,7 +387,7 @@ def print_plan(console: Console, plan: Plan, options: Options) -> None:
     for switch, reason in undetected:
         text = f"not detected: {switch}: {reason}"
         console.print(text, style="dim", markup=False, soft_wrap=True)
-    print_deeds(console, deeds(plan, options))
+    print_deeds(console, impacts(plan, options))
     if in_vain := allowed_in_vain(options):
         console.print(in_vain, markup=False, soft_wrap=True)
     questions = counted(len(plan.probes), "question")
@@ -396,7 +396,7 @@ def print_plan(console: Console, plan: Plan, options: Options) -> None:
     console.print(f"{checks} would run, {len(plan.left_out)} would not.")
 
 
-def print_deeds(console: Console, told: Sequence[Deed]) -> None:
+def print_deeds(console: Console, told: Sequence[Impact]) -> None:
     """Show what would be done to the device, class by class; what is destructive by name."""
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
     for title in ("class", "by", "what would be done to the device, and within which bounds"):

@@ -19,12 +19,12 @@ from importlib import metadata
 from typing import Final, NoReturn
 
 from axistwin_conformance.base.classes import SAFETY_CLASSES
-from axistwin_conformance.base.errors import Disturbed, TargetError, counted
+from axistwin_conformance.base.errors import AttemptVoid, TargetError, counted
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.core.session import Run, Session, Stop
 from axistwin_conformance.sequences.runner import Mismatch, Operations, Played, Player
 from axistwin_conformance.sequences.shrink import Budget, Shrunk, shrink, towards_zero
-from axistwin_conformance.transport.transport import Carrier
+from axistwin_conformance.transport.transport import Transport
 
 REPLAYS: Final = 3  # on a line: of the list as found, and at most of the short one
 TWIN_BUDGET: Final = Budget(operations=20_000, seconds=6.0)
@@ -53,7 +53,7 @@ class Failure:
 
         An interrupt ends what is still to be found out, and then the run: what is known is told."""
         self._store()
-        is_counted, is_cut = self.session.carrier.is_lossless, False
+        is_counted, is_cut = self.session.transport.is_lossless, False
         try:
             # Attempts in which replies are handed on as they come are compared with one another:
             # there it is the engine that plays the whole check again.
@@ -127,7 +127,7 @@ class Failure:
             return
         text = f"{self.mismatch}; it came again in {times} of {wanted} replays"
         if quality.is_noisy and not times:
-            session.disturbed(f"{text}: taken for noise ({quality})")
+            session.void_attempt(f"{text}: taken for noise ({quality})")
         session.is_replayed = True
         self._store()
         self.player.credit(self.mismatch.requirement)
@@ -138,7 +138,7 @@ class Failure:
         for _ in range(wanted):
             try:
                 times += self._is_same(self.player.play(operations))
-            except Disturbed:  # told as not reproduced: nobody has seen it
+            except AttemptVoid:  # told as not reproduced: nobody has seen it
                 continue
         return times
 
@@ -163,7 +163,7 @@ class Failure:
     def _shrink(self) -> None:
         """Make it as short as can be; what is kept has failed on this device, and is played last,
         with its motion recorded for the report."""
-        if self.session.carrier.is_lossless:
+        if self.session.transport.is_lossless:
             self._refresh()
             shorter = self._shrunk(
                 self.player, self.found.operations, TWIN_BUDGET, "in virtual time", self._simpler
@@ -189,11 +189,11 @@ class Failure:
 
     def _confirmed(self, operations: Operations) -> bool:
         """Play the short list until it fails; the only playing whose motion is recorded."""
-        tries = 1 if self.session.carrier.is_lossless else REPLAYS
+        tries = 1 if self.session.transport.is_lossless else REPLAYS
         for number in range(1, tries + 1):
             try:
                 played = self.player.play(operations, is_plotted=True)
-            except Disturbed:
+            except AttemptVoid:
                 continue
             if self._is_same(played):
                 self.played = played
@@ -215,7 +215,7 @@ class Failure:
         def fails(operations: Operations) -> bool:
             try:
                 return not trouble and self._is_same(player.play(operations))
-            except Disturbed:
+            except AttemptVoid:
                 return False
             except (TargetError, Stop) as error:
                 trouble.append(str(error))
@@ -274,30 +274,30 @@ def _told(found: Operations, short: Shrunk[bytes], budget: Budget, where: str) -
 # --- the twin of this device ---------------------------------------------------------------------
 
 
-def open_twin(session: Session) -> Carrier:
+def open_twin(session: Session) -> Transport:
     """The built-in twin, made with the readings this device has shown; raises TargetError."""
     run = session.run
     url = run.family.twin_url(run.model.name, run.address, run.neighbours)
     for switch, reading in sorted(session.readings.items()):
         if reading != run.ledger.ambiguity_of(switch).default_of(switch):
             url += f"&quirk.{switch}={urllib.parse.quote(reading, safe='+')}"
-    rate = session.carrier.rate
+    rate = session.transport.rate
     if rate is not None and rate != run.family.default_rate:
         url += f"&{run.family.way.rate_parameter}={rate}"
     return run.family.open(url, rate, is_builtin=True)
 
 
-def twin_session(session: Session, twin: Carrier) -> Session:
+def twin_session(session: Session, twin: Transport) -> Session:
     """A session with that twin, as bounded as with the device."""
     run = session.run
     other = Run(
         target=twin, family=run.family, model=run.model, ledger=run.ledger, address=run.address,
         neighbours=run.neighbours, allowed=frozenset(SAFETY_CLASSES), envelope=run.envelope,
-        grounds=run.grounds,
+        scratch=run.scratch,
         seed=run.seed, readings=dict(run.readings), detections=dict(run.detections),
     )  # fmt: skip
-    if run.envelope.is_fenced:
-        twin.fence = run.family.travel_guard(other)
+    if run.envelope.is_guarded:
+        twin.travel_guard = run.family.travel_guard(other)
     alone = Session(other)
     other.memory = run.family.remember(alone)
     return alone

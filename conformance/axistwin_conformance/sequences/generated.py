@@ -31,7 +31,7 @@ def play_drawn(
     session: Session, level: str, player_of: PlayerOf, free: Amount, real: Amount
 ) -> None:
     """Play drawn lists, as many as the device allows: `free` where time is, else `real`."""
-    amount = free if session.carrier.is_lossless else real
+    amount = free if session.transport.is_lossless else real
     play_lists(player_of(session), amount.examples[level], amount.operations)
 
 
@@ -58,7 +58,7 @@ def play_machine(
 ) -> None:
     """Let a machine run so many times; ends the check with the verdict on a run that fails."""
     session = player.session
-    if not session.carrier.is_lossless:
+    if not session.transport.is_lossless:
         session.skip("on a noisy line Hypothesis could not draw the same run twice")
     begun, failing = machine.search(player.begin, judged, examples, steps, session.random, rules)
     for one in begun:
@@ -91,7 +91,7 @@ def _replay(session: Session, recording: Recording, player_of: PlayerOf) -> None
     player = player_of(session)
     operations = player.split(b"".join(recording.operations))
     session.is_replayed = True  # as often as it takes is the business of this check
-    is_free = session.carrier.is_lossless
+    is_free = session.transport.is_lossless
     failed: list[Mismatch] = []
     for player.is_fresh in (True, False) if is_free else (False,) * REPLAYS:
         played = player.play(operations, is_counted=True, is_plotted=not failed)

@@ -12,7 +12,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import ClassVar, Final, Protocol
 
-from axistwin_conformance.base.errors import Disturbed
+from axistwin_conformance.base.errors import AttemptVoid
 from axistwin_conformance.base.events import StatesCovered
 from axistwin_conformance.core.session import Session
 
@@ -155,7 +155,7 @@ class Player(ABC):
         for attempt in range(PLAY_ATTEMPTS, 0, -1):
             try:
                 return self._once(operations, is_counted, is_plotted)
-            except Disturbed:
+            except AttemptVoid:
                 if attempt == 1:
                     raise
                 self.session.retries.append("a sequence was broken off by noise and begins anew")

@@ -1,7 +1,7 @@
-"""CAN targets: the one way from the suite to a bus, whatever carries the frames.
+"""The way from the suite to a CAN bus, whatever carries the frames.
 
-A `CanTarget` wraps a python-can bus: the built-in twin in virtual time, SocketCAN, an slcan adapter
-or any other of its interfaces.
+A `CanTransport` wraps a python-can bus: the built-in twin in virtual time, SocketCAN, an slcan
+adapter or any other of its interfaces.
 
 What is heard is kept in two places.  `receive` gives replies; what modules say unasked (boot-up,
 lifebeat, emergency) never comes out there, whatever is asked for, but from `receive_spontaneous`
@@ -38,7 +38,7 @@ from axistwin_conformance.transport.can_frame import Frame, unpack
 from axistwin_conformance.transport.transport import (
     SILENCE_NOTED_S,
     STOP_HEARD_NS,
-    Carrier,
+    Transport,
     crash_of,
 )
 
@@ -101,7 +101,7 @@ def nothing(frame: Frame) -> bool:
     return False
 
 
-class CanTarget(Carrier):
+class CanTransport(Transport):
     """A device on a bus.
 
     `is_spontaneous`: what devices of the family say unasked.  `is_echoing`: the interface gives us
@@ -239,7 +239,7 @@ class CanTarget(Carrier):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """See `Carrier.remarks`."""
+        """See `Transport.remarks`."""
         told = []
         if self._foreign:
             names = [f"{one:03X}h" if one >= 0 else "29-bit ones" for one in sorted(self._foreign)]
@@ -408,7 +408,7 @@ def open_can_target(
     bitrate: int | None = None,
     is_spontaneous: Wanted = nothing,
     is_builtin: bool = False,
-) -> CanTarget:
+) -> CanTransport:
     """Open INTERFACE:CHANNEL of python-can.
 
     `bitrate`: in bit/s, for interfaces that set it; None: as the interface is configured.  Raises
@@ -430,7 +430,7 @@ def open_can_target(
         if interface != TWIN_INTERFACE:  # a driver that falls over what it was given
             raise TargetError(f"cannot open {words}: {_one_line(error)}") from error
         raise TwinCrashed(f"cannot open {words}: {crash_of(error)}") from error
-    return CanTarget(
+    return CanTransport(
         bus,
         words,
         is_spontaneous=is_spontaneous,

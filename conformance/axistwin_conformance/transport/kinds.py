@@ -20,7 +20,7 @@ def in_hex(data: bytes) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
+class TransportKind:
     """How a kind of device is reached, and what that is called.
 
     `word`: what modules share; `option` and `rate_option`: where it is and how fast, on the command
@@ -52,8 +52,8 @@ class Way:
         return self.rate_option.removeprefix("--")
 
 
-LINE: Final = Way("line", "--port", "--baud", "URL", "/dev/ttyUSB0", "axistwin://")
-BUS: Final = Way(
+LINE: Final = TransportKind("line", "--port", "--baud", "URL", "/dev/ttyUSB0", "axistwin://")
+BUS: Final = TransportKind(
     "bus",
     "--can",
     "--bitrate",
@@ -61,16 +61,19 @@ BUS: Final = Way(
     "socketcan:can0 or --can slcan:/dev/ttyACM0",
     "axistwin:",
 )
-WAYS: Final = (LINE, BUS)
+TRANSPORT_KINDS: Final = (LINE, BUS)
 
 
 def choose_endpoint(
-    way: Way, model: str, endpoints: Mapping[str, str | None], rates: Mapping[str, int | None]
+    way: TransportKind,
+    model: str,
+    endpoints: Mapping[str, str | None],
+    rates: Mapping[str, int | None],
 ) -> tuple[str | None, int | None]:
     """What was given of where and how fast, by option; raises UsageError for what the model's way
     does not have."""
     where = f"{with_article(model)} is on a {way.word}"
-    for other in WAYS:
+    for other in TRANSPORT_KINDS:
         if other is way:
             continue
         if endpoints[other.option] is not None:
@@ -89,7 +92,7 @@ def choose_endpoint(
     return endpoint, rates[way.rate_option]
 
 
-def check_endpoint(way: Way, endpoint: str, rate: int | None) -> None:
+def check_endpoint(way: TransportKind, endpoint: str, rate: int | None) -> None:
     """Raise UsageError for what cannot be meant; whether it is there, shows when it is opened."""
     if way is BUS:
         from axistwin_conformance.transport.can import check_interface

@@ -31,8 +31,8 @@ from typing import Any, Final, Protocol, TextIO
 
 from axistwin_conformance.base.check import CAPABILITIES
 from axistwin_conformance.base.errors import CannotDo, RigError, UsageError
-from axistwin_conformance.transport.kinds import LINE, Way
-from axistwin_conformance.transport.transport import Carrier, is_twin_url
+from axistwin_conformance.transport.kinds import LINE, TransportKind
+from axistwin_conformance.transport.transport import Transport, is_twin_url
 
 INPUTS: Final = ("reference", "positive_stop", "negative_stop", "reset")
 FAULTS: Final = ("micro_cut", "amplifier", "encoder")
@@ -99,7 +99,7 @@ class Rig(ABC):
 
     is_exact = False
 
-    def __init__(self, target: Carrier, capabilities: frozenset[str]) -> None:
+    def __init__(self, target: Transport, capabilities: frozenset[str]) -> None:
         self._target = target
         self._disturbed: dict[tuple[str, str], Act] = {}
         self.capabilities = capabilities
@@ -193,8 +193,8 @@ class Rig(ABC):
             self._disturbed.pop((act.verb, act.name), None)
         self._target.mark(f"rig: {act.verb} {act.name} {act.text}")
         window = before_ns, self._target.now_ns
-        if self._target.fence is not None:  # the counter may not be what it was
-            self._target.fence.worked(act.capability, window)
+        if self._target.travel_guard is not None:  # the counter may not be what it was
+            self._target.travel_guard.worked(act.capability, window)
         return window
 
 
@@ -202,7 +202,7 @@ class TwinRig(Rig):
     """Works the twin behind the target, by the handles that every twin offers."""
 
     def __init__(
-        self, target: Carrier, address: int, capabilities: frozenset[str] = OF_AN_AXIS
+        self, target: Transport, address: int, capabilities: frozenset[str] = OF_AN_AXIS
     ) -> None:
         super().__init__(target, capabilities)
         self.is_exact = VIRTUAL in target.description  # else time passes while we are at it
@@ -253,7 +253,7 @@ class TwinRig(Rig):
                 twin.battery = "flat" if value else "good"
 
 
-def _twin_at(target: Carrier, address: int) -> Any:
+def _twin_at(target: Transport, address: int) -> Any:
     """The twin with that address behind the target; raises RigError if there is none."""
     for twin in target.twins:
         if twin.address == address:
@@ -266,7 +266,7 @@ class CommandRig(Rig):
 
     def __init__(
         self,
-        target: Carrier,
+        target: Transport,
         template: str,
         capabilities: frozenset[str],
         timeout_s: float = COMMAND_TIMEOUT_S,
@@ -343,7 +343,7 @@ class PromptRig(Rig):
 
     def __init__(
         self,
-        target: Carrier,
+        target: Transport,
         terminal: Terminal | None = None,
         notify: Notify = lambda is_open, text: None,
         capabilities: frozenset[str] = OF_AN_AXIS,
@@ -423,7 +423,7 @@ class RigChoice:
     command: str = ""
     capabilities: frozenset[str] = field(default=frozenset())
 
-    def open(self, target: Carrier, address: int, notify: Notify) -> Rig | None:
+    def open(self, target: Transport, address: int, notify: Notify) -> Rig | None:
         """The rig for one open target; raises RigError if the target offers no handles."""
         match self.kind:
             case "twin":
@@ -447,7 +447,7 @@ def choose_rig(
     url: str,
     *,
     is_allowed: bool,
-    way: Way = LINE,
+    way: TransportKind = LINE,
     capabilities: frozenset[str] = OF_AN_AXIS,
 ) -> RigChoice:
     """Read `--rig` and `--rig-command`; raises UsageError in one line.

@@ -1,8 +1,8 @@
 """Targets: the way from the suite to a device on a byte line.
 
-A `Target` wraps a pyserial port: the built-in twin by URL (virtual time), a pty, `socket://`,
+A `SerialTransport` wraps a pyserial port: the built-in twin by URL (virtual time), a pty, `socket://`,
 `rfc2217://` or a real port.  Clock, transcript, fence and what becomes of trouble are those of
-every `Carrier`.
+every `Transport`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.transport.transport import (
     SILENCE_NOTED_S,
     STOP_HEARD_NS,
-    Carrier,
+    Transport,
     crash_of,
 )
 
@@ -69,7 +69,7 @@ class SerialPort(Protocol):
         """How many bytes `read` would return at once."""
 
 
-class Target(Carrier):
+class SerialTransport(Transport):
     """A device behind a port."""
 
     source_word = "the port"
@@ -95,7 +95,7 @@ class Target(Carrier):
     @property
     def is_direct(self) -> bool:
         """True if `exchange` may be used: virtual time, no noise, nobody has to hold the axis."""
-        return self.is_virtual and self.is_lossless and self.fence is None
+        return self.is_virtual and self.is_lossless and self.travel_guard is None
 
     @property
     def is_pty(self) -> bool:
@@ -313,7 +313,7 @@ def _handlers() -> set[str]:
     return {one.removeprefix(prefix) for one in found if one.startswith(prefix)}
 
 
-def open_target(url: str, baud: int, *, is_builtin: bool = False) -> Target:
+def open_target(url: str, baud: int, *, is_builtin: bool = False) -> SerialTransport:
     """Open a pyserial URL or device name, 8N1; raises TargetError with the reason in one line."""
     if url.startswith(TWIN_SCHEME) and TWIN_HANDLER not in serial.protocol_handler_packages:
         serial.protocol_handler_packages.append(TWIN_HANDLER)
@@ -331,7 +331,7 @@ def open_target(url: str, baud: int, *, is_builtin: bool = False) -> Target:
         if not url.startswith(TWIN_SCHEME):
             raise
         raise TwinCrashed(f"cannot open {url}: {crash_of(error)}") from error
-    return Target(port, url, is_builtin=is_builtin)
+    return SerialTransport(port, url, is_builtin=is_builtin)
 
 
 def _one_line(error: BaseException) -> str:

@@ -1,7 +1,7 @@
 """What every way from the suite to a device has, whatever it carries: transcript, clock, measured
 round trip, gate, fence and meter, and one word for trouble.
 
-Sources.  Behind a `Carrier` stands a source: a serial port, a bus.  If it tells a time of its own
+Sources.  Behind a `Transport` stands a source: a serial port, a bus.  If it tells a time of its own
 (`virtual_time_ns`), that is the clock, exact, and time passes only while we wait; else the clock is
 the machine's monotonic one.  What is measured on it is known to `uncertainty_ns`: an instant that
 the device fixes while it handles an exchange lies between our first byte and its last, so that the
@@ -47,7 +47,7 @@ def is_twin_url(url: str) -> bool:
     return url.startswith(TWIN_PREFIX)
 
 
-class Fence(Protocol):
+class TravelGuard(Protocol):
     """What keeps the axes behind a carrier inside the envelope; it hears everything, either way."""
 
     def sending(self, data: bytes, now_ns: int, /) -> None:
@@ -88,7 +88,7 @@ class RoundTrip:
         return max(0, self.max_ns - self.own_ns)
 
 
-class Carrier(ABC):
+class Transport(ABC):
     """A way to a device.  Not thread-safe: one run, one carrier."""
 
     source_word: ClassVar[str] = "it"  # what the source is called in messages
@@ -114,7 +114,7 @@ class Carrier(ABC):
         self.round_trip = RoundTrip()
         self.last_sent = b""
         self.gate: Callable[[bytes], None] | None = None  # sees everything before it is sent
-        self.fence: Fence | None = None
+        self.travel_guard: TravelGuard | None = None
         self.meter: Callable[[bytes], None] | None = None  # counts what is really sent
         self.crash = ""  # of the twin behind it, once it has fallen over
         self.late: list[str] = []  # what was held up, or came twice, since somebody cleared this
@@ -265,7 +265,7 @@ class Carrier(ABC):
         """Write a line into the transcript."""
         self.transcript.note(self.now_ns, Direction.NOTE, text=text)
 
-    def hush(self, seconds: float) -> None:
+    def wait_until_quiet(self, seconds: float) -> None:
         """Set aside what comes until nothing has come for so long: a late reply must not be taken
         for the next one."""
         for _ in range(MOST_HUSHES):
@@ -280,8 +280,8 @@ class Carrier(ABC):
         if self.gate is not None:
             self.gate(data)
         started_ns = self.now_ns
-        if self.fence is not None:
-            self.fence.sending(data, started_ns)
+        if self.travel_guard is not None:
+            self.travel_guard.sending(data, started_ns)
         if self.meter is not None:
             self.meter(data)
         self.last_sent = data
@@ -294,8 +294,8 @@ class Carrier(ABC):
         """Let transcript and fence see what has come; return the time."""
         now_ns = self.now_ns
         self.transcript.note(now_ns, Direction.DEVICE, data)
-        if self.fence is not None:
-            self.fence.received(data, now_ns)
+        if self.travel_guard is not None:
+            self.travel_guard.received(data, now_ns)
         return now_ns
 
     def _note_silence(self, started_ns: int) -> None:
@@ -305,17 +305,17 @@ class Carrier(ABC):
 
     def _fenced(self, left_ns: int) -> int:
         """How long may be waited; stops endless motion that nobody has stopped in time."""
-        deadline_ns = None if self.fence is None else self.fence.deadline_ns
-        if self.fence is None or deadline_ns is None:
+        deadline_ns = None if self.travel_guard is None else self.travel_guard.deadline_ns
+        if self.travel_guard is None or deadline_ns is None:
             return left_ns
         spare_ns = deadline_ns - self.now_ns
         if spare_ns > 0:
             return min(left_ns, spare_ns)
         self.mark("endless motion has come near the edge of the envelope: stopped")
-        needed = self.fence.needed(left_ns)
+        needed = self.travel_guard.needed(left_ns)
         gate, self.gate = self.gate, None  # a stop is not held back
         try:
-            for data in self.fence.stop():
+            for data in self.travel_guard.stop():
                 self._stop_by(data)
         finally:
             self.gate = gate

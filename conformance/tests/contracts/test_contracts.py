@@ -241,8 +241,7 @@ def test_a_healthy_twin_is_judged_as_recorded(run: Run, tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("run", FAULTY, ids=lambda run: run.name)
 def test_a_faulty_twin_is_judged_as_recorded(run: Run, tmp_path: Path) -> None:
-    """Failures with their words, exchanges, what shrinking made of them, and how to replay them;
-    for people, for programs and for build servers."""
+    """Failures are told as recorded to people, programs and build servers."""
     judge(run, tmp_path)
     if run.is_reported:
         report = tmp_path / "report"

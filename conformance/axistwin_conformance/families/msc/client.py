@@ -22,7 +22,7 @@ from typing import Final
 from axistwin_conformance.core.session import ATTEMPTS, Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK, STX, Packet
-from axistwin_conformance.transport.serial import Target
+from axistwin_conformance.transport.serial import SerialTransport
 
 HEARD_AT_ONCE: Final = 4096
 QUIET_S: Final = 0.1  # after which a unit that is talking has ended
@@ -81,7 +81,7 @@ class Talk:
     def __init__(self, session: Session, unit: int | None = None) -> None:
         self.session = session
         self.unit = session.address if unit is None else unit
-        self.target: Target = session.target
+        self.target: SerialTransport = session.target
 
     # --- one way ----------------------------------------------------------------------------------
 
@@ -222,7 +222,7 @@ class Talk:
             words = f"{codec.explain_request(exchange.request)}: {exchange}"
             if name not in SPOILS_NOTHING:
                 if self.session.check is not None:
-                    self.session.disturbed(words)
+                    self.session.void_attempt(words)
                 break
             self.session.record_retry(words)
             if not exchange.is_naked:  # part of the packet may wait for its end, or a reply for us
@@ -235,7 +235,7 @@ class Talk:
         quality = self.session.run.quality
         is_settled = exchange.is_naked and refused + 1 >= quality.alike_needed
         if is_settled:
-            self.session.run.patience.good()
+            self.session.run.silence_limit.good()
             self.session.is_settled = True
         return is_settled
 

@@ -158,7 +158,7 @@ class Bench:
         """Give the attempt up if so long has passed since then: what is seen then tells nothing."""
         passed_s = (self.target.now_ns - since_ns) / 1e9
         if passed_s > limit_s:
-            self.session.disturbed(
+            self.session.void_attempt(
                 f"{what} lasts {limit_s * 1000:.0f} ms and was looked at within"
                 f" {passed_s * 1000:.0f}: this line or this host is too slow"
             )

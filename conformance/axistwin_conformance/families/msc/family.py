@@ -8,7 +8,7 @@ from typing import Final
 
 from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.core.family import Family, Violation
-from axistwin_conformance.core.identity import Grounds, Identity, Model
+from axistwin_conformance.core.identity import Identity, Model, ScratchArea
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec, snapshot
 from axistwin_conformance.families.msc.diagnosis import diagnose
@@ -19,10 +19,10 @@ from axistwin_conformance.families.msc.preflight import survey
 from axistwin_conformance.families.msc.safety import IMPACT, objection
 from axistwin_conformance.families.msc.snapshot import Memory
 from axistwin_conformance.transport.rig import OF_A_CONTROLLER
-from axistwin_conformance.transport.serial import Target, open_target
+from axistwin_conformance.transport.serial import SerialTransport, open_target
 
 BAUD: Final = 9600  # MSC-PHY-01
-TWIN_GROUNDS: Final = Grounds(range(1024, 5120), range(128, 192), (240, 6144))
+TWIN_SCRATCH: Final = ScratchArea(range(1024, 5120), range(128, 192), (240, 6144))
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,14 +53,14 @@ class Msc(Family):
     default_rate = BAUD
     rates = (BAUD,)
     capabilities = OF_A_CONTROLLER
-    grounds = TWIN_GROUNDS
+    scratch = TWIN_SCRATCH
     has_axis = False
     impact = IMPACT
     tried_needs = frozenset({"flags"})
     replay_module = "axistwin_conformance.families.msc.checks.sequences"
     operation_bytes = 4
 
-    def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> Target:
+    def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> SerialTransport:
         """Open a port at that rate, or at the manual's."""
         return open_target(url, rate or BAUD, is_builtin=is_builtin)
 

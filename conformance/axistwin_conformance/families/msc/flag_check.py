@@ -31,7 +31,7 @@ def try_flags(session: Session) -> str:
     """Why no check can be judged by the flags named; empty: they follow what is written, or the
     unit is what keeps them from it.  What it touches is put back by `restore`."""
     run = session.run
-    own = run.family.grounds
+    own = run.family.scratch
     if session.target.is_builtin and own is not None and run.flags == own.flags:
         return ""  # of which it is known that nothing drives them
     trial = _Trial(session)

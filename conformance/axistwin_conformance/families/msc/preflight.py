@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from axistwin_conformance.base.errors import UsageError
-from axistwin_conformance.core.identity import NO_GROUNDS
+from axistwin_conformance.core.identity import NO_SCRATCH
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.driver import SAFE_BLOCK, SAFE_STRIDE, Bench
@@ -28,16 +28,16 @@ def survey(session: Session) -> None:
 
     What the built-in twin has of its own is known, and whatever it refuses there is its fault.
     """
-    own = session.run.family.grounds if session.target.is_builtin else None
-    grounds, own = session.run.grounds, own or NO_GROUNDS
-    spans = [("variables", grounds.variables, grounds.variables == own.variables)]
-    spans.append(("bench-program", grounds.of_program[0], grounds.program == own.program))
+    own = session.run.family.scratch if session.target.is_builtin else None
+    scratch, own = session.run.scratch, own or NO_SCRATCH
+    spans = [("variables", scratch.variables, scratch.variables == own.variables)]
+    spans.append(("bench-program", scratch.of_program[0], scratch.program == own.program))
     for name, span, is_known in spans:
         places = [one for one in span if one % SAFE_STRIDE == 0]
         if not places or is_known:
             continue
         if found := _Look(Bench(session), span, places).at_the_ends():
-            raise UsageError(f"--{name} {grounds.named[name]}: {found}")
+            raise UsageError(f"--{name} {scratch.named[name]}: {found}")
 
 
 class _Look:

@@ -107,10 +107,10 @@ def may_write(run: Run, address: int, values: int = 1, *, has_program: bool = Fa
     """
     stride = int(run.readings.get("data_address_stride", SAFE_STRIDE))
     extent = (values - 1) * stride
-    grounds = [run.variables]
+    scratch = [run.variables]
     if has_program and run.bench_program is not None:
-        grounds.append(range(*(run.bench_program[1] + at for at in _ends(PROGRAM_BLOCK))))
-    return any(address in one and address + extent in one for one in grounds)
+        scratch.append(range(*(run.bench_program[1] + at for at in _ends(PROGRAM_BLOCK))))
+    return any(address in one and address + extent in one for one in scratch)
 
 
 def _ends(one: range) -> tuple[int, int]:

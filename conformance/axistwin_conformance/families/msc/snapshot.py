@@ -234,23 +234,23 @@ def remember(session: Session) -> Memory:
     """
     run = session.run
     stride = int(run.readings.get("data_address_stride", 1))
-    grounds, flags, orders = [run.variables], [*run.flags], range(0)
+    scratch, flags, orders = [run.variables], [*run.flags], range(0)
     if run.bench_program is not None:
         flag, address = run.bench_program
-        grounds.append(range(address + PROGRAM_BLOCK.start, address + PROGRAM_BLOCK.stop))
+        scratch.append(range(address + PROGRAM_BLOCK.start, address + PROGRAM_BLOCK.stop))
         orders = range(flag, flag + PROGRAM_FLAGS)
-    units = {session.address: _held(Bench(session), grounds, [*flags, *orders], stride)}
+    units = {session.address: _held(Bench(session), scratch, [*flags, *orders], stride)}
     if not session.target.is_builtin:
         _refuse_what_moves(Bench(session), units[session.address], run.flags)
     for unit in session.neighbours:
         with contextlib.suppress(TargetError):  # who does not answer is not there
-            units[unit] = _held(Bench(session, unit), grounds, [*flags, *orders], stride)
+            units[unit] = _held(Bench(session, unit), scratch, [*flags, *orders], stride)
     return Memory(units, orders)
 
 
-def _held(bench: Bench, grounds: Iterable[range], flags: Iterable[int], stride: int) -> Held:
+def _held(bench: Bench, scratch: Iterable[range], flags: Iterable[int], stride: int) -> Held:
     held = Held()
-    for ground in grounds:
+    for ground in scratch:
         blocks, values = layout(ground, stride)
         held.blocks |= {at: bench.read_block(at) for at in blocks}
         held.values |= {at: bench.read(at) for at in values}

@@ -15,25 +15,25 @@ LOOK_S: Final = 0.1  # from one look at an axis on its way to the next
 SWING: Final = 100  # increments: a shaft may swing, or be pushed, by fewer
 
 
-def goes_astray(bench: Talk, origin: int, home: int, here: int) -> bool:
+def is_runaway(bench: Talk, origin: int, home: int, here: int) -> bool:
     """True if an axis that was sent home is further from there than it was; what the run is then
-    told by (`Run.astray`).  Never of the twin made for the run, which harms nobody."""
+    told by (`Run.runaway`).  Never of the twin made for the run, which harms nobody."""
     run = bench.session.run
-    if run.envelope.is_fenced and abs(here - home) > abs(origin - home) + SWING:
-        run.astray = f"sent from {origin} to {home}, the axis was at {here}: it is moved no more"
-    return bool(run.astray)
+    if run.envelope.is_guarded and abs(here - home) > abs(origin - home) + SWING:
+        run.runaway = f"sent from {origin} to {home}, the axis was at {here}: it is moved no more"
+    return bool(run.runaway)
 
 
 def wait_for_it(bench: Talk, origin: int, home: int, until_ns: int) -> int:
     """Wait for an axis that has been sent home, and stop it; give where it then is.  Raises
     TargetError for one that goes astray."""
-    slice_s = LOOK_S if bench.session.envelope.is_fenced else float("inf")
+    slice_s = LOOK_S if bench.session.envelope.is_guarded else float("inf")
     while (left_s := (until_ns - bench.target.now_ns) / 1e9) > 0:
         bench.wait(min(left_s, slice_s))
-        if left_s > slice_s and goes_astray(bench, origin, home, bench.position()):
+        if left_s > slice_s and is_runaway(bench, origin, home, bench.position()):
             break
     bench.command(0x18)
     here = bench.position()
-    if goes_astray(bench, origin, home, here):
-        raise TargetError(bench.session.run.astray)
+    if is_runaway(bench, origin, home, here):
+        raise TargetError(bench.session.run.runaway)
     return here

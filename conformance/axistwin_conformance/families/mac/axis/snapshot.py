@@ -14,7 +14,7 @@ from axistwin_conformance.base.events import Note
 from axistwin_conformance.core.session import ATTEMPTS, Session
 from axistwin_conformance.families.mac.axis.driver.motion import Bench, bench_of
 from axistwin_conformance.families.mac.axis.exchanges import Kind, Reply, signed
-from axistwin_conformance.families.mac.axis.return_to_start import LOOK_S, goes_astray
+from axistwin_conformance.families.mac.axis.return_to_start import LOOK_S, is_runaway
 
 PROBE_ATTEMPTS: Final = (
     6  # with the reply time-out of 0.5 s: longer than the deaf time after power-up
@@ -83,7 +83,7 @@ def sanity(session: Session) -> bool:
             reply = bench.ask(index).reply
             if bench.is_answer(index, reply):
                 return True
-            if reply.kind is Kind.SILENCE and not session.carrier.is_lossless:
+            if reply.kind is Kind.SILENCE and not session.transport.is_lossless:
                 return False  # waited for long enough
             session.is_strict = True  # the first one was asked often enough for noise
         return False
@@ -153,7 +153,7 @@ def remember(session: Session) -> Memory:
 def _remembered(bench: Bench) -> Memory:
     session, memory = bench.session, _read(bench)
     for _ in range(PROBE_ATTEMPTS):
-        if session.carrier.is_lossless or memory == (again := _read(bench)):
+        if session.transport.is_lossless or memory == (again := _read(bench)):
             return memory
         memory = again
     raise TargetError("the parameters read differently each time; is the axis at rest?")
@@ -207,12 +207,12 @@ def _put_back(bench: Bench, memory: Memory) -> tuple[str, ...]:
     if now.position != memory.position:
         _drive_back(bench, memory.position)
         now = _read(bench)
-    for _ in range(1 if session.carrier.is_lossless else PROBE_ATTEMPTS):
+    for _ in range(1 if session.transport.is_lossless else PROBE_ATTEMPTS):
         repairs = _repairs(now, memory)
         if not repairs:
             break
         replies = {bench.command(index, parameter).kind for index, parameter in repairs}
-        is_sure = session.carrier.is_lossless and replies == {Kind.ACCEPTED}
+        is_sure = session.transport.is_lossless and replies == {Kind.ACCEPTED}
         now = replace(memory, position=now.position) if is_sure else _read(bench)
     return tuple(
         f"{name} is {getattr(now, name):X}h, was {getattr(memory, name):X}h"
@@ -256,7 +256,7 @@ def _drive_back(bench: Bench, position: int) -> None:
     origin = bench.position()
     distance = abs(origin - position)
     is_too_far = distance > 2 * bench.session.envelope.max_travel
-    if is_too_far or bench.session.run.astray or interrupts.is_hurried():
+    if is_too_far or bench.session.run.runaway or interrupts.is_hurried():
         return
     attempts, lasts_s = _attempts(bench.session), bench.lasting_s(distance)
     if lasts_s >= TOLD_S and not bench.target.is_virtual:
@@ -272,7 +272,7 @@ def _drive_back(bench: Bench, position: int) -> None:
         is_back = _comes_back(bench, origin, position, deadline_ns)
         bench.command(0x18)
         is_over = bench.target.now_ns >= deadline_ns or interrupts.is_hurried()
-        if is_back or is_over or bench.session.run.astray:
+        if is_back or is_over or bench.session.run.runaway:
             return
 
 
@@ -286,7 +286,7 @@ def _comes_back(bench: Bench, origin: int, position: int, deadline_ns: int) -> b
         here = bench.position()
         if here == position:
             return True
-        if goes_astray(bench, origin, position, here):
+        if is_runaway(bench, origin, position, here):
             return False
         if here != last:
             last, since_ns, has_moved = here, target.now_ns, last is not None

@@ -9,7 +9,7 @@ is what has to be added to the counter to get the shaft, an interval as well.
     reply heard ─▶ refused or Nack: nothing followed; none: both remain possible
 
 Endless motion has no asked-for position.  It is bounded by time: `deadline_ns` is when the stop
-must be on its way, and who lets time pass (`Target`) sends it then, whatever the check is about.
+must be on its way, and who lets time pass (`Transport`) sends it then, whatever the check is about.
 
 The counter is an encoder's and tells of a shaft that was turned by hand, too.  It does not tell
 where the shaft is once it has been cleared: by 0Bh, by the reference input in motion (07h), or by a
@@ -169,7 +169,7 @@ class Reader(Protocol):
         """A request in words."""
 
 
-class Fence:
+class TravelGuard:
     """The envelope of one line.
 
     `own`: the address under test.  `readings`: what is known of the device, as the run learns it.

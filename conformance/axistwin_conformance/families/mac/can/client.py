@@ -7,7 +7,7 @@ so that what knows the axis talks to it here as on the serial line.
 A reply belongs to a request by the identifier it comes from, and by the index, the sub-index and
 the direction it names.  What comes from there and names something else is waited past; only if
 nothing better comes is it handed on as garbage, with what is wrong with it.  Boot-up, lifebeat and
-emergency are never replies (`CanTarget.receive`).
+emergency are never replies (`CanTransport.receive`).
 
 When a request was taken over (`Exchange.taken`): not before its frame can have been on the bus, not
 after the reply was in our hands.  Where the bit rate is known the shortest times of both frames
@@ -26,7 +26,7 @@ from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.families.mac.axis.model.forecast import Window
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.codec import Reply, Request
-from axistwin_conformance.transport.can import Arrival, CanTarget
+from axistwin_conformance.transport.can import Arrival, CanTransport
 from axistwin_conformance.transport.can_frame import Frame, unpack
 
 BOOT_S: Final = 2.0  # MACC-BOOT-04
@@ -39,10 +39,10 @@ REPEATABLE: Final = frozenset(
 MAY_BE_SILENT: Final = frozenset({0x00, 0x01})  # MACC-AMB-26
 
 
-def bus_of(session: Session) -> CanTarget:
+def bus_of(session: Session) -> CanTransport:
     """The bus a session is on."""
-    assert isinstance(session.carrier, CanTarget), "a MAC on CAN is judged on a CAN bus"
-    return session.carrier
+    assert isinstance(session.transport, CanTransport), "a MAC on CAN is judged on a CAN bus"
+    return session.transport
 
 
 class Talk(client.Talk):
@@ -60,7 +60,7 @@ class Talk(client.Talk):
 
     def __init__(self, session: Session, address: int | None = None) -> None:
         super().__init__(session, address)
-        self.target: CanTarget = bus_of(session)
+        self.target: CanTransport = bus_of(session)
 
     # --- requests and replies ---------------------------------------------------------------------
 

@@ -35,7 +35,7 @@ def strangers(session: Session) -> list[int]:
     decoder with a bit too few would take for this module's."""
     taken = {session.address, *session.neighbours}
     others = [one for one in codec.ADDRESSES if one not in taken]
-    if session.carrier.is_virtual:
+    if session.transport.is_virtual:
         return others
     own = session.address
     near = [own ^ 1, own + 1, own - 1, own ^ 0x40, own ^ 0x20, 0x7F]

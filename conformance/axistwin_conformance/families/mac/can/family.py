@@ -17,14 +17,14 @@ from axistwin_conformance.families.mac.axis.axis_family import AxisFamily
 from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.families.mac.axis.safety import impact_of_axis
 from axistwin_conformance.families.mac.axis.snapshot import PROBE_ATTEMPTS, Facts, climate, sanity
-from axistwin_conformance.families.mac.axis.travel_guard import Fence
+from axistwin_conformance.families.mac.axis.travel_guard import TravelGuard
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.client import bus_of
 from axistwin_conformance.families.mac.can.codec import Reply
 from axistwin_conformance.families.mac.can.diagnosis import diagnose
 from axistwin_conformance.families.mac.can.driver import RigBench
 from axistwin_conformance.families.mac.can.reader import BusReader
-from axistwin_conformance.transport.can import CanTarget, open_can_target
+from axistwin_conformance.transport.can import CanTransport, open_can_target
 from axistwin_conformance.transport.can_frame import Frame, unpack_all
 from axistwin_conformance.transport.kinds import BUS
 
@@ -41,18 +41,18 @@ MODELS: Final = {
 def identify(session: Session) -> Identity:
     """Ask release and measures; raises TargetError if nobody answers."""
     bench = RigBench(session)
-    if not session.carrier.is_virtual:
+    if not session.transport.is_virtual:
         _know_the_others(session)
     session.is_strict = True  # the attempts are counted here
     last = _insisted(bench, 0x24)
     release = last.data if last.kind is Kind.ANSWER else None
     if release is None and not sanity(session):
         raise TargetError(
-            f"no module answers at address {bench.address} on {session.carrier.description}:"
-            f" {'; '.join((str(last), *session.carrier.remarks))};"
+            f"no module answers at address {bench.address} on {session.transport.description}:"
+            f" {'; '.join((str(last), *session.transport.remarks))};"
             " try another --address or --bitrate"
         )
-    session.is_strict = session.carrier.is_lossless
+    session.is_strict = session.transport.is_lossless
     values = {"release": "unknown" if release is None else f"{release:08X}"}
     measures = bench.ask(0x27).reply
     if measures.data is not None:
@@ -119,7 +119,7 @@ class MacCan(AxisFamily):
     way = BUS
     impact = impact_of_axis("address (LMT)", NOT_ON_CAN)
 
-    def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> CanTarget:
+    def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> CanTransport:
         """Open INTERFACE:CHANNEL, at that bit rate if one is given; the built-in twin on a bus of
         its own, however many of its kind are open in this process."""
         target = open_can_target(
@@ -147,10 +147,10 @@ class MacCan(AxisFamily):
         """The index of every request in these bytes that some reading would obey."""
         return _indices(data)
 
-    def travel_guard(self, run: Run) -> Fence:
+    def travel_guard(self, run: Run) -> TravelGuard:
         """What keeps the axes of a bus inside the envelope."""
         bounds, reader = run.envelope, BusReader(run.readings)
-        return Fence(reader, bounds.max_travel, bounds.max_speed, run.address, run.readings)
+        return TravelGuard(reader, bounds.max_travel, bounds.max_speed, run.address, run.readings)
 
     def diagnose(self, session: Session, request: bytes, reply: bytes | None) -> Violation | None:
         """See `diagnose`."""

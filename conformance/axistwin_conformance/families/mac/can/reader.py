@@ -1,4 +1,5 @@
-"""What the fence (`mac_axis.fence`) reads on the bus: frames that would be obeyed, and replies."""
+"""What the travel guard (`axis.travel_guard`) reads on the bus: frames that would be obeyed, and
+replies."""
 
 from __future__ import annotations
 
@@ -35,16 +36,16 @@ class BusReader:
         self._request: Request | None = None  # sent last, if it is one that is answered
 
     def foreseen(self, data: bytes) -> list[Asked]:
-        """See `fence.Reader`."""
+        """See `travel_guard.Reader`."""
         return [one for frame in unpack_all(data) for one in self._asked(frame)]
 
     def sent(self, data: bytes) -> None:
-        """See `fence.Reader`."""
+        """See `travel_guard.Reader`."""
         for frame in unpack_all(data):
             self._request = _request_of(frame)
 
     def heard(self, data: bytes) -> Heard | None:
-        """See `fence.Reader`."""
+        """See `travel_guard.Reader`."""
         asked = self._request
         for frame in unpack_all(data):
             if asked is None or not codec.is_reply(frame):
@@ -59,11 +60,11 @@ class BusReader:
         return None
 
     def stop(self, address: int) -> bytes:
-        """See `fence.Reader`."""
+        """See `travel_guard.Reader`."""
         return codec.request(address, 0x18).frame().pack()
 
     def explained(self, raw: bytes) -> str:
-        """See `fence.Reader`."""
+        """See `travel_guard.Reader`."""
         return "; ".join(codec.explain(frame) for frame in unpack_all(raw))
 
     @property

@@ -44,10 +44,12 @@ def has_rate(bench: Bench) -> bool:
 @contextmanager
 def brought_back(bench: Bench, *, is_readdressed: bool = True) -> Iterator[None]:
     """Bring the module back to the address and the rate it had, whatever was done to it meanwhile;
-    interrupted, the keeper does.  `is_readdressed`: False where only the rate may change."""
+    interrupted, the device guard does.  `is_readdressed`: False where only the rate may change."""
     address, baud = bench.address, bench.target.baud
     what = f"address {address:02X}h" + (f", {baud} baud" if has_rate(bench) else "")
-    with bench.session.owes(what, lambda: _bring_back(bench, address, baud, is_readdressed)):
+    with bench.session.restore_on_exit(
+        what, lambda: _bring_back(bench, address, baud, is_readdressed)
+    ):
         yield
 
 

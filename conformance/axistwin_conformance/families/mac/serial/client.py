@@ -16,7 +16,7 @@ from axistwin_conformance.families.mac.axis.exchanges import QUERIES, Kind
 from axistwin_conformance.families.mac.axis.model.forecast import Window
 from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.families.mac.serial.codec import Reply, Request
-from axistwin_conformance.transport.serial import Target
+from axistwin_conformance.transport.serial import SerialTransport
 
 SPELLINGS_ALIKE: Final = 3
 ANSWERED: Final = range(0x20, 0x2A)
@@ -47,7 +47,7 @@ class Talk(client.Talk):
 
     def __init__(self, session: Session, address: int | None = None) -> None:
         super().__init__(session, address)
-        self.target: Target = session.target
+        self.target: SerialTransport = session.target
         self._noted: set[int] = set()  # last bytes of replies whose spelling is noted
 
     @property
@@ -97,9 +97,9 @@ class Talk(client.Talk):
         self, data: bytes, size: int, timeout_s: float, is_cleared: bool = False
     ) -> tuple[bytes, Window]:
         """What `send` does, at a fraction of its cost, where the target allows it
-        (`Target.is_direct`): the reply as it came, and when the request was taken over.
+        (`SerialTransport.is_direct`): the reply as it came, and when the request was taken over.
 
-        `size`: of the reply if all goes well; `is_cleared`: see `Target.exchange`.
+        `size`: of the reply if all goes well; `is_cleared`: see `SerialTransport.exchange`.
         """
         sent_ns, received, done_ns = self.target.exchange(data, size, timeout_s, is_cleared)
         if received and received[-1] not in self._noted:

@@ -17,13 +17,13 @@ from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
 from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.families.mac.axis.safety import impact_of_axis
 from axistwin_conformance.families.mac.axis.snapshot import PROBE_ATTEMPTS, Facts, climate, sanity
-from axistwin_conformance.families.mac.axis.travel_guard import Fence
+from axistwin_conformance.families.mac.axis.travel_guard import TravelGuard
 from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.families.mac.serial.codec import Reply
 from axistwin_conformance.families.mac.serial.diagnosis import diagnose
 from axistwin_conformance.families.mac.serial.driver import RigBench
 from axistwin_conformance.families.mac.serial.reader import LineReader
-from axistwin_conformance.transport.serial import Target, open_target
+from axistwin_conformance.transport.serial import SerialTransport, open_target
 
 FACTORY_BAUD: Final = 38400  # MACS-LINE-01
 BAUDS: Final = (9600, 19200, 38400)  # MACS-CMD-1B-01
@@ -114,7 +114,7 @@ class MacSerial(AxisFamily):
     rates = BAUDS
     impact = impact_of_axis("address, rate")
 
-    def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> Target:
+    def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> SerialTransport:
         """Open a port at that rate, or at the factory's."""
         return open_target(url, rate or FACTORY_BAUD, is_builtin=is_builtin)
 
@@ -135,10 +135,12 @@ class MacSerial(AxisFamily):
         """The index of every whole frame in these bytes, whatever its checksum."""
         return _indices(data)
 
-    def travel_guard(self, run: Run) -> Fence:
+    def travel_guard(self, run: Run) -> TravelGuard:
         """What keeps the axes of a line inside the envelope."""
         bounds = run.envelope
-        return Fence(LineReader(), bounds.max_travel, bounds.max_speed, run.address, run.readings)
+        return TravelGuard(
+            LineReader(), bounds.max_travel, bounds.max_speed, run.address, run.readings
+        )
 
     def diagnose(self, session: Session, request: bytes, reply: bytes | None) -> Violation | None:
         """See `diagnose`."""

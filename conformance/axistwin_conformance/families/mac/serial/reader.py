@@ -1,5 +1,5 @@
-"""What the fence (`mac_axis.fence`) reads on the serial line: frames that would be executed, and
-replies."""
+"""What the travel guard (`axis.travel_guard`) reads on the serial line: frames that would be
+executed, and replies."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ class LineReader:
         self._heard = b""
 
     def foreseen(self, data: bytes) -> list[Asked]:
-        """See `fence.Reader`."""
+        """See `travel_guard.Reader`."""
         return [_asked(frame) for frame in _frames(self._tail, data)]
 
     def sent(self, data: bytes) -> None:
-        """See `fence.Reader`."""
+        """See `travel_guard.Reader`."""
         self._tail, self._heard = (self._tail + data)[1 - codec.REQUEST_BYTES :], b""
 
     def heard(self, data: bytes) -> Heard | None:
-        """See `fence.Reader`."""
+        """See `travel_guard.Reader`."""
         self._heard += data
         if codec.missing_bytes(self._heard):
             return None
@@ -31,11 +31,11 @@ class LineReader:
         return Heard(reply.kind, reply.data)
 
     def stop(self, address: int) -> bytes:
-        """See `fence.Reader`."""
+        """See `travel_guard.Reader`."""
         return codec.request(address, 0x18).encode()
 
     def explained(self, raw: bytes) -> str:
-        """See `fence.Reader`."""
+        """See `travel_guard.Reader`."""
         return codec.explain_request(raw)
 
 

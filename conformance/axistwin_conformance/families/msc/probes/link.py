@@ -389,8 +389,10 @@ def other_unit_framing(bench: Bench) -> Outcome:
     taken = (bench.unit, *bench.session.neighbours)
     absent = next(one for one in ABSENT if one not in taken)
     inside = bench.talk.request(RQSTAT)
-    carrier = codec.packet(absent, RQSTAT + inside, checksum=NO_SUM)  # nobody's, should it be there
-    drawn = drawn_by(bench, carrier)
+    transport = codec.packet(
+        absent, RQSTAT + inside, checksum=NO_SUM
+    )  # nobody's, should it be there
+    drawn = drawn_by(bench, transport)
     bench.talk.settle()
     return int(drawn is not Drawn.SILENCE)
 

@@ -144,7 +144,7 @@ class Sequence(Steps):
                 session.record_retry(str(wrong))
                 self.waiting_since_ns = None
                 self.talk.settle()
-        session.disturbed(f"{operation.name}: {seen[-1][1]}")
+        session.void_attempt(f"{operation.name}: {seen[-1][1]}")
 
     def conclude(self) -> None:
         """Read every value and flag that is in play."""

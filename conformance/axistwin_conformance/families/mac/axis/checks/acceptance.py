@@ -253,7 +253,7 @@ def the_lock_ends_with_the_motion(session: Session) -> None:
     """0Dh and 0Fh are refused up to the end of a move, a turn and a segment, then accepted."""
     bench = bench_of(session)
     start = bench.ready(bench.outlasting(100, 0x4000))
-    slack_ns = 0 if session.carrier.is_virtual else 200_000_000
+    slack_ns = 0 if session.transport.is_virtual else 200_000_000
     before_ns = 40_000_000 + bench.target.uncertainty_ns
     for begin in (_short_move, _short_segment):
         end = begin(bench, start)

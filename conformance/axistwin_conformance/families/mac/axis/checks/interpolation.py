@@ -137,7 +137,7 @@ def segments_follow_one_another_without_a_gap(session: Session) -> None:
     bench = plain(session)
     start = bench.ready()
     # Each segment must outlast an exchange, or the FIFO runs empty.
-    count, shortest = (120, 20) if session.carrier.is_virtual else (16, 80)
+    count, shortest = (120, 20) if session.transport.is_virtual else (16, 80)
     period = bench.outlasting(shortest, 0x1000)
     draw = session.random
     row = [

@@ -30,7 +30,7 @@ FIRST_TARGET_OUT_OF_RANGE: Final = 0x40000000
 def slow(session: Session) -> int:
     """A period at which single increments show; up to eight times faster where waiting costs time,
     as far as an exchange is then still short beside a ramp."""
-    return 0x4000 if session.carrier.is_virtual else bench_of(session).unhurried(0x0800, 0x4000)
+    return 0x4000 if session.transport.is_virtual else bench_of(session).unhurried(0x0800, 0x4000)
 
 
 @check("MACS-CMD-0F-01", "MACS-CMD-13-01", "MACS-CMD-13-05", safety=MOVES)
@@ -45,8 +45,8 @@ def the_ramp_has_120_increments_per_unit(session: Session) -> None:
 def moves_take_the_time_of_the_closed_form(session: Session) -> None:
     """13h follows the trapezoid, or the triangle of a short move, and ends on the target."""
     bench = bench_of(session)
-    for distance, coefficient in TABLE[:: 1 if session.carrier.is_virtual else 2]:
-        for direction in (1, -1) if session.carrier.is_virtual else (1 if distance & 1 else -1,):
+    for distance, coefficient in TABLE[:: 1 if session.transport.is_virtual else 2]:
+        for direction in (1, -1) if session.transport.is_virtual else (1 if distance & 1 else -1,):
             start = bench.ready(slow(session), coefficient)
             forecast = bench.go(start + direction * distance)
             bench.watch(
@@ -102,7 +102,7 @@ def without_ramp_the_move_is_monotone_and_not_too_fast(session: Session) -> None
         if last == start + distance or elapsed_ns > 2 * least_ns + 1_000_000_000:
             break
     session.expect(last == start + distance, "MACS-CMD-13-01", start + distance, last)
-    if session.carrier.is_virtual:  # no torque and no inertia limits the built-in twin (§5.4)
+    if session.transport.is_virtual:  # no torque and no inertia limits the built-in twin (§5.4)
         bench.watch(bench.go(start), "MACS-CMD-0F-03", samples=3)
         last = start
     bench.wait(0.1)
@@ -181,14 +181,14 @@ def busy_ends_within_the_tolerance(session: Session) -> None:
     """In a move, busy lasts until the axis is within TT of the target; it then still arrives."""
     bench = bench_of(session)
     for tolerance in (0, 10, 40):
-        start = bench.ready(0x8000 if session.carrier.is_virtual else bench.unhurried(0x4000))
+        start = bench.ready(0x8000 if session.transport.is_virtual else bench.unhurried(0x4000))
         if bench.command(0x1C, tolerance).kind is not Kind.ACCEPTED:
             session.skip("1Ch is not supported: no tolerance to judge by")
         target = start + 80
         forecast = bench.go(target)
         end = forecast.end
         assert end is not None
-        while session.carrier.now_ns < end.latest_ns:
+        while session.transport.now_ns < end.latest_ns:
             exchange = bench.ask(0x27)
             lowest, highest = forecast.bounds(exchange.taken)
             slack = bench.allowance(bench.period)

@@ -93,7 +93,7 @@ def queries_disturb_nothing(session: Session) -> None:
     forecast = bench.go(start + 300)
     end = forecast.end
     assert end is not None
-    while session.carrier.now_ns < end.earliest_ns - 150_000_000:
+    while session.transport.now_ns < end.earliest_ns - 150_000_000:
         for index in bench.answered:
             bench.must(Kind.ANSWER, bench.ask(index), "MACS-Q-XX-01")
         bench.follow(forecast, ("MACS-Q-XX-01", "MACS-CMD-13-01"), bench.allowance(bench.period))
@@ -145,6 +145,6 @@ def the_status_is_steady(session: Session) -> None:
     """Reading 21h clears nothing: faults and stops stay until a reset or the next motion."""
     bench = bench_of(session)
     first = bench.value(0x21) & (FAULTS | STOPPED_ON)
-    for _ in range(STATUS_READS if session.carrier.is_virtual else 3):
+    for _ in range(STATUS_READS if session.transport.is_virtual else 3):
         again = bench.value(0x21) & (FAULTS | STOPPED_ON)
         session.expect(again == first, "MACS-Q-21-01", f"{first:08X}", f"{again:08X}")

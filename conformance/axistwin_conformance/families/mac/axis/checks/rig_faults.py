@@ -22,8 +22,8 @@ from axistwin_conformance.families.mac.axis.driver.rig import (
     OVER_VOLTAGE,
     UNDER_VOLTAGE,
     WORKED,
+    MotionCommand,
     RigBench,
-    Way,
     rig_bench_of,
 )
 from axistwin_conformance.families.mac.axis.exchanges import Kind
@@ -270,7 +270,7 @@ def a_fault_in_motion_cuts_the_power(session: Session) -> None:
                 _cut_down(bench, cause, way)
 
 
-def _cut_down(bench: RigBench, cause: Cause, way: Way) -> None:
+def _cut_down(bench: RigBench, cause: Cause, way: MotionCommand) -> None:
     session = bench.session
     start = bench.begin()
     moving = way.begin(bench, start, bench.reach)

@@ -17,9 +17,9 @@ from axistwin_conformance.families.mac.axis.driver.rig import (
     HARD_POSITIVE,
     INPUT_BITS,
     WORKED,
+    MotionCommand,
     Origin,
     RigBench,
-    Way,
     rig_bench_of,
 )
 from axistwin_conformance.families.mac.axis.exchanges import Kind
@@ -82,7 +82,7 @@ def a_hardware_stop_ends_motion_of_its_sign(session: Session) -> None:
                 _trip(bench, side, way, mode)
 
 
-def _trip(bench: RigBench, side: Side, way: Way, mode: int) -> None:
+def _trip(bench: RigBench, side: Side, way: MotionCommand, mode: int) -> None:
     session = bench.session
     start = bench.begin()
     bench.accepted(0x03, mode)
@@ -161,7 +161,7 @@ def toward_an_active_hardware_stop_nothing_moves(session: Session) -> None:
             session.expect(again == start + moved * side.direction, None, "nothing resumes", again)
 
 
-def _toward(bench: RigBench, way: Way, target: int) -> Kind:
+def _toward(bench: RigBench, way: MotionCommand, target: int) -> Kind:
     """Send the command of a way without asking for a reply of one kind."""
     steps = target - bench.start
     parameter = {
@@ -263,7 +263,7 @@ def opening_the_reference_contact_zeroes_the_counter(session: Session) -> None:
             _judge_end(bench, moving, way, origin)
 
 
-def _judge_end(bench: RigBench, moving: Forecast, way: Way, origin: Origin) -> None:
+def _judge_end(bench: RigBench, moving: Forecast, way: MotionCommand, origin: Origin) -> None:
     """A segment is relative: its end tells exactly how far the counter was shifted."""
     end = moving.end
     assert end is not None

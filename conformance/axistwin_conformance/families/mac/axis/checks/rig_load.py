@@ -43,7 +43,7 @@ def _catch_up_ns(coefficient: int) -> int:
 
 def _fastest_catch_up(bench: RigBench, wanted: int) -> int:
     """That VV, or the fastest that stays within the envelope; a shaft let go knows no other."""
-    if not bench.session.envelope.is_fenced:
+    if not bench.session.envelope.is_guarded:
         return wanted
     return max(wanted, -(-bench.fastest // CATCH_UP_UNIT_TICKS))
 

@@ -66,11 +66,11 @@ def a_power_cut_ends_a_motion_for_good(session: Session) -> None:
         bench.judge_place(place, moving.halted(cut), 1, "MACS-Q-20-02", coasts=True)
         bench.unasked()
         bench.wait(LISTEN_S)
-        if session.carrier.is_virtual:  # a supply that is switched may put noise on a real line
+        if session.transport.is_virtual:  # a supply that is switched may put noise on a real line
             heard = bench.unasked()
             session.expect(not heard, "MACS-REPLY-12", "not a byte", heard)
         bench.finish(bench.go(start), "MACS-PERS-03")
-    if not session.carrier.is_virtual:
+    if not session.transport.is_virtual:
         session.not_run("MACS-REPLY-12", "switching the supply may put noise on the line")
 
 

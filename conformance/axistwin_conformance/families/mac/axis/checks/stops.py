@@ -45,7 +45,7 @@ SIDES: Final = (
 )
 
 # Every command that moves the axis, so that it would pass the stop by 40 increments or more.
-WAYS: Final[Mapping[str, Callable[[Bench, int, int], None]]] = {
+MOTION_COMMANDS: Final[Mapping[str, Callable[[Bench, int, int], None]]] = {
     "13h": lambda bench, start, way: _send(bench, 0x13, start + 140 * way),
     "15h": lambda bench, start, way: _send(bench, 0x15, velocity(way, bench.period)),
     "16h": lambda bench, start, way: _send(bench, 0x16, segment(140 * way, bench.period)),
@@ -69,7 +69,7 @@ def _synchronised(bench: Bench, target: int) -> None:
     bench.accepted(0x11)
 
 
-def fence(bench: Bench, side: Side, distance: int, mode: int = 8) -> int:
+def travel_guard(bench: Bench, side: Side, distance: int, mode: int = 8) -> int:
     """Put the stop of one side `distance` increments ahead, the other one far; give the start."""
     if bench.known("ff_lifetime") == 2:  # only a restart clears ff on this device
         bench.at_rest()
@@ -85,7 +85,7 @@ def fence(bench: Bench, side: Side, distance: int, mode: int = 8) -> int:
 
 def _rest(bench: Bench) -> int:
     """The place where the axis is once it no longer moves; without a ramp, and at the speed of
-    `fence`."""
+    `travel_guard`."""
     bench.run_out(bench.period)
     bench.wait(max(0.15, bench.lasting_s(FARTHEST)))
     return bench.position()
@@ -103,7 +103,7 @@ def the_stop_bit_stays_until_the_next_motion(session: Session) -> None:
     """The ff bit outlives reading it, 18h and the end of enabling; the next motion clears it."""
     bench = bench_of(session)
     side = SIDES[0]
-    start = fence(bench, side, 10)
+    start = travel_guard(bench, side, 10)
     bench.accepted(0x13, start + 60)
     _rest(bench)
     _judge_bits(bench, side, "superior")
@@ -130,12 +130,12 @@ def beyond_a_software_stop_every_motion_ends(session: Session) -> None:
     """13h, 15h, 16h and 11h end on the first increment beyond the stop, unlocked, ff tells."""
     bench = bench_of(session)
     for side in SIDES:
-        for name, move in WAYS.items():
+        for name, move in MOTION_COMMANDS.items():
             if side.direction < 0 and _cannot_go_down(bench, name):
                 continue
-            if not session.carrier.is_virtual and side.direction < 0 and name != "13h":
+            if not session.transport.is_virtual and side.direction < 0 and name != "13h":
                 continue  # the other side has shown every way; here the time is real
-            start = fence(bench, side, 50)
+            start = travel_guard(bench, side, 50)
             move(bench, start, side.direction)
             bench.wait(0.05)
             place = (_rest(bench) - start) * side.direction
@@ -159,7 +159,7 @@ def beyond_a_software_stop_every_motion_ends(session: Session) -> None:
 def a_software_stop_drops_the_stored_segments(session: Session) -> None:
     """A segment beyond a software stop ends there, and what was stored behind it never runs."""
     bench = bench_of(session)
-    start = fence(bench, SIDES[0], 20)
+    start = travel_guard(bench, SIDES[0], 20)
     for _ in range(3):
         bench.accepted(0x16, segment(30, bench.period))
     first = _rest(bench) - start
@@ -189,7 +189,7 @@ def segments_that_turn_round_end_on_the_stop_they_meet_first(session: Session) -
     if _cannot_go_down(bench, "16h"):
         session.skip("DDDD has no sign on this device: segments do not turn round")
     for side, other in (SIDES, SIDES[::-1]):
-        start, way = fence(bench, side, 20), side.direction
+        start, way = travel_guard(bench, side, 20), side.direction
         bench.accepted(other.index, start - 30 * way)
         period = bench.outlasting(20, bench.period)
         first = bench.put(Segment(40 * way, period))
@@ -211,7 +211,7 @@ def on_a_software_stop_nothing_ends(session: Session) -> None:
     """A target equal to the stop is reached and no bit is set: beyond means beyond."""
     bench = bench_of(session)
     for side in SIDES:
-        start = fence(bench, side, 50)
+        start = travel_guard(bench, side, 50)
         target = start + 50 * side.direction
         bench.finish(bench.go(target), side.requirements[0])
         ff = bench.stopped_on()
@@ -228,7 +228,7 @@ def software_stops_work_only_when_enabled(session: Session) -> None:
     bench = bench_of(session)
     for side in SIDES:
         for mode in (0, 1):
-            start = fence(bench, side, 20, mode)
+            start = travel_guard(bench, side, 20, mode)
             bench.finish(bench.go(start + 60 * side.direction))
             ff = bench.stopped_on() & (SUPERIOR | INFERIOR)
             session.expect(
@@ -244,7 +244,7 @@ def from_beyond_a_software_stop_one_can_return(session: Session) -> None:
     """Parked beyond a stop, motion further out ends at once and the way back is free."""
     bench = bench_of(session)
     for side in SIDES:
-        start = fence(bench, side, -30)  # the axis stands 30 increments beyond its stop
+        start = travel_guard(bench, side, -30)  # the axis stands 30 increments beyond its stop
         outward = bench.command(0x13, start + 60 * side.direction).kind
         moved = (_rest(bench) - start) * side.direction
         session.expect(

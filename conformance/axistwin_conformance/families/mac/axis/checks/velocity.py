@@ -29,7 +29,7 @@ def f6_turns_counter_clockwise(session: Session) -> None:
     bench.again(vel_f6_direction)
     period, seconds = bench.period, bench.lasting_s(20)
     edges = (0x00, 0x01, 0x06, 0x7F, 0x80, 0xF5, 0xF7, 0xFF)
-    for selector in range(0x100) if session.carrier.is_virtual else edges:
+    for selector in range(0x100) if session.transport.is_virtual else edges:
         if selector == F6:
             continue
         moved = _moved(bench, selector << 16 | period, seconds)
@@ -54,7 +54,7 @@ def velocity_climbs_and_cruises_on_time(session: Session) -> None:
         bench.ready(0x0777, coefficient)
         period = bench.gentle(period, 0.4)
         forecast = bench.turn(direction, period)
-        for _ in range(6 if session.carrier.is_virtual else 3):
+        for _ in range(6 if session.transport.is_virtual else 3):
             bench.wait(0.06)
             bench.follow(forecast, "MACS-CMD-15-01", bench.allowance(period))
         kept = bench.value(0x25) & 0xFFFF

@@ -17,7 +17,7 @@ from axistwin_conformance.core.session import ATTEMPTS, Session
 from axistwin_conformance.families.mac.axis.exchanges import QUERIES, Kind, Reply, signed
 from axistwin_conformance.families.mac.axis.model.acceptance import Row, table_without
 from axistwin_conformance.families.mac.axis.model.forecast import Window
-from axistwin_conformance.transport.transport import Carrier
+from axistwin_conformance.transport.transport import Transport
 
 QUIET_S: Final = 0.05  # ten times any reply seen; silence is proven by the next exchange, not by it
 
@@ -65,7 +65,7 @@ class Talk(ABC):
 
     def __init__(self, session: Session, address: int | None = None) -> None:
         self.session = session
-        self.target: Carrier = session.carrier
+        self.target: Transport = session.transport
         self.address = session.address if address is None else address
 
     # --- what a face brings -----------------------------------------------------------------------
@@ -184,7 +184,7 @@ class Talk(ABC):
             if exchange.kind is not Kind.NACK:
                 if index not in self.repeatable:
                     if self.session.check is not None:
-                        self.session.disturbed(words)
+                        self.session.void_attempt(words)
                     break
                 since_ns = exchange.taken.earliest_ns if since_ns is None else since_ns
             self.session.record_retry(words)

@@ -182,7 +182,7 @@ class Bench(Talk):
     def command(self, index: int, parameter: int = 0, sub_index: int = 0) -> Exchange:
         """Send a command; before the counter is cleared the place is read, where the envelope
         counts: how far the axis may have come since it was read last is lost to it for ever."""
-        if index == 0x0B and self.session.envelope.is_fenced:
+        if index == 0x0B and self.session.envelope.is_guarded:
             self.ask(0x20)
         if index in (0x13, 0x14):
             self.needs_speed(SLOWEST)
@@ -233,11 +233,11 @@ class Bench(Talk):
     @property
     def can_move(self) -> bool:
         """False if the slowest motion there is would be too fast for the envelope."""
-        return self.fastest <= SLOWEST or not self.session.envelope.is_fenced
+        return self.fastest <= SLOWEST or not self.session.envelope.is_guarded
 
     def needs_speed(self, period: int) -> None:
         """Leave the check, or the probe, if that period is too fast for the envelope."""
-        if self.session.envelope.is_fenced and period < self.fastest:
+        if self.session.envelope.is_guarded and period < self.fastest:
             speed = -(-TICKS_PER_SECOND // period)
             slow = "no motion is slow enough" if period == SLOWEST else "it is a matter of speed"
             raise OutsideEnvelope(slow, "--max-speed", speed)
@@ -264,7 +264,7 @@ class Bench(Talk):
     def needs_travel(self, increments: int, reason: str) -> None:
         """Leave the check, or the probe, if so many increments are too many for the envelope."""
         envelope = self.session.envelope
-        if envelope.is_fenced and increments > envelope.max_travel:
+        if envelope.is_guarded and increments > envelope.max_travel:
             raise OutsideEnvelope(reason, "--max-travel", increments)
 
     def ready(self, period: int = SAFE_PERIOD, coefficient: int = 0) -> int:
@@ -304,8 +304,8 @@ class Bench(Talk):
         position, home = self.position(), self.home
         if home is None or abs(position - home) <= self.room() // 4 or not self.can_move:
             return position
-        if self.session.run.astray:
-            raise TargetError(self.session.run.astray)
+        if self.session.run.runaway:
+            raise TargetError(self.session.run.runaway)
         end = self.go(home).end
         assert end is not None
         return wait_for_it(self, position, home, end.latest_ns)
@@ -344,11 +344,11 @@ class Bench(Talk):
         """True if these counters lie in the envelope, or nobody enforces one."""
         home, envelope = self.home or 0, self.session.envelope
         inside = all(abs(target - home) <= envelope.max_travel for target in targets)
-        return inside or not envelope.is_fenced
+        return inside or not envelope.is_guarded
 
     def gentle(self, period: int, seconds: float) -> int:
         """The period, or a slower one with which the axis stays inside for so long."""
-        if not self.session.envelope.is_fenced:
+        if not self.session.envelope.is_guarded:
             return max(period, self.fastest)
         self.needs_speed(SLOWEST)
         gentle = round(seconds * TICKS_PER_SECOND / max(1, self.room())) + 1
@@ -437,7 +437,7 @@ class Bench(Talk):
         what it does then, it does rightly, and it tells nothing."""
         if exchange.taken.latest_ns > limit_ns:
             slowest = f"an exchange takes up to {self.target.uncertainty_ns / 1e6:.0f} ms here"
-            self.session.disturbed(f"{what} may have ended: {slowest}, or longer")
+            self.session.void_attempt(f"{what} may have ended: {slowest}, or longer")
 
     def unhurried(self, period: int, slowest: int = SLOWEST) -> int:
         """The period, or one that is as much slower as exchanges take longer here than on a plain

@@ -43,7 +43,7 @@ INPUT_BITS: Final[Mapping[str, tuple[int, int]]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
+class MotionCommand:
     """A command that moves the axis: how to begin it and what then to expect."""
 
     name: str
@@ -86,11 +86,11 @@ class RigBench(Bench):
         return min(EXACT_REACH, self.room()) if self.rig.is_exact else self.room()
 
     @property
-    def ways(self) -> tuple[Way, ...]:
+    def ways(self) -> tuple[MotionCommand, ...]:
         """The commands to move by; without end only where the rig acts at once."""
-        return tuple(way for way in WAYS if self.rig.is_exact or not way.is_endless)
+        return tuple(way for way in MOTION_COMMANDS if self.rig.is_exact or not way.is_endless)
 
-    def can_go(self, way: Way, direction: int) -> bool:
+    def can_go(self, way: MotionCommand, direction: int) -> bool:
         """False where the device's readings of AMB-07 and -38 leave no way to count down."""
         switch = {"15h": "vel_f6_direction", "16h": "segment_signed"}.get(way.name)
         return direction > 0 or switch is None or self.known(switch, _DOWN[switch]) != 1
@@ -165,7 +165,7 @@ class RigBench(Bench):
     def worked(self, name: str, active: bool) -> Window:
         """Work a contact; where the envelope counts, the counter is read before and after: an edge
         may clear it, and how far the axis may have come meanwhile is lost to the envelope."""
-        if not self.session.envelope.is_fenced:
+        if not self.session.envelope.is_guarded:
             return Window(*self.rig.set_input(name, active))
         self.ask(0x20)
         act = Window(*self.rig.set_input(name, active))
@@ -304,7 +304,11 @@ def _interpolate(bench: RigBench, start: int, distance: int) -> Forecast:
     return bench.feed(start, *[Segment(steps, bench.period)] * count)
 
 
-WAYS: Final = (Way("13h", _move), Way("16h", _interpolate), Way("15h", _turn, is_endless=True))
+MOTION_COMMANDS: Final = (
+    MotionCommand("13h", _move),
+    MotionCommand("16h", _interpolate),
+    MotionCommand("15h", _turn, is_endless=True),
+)
 
 
 def rig_bench_of(session: Session) -> RigBench:

@@ -26,7 +26,7 @@ LOOK_S: Final = 0.25  # the last of 200 increments takes as long at the slowest 
 LOOKS: Final = 40
 
 
-def fence(bench: Bench, distance: int, period: int = PERIOD) -> int:
+def travel_guard(bench: Bench, distance: int, period: int = PERIOD) -> int:
     """Put the superior stop so far ahead, the other far behind; give the start."""
     if bench.known("ff_lifetime") == 2:  # only a restart clears ff on this device
         bench.reinitialise()
@@ -57,7 +57,7 @@ def _outward(bench: Bench, ahead: int, period: int) -> int:
     """How far the axis comes on its way to a place beyond a software stop so far ahead; leaves the
     probe where the stop stops nothing."""
     bench.needs_room(2 * AHEAD, "a software stop to be overrun")
-    start, far = fence(bench, ahead, period), min(FURTHER, bench.room())
+    start, far = travel_guard(bench, ahead, period), min(FURTHER, bench.room())
     bench.command(0x13, start + far)
     bench.wait((AHEAD + 1) * bench.period / TICKS_PER_SECOND)
     place = bench.position()

@@ -8,9 +8,9 @@ from axistwin_conformance.core.probing import Measured, Outcome, probe
 from axistwin_conformance.families.mac.axis.driver.motion import DEAF_S, QUIET_S, Bench
 from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.families.mac.axis.probes.running_on import (
-    fence,
     overrun,
     step_from_a_stop,
+    travel_guard,
 )
 from axistwin_conformance.families.mac.axis.probing import MOVES
 
@@ -29,7 +29,7 @@ SLOWEST_CATCH_UP: Final = 0xFF00
 
 
 def rest(bench: Bench) -> int:
-    """The place where the axis is once it no longer moves at the speed of `fence`."""
+    """The place where the axis is once it no longer moves at the speed of `travel_guard`."""
     bench.run_out()
     bench.wait(max(0.15, bench.lasting_s(FARTHEST)))
     return bench.position()
@@ -38,7 +38,7 @@ def rest(bench: Bench) -> int:
 @probe(safety=MOVES)
 def ff_lifetime(bench: Bench) -> Outcome:
     """A software stop tripped, 18h, the stops disabled, a move away: 21h after each."""
-    start = fence(bench, 10)
+    start = travel_guard(bench, 10)
     bench.accepted(0x13, start + 60)
     rest(bench)
     bench.accepted(0x18)
@@ -58,7 +58,7 @@ def ff_lifetime(bench: Bench) -> Outcome:
 @probe(safety=MOVES)
 def status_ff_layout(bench: Bench) -> Outcome:
     """The bit of ff after a trip of the superior software stop."""
-    start = fence(bench, 10)
+    start = travel_guard(bench, 10)
     bench.accepted(0x13, start + 60)
     rest(bench)
     ff = bench.stopped_on()
@@ -74,7 +74,7 @@ def soft_stop_compare(bench: Bench) -> Outcome:
 @probe(safety=MOVES)
 def soft_stop_blocks(bench: Bench) -> Outcome:
     """Parked 30 increments beyond a software stop, a move back."""
-    start = fence(bench, -30)
+    start = travel_guard(bench, -30)
     kind = bench.command(0x13, start - 60).kind
     bench.wait(0.1)
     moved = start - rest(bench)

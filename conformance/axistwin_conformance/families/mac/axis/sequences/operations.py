@@ -129,7 +129,7 @@ def _set(index: int, value: Callable[[Sequence, int], int]) -> Act:
 
 
 def _clear(run: Sequence, first: int, second: int) -> None:
-    if run.is_fenced:
+    if run.is_guarded:
         run.command(0x18)  # so that the place is known exactly, and the envelope stays where it is
     run.query(0x20)
     if not run.is_resting or abs(run.home) > run.room:
@@ -174,7 +174,7 @@ def _astray(run: Sequence, first: int, second: int) -> None:
     addresses = session.run.family.addresses
     other = next(one for one in range(first % 0x70, 0x80) if one in addresses and one not in taken)
     index = (*DROPPING, 0x13, 0x20)[second % 5]
-    if session.envelope.is_fenced and index == 0x13:
+    if session.envelope.is_guarded and index == 0x13:
         index = 0x20  # a module that nobody has named might be there and move
     run.lost(run.bench.request(index, 0, address=other), Kind.SILENCE, "MACS-FRAME-07")
 

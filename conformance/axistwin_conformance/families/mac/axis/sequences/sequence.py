@@ -104,7 +104,7 @@ class Sequence(Steps):
     def __post_init__(self) -> None:
         bench, envelope = self.bench, self.bench.session.envelope
         self.target = bench.target
-        self.is_fenced, self.max_travel = envelope.is_fenced, envelope.max_travel
+        self.is_guarded, self.max_travel = envelope.is_guarded, envelope.max_travel
         self.room, self.fastest = bench.room(), bench.fastest
         self._slack = bench.allowance(PERIODS[0])
         self._timeout_s = bench.session.reply_timeout_s
@@ -369,7 +369,7 @@ class Sequence(Steps):
         now_ns, forecast = self.target.now_ns, self.model.forecast
         if now_ns >= forecast.over_ns:
             self.changes = 0
-            if self.target.fence is not None and not self._is_left_alone(now_ns + AHEAD_NS):
+            if self.target.travel_guard is not None and not self._is_left_alone(now_ns + AHEAD_NS):
                 self.command(0x18)
             return self.model.name_of(RESTING)
         modes = forecast.modes(Window(now_ns, now_ns))
@@ -386,8 +386,8 @@ class Sequence(Steps):
 
     def _is_left_alone(self, later_ns: int) -> bool:
         """True if the fence has no reason to end a motion until then."""
-        fence = self.target.fence
-        deadline_ns = None if fence is None else fence.deadline_ns
+        travel_guard = self.target.travel_guard
+        deadline_ns = None if travel_guard is None else travel_guard.deadline_ns
         return deadline_ns is None or deadline_ns >= later_ns
 
     def _is_kept_inside(self, later_ns: int) -> bool:
@@ -396,7 +396,7 @@ class Sequence(Steps):
         lowest, highest = self.model.forecast.bounds(Window(later_ns, later_ns))
         gone = max(self.home - self.shaft(lowest), self.shaft(highest) - self.home)
         room = self.max_travel - RAMP_MARGIN
-        if not self.is_fenced and 0 <= gone < room:
+        if not self.is_guarded and 0 <= gone < room:
             # Whatever it is told: no motion here is faster than the shortest period.
             time_ns = (room - gone) * PERIODS[0] * TICK_NS
             self._inside_until_ns = self.target.now_ns + time_ns // 2 - AHEAD_NS
@@ -404,7 +404,7 @@ class Sequence(Steps):
 
     def has_room(self, period: int) -> bool:
         """True if endless motion can go on until after the next operation."""
-        if not self.is_fenced:
+        if not self.is_guarded:
             return True
         lowest, highest = self.model.forecast.bounds(self._now())
         gone = max(abs(self.shaft(lowest) - self.home), abs(self.shaft(highest) - self.home))

@@ -77,7 +77,7 @@ def downloads_to_other_addresses_do_nothing(session: Session) -> None:
     if hint:
         session.fail("MACC-ID-02", f"silence at {other}", "an answer to 2000h", hint)
     cases = [(0x0D, 0x1456), (0x0F, 0x21), (0x0B, 0), (0x0C, 0x11), (0x09, 0x1234)]
-    if not session.envelope.is_fenced:  # or a module that nobody has named might be there and move
+    if not session.envelope.is_guarded:  # or a module that nobody has named might be there and move
         cases += [(0x13, start + 300), (0x15, velocity(1, SLOWEST)), (0x00, 0)]
     for index, parameter in cases:
         heard = replies(

@@ -265,7 +265,7 @@ def addresses_out_of_range_are_refused(session: Session) -> None:
     readings = {b"\x11\x01\x00": 0, b"\x11\xff\x00": 1}
     with address_put_back(bench):
         silently(bench, codec.lmt_enter(), "MACC-LMT-05")
-        for bad in every if session.carrier.is_virtual else BAD_ADDRESSES:
+        for bad in every if session.transport.is_virtual else BAD_ADDRESSES:
             heard = lmt_replies(bench, codec.lmt_address(bad), is_awaited=True)
             outcome: int | str = f"{told(heard)} to address {bad:02X}h" if heard else 2
             if len(heard) == 1 and heard[0].identifier == codec.LMT_REPLY:
@@ -346,7 +346,7 @@ def other_lmt_services_are_ignored(session: Session) -> None:
     bench = Bench(session)
     bench.at_rest()
     services = [*SWITCHES, *WHO, LMT_STORE]
-    if session.carrier.is_virtual:
+    if session.transport.is_virtual:
         services = [*services, RATE_SERVICES[0]]
     new = next(one for one in NEW_ADDRESSES if one != bench.address)
     with address_put_back(bench):

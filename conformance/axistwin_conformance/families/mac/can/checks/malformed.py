@@ -46,7 +46,7 @@ def any_other_first_byte_is_refused(session: Session) -> None:
     take it for 23h, or ignore it."""
     bench = Bench(session)
     every = [one for one in range(0x100) if one not in (codec.DOWNLOAD, codec.UPLOAD)]
-    for command in every if session.carrier.is_virtual else COMMANDS:
+    for command in every if session.transport.is_virtual else COMMANDS:
         before, value = TORQUE.read(bench), TORQUE.other(bench)
         one = replace(bench.request(0x0C, value), command=command)
         outcome = outcome_of(bench, one, OTHER_COMMANDS)
@@ -63,7 +63,7 @@ def objects_outside_the_area_are_refused(session: Session) -> None:
     objects every device of the standard has, or ignore it."""
     bench = Bench(session)
     every = [one for one in range(0x100) if one != codec.INDEX_HIGH]
-    highs = every if session.carrier.is_virtual else HIGH_BYTES
+    highs = every if session.transport.is_virtual else HIGH_BYTES
     turned = [one << 8 | codec.INDEX_HIGH for one in range(len(codec.ANSWERED))]
     objects = [*MINIMUM, *STANDARD, *turned, *(one << 8 | 0x02 for one in highs)]
     for number in objects:
@@ -93,7 +93,7 @@ def downloads_outside_the_area_set_nothing(session: Session) -> None:
     before, value = TORQUE.read(bench), TORQUE.other(bench)
     readings = {Kind.REFUSED: 0, Kind.SILENCE: 2}
     every = [one for one in range(0x100) if one != codec.INDEX_HIGH]
-    for high in every if session.carrier.is_virtual else HIGH_BYTES:
+    for high in every if session.transport.is_virtual else HIGH_BYTES:
         one = replace(bench.request(0x0C, value), index_high=high)
         outcome = outcome_of(bench, one, readings)
         bench.reading("od_outside_20", (0, 1) if outcome == 0 else outcome, "MACC-SDO-10")
@@ -122,7 +122,7 @@ def unassigned_downloads_are_refused(session: Session) -> None:
     for index in codec.UNASSIGNED_DOWNLOADS:
         asked = [bench.request(index, parameter) for parameter in (0, 1, 0xFFFFFFFF)]
         judge_unassigned(bench, asked, "MACC-CMD-XX-01", "MACC-SDO-10")
-    above = range(0x20, 0x100) if session.carrier.is_virtual else HARMLESS_LOW
+    above = range(0x20, 0x100) if session.transport.is_virtual else HARMLESS_LOW
     for low in above:
         one = replace(bench.request(0x04), index_low=low)
         judge_unassigned(bench, [one], "MACC-SDO-10")
@@ -137,7 +137,7 @@ def unassigned_uploads_are_refused(session: Session) -> None:
         asked = [bench.request(index, filler) for filler in (0, 0xFFFFFFFF)]
         judge_unassigned(bench, asked, "MACC-Q-XX-01", "MACC-SDO-10")
     above = (
-        range(0x10, 0x100) if session.carrier.is_virtual else (0x10, 0x13, 0x20, 0x40, 0x80, 255)
+        range(0x10, 0x100) if session.transport.is_virtual else (0x10, 0x13, 0x20, 0x40, 0x80, 255)
     )
     for low in above:
         one = replace(bench.request(0x20), index_low=low)

@@ -230,7 +230,7 @@ def until_its_boot_up_message_it_serves_nothing(session: Session) -> None:
     exchange = bench.within(QUIET_S, 0x00)
     frames = [bench.request(0x20).frame(), bench.request(0x0F, 0x77).frame(), codec.sync()]
     frames += [bench.request(0x12).frame(), bench.request(0x20, 0, 0x01).frame()]
-    if not session.envelope.is_fenced:
+    if not session.envelope.is_guarded:
         frames.append(bench.request(0x13, start + 500).frame())
     until_ns = exchange.taken.earliest_ns + round((bench.deaf_surely_s) * 1e9)
     while bench.target.now_ns < until_ns - round(2 * QUIET_S * 1e9):
@@ -257,7 +257,7 @@ def with_its_boot_up_message_it_serves_everything(session: Session) -> None:
     """A request is lost up to the boot-up message, and answered right behind it."""
     bench = Bench(session)
     bench.ready()
-    if session.carrier.is_lossless:
+    if session.transport.is_lossless:
         exchange = bench.within(QUIET_S, 0x00)
         since_ns = taken_over(bench, exchange).latest_ns
         bench.wait_until(since_ns + round((bench.deaf_s - EDGE_S) * 1e9))
@@ -354,7 +354,7 @@ def a_lifebeat_comes_every_ten_seconds_of_silence(session: Session) -> None:
         return
     if not is_free(bench):
         judge_due(bench, own.taken, message, "MACC-EMCY-01")
-    for number in range(BEATS if session.carrier.is_virtual else BEATS_REAL):
+    for number in range(BEATS if session.transport.is_virtual else BEATS_REAL):
         judge_payload(bench, message, status, "MACC-EMCY-03")
         following = beat(bench)
         if following is None:
@@ -419,7 +419,7 @@ def requests_to_it_put_the_lifebeat_off(session: Session) -> None:
         session.expect(is_regular, "MACC-EMCY-01", "every ten seconds", came)
         return
     bench.reading("lifebeat_restart", (0, 1), "MACC-EMCY-05")
-    for index in requests if session.carrier.is_virtual else requests[:1]:
+    for index in requests if session.transport.is_virtual else requests[:1]:
         bench.wait(SPOKEN_TO_S)  # or it could be the last message that is counted from
         own = bench.within(QUIET_S, index)
         message = beat(bench)
@@ -486,7 +486,7 @@ def what_is_not_for_it_does_not_put_the_lifebeat_off(session: Session) -> None:
         (Frame(codec.EMERGENCY + other, bytes(codec.EMERGENCY_BYTES)), False),
         (codec.nmt(NMT_START, other), False),
     )
-    for frame, is_for_all in traffic if session.carrier.is_virtual else traffic[:2]:
+    for frame, is_for_all in traffic if session.transport.is_virtual else traffic[:2]:
         own = bench.ask(0x20).taken
         bench.target.take_spontaneous()
         over_ns = own.latest_ns + LIFEBEAT_NS + 2 * slack_ns(bench, LIFEBEAT_NS)

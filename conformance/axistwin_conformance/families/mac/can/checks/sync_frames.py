@@ -174,7 +174,7 @@ def data_of_a_sync_frame_are_ignored(session: Session) -> None:
     does."""
     bench = Bench(session)
     start = bench.ready(PERIOD)
-    lengths = range(1, 9) if session.carrier.is_virtual else (1, 8)
+    lengths = range(1, 9) if session.transport.is_virtual else (1, 8)
     for length in lengths:
         preload(bench, 0x13, start + STEPS)
         exchange = started(bench, codec.sync(bytes([0x80] * length)))

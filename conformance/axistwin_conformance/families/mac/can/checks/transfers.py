@@ -235,7 +235,7 @@ def any_sub_index_is_repeated_and_selects_nothing(session: Session) -> None:
     bench = Bench(session)
     for index in (0x20, 0x22, 0x23, 0x24, 0x25, 0x26):
         plain = bench.value(index)
-        every = index == 0x22 and session.carrier.is_virtual
+        every = index == 0x22 and session.transport.is_virtual
         for sub_index in range(1, 0x100) if every else SUB_INDICES:
             _judge_sub_index(bench, index, sub_index, plain)
 
@@ -363,14 +363,14 @@ def a_motion_is_answered_when_it_is_taken_over(session: Session) -> None:
     """A long move is acknowledged at once; neither its course nor its end is told."""
     bench = Bench(session)
     start = bench.ready(SLOWEST)
-    sent_ns = session.carrier.now_ns
+    sent_ns = session.transport.now_ns
     exchange = bench.accepted(0x13, start + LONG, requirement="MACC-SDO-13")
-    took_s = (session.carrier.now_ns - sent_ns) / 1e9
+    took_s = (session.transport.now_ns - sent_ns) / 1e9
     session.expect(took_s < ACKNOWLEDGED_WITHIN_S, "MACC-SDO-13", "60h at once", f"{took_s:.3f} s")
     end = bench.to_position(exchange, start, start + LONG).end
     assert end is not None
-    listen_s = LISTEN_S if session.carrier.is_virtual else LISTEN_REAL_S
-    left_s = (end.latest_ns - session.carrier.now_ns) / 1e9
+    listen_s = LISTEN_S if session.transport.is_virtual else LISTEN_REAL_S
+    left_s = (end.latest_ns - session.transport.now_ns) / 1e9
     extra = bench.target.receive(codec.is_reply, left_s + listen_s)
     session.expect(
         extra is None, "MACC-SDO-06", "silence", "silence" if extra is None else extra.frame

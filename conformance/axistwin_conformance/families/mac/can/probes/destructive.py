@@ -63,7 +63,7 @@ def give_address(bench: Bench, address: int) -> None:
 @contextmanager
 def address_put_back(bench: Bench) -> Iterator[None]:
     """Bring the module back to the address it had, whatever was done to it meanwhile; interrupted,
-    the keeper does.
+    the device guard does.
 
     The whole procedure does that from wherever it is: alone on the bus, it obeys it at any address,
     in configuration mode or not.
@@ -79,7 +79,7 @@ def address_put_back(bench: Bench) -> Iterator[None]:
                 return True
         return False
 
-    with bench.session.owes(f"address {own}", put_back):
+    with bench.session.restore_on_exit(f"address {own}", put_back):
         yield
 
 
@@ -94,7 +94,7 @@ def configuring(bench: Bench) -> Iterator[None]:
             give_address(bench, own)
         return answers(bench, own)
 
-    with bench.session.owes(f"address {own}", put_back):
+    with bench.session.restore_on_exit(f"address {own}", put_back):
         configure(bench, codec.lmt_enter())
         yield
 

@@ -15,7 +15,7 @@ from axistwin_conformance.core.probing import Measured, Outcome, probe
 from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S
 from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.families.mac.axis.probes.rig import TOO_MUCH_VOLTS
-from axistwin_conformance.families.mac.axis.probes.running_on import fence
+from axistwin_conformance.families.mac.axis.probes.running_on import travel_guard
 from axistwin_conformance.families.mac.axis.probes.stops import rest
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.can import codec
@@ -59,7 +59,7 @@ NOT_TOGETHER: Final = {OVER, UNDER}
 @contextmanager
 def stopped_beyond(bench: Bench) -> Iterator[None]:
     """A move that a software stop ends, and the stops off again."""
-    start = fence(bench, 10)
+    start = travel_guard(bench, 10)
     bench.accepted(0x13, start + BEYOND)
     rest(bench)
     yield

@@ -238,7 +238,7 @@ def frames_for_another_module_do_nothing(session: Session) -> None:
     if hint:
         session.fail("MACS-REPLY-13", f"silence at {other:02X}h", "an answer to 20h", hint)
     cases = [(0x0D, 0x1456), (0x0F, 0x21), (0x0B, 0)]
-    if not session.envelope.is_fenced:  # or a module that nobody has named might be there and move
+    if not session.envelope.is_guarded:  # or a module that nobody has named might be there and move
         cases.insert(0, (0x13, start + 300))
     for index, parameter in cases:
         exchange = bench.send(bench.request(index, parameter, address=other), QUIET_S)
