@@ -1,4 +1,5 @@
 import ast
+import graphlib
 import re
 import statistics
 import subprocess
@@ -120,6 +121,46 @@ def test_pure_code_has_no_clock_no_chance_no_threads_and_no_files(path: Path) ->
 def test_the_search_for_impurities_finds_them(text: str) -> None:
     """Clocks, chance, loops, threads, files and output are seen."""
     assert list(impurities(ast.parse(text)))
+
+
+def imports_of(root: Path) -> dict[str, set[str]]:
+    """What each module of a package imports of it, at the top, in functions and for types."""
+    files = {
+        ".".join(path.relative_to(root.parent).with_suffix("").parts).removesuffix(
+            ".__init__"
+        ): path
+        for path in root.rglob("*.py")
+    }
+    graph: dict[str, set[str]] = {name: set() for name in files}
+    for name, path in files.items():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                wanted = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                inner = [f"{node.module}.{alias.name}" for alias in node.names]
+                wanted = [each if each in files else node.module for each in inner]
+            else:
+                continue
+            graph[name] |= {each for each in wanted if each in files and each != name}
+    return graph
+
+
+def test_no_files_import_one_another_in_a_circle() -> None:
+    """Imports within functions and for types included."""
+    graph = imports_of(TWINS)
+    assert len(graph) > 100
+    list(graphlib.TopologicalSorter(graph).static_order())  # raises CycleError, which names them
+
+
+def test_a_circle_would_be_found(tmp_path: Path) -> None:
+    """One import within a function closes it."""
+    root = tmp_path / "house"
+    root.mkdir()
+    (root / "__init__.py").write_text("")
+    (root / "first.py").write_text("from house import second\n")
+    (root / "second.py").write_text("def late():\n    from house.first import anything\n")
+    with pytest.raises(graphlib.CycleError):
+        list(graphlib.TopologicalSorter(imports_of(root)).static_order())
 
 
 def test_functions_fit_a_screen() -> None:

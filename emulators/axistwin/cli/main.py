@@ -5,8 +5,6 @@ from typing import NoReturn
 
 from axistwin import _starting
 
-EXIT_INTERRUPTED = _starting.EXIT_INTERRUPTED
-
 
 def main(args: Sequence[str] | None = None) -> NoReturn:
     """Run the program with ``args`` (None: those of the command line) and exit."""
@@ -16,7 +14,7 @@ def main(args: Sequence[str] | None = None) -> NoReturn:
 
         program.main(args)
     except KeyboardInterrupt:  # of somebody else's handler
-        raise SystemExit(EXIT_INTERRUPTED) from None
+        raise SystemExit(_starting.EXIT_INTERRUPTED) from None
     finally:
         _starting.command_ends()
         if is_heeded and not _starting.is_program():

@@ -101,7 +101,7 @@ class Owner(ABC, Generic[Net]):
         self._sleepers = 0
         self._is_closed = False
         self.twins = [
-            cast(AnyTwin, station.handle(self, index, station))
+            cast(AnyTwin, station.handle(self, index, station.name, station.model, station.device))
             for index, station in enumerate(self._stations)
         ]
 

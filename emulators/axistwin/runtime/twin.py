@@ -7,18 +7,19 @@ Everything here acts at the present time of its line or bus and is over when it 
 thread.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from axistwin.errors import UsageError, nearest
-from axistwin.kernel.time import NS_PER_S
+from axistwin.kernel.effects import Effect
+from axistwin.kernel.time import NS_PER_S, Nanos
 from axistwin.motion.plant import Load
 
 if TYPE_CHECKING:
     from axistwin.macroprogram import Macroprogram
     from axistwin.programs import ProgramSource
-    from axistwin.runtime.owner import Owner, Station
 
 INPUTS = ("reference", "positive_stop", "negative_stop", "reset")
 
@@ -27,6 +28,22 @@ _PLAIN = ("name", "model")
 
 SUPPLY_MAX_VOLTS = 1000.0
 TEMPERATURE_MIN_CELSIUS, TEMPERATURE_MAX_CELSIUS = -273.0, 1000.0
+
+
+class Present(Protocol):
+    """What a twin acts through: the devices of a line or bus at their present time."""
+
+    def present(self) -> AbstractContextManager[Nanos]:
+        """The present time, which stands still in the block."""
+
+    def advance(self, duration_ns: Nanos) -> Nanos:
+        """Let ``duration_ns`` pass; returns the present time."""
+
+    def act(self, index: int, action: Callable[[Nanos], Sequence[Effect]]) -> None:
+        """Have ``action`` do something to device ``index`` now, and perform its effects."""
+
+    def set_power(self, index: int, on: bool) -> None:
+        """Apply or cut the supply of device ``index`` now."""
 
 
 class _NoSuchAttributeError(UsageError, AttributeError):
@@ -107,18 +124,18 @@ class Flags:
 
     def __getitem__(self, key: int | str) -> bool:
         number, twin = self._twin._key("flag", key), self._twin
-        with twin._owner.present() as now:
+        with twin._simulation.present() as now:
             return bool(twin._device.flag_at(now, number))
 
     def __setitem__(self, key: int | str, on: bool) -> None:
         number, twin = self._twin._key("flag", key), self._twin
         value = _checked_switch(f"flag {key}", on)
-        twin._owner.act(twin._index, lambda now: twin._device.set_flag(now, number, value))
+        twin._simulation.act(twin._index, lambda now: twin._device.set_flag(now, number, value))
 
     @property
     def on(self) -> list[int]:
         """The numbers of all flags that are on, ascending."""
-        with self._twin._owner.present() as now:
+        with self._twin._simulation.present() as now:
             return [number for number in range(256) if self._twin._device.flag_at(now, number)]
 
     def __repr__(self) -> str:
@@ -136,29 +153,31 @@ class Variables:
 
     def __getitem__(self, key: int | str) -> int:
         address, twin = self._twin._key("variable", key), self._twin
-        with twin._owner.present() as now:
+        with twin._simulation.present() as now:
             return int(twin._device.variable_at(now, address))
 
     def __setitem__(self, key: int | str, value: int) -> None:
         address, twin = self._twin._key("variable", key), self._twin
         if isinstance(value, bool) or not isinstance(value, int):
             raise UsageError(f"variable {key} = {value!r} is no whole number")
-        twin._owner.act(twin._index, lambda now: twin._device.set_variable(now, address, value))
+        twin._simulation.act(
+            twin._index, lambda now: twin._device.set_variable(now, address, value)
+        )
 
 
 class Twin:
-    """One device of a line or a bus, of any kind.  Made by its owner; see ``Owner.twins``."""
+    """One device, of any kind; its line or bus makes it."""
 
     _kind = "device"
     """What messages call it."""
 
-    def __init__(self, owner: "Owner[Any]", index: int, station: "Station") -> None:
-        self._owner = owner
+    def __init__(self, simulation: Present, index: int, name: str, model: str, device: Any) -> None:
+        self._simulation = simulation
         self._index = index
-        self._device: Any = station.device
+        self._device = device
         self._is_powered = True
-        self.name = station.name
-        self.model = station.model
+        self.name = name
+        self.model = model
 
     def __repr__(self) -> str:
         return f"<Twin {self.name}: {self.state}>"
@@ -198,12 +217,12 @@ class Twin:
     @property
     def cells(self) -> dict[str, int]:
         """The nonvolatile cells by name, as they are now."""
-        with self._owner.present() as now:
+        with self._simulation.present() as now:
             return dict(self._device.cells(now))
 
     def describe(self) -> dict[str, Any]:
         """Everything worth showing of it, by name, as it is now."""
-        with self._owner.present() as now:
+        with self._simulation.present() as now:
             return dict(self._device.describe(now))
 
     # -- power --------------------------------------------------------------------------------
@@ -215,17 +234,17 @@ class Twin:
 
     def power_off(self) -> None:
         """Cut the supply; nothing happens if it is off."""
-        with self._owner.present():
+        with self._simulation.present():
             if self._is_powered:
                 self._is_powered = False
-                self._owner.set_power(self._index, on=False)
+                self._simulation.set_power(self._index, on=False)
 
     def power_on(self) -> None:
         """Apply the supply; nothing happens if it is on."""
-        with self._owner.present():
+        with self._simulation.present():
             if not self._is_powered:
                 self._is_powered = True
-                self._owner.set_power(self._index, on=True)
+                self._simulation.set_power(self._index, on=True)
 
     def power_cycle(self, off_s: float = 0.0) -> None:
         """Cut the supply for ``off_s`` seconds of the twin's time, then apply it.
@@ -234,7 +253,7 @@ class Twin:
         """
         seconds = _checked_number("off_s", off_s, 0.0, 1e6, "s")
         self.power_off()
-        self._owner.advance(round(seconds * NS_PER_S))
+        self._simulation.advance(round(seconds * NS_PER_S))
         self.power_on()
 
 
@@ -243,8 +262,8 @@ class MotionTwin(Twin):
 
     _kind = "motion device"
 
-    def __init__(self, owner: "Owner[Any]", index: int, station: "Station") -> None:
-        super().__init__(owner, index, station)
+    def __init__(self, simulation: Present, index: int, name: str, model: str, device: Any) -> None:
+        super().__init__(simulation, index, name, model, device)
         self._load = Load()
         self._inputs = Inputs(self)
         self._load_handle = LoadHandle(self)
@@ -252,13 +271,13 @@ class MotionTwin(Twin):
     @property
     def position(self) -> int:
         """Where the axis is now, in increments."""
-        with self._owner.present() as now:
+        with self._simulation.present() as now:
             return int(self._device.position_at(now))
 
     @property
     def is_moving(self) -> bool:
         """Whether the axis moves now."""
-        with self._owner.present() as now:
+        with self._simulation.present() as now:
             return bool(self._device.is_moving(now))
 
     # -- pins, supply, load -------------------------------------------------------------------
@@ -276,7 +295,9 @@ class MotionTwin(Twin):
     @supply_volts.setter
     def supply_volts(self, volts: float) -> None:
         value = _checked_number("supply_volts", volts, 0.0, SUPPLY_MAX_VOLTS, "V")
-        self._owner.act(self._index, lambda now: self._device.set_supply(now, round(value * 1000)))
+        self._simulation.act(
+            self._index, lambda now: self._device.set_supply(now, round(value * 1000))
+        )
 
     @property
     def temperature_celsius(self) -> float:
@@ -287,7 +308,7 @@ class MotionTwin(Twin):
     def temperature_celsius(self, celsius: float) -> None:
         low, high = TEMPERATURE_MIN_CELSIUS, TEMPERATURE_MAX_CELSIUS
         value = _checked_number("temperature_celsius", celsius, low, high, "°C")
-        self._owner.act(
+        self._simulation.act(
             self._index, lambda now: self._device.set_temperature(now, round(value * 1000))
         )
 
@@ -300,22 +321,22 @@ class MotionTwin(Twin):
     def load(self, load: Load) -> None:
         if not isinstance(load, Load):
             raise UsageError(f"load {load!r} is not allowed; set a Load of axistwin.motion.plant")
-        with self._owner.present():
-            self._owner.act(self._index, lambda now: self._device.set_load(now, load))
+        with self._simulation.present():
+            self._simulation.act(self._index, lambda now: self._device.set_load(now, load))
             self._load = load
 
     def push(self, increments: int) -> None:
         """Turn the shaft by hand, by signed ``increments``."""
         if isinstance(increments, bool) or not isinstance(increments, int):
             raise UsageError(f"push {increments!r} is no number of increments; give a whole number")
-        self._owner.act(self._index, lambda now: self._device.push(now, increments))
+        self._simulation.act(self._index, lambda now: self._device.push(now, increments))
 
     def set_fault(self, name: str, present: bool = True) -> None:
         """Let a fault be there or gone that no measure shows.  Raises UsageError with the names."""
-        self._owner.act(self._index, lambda now: self._device.set_fault(now, name, present))
+        self._simulation.act(self._index, lambda now: self._device.set_fault(now, name, present))
 
     def _set_input(self, name: str, active: bool) -> None:
-        self._owner.act(self._index, lambda now: self._device.set_input(now, name, active))
+        self._simulation.act(self._index, lambda now: self._device.set_input(now, name, active))
 
 
 class ControllerTwin(Twin):
@@ -323,8 +344,8 @@ class ControllerTwin(Twin):
 
     _kind = "controller"
 
-    def __init__(self, owner: "Owner[Any]", index: int, station: "Station") -> None:
-        super().__init__(owner, index, station)
+    def __init__(self, simulation: Present, index: int, name: str, model: str, device: Any) -> None:
+        super().__init__(simulation, index, name, model, device)
         self._flags = Flags(self)
         self._variables = Variables(self)
 
@@ -346,13 +367,13 @@ class ControllerTwin(Twin):
     @property
     def status(self) -> int:
         """The status word, as RQSTAT gives it; looking at it changes nothing."""
-        with self._owner.present() as now:
+        with self._simulation.present() as now:
             return int(self._device.status_at(now))
 
     def set_status(self, bit: int, on: bool) -> None:
         """Let the condition that ``bit``, 0..15, tells be there or gone.  Raises UsageError."""
         value = _checked_switch(f"status bit {bit}", on)
-        self._owner.act(self._index, lambda now: self._device.set_status(now, bit, value))
+        self._simulation.act(self._index, lambda now: self._device.set_status(now, bit, value))
 
     @property
     def battery(self) -> str:
@@ -365,7 +386,7 @@ class ControllerTwin(Twin):
 
     @battery.setter
     def battery(self, level: str) -> None:
-        self._owner.act(self._index, lambda now: self._device.set_battery(now, level))
+        self._simulation.act(self._index, lambda now: self._device.set_battery(now, level))
 
     # -- program ------------------------------------------------------------------------------
 
@@ -391,19 +412,19 @@ class ControllerTwin(Twin):
         from axistwin.programs import find_program
 
         found = find_program(program)
-        self._owner.act(self._index, lambda now: self._device.load_program(now, found))
+        self._simulation.act(self._index, lambda now: self._device.load_program(now, found))
 
     def start_program(self) -> None:
         """Start the program from its beginning.  Raises UsageError if there is none."""
-        self._owner.act(self._index, self._device.start_program)
+        self._simulation.act(self._index, self._device.start_program)
 
     def stop_program(self) -> None:
         """Stop the program; flags, outputs and data stay as they are."""
-        self._owner.act(self._index, self._device.stop_program)
+        self._simulation.act(self._index, self._device.stop_program)
 
     def clear_program(self) -> None:
         """Reset the system and clear the program, with the data (status bit 3)."""
-        self._owner.act(self._index, self._device.clear_program)
+        self._simulation.act(self._index, self._device.clear_program)
 
     def _key(self, kind: str, key: int | str) -> int:
         """The number of a flag, or address of a variable, that ``key`` means."""
