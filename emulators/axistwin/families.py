@@ -148,7 +148,7 @@ class Model:
 
 @cache
 def _mac_quirks() -> Mapping[str, Quirk]:
-    from axistwin.devices.mac.quirks import QUIRKS
+    from axistwin.devices.mac.axis.quirks import QUIRKS
 
     return QUIRKS
 
@@ -162,22 +162,22 @@ def _make_mac(
     skew_ns: Nanos,
     alone: bool,
 ) -> MotionSerialDevice:
-    from axistwin.devices.mac.quirks import parse_quirks
-    from axistwin.devices.mac.serial import MacSerial
+    from axistwin.devices.mac.axis.quirks import parse_quirks
+    from axistwin.devices.mac.serial.device import MacSerial
 
     settings = parse_quirks(quirks)
     return MacSerial(model, address, quirks=settings, cells=cells, skew_ns=skew_ns, alone=alone)
 
 
 def _explain_mac(data: bytes) -> str:
-    from axistwin.devices.mac.decode import explain
+    from axistwin.devices.mac.serial.decode import explain
 
     return explain(data)
 
 
 @cache
 def _mac_can_quirks() -> Mapping[str, Quirk]:
-    from axistwin.devices.mac.can_quirks import CAN_QUIRKS
+    from axistwin.devices.mac.can.quirks import CAN_QUIRKS
 
     return CAN_QUIRKS
 
@@ -191,14 +191,14 @@ def _make_mac_can(
     skew_ns: Nanos,
     alone: bool,
 ) -> MotionCanDevice:
-    from axistwin.devices.mac.can import MacCan
-    from axistwin.devices.mac.can_quirks import parse_can_quirks
+    from axistwin.devices.mac.can.device import MacCan
+    from axistwin.devices.mac.can.quirks import parse_can_quirks
 
     return MacCan(address, quirks=parse_can_quirks(quirks), cells=cells, skew_ns=skew_ns)
 
 
 def _explain_mac_can(frame: CanFrame) -> str:
-    from axistwin.devices.mac.can_decode import explain_frame
+    from axistwin.devices.mac.can.decode import explain_frame
 
     return explain_frame(frame)
 

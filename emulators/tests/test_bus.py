@@ -8,8 +8,8 @@ import pytest
 from spy_storage import SpySlot, SpyStorage
 
 from axistwin.catalog import build_bus, parse_device
-from axistwin.devices.mac.can import MacCan
-from axistwin.devices.mac.can_decode import explain_frame
+from axistwin.devices.mac.can.decode import explain_frame
+from axistwin.devices.mac.can.device import MacCan
 from axistwin.errors import StateError
 from axistwin.kernel.effects import Trace
 from axistwin.kernel.time import NS_PER_MS, NS_PER_S

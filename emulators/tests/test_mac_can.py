@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mac_bench import MS, TICK_NS, S
 
-from axistwin.devices.mac.can import MacCan
+from axistwin.devices.mac.can.device import MacCan
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import SendFrame, Store, Trace
 from axistwin.wire.can_frame import CanFrame

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 from mac_bench import MS, MacBench, S
 
-from axistwin.devices.mac.framing import request
-from axistwin.devices.mac.quirks import QUIRKS
-from axistwin.devices.mac.serial import MacSerial
+from axistwin.devices.mac.axis.quirks import QUIRKS
+from axistwin.devices.mac.serial.device import MacSerial
+from axistwin.devices.mac.serial.framing import request
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import Effect, Transmit
 from axistwin.motion.plant import Load

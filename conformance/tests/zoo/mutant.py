@@ -10,12 +10,12 @@ from typing import Any
 
 import pytest
 
-from axistwin.devices.mac import axis as axis_module
-from axistwin.devices.mac.acceptance import MOVING, State, acceptance_table
-from axistwin.devices.mac.axis import Axis
-from axistwin.devices.mac.drive import Drive
-from axistwin.devices.mac.parameters import Parameters
-from axistwin.devices.mac.serial import MacSerial
+from axistwin.devices.mac.axis import axis as axis_module
+from axistwin.devices.mac.axis.acceptance import MOVING, State, acceptance_table
+from axistwin.devices.mac.axis.axis import Axis
+from axistwin.devices.mac.axis.drive import Drive
+from axistwin.devices.mac.axis.parameters import Parameters
+from axistwin.devices.mac.serial.device import MacSerial
 from axistwin.motion.ramp import RampedMotion
 
 Any_ = Callable[..., Any]

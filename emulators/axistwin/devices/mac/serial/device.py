@@ -26,8 +26,12 @@ Rules
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from axistwin.devices.mac.acceptance import SIGNIFICANT
-from axistwin.devices.mac.framing import (
+from axistwin.devices.mac.axis.acceptance import SIGNIFICANT
+from axistwin.devices.mac.axis.memory_map import RATES, four_bytes
+from axistwin.devices.mac.axis.models import MODELS, MacModel
+from axistwin.devices.mac.axis.module import MacModule
+from axistwin.devices.mac.axis.quirks import MacQuirks
+from axistwin.devices.mac.serial.framing import (
     ADDRESS_MAX,
     ANSWER_LENGTH_FIELD,
     ANY_CASE,
@@ -43,10 +47,6 @@ from axistwin.devices.mac.framing import (
     number,
     take_apart,
 )
-from axistwin.devices.mac.memory_map import RATES, four_bytes
-from axistwin.devices.mac.models import MODELS, MacModel
-from axistwin.devices.mac.module import MacModule
-from axistwin.devices.mac.quirks import MacQuirks
 from axistwin.errors import UsageError, nearest
 from axistwin.kernel.effects import Effect, Transmit
 from axistwin.kernel.schedule import NEVER

@@ -11,7 +11,7 @@ Rules
 
 from typing import Final
 
-from axistwin.devices.mac.quirks import RANGE_MAX, RANGE_MIN, MacQuirks
+from axistwin.devices.mac.axis.quirks import RANGE_MAX, RANGE_MIN, MacQuirks
 from axistwin.kernel.time import Nanos
 from axistwin.motion.plant import Plant
 from axistwin.motion.spans import Span

@@ -11,7 +11,7 @@ Rules
 
 from typing import Final
 
-from axistwin.devices.mac.models import (
+from axistwin.devices.mac.axis.models import (
     MAC34_AMPLIFIER,
     MAC34_ENCODER,
     MICRO_CUT,

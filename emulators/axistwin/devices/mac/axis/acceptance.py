@@ -19,7 +19,7 @@ from collections.abc import Mapping
 from enum import IntEnum
 from typing import Final, TypeAlias
 
-from axistwin.devices.mac.quirks import MacQuirks
+from axistwin.devices.mac.axis.quirks import MacQuirks
 
 INDEX_COUNT: Final = 0x30
 

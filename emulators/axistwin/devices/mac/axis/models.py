@@ -10,8 +10,8 @@ MAC34.
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
-from axistwin.devices.mac.memory_map import SERIAL_ADDRESSES
-from axistwin.devices.mac.quirks import MacQuirks
+from axistwin.devices.mac.axis.memory_map import SERIAL_ADDRESSES
+from axistwin.devices.mac.axis.quirks import MacQuirks
 
 # Bits of dd in the answer to 21h (ledger §5.9).
 OVER_VOLTAGE_WARNING = 0x40

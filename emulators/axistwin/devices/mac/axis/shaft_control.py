@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar, TypeAlias
 
-from axistwin.devices.mac.acceptance import State
+from axistwin.devices.mac.axis.acceptance import State
 from axistwin.motion.ramp import RampedMotion
 
 

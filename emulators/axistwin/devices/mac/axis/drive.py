@@ -29,13 +29,13 @@ from collections.abc import Mapping
 from fractions import Fraction
 from typing import Final
 
-from axistwin.devices.mac.acceptance import State
-from axistwin.devices.mac.counter import Counter
-from axistwin.devices.mac.faults import Faults
-from axistwin.devices.mac.models import MacModel
-from axistwin.devices.mac.owner import Brake, Owner, Profile, Rest, Segments
-from axistwin.devices.mac.quirks import MacQuirks
-from axistwin.devices.mac.stops import Heading, Meeting, Stops
+from axistwin.devices.mac.axis.acceptance import State
+from axistwin.devices.mac.axis.counter import Counter
+from axistwin.devices.mac.axis.faults import Faults
+from axistwin.devices.mac.axis.models import MacModel
+from axistwin.devices.mac.axis.quirks import MacQuirks
+from axistwin.devices.mac.axis.shaft_control import Brake, Owner, Profile, Rest, Segments
+from axistwin.devices.mac.axis.stops import Heading, Meeting, Stops
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.motion.inertia import Mechanics
 from axistwin.motion.interpolator import Interpolator, Segment, Step, Underrun

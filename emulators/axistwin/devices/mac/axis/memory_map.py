@@ -20,7 +20,7 @@ from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from axistwin.devices.mac.quirks import RANGE_MAX, RANGE_MIN, MacQuirks
+from axistwin.devices.mac.axis.quirks import RANGE_MAX, RANGE_MIN, MacQuirks
 
 RATES: Final[dict[int, int]] = {1: 9600, 2: 19200, 3: 38400}
 """Code of 1Bh to baud (MACS-CMD-1B-01)."""

@@ -19,10 +19,10 @@ Rules
 from collections.abc import Mapping
 from typing import Final
 
-from axistwin.devices.mac.acceptance import state_text
-from axistwin.devices.mac.axis import Axis
-from axistwin.devices.mac.models import MacModel
-from axistwin.devices.mac.quirks import MacQuirks
+from axistwin.devices.mac.axis.acceptance import state_text
+from axistwin.devices.mac.axis.axis import Axis
+from axistwin.devices.mac.axis.models import MacModel
+from axistwin.devices.mac.axis.quirks import MacQuirks
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import Effect, Silence, Trace
 from axistwin.kernel.schedule import NEVER

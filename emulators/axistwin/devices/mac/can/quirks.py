@@ -13,7 +13,7 @@ Rules
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from axistwin.devices.mac.quirks import CAN, MacQuirks
+from axistwin.devices.mac.axis.quirks import CAN, MacQuirks
 from axistwin.devices.switches import Quirk, Settings, number, parse_settings, quirk, switches
 
 ErrorCodes = tuple[tuple[int, int, int], ...]

@@ -7,7 +7,13 @@
 import re
 from collections.abc import Callable
 
-from axistwin.devices.mac.framing import ANY_CASE, GENERAL_ADDRESS, REQUEST_BYTES, STX, checksum
+from axistwin.devices.mac.serial.framing import (
+    ANY_CASE,
+    GENERAL_ADDRESS,
+    REQUEST_BYTES,
+    STX,
+    checksum,
+)
 from axistwin.devices.words import in_words, incomplete, missing, spaced
 
 _ANSWER_BYTES = 21

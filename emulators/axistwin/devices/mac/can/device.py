@@ -32,10 +32,10 @@ Rules
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from axistwin.devices.mac.acceptance import SERIAL_ONLY, SIGNIFICANT
-from axistwin.devices.mac.can_quirks import MacCanQuirks, read_error_codes
-from axistwin.devices.mac.models import MAC23_CAN
-from axistwin.devices.mac.module import MacModule
+from axistwin.devices.mac.axis.acceptance import SERIAL_ONLY, SIGNIFICANT
+from axistwin.devices.mac.axis.models import MAC23_CAN
+from axistwin.devices.mac.axis.module import MacModule
+from axistwin.devices.mac.can.quirks import MacCanQuirks, read_error_codes
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import Effect, SendFrame
 from axistwin.kernel.schedule import NEVER

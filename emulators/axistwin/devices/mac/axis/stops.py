@@ -13,8 +13,8 @@ Rules
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
-from axistwin.devices.mac.counter import Counter
-from axistwin.devices.mac.quirks import MacQuirks
+from axistwin.devices.mac.axis.counter import Counter
+from axistwin.devices.mac.axis.quirks import MacQuirks
 from axistwin.kernel.time import Nanos
 from axistwin.motion.trajectory import SetPoint
 

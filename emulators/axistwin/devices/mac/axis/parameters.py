@@ -13,7 +13,7 @@ Rules
 from collections.abc import Callable, Mapping
 from typing import TypeAlias
 
-from axistwin.devices.mac.memory_map import (
+from axistwin.devices.mac.axis.memory_map import (
     MODES,
     PARAMETERS,
     SERIAL_ADDRESSES,
@@ -21,7 +21,7 @@ from axistwin.devices.mac.memory_map import (
     admissible,
     factory_values,
 )
-from axistwin.devices.mac.quirks import MacQuirks
+from axistwin.devices.mac.axis.quirks import MacQuirks
 from axistwin.kernel.effects import Store
 
 

@@ -19,14 +19,14 @@ Rules
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from axistwin.devices.mac.acceptance import MOVING, STATE_CODES, State, acceptance_table
-from axistwin.devices.mac.drive import Drive
-from axistwin.devices.mac.faults import FAULTS, Faults
-from axistwin.devices.mac.memory_map import eeprom_image, ram_image
-from axistwin.devices.mac.models import MacModel
-from axistwin.devices.mac.parameters import Parameters, Setter, signed_32
-from axistwin.devices.mac.quirks import RANGE_MAX, RANGE_MIN, MacQuirks
-from axistwin.devices.mac.stops import STOP_NAMES
+from axistwin.devices.mac.axis.acceptance import MOVING, STATE_CODES, State, acceptance_table
+from axistwin.devices.mac.axis.drive import Drive
+from axistwin.devices.mac.axis.faults import FAULTS, Faults
+from axistwin.devices.mac.axis.memory_map import eeprom_image, ram_image
+from axistwin.devices.mac.axis.models import MacModel
+from axistwin.devices.mac.axis.parameters import Parameters, Setter, signed_32
+from axistwin.devices.mac.axis.quirks import RANGE_MAX, RANGE_MIN, MacQuirks
+from axistwin.devices.mac.axis.stops import STOP_NAMES
 from axistwin.errors import UsageError, nearest
 from axistwin.kernel.effects import Effect, Trace
 from axistwin.kernel.time import Nanos
