@@ -19,7 +19,7 @@ from axistwin.runtime.can_network import CanNetwork
 from axistwin.runtime.clock import Clock, PacedClock
 from axistwin.runtime.line import Line
 from axistwin.runtime.network import SerialNetwork
-from axistwin.runtime.owner import Station
+from axistwin.runtime.simulation import Station
 from axistwin.runtime.storage import MemoryStorage, Stores
 
 __all__ = [

@@ -342,7 +342,7 @@ def _behind_url(options: LineOptions, name: str, undo: contextlib.ExitStack) -> 
 def _on_pty(options: LineOptions, undo: contextlib.ExitStack) -> tuple[str, "Line"]:
     """The pty's path and the line behind it; ``undo`` closes both."""
     from axistwin.ports.pty import PtyPort
-    from axistwin.runtime.server import Server
+    from axistwin.runtime.serving.line_server import Server
 
     line = lines.build_line(options)
     undo.callback(line.close)

@@ -17,7 +17,7 @@ from axistwin.runtime import can_network
 from axistwin.runtime.bus import TRANSCRIPT_FRAMES, Bus, Passed
 from axistwin.runtime.can_network import MANY_STEPS, CanNetwork
 from axistwin.runtime.clock import PacedClock, VirtualClock
-from axistwin.runtime.owner import Station
+from axistwin.runtime.simulation import Station
 from axistwin.runtime.twin import Twin
 from axistwin.wire.can_frame import CanFrame, wire_bits
 

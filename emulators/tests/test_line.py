@@ -12,7 +12,7 @@ from axistwin.kernel.time import NS_PER_MS, NS_PER_S, Nanos
 from axistwin.runtime.clock import PacedClock, VirtualClock
 from axistwin.runtime.line import Line
 from axistwin.runtime.network import SerialNetwork
-from axistwin.runtime.owner import Station
+from axistwin.runtime.simulation import Station
 from axistwin.runtime.storage import MemorySlot, MemoryStorage
 from axistwin.runtime.twin import Twin
 from axistwin.wire.framing import LineFormat

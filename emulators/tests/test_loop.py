@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from axistwin.runtime.loop import Loop
+from axistwin.runtime.serving.loop import Loop
 
 
 @pytest.fixture

@@ -22,8 +22,8 @@ from axistwin.ports.tcp import TcpPort, parse_address
 from axistwin.runtime.clock import PacedClock
 from axistwin.runtime.line import Line
 from axistwin.runtime.network import SerialNetwork
-from axistwin.runtime.owner import Station
-from axistwin.runtime.server import Server
+from axistwin.runtime.serving.line_server import Server
+from axistwin.runtime.simulation import Station
 from axistwin.runtime.storage import MemorySlot, MemoryStorage
 from axistwin.wire.framing import LineFormat
 

@@ -13,7 +13,7 @@ from mac_frames import ACCEPTED, ANSWER_LENGTH, REFUSED, answer_value, request
 
 from axistwin import testing
 from axistwin.errors import AxistwinError, PortError, UsageError
-from axistwin.runtime.server import Server
+from axistwin.runtime.serving.line_server import Server
 
 TIMES = ["virtual", "real", 20]
 

@@ -11,7 +11,7 @@ from axistwin.motion.plant import Load
 from axistwin.runtime.clock import PacedClock, VirtualClock
 from axistwin.runtime.line import Line
 from axistwin.runtime.network import SerialNetwork
-from axistwin.runtime.owner import Station
+from axistwin.runtime.simulation import Station
 from axistwin.runtime.storage import MemorySlot, MemoryStorage
 from axistwin.runtime.twin import Twin
 

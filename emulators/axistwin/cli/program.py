@@ -31,7 +31,7 @@ COMMAND_GROUP = "axistwin.commands"
 # Name: where it is, and its line in the list of commands (which then needs no import).
 _OWN = {
     "run": (
-        "axistwin.cli.run",
+        "axistwin.cli.run.command",
         "Run twins on a serial line or a CAN bus that any program can open.",
     ),
     "decode": ("axistwin.cli.decode", "Say what bytes of a line, or frames of a bus, mean."),

@@ -22,7 +22,7 @@ from axistwin.ports.slcan import SlcanPort
 from axistwin.ports.socketcand import SocketcandSession
 from axistwin.ports.stream import Stream
 from axistwin.ports.tcp import REST_S, Farewell, Listener
-from axistwin.runtime.bus_server import BusServer
+from axistwin.runtime.serving.bus_server import BusServer
 
 BUS_NAMES: Final = ("vcan0", "can0")
 """What clients of the socketcand port may call the bus."""

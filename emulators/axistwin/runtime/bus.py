@@ -18,7 +18,7 @@ from axistwin.errors import StateError
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.runtime.can_network import Arrival, CanNetwork, ErrorReport
 from axistwin.runtime.clock import Clock
-from axistwin.runtime.owner import Owner, Station, earliest
+from axistwin.runtime.simulation import Owner, Station, earliest
 from axistwin.runtime.storage import Stores
 from axistwin.wire.can_bus import ControllerState
 from axistwin.wire.can_frame import CanFrame

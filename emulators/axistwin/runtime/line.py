@@ -9,7 +9,7 @@ from axistwin.errors import StateError
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.runtime.clock import Clock
 from axistwin.runtime.network import SerialNetwork
-from axistwin.runtime.owner import Owner, Station, earliest
+from axistwin.runtime.simulation import Owner, Station, earliest
 from axistwin.runtime.storage import Stores
 from axistwin.runtime.transcript import Transcript
 from axistwin.wire.framing import LineFormat

@@ -13,7 +13,7 @@ import click
 from axistwin.cli.output import discard_stdout
 
 if TYPE_CHECKING:
-    from axistwin.runtime.base_server import Place
+    from axistwin.runtime.serving.base_server import Place
     from axistwin.runtime.twin import Twin
 
 

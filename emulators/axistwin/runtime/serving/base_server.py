@@ -17,9 +17,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Generic, Protocol, TypeAlias, TypeVar
 
 from axistwin.kernel.time import NS_PER_MS, NS_PER_S, Nanos
-from axistwin.runtime.alarm import Alarm
-from axistwin.runtime.loop import Loop
-from axistwin.runtime.owner import Owner, earliest
+from axistwin.runtime.serving.alarm import Alarm
+from axistwin.runtime.serving.loop import Loop
+from axistwin.runtime.simulation import Owner, earliest
 
 SAVE_PERIOD_NS: Nanos = 50 * NS_PER_MS
 """How often the position of a moving axis is saved, in the twin's time."""

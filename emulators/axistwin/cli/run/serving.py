@@ -13,16 +13,16 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from axistwin._starting import is_importing
-from axistwin.cli import systemd
 from axistwin.cli.output import EXIT_USAGE
-from axistwin.cli.reporter import Reporter, warn
-from axistwin.runtime.owner import Owner
+from axistwin.cli.run import systemd
+from axistwin.cli.run.reporter import Reporter, warn
+from axistwin.runtime.simulation import Owner
 
 if TYPE_CHECKING:
     from axistwin.catalog import DeviceSpec, Value
-    from axistwin.runtime.base_server import BaseServer, Place
     from axistwin.runtime.clock import Clock
-    from axistwin.runtime.loop import Loop
+    from axistwin.runtime.serving.base_server import BaseServer, Place
+    from axistwin.runtime.serving.loop import Loop
     from axistwin.runtime.storage import Stores
 
 AGAIN_S = 0.01

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Final
 
 from axistwin import catalog
 from axistwin.catalog import DeviceSpec
-from axistwin.cli.reporter import Reporter, warn
-from axistwin.cli.serving import Run, Shared
+from axistwin.cli.run.reporter import Reporter, warn
+from axistwin.cli.run.serving import Run, Shared
 from axistwin.errors import UsageError
 from axistwin.ports import socketcan
 from axistwin.runtime.bus import Bus
-from axistwin.runtime.bus_server import BusServer
+from axistwin.runtime.serving.bus_server import BusServer
 
 if TYPE_CHECKING:
     from axistwin.kernel.time import Nanos
-    from axistwin.runtime.bus_server import BusPort
-    from axistwin.runtime.loop import Loop
+    from axistwin.runtime.serving.bus_server import BusPort
+    from axistwin.runtime.serving.loop import Loop
 
 DEFAULT_INTERFACE: Final = "vcan0"
 
@@ -112,7 +112,7 @@ class CanRun(Run[Bus]):
         self, owner: Bus, path: str, loop: Loop, on_failure: Callable[[str], None]
     ) -> AbstractContextManager[None]:
         """Frames as candump writes them."""
-        from axistwin.cli.capture_can import recording_bus
+        from axistwin.cli.run.capture_can import recording_bus
 
         return recording_bus(owner, path, loop, self._epoch_ns, on_failure)
 

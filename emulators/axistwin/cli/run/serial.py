@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING
 
 from axistwin import catalog
 from axistwin.catalog import DeviceSpec
-from axistwin.cli.capture import recording_line
-from axistwin.cli.reporter import Reporter, warn
-from axistwin.cli.serving import Run, Shared
+from axistwin.cli.run.capture import recording_line
+from axistwin.cli.run.reporter import Reporter, warn
+from axistwin.cli.run.serving import Run, Shared
 from axistwin.kernel.effects import Trace
 from axistwin.runtime.line import Line
-from axistwin.runtime.server import Server
+from axistwin.runtime.serving.line_server import Server
 from axistwin.runtime.twin import ControllerTwin, Twin
 
 if TYPE_CHECKING:
-    from axistwin.runtime.loop import Loop
-    from axistwin.runtime.server import Port
+    from axistwin.runtime.serving.line_server import Port
+    from axistwin.runtime.serving.loop import Loop
     from axistwin.runtime.twin import Twin
 
 

@@ -20,7 +20,7 @@ from pathlib import Path
 from axistwin.errors import UsageError
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.runtime.line import Line
-from axistwin.runtime.loop import Loop
+from axistwin.runtime.serving.loop import Loop
 from axistwin.runtime.transcript import ARROWS, Burst, Direction, Transcript
 
 # A reply may reach us in pieces, late when the machine is busy; the other direction ends it anyway.

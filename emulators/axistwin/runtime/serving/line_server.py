@@ -19,8 +19,8 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from axistwin.kernel.time import Nanos
-from axistwin.runtime.base_server import BaseServer, Place, Report
 from axistwin.runtime.line import Line
+from axistwin.runtime.serving.base_server import BaseServer, Place, Report
 from axistwin.wire.framing import LineFormat
 
 BACKLOG_MAX = 1024

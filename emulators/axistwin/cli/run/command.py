@@ -147,18 +147,18 @@ def run(devices: tuple[str, ...], as_json: bool, **options: Any) -> int:
     if not devices:
         raise UsageError("run: which devices? such as 'axistwin run mac23'; see 'axistwin models'")
     from axistwin import catalog
-    from axistwin.cli.reporter import Reporter
-    from axistwin.cli.serving import Shared, perform
+    from axistwin.cli.run.reporter import Reporter
+    from axistwin.cli.run.serving import Shared, perform
 
     specs = [catalog.parse_device(text) for text in devices]
     carrier = _common_carrier(specs)
     own = _own_options(carrier, str(specs[0]), options)
     shared, reporter = Shared(**options), Reporter(as_json)
     if carrier == "can":
-        from axistwin.cli.run_can import BusOptions, CanRun
+        from axistwin.cli.run.can import BusOptions, CanRun
 
         return perform(CanRun(specs, shared, BusOptions(**own)), reporter)
-    from axistwin.cli.run_serial import SerialRun
+    from axistwin.cli.run.serial import SerialRun
 
     return perform(SerialRun(specs, shared, **own), reporter)
 

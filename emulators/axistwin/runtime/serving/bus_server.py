@@ -16,9 +16,9 @@ from collections.abc import Sequence
 from typing import Final, Protocol
 
 from axistwin.kernel.time import NS_PER_MS, Nanos
-from axistwin.runtime.base_server import BaseServer, Place, Report
 from axistwin.runtime.bus import Bus
-from axistwin.runtime.owner import earliest
+from axistwin.runtime.serving.base_server import BaseServer, Place, Report
+from axistwin.runtime.simulation import earliest
 
 LOOK_NS: Final[Nanos] = 200 * NS_PER_MS
 """How often a client that is held back is looked after, in the twin's time."""

@@ -15,11 +15,11 @@ from typing import TextIO, cast
 
 import can
 
-from axistwin.cli.capture import FLUSH_S, CaptureFile
+from axistwin.cli.run.capture import FLUSH_S, CaptureFile
 from axistwin.kernel.time import NS_PER_S, Nanos
 from axistwin.ports.can_message import message_of
 from axistwin.runtime.bus import Bus, Passed
-from axistwin.runtime.loop import Loop
+from axistwin.runtime.serving.loop import Loop
 
 CHANNEL = "vcan0"
 
