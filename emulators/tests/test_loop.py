@@ -195,7 +195,7 @@ def test_the_wake_up_of_another_loop_is_put_back() -> None:
             signal.set_wakeup_fd(before)
 
 
-def test_signals_are_heeded_while_it_waits_and_forgotten_when_it_is_closed() -> None:
+def test_signals_are_handled_while_it_waits_and_forgotten_when_it_is_closed() -> None:
     """The callback runs in the loop, and the old handler comes back."""
     before = signal.getsignal(signal.SIGUSR1)
     called: list[int] = []

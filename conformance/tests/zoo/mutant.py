@@ -197,13 +197,13 @@ def setter(patch: MonkeyPatch, index: int, change: Any_) -> None:
 
 def motion_of(drive: Drive) -> RampedMotion | None:
     """The ramped motion that has the shaft; None if something else has."""
-    motion = getattr(drive._owner, "motion", None)
+    motion = getattr(drive._control, "motion", None)
     assert motion is None or isinstance(motion, RampedMotion)
     return motion
 
 
 def target_of(drive: Drive) -> int | None:
     """The number that a move is on its way to; None if no move has the shaft."""
-    number = getattr(drive._owner, "number", None)
+    number = getattr(drive._control, "number", None)
     assert number is None or isinstance(number, int)
     return number

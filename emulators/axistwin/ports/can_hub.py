@@ -62,7 +62,7 @@ class CanStream(Stream):
         """Leave the bus, as soon as it has carried what the client sent."""
         self._server.remove_member(self)
         self._client.finish()
-        self._server.see_off(self._client)
+        self._server.drain(self._client)
 
     def input(self, data: bytes) -> None:
         """Perform what the client says."""

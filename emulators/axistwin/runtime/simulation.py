@@ -79,7 +79,7 @@ class Network(Protocol):
 Net = TypeVar("Net", bound=Network)
 
 
-class Owner(ABC, Generic[Net]):
+class Simulation(ABC, Generic[Net]):
     """The devices of ``stations`` on ``network``, which belongs to this object from now on.
 
     Every method raises StateError once the storage has failed.

@@ -76,9 +76,9 @@ class CanRun(Run[Bus]):
             cold=shared.cold,
         )
 
-    def serve(self, owner: Bus, reporter: Reporter) -> BusServer:
+    def serve(self, simulation: Bus, reporter: Reporter) -> BusServer:
         """The bus behind all endpoints that were asked for."""
-        server = BusServer(owner, self._make_ports(), report=reporter.event)
+        server = BusServer(simulation, self._make_ports(), report=reporter.event)
         self._epoch_ns = server.epoch_ns
         return server
 
@@ -109,17 +109,17 @@ class CanRun(Run[Bus]):
         warn(f"to have {DEFAULT_INTERFACE}: {socketcan.remedy(DEFAULT_INTERFACE)}")
 
     def recording(
-        self, owner: Bus, path: str, loop: Loop, on_failure: Callable[[str], None]
+        self, simulation: Bus, path: str, loop: Loop, on_failure: Callable[[str], None]
     ) -> AbstractContextManager[None]:
         """Frames as candump writes them."""
         from axistwin.cli.run.capture_can import recording_bus
 
-        return recording_bus(owner, path, loop, self._epoch_ns, on_failure)
+        return recording_bus(simulation, path, loop, self._epoch_ns, on_failure)
 
-    def warn_of_surprises(self, owner: Bus) -> None:
+    def warn_of_surprises(self, simulation: Bus) -> None:
         """Say where the memory differs from what was asked for, and where two collide."""
         found: dict[int, DeviceSpec] = {}
-        for spec, twin in zip(self.specs, owner.twins, strict=True):
+        for spec, twin in zip(self.specs, simulation.twins, strict=True):
             address = twin.address
             if address != spec.address:
                 warn(

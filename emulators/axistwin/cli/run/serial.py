@@ -58,10 +58,10 @@ class SerialRun(Run[Line]):
             programs=catalog.parse_programs(self._programs),
         )
 
-    def serve(self, owner: Line, reporter: Reporter) -> Server:
+    def serve(self, simulation: Line, reporter: Reporter) -> Server:
         """The line behind all endpoints that were asked for."""
-        _ProgramWatch(owner, reporter)
-        return Server(owner, self._make_ports(owner), report=reporter.event)
+        _ProgramWatch(simulation, reporter)
+        return Server(simulation, self._make_ports(simulation), report=reporter.event)
 
     def _make_ports(self, line: Line) -> list[Port]:
         ports: list[Port] = []
@@ -77,17 +77,17 @@ class SerialRun(Run[Line]):
         return ports
 
     def recording(
-        self, owner: Line, path: str, loop: Loop, on_failure: Callable[[str], None]
+        self, simulation: Line, path: str, loop: Loop, on_failure: Callable[[str], None]
     ) -> AbstractContextManager[None]:
         """Bursts of bytes, in hex and in words."""
         explain = catalog.find_model(self.specs[0].model).explain
-        return recording_line(owner, path, explain, loop, on_failure)
+        return recording_line(simulation, path, explain, loop, on_failure)
 
-    def warn_of_surprises(self, owner: Line) -> None:
+    def warn_of_surprises(self, simulation: Line) -> None:
         """Say where the memory differs from what was asked for, and where two collide."""
         found: dict[int, DeviceSpec] = {}
         rates: dict[int, DeviceSpec] = {}  # the first device at each
-        for spec, twin in zip(self.specs, owner.twins, strict=True):
+        for spec, twin in zip(self.specs, simulation.twins, strict=True):
             wanted = self._baud or catalog.find_model(spec.model).default_baud
             stored, address = twin.cells.get("baud", wanted), twin.address
             differences = []

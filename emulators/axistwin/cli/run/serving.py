@@ -16,18 +16,18 @@ from axistwin._starting import is_importing
 from axistwin.cli.output import EXIT_USAGE
 from axistwin.cli.run import systemd
 from axistwin.cli.run.reporter import Reporter, warn
-from axistwin.runtime.simulation import Owner
+from axistwin.runtime.simulation import Simulation
 
 if TYPE_CHECKING:
     from axistwin.catalog import DeviceSpec, Value
     from axistwin.runtime.clock import Clock
-    from axistwin.runtime.serving.base_server import BaseServer, Place
+    from axistwin.runtime.serving.base_server import BaseServer, Endpoint
     from axistwin.runtime.serving.loop import Loop
     from axistwin.runtime.storage import Stores
 
 AGAIN_S = 0.01
 
-OwnerT = TypeVar("OwnerT", bound=Owner[Any])
+SimulationT = TypeVar("SimulationT", bound=Simulation[Any])
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ class Shared:
         return MemoryStorage() if self.state is None else Storage(self.state)
 
 
-class Run(ABC, Generic[OwnerT]):
+class Run(ABC, Generic[SimulationT]):
     """What differs from one carrier to the next."""
 
     def __init__(self, specs: Sequence[DeviceSpec], shared: Shared) -> None:
@@ -70,16 +70,16 @@ class Run(ABC, Generic[OwnerT]):
         self.shared = shared
 
     @abstractmethod
-    def build(self) -> OwnerT:
+    def build(self) -> SimulationT:
         """The devices and what connects them.  Raises UsageError and StateError."""
 
     @abstractmethod
-    def serve(self, owner: OwnerT, reporter: Reporter) -> BaseServer[OwnerT, Any]:
+    def serve(self, simulation: SimulationT, reporter: Reporter) -> BaseServer[SimulationT, Any]:
         """The server with its ports, not open yet.  Raises UsageError."""
 
     @abstractmethod
     def recording(
-        self, owner: OwnerT, path: str, loop: Loop, on_failure: Callable[[str], None]
+        self, simulation: SimulationT, path: str, loop: Loop, on_failure: Callable[[str], None]
     ) -> AbstractContextManager[None]:
         """Append what is said to the file at ``path``.  Raises UsageError.
 
@@ -87,11 +87,11 @@ class Run(ABC, Generic[OwnerT]):
         """
 
     @abstractmethod
-    def warn_of_surprises(self, owner: OwnerT) -> None:
+    def warn_of_surprises(self, simulation: SimulationT) -> None:
         """Say what the user may not expect."""
 
 
-def perform(run: Run[OwnerT], reporter: Reporter) -> int:
+def perform(run: Run[SimulationT], reporter: Reporter) -> int:
     """Serve until a signal ends it; the exit status.  Raises UsageError, StateError, PortError."""
     capture = run.shared.capture
 
@@ -103,23 +103,23 @@ def perform(run: Run[OwnerT], reporter: Reporter) -> int:
         )
 
     with (
-        ending_early() as signals_are_heeded,
-        run.build() as owner,
-        contextlib.closing(run.serve(owner, reporter)) as server,
+        ending_early() as signals_are_handled,
+        run.build() as simulation,
+        contextlib.closing(run.serve(simulation, reporter)) as server,
         contextlib.ExitStack() as recording,
     ):
         if capture is not None:
-            recording.enter_context(run.recording(owner, capture, server.loop, capture_lost))
-        server.heed(_stop_signals())
-        signals_are_heeded.set()
+            recording.enter_context(run.recording(simulation, capture, server.loop, capture_lost))
+        server.install_signal_handlers(_stop_signals())
+        signals_are_handled.set()
         server.open()
         warn_of_listeners(server.ports)
-        run.warn_of_surprises(owner)
-        if owner.is_volatile:
+        run.warn_of_surprises(simulation)
+        if simulation.is_volatile:
             warn("memory is volatile and ends with this run; --state DIR keeps it")
 
         def on_ready() -> None:
-            reporter.ready(owner.twins, server.ports)
+            reporter.ready(simulation.twins, server.ports)
             systemd.notify("READY=1")
 
         try:
@@ -134,14 +134,14 @@ def perform(run: Run[OwnerT], reporter: Reporter) -> int:
 def ending_early() -> Iterator[Event]:
     """In the block a stop signal ends the program at once, with all closed that was opened.
 
-    When the event that is given is set, something else heeds the signals, and what is done
+    When the event that is given is set, something else handles the signals, and what is done
     afterwards (saving) is not disturbed by another one.
     """
-    is_heeded = Event()
+    are_handled = Event()
     put_off: list[int] = []
 
     def end(number: int, frame: FrameType | None) -> None:
-        if is_heeded.is_set():
+        if are_handled.is_set():
             if number == signal.SIGALRM and put_off:
                 signal.raise_signal(put_off.pop())
         elif is_importing(frame):  # it would be told as a mistake of the module: a moment later
@@ -153,7 +153,7 @@ def ending_early() -> Iterator[Event]:
     numbers = [*_stop_signals(), signal.SIGALRM]
     previous = {number: signal.signal(number, end) for number in numbers}
     try:
-        yield is_heeded
+        yield are_handled
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         for number, handler in previous.items():
@@ -168,7 +168,7 @@ def _stop_signals() -> list[signal.Signals]:
     return signals
 
 
-def warn_of_listeners(ports: Sequence[Place]) -> None:
+def warn_of_listeners(ports: Sequence[Endpoint]) -> None:
     """Say which of the open ports others can reach."""
     for port in ports:
         host = getattr(port, "host", None)

@@ -1,8 +1,8 @@
-"""What serves an owner of a network to clients: the event loop, one alarm, ports, and saving.
+"""What serves the simulation of a network to clients: the event loop, one alarm, ports, and saving.
 
 Rules
 -----
-1. One loop, one owner, any number of ports.  Everything happens in the loop's thread.
+1. One loop, one simulation, any number of ports.  Everything happens in the loop's thread.
 2. One alarm, set for the next moment at which there is something to do.  Nothing else ticks, so
    what is at rest costs no processor time.
 3. Positions of moving axes are saved every ``SAVE_PERIOD_NS``, as long as one moves.
@@ -19,7 +19,7 @@ from typing import Any, Generic, Protocol, TypeAlias, TypeVar
 from axistwin.kernel.time import NS_PER_MS, NS_PER_S, Nanos
 from axistwin.runtime.serving.alarm import Alarm
 from axistwin.runtime.serving.loop import Loop
-from axistwin.runtime.simulation import Owner, earliest
+from axistwin.runtime.simulation import Simulation, earliest
 
 SAVE_PERIOD_NS: Nanos = 50 * NS_PER_MS
 """How often the position of a moving axis is saved, in the twin's time."""
@@ -34,7 +34,7 @@ Report: TypeAlias = Callable[[Mapping[str, object]], None]
 """Takes an event: a mapping with the name of the event under ``event``."""
 
 
-class Place(Protocol):
+class Endpoint(Protocol):
     """Where clients find what is served; a port without the kind of server it works for."""
 
     @property
@@ -55,27 +55,30 @@ class Place(Protocol):
         """Let go of the clients and of the place; also after a failed ``open``."""
 
 
-PlaceT = TypeVar("PlaceT", bound=Place)
-OwnerT = TypeVar("OwnerT", bound=Owner[Any])
+EndpointT = TypeVar("EndpointT", bound=Endpoint)
+SimulationT = TypeVar("SimulationT", bound=Simulation[Any])
 
 
-class BaseServer(ABC, Generic[OwnerT, PlaceT]):
-    """Serves ``owner`` on ``ports``; ``report`` is told of clients that come and go.
+class BaseServer(ABC, Generic[SimulationT, EndpointT]):
+    """Serves ``simulation`` on ``ports``; ``report`` is told of clients that come and go.
 
     ``open`` and then ``run`` to serve in this thread, or ``start`` and ``stop`` for a thread of
-    its own.  While it serves, the owner may be used from any thread as well.
+    its own.  While it serves, the simulation may be used from any thread as well.
     """
 
     def __init__(
-        self, owner: OwnerT, ports: Sequence[PlaceT], report: Report = lambda event: None
+        self,
+        simulation: SimulationT,
+        ports: Sequence[EndpointT],
+        report: Report = lambda event: None,
     ) -> None:
         self.ports = tuple(ports)
         self.report = report
         self.loop = Loop()
-        self._owner = owner
+        self._simulation = simulation
         self._alarm = Alarm()
         self._alarm_ns: Nanos | None = None
-        self._saves = not owner.is_volatile
+        self._saves = not simulation.is_volatile
         self._save_ns: Nanos | None = None
         self._change_pending = False
         self._failure: BaseException | None = None
@@ -94,7 +97,7 @@ class BaseServer(ABC, Generic[OwnerT, PlaceT]):
             self.close()
             raise
 
-    def heed(self, stop_on: Sequence[signal.Signals]) -> None:
+    def install_signal_handlers(self, stop_on: Sequence[signal.Signals]) -> None:
         """From now on these signals make ``run`` return, also before it is called."""
         for number in stop_on:
             self.loop.on_signal(number, self.loop.stop)
@@ -104,7 +107,7 @@ class BaseServer(ABC, Generic[OwnerT, PlaceT]):
         *,
         on_ready: Callable[[], None] = lambda: None,
     ) -> None:
-        """Serve until ``request_stop`` or a signal that is heeded; close everything.
+        """Serve until ``request_stop`` or an installed signal; close everything.
 
         on_ready: called once clients are served.
         Raises what made it stop, if that was an error.
@@ -162,7 +165,7 @@ class BaseServer(ABC, Generic[OwnerT, PlaceT]):
     def _serve(self, on_ready: Callable[[], None]) -> None:
         loop = self.loop
         self._thread_id = threading.get_ident()
-        self._owner.on_change(self._changed)
+        self._simulation.on_change(self._changed)
         loop.add_reader(self._alarm.fileno(), self._go_off)
         try:
             self._attach_ports()
@@ -170,7 +173,7 @@ class BaseServer(ABC, Generic[OwnerT, PlaceT]):
             on_ready()
             loop.run()
         finally:
-            self._owner.on_change(None)
+            self._simulation.on_change(None)
             loop.remove_reader(self._alarm.fileno())
             for port in self.ports:
                 port.close()
@@ -194,7 +197,7 @@ class BaseServer(ABC, Generic[OwnerT, PlaceT]):
         self.pump()
 
     def _changed(self) -> None:
-        """Something was done to the owner, perhaps in another thread: look at it soon."""
+        """Something was done to the simulation, perhaps in another thread: look at it soon."""
         if threading.get_ident() == self._thread_id or self._change_pending:
             return
         self._change_pending = True
@@ -216,24 +219,24 @@ class BaseServer(ABC, Generic[OwnerT, PlaceT]):
         if due is None:
             self._alarm.clear()
         else:
-            self._alarm.set(round(self._owner.clock.delay_s(due) * NS_PER_S))
+            self._alarm.set(round(self._simulation.clock.delay_s(due) * NS_PER_S))
 
     # -- what moves ---------------------------------------------------------------------------
 
     def _expect_motion(self) -> None:
         """Something was done that may set an axis moving: look whether there is one to be saved."""
         if self._saves and self._save_ns is None:
-            self._save_ns = self._owner.clock.now_ns() + SAVE_PERIOD_NS
+            self._save_ns = self._simulation.clock.now_ns() + SAVE_PERIOD_NS
 
     def _save(self) -> None:
         """Save the positions of axes that move, and look again after ``SAVE_PERIOD_NS``.
 
-        What the host is told is saved by the owner itself; this is for the time in between.
+        What the host is told is saved by the simulation itself; this is for the time in between.
         """
-        now = self._owner.clock.now_ns()
+        now = self._simulation.clock.now_ns()
         if self._save_ns is None or now < self._save_ns:
             return
         self._save_ns = None
-        if self._owner.is_moving:
-            self._owner.save_moving()
+        if self._simulation.is_moving:
+            self._simulation.save_moving()
             self._save_ns = now + SAVE_PERIOD_NS

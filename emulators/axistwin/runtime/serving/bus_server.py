@@ -17,7 +17,7 @@ from typing import Final, Protocol
 
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.runtime.bus import Bus
-from axistwin.runtime.serving.base_server import BaseServer, Place, Report
+from axistwin.runtime.serving.base_server import BaseServer, Endpoint, Report
 from axistwin.runtime.simulation import earliest
 
 LOOK_NS: Final[Nanos] = 200 * NS_PER_MS
@@ -51,7 +51,7 @@ class Member(Protocol):
         """Send again."""
 
 
-class Leaver(Protocol):
+class DrainingClient(Protocol):
     """Who has gone, and has sent something before."""
 
     def has_left(self) -> bool:
@@ -64,7 +64,7 @@ class Leaver(Protocol):
         """Leave the bus now."""
 
 
-class BusPort(Place, Protocol):
+class BusPort(Endpoint, Protocol):
     """A place where clients find the bus, or where it meets another one."""
 
     @property
@@ -89,7 +89,7 @@ class BusServer(BaseServer[Bus, BusPort]):
         self.epoch_ns: Nanos = time.time_ns() - bus.sync()
         self._members: list[Member] = []
         self._paused: list[Member] = []
-        self._leavers: list[Leaver] = []
+        self._draining: list[DrainingClient] = []
 
     def _attach_ports(self) -> None:
         for port in self.ports:
@@ -98,9 +98,9 @@ class BusServer(BaseServer[Bus, BusPort]):
     def close(self) -> None:
         """Release the ports and the loop, and forget what is still to be sent."""
         super().close()
-        for leaver in self._leavers:
-            leaver.stop()
-        self._leavers.clear()
+        for client in self._draining:
+            client.stop()
+        self._draining.clear()
 
     # -- clients ------------------------------------------------------------------------------
 
@@ -114,9 +114,9 @@ class BusServer(BaseServer[Bus, BusPort]):
         if member in self._paused:
             self._paused.remove(member)
 
-    def see_off(self, leaver: Leaver) -> None:
-        """Let what ``leaver`` has sent go out."""
-        self._leavers.append(leaver)
+    def drain(self, client: DrainingClient) -> None:
+        """Let what ``client`` has sent go out."""
+        self._draining.append(client)
         self._set_alarm()
 
     def heard(self, member: Member | None = None) -> None:
@@ -139,20 +139,20 @@ class BusServer(BaseServer[Bus, BusPort]):
             else:
                 self._paused.remove(member)
                 member.resume()
-        if self._leavers:
-            self._leavers = [leaver for leaver in self._leavers if not leaver.has_left()]
+        if self._draining:
+            self._draining = [client for client in self._draining if not client.has_left()]
         self._save()
         self._set_alarm()
 
     def _due_ns(self) -> Nanos | None:
-        """What the bus does next, or a member, a leaver or a look at who is held back."""
+        """What the bus does next, or a member, a client or a look at who is held back."""
         if any(member.has_news for member in self._members):
             return self.bus.clock.now_ns()  # it came while others were pumped
         due = self.bus.next_event_ns()
         for member in self._members:
             due = earliest(due, member.next_event_ns())
-        for leaver in self._leavers:
-            due = earliest(due, leaver.next_event_ns())
+        for client in self._draining:
+            due = earliest(due, client.next_event_ns())
         if self._paused:
             due = earliest(due, self.bus.clock.now_ns() + LOOK_NS)
         return due

@@ -20,7 +20,7 @@ from typing import Protocol
 
 from axistwin.kernel.time import Nanos
 from axistwin.runtime.line import Line
-from axistwin.runtime.serving.base_server import BaseServer, Place, Report
+from axistwin.runtime.serving.base_server import BaseServer, Endpoint, Report
 from axistwin.wire.framing import LineFormat
 
 BACKLOG_MAX = 1024
@@ -50,7 +50,7 @@ class Client(Protocol):
         """Send again."""
 
 
-class Port(Place, Protocol):
+class Port(Endpoint, Protocol):
     """A place where clients find the line; ``url`` is for ``serial_for_url``."""
 
     def attach(self, server: "Server") -> None:

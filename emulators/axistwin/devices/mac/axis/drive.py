@@ -2,7 +2,7 @@
 
 Theory
 ------
-Exactly one of these has the shaft (``owner``):
+Exactly one of these has the shaft (``control``):
 
     Rest      nothing moves by itself; after 13h, 14h and 17h the place is held (ledger §5.5)
     Profile   a ``RampedMotion``: PO to a target, catch-up included, VE without end
@@ -34,7 +34,7 @@ from axistwin.devices.mac.axis.counter import Counter
 from axistwin.devices.mac.axis.faults import Faults
 from axistwin.devices.mac.axis.models import MacModel
 from axistwin.devices.mac.axis.quirks import MacQuirks
-from axistwin.devices.mac.axis.shaft_control import Brake, Owner, Profile, Rest, Segments
+from axistwin.devices.mac.axis.shaft_control import Brake, Profile, Rest, Segments, ShaftControl
 from axistwin.devices.mac.axis.stops import Heading, Meeting, Stops
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.motion.inertia import Mechanics
@@ -98,7 +98,7 @@ class Drive:
         brake = quirks.brake_increments
         self._brake_increments = None if brake == "plant" else int(brake)
         self.powered = False
-        self._owner: Owner = Rest()
+        self._control: ShaftControl = Rest()
         """Who has the shaft."""
         self._position_mode = False
         self._old_target: int | None = None
@@ -112,7 +112,7 @@ class Drive:
     @property
     def kind(self) -> State | None:
         """PO, VE or IN while running; None at rest."""
-        return self._owner.kind
+        return self._control.kind
 
     # ---- counter -------------------------------------------------------------------------------
 
@@ -132,38 +132,42 @@ class Drive:
     def zero(self, now: Nanos, *, keeps_remaining: bool) -> None:
         """Counter := 0; a 13h under way keeps its number or its way (MACS-AMB-52, -53)."""
         self.counter.set(now, 0)
-        owner = self._owner
-        if isinstance(owner, Profile) and owner.number is not None and not owner.motion.stopping:
-            motion, set_number = owner.motion, self.counter.of_set_point(now)
+        control = self._control
+        if (
+            isinstance(control, Profile)
+            and control.number is not None
+            and not control.motion.stopping
+        ):
+            motion, set_number = control.motion, self.counter.of_set_point(now)
             direction = motion.trajectory.direction
             if keeps_remaining:
                 assert motion.target is not None, "a position motion has a target"
                 remaining = motion.target - motion.trajectory.increments_at(now)
-                owner.number = set_number + direction * remaining
+                control.number = set_number + direction * remaining
             elif motion.is_over(now):
-                self._aim_anew(now, owner, owner.number)
+                self._aim_anew(now, control, control.number)
             else:
-                remaining = direction * (owner.number - set_number)
-                self._replan(now, owner, motion.retarget(now, remaining))
+                remaining = direction * (control.number - set_number)
+                self._replan(now, control, motion.retarget(now, remaining))
         self._plan(now)
 
-    def _aim_anew(self, now: Nanos, owner: Profile, number: int) -> None:
+    def _aim_anew(self, now: Nanos, control: Profile, number: int) -> None:
         """The target of a profile that is over has moved (ledger §5.3)."""
         if self._quirks.overshoot_return == "catch_up":
             self.plant.aim(now, self.counter.place_of(number))
             return
-        owner.motion = self._move_to(now, number, now, owner.motion.ramp)
-        self.plant.follow(now, owner.motion.trajectory, owner.signed_target)
+        control.motion = self._move_to(now, number, now, control.motion.ramp)
+        self.plant.follow(now, control.motion.trajectory, control.signed_target)
 
     def set_point_direction(self, now: Nanos) -> int:
         """Sign of the speed that a new one would take over; 0: the set-point rests."""
-        owner = self._owner
-        if isinstance(owner, Segments):
+        control = self._control
+        if isinstance(control, Segments):
             step = self.interpolator.step_in_progress(now)
             return step.direction if step else 0
-        if not isinstance(owner, Profile) or owner.motion.is_over(now):
+        if not isinstance(control, Profile) or control.motion.is_over(now):
             return 0
-        return owner.motion.trajectory.direction
+        return control.motion.trajectory.direction
 
     def direction_at(self, now: Nanos) -> int:
         """Sign of the motion in progress, the catch-up included (ledger §4.1); 0: none."""
@@ -171,10 +175,10 @@ class Drive:
 
     def _catch_up_direction(self, now: Nanos) -> int:
         """Sign of the way back to the target of a profile that is over; 0: there is none."""
-        owner, target = self._owner, self.plant.target
-        if not isinstance(owner, Profile) or owner.number is None or target is None:
+        control, target = self._control, self.plant.target
+        if not isinstance(control, Profile) or control.number is None or target is None:
             return 0
-        if not owner.motion.is_over(now):
+        if not control.motion.is_over(now):
             return 0
         position = self.plant.position_at(now)
         return (target > position) - (target < position)
@@ -193,19 +197,19 @@ class Drive:
 
     def go_to_after_segments(self, number: int) -> None:
         """13h, 14h: ``go_to`` when the segments, or the shaft, have run out (MACS-AMB-69)."""
-        assert isinstance(self._owner, Segments | Brake), "there is nothing to wait for"
-        self._owner.number_after = number
+        assert isinstance(self._control, Segments | Brake), "there is nothing to wait for"
+        self._control.number_after = number
 
     def run_at(self, now: Nanos, period_ticks: int, direction: int, start_ns: Nanos) -> None:
         """15h with a speed: from rest, or out of whatever moves (MACS-CMD-15-01, -02)."""
-        ramp, owner = self._ramp(period_ticks), self._owner
-        step = self._end_segments(now) if isinstance(owner, Segments) else None
+        ramp, control = self._ramp(period_ticks), self._control
+        step = self._end_segments(now) if isinstance(control, Segments) else None
         if step is not None:
             taken = RampedMotion.taking_over(step.start_ns, step.direction, step.period_ticks, ramp)
             self._begin(now, Profile(taken, None), taken.trajectory.displacement_at(now))
-        elif isinstance(owner, Profile) and not owner.motion.is_over(now):
-            owner.number, self._position_mode = None, False
-            self._replan(now, owner, owner.motion.change_speed(now, period_ticks))
+        elif isinstance(control, Profile) and not control.motion.is_over(now):
+            control.number, self._position_mode = None, False
+            self._replan(now, control, control.motion.change_speed(now, period_ticks))
             self._plan(now)
         else:
             self._begin(now, Profile(RampedMotion.endless(start_ns, direction, ramp), None))
@@ -215,8 +219,8 @@ class Drive:
         interpolator = self.interpolator
         self.plant.advance(now)
         interpolator.run(now)
-        owner = self._owner
-        waits = isinstance(owner, Profile | Brake)
+        control = self._control
+        waits = isinstance(control, Profile | Brake)
         if self.kind is not State.IN and self._quirks.interp_during_profile == "preempt":
             waits = False
         if not interpolator.has_room(now, released=not waits):
@@ -224,9 +228,9 @@ class Drive:
         if waits:
             self._segments_wait = True
             interpolator.hold()
-            if isinstance(owner, Brake):
-                owner.segments_follow = True
-        elif not isinstance(owner, Segments):
+            if isinstance(control, Brake):
+                control.segments_follow = True
+        elif not isinstance(control, Segments):
             self._begin_segments(now)
         descent = self._descent(segment)
         accepted = interpolator.offer(start_ns, segment, descent)
@@ -247,29 +251,29 @@ class Drive:
 
         A catch-up has no ramp: it ends where the shaft is (ledger §4.1, §5.7).
         """
-        owner = self._owner
-        if not isinstance(owner, Profile):
+        control = self._control
+        if not isinstance(control, Profile):
             return
         self._abandon_target()
-        motion = owner.motion
+        motion = control.motion
         if not motion.is_over(now):
-            self._replan(now, owner, motion.stop(now))
-        elif owner.number is not None:
-            owner.motion = RampedMotion.at_rest(now, motion.trajectory.direction, motion.ramp)
+            self._replan(now, control, motion.stop(now))
+        elif control.number is not None:
+            control.motion = RampedMotion.at_rest(now, motion.trajectory.direction, motion.ramp)
             self.plant.hold(now)
         self._plan(now)
 
     def drop_segments(self, now: Nanos) -> None:
         """Give up all segments at once; the next motion takes the shaft where it is."""
         self._end_segments(now)
-        self._owner = Rest()
+        self._control = Rest()
 
     def stop_segments(self, now: Nanos, *, after_this_one: bool) -> None:
         """15h 0000 and 17h during segments, where they stop them (MACS-AMB-30, -32)."""
-        if isinstance(self._owner, Brake):
-            self._owner.number_after = None
+        if isinstance(self._control, Brake):
+            self._control.number_after = None
             return
-        self._owner = Segments()  # and nothing after them
+        self._control = Segments()  # and nothing after them
         if after_this_one:
             self.interpolator.drop_stored(now)
             self._plan(now)
@@ -298,7 +302,7 @@ class Drive:
         self.plant.brake(now, increments)
         self._take_segments(now, keeps_segments=keeps_segments)
         if kind is not None:
-            self._owner = Brake(kind)
+            self._control = Brake(kind)
         self._plan(now)
 
     def power_on(self, now: Nanos) -> None:
@@ -306,7 +310,7 @@ class Drive:
         assert not self._faults.disjuncted, "the motor is powered in spite of a fault"
         self.powered = True
         self.apply_torque(now)
-        if self._owner == Rest(coasting=True):
+        if self._control == Rest(coasting=True):
             self.plant.brake(now)
         self._plan(now)
 
@@ -316,7 +320,7 @@ class Drive:
         self._take_segments(now, keeps_segments=False)
         self.powered = False
         self.counter.settled = True
-        self._owner = Rest(coasting=True)
+        self._control = Rest(coasting=True)
         self._plan(now)
 
     def flush_waiting(self, now: Nanos) -> None:
@@ -356,18 +360,18 @@ class Drive:
             ramp = self._last_ramp = Ramp(period_ticks, self._values["ramp"], self._rules)
         return ramp
 
-    def _begin(self, now: Nanos, owner: Profile, counted: int = 0) -> None:
+    def _begin(self, now: Nanos, control: Profile, counted: int = 0) -> None:
         """Give the shaft to a profile; one that begins blocked makes no step (rule 2).
 
         counted: the signed steps of it that were counted before, by whom it takes over.
         """
-        self._start(now, owner)
-        trajectory = owner.motion.trajectory
+        self._start(now, control)
+        trajectory = control.motion.trajectory
         bit = self.stops.blocking_bit(now, trajectory.direction) if trajectory.pieces else 0
         if bit:
             self._stop_on(now, bit)
             return
-        self.plant.follow(now, trajectory, owner.signed_target, counted)
+        self.plant.follow(now, trajectory, control.signed_target, counted)
         self._plan(now)
 
     def _begin_segments(self, now: Nanos) -> None:
@@ -379,20 +383,20 @@ class Drive:
             self._segments_wait = False
             interpolator.release(now)
 
-    def _start(self, now: Nanos, owner: Profile | Segments) -> None:
-        assert not self._faults.disjuncted, f"{owner.kind.name} starts in spite of a fault"
-        self._owner = owner
-        self._position_mode = owner.kind is State.PO
+    def _start(self, now: Nanos, control: Profile | Segments) -> None:
+        assert not self._faults.disjuncted, f"{control.kind.name} starts in spite of a fault"
+        self._control = control
+        self._position_mode = control.kind is State.PO
         self._old_target = None
         self.powered = True
         if self._quirks.ff_lifetime != "until_reset":
             self.stops.bits = 0
         self.apply_torque(now)
 
-    def _replan(self, now: Nanos, owner: Profile, motion: RampedMotion) -> None:
+    def _replan(self, now: Nanos, control: Profile, motion: RampedMotion) -> None:
         """Go on with the running profile planned anew."""
-        owner.motion = motion
-        self.plant.replace(now, motion.trajectory, owner.signed_target)
+        control.motion = motion
+        self.plant.replace(now, motion.trajectory, control.signed_target)
 
     # ---- events --------------------------------------------------------------------------------
 
@@ -403,7 +407,7 @@ class Drive:
     def run(self, now: Nanos) -> None:
         """Do what is due at ``now``."""
         if self.kind is None:
-            self._owner = Rest()
+            self._control = Rest()
             self.counter.settled = True
             self._plan(now)
             return
@@ -444,14 +448,14 @@ class Drive:
 
     def _end_ns(self, now: Nanos) -> Nanos | None:
         """When what runs is over, as things stand; None: never."""
-        owner = self._owner
-        if not isinstance(owner, Profile):
-            runs_out = isinstance(owner, Brake)
+        control = self._control
+        if not isinstance(control, Profile):
+            runs_out = isinstance(control, Brake)
             return self.plant.rest_ns(now) if runs_out else max(now, self.interpolator.end_ns)
-        if owner.motion.end_ns is None:
+        if control.motion.end_ns is None:
             return None
-        end_ns = max(now, owner.motion.end_ns)
-        if owner.number is None or self._returns_afresh(owner.motion):
+        end_ns = max(now, control.motion.end_ns)
+        if control.number is None or self._returns_afresh(control.motion):
             return end_ns
         until = self._quirks.running_until
         if until == "profile":
@@ -463,26 +467,26 @@ class Drive:
 
     def _finish(self, now: Nanos) -> None:
         """What ran is over: rest, the way back, or the segments that waited."""
-        owner = self._owner
-        if isinstance(owner, Profile) and owner.number is not None:
-            back = owner.motion.returning() if self._returns_afresh(owner.motion) else None
+        control = self._control
+        if isinstance(control, Profile) and control.number is not None:
+            back = control.motion.returning() if self._returns_afresh(control.motion) else None
             if back is not None:
-                owner.motion = back
-                self.plant.follow(now, back.trajectory, owner.signed_target)
+                control.motion = back
+                self.plant.follow(now, back.trajectory, control.signed_target)
                 self._plan(now)
                 return
         self._rest(now)
-        number = owner.number_after if isinstance(owner, Segments | Brake) else None
+        number = control.number_after if isinstance(control, Segments | Brake) else None
         if number is not None:
             self.go_to(now, number, now)
-        elif self._segments_wait and (not isinstance(owner, Brake) or owner.segments_follow):
+        elif self._segments_wait and (not isinstance(control, Brake) or control.segments_follow):
             self._begin_segments(now)
             self._plan(now)
 
     def _rest(self, now: Nanos) -> None:
         self.plant.advance(now)
         self.interpolator.run(now)
-        self._owner = Rest()
+        self._control = Rest()
         self.counter.settle(now)
         self.apply_torque(now)
         self._plan(now)
@@ -491,21 +495,21 @@ class Drive:
 
     def _set_point(self) -> SetPoint | None:
         """What has the shaft; None at rest and while it runs out."""
-        owner = self._owner
-        if isinstance(owner, Profile):
-            return owner.motion.trajectory
-        return self.interpolator if isinstance(owner, Segments) else None
+        control = self._control
+        if isinstance(control, Profile):
+            return control.motion.trajectory
+        return self.interpolator if isinstance(control, Segments) else None
 
     def _heading(self, now: Nanos) -> Heading:
         """Where the set-point, or the catch-up, is going at ``now``."""
-        owner, set_point = self._owner, self._set_point()
+        control, set_point = self._control, self._set_point()
         if set_point is None:
             return Heading(0)
         leg = set_point.leg_at(now)
         if not leg.direction:
             return Heading(self._catch_up_direction(now))
-        if isinstance(owner, Profile):
-            sets_out = leg.start_ns >= now and not owner.motion.trajectory.before
+        if isinstance(control, Profile):
+            sets_out = leg.start_ns >= now and not control.motion.trajectory.before
         else:
             sets_out = self.interpolator.sets_out_at(now)
         begun = set_point.displacement_at(now) - leg.displacement if sets_out else None

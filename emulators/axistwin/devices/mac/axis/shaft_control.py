@@ -54,4 +54,4 @@ class Brake:
     number_after: int | None = None
 
 
-Owner: TypeAlias = Rest | Profile | Segments | Brake
+ShaftControl: TypeAlias = Rest | Profile | Segments | Brake
