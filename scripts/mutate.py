@@ -92,7 +92,7 @@ FAMILIES: Mapping[str, Family] = {
             "motion/*.py",
         ),
         # Words for people, of which nothing reaches the wire.
-        ("devices/mac/serial/decode.py",),
+        ("devices/mac/serial/decode.py", "devices/mac/axis/command_words.py"),
         (("mac23", "quick"), ("mac23", "full"), ("mac34-1", "quick")),
         TESTS / "zoo" / "survivors.toml",
         "",

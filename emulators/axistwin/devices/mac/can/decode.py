@@ -7,6 +7,7 @@ never fails: what belongs to none of them is named by its identifier only.
 from collections.abc import Callable
 
 from axistwin.devices.mac.axis.acceptance import SERIAL_ONLY
+from axistwin.devices.mac.axis.command_words import command_in_words, query_in_words, value_in_words
 from axistwin.devices.mac.can.device import (
     ACCEPTED,
     BOOT_UP,
@@ -28,7 +29,6 @@ from axistwin.devices.mac.can.device import (
     UPLOAD,
     UPLOAD_COUNT,
 )
-from axistwin.devices.mac.serial.decode import command_in_words, query_in_words, value_in_words
 from axistwin.wire.can_frame import CanFrame
 
 EMERGENCY_BYTES = 8
