@@ -32,6 +32,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypedDict, Unpack, overload
 
 from axistwin import catalog
+from axistwin.devices.family import Carrier
 from axistwin.errors import UsageError, nearest
 from axistwin.kernel.time import NS_PER_S
 from axistwin.runtime.clock import check_advance
@@ -326,7 +327,7 @@ def _programs(
     return {None: program}
 
 
-def _carrier(device: str) -> catalog.Carrier:
+def _carrier(device: str) -> Carrier:
     """What ``device`` is reached over.  Raises UsageError."""
     return catalog.find_model(catalog.parse_device(device).model).carrier
 

@@ -23,6 +23,7 @@ PURE = sorted(
         path
         for layer in ("kernel", "wire", "memory", "motion", "macroprogram", "devices")
         for path in (TWINS / layer).rglob("*.py")
+        if path != TWINS / "devices" / "__init__.py"  # looks where else families are
     ]
     + [TWINS / "errors.py", TWINS / "runtime" / "network.py"]
     + [TWINS / "ports" / name for name in ("dialect.py", "slcan.py", "socketcand.py")]
@@ -150,6 +151,23 @@ def test_no_files_import_one_another_in_a_circle() -> None:
     graph = imports_of(TWINS)
     assert len(graph) > 100
     list(graphlib.TopologicalSorter(graph).static_order())  # raises CycleError, which names them
+
+
+def test_families_of_devices_never_import_one_another() -> None:
+    """Two of them may stand on one core, such as the axis of the MAC."""
+    graph = imports_of(TWINS)
+    families = [name.removesuffix(".family") for name in graph if name.endswith(".family")]
+    families.remove("axistwin.devices")  # where it says what a family is
+    assert len(families) >= 3
+    crossing = [
+        f"{name} imports {other}"
+        for name, imported in graph.items()
+        for family in families
+        if name.startswith(f"{family}.")
+        for other in imported
+        if any(other.startswith(f"{each}.") for each in families if each != family)
+    ]
+    assert not crossing
 
 
 def test_a_circle_would_be_found(tmp_path: Path) -> None:

@@ -10,7 +10,8 @@ import click
 from axistwin.errors import UsageError
 
 if TYPE_CHECKING:
-    from axistwin.catalog import Carrier, DeviceSpec
+    from axistwin.catalog import DeviceSpec
+    from axistwin.devices.family import Carrier
 
 _HELP_PTY = (
     "Pseudo terminal behind the symbolic link LINK (default: ./MODEL of the first device, "

@@ -19,7 +19,8 @@ from axistwin.cli.run.reporter import Reporter, warn
 from axistwin.runtime.simulation import Simulation
 
 if TYPE_CHECKING:
-    from axistwin.catalog import DeviceSpec, Value
+    from axistwin.catalog import DeviceSpec
+    from axistwin.devices.family import Value
     from axistwin.runtime.clock import Clock
     from axistwin.runtime.serving.base_server import BaseServer, Endpoint
     from axistwin.runtime.serving.loop import Loop

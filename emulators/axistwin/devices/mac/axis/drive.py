@@ -132,42 +132,38 @@ class Drive:
     def zero(self, now: Nanos, *, keeps_remaining: bool) -> None:
         """Counter := 0; a 13h under way keeps its number or its way (MACS-AMB-52, -53)."""
         self.counter.set(now, 0)
-        control = self._control
-        if (
-            isinstance(control, Profile)
-            and control.number is not None
-            and not control.motion.stopping
-        ):
-            motion, set_number = control.motion, self.counter.of_set_point(now)
+        shaft = self._control
+        if isinstance(shaft, Profile) and shaft.number is not None and not shaft.motion.stopping:
+            motion, set_number = shaft.motion, self.counter.of_set_point(now)
             direction = motion.trajectory.direction
             if keeps_remaining:
                 assert motion.target is not None, "a position motion has a target"
                 remaining = motion.target - motion.trajectory.increments_at(now)
-                control.number = set_number + direction * remaining
+                shaft.number = set_number + direction * remaining
             elif motion.is_over(now):
-                self._aim_anew(now, control, control.number)
+                self._aim_anew(now, shaft, shaft.number)
             else:
-                remaining = direction * (control.number - set_number)
-                self._replan(now, control, motion.retarget(now, remaining))
+                remaining = direction * (shaft.number - set_number)
+                self._replan(now, shaft, motion.retarget(now, remaining))
         self._plan(now)
 
-    def _aim_anew(self, now: Nanos, control: Profile, number: int) -> None:
+    def _aim_anew(self, now: Nanos, shaft: Profile, number: int) -> None:
         """The target of a profile that is over has moved (ledger §5.3)."""
         if self._quirks.overshoot_return == "catch_up":
             self.plant.aim(now, self.counter.place_of(number))
             return
-        control.motion = self._move_to(now, number, now, control.motion.ramp)
-        self.plant.follow(now, control.motion.trajectory, control.signed_target)
+        shaft.motion = self._move_to(now, number, now, shaft.motion.ramp)
+        self.plant.follow(now, shaft.motion.trajectory, shaft.signed_target)
 
     def set_point_direction(self, now: Nanos) -> int:
         """Sign of the speed that a new one would take over; 0: the set-point rests."""
-        control = self._control
-        if isinstance(control, Segments):
+        shaft = self._control
+        if isinstance(shaft, Segments):
             step = self.interpolator.step_in_progress(now)
             return step.direction if step else 0
-        if not isinstance(control, Profile) or control.motion.is_over(now):
+        if not isinstance(shaft, Profile) or shaft.motion.is_over(now):
             return 0
-        return control.motion.trajectory.direction
+        return shaft.motion.trajectory.direction
 
     def direction_at(self, now: Nanos) -> int:
         """Sign of the motion in progress, the catch-up included (ledger §4.1); 0: none."""
@@ -175,10 +171,10 @@ class Drive:
 
     def _catch_up_direction(self, now: Nanos) -> int:
         """Sign of the way back to the target of a profile that is over; 0: there is none."""
-        control, target = self._control, self.plant.target
-        if not isinstance(control, Profile) or control.number is None or target is None:
+        shaft, target = self._control, self.plant.target
+        if not isinstance(shaft, Profile) or shaft.number is None or target is None:
             return 0
-        if not control.motion.is_over(now):
+        if not shaft.motion.is_over(now):
             return 0
         position = self.plant.position_at(now)
         return (target > position) - (target < position)
@@ -202,14 +198,14 @@ class Drive:
 
     def run_at(self, now: Nanos, period_ticks: int, direction: int, start_ns: Nanos) -> None:
         """15h with a speed: from rest, or out of whatever moves (MACS-CMD-15-01, -02)."""
-        ramp, control = self._ramp(period_ticks), self._control
-        step = self._end_segments(now) if isinstance(control, Segments) else None
+        ramp, shaft = self._ramp(period_ticks), self._control
+        step = self._end_segments(now) if isinstance(shaft, Segments) else None
         if step is not None:
             taken = RampedMotion.taking_over(step.start_ns, step.direction, step.period_ticks, ramp)
             self._begin(now, Profile(taken, None), taken.trajectory.displacement_at(now))
-        elif isinstance(control, Profile) and not control.motion.is_over(now):
-            control.number, self._position_mode = None, False
-            self._replan(now, control, control.motion.change_speed(now, period_ticks))
+        elif isinstance(shaft, Profile) and not shaft.motion.is_over(now):
+            shaft.number, self._position_mode = None, False
+            self._replan(now, shaft, shaft.motion.change_speed(now, period_ticks))
             self._plan(now)
         else:
             self._begin(now, Profile(RampedMotion.endless(start_ns, direction, ramp), None))
@@ -219,8 +215,8 @@ class Drive:
         interpolator = self.interpolator
         self.plant.advance(now)
         interpolator.run(now)
-        control = self._control
-        waits = isinstance(control, Profile | Brake)
+        shaft = self._control
+        waits = isinstance(shaft, Profile | Brake)
         if self.kind is not State.IN and self._quirks.interp_during_profile == "preempt":
             waits = False
         if not interpolator.has_room(now, released=not waits):
@@ -228,9 +224,9 @@ class Drive:
         if waits:
             self._segments_wait = True
             interpolator.hold()
-            if isinstance(control, Brake):
-                control.segments_follow = True
-        elif not isinstance(control, Segments):
+            if isinstance(shaft, Brake):
+                shaft.segments_follow = True
+        elif not isinstance(shaft, Segments):
             self._begin_segments(now)
         descent = self._descent(segment)
         accepted = interpolator.offer(start_ns, segment, descent)
@@ -251,15 +247,15 @@ class Drive:
 
         A catch-up has no ramp: it ends where the shaft is (ledger §4.1, §5.7).
         """
-        control = self._control
-        if not isinstance(control, Profile):
+        shaft = self._control
+        if not isinstance(shaft, Profile):
             return
         self._abandon_target()
-        motion = control.motion
+        motion = shaft.motion
         if not motion.is_over(now):
-            self._replan(now, control, motion.stop(now))
-        elif control.number is not None:
-            control.motion = RampedMotion.at_rest(now, motion.trajectory.direction, motion.ramp)
+            self._replan(now, shaft, motion.stop(now))
+        elif shaft.number is not None:
+            shaft.motion = RampedMotion.at_rest(now, motion.trajectory.direction, motion.ramp)
             self.plant.hold(now)
         self._plan(now)
 
@@ -360,18 +356,18 @@ class Drive:
             ramp = self._last_ramp = Ramp(period_ticks, self._values["ramp"], self._rules)
         return ramp
 
-    def _begin(self, now: Nanos, control: Profile, counted: int = 0) -> None:
+    def _begin(self, now: Nanos, shaft: Profile, counted: int = 0) -> None:
         """Give the shaft to a profile; one that begins blocked makes no step (rule 2).
 
         counted: the signed steps of it that were counted before, by whom it takes over.
         """
-        self._start(now, control)
-        trajectory = control.motion.trajectory
+        self._start(now, shaft)
+        trajectory = shaft.motion.trajectory
         bit = self.stops.blocking_bit(now, trajectory.direction) if trajectory.pieces else 0
         if bit:
             self._stop_on(now, bit)
             return
-        self.plant.follow(now, trajectory, control.signed_target, counted)
+        self.plant.follow(now, trajectory, shaft.signed_target, counted)
         self._plan(now)
 
     def _begin_segments(self, now: Nanos) -> None:
@@ -383,20 +379,20 @@ class Drive:
             self._segments_wait = False
             interpolator.release(now)
 
-    def _start(self, now: Nanos, control: Profile | Segments) -> None:
-        assert not self._faults.disjuncted, f"{control.kind.name} starts in spite of a fault"
-        self._control = control
-        self._position_mode = control.kind is State.PO
+    def _start(self, now: Nanos, shaft: Profile | Segments) -> None:
+        assert not self._faults.disjuncted, f"{shaft.kind.name} starts in spite of a fault"
+        self._control = shaft
+        self._position_mode = shaft.kind is State.PO
         self._old_target = None
         self.powered = True
         if self._quirks.ff_lifetime != "until_reset":
             self.stops.bits = 0
         self.apply_torque(now)
 
-    def _replan(self, now: Nanos, control: Profile, motion: RampedMotion) -> None:
+    def _replan(self, now: Nanos, shaft: Profile, motion: RampedMotion) -> None:
         """Go on with the running profile planned anew."""
-        control.motion = motion
-        self.plant.replace(now, motion.trajectory, control.signed_target)
+        shaft.motion = motion
+        self.plant.replace(now, motion.trajectory, shaft.signed_target)
 
     # ---- events --------------------------------------------------------------------------------
 
@@ -448,14 +444,14 @@ class Drive:
 
     def _end_ns(self, now: Nanos) -> Nanos | None:
         """When what runs is over, as things stand; None: never."""
-        control = self._control
-        if not isinstance(control, Profile):
-            runs_out = isinstance(control, Brake)
+        shaft = self._control
+        if not isinstance(shaft, Profile):
+            runs_out = isinstance(shaft, Brake)
             return self.plant.rest_ns(now) if runs_out else max(now, self.interpolator.end_ns)
-        if control.motion.end_ns is None:
+        if shaft.motion.end_ns is None:
             return None
-        end_ns = max(now, control.motion.end_ns)
-        if control.number is None or self._returns_afresh(control.motion):
+        end_ns = max(now, shaft.motion.end_ns)
+        if shaft.number is None or self._returns_afresh(shaft.motion):
             return end_ns
         until = self._quirks.running_until
         if until == "profile":
@@ -467,19 +463,19 @@ class Drive:
 
     def _finish(self, now: Nanos) -> None:
         """What ran is over: rest, the way back, or the segments that waited."""
-        control = self._control
-        if isinstance(control, Profile) and control.number is not None:
-            back = control.motion.returning() if self._returns_afresh(control.motion) else None
+        shaft = self._control
+        if isinstance(shaft, Profile) and shaft.number is not None:
+            back = shaft.motion.returning() if self._returns_afresh(shaft.motion) else None
             if back is not None:
-                control.motion = back
-                self.plant.follow(now, back.trajectory, control.signed_target)
+                shaft.motion = back
+                self.plant.follow(now, back.trajectory, shaft.signed_target)
                 self._plan(now)
                 return
         self._rest(now)
-        number = control.number_after if isinstance(control, Segments | Brake) else None
+        number = shaft.number_after if isinstance(shaft, Segments | Brake) else None
         if number is not None:
             self.go_to(now, number, now)
-        elif self._segments_wait and (not isinstance(control, Brake) or control.segments_follow):
+        elif self._segments_wait and (not isinstance(shaft, Brake) or shaft.segments_follow):
             self._begin_segments(now)
             self._plan(now)
 
@@ -495,21 +491,21 @@ class Drive:
 
     def _set_point(self) -> SetPoint | None:
         """What has the shaft; None at rest and while it runs out."""
-        control = self._control
-        if isinstance(control, Profile):
-            return control.motion.trajectory
-        return self.interpolator if isinstance(control, Segments) else None
+        shaft = self._control
+        if isinstance(shaft, Profile):
+            return shaft.motion.trajectory
+        return self.interpolator if isinstance(shaft, Segments) else None
 
     def _heading(self, now: Nanos) -> Heading:
         """Where the set-point, or the catch-up, is going at ``now``."""
-        control, set_point = self._control, self._set_point()
+        shaft, set_point = self._control, self._set_point()
         if set_point is None:
             return Heading(0)
         leg = set_point.leg_at(now)
         if not leg.direction:
             return Heading(self._catch_up_direction(now))
-        if isinstance(control, Profile):
-            sets_out = leg.start_ns >= now and not control.motion.trajectory.before
+        if isinstance(shaft, Profile):
+            sets_out = leg.start_ns >= now and not shaft.motion.trajectory.before
         else:
             sets_out = self.interpolator.sets_out_at(now)
         begun = set_point.displacement_at(now) - leg.displacement if sets_out else None
