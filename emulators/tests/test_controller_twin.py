@@ -15,6 +15,7 @@ import serial
 from msc_bench import rqstat
 
 from axistwin import testing
+from axistwin.devices.traces import ProgramFailed
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import Trace
 from axistwin.macroprogram import Macroprogram, Output, Steps, UserFlag, Variable
@@ -278,8 +279,8 @@ def test_a_script_error_is_told(axistwin: Starter) -> None:
     assert errors[0] is None
     assert re.search(r"test_controller_twin\.py:\d+: out of order$", str(errors[1]))
     assert twin.status == 1 << 12
-    (error,) = [trace for trace in traces if trace.kind == "program_error"]
-    assert (error.time_ns, dict(error.details)["error"]) == (10_000_000, errors[1])
+    (error,) = [trace for trace in traces if isinstance(trace, ProgramFailed)]
+    assert (error.time_ns, error.error) == (10_000_000, errors[1])
 
 
 def test_an_hour_passes_at_once(twin: StartedTwin) -> None:

@@ -230,7 +230,7 @@ class SerialNetwork:
                 self._line.switch_off(index + 1)
                 self._line.switch_on(index + 1)
             else:
-                assert type(effect) is Store or type(effect) is Trace, "a line has no frames"
+                assert isinstance(effect, Store | Trace), "a line has no frames"
                 self._effects.append((index, effect))
 
     def _follow_format(self, index: int) -> None:

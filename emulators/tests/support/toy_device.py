@@ -6,6 +6,7 @@ Requests of one byte, answered 1 ms later: ``W`` stores (cell ``writes`` counts)
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from axistwin.errors import UsageError
@@ -15,6 +16,13 @@ from axistwin.motion.plant import Load
 from axistwin.wire.framing import Chunk, LineFormat
 
 LATENCY_NS = NS_PER_MS
+
+
+@dataclass(frozen=True, slots=True)
+class ToyTrace(Trace):
+    """What a toy tells."""
+
+    what: str
 
 
 class ToyDevice:
@@ -54,7 +62,7 @@ class ToyDevice:
             case b"S":
                 self._stop(now)
             case b"T":
-                effects.append(Trace(now, "toy", (("value", 1),)))
+                effects.append(ToyTrace(now, "told"))
                 reply = b"t"
         return [*effects, Transmit(now + LATENCY_NS, reply)] if reply else effects
 
@@ -105,7 +113,7 @@ class ToyDevice:
         self.temperature_millidegrees = millidegrees
         self.done.append((now, "temperature", millidegrees))
         self.stored["writes"] += 1
-        return [Store((("writes", self.stored["writes"]),)), Trace(now, "hot")]
+        return [Store((("writes", self.stored["writes"]),)), ToyTrace(now, "hot")]
 
     def set_load(self, now: Nanos, load: Load) -> list[Effect]:
         """Note it."""

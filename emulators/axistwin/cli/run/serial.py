@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,7 @@ from axistwin.catalog import DeviceSpec
 from axistwin.cli.run.capture import recording_line
 from axistwin.cli.run.reporter import Reporter, warn
 from axistwin.cli.run.serving import Run, Shared
+from axistwin.devices.traces import ProgramFailed, StrayReturn
 from axistwin.kernel.effects import Trace
 from axistwin.runtime.line import Line
 from axistwin.runtime.serving.line_server import Server
@@ -108,12 +109,6 @@ class SerialRun(Run[Line]):
             warn(f"{told}: no client understands all of them")
 
 
-_PROGRAM_ENDS = {
-    "program_error": "its program has stopped with an error",
-    "stray_return": "its program has stopped: run came to its end",
-}
-
-
 class _ProgramWatch:
     """Says when a program has ended otherwise than it should, once for each start."""
 
@@ -126,18 +121,18 @@ class _ProgramWatch:
             if isinstance(twin, ControllerTwin) and twin.program_error
         }
         for name, error in self._failed_early.items():  # in a scan before anybody listened
-            self._tell(name, "program_error", {"error": error})
+            self._tell_error(name, error)
         line.subscribe(self._hear)
 
     def _hear(self, twin: Twin, trace: Trace) -> None:
-        if trace.kind not in _PROGRAM_ENDS:
+        if isinstance(trace, StrayReturn):
+            warn(f"{twin.name}: its program has stopped: run came to its end")
+            self._reporter.event({"event": "stray_return", "device": twin.name})
+        if not isinstance(trace, ProgramFailed):
             return
-        details = dict(trace.details)
-        error = details.get("error")
-        if error is None or self._failed_early.pop(twin.name, None) != error:
-            self._tell(twin.name, trace.kind, details)
+        if self._failed_early.pop(twin.name, None) != trace.error:
+            self._tell_error(twin.name, trace.error)
 
-    def _tell(self, name: str, kind: str, details: Mapping[str, object]) -> None:
-        error = f": {details['error']}" if "error" in details else ""
-        warn(f"{name}: {_PROGRAM_ENDS[kind]}{error}")
-        self._reporter.event({"event": kind, "device": name, **details})
+    def _tell_error(self, name: str, error: str) -> None:
+        warn(f"{name}: its program has stopped with an error: {error}")
+        self._reporter.event({"event": "program_error", "device": name, "error": error})

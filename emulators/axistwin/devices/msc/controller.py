@@ -28,8 +28,9 @@ from axistwin.devices.msc.program import ProgramRunner
 from axistwin.devices.msc.quirks import MscQuirks
 from axistwin.devices.msc.receiver import LINE_FORMAT, Receiver, State
 from axistwin.devices.msc.status import Status, StatusBit, status_bit
+from axistwin.devices.traces import StateChanged
 from axistwin.errors import UsageError, nearest
-from axistwin.kernel.effects import Effect, Store, Trace
+from axistwin.kernel.effects import Effect, Store
 from axistwin.kernel.schedule import NEVER
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.macroprogram.program import Macroprogram
@@ -186,7 +187,7 @@ class MscController:
         text = self._state_text()
         if text != self._told:
             self._told = text
-            self._effects.append(Trace(now, "state", (("value", text),)))
+            self._effects.append(StateChanged(now, text))
 
     def _settle(self, now: Nanos) -> list[Effect]:
         """Close a call from outside."""

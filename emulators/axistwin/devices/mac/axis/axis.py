@@ -12,7 +12,7 @@ Rules
 3. Synchronous mode is two flags over any state: armed by 10h, then preloaded by 13h, 14h or 15h,
    started by 11h (MACS-CMD-10-01..11-02).  Segments are never held (MACS-CMD-10-03).
 4. A disjunction cuts power in any state, and stays until a restart (MACS-STATE-02, -03).
-5. Told are stops that are met (``stop``) and faults that latch (``fault``, the new bits of dd).
+5. Told are stops that are met (``StopMet``) and faults that latch (``FaultLatched``).
 6. Calls come in the order of time; whoever calls has run the axis up to that time.
 """
 
@@ -21,14 +21,14 @@ from typing import Final
 
 from axistwin.devices.mac.axis.acceptance import MOVING, STATE_CODES, State, acceptance_table
 from axistwin.devices.mac.axis.drive import Drive
-from axistwin.devices.mac.axis.faults import FAULTS, Faults
+from axistwin.devices.mac.axis.faults import FAULTS, FaultLatched, Faults
 from axistwin.devices.mac.axis.memory_map import eeprom_image, ram_image
 from axistwin.devices.mac.axis.models import MacModel
 from axistwin.devices.mac.axis.parameters import Parameters, Setter, signed_32
 from axistwin.devices.mac.axis.quirks import RANGE_MAX, RANGE_MIN, MacQuirks
-from axistwin.devices.mac.axis.stops import STOP_NAMES
+from axistwin.devices.mac.axis.stops import STOP_NAMES, StopMet
 from axistwin.errors import UsageError, nearest
-from axistwin.kernel.effects import Effect, Trace
+from axistwin.kernel.effects import Effect
 from axistwin.kernel.time import Nanos
 from axistwin.motion.interpolator import Segment
 from axistwin.motion.plant import Load
@@ -419,7 +419,7 @@ class Axis:
         bit = self.drive.met_stop
         if bit:
             self.drive.met_stop = 0
-            self._emit(Trace(now, "stop", (("value", STOP_NAMES[bit]),)))
+            self._emit(StopMet(now, STOP_NAMES[bit]))
             if self.quirks.abort_flush:
                 self._disarm()
 
@@ -506,7 +506,7 @@ class Axis:
         """A disjunction cuts the motor's power and drops all motion (MACS-STATE-02)."""
         latched = self.faults.latched
         if latched & ~self._told_faults:
-            self._emit(Trace(now, "fault", (("value", latched & ~self._told_faults),)))
+            self._emit(FaultLatched(now, latched & ~self._told_faults))
         self._told_faults = latched
         if not self.faults.disjuncted:
             return

@@ -9,6 +9,7 @@ Rules
 4. A cause that the model has no bit for does not exist: a MAC23 has no encoder fault.
 """
 
+from dataclasses import dataclass
 from typing import Final
 
 from axistwin.devices.mac.axis.models import (
@@ -18,6 +19,7 @@ from axistwin.devices.mac.axis.models import (
     OVER_VOLTAGE_WARNING,
     MacModel,
 )
+from axistwin.kernel.effects import Trace
 
 CAUSES: Final[dict[str, int]] = {"amplifier": MAC34_AMPLIFIER, "encoder": MAC34_ENCODER}
 """Faults that are not measured but happen: over-current or earth leak; encoder not found."""
@@ -26,6 +28,13 @@ FAULTS: Final = (*CAUSES, "micro_cut")
 """All that can happen to a module of some model, by name."""
 
 ROOM_MILLIDEGREES: Final = 25_000
+
+
+@dataclass(frozen=True, slots=True)
+class FaultLatched(Trace):
+    """A cause has latched: ``bits`` are the new ones of dd."""
+
+    bits: int
 
 
 class Faults:

@@ -12,7 +12,7 @@ Rules
 -----
 1. A restart drops motion and everything volatile, and works with what is stored (MACS-CMD-00-01).
 2. In BT and RI the module hears nothing, and what came before is forgotten (MACS-CMD-00-02).
-3. A new state (ledger §4.1) is told: ``Trace`` of the kind ``state``.
+3. A new state (ledger §4.1) is told (``StateChanged``).
 4. Everything that is due happens in the order of time before a call from outside looks or acts.
 """
 
@@ -23,8 +23,9 @@ from axistwin.devices.mac.axis.acceptance import state_text
 from axistwin.devices.mac.axis.axis import Axis
 from axistwin.devices.mac.axis.models import MacModel
 from axistwin.devices.mac.axis.quirks import MacQuirks
+from axistwin.devices.traces import StateChanged
 from axistwin.errors import UsageError
-from axistwin.kernel.effects import Effect, Silence, Trace
+from axistwin.kernel.effects import Effect, Silence
 from axistwin.kernel.schedule import NEVER
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.motion.plant import Load
@@ -111,7 +112,7 @@ class MacModule:
         state = self._state_code()
         if state != self._told_state:
             self._told_state = state
-            self._effects.append(Trace(now, "state", (("value", state),)))
+            self._effects.append(StateChanged(now, state))
 
     def _take_over(self, now: Nanos) -> None:
         self._take_over_at = NEVER

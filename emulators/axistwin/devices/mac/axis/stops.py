@@ -11,10 +11,12 @@ Rules
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from axistwin.devices.mac.axis.counter import Counter
 from axistwin.devices.mac.axis.quirks import MacQuirks
+from axistwin.kernel.effects import Trace
 from axistwin.kernel.time import Nanos
 from axistwin.motion.trajectory import SetPoint
 
@@ -26,6 +28,13 @@ SOFT_BITS: Final = {1: 0x02, -1: 0x01}
 
 STOP_NAMES: Final = {0x08: "hardware +", 0x04: "hardware -", 0x02: "software +", 0x01: "software -"}
 """What a bit of ff means."""
+
+
+@dataclass(frozen=True, slots=True)
+class StopMet(Trace):
+    """A motion was ended by ``stop``, one of ``STOP_NAMES``."""
+
+    stop: str
 
 
 class Heading(NamedTuple):
