@@ -22,7 +22,6 @@ from axistwin.runtime.line import Line
 from axistwin.runtime.network import SerialNetwork
 from axistwin.runtime.simulation import Station
 from axistwin.runtime.storage import MemoryStorage, Stores
-from axistwin.runtime.twin import ControllerTwin, MotionTwin
 
 DEFAULT_BITRATE = 125_000
 """Of a bus, bits per second."""
@@ -248,8 +247,8 @@ def _programs_of(
     specs: Sequence[DeviceSpec], programs: Mapping[int | None, ProgramSource]
 ) -> dict[int, Program]:
     """The program of each device that gets one, by its place on the line.  Raises UsageError."""
-    families = [find_model(spec.model).family for spec in specs]
-    places = [place for place, family in enumerate(families) if family.has_program]
+    tables = [find_model(spec.model).family.controls() for spec in specs]
+    places = [place for place, table in enumerate(tables) if "load_program" in table.attributes()]
     if programs and not places:
         raise UsageError(
             f"{specs[0]} runs no program; leave it out, or name a controller such as msc-250"
@@ -335,8 +334,7 @@ def _station(
             "restore a good copy, or remove it to start with factory values"
         )
     slot.save(present, durable=True)
-    handle = ControllerTwin if model.family.has_program else MotionTwin
-    return Station(str(spec), spec.model, device, slot, handle)
+    return Station(str(spec), spec.model, device, slot, model.family.controls())
 
 
 def _skew_ns(seed: int, spec: DeviceSpec, index: int) -> Nanos:

@@ -44,9 +44,9 @@ if TYPE_CHECKING:
     from axistwin.canbus import AxistwinBus
     from axistwin.canbus.shared import SharedBus
     from axistwin.programs import ProgramSource
+    from axistwin.runtime.any_twin import AnyTwin
     from axistwin.runtime.bus import Bus
     from axistwin.runtime.line import Line
-    from axistwin.runtime.twin import AnyTwin
 
 Connection: TypeAlias = "Line | Bus"
 """What twins are connected by."""

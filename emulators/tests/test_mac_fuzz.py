@@ -213,7 +213,7 @@ def look(bench: MacBench) -> None:
     device, now = bench.device, bench.now
     told = device.describe(now)
     cells = dict(device.cells(now))
-    assert -(1 << 30) <= told["position"] < 1 << 30  # type: ignore[operator]
+    assert -(1 << 30) <= told["position"] < 1 << 30
     assert MacSerial(device.model, 0, quirks=device.quirks, cells=cells).cells(0) == cells
     moving = device.is_moving(now)
     assert not (moving and told["state"] in ("off", "HD+AR", "HD") and not told["powered"])

@@ -5,8 +5,9 @@ Calls arrive in the order of time.  A device never looks at anything but its arg
 """
 
 from collections.abc import Mapping
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Protocol
 
+from axistwin.devices.snapshot import Snapshot
 from axistwin.kernel.effects import Effect
 from axistwin.kernel.time import Nanos
 from axistwin.motion.plant import Load
@@ -74,7 +75,14 @@ class CanDevice(Device, Protocol):
         """Learn that ``frame``, a ``SendFrame`` of this device, was on the bus until ``end_ns``."""
 
 
-class MotionDevice(Device, Protocol):
+class TwinDevice(Device, Protocol):
+    """What a user can have a handle on; see ``runtime/twin.py``."""
+
+    def describe(self, now: Nanos) -> Snapshot:
+        """Everything worth showing; at least ``address`` and ``state_text``."""
+
+
+class MotionDevice(TwinDevice, Protocol):
     """A device that turns a shaft, with the pins and the surroundings of one."""
 
     def set_input(self, now: Nanos, name: str, active: bool) -> list[Effect]:
@@ -98,18 +106,26 @@ class MotionDevice(Device, Protocol):
     def position_at(self, now: Nanos) -> int:
         """Where the axis is, in increments."""
 
-    def describe(self, now: Nanos) -> Mapping[str, Any]:
-        """Everything worth showing, by name.
+    def describe(self, now: Nanos) -> Snapshot:
+        """Everything worth showing.
 
         At least ``address``, ``state_text``, ``supply_millivolts``, ``temperature_millidegrees``.
         """
 
+    @property
+    def inputs(self) -> Mapping[str, bool]:
+        """The input pins, true while one is tied to ground."""
 
-class ControllerDevice(Device, Protocol):
+    @property
+    def load(self) -> Load:
+        """What is coupled to the shaft."""
+
+
+class ControllerDevice(TwinDevice, Protocol):
     """A device with flags, variables and a status word, in which a user's program runs."""
 
-    def describe(self, now: Nanos) -> Mapping[str, Any]:
-        """Everything worth showing, by name.
+    def describe(self, now: Nanos) -> Snapshot:
+        """Everything worth showing.
 
         At least ``address``, ``state_text``, ``battery``, ``program_error``, ``program_names``.
         """
@@ -165,7 +181,3 @@ class MotionCanDevice(MotionDevice, CanDevice, Protocol):
 
 class ControllerSerialDevice(ControllerDevice, SerialDevice, Protocol):
     """A controller with a program in it, on a serial line."""
-
-
-TwinDevice: TypeAlias = MotionDevice | ControllerDevice
-"""What a user can have a handle on; see ``runtime/twin.py``."""

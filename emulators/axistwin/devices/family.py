@@ -13,6 +13,7 @@ from axistwin.kernel.time import Nanos
 
 if TYPE_CHECKING:
     from axistwin.devices.base import TwinDevice
+    from axistwin.devices.controls import ControlTable
     from axistwin.devices.switches import Quirk
     from axistwin.wire.can_frame import CanFrame
 
@@ -43,9 +44,6 @@ class Family(ABC):
     carrier: ClassVar[Carrier] = "serial"
     """Whether ``make`` gives a ``SerialDevice`` or a ``CanDevice``."""
 
-    has_program: ClassVar[bool] = False
-    """Whether a user's program runs in its devices."""
-
     @abstractmethod
     def quirks(self) -> "Mapping[str, Quirk]":
         """All switches by name."""
@@ -53,6 +51,10 @@ class Family(ABC):
     @abstractmethod
     def make(self, model: str, address: int, options: DeviceOptions) -> "TwinDevice":
         """A device of ``model`` at ``address``.  Raises UsageError for bad quirks."""
+
+    @abstractmethod
+    def controls(self) -> "ControlTable":
+        """What can be worked and seen of its devices."""
 
     @abstractmethod
     def explain(self, data: Any) -> str:

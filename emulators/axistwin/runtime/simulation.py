@@ -20,12 +20,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, Protocol, Self, TypeAlias, TypeVar, cast
 
 from axistwin.devices.base import TwinDevice
+from axistwin.devices.controls import ControlTable
+from axistwin.devices.motion_controls import MOTION
 from axistwin.errors import StateError
 from axistwin.kernel.effects import Effect, Store, Trace
 from axistwin.kernel.time import Nanos
+from axistwin.runtime.any_twin import AnyTwin
 from axistwin.runtime.clock import Clock
 from axistwin.runtime.storage import Slot, Stores
-from axistwin.runtime.twin import AnyTwin, MotionTwin, Twin
+from axistwin.runtime.twin import handle_class
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -37,14 +40,14 @@ Subscriber: TypeAlias = Callable[[AnyTwin, Trace], None]
 class Station:
     """A device of a network: what it is called (``mac23:0``), its model, and its memory.
 
-    handle: what a user gets to work it.
+    controls: what a user can work and see of it.
     """
 
     name: str
     model: str
     device: TwinDevice
     slot: Slot
-    handle: type[Twin] = MotionTwin
+    controls: ControlTable = MOTION
 
 
 class Network(Protocol):
@@ -100,10 +103,11 @@ class Simulation(ABC, Generic[Net]):
         self._wakes = 0
         self._sleepers = 0
         self._is_closed = False
-        self.twins = [
-            cast(AnyTwin, station.handle(self, index, station.name, station.model, station.device))
-            for index, station in enumerate(self._stations)
-        ]
+        self.twins: list[AnyTwin] = []
+        for index, station in enumerate(self._stations):
+            make = handle_class(station.controls)
+            twin = make(self, index, station.name, station.model, station.device)
+            self.twins.append(cast(AnyTwin, twin))
 
     # -- time ---------------------------------------------------------------------------------
 

@@ -7,8 +7,8 @@ Requests of one byte, answered 1 ms later: ``W`` stores (cell ``writes`` counts)
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
+from axistwin.devices.snapshot import Snapshot
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import Effect, Store, Trace, Transmit
 from axistwin.kernel.time import NS_PER_MS, Nanos
@@ -25,6 +25,16 @@ class ToyTrace(Trace):
     what: str
 
 
+@dataclass(frozen=True, slots=True)
+class ToySnapshot(Snapshot):
+    """What a toy shows."""
+
+    state_text: str
+    address: int
+    supply_millivolts: int
+    temperature_millidegrees: int
+
+
 class ToyDevice:
     """See above; notes everything done to it in ``done``."""
 
@@ -37,6 +47,8 @@ class ToyDevice:
         self.temperature_millidegrees = 25_000
         self.done: list[tuple[Nanos, str, object]] = []
         self.powered = True
+        self.inputs = dict.fromkeys(("reference", "positive_stop", "negative_stop", "reset"), False)
+        self.load = Load()
         self._moving_since: Nanos | None = None
 
     def quiet_prefix(self, data: bytes) -> int:
@@ -97,8 +109,9 @@ class ToyDevice:
 
     def set_input(self, now: Nanos, name: str, active: bool) -> list[Effect]:
         """Note it."""
-        if name not in ("reference", "positive_stop", "negative_stop", "reset"):
+        if name not in self.inputs:
             raise UsageError(f"unknown input {name}")
+        self.inputs[name] = active
         self.done.append((now, name, active))
         return []
 
@@ -117,6 +130,7 @@ class ToyDevice:
 
     def set_load(self, now: Nanos, load: Load) -> list[Effect]:
         """Note it."""
+        self.load = load
         self.done.append((now, "load", load))
         return []
 
@@ -135,15 +149,12 @@ class ToyDevice:
         moved = 0 if self._moving_since is None else (now - self._moving_since) // NS_PER_MS
         return self.stored["position"] + moved
 
-    def describe(self, now: Nanos) -> dict[str, Any]:
+    def describe(self, now: Nanos) -> ToySnapshot:
         """State, address and position."""
         state = "moving" if self.is_moving(now) else "at rest"
-        return {
-            "state_text": state,
-            "address": self.stored["address"],
-            "supply_millivolts": self.supply_millivolts,
-            "temperature_millidegrees": self.temperature_millidegrees,
-        }
+        return ToySnapshot(
+            state, self.stored["address"], self.supply_millivolts, self.temperature_millidegrees
+        )
 
     def _stop(self, now: Nanos) -> None:
         self.stored["position"] = self.position_at(now)

@@ -13,8 +13,8 @@ import click
 from axistwin.cli.output import discard_stdout
 
 if TYPE_CHECKING:
+    from axistwin.runtime.any_twin import AnyTwin
     from axistwin.runtime.serving.base_server import Endpoint
-    from axistwin.runtime.twin import Twin
 
 
 def warn(message: str) -> None:
@@ -53,7 +53,7 @@ class Reporter:
         if event is not None:
             self.event(event)
 
-    def ready(self, twins: Sequence[Twin], ports: Sequence[Endpoint]) -> None:
+    def ready(self, twins: Sequence[AnyTwin], ports: Sequence[Endpoint]) -> None:
         """One event per device: clients can connect."""
         endpoints = [{"endpoint": port.kind, "url": port.url} for port in ports]
         for twin in twins:

@@ -15,7 +15,6 @@ from axistwin.devices.traces import ProgramFailed, StrayReturn
 from axistwin.kernel.effects import Trace
 from axistwin.runtime.line import Line
 from axistwin.runtime.serving.line_server import Server
-from axistwin.runtime.twin import ControllerTwin, Twin
 
 if TYPE_CHECKING:
     from axistwin.runtime.serving.line_server import Port
@@ -114,11 +113,10 @@ class _ProgramWatch:
 
     def __init__(self, line: Line, reporter: Reporter) -> None:
         self._reporter = reporter
-        twins: Sequence[Twin] = line.twins
         self._failed_early = {
             twin.name: twin.program_error
-            for twin in twins
-            if isinstance(twin, ControllerTwin) and twin.program_error
+            for twin in line.twins
+            if "program_error" in twin.controls and twin.program_error
         }
         for name, error in self._failed_early.items():  # in a scan before anybody listened
             self._tell_error(name, error)

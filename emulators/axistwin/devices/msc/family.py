@@ -1,19 +1,18 @@
 """MSC motion system controllers, on their executive port."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import TYPE_CHECKING, Final
 
 from axistwin.devices.family import DeviceOptions, Family, Model
 
 if TYPE_CHECKING:
     from axistwin.devices.base import ControllerSerialDevice
+    from axistwin.devices.controls import ControlTable
     from axistwin.devices.switches import Quirk
 
 
 class MscFamily(Family):
     """Packets, flags, variables, and a macroprogram."""
-
-    has_program: ClassVar[bool] = True
 
     def quirks(self) -> "Mapping[str, Quirk]":
         """Those of every MSC."""
@@ -34,6 +33,12 @@ class MscFamily(Family):
             skew_ns=options.skew_ns,
             alone=options.alone,
         )
+
+    def controls(self) -> "ControlTable":
+        """Flags, variables, status, program."""
+        from axistwin.devices.msc.controls import MSC
+
+        return MSC
 
     def explain(self, data: bytes) -> str:
         """Packets in words."""

@@ -17,7 +17,7 @@ Rules
 """
 
 from collections.abc import Callable, Mapping
-from typing import Final
+from typing import Any, Final
 
 from axistwin.devices.mac.axis.acceptance import MOVING, STATE_CODES, State, acceptance_table
 from axistwin.devices.mac.axis.drive import Drive
@@ -535,8 +535,8 @@ class Axis:
         """Whether the counter changes by itself."""
         return self.drive.is_moving(now)
 
-    def describe(self, now: Nanos) -> dict[str, int | str | bool]:
-        """Named state for panels."""
+    def facts(self, now: Nanos) -> dict[str, Any]:
+        """What the module's snapshot has of the axis."""
         drive, faults = self.drive, self.faults
         return {
             "position": drive.reading_at(now),

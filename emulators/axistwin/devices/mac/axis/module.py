@@ -17,20 +17,61 @@ Rules
 """
 
 from collections.abc import Mapping
-from typing import Final
+from dataclasses import dataclass
+from typing import Any, Final
 
 from axistwin.devices.mac.axis.acceptance import state_text
 from axistwin.devices.mac.axis.axis import Axis
 from axistwin.devices.mac.axis.models import MacModel
 from axistwin.devices.mac.axis.quirks import MacQuirks
+from axistwin.devices.snapshot import Snapshot
 from axistwin.devices.traces import StateChanged
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import Effect, Silence
 from axistwin.kernel.schedule import NEVER
-from axistwin.kernel.time import NS_PER_MS, Nanos
+from axistwin.kernel.time import NS_PER_MS, NS_PER_S, Nanos
 from axistwin.motion.plant import Load
 
 RESET_INPUT: Final = "reset"
+
+
+@dataclass(frozen=True, slots=True)
+class ModuleSnapshot(Snapshot):
+    """A module at one instant.
+
+    state: as in ``state_code``.  position: as 20h reads it.  powered: whether the motor has torque.
+    armed, preloaded: synchronous mode.  segments_stored: the interpolator's queue.
+    fault_bits, stop_bits: dd and the low bits of ff of 21h.  The inputs are true while tied to
+    ground; the rest are the parameters in use, as the commands that set them have them.
+    """
+
+    model: str
+    address: int
+    state: str
+    state_text: str
+    position: int
+    powered: bool
+    busy: bool
+    armed: bool
+    preloaded: bool
+    segments_stored: int
+    reference_enabled: bool
+    fault_bits: int
+    stop_bits: int
+    supply_millivolts: int
+    temperature_millidegrees: int
+    positive_stop: bool
+    negative_stop: bool
+    reference: bool
+    standby: int
+    stops: int
+    torque: int
+    catchup: int
+    ramp: int
+    tolerance: int
+    period: int
+    superior_stop: int
+    inferior_stop: int
 
 
 class MacModule:
@@ -44,6 +85,7 @@ class MacModule:
         self.model = model
         self.axis = Axis(model, quirks, cells)
         self.address = 0
+        self.load = Load()
         self._boot_ns = quirks.boot_time_ms * NS_PER_MS
         self._effects: list[Effect] = []
         # Power, reset input, restart: when each next thing happens.
@@ -224,6 +266,7 @@ class MacModule:
         """What hangs on the shaft from now on."""
         self._run_until(now)
         self.axis.set_load(now, load)
+        self.load = load
         return self._settle(now)
 
     def push(self, now: Nanos, increments: int) -> list[Effect]:
@@ -261,13 +304,23 @@ class MacModule:
             return "RI"
         return "BT" if self._boot_end != NEVER else self.axis.state_code()
 
-    def describe(self, now: Nanos) -> dict[str, int | str | bool]:
-        """Named state for panels and failing tests."""
+    @property
+    def inputs(self) -> Mapping[str, bool]:
+        """The input pins, true while one is tied to ground."""
+        return {**self.axis.inputs, RESET_INPUT: self._reset_held}
+
+    def velocity_at(self, now: Nanos) -> float:
+        """The signed speed of the shaft, increments per second."""
+        self._run_until(now)
+        return float(self.axis.drive.plant.speed_at(now) * NS_PER_S)
+
+    def facts(self, now: Nanos) -> dict[str, Any]:
+        """What a face's snapshot has of every module."""
         state = self.state_code(now)
         return {
             "model": self.model.name,
             "address": self.address,
             "state": state,
             "state_text": state_text(state),
-            **self.axis.describe(now),
+            **self.axis.facts(now),
         }

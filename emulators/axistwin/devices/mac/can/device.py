@@ -30,11 +30,12 @@ Rules
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Final
 
 from axistwin.devices.mac.axis.acceptance import SERIAL_ONLY, SIGNIFICANT
 from axistwin.devices.mac.axis.models import MAC23_CAN
-from axistwin.devices.mac.axis.module import MacModule
+from axistwin.devices.mac.axis.module import MacModule, ModuleSnapshot
 from axistwin.devices.mac.can.quirks import MacCanQuirks, read_error_codes
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import Effect, SendFrame
@@ -75,6 +76,13 @@ TAKES_VALUES: Final = frozenset((0x02, 0x03, 0x07, 0x0C, 0x0D, 0x0E, 0x13))
 """Commands that refuse a value if not the state."""
 
 SEGMENTS: Final = (0x16, 0x1E)
+
+
+@dataclass(frozen=True, slots=True)
+class CanModuleSnapshot(ModuleSnapshot):
+    """A module on a bus; ``configuration_mode``: whether it takes a new address."""
+
+    configuration_mode: bool
 
 
 class MacCan(MacModule):
@@ -511,9 +519,9 @@ class MacCan(MacModule):
         del cells["baud"]
         return cells
 
-    def describe(self, now: Nanos) -> dict[str, int | str | bool]:
-        """Named state for panels and failing tests."""
-        return {**super().describe(now), "configuration_mode": self._configures}
+    def describe(self, now: Nanos) -> CanModuleSnapshot:
+        """Everything worth showing."""
+        return CanModuleSnapshot(**self.facts(now), configuration_mode=self._configures)
 
 
 _FACE_COMMANDS: Final[dict[int, Callable[[MacCan, bytes], bytes | None]]] = {

@@ -7,6 +7,7 @@ from axistwin.devices.family import Carrier, DeviceOptions, Family, Model
 
 if TYPE_CHECKING:
     from axistwin.devices.base import MotionCanDevice
+    from axistwin.devices.controls import ControlTable
     from axistwin.devices.switches import Quirk
     from axistwin.wire.can_frame import CanFrame
 
@@ -29,6 +30,12 @@ class MacCanFamily(Family):
 
         quirks = parse_can_quirks(options.quirks)
         return MacCan(address, quirks=quirks, cells=options.cells, skew_ns=options.skew_ns)
+
+    def controls(self) -> "ControlTable":
+        """Those of every MAC module."""
+        from axistwin.devices.mac.controls import MAC
+
+        return MAC
 
     def explain(self, data: "CanFrame") -> str:
         """A frame in words."""

@@ -24,12 +24,13 @@ Rules
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Final
 
 from axistwin.devices.mac.axis.acceptance import SIGNIFICANT
 from axistwin.devices.mac.axis.memory_map import RATES, four_bytes
 from axistwin.devices.mac.axis.models import MODELS, MacModel
-from axistwin.devices.mac.axis.module import MacModule
+from axistwin.devices.mac.axis.module import MacModule, ModuleSnapshot
 from axistwin.devices.mac.axis.quirks import MacQuirks
 from axistwin.devices.mac.serial.framing import (
     ADDRESS_MAX,
@@ -52,6 +53,13 @@ from axistwin.kernel.effects import Effect, Transmit
 from axistwin.kernel.schedule import NEVER
 from axistwin.kernel.time import NS_PER_US, Nanos
 from axistwin.wire.framing import Chunk, LineFormat
+
+
+@dataclass(frozen=True, slots=True)
+class SerialModuleSnapshot(ModuleSnapshot):
+    """A module on a serial line; ``baud`` is the rate in use."""
+
+    baud: int
 
 
 class MacSerial(MacModule):
@@ -389,9 +397,9 @@ class MacSerial(MacModule):
         """The UART is off ``until`` then (MACS-CMD-00-02)."""
         self._deaf_until, self._sending_until, self._partial = until, 0, b""
 
-    def describe(self, now: Nanos) -> dict[str, int | str | bool]:
-        """Named state for panels and failing tests."""
-        return {**super().describe(now), "baud": self._line_format.baud}
+    def describe(self, now: Nanos) -> SerialModuleSnapshot:
+        """Everything worth showing."""
+        return SerialModuleSnapshot(**self.facts(now), baud=self._line_format.baud)
 
 
 _FACE_COMMANDS: Final[dict[int, Callable[[MacSerial, int, bool], bytes | None]]] = {

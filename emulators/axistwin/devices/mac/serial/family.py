@@ -7,6 +7,7 @@ from axistwin.devices.family import DeviceOptions, Family, Model
 
 if TYPE_CHECKING:
     from axistwin.devices.base import MotionSerialDevice
+    from axistwin.devices.controls import ControlTable
     from axistwin.devices.switches import Quirk
 
 
@@ -32,6 +33,12 @@ class MacSerialFamily(Family):
             skew_ns=options.skew_ns,
             alone=options.alone,
         )
+
+    def controls(self) -> "ControlTable":
+        """Those of every MAC module."""
+        from axistwin.devices.mac.controls import MAC
+
+        return MAC
 
     def explain(self, data: bytes) -> str:
         """Frames and replies in words."""
