@@ -64,7 +64,7 @@ def end() -> None:
 
 
 def _end_or_interrupt(number: int, frame: "FrameType | None") -> None:
-    if _has_begun and not is_importing(frame):
+    if _has_begun and not _is_importing(frame):
         raise KeyboardInterrupt
     try:
         sys.stdout.flush()
@@ -72,7 +72,7 @@ def _end_or_interrupt(number: int, frame: "FrameType | None") -> None:
         end()
 
 
-def is_importing(frame: "FrameType | None") -> bool:
+def _is_importing(frame: "FrameType | None") -> bool:
     """True if a module is being imported there: it takes exceptions for mistakes of its own."""
     while frame is not None:
         if frame.f_code.co_filename.startswith(IMPORTING):

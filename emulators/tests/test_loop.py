@@ -206,3 +206,15 @@ def test_signals_are_handled_while_it_waits_and_forgotten_when_it_is_closed() ->
         loop.run()
     assert called == [1]
     assert signal.getsignal(signal.SIGUSR1) is before
+
+
+def test_a_second_signal_before_there_is_a_server_breaks_the_start_off() -> None:
+    """The first one waits for it; what is closed afterwards is disturbed by none."""
+    with contextlib.closing(Loop()) as loop:
+        loop.install_signal_handlers([signal.SIGTERM])
+        os.kill(os.getpid(), signal.SIGTERM)
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGTERM)
+        loop.has_server = True
+        os.kill(os.getpid(), signal.SIGTERM)
+        loop.run()

@@ -269,6 +269,6 @@ def test_in_the_main_thread_a_signal_ends_it(tmp_path: Path) -> None:
     bench = Bench(tmp_path)
     bench.server.open()
     bench.server.loop.call_later(0.05, os.kill, os.getpid(), signal.SIGTERM)
-    bench.server.install_signal_handlers([signal.SIGTERM])
+    bench.server.loop.install_signal_handlers([signal.SIGTERM])
     bench.server.run()
     assert not os.path.lexists(bench.pty.url)

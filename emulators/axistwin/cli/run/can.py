@@ -76,9 +76,9 @@ class CanRun(Run[Bus]):
             cold=shared.cold,
         )
 
-    def serve(self, simulation: Bus, reporter: Reporter) -> BusServer:
+    def serve(self, simulation: Bus, reporter: Reporter, loop: Loop | None = None) -> BusServer:
         """The bus behind all endpoints that were asked for."""
-        server = BusServer(simulation, self._make_ports(), report=reporter.event)
+        server = BusServer(simulation, self._make_ports(), report=reporter.event, loop=loop)
         self._epoch_ns = server.epoch_ns
         return server
 

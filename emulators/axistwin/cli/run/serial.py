@@ -58,10 +58,10 @@ class SerialRun(Run[Line]):
             programs=catalog.parse_programs(self._programs),
         )
 
-    def serve(self, simulation: Line, reporter: Reporter) -> Server:
+    def serve(self, simulation: Line, reporter: Reporter, loop: Loop | None = None) -> Server:
         """The line behind all endpoints that were asked for."""
         _ProgramWatch(simulation, reporter)
-        return Server(simulation, self._make_ports(simulation), report=reporter.event)
+        return Server(simulation, self._make_ports(simulation), report=reporter.event, loop=loop)
 
     def _make_ports(self, line: Line) -> list[Port]:
         ports: list[Port] = []

@@ -5,17 +5,15 @@ from __future__ import annotations
 import contextlib
 import signal
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from threading import Event
-from types import FrameType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from axistwin._starting import is_importing
 from axistwin.cli.output import EXIT_USAGE
 from axistwin.cli.run import systemd
 from axistwin.cli.run.reporter import Reporter, warn
+from axistwin.runtime.serving.loop import Loop
 from axistwin.runtime.simulation import Simulation
 
 if TYPE_CHECKING:
@@ -23,10 +21,7 @@ if TYPE_CHECKING:
     from axistwin.devices.family import Value
     from axistwin.runtime.clock import Clock
     from axistwin.runtime.serving.base_server import BaseServer, Endpoint
-    from axistwin.runtime.serving.loop import Loop
     from axistwin.runtime.storage import Stores
-
-AGAIN_S = 0.01
 
 SimulationT = TypeVar("SimulationT", bound=Simulation[Any])
 
@@ -75,8 +70,10 @@ class Run(ABC, Generic[SimulationT]):
         """The devices and what connects them.  Raises UsageError and StateError."""
 
     @abstractmethod
-    def serve(self, simulation: SimulationT, reporter: Reporter) -> BaseServer[SimulationT, Any]:
-        """The server with its ports, not open yet.  Raises UsageError."""
+    def serve(
+        self, simulation: SimulationT, reporter: Reporter, loop: Loop | None = None
+    ) -> BaseServer[SimulationT, Any]:
+        """The server with its ports, not open yet, in ``loop``.  Raises UsageError."""
 
     @abstractmethod
     def recording(
@@ -103,62 +100,31 @@ def perform(run: Run[SimulationT], reporter: Reporter) -> int:
             {"event": "capture_lost", "file": capture, "reason": reason},
         )
 
-    with (
-        ending_early() as signals_are_handled,
-        run.build() as simulation,
-        contextlib.closing(run.serve(simulation, reporter)) as server,
-        contextlib.ExitStack() as recording,
-    ):
-        if capture is not None:
-            recording.enter_context(run.recording(simulation, capture, server.loop, capture_lost))
-        server.install_signal_handlers(_stop_signals())
-        signals_are_handled.set()
-        server.open()
-        warn_of_listeners(server.ports)
-        run.warn_of_surprises(simulation)
-        if simulation.is_volatile:
-            warn("memory is volatile and ends with this run; --state DIR keeps it")
+    with contextlib.closing(Loop()) as loop:
+        loop.install_signal_handlers(_stop_signals())  # during the start: it ends when it can
+        with (
+            run.build() as simulation,
+            contextlib.closing(run.serve(simulation, reporter, loop)) as server,
+            contextlib.ExitStack() as recording,
+        ):
+            if capture is not None:
+                recording.enter_context(run.recording(simulation, capture, loop, capture_lost))
+            server.open()
+            warn_of_listeners(server.ports)
+            run.warn_of_surprises(simulation)
+            if simulation.is_volatile:
+                warn("memory is volatile and ends with this run; --state DIR keeps it")
 
-        def on_ready() -> None:
-            reporter.ready(simulation.twins, server.ports)
-            systemd.notify("READY=1")
+            def on_ready() -> None:
+                reporter.ready(simulation.twins, server.ports)
+                systemd.notify("READY=1")
 
-        try:
-            server.run(on_ready=on_ready)
-        finally:
-            systemd.notify("STOPPING=1")
+            try:
+                server.run(on_ready=on_ready)
+            finally:
+                systemd.notify("STOPPING=1")
     reporter.event({"event": "stopped"})
     return EXIT_USAGE if reporter.has_lost else 0
-
-
-@contextlib.contextmanager
-def ending_early() -> Iterator[Event]:
-    """In the block a stop signal ends the program at once, with all closed that was opened.
-
-    When the event that is given is set, something else handles the signals, and what is done
-    afterwards (saving) is not disturbed by another one.
-    """
-    are_handled = Event()
-    put_off: list[int] = []
-
-    def end(number: int, frame: FrameType | None) -> None:
-        if are_handled.is_set():
-            if number == signal.SIGALRM and put_off:
-                signal.raise_signal(put_off.pop())
-        elif is_importing(frame):  # it would be told as a mistake of the module: a moment later
-            put_off[:] = put_off or [number]
-            signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
-        else:
-            raise SystemExit(0)
-
-    numbers = [*_stop_signals(), signal.SIGALRM]
-    previous = {number: signal.signal(number, end) for number in numbers}
-    try:
-        yield are_handled
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        for number, handler in previous.items():
-            signal.signal(number, handler)
 
 
 def _stop_signals() -> list[signal.Signals]:

@@ -10,7 +10,6 @@ Rules
 What clients send and hear is the business of ``Server`` (a serial line) and ``BusServer``.
 """
 
-import signal
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -62,6 +61,8 @@ SimulationT = TypeVar("SimulationT", bound=Simulation[Any])
 class BaseServer(ABC, Generic[SimulationT, EndpointT]):
     """Serves ``simulation`` on ``ports``; ``report`` is told of clients that come and go.
 
+    loop: what it runs in; one of its own, closed at its end, unless given.
+
     ``open`` and then ``run`` to serve in this thread, or ``start`` and ``stop`` for a thread of
     its own.  While it serves, the simulation may be used from any thread as well.
     """
@@ -71,10 +72,13 @@ class BaseServer(ABC, Generic[SimulationT, EndpointT]):
         simulation: SimulationT,
         ports: Sequence[EndpointT],
         report: Report = lambda event: None,
+        loop: Loop | None = None,
     ) -> None:
         self.ports = tuple(ports)
         self.report = report
-        self.loop = Loop()
+        self.loop = loop or Loop()
+        self.loop.has_server = True
+        self._has_own_loop = loop is None
         self._simulation = simulation
         self._alarm = Alarm()
         self._alarm_ns: Nanos | None = None
@@ -96,11 +100,6 @@ class BaseServer(ABC, Generic[SimulationT, EndpointT]):
         except BaseException:
             self.close()
             raise
-
-    def install_signal_handlers(self, stop_on: Sequence[signal.Signals]) -> None:
-        """From now on these signals make ``run`` return, also before it is called."""
-        for number in stop_on:
-            self.loop.on_signal(number, self.loop.stop)
 
     def run(
         self,
@@ -152,7 +151,8 @@ class BaseServer(ABC, Generic[SimulationT, EndpointT]):
         for port in self.ports:
             port.close()
         self._alarm.close()
-        self.loop.close()
+        if self._has_own_loop:
+            self.loop.close()
 
     def _run_quietly(self, ready: threading.Event) -> None:
         """``run`` for the thread; the failure is kept for ``stop``."""

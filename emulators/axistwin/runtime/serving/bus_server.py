@@ -18,6 +18,7 @@ from typing import Final, Protocol
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.runtime.bus import Bus
 from axistwin.runtime.serving.base_server import BaseServer, Endpoint, Report
+from axistwin.runtime.serving.loop import Loop
 from axistwin.runtime.simulation import earliest
 
 LOOK_NS: Final[Nanos] = 200 * NS_PER_MS
@@ -82,9 +83,14 @@ class BusServer(BaseServer[Bus, BusPort]):
     """
 
     def __init__(
-        self, bus: Bus, ports: Sequence[BusPort], *, report: Report = lambda event: None
+        self,
+        bus: Bus,
+        ports: Sequence[BusPort],
+        *,
+        report: Report = lambda event: None,
+        loop: Loop | None = None,
     ) -> None:
-        super().__init__(bus, ports, report)
+        super().__init__(bus, ports, report, loop)
         self.bus = bus
         self.epoch_ns: Nanos = time.time_ns() - bus.sync()
         self._members: list[Member] = []

@@ -21,6 +21,7 @@ from typing import Protocol
 from axistwin.kernel.time import Nanos
 from axistwin.runtime.line import Line
 from axistwin.runtime.serving.base_server import BaseServer, Endpoint, Report
+from axistwin.runtime.serving.loop import Loop
 from axistwin.wire.framing import LineFormat
 
 BACKLOG_MAX = 1024
@@ -61,9 +62,14 @@ class Server(BaseServer[Line, Port]):
     """Serves ``line`` on ``ports``; ``report`` is told of clients that come and go."""
 
     def __init__(
-        self, line: Line, ports: Sequence[Port], *, report: Report = lambda event: None
+        self,
+        line: Line,
+        ports: Sequence[Port],
+        *,
+        report: Report = lambda event: None,
+        loop: Loop | None = None,
     ) -> None:
-        super().__init__(line, ports, report)
+        super().__init__(line, ports, report, loop)
         self.line = line
         self._clients: list[Client] = []
         self._paused: list[Client] = []

@@ -20,7 +20,7 @@ import select
 import signal
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import count
 from typing import Any, Protocol
 
@@ -43,6 +43,7 @@ class Loop:
         self._later: list[tuple[float, int, Callable[[], object]]] = []
         self._numbers = count()
         self._is_stopped = False
+        self.has_server = False
         self._signals: dict[signal.Signals, Any] = {}
         self._wakeup_before = -1
         # A pipe and not an eventfd, since that is what ``set_wakeup_fd`` can write to.
@@ -110,11 +111,27 @@ class Loop:
 
     def on_signal(self, number: signal.Signals, callback: Callable[[], object]) -> None:
         """Call ``callback`` for a signal, until ``close``; only in the main thread."""
+        self._handle(number, lambda *_: self.call_soon(callback))
+
+    def _handle(self, number: signal.Signals, handler: Callable[[int, Any], object]) -> None:
         if not self._signals:
             # Also wakes for a signal that comes between the last instruction and the wait.
             self._wakeup_before = signal.set_wakeup_fd(self._wake, warn_on_full_buffer=False)
-        previous = signal.signal(number, lambda *_: self.call_soon(callback))
+        previous = signal.signal(number, handler)
         self._signals.setdefault(number, previous)
+
+    def install_signal_handlers(self, stop_on: Sequence[signal.Signals]) -> None:
+        """From now on these signals make ``run`` return, also before it is called.
+
+        A second one before it ``has_server`` is KeyboardInterrupt: the start takes too long.
+        """
+        for number in stop_on:
+            self._handle(number, self._stop_by_signal)
+
+    def _stop_by_signal(self, number: int, frame: object) -> None:
+        if self._is_stopped and not self.has_server:
+            raise KeyboardInterrupt
+        self.stop()
 
     # -- life --
 
