@@ -53,7 +53,7 @@ def test_a_table_says_all_that_a_panel_needs(table: ControlTable) -> None:
     assert len(set(names)) == len(names) > 5
     for control in table:
         assert control.doc
-        assert control.read or control.write or control.name == "power"
+        assert control.read or control.field or control.write or control.name == "power"
         assert control.kind != "choice" or control.choices
         if control.kind == "number" and control.write:
             assert control.unit

@@ -112,12 +112,10 @@ class MotionDevice(TwinDevice, Protocol):
         At least ``address``, ``state_text``, ``supply_millivolts``, ``temperature_millidegrees``.
         """
 
-    @property
-    def inputs(self) -> Mapping[str, bool]:
-        """The input pins, true while one is tied to ground."""
+    def input_at(self, now: Nanos, name: str) -> bool:
+        """Whether an input is tied to ground."""
 
-    @property
-    def load(self) -> Load:
+    def load_at(self, now: Nanos) -> Load:
         """What is coupled to the shaft."""
 
 
@@ -148,8 +146,10 @@ class ControllerDevice(TwinDevice, Protocol):
     def set_status(self, now: Nanos, bit: int, on: bool) -> list[Effect]:
         """Let the condition of a status bit, 0..15, be there or gone.  Raises UsageError."""
 
-    @property
-    def program(self) -> Any:
+    def status_bit_at(self, now: Nanos, bit: int) -> bool:
+        """Whether a bit of the status word, 0..15, is on."""
+
+    def program_at(self, now: Nanos) -> Any:
         """The program's object as it runs, or ran last; None before its first start."""
 
     def load_program(self, now: Nanos, program: Any) -> list[Effect]:

@@ -11,53 +11,51 @@ Rules
 3. A table checks what does not depend on the device; a device checks what it is told all the same.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Literal, TypeAlias
 
 from axistwin.errors import UsageError, nearest
-from axistwin.kernel.effects import Effect
 
 Kind: TypeAlias = Literal[
     "switch", "number", "whole", "choice", "text", "data", "record", "program", "nothing"
 ]
 """What a value is; ``data`` is only read, ``nothing`` is what an action without a value takes."""
 
-Read: TypeAlias = Callable[..., Any]
-"""``read(device, now)``, with a key behind that where the control has keys."""
-
-Write: TypeAlias = Callable[..., Sequence[Effect]]
-"""``write(device, now, value)``; the key, if there is one, in front of the value."""
-
 
 @dataclass(frozen=True, slots=True)
 class Control:
     """One thing that can be worked or seen.
 
+    field: what its device's snapshot calls it.  read: or else the method of the device that gives
+    it, called with the time and the key, if it has keys.  write: the method that works it, called
+    with the time, the key and the value.  scale: the device's units in one of ours.
     unit, low, high: of a number.  choices: of a choice.  keys: texts or numbers (rule 2).
-    names: reads which numbers have names.  noun: what messages call it, the name unless given.
-    record, members: the class of a record and what it consists of.
-    parameters: of the Python method that works it; "" in ``attribute``: not on Python handles.
-    default: of the last parameter.  attribute: what Python calls it, the name unless given.
+    names: the snapshot's field that has numbers by name.  noun: what messages call it, the name
+    unless given.  record, members: the class of a record and what it consists of.
+    attribute: what Python handles call it, the name unless given; "": they do not have it.
+    parameters: of the Python method that works it; default: of the last one.
     """
 
     name: str
     kind: Kind
     doc: str
-    read: Read | None = None
-    write: Write | None = None
+    field: str = ""
+    read: str = ""
+    write: str = ""
+    scale: int = 1
     unit: str = ""
     low: float | None = None
     high: float | None = None
     choices: tuple[str, ...] = ()
     keys: tuple[str, ...] | range | None = None
-    names: Read | None = None
+    names: str = ""
     noun: str = ""
     record: type[Any] | None = None
     members: "tuple[Control, ...]" = ()
+    attribute: str | None = None
     parameters: tuple[str, ...] | None = None
     default: Any = None
-    attribute: str | None = None
 
     @property
     def python_name(self) -> str:
@@ -136,23 +134,13 @@ class ControlTable:
         return [control.python_name for control in self.controls if control.python_name]
 
 
-def seen(name: str) -> Read:
-    """Reads what the device's snapshot has under ``name``."""
-    return lambda device, now: device.describe(now)[name]
-
-
 POWER: Final = Control("power", "switch", "the supply, on or off", attribute="")
 """Worked by the line or bus, which stops sending too; a device has no way to switch itself."""
 
 COMMON: Final = (
     POWER,
-    Control("address", "whole", "the address it answers at now", seen("address")),
-    Control("state", "text", "what it is doing now, in words", seen("state_text")),
-    Control(
-        "cells",
-        "data",
-        "the nonvolatile cells by name, as they are now",
-        lambda device, now: dict(device.cells(now)),
-    ),
+    Control("address", "whole", "the address it answers at now", "address"),
+    Control("state", "text", "what it is doing now, in words", "state_text"),
+    Control("cells", "data", "the nonvolatile cells by name, as they are now", read="cells"),
 )
 """What every device has."""

@@ -1,49 +1,31 @@
 """The controls of a device that turns a shaft: its pins, supply, temperature, load and position."""
 
-from typing import Any, Final
+from typing import Final
 
 from axistwin.devices.controls import COMMON, Control, ControlTable
-from axistwin.kernel.effects import Effect
-from axistwin.kernel.time import Nanos
 from axistwin.motion.plant import Load
 
 INPUTS: Final = ("reference", "positive_stop", "negative_stop", "reset")
 FAULTS: Final = ("amplifier", "encoder", "micro_cut")
 
-
-def _set_supply(device: Any, now: Nanos, volts: float) -> list[Effect]:
-    effects: list[Effect] = device.set_supply(now, round(volts * 1000))
-    return effects
-
-
-def _set_temperature(device: Any, now: Nanos, celsius: float) -> list[Effect]:
-    effects: list[Effect] = device.set_temperature(now, round(celsius * 1000))
-    return effects
-
+_LOAD: Final = (
+    Control("torque_nm", "number", "torque against motion", unit="Nm", low=0.0),
+    Control("inertia_kgcm2", "number", "inertia", unit="kg·cm²", low=0.0),
+    Control("held", "switch", "whether the shaft is held fast"),
+)
 
 MOTION: Final = ControlTable(
     "motion device",
     (
         *COMMON,
-        Control(
-            "position",
-            "whole",
-            "where the axis is now",
-            lambda device, now: device.position_at(now),
-            unit="increments",
-        ),
-        Control(
-            "is_moving",
-            "switch",
-            "whether the axis moves now",
-            lambda device, now: device.is_moving(now),
-        ),
+        Control("position", "whole", "where the axis is", read="position_at", unit="increments"),
+        Control("is_moving", "switch", "whether the axis moves now", read="is_moving"),
         Control(
             "inputs",
             "switch",
             "the input pins, on while a contact ties one to ground",
-            lambda device, now, key: device.inputs[key],
-            lambda device, now, key, active: device.set_input(now, key, active),
+            read="input_at",
+            write="set_input",
             keys=INPUTS,
             noun="input",
         ),
@@ -51,8 +33,9 @@ MOTION: Final = ControlTable(
             "supply_volts",
             "number",
             "voltage of the supply",
-            lambda device, now: device.describe(now)["supply_millivolts"] / 1000,
-            _set_supply,
+            "supply_millivolts",
+            write="set_supply",
+            scale=1000,
             unit="V",
             low=0.0,
             high=1000.0,
@@ -61,8 +44,9 @@ MOTION: Final = ControlTable(
             "temperature_celsius",
             "number",
             "temperature of the electronics",
-            lambda device, now: device.describe(now)["temperature_millidegrees"] / 1000,
-            _set_temperature,
+            "temperature_millidegrees",
+            write="set_temperature",
+            scale=1000,
             unit="°C",
             low=-273.0,
             high=1000.0,
@@ -71,20 +55,16 @@ MOTION: Final = ControlTable(
             "load",
             "record",
             "what is coupled to the shaft",
-            lambda device, now: device.load,
-            lambda device, now, load: device.set_load(now, load),
+            read="load_at",
+            write="set_load",
             record=Load,
-            members=(
-                Control("torque_nm", "number", "torque against motion", unit="Nm", low=0.0),
-                Control("inertia_kgcm2", "number", "inertia", unit="kg·cm²", low=0.0),
-                Control("held", "switch", "whether the shaft is held fast"),
-            ),
+            members=_LOAD,
         ),
         Control(
             "push",
             "whole",
             "turn the shaft by hand, by signed increments",
-            write=lambda device, now, increments: device.push(now, increments),
+            write="push",
             unit="increments",
             parameters=("increments",),
         ),
@@ -92,7 +72,7 @@ MOTION: Final = ControlTable(
             "faults",
             "switch",
             "a fault that no measure shows is there, or gone; a model may have only some",
-            write=lambda device, now, key, present: device.set_fault(now, key, present),
+            write="set_fault",
             keys=FAULTS,
             noun="fault",
             attribute="set_fault",

@@ -55,16 +55,19 @@ class DeviceAccess:
         """How ``control`` is now."""
         if control is POWER:
             return self.is_powered
-        assert control.read is not None, f"{control.name} is only worked"
         with self.simulation.present() as now:
-            return control.read(self._device, now, *key)
+            if not control.field:
+                return getattr(self._device, control.read)(now, *key)
+            value = self._device.describe(now)[control.field]
+            return value if control.scale == 1 else value / control.scale
 
     def work(self, control: Control, *arguments: Any, shown: int | str | None = None) -> None:
         """Work ``control``: a key, if it has keys, and a value; ``shown`` is the key as written."""
         if control.kind != "nothing":
             *keys, value = arguments
             names = keys if shown is None else [shown]
-            arguments = (*keys, control.checked(value, *names))
+            value = control.checked(value, *names)
+            arguments = (*keys, value if control.scale == 1 else round(value * control.scale))
         if control is POWER:
             self.set_power(on=arguments[0])
             return
@@ -72,9 +75,8 @@ class DeviceAccess:
             from axistwin.programs import find_program
 
             arguments = tuple(map(find_program, arguments))
-        write = control.write
-        assert write is not None, f"{control.name} is only read"
-        self.simulation.act(self._index, lambda now: write(self._device, now, *arguments))
+        write = getattr(self._device, control.write)
+        self.simulation.act(self._index, lambda now: write(now, *arguments))
 
     def number(self, control: Control, key: int | str) -> int:
         """The number of a flag, or address of a variable, that ``key`` means."""
@@ -83,10 +85,10 @@ class DeviceAccess:
             raise UsageError(f"{label} {key!r} is no number; give a number, or a name")
         if isinstance(key, int):
             return key
-        if control.names is None:
+        if not control.names:
             raise UsageError(f"{label} {key!r} is no number; give a number")
         with self.simulation.present() as now:
-            names: Mapping[str, int] = control.names(self._device, now)
+            names: Mapping[str, int] = self._device.describe(now)[control.names]
         if not names:
             raise UsageError(f"{label} {key!r}: {self.name} has no program with names; load one")
         return names[_checked_name(label, key, names)]
@@ -212,8 +214,8 @@ class BoundControl:
         self.kind, self.doc, self.unit = shown.kind, shown.doc, shown.unit
         self.low, self.high, self.choices = shown.low, shown.high, shown.choices
         self.has_numbers = isinstance(control.keys, range) and key is None
-        self.is_readable = control is POWER or control.read is not None
-        self.is_writable = control is POWER or control.write is not None
+        self.is_readable = control is POWER or bool(control.read or control.field)
+        self.is_writable = control is POWER or bool(control.write)
 
     def __repr__(self) -> str:
         return f"<control {self.name} of {self._access.name}>"
@@ -269,7 +271,7 @@ class Controls(Mapping[str, BoundControl]):
                 yield from (f"{row.name}.{member.name}" for member in row.members)
             elif isinstance(row.keys, tuple):
                 yield from (f"{row.name}.{key}" for key in row.keys)
-            elif row.kind != "program" or row.write is not None:
+            elif row.kind != "program" or row.write:
                 yield row.name
 
     def __len__(self) -> int:

@@ -136,7 +136,7 @@ def _member(control: Control) -> Any:
     def work(twin: Twin, value: Any) -> None:
         twin._access.work(control, value)
 
-    is_set = control.write is not None and control.keys is None
+    is_set = control.write and control.keys is None
     return property(read, work if is_set else None, doc=control.doc)
 
 

@@ -107,6 +107,14 @@ class ToyDevice:
         """Between G and S."""
         return self._moving_since is not None
 
+    def input_at(self, now: Nanos, name: str) -> bool:
+        """As it was set."""
+        return self.inputs[name]
+
+    def load_at(self, now: Nanos) -> Load:
+        """As it was set."""
+        return self.load
+
     def set_input(self, now: Nanos, name: str, active: bool) -> list[Effect]:
         """Note it."""
         if name not in self.inputs:

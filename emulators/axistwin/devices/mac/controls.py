@@ -2,13 +2,13 @@
 
 from typing import Final
 
-from axistwin.devices.controls import Control, ControlTable, Kind, seen
+from axistwin.devices.controls import Control, ControlTable, Kind
 from axistwin.devices.motion_controls import MOTION
 
 
 def _shown(field: str, kind: Kind, doc: str, unit: str = "", name: str = "") -> Control:
     """What the module's snapshot has in ``field``; for those who look on, not on Python handles."""
-    return Control(name or field, kind, doc, seen(field), unit=unit, attribute="")
+    return Control(name or field, kind, doc, field, unit=unit, attribute="")
 
 
 MAC: Final = ControlTable(
@@ -16,12 +16,7 @@ MAC: Final = ControlTable(
     (
         *MOTION,
         Control(
-            "velocity",
-            "number",
-            "signed speed of the shaft now",
-            lambda device, now: device.velocity_at(now),
-            unit="increments/s",
-            attribute="",
+            "velocity", "number", "speed now", read="velocity_at", unit="increments/s", attribute=""
         ),
         _shown("state", "text", "the state in the ledger's letters, such as HD+AR", name="mode"),
         _shown("powered", "switch", "whether the motor has torque"),

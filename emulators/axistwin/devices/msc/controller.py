@@ -295,9 +295,9 @@ class MscController:
         self._store()
         return self._settle(now)
 
-    @property
-    def program(self) -> Macroprogram | None:
+    def program_at(self, now: Nanos) -> Macroprogram | None:
         """The program's object as it runs, or ran last; None before its first start."""
+        self._catch_up(now)
         return self._runner.instance
 
     def start_program(self, now: Nanos) -> list[Effect]:
@@ -364,6 +364,10 @@ class MscController:
         """The status word; looking at it changes nothing."""
         self._catch_up(now)
         return int(self.status.word)
+
+    def status_bit_at(self, now: Nanos, bit: int) -> bool:
+        """Whether status ``bit``, 0..15, is on.  Raises UsageError."""
+        return bool(self.status_at(now) & status_bit(bit))
 
     def set_status(self, now: Nanos, bit: int, on: bool) -> list[Effect]:
         """Let the condition of status ``bit``, 0..15, be there or gone.  Raises UsageError."""

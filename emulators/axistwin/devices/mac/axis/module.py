@@ -85,7 +85,7 @@ class MacModule:
         self.model = model
         self.axis = Axis(model, quirks, cells)
         self.address = 0
-        self.load = Load()
+        self._load = Load()
         self._boot_ns = quirks.boot_time_ms * NS_PER_MS
         self._effects: list[Effect] = []
         # Power, reset input, restart: when each next thing happens.
@@ -266,7 +266,7 @@ class MacModule:
         """What hangs on the shaft from now on."""
         self._run_until(now)
         self.axis.set_load(now, load)
-        self.load = load
+        self._load = load
         return self._settle(now)
 
     def push(self, now: Nanos, increments: int) -> list[Effect]:
@@ -304,10 +304,13 @@ class MacModule:
             return "RI"
         return "BT" if self._boot_end != NEVER else self.axis.state_code()
 
-    @property
-    def inputs(self) -> Mapping[str, bool]:
-        """The input pins, true while one is tied to ground."""
-        return {**self.axis.inputs, RESET_INPUT: self._reset_held}
+    def input_at(self, now: Nanos, name: str) -> bool:
+        """Whether input ``name`` is tied to ground."""
+        return self._reset_held if name == RESET_INPUT else self.axis.inputs[name]
+
+    def load_at(self, now: Nanos) -> Load:
+        """What hangs on the shaft."""
+        return self._load
 
     def velocity_at(self, now: Nanos) -> float:
         """The signed speed of the shaft, increments per second."""

@@ -2,19 +2,13 @@
 
 from typing import Final
 
-from axistwin.devices.controls import COMMON, Control, ControlTable, seen
+from axistwin.devices.controls import COMMON, Control, ControlTable
 
 LAMP: Final = ControlTable(
     "lamp",
     (
         *COMMON,
-        Control("level", "whole", "how bright it is, 0..9", seen("level"), low=0, high=9),
-        Control(
-            "press",
-            "nothing",
-            "press the button on it, which turns it off",
-            write=lambda device, now: device.press(now),
-            parameters=(),
-        ),
+        Control("level", "whole", "how bright it is, 0..9", "level", low=0, high=9),
+        Control("press", "nothing", "press its button: it is off", write="press", parameters=()),
     ),
 )
