@@ -17,6 +17,7 @@ TESTS = [ROOT / "emulators" / "tests", ROOT / "conformance" / "tests"]
 FUNCTION_LINES_MAX = 70
 FUNCTION_LINES_MEDIAN_MAX = 8
 FILE_LINES_MAX = 600
+FOLDER_FILES_MAX = 14
 
 PURE = sorted(
     [
@@ -179,6 +180,13 @@ def test_a_circle_would_be_found(tmp_path: Path) -> None:
     (root / "second.py").write_text("def late():\n    from house.first import anything\n")
     with pytest.raises(graphlib.CycleError):
         list(graphlib.TopologicalSorter(imports_of(root)).static_order())
+
+
+def test_no_folder_of_the_twins_has_more_than_fourteen_files() -> None:
+    """Whoever opens one sees all of it at once."""
+    folders = {path.parent for path in TWINS.rglob("*.py")}
+    sizes = {str(folder): len(list(folder.glob("*.py"))) for folder in folders}
+    assert not {folder: size for folder, size in sizes.items() if size > FOLDER_FILES_MAX}
 
 
 def test_functions_fit_a_screen() -> None:

@@ -109,24 +109,15 @@ class Loop:
         due_s = time.monotonic() + delay_s
         heapq.heappush(self._later, (due_s, next(self._numbers), lambda: callback(*arguments)))
 
-    def on_signal(self, number: signal.Signals, callback: Callable[[], object]) -> None:
-        """Call ``callback`` for a signal, until ``close``; only in the main thread."""
-        self._handle(number, lambda *_: self.call_soon(callback))
-
-    def _handle(self, number: signal.Signals, handler: Callable[[int, Any], object]) -> None:
-        if not self._signals:
-            # Also wakes for a signal that comes between the last instruction and the wait.
-            self._wakeup_before = signal.set_wakeup_fd(self._wake, warn_on_full_buffer=False)
-        previous = signal.signal(number, handler)
-        self._signals.setdefault(number, previous)
-
     def install_signal_handlers(self, stop_on: Sequence[signal.Signals]) -> None:
-        """From now on these signals make ``run`` return, also before it is called.
+        """From now on these signals make ``run`` return, until ``close``; in the main thread, once.
 
-        A second one before it ``has_server`` is KeyboardInterrupt: the start takes too long.
+        One before ``run`` makes it return at once; a second one before the loop ``has_server`` is
+        KeyboardInterrupt: the start takes too long.
         """
-        for number in stop_on:
-            self._handle(number, self._stop_by_signal)
+        # Also wakes for a signal that comes between the last instruction and the wait.
+        self._wakeup_before = signal.set_wakeup_fd(self._wake, warn_on_full_buffer=False)
+        self._signals = {number: signal.signal(number, self._stop_by_signal) for number in stop_on}
 
     def _stop_by_signal(self, number: int, frame: object) -> None:
         if self._is_stopped and not self.has_server:

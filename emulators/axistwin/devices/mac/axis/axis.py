@@ -36,7 +36,6 @@ from axistwin.motion.plant import Load
 INPUTS: Final = ("positive_stop", "negative_stop", "reference")
 
 COUNTER_CLOCKWISE: Final = 0xF6  # SS of 15h (MACS-CMD-15-01)
-MOTIONS_HELD: Final = (0x13, 0x14, 0x15)  # by synchronous mode (MACS-CMD-11-01)
 
 NOT_BUSY, POSITIVE_STOP = 0x08, 0x20  # bits of cc in 27h (ledger §5.9)
 NEGATIVE_STOP, REFERENCE = 0x40, 0x20  # bits of dd in 27h
