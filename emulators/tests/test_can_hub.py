@@ -22,7 +22,7 @@ from axistwin.errors import PortError, StateError
 from axistwin.ports.can_client import OUTPUT_MAX
 from axistwin.ports.can_hub import MISTAKES_TOLD_MAX, SlcanPtyPort, SlcanTcpPort, SocketcandPort
 from axistwin.ports.tcp import parse_address
-from axistwin.runtime.bus_server import BusPort
+from axistwin.runtime.serving.bus_server import BusPort
 from axistwin.runtime.storage import MemoryStorage
 from axistwin.wire.can_frame import CanFrame
 

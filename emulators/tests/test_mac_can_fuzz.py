@@ -5,7 +5,7 @@ import random
 import pytest
 from mac_bench import MS, S
 
-from axistwin.devices.mac.can import MacCan
+from axistwin.devices.mac.can.device import MacCan
 from axistwin.kernel.effects import Effect, SendFrame, Store, Trace
 from axistwin.wire.can_frame import CanFrame
 

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 from mac_bench import MS, MacBench, S
 
-from axistwin.devices.mac.framing import request
-from axistwin.devices.mac.quirks import QUIRKS
-from axistwin.devices.mac.serial import MacSerial
+from axistwin.devices.mac.axis.quirks import QUIRKS
+from axistwin.devices.mac.serial.device import MacSerial
+from axistwin.devices.mac.serial.framing import request
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import Effect, Transmit
 from axistwin.motion.plant import Load
@@ -213,7 +213,7 @@ def look(bench: MacBench) -> None:
     device, now = bench.device, bench.now
     told = device.describe(now)
     cells = dict(device.cells(now))
-    assert -(1 << 30) <= told["position"] < 1 << 30  # type: ignore[operator]
+    assert -(1 << 30) <= told["position"] < 1 << 30
     assert MacSerial(device.model, 0, quirks=device.quirks, cells=cells).cells(0) == cells
     moving = device.is_moving(now)
     assert not (moving and told["state"] in ("off", "HD+AR", "HD") and not told["powered"])

@@ -13,7 +13,8 @@ from mac_frames import ACCEPTED, ANSWER_LENGTH, REFUSED, answer_value, request
 
 from axistwin import testing
 from axistwin.errors import AxistwinError, PortError, UsageError
-from axistwin.runtime.server import Server
+from axistwin.motion.plant import Load
+from axistwin.runtime.serving.line_server import Server
 
 TIMES = ["virtual", "real", 20]
 
@@ -103,7 +104,7 @@ def test_a_single_twin_forwards_everything(time: str) -> None:
         twin.inputs.reference = True
         twin.supply_volts = 30.5
         twin.temperature_celsius = 41.0
-        twin.load = twin.twin._load
+        twin.load = Load()
         assert twin.inputs.reference is True
         assert (twin.supply_volts, twin.temperature_celsius) == (30.5, 41.0)
         assert twin.load == twin.twin.load

@@ -6,9 +6,9 @@ from typing import Any
 
 from zoo.mutant import Any_, MonkeyPatch, mutant, wrap
 
-from axistwin.devices.mac.axis import Axis
-from axistwin.devices.mac.can import MacCan
-from axistwin.devices.mac.parameters import Parameters
+from axistwin.devices.mac.axis.axis import Axis
+from axistwin.devices.mac.axis.parameters import Parameters
+from axistwin.devices.mac.can.device import MacCan
 from axistwin.wire.can_frame import CanFrame
 from zoo_can.planting import MODEL, UPLOAD, around, can_mutant, sends
 
