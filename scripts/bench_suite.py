@@ -44,7 +44,7 @@ from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.families.mac.axis.checks import machines, sequences
 from axistwin_conformance.families.mac.axis.sequences.machine import AxisMachine
 from axistwin_conformance.families.mac.axis.sequences.machine_devices import Judged, Trivial
-from axistwin_conformance.families.mac.axis.sequences.runner import Player
+from axistwin_conformance.families.mac.axis.sequences.runner import AxisRunner
 from axistwin_conformance.families.mac.axis.sequences.sequence import BYTES_PER_OPERATION
 from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.options import usable_cores
@@ -162,7 +162,7 @@ class Canned:
         self._port.close()
 
 
-def open_player(wrap: Callable[[Any], Any] | None = None) -> Player:
+def open_runner(wrap: Callable[[Any], Any] | None = None) -> AxisRunner:
     """A player on a fresh twin, its frames guarded and counted as the engine does it; `wrap` puts
     something in front of its port."""
     family, budget = find_family(MODEL), WriteBudget(WRITES_ALLOWED)
@@ -188,7 +188,7 @@ def open_player(wrap: Callable[[Any], Any] | None = None) -> Player:
 
     target.gate = gate
     target.meter = lambda data: budget.note(family.stored_writes(data))
-    return sequences.player_of(session)
+    return sequences.runner_of(session)
 
 
 def machine_slice(begin: Callable[[], machine.Device], number: int) -> int:
@@ -199,11 +199,11 @@ def machine_slice(begin: Callable[[], machine.Device], number: int) -> int:
     return sum(steps)
 
 
-def sequence_slice(player: Player, number: int) -> int:
+def sequence_slice(runner: AxisRunner, number: int) -> int:
     """Play one-draw sequences for a slice; return how many operations that were."""
     source = random.Random(number)
     for _ in range(SLICE_SEQUENCES):
-        player.begin().play(source.randbytes(SEQUENCE_BYTES))
+        runner.begin().perform(source.randbytes(SEQUENCE_BYTES))
     return SLICE_SEQUENCES * sequences.FREE.operations
 
 
@@ -212,15 +212,15 @@ class CannedSlice:
 
     def __init__(self) -> None:
         self.ports: list[Canned] = []
-        self.player = open_player(self._wrapped)
+        self.runner = open_runner(self._wrapped)
 
     def _wrapped(self, port: Any) -> Canned:
         self.ports.append(Canned(port))
         return self.ports[-1]
 
     def _play(self, number: int) -> int:
-        self.player.bench.target.drain()  # so that the clock is looked at anew
-        return sequence_slice(Player(self.player.bench, self.player.home), number)
+        self.runner.bench.target.drain()  # so that the clock is looked at anew
+        return sequence_slice(AxisRunner(self.runner.bench, self.runner.home), number)
 
     def prepare(self, number: int) -> None:
         """Note the replies."""
@@ -239,8 +239,8 @@ class SharedSlice:
 
     def __init__(self, count: int) -> None:
         self.count, self._told = count, list[Event]()
-        self._run = open_player().bench.session.run
-        self._run.tell = self._told.append
+        self._run = open_runner().bench.session.run
+        self._run.emit = self._told.append
         self._check = next(one for one in find_family(MODEL).checks() if one.name == DRAWN)
         self._jobs = Jobs(count, self._lost)
 
@@ -291,13 +291,13 @@ def measure(seconds: float, jobs: int) -> dict[str, Rates]:
 
 
 def _measured(seconds: float, shared: SharedSlice) -> dict[str, Rates]:
-    player, canned, source = open_player(), CannedSlice(), random.Random(0)
+    runner, canned, source = open_runner(), CannedSlice(), random.Random(0)
     contestants = {
         "machine, trivial device": Contestant(lambda number: machine_slice(Trivial, number)),
         "machine, built-in twin": Contestant(
-            lambda number: machine_slice(lambda: Judged(player.begin()), number)
+            lambda number: machine_slice(lambda: Judged(runner.begin()), number)
         ),
-        "one-draw, built-in twin": Contestant(lambda number: sequence_slice(player, number)),
+        "one-draw, built-in twin": Contestant(lambda number: sequence_slice(runner, number)),
         "one-draw, canned replies": Contestant(canned.run, canned.prepare),
         "one-draw, all cores": Contestant(shared.run, seconds=shared.seconds),
     }

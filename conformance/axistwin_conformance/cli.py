@@ -123,7 +123,7 @@ class Span(click.ParamType[range]):
         return range(low, high + 1)
 
 
-class Place(click.ParamType[tuple[int, int]]):
+class ProgramPlace(click.ParamType[tuple[int, int]]):
     """FLAG:ADDRESS, where the bench program begins."""
 
     name = "place"
@@ -223,7 +223,7 @@ class OutputLost(BaseException):
 )
 @click.option(
     "--bench-program",
-    type=Place(),
+    type=ProgramPlace(),
     metavar="FLAG:ADDRESS",
     help="Of an MSC: the bench program runs in it, with its flags and variables there.",
 )
@@ -476,7 +476,7 @@ def _run(engine: Engine, is_json: bool, report: Path | None) -> int:
     from axistwin_conformance.report import terminal
     from axistwin_conformance.report.folder import ReportFolder, past_seconds
 
-    explain, spell = engine.family.explain, engine.family.way.spell
+    explain, spell = engine.family.explain, engine.family.transport_kind.spell
     folder, past = None, {}
     if report is not None:
         past = past_seconds(report, engine.options.url)

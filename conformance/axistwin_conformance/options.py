@@ -71,7 +71,10 @@ def make_options(
 
     family = find_family(model)
     endpoint, rate = choose_endpoint(
-        family.way, model, {"--port": port, "--can": can}, {"--baud": baud, "--bitrate": bitrate}
+        family.transport_kind,
+        model,
+        {"--port": port, "--can": can},
+        {"--baud": baud, "--bitrate": bitrate},
     )
     is_builtin, is_twin = endpoint is None, endpoint is None or is_twin_url(endpoint)
     address, neighbours = _addresses(family, address, neighbours, is_builtin=is_builtin)
@@ -123,7 +126,7 @@ def _with_rig(options: Options, kind: str | None, command: str | None) -> Option
         command,
         options.url,
         is_allowed="rig" in options.allowed,
-        way=options.family.way,
+        transport_kind=options.family.transport_kind,
         capabilities=able,
     )
     return replace(options, rig=choice)
@@ -133,7 +136,9 @@ def _check_rate(family: Family, model: str, rate: int) -> None:
     """Raise UsageError for a rate that no device of the family has."""
     if rate not in (family.rates or (rate,)):
         known = ", ".join(map(str, family.rates))
-        raise UsageError(f"{family.way.rate_option} {rate}: {with_article(model)} knows {known}")
+        raise UsageError(
+            f"{family.transport_kind.rate_option} {rate}: {with_article(model)} knows {known}"
+        )
 
 
 def _refuse_bounds(family: Family, model: str, bounds: Mapping[str, int | None]) -> None:

@@ -141,8 +141,8 @@ def test_the_replay_command_repeats_interface_rate_and_bounds() -> None:
 
 def test_a_twin_named_on_the_bus_is_its_own_rig() -> None:
     """The rig acts through its handles; on another bus somebody has to be named."""
-    assert choose_rig(None, None, TWIN, is_allowed=True, way=BUS).kind == "twin"
-    assert choose_rig(None, None, "slcan:./x", is_allowed=True, way=BUS).kind == ""
+    assert choose_rig(None, None, TWIN, is_allowed=True, transport_kind=BUS).kind == "twin"
+    assert choose_rig(None, None, "slcan:./x", is_allowed=True, transport_kind=BUS).kind == ""
     result = run(
         "mac23-can", "--can", TWIN, "--address", "5", "--allow", "motion,stored,rig",
         "overheating_locks_motion",
@@ -216,7 +216,7 @@ def report_of(engine: Engine, told: list[Event]) -> Any:
     """The report of a run."""
     family = engine.family
     return report_json.fold(
-        report_json.event_object(one, family.explain, family.way.spell) for one in told
+        report_json.event_object(one, family.explain, family.transport_kind.spell) for one in told
     )
 
 
@@ -249,7 +249,7 @@ def test_the_terminal_says_bus_rate_and_frames(failed: tuple[Engine, list[Event]
     console = Console(file=io.StringIO(), width=120)
     family = engine.family
     with TerminalReport(
-        console, engine.ledger, family.explain, spell=family.way.spell
+        console, engine.ledger, family.explain, spell=family.transport_kind.spell
     ) as report:  # fmt: skip
         for one in told:
             report(one)

@@ -35,7 +35,7 @@ from axistwin_conformance.families.mac.axis.sequences.machine import AxisMachine
 from axistwin_conformance.families.mac.axis.sequences.machine_devices import Judged
 from axistwin_conformance.families.mac.axis.sequences.machine_sync import SyncMachine
 from axistwin_conformance.families.mac.axis.sequences.operations import OPERATIONS, WHAT, WITH_SYNC
-from axistwin_conformance.families.mac.axis.sequences.runner import Player
+from axistwin_conformance.families.mac.axis.sequences.runner import AxisRunner
 from axistwin_conformance.families.mac.axis.sequences.sequence import Sequence
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.driver import Bench
@@ -95,17 +95,17 @@ class Case:
             target=target, family=FAMILY, model=FAMILY.models["mac23-can"],
             ledger=load_ledger("mac_can"), address=1, neighbours=(3,),
             allowed=frozenset(SAFETY_CLASSES), envelope=Envelope(1 << 20, 5000, is_guarded=False),
-            seed=3, tell=self.events.append, readings=dict(readings),
+            seed=3, emit=self.events.append, readings=dict(readings),
         )  # fmt: skip
         self.run.memory = FAMILY.remember(Session(self.run))
         self.session = Session(self.run, own(check.name))
         bench = Bench(self.session)
-        self.player = Player(bench, bench.ready())
+        self.runner = AxisRunner(bench, bench.ready())
 
-    def played(self, data: bytes) -> Sequence:
+    def performed(self, data: bytes) -> Sequence:
         """A sequence that has been played."""
-        run = self.player.begin()
-        run.play(data)
+        run = self.runner.begin()
+        run.perform(data)
         return run
 
 
@@ -114,7 +114,7 @@ class Case:
 
 def test_any_byte_names_an_operation_and_sync_is_one_more() -> None:
     """Every value of every byte is decoded, and the module agrees with the model."""
-    run = Case().played(b"".join(bytes([what, 7, 9, 0]) for what in range(256)))
+    run = Case().performed(b"".join(bytes([what, 7, 9, 0]) for what in range(256)))
     assert {name for _, name in run.operated} == {one.name for one in WITH_SYNC}
     assert len(WITH_SYNC) == len(OPERATIONS) + 1
 
@@ -128,7 +128,7 @@ def test_random_bytes_are_judged_by_the_ids_that_this_family_translates(
     readings: dict[str, str],
 ) -> None:
     """No judgement is lost on the way from the axis's names, however this device spells frames."""
-    run = Case(readings=readings).played(random.Random(len(readings)).randbytes(240))
+    run = Case(readings=readings).performed(random.Random(len(readings)).randbytes(240))
     assert "MACS-REPLY-05" in run.judged
     own_names = load_ledger("mac_can").own
     assert all(len(own_names((name,))) == 1 for name in run.judged)
@@ -138,7 +138,7 @@ def test_sync_starts_a_held_move_as_11h_does() -> None:
     """It gets no reply, and the module is then where the model says."""
     ends = []
     for name in ("trigger", "trigger by SYNC"):
-        run = Case().player.begin()
+        run = Case().runner.begin()
         for one in (operation("arm"), operation("move", 0xA0), operation(name)):
             run.operate(*one)
         assert run.model.preloaded is None
@@ -153,18 +153,18 @@ def test_sync_starts_a_held_move_as_11h_does() -> None:
 
 def test_where_sync_may_do_something_else_the_axis_is_stopped_instead() -> None:
     """In motion, and where nobody knows what it does without a preloaded motion."""
-    run = Case().player.begin()
+    run = Case().runner.begin()
     run.operate(*operation("turn", 0, 2))
     run.operate(*operation("trigger by SYNC"))
     assert "2018h" in run.story[-1]
-    refusing = Case(readings={"sync_without_preload": "refuse"}).player.begin()
+    refusing = Case(readings={"sync_without_preload": "refuse"}).runner.begin()
     refusing.operate(*operation("trigger by SYNC"))
     assert "2018h" in refusing.story[-1]
 
 
 def test_what_only_the_serial_line_has_is_unassigned_here() -> None:
     """08h, 1Bh, 28h and 29h are refused like any other index that means nothing."""
-    run = Case().player.begin()
+    run = Case().runner.begin()
     for first in range(12):
         run.operate(*operation("send an unassigned index", first))
     told = " ".join(run.story)
@@ -176,7 +176,7 @@ def test_what_only_the_serial_line_has_is_unassigned_here() -> None:
 
 def test_every_query_of_the_face_is_asked_and_no_other() -> None:
     """Eight uploads, whatever the byte."""
-    run = Case().player.begin()
+    run = Case().runner.begin()
     before = len(run.story)
     for first in range(16):
         run.operate(*operation("ask", first))
@@ -187,7 +187,7 @@ def test_every_query_of_the_face_is_asked_and_no_other() -> None:
 
 def test_a_spoilt_frame_is_too_short_and_one_to_nobody_is_nobody_s() -> None:
     """Neither gets a reply, nor does anything; 600h, which is everybody's, is never meant."""
-    run = Case().player.begin()
+    run = Case().runner.begin()
     before = len(run.story)
     for first in range(0x70):
         run.operate(*operation("call another address", first, 3))
@@ -201,7 +201,7 @@ def test_a_spoilt_frame_is_too_short_and_one_to_nobody_is_nobody_s() -> None:
 
 def test_a_device_that_pads_short_frames_gets_none() -> None:
     """On it they are requests like any other."""
-    run = Case(readings={"short_frame": "pad"}).player.begin()
+    run = Case(readings={"short_frame": "pad"}).runner.begin()
     before = len(run.story)
     run.operate(*operation("spoil a frame", 4, 9))
     assert run.story[before:] == []
@@ -211,7 +211,7 @@ def test_a_device_that_pads_short_frames_gets_none() -> None:
 def test_what_modules_say_unasked_disturbs_nothing(seconds: int) -> None:
     """A lifebeat between two requests, or between a request and its reply, is no reply."""
     case = Case()
-    run = case.player.begin()
+    run = case.runner.begin()
     for _ in range(12):
         run.pause(seconds)
         run.query(0x20)
@@ -229,7 +229,7 @@ def test_what_modules_say_unasked_disturbs_nothing(seconds: int) -> None:
 def test_the_machine_synchronises_by_the_frame_too() -> None:
     """Among its rules are all of the axis."""
     case = Case(some_runs)
-    begin = case.player.begin
+    begin = case.runner.begin
     sequences, failing = machine.search(begin, Judged, 6, 60, random.Random(5), SyncMachine)
     assert failing is None
     names = {name for run in sequences for _, name in run.operated}
@@ -248,7 +248,7 @@ def test_a_failure_is_told_in_the_names_of_can_and_shrunk() -> None:
     noise = tuple(operation("ask", number) for number in range(8))
     case = Case()
     with a_ramped_stop_stops_dead.plant(), pytest.raises(Stop):
-        Failure(case.player, case.player.play((*noise, *long, *noise))).settle()
+        Failure(case.runner, case.runner.run((*noise, *long, *noise))).conclude()
     failed = [one for one in case.session.findings if one.verdict is Verdict.FAIL]
     assert [one.requirement for one in failed] == ["MACC-CMD-13-01"]
     assert "refused to download 2013h in VE" in failed[0].expected[0]
@@ -266,8 +266,8 @@ def test_the_twin_to_shrink_on_is_one_on_a_bus_with_the_same_readings() -> None:
     assert isinstance(twin, CanTransport)
     assert twin.bitrate == BITRATE
     assert "quirk.ramp_law=equal_increments" in twin.description
-    other = case.player.on(failure.twin_session(case.session, twin))
-    assert other.play((operation("turn", 0, 2), operation("nudge"))).mismatch is None
+    other = case.runner.on(failure.twin_session(case.session, twin))
+    assert other.run((operation("turn", 0, 2), operation("nudge"))).mismatch is None
     assert sorted(one.address for one in twin.twins) == [1, 3]
     twin.close()
 
@@ -275,10 +275,10 @@ def test_the_twin_to_shrink_on_is_one_on_a_bus_with_the_same_readings() -> None:
 def test_a_reply_that_does_not_fit_is_not_taken_for_an_admissible_one() -> None:
     """A module that answers with the data of another query fails the query."""
     case = Case()
-    run = case.player.begin()
+    run = case.runner.begin()
     run.model.parameters.tolerance = 5
     with pytest.raises(Mismatch) as refuted:
-        run.play(operation("ask", 6))
+        run.perform(operation("ask", 6))
     assert refuted.value.requirement == "MACS-REPLY-05"
     assert "2006h" in refuted.value.story[-1]
     assert "upload 2006h" in refuted.value.expected
@@ -318,10 +318,10 @@ def test_lost_frames_make_no_mismatch(seed: int) -> None:
     data = random.Random(seed).randbytes(160)
     for _ in range(2):
         try:
-            played = case.player.play(case.player.split(data))
+            result = case.runner.run(case.runner.split(data))
         except AttemptVoid:
             continue
-        assert played.mismatch is None, played.mismatch
+        assert result.mismatch is None, result.mismatch
     assert case.run.target._bus.lost  # type: ignore[attr-defined]
 
 
@@ -368,7 +368,7 @@ def test_recorded_operations_of_the_line_mean_the_same_on_the_bus() -> None:
 def test_a_reply_to_sync_is_none_of_the_exchange() -> None:
     """The frame alone is told, with silence; the upload behind it bounds when it was heard."""
     case = Case()
-    exchange = case.player.bench.synchronise()
+    exchange = case.runner.bench.synchronise()
     assert exchange is not None
     assert exchange.request == Frame(codec.SYNC).pack()
     assert exchange.kind is Kind.SILENCE

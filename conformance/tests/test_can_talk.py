@@ -305,12 +305,12 @@ def test_a_reply_that_comes_late_counts_as_spoilt(module: Module, toy: Any) -> N
     talk = make_talk(module, toy, is_lossless=False)
     quality = talk.session.run.quality
     talk.target.measure_round_trip(lambda: talk.position() == -7, 3)
-    before = quality.spoilt
+    before = quality.corrupted
     module.bus.delay_ns = 50_000_000
     talk.position()
     module.bus.delay_ns = REPLY_NS
     talk.position()
-    assert quality.spoilt == before + 1
+    assert quality.corrupted == before + 1
     assert len(talk.target.late) == 1
 
 

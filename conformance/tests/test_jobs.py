@@ -22,7 +22,7 @@ from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.core.session import Envelope, Run, Session
 from axistwin_conformance.engine.attempts import Attempts
-from axistwin_conformance.engine.jobs import Jobs, Place, judge
+from axistwin_conformance.engine.jobs import Jobs, RunSetup, judge
 from axistwin_conformance.engine.result import CheckResult
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families.catalog import find_family
@@ -41,7 +41,7 @@ class Unkept:
     def guard(self, session: Session, data: bytes) -> None:
         """Let everything pass."""
 
-    def settle(self, run: Run) -> None:
+    def restore(self, run: Run) -> None:
         """Leave it."""
 
     def is_sane(self, run: Run) -> bool:
@@ -65,7 +65,7 @@ class Bench:
             model=FAMILY.models["mac23"], ledger=load_ledger(FAMILY.name), address=0,
             neighbours=(), allowed=frozenset(SAFETY_CLASSES),
             envelope=Envelope(1 << 20, 1 << 20, is_guarded=False), seed=seed,
-            tell=self.events.append,
+            emit=self.events.append,
         )  # fmt: skip
         run.target.meter = lambda data: run.budget.note(FAMILY.stored_writes(data))
         run.memory = FAMILY.remember(Session(run))
@@ -123,7 +123,7 @@ def test_a_worker_judges_what_the_run_would_judge(bench: Bench, name: str, seed:
     run = bench.run(seed)
     begun = run.budget.spent
     own = bench.here(run, check_of(name))
-    told = judge(Place.of(run), name, seed)
+    told = judge(RunSetup.of(run), name, seed)
     assert own.outcome is told.outcome is Outcome.DONE
     assert own.findings == told.findings
     assert [one.verdict for one in told.findings].count(Verdict.PASS) > 3
@@ -146,7 +146,7 @@ def test_what_a_process_beside_the_run_has_judged_is_taken_over(bench: Bench) ->
                 result = jobs.judged(run, check, not_here)
                 assert run.budget.spent > spent
                 if check is drawn:
-                    again = judge(Place.of(run), check.name, run.seed)
+                    again = judge(RunSetup.of(run), check.name, run.seed)
                     assert result.findings == again.findings
                 else:  # what Hypothesis draws depends on the modules that a process has loaded
                     assert {one.requirement for one in result.findings} <= set(check.requirements)

@@ -8,7 +8,7 @@ from collections import Counter
 import pytest
 
 from axistwin_conformance.base import ledger as ledger_module
-from axistwin_conformance.base.ledger import Kind, load_ledger, parse_ledger
+from axistwin_conformance.base.ledger import RequirementKind, load_ledger, parse_ledger
 from axistwin_conformance.families.catalog import families
 
 LEDGERS = sorted({family.name for family in families()} | {"mac_can"})
@@ -116,7 +116,7 @@ def test_a_question_that_can_does_not_ask_is_known_and_has_its_default() -> None
 def test_entries_are_read() -> None:
     """Kind, safety and switches arrive as values."""
     ledger = parse_ledger("toy", ENTRY)
-    assert ledger.requirements["A-1"].kind is Kind.MUST
+    assert ledger.requirements["A-1"].kind is RequirementKind.MUST
     assert ledger.requirements["A-1"].safety == {"passive"}
     assert ledger.ambiguity_of("manner").default_of("manner") == "kindly"
 

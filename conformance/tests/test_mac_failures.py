@@ -23,7 +23,7 @@ from axistwin_conformance.families.mac.axis.checks.sequences import (
     many_mixed_sequences_agree_with_the_model,
 )
 from axistwin_conformance.families.mac.axis.sequences.operations import OPERATIONS, WHAT
-from axistwin_conformance.families.mac.axis.sequences.runner import Player, split
+from axistwin_conformance.families.mac.axis.sequences.runner import AxisRunner, split
 from axistwin_conformance.families.mac.serial.driver import Bench
 from axistwin_conformance.sequences import failure
 from axistwin_conformance.sequences.failure import Failure
@@ -142,19 +142,19 @@ class Case:
             allowed=options.allowed,
             envelope=options.envelope,
             seed=3,
-            tell=self.events.append,
+            emit=self.events.append,
         )
         if fenced:
             self.run.target.travel_guard = options.family.travel_guard(self.run)
         self.run.memory = options.family.remember(Session(self.run))
         self.session = Session(self.run, many_mixed_sequences_agree_with_the_model)
         bench = Bench(self.session)
-        self.player = Player(bench, bench.ready())
+        self.runner = AxisRunner(bench, bench.ready())
 
     def settle(self, operations: tuple[bytes, ...] = LONG) -> None:
         """Play a list that fails, and let the failure be settled."""
         with pytest.raises(Stop):
-            Failure(self.player, self.player.play(operations, is_counted=True)).settle()
+            Failure(self.runner, self.runner.run(operations, is_counted=True)).conclude()
 
     @property
     def stored(self) -> list[Any]:
@@ -203,7 +203,7 @@ def test_a_fault_that_the_twin_has_too_is_shrunk_there_and_confirmed_on_the_devi
               operation("nudge"))  # fmt: skip
     with a_ramped_stop_stops_dead.plant():
         case = Case(Device(at_times()))
-        counted = counting(case.player)
+        counted = counting(case.runner)
         case.settle((*FILLING, *moving, *FILLING))
     assert [one.requirement for one in case.session.findings] == ["MACS-CMD-13-02"]
     assert "on the built-in twin, which fails alike" in case.text
@@ -214,17 +214,17 @@ def test_a_fault_that_the_twin_has_too_is_shrunk_there_and_confirmed_on_the_devi
     assert set(counted[4:]) <= {3, 4}
 
 
-def counting(player: Player) -> list[int]:
+def counting(runner: AxisRunner) -> list[int]:
     """How many operations of each list the player began."""
     counted: list[int] = []
-    play = player.play
+    real = runner.run
 
-    def counted_play(operations: tuple[bytes, ...], **how: bool) -> Any:
-        played = play(operations, **how)
-        counted.append(len(played.operations))
-        return played
+    def counted_run(operations: tuple[bytes, ...], **how: bool) -> Any:
+        result = real(operations, **how)
+        counted.append(len(result.operations))
+        return result
 
-    player.play = counted_play  # type: ignore[method-assign]
+    runner.run = counted_run  # type: ignore[method-assign]
     return counted
 
 
@@ -234,8 +234,8 @@ def test_the_twin_to_shrink_on_reads_the_manual_as_the_device_does() -> None:
     case.run.readings |= {"xonerror_byte": "18h", "xon_byte": "1Ah"}
     twin = failure.open_twin(case.session)
     assert twin.description == ("axistwin://mac23:0,mac23:1?time=virtual&quirk.xonerror_byte=18h")
-    other = case.player.on(failure.twin_session(case.session, twin))
-    refused = other.play((operation("turn", 0, 2), operation("nudge")))
+    other = case.runner.on(failure.twin_session(case.session, twin))
+    refused = other.run((operation("turn", 0, 2), operation("nudge")))
     assert refused.mismatch is None, "and is held to them"
     twin.close()
 
@@ -300,16 +300,16 @@ def test_an_interrupt_before_it_came_again_leaves_it_open() -> None:
 def test_on_a_noisy_line_what_never_comes_again_is_taken_for_noise() -> None:
     """The attempt is void, and the engine makes another."""
     case = Case(Device(at_times(True)))
-    case.run.quality.exchanges, case.run.quality.spoilt = 1000, 20
+    case.run.quality.exchanges, case.run.quality.corrupted = 1000, 20
     with pytest.raises(AttemptVoid, match="taken for noise"):
-        Failure(case.player, case.player.play(LONG)).settle()
+        Failure(case.runner, case.runner.run(LONG)).conclude()
     assert not case.session.findings
 
 
 def test_on_a_noisy_line_once_more_is_not_enough() -> None:
     """As many must agree as noise cannot explain; more than three replays are made."""
     case = Case(Device(at_times(True, True)))
-    case.run.quality.exchanges, case.run.quality.spoilt = 1000, 20
+    case.run.quality.exchanges, case.run.quality.corrupted = 1000, 20
     case.settle()
     assert case.verdict is Verdict.INCONCLUSIVE
     found = re.search(r"came again in 1 of (\d+) replays", case.text)
@@ -321,7 +321,7 @@ def test_shrinking_on_the_device_ends_with_its_budget(monkeypatch: pytest.Monkey
     """Which is named; what was reached by then is what fails."""
     monkeypatch.setattr(failure, "LINE_BUDGET", Budget(40, 1000.0))
     case = Case(Device(always()))
-    counted = counting(case.player)
+    counted = counting(case.runner)
     case.settle()
     assert "ended by its budget (40 operations, 1000 s)" in case.text
     assert case.verdict is Verdict.FAIL
@@ -360,7 +360,7 @@ def test_the_same_requirement_is_not_shrunk_twice_in_a_run() -> None:
     case = Case(Device(always()), is_lossless=True)
     case.settle()
     case.session = Session(case.run, many_mixed_sequences_agree_with_the_model)
-    case.player = Player(Bench(case.session), 0)
+    case.runner = AxisRunner(Bench(case.session), 0)
     case.settle()
     assert "not shrunk" in case.text
     assert case.stored[-1].operations == LONG[:13]
@@ -369,9 +369,9 @@ def test_the_same_requirement_is_not_shrunk_twice_in_a_run() -> None:
 def test_only_what_was_judged_counts_as_held() -> None:
     """And the states that were met are told."""
     case = Case(Device(at_times()), is_lossless=True)
-    played = case.player.play((operation("ask the position"),), is_counted=True)
-    assert played.mismatch is None
-    case.player.credit()
+    result = case.runner.run((operation("ask the position"),), is_counted=True)
+    assert result.mismatch is None
+    case.runner.credit()
     assert "MACS-Q-XX-01" in case.session.passed
     assert "MACS-CMD-16-01" not in case.session.passed
     said = {one.requirement: one.verdict for one in case.session.conclude("")}
@@ -387,9 +387,9 @@ def test_the_failing_run_is_plotted_and_no_other() -> None:
     moves = (operation("move", 0xF0), operation("ask the position", 0, 0, 0xA0))
     case = Case(Device(at_times()), is_lossless=True)
     before = case.session.motion_count
-    case.player.play((*moves, *moves))
+    case.runner.run((*moves, *moves))
     assert case.session.motion_count == before
-    case.player.play((*moves, *moves), is_plotted=True)
+    case.runner.run((*moves, *moves), is_plotted=True)
     motions = case.session.motions[before:]
     assert motions
     for motion in motions:
@@ -404,17 +404,17 @@ def test_shrinking_never_leaves_the_envelope(seed: int) -> None:
     wild = (operation("move", 0xFF, 0, 0xFF), *split(random.Random(seed).randbytes(240)))
     port = Device(at_times())
     case = Case(port, fenced=True)
-    real = case.player.play
+    real = case.runner.run
     rest = iter(range(10**6))
 
     def fails_as_it_likes(operations: tuple[bytes, ...], **how: bool) -> Any:
-        played = real(operations, **how)
+        result = real(operations, **how)
         kept = next(rest) % 3 != 2
-        return replace(played, mismatch=a_mismatch()) if kept else played
+        return replace(result, mismatch=a_mismatch()) if kept else result
 
-    case.player.play = fails_as_it_likes  # type: ignore[method-assign]
+    case.runner.run = fails_as_it_likes  # type: ignore[method-assign]
     with pytest.raises(Stop):
-        Failure(case.player, case.player.play(wild)).settle()
+        Failure(case.runner, case.runner.run(wild)).conclude()
     assert port.furthest <= TRAVEL
     assert port.asked <= TRAVEL
     assert port.furthest > 100

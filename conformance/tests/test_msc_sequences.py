@@ -31,7 +31,7 @@ from axistwin_conformance.families.msc.driver import Bench
 from axistwin_conformance.families.msc.family import FAMILY
 from axistwin_conformance.families.msc.sequences.machine import Judged, UnitMachine
 from axistwin_conformance.families.msc.sequences.operations import OPERATIONS, WHAT
-from axistwin_conformance.families.msc.sequences.runner import Player, player_of
+from axistwin_conformance.families.msc.sequences.runner import UnitRunner, runner_of
 from axistwin_conformance.families.msc.sequences.sequence import places
 from axistwin_conformance.sequences import machine
 from axistwin_conformance.sequences.runner import Mismatch
@@ -48,7 +48,7 @@ class Case:
 
     def __init__(self, port: MscPort, check: Check = some_sequences, **how: Any) -> None:
         self.port, self.events = port, list[Event]()
-        self.session = session_on(port, check, tell=self.events.append, **how)
+        self.session = session_on(port, check, emit=self.events.append, **how)
         self.session.run.memory = FAMILY.remember(Session(self.session.run))
 
         def gate(data: bytes) -> None:
@@ -67,9 +67,9 @@ class Case:
             return
 
     @property
-    def player(self) -> Player:
+    def runner(self) -> UnitRunner:
         """Somebody who plays on it."""
-        return player_of(self.session)
+        return runner_of(self.session)
 
     @property
     def failed(self) -> dict[str, str]:
@@ -113,10 +113,10 @@ def test_every_operation_is_met_idle_and_waiting() -> None:
 @no_folder()
 def test_the_machine_does_every_operation() -> None:
     """Its rules reach all of the table but the wait, which is a pause there."""
-    player, missing = Case(MscPort(), some_runs).player, {one.name for one in OPERATIONS}
+    runner, missing = Case(MscPort(), some_runs).runner, {one.name for one in OPERATIONS}
     for number in range(8):  # what one seed draws depends on the modules that are loaded
         begun, failing = machine.search(
-            player.begin, Judged, 20, 60, random.Random(number), UnitMachine
+            runner.begin, Judged, 20, 60, random.Random(number), UnitMachine
         )
         assert failing is None
         missing -= {name for run in begun for _, name in run.operated}
@@ -317,9 +317,9 @@ def test_a_mismatch_tells_what_was_said_before_it() -> None:
     port = MscPort()
     case = Case(port)
     _lets_go_of(port, "DWRITE")
-    run = case.player.begin()
+    run = case.runner.begin()
     with pytest.raises(Mismatch) as refuted:
-        run.play(operation("write a value", 0, 4) + operation("read a value"))
+        run.perform(operation("write a value", 0, 4) + operation("read a value"))
     assert refuted.value.requirement == "MSC-PROP-08"
     assert refuted.value.story == (
         "1: DWRITE, 1024 = -2147483648 → ACK",

@@ -142,8 +142,8 @@ def test_a_repeat_that_noise_has_broken_voids_the_attempt_or_is_compared_by() ->
     again, strays = bench.talk.hear_packet()
     assert again is not None
     assert (again.is_sound, strays) == (False, b"")
-    assert len(session.spoilt) == 1
-    assert again.raw.hex() in session.spoilt[0]
+    assert len(session.corrupted) == 1
+    assert again.raw.hex() in session.corrupted[0]
 
 
 def test_without_noise_a_wrong_reply_is_handed_on() -> None:

@@ -148,7 +148,7 @@ def attempt(
     retries: tuple[str, ...] = (),
     disturbance: str = "",
     place: tuple[bytes, int] = (b"here", 1),
-    spoilt: tuple[str, ...] = (),
+    corrupted: tuple[str, ...] = (),
     outcome: Outcome = Outcome.DONE,
 ) -> Callable[[bool], Attempt]:
     """One attempt of a check that ends like this."""
@@ -160,7 +160,7 @@ def attempt(
         end = Outcome.TROUBLE if disturbance else outcome
         result = CheckResult(CHECK, end, (finding,), retries, 0.0, trouble)
         failed_at = place if said is Verdict.FAIL else (b"", 0)
-        return Attempt(result, disturbance, {}, is_strict, spoilt, failed_at)
+        return Attempt(result, disturbance, {}, is_strict, corrupted, failed_at)
 
     return made
 
@@ -188,7 +188,7 @@ def settled(
         asked.append(is_strict)
         return attempts[min(len(asked), len(attempts)) - 1](is_strict)
 
-    result = Replays(one, lambda: True, quality or LineQuality(10_000, 0)).settle()
+    result = Replays(one, lambda: True, quality or LineQuality(10_000, 0)).conclude()
     return result.verdict, len(asked), asked
 
 
@@ -239,7 +239,7 @@ def test_while_every_attempt_fails_it_is_replayed_longer() -> None:
 def test_a_failure_without_any_noise_is_waited_for_to_come_again() -> None:
     """Few attempts at a long check are quiet: as many are made as it takes, if none holds."""
     line = LineQuality(1000, 42)
-    hit = [attempt(Verdict.FAIL, spoilt=(f"20h, time {number}: ",)) for number in range(60)]
+    hit = [attempt(Verdict.FAIL, corrupted=(f"20h, time {number}: ",)) for number in range(60)]
     row = [FAILS if number % 3 == 2 else one for number, one in enumerate(hit)]
     assert settled(*row, quality=line)[:2] == (Verdict.FAIL, 21)
     assert settled(*hit, quality=line)[:2] == (Verdict.INCONCLUSIVE, replays.MOST_ATTEMPTS)
@@ -253,7 +253,7 @@ def test_a_failure_without_any_noise_is_waited_for_to_come_again() -> None:
 def test_the_more_attempts_there_are_the_more_must_agree() -> None:
     """Among many attempts noise hits one place again and again."""
     line = LineQuality(1000, 42)
-    hit = [attempt(Verdict.FAIL, spoilt=(f"20h, time {number}: ",)) for number in range(60)]
+    hit = [attempt(Verdict.FAIL, corrupted=(f"20h, time {number}: ",)) for number in range(60)]
     seldom = [FAILS if number % 7 == 0 else one for number, one in enumerate(hit)]
     assert sum(one is FAILS for one in seldom[:40]) > line.alike_needed
     assert settled(*seldom, quality=line)[0] is Verdict.INCONCLUSIVE
@@ -276,8 +276,8 @@ def test_on_a_noisy_line_the_same_failure_behind_the_same_frame_another_time_is_
 
 def test_a_device_is_given_up_later_than_a_reply_is_believed() -> None:
     """It is asked thousands of times whether it is there; on a quiet line the answer comes soon."""
-    for spoilt in (0, 50, 450):
-        quality = LineQuality(1000, spoilt)
+    for corrupted in (0, 50, 450):
+        quality = LineQuality(1000, corrupted)
         assert quality.rate**quality.bad_when_lost < 1e-8
     assert LineQuality(1000, 0).bad_when_lost <= 4
     assert LineQuality(1000, 450).bad_when_lost > LineQuality(1000, 450).alike_needed
@@ -290,13 +290,13 @@ def test_a_void_attempt_is_replayed() -> None:
 
 def test_what_is_polled_all_the_time_is_not_wrong_the_same_time_twice_by_noise() -> None:
     """The same frame spoilt in each strict attempt, but another time: the pass stands."""
-    hits = [attempt(Verdict.FAIL, spoilt=(f"20h, time {number}: ",)) for number in (7, 90, 31)]
+    hits = [attempt(Verdict.FAIL, corrupted=(f"20h, time {number}: ",)) for number in (7, 90, 31)]
     assert settled(RETRIED, *hits)[0] is Verdict.PASS
 
 
 def test_what_breaks_off_at_one_place_every_time_is_then_judged_as_it_comes() -> None:
     """A device that never answers 13h is no noisy line."""
-    strictly_silent = attempt(Verdict.FAIL, spoilt=("13h: ",))
+    strictly_silent = attempt(Verdict.FAIL, corrupted=("13h: ",))
     verdict, count, strict = settled(VOID, VOID, VOID, strictly_silent)
     assert (verdict, count) == (Verdict.FAIL, 6)
     assert strict == [False] * 3 + [True] * 3
@@ -304,20 +304,20 @@ def test_what_breaks_off_at_one_place_every_time_is_then_judged_as_it_comes() ->
 
 def test_a_pass_by_asking_again_is_checked_without_asking_again() -> None:
     """A device whose fault is cured by asking again must not pass for noise."""
-    cured = attempt(Verdict.FAIL, spoilt=("20h: 15",))
+    cured = attempt(Verdict.FAIL, corrupted=("20h: 15",))
     assert settled(RETRIED, cured)[:2] == (Verdict.FAIL, 4)
     assert settled(RETRIED, PASSES)[:2] == (Verdict.PASS, 2)
 
 
 def test_strict_attempts_that_fail_each_in_its_own_way_leave_the_pass_standing() -> None:
     """That is what noise looks like."""
-    wandering = [attempt(Verdict.FAIL, spoilt=(str(number),)) for number in range(3)]
+    wandering = [attempt(Verdict.FAIL, corrupted=(str(number),)) for number in range(3)]
     assert settled(RETRIED, *wandering)[:2] == (Verdict.PASS, 4)
 
 
 def test_a_crash_over_spoilt_bytes_is_void_and_one_without_is_told() -> None:
     """A mistake of the suite is only believed when nothing else explains it."""
-    assert settled(attempt(outcome=Outcome.ERROR, spoilt=("x",)), PASSES)[0] is Verdict.PASS
+    assert settled(attempt(outcome=Outcome.ERROR, corrupted=("x",)), PASSES)[0] is Verdict.PASS
     assert settled(attempt(outcome=Outcome.ERROR))[1] == 1
 
 
@@ -329,6 +329,6 @@ def test_a_device_that_is_lost_between_attempts_is_not_replayed() -> None:
         asked.append(is_strict)
         return FAILS(is_strict)
 
-    result = Replays(one, lambda: False, LineQuality()).settle()
+    result = Replays(one, lambda: False, LineQuality()).conclude()
     assert len(asked) == 1
     assert result.verdict is Verdict.FAIL, "for the engine to withdraw"

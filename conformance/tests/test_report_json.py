@@ -14,11 +14,14 @@ from click.testing import CliRunner
 
 from axistwin_conformance.base import events
 from axistwin_conformance.base.errors import UsageError
+from axistwin_conformance.base.events import FailureStored
+from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.cli import conform
 from axistwin_conformance.report import json as report_json
 from axistwin_conformance.report.json import FORMAT, JsonStream, fold, load
 from axistwin_conformance.report.plot import is_inside
+from axistwin_conformance.transport.kinds import BUS
 
 DOCS = Path(__file__).parents[2] / "docs"
 Told = list[dict[str, Any]]
@@ -144,3 +147,11 @@ def test_the_readings_of_a_sound_twin_lie_in_the_bands_drawn_around_them() -> No
             assert is_inside(motion), f"{check['name']}, {motion['name']}"
             times = [point[0] for point in motion["predicted"]]
             assert times == sorted(times)
+
+
+def test_recorded_operations_are_hex_whatever_carries_the_device() -> None:
+    """Operations are no frames: on a bus, too, each of them is told byte by byte."""
+    recording = Recording("mac23-can", (b"\x11\x0f\x46\x75",), found=b"\x11\x0f\x46\x75")
+    told = report_json.event_object(FailureStored("draws", recording), spell=BUS.spell)
+    assert told["recording"]["operations"] == ["11 0F 46 75"]
+    assert told["recording"]["found"] == "11 0F 46 75"

@@ -67,16 +67,16 @@ def test_the_budget_of_operations_is_never_exceeded(
     numbers: Numbers, salt: int, allowed: int
 ) -> None:
     """And what is returned has failed, however early it ended."""
-    played: list[Numbers] = []
+    performed: list[Numbers] = []
     fails = odd_world(salt, numbers)
 
     def counted(candidate: Numbers) -> bool:
-        played.append(candidate)
+        performed.append(candidate)
         return fails(candidate)
 
     found = shrink(numbers, counted, Budget(allowed, 10**9, clock=lambda: 0.0), range)
-    assert sum(map(len, played)) == found.played <= allowed
-    assert len(played) == found.tries
+    assert sum(map(len, performed)) == found.performed <= allowed
+    assert len(performed) == found.tries
     assert fails(found.operations)
     assert found.steps[0] == numbers
     assert found.steps[-1] == found.operations
@@ -99,14 +99,14 @@ def test_no_try_begins_after_the_last_second() -> None:
 
 def test_what_did_not_fail_is_not_played_again() -> None:
     """A real line is slow enough."""
-    played: list[Numbers] = []
+    performed: list[Numbers] = []
 
     def fails(numbers: Numbers) -> bool:
-        played.append(numbers)
+        performed.append(numbers)
         return {2, 5} <= set(numbers)
 
     assert shrink(tuple(range(8)), fails, PLENTY).operations == (2, 5)
-    assert len(played) == len(set(played))
+    assert len(performed) == len(set(performed))
 
 
 def test_forty_operations_with_a_cause_of_two_take_few_tries() -> None:

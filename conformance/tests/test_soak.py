@@ -32,7 +32,7 @@ def draws(session: Session) -> None:
     """It answers, whatever is drawn."""
     ask(session)
     counts = {"HD": {"ask": 1}}
-    session.run.tell(StatesCovered("draws", 1, 1, counts))
+    session.run.emit(StatesCovered("draws", 1, 1, counts))
     session.expect(session.random.randrange(8) != 0, FRAME, "1 to 7", 0)
 
 

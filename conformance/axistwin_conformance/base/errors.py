@@ -53,7 +53,7 @@ class OutsideEnvelope(AssertionError):  # noqa: N818 - names what was about to h
         self.option, self.needed = option, needed
 
     @property
-    def told(self) -> str:
+    def reason(self) -> str:
         """Why it was held back, after what would let it through if anybody knows."""
         if not self.option:
             return str(self)

@@ -26,7 +26,7 @@ from axistwin_conformance.base.classes import SAFETY_CLASSES
 ANY_READING = "*"  # in a list of readings: any other value is admissible too (a measured time)
 
 
-class Kind(StrEnum):
+class RequirementKind(StrEnum):
     """On what ground a requirement stands."""
 
     MUST = "must"  # stated by a manual
@@ -45,7 +45,7 @@ class Requirement:
     """
 
     id: str
-    kind: Kind
+    kind: RequirementKind
     safety: frozenset[str]
     source: str
     text: str
@@ -192,7 +192,7 @@ def _requirement(key: str, row: Mapping[str, object]) -> Requirement:
             raise ValueError(f"safety {sorted(safety)} has a class that is none")
         return Requirement(
             id=key,
-            kind=Kind(str(row["kind"])),
+            kind=RequirementKind(str(row["kind"])),
             safety=safety,
             source=str(row["source"]),
             text=str(row["text"]),

@@ -32,23 +32,23 @@ class LineQuality:
     """How many exchanges of a run went wrong on the way, as far as that can be told."""
 
     exchanges: int = 0
-    spoilt: int = 0
+    corrupted: int = 0
     votes: Counter[tuple[str, str]] = field(default_factory=Counter)  # how something is spelt
 
-    def note(self, *, is_spoilt: bool) -> None:
+    def note(self, *, is_corrupted: bool) -> None:
         """Count one exchange."""
         self.exchanges += 1
-        self.spoilt += is_spoilt
+        self.corrupted += is_corrupted
 
     @property
     def rate(self) -> float:
         """The share of spoilt exchanges, estimated carefully while few are known."""
-        return (self.spoilt + 1) / (self.exchanges + PRIOR_EXCHANGES)
+        return (self.corrupted + 1) / (self.exchanges + PRIOR_EXCHANGES)
 
     @property
     def is_noisy(self) -> bool:
         """True if what is done on this line cannot be relied on."""
-        return self.spoilt > NOISY * max(self.exchanges, 1)
+        return self.corrupted > NOISY * max(self.exchanges, 1)
 
     @property
     def alike_needed(self) -> int:
@@ -64,13 +64,13 @@ class LineQuality:
         """How many spoilt exchanges in a row are as unlikely as that."""
         return math.ceil(math.log(chance) / math.log(min(self.rate, 0.9)))
 
-    def is_settled(self, replies: list[bytes]) -> bool:
+    def is_reproduced(self, replies: list[bytes]) -> bool:
         """True if the last replies to one request are alike and too many for noise."""
         needed = self.alike_needed
         return len(replies) >= needed and len(set(replies[-needed:])) == 1
 
     def __str__(self) -> str:
-        return f"{self.spoilt} of {self.exchanges} exchanges spoilt"
+        return f"{self.corrupted} of {self.exchanges} exchanges spoilt"
 
 
 @dataclass(slots=True)

@@ -25,7 +25,7 @@ from axistwin_conformance.core.probing import Probe
 from axistwin_conformance.core.session import Run, Session
 from axistwin_conformance.transport.kinds import LINE, TransportKind
 from axistwin_conformance.transport.rig import OF_AN_AXIS
-from axistwin_conformance.transport.transport import Transport, TravelGuard
+from axistwin_conformance.transport.transport import Transport, TravelLimiter
 
 T = TypeVar("T")
 
@@ -44,7 +44,7 @@ class Family(ABC):
 
     `name`: of the family and of its ledger.  `addresses`: those a device can have.
     `default_rate`: of the line or bus; None: as the interface is set.  `rates`: the ones it can
-    have; none named: any.  `way`: how the devices are reached, and what that is called.
+    have; none named: any.  `transport_kind`: how the devices are reached, and what that is called.
     `capabilities`: what of a rig serves such a device.  `scratch`: of the built-in twin; None: the
     family has no variables or flags to be named.  `has_axis`: an envelope of motion means something
     to it.  `impact`: safety class → what its checks do to a device, in words, for `--dry-run`.
@@ -58,7 +58,7 @@ class Family(ABC):
     default_address: int
     default_rate: int | None = None
     rates: tuple[int, ...] = ()
-    way: TransportKind = LINE
+    transport_kind: TransportKind = LINE
     capabilities: frozenset[str] = OF_AN_AXIS
     scratch: ScratchArea | None = None
     has_axis: bool = True
@@ -75,7 +75,7 @@ class Family(ABC):
 
     def twin_url(self, model: str, address: int, neighbours: tuple[int, ...]) -> str:
         """The URL of the built-in twin, with its neighbours on one line or bus."""
-        return self.way.twin_url(model, address, neighbours)
+        return self.transport_kind.twin_url(model, address, neighbours)
 
     @abstractmethod
     def explain(self, record: Record) -> str:
@@ -115,7 +115,7 @@ class Family(ABC):
         not declare), or None."""
         return None
 
-    def travel_guard(self, run: Run) -> TravelGuard | None:
+    def travel_guard(self, run: Run) -> TravelLimiter | None:
         """What keeps the axes inside the envelope, whatever is sent; None where nothing moves."""
         return None
 

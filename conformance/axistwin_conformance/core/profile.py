@@ -196,10 +196,10 @@ def held_to(
             unseen.append(switch)
     missing = f"not seen: {', '.join(unseen)}" if unseen else ""
     if departures:
-        verdict, said = Verdict.FAIL, [one.text for one in departures]
+        verdict, reasons = Verdict.FAIL, [one.text for one in departures]
     elif seen_count:
-        verdict, said = Verdict.PASS, [f"{seen_count} readings seen, all as it says"]
+        verdict, reasons = Verdict.PASS, [f"{seen_count} readings seen, all as it says"]
     else:
-        verdict, said = Verdict.NOT_RUN, ["no reading of the device was seen"]
-    reason = "; ".join([*said, *filter(None, [missing])])
+        verdict, reasons = Verdict.NOT_RUN, ["no reading of the device was seen"]
+    reason = "; ".join([*reasons, *filter(None, [missing])])
     return ProfileJudged(profile, verdict, reason, tuple(departures), tuple(unseen))

@@ -29,7 +29,7 @@ from axistwin_conformance.core.profile import Detection
 from axistwin_conformance.transport.kinds import TransportKind
 from axistwin_conformance.transport.rig import Rig
 from axistwin_conformance.transport.serial import SerialTransport
-from axistwin_conformance.transport.transport import Transport, TravelGuard
+from axistwin_conformance.transport.transport import Transport, TravelLimiter
 
 REPLY_TIMEOUT_S = 0.5  # MACS-REPLY-16: no reply time is specified; the ledger sets this for suites
 # With one byte in 50 lost, an exchange of 42 bytes fails as often as not: 24 attempts leave 1 in
@@ -89,7 +89,7 @@ class DeviceFamily(Protocol):
         """Of the line or bus; None: as the interface is set."""
 
     @property
-    def way(self) -> TransportKind:
+    def transport_kind(self) -> TransportKind:
         """How the devices are reached."""
 
     @property
@@ -114,7 +114,7 @@ class DeviceFamily(Protocol):
     def restore(self, session: Session, memory: Any) -> tuple[str, ...]:
         """Put back what differs; a sentence for each thing that could not be."""
 
-    def travel_guard(self, run: Run) -> TravelGuard | None:
+    def travel_guard(self, run: Run) -> TravelLimiter | None:
         """What keeps the axes inside the envelope."""
 
 
@@ -141,7 +141,7 @@ class Run:
     budget: WriteBudget = field(default_factory=WriteBudget)
     quality: LineQuality = field(default_factory=LineQuality)
     silence_limit: SilenceLimit = field(default_factory=SilenceLimit)
-    tell: Listener = lambda event: None  # who is told of what cannot wait for a check's end
+    emit: Listener = lambda event: None  # who is told of what cannot wait for a check's end
     shrunk: set[str] = field(default_factory=set)  # requirements of which a short failure is known
     shrinks: bool = True  # False: what fails here is shrunk elsewhere
     is_interrupted: bool = False  # a check has told what it knew first: now the run is to end
@@ -175,14 +175,14 @@ class Session:
         self.findings: list[Finding] = []
         self.retries: list[str] = []
         self.is_strict = run.target.is_lossless  # True: replies are handed on as they come
-        self.spoilt: list[str] = []  # what came wrong and was handed on all the same
+        self.corrupted: list[str] = []  # what came wrong and was handed on all the same
         self._asked: Counter[bytes] = Counter()
         self._late_count = run.target.late_count  # of all that came late before
         self.failed_after = (b"", 0)  # what was sent last before the first failure, which time
         self.has_failed = False
         self.recording: Recording | None = None  # the operations that failed, if the check has any
         self.is_replayed = False  # True: the check itself has found out how often they fail
-        self.is_settled = False  # True: the last reply was wrong, and too often so for noise
+        self.is_reproduced = False  # True: the last reply was wrong, and too often so for noise
         self.passed: dict[str, int] = {}
         self.motion_count = 0  # sampled so far, kept or not
         self._motions: dict[str, MotionSampled] = {}
@@ -265,7 +265,7 @@ class Session:
         said nothing right for too long.
         """
         quality = self.run.quality
-        self.is_settled = False
+        self.is_reproduced = False
         if self.transport.is_lossless:
             return True
         if not is_good:
@@ -276,22 +276,22 @@ class Session:
             self.run.silence_limit.good()
         if not bad:  # a device that never answers right must not make the line look noisy
             is_late = self.transport.late_count > self._late_count
-            quality.note(is_spoilt=is_late or not is_good)
+            quality.note(is_corrupted=is_late or not is_good)
         self._late_count = self.transport.late_count
         bad.append(reply)
         self._asked[self.transport.last_sent] += 1
         if self.is_strict and not is_good:
-            self.spoilt.append(self._numbered(reply))
-        self.is_settled = not is_good and quality.is_settled(bad)
-        return is_good or self.is_strict or self.is_settled
+            self.corrupted.append(self._numbered(reply))
+        self.is_reproduced = not is_good and quality.is_reproduced(bad)
+        return is_good or self.is_strict or self.is_reproduced
 
-    def heard_in_pieces(self, heard: bytes) -> None:
+    def note_broken_reply(self, heard: bytes) -> None:
         """Take note of what came broken and cannot be asked for again: the attempt is void, or,
         strictly, it is part of what attempts are compared by.  Raises Disturbed."""
         if self.transport.is_lossless:
             return
         if self.is_strict:
-            self.spoilt.append(self._numbered(heard))
+            self.corrupted.append(self._numbered(heard))
         elif self.check is not None:
             self.void_attempt("what came by itself was broken")
 
@@ -321,14 +321,14 @@ class Session:
     def last_exchange(self) -> tuple[bytes, bytes]:
         """What was sent last in this session, and what came since; nothing sent: empty."""
         request, reply = b"", b""
-        for one in self.said():
+        for one in self.records():
             if one.direction is Direction.HOST:
                 request, reply = one.data, b""
             elif one.direction is Direction.DEVICE:
                 reply += one.data
         return request, reply
 
-    def said(self) -> tuple[Record, ...]:
+    def records(self) -> tuple[Record, ...]:
         """All that was said in this session."""
         return self.transport.transcript.since(self._started_at)
 
@@ -473,7 +473,7 @@ class Session:
     def record(self, recording: Recording) -> None:
         """Keep the operations after which the device failed, and tell them at once."""
         self.recording = recording
-        self.run.tell(FailureStored(recording.check, recording))
+        self.run.emit(FailureStored(recording.check, recording))
 
     def sample(
         self,
@@ -512,7 +512,7 @@ class Session:
         what is said instead.
         """
         # A pass is taken back by any trouble, a quirk only by a failure.
-        said = [
+        judged = [
             one.requirement
             for one in self.findings
             if verdict is not Verdict.FAIL or one.verdict is Verdict.FAIL
@@ -523,7 +523,7 @@ class Session:
             rest = [
                 Finding(name, verdict, trouble, transcript=transcript)
                 for name in dict.fromkeys([*named, *self.passed])
-                if name not in said
+                if name not in judged
             ]
             return tuple(self.findings + rest)
         passes = [
@@ -533,7 +533,7 @@ class Session:
         silent = [
             Finding(name, Verdict.NOT_RUN, "the check ended without judging it")
             for name in named
-            if name not in said and name not in self.passed
+            if name not in judged and name not in self.passed
         ]
         return tuple(self.findings + passes + silent)
 

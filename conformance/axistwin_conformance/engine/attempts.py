@@ -33,13 +33,13 @@ from axistwin_conformance.engine.replays import Attempt, Replays
 from axistwin_conformance.engine.result import CheckResult
 
 
-class DeviceGuard(Protocol):
+class AttemptGuard(Protocol):
     """Who looks after the device between attempts."""
 
     def guard(self, session: Session, data: bytes) -> None:
         """Raise for bytes that must not be sent."""
 
-    def settle(self, run: Run) -> None:
+    def restore(self, run: Run) -> None:
         """Bring the device to rest and put back what was changed."""
 
     def is_sane(self, run: Run) -> bool:
@@ -52,7 +52,7 @@ class Attempts:
     `emit`: who is told of sampled motion.  `device_guard`: who looks after the device.
     """
 
-    def __init__(self, emit: Listener, device_guard: DeviceGuard) -> None:
+    def __init__(self, emit: Listener, device_guard: AttemptGuard) -> None:
         self._emit, self._guard = emit, device_guard
 
     def believed(self, run: Run, check: Check) -> CheckResult:
@@ -69,12 +69,12 @@ class Attempts:
         def tidy() -> bool:
             try:
                 if check.danger > 0:
-                    self._guard.settle(run)
+                    self._guard.restore(run)
                 return self._guard.is_sane(run)
             except TargetError:
                 return False  # found again, and told, when the check is over
 
-        result = Replays(attempt, tidy, run.quality).settle()
+        result = Replays(attempt, tidy, run.quality).conclude()
         if run.target.too_slow and result.verdict in (Verdict.FAIL, Verdict.QUIRK):
             run.readings.clear()
             run.readings.update(known)
@@ -102,7 +102,7 @@ class Attempts:
             if switch not in known and reading != run.ledger.ambiguity_of(switch).default_of(switch)
         }
         return Attempt(
-            result, disturbance, learnt, session.is_strict, tuple(session.spoilt),
+            result, disturbance, learnt, session.is_strict, tuple(session.corrupted),
             session.failed_after, session.is_replayed, tuple(run.target.late),
         )  # fmt: skip
 
@@ -126,7 +126,7 @@ class Attempts:
         except AttemptVoid as error:
             outcome, trouble, disturbance = Outcome.TROUBLE, f"spoilt: {error}", str(error)
         except OutsideEnvelope as error:
-            outcome, trouble, verdict = Outcome.LEFT_OUT, error.told, Verdict.NOT_RUN
+            outcome, trouble, verdict = Outcome.LEFT_OUT, error.reason, Verdict.NOT_RUN
         except TwinCrashed as error:
             outcome, trouble, verdict = Outcome.TROUBLE, str(error), Verdict.FAIL
         except (TargetError, RigError) as error:

@@ -34,7 +34,7 @@ from axistwin_conformance.core.session import Run, Session, Stop
 from axistwin_conformance.engine.replays import MOST_ATTEMPTS
 
 
-class DeviceGuard(Protocol):
+class ProbeGuard(Protocol):
     """Who looks after the device, and after what the run says of it, while probes ask."""
 
     def guard(self, session: Session, data: bytes) -> None:
@@ -56,7 +56,7 @@ class DeviceGuard(Protocol):
         """Put a fresh twin in the place of one that crashed; False where there is none."""
 
 
-def detect(run: Run, probes: Iterable[Probe], device_guard: DeviceGuard) -> None:
+def detect(run: Run, probes: Iterable[Probe], device_guard: ProbeGuard) -> None:
     """Ask the probes and put what they tell into `run`; raises TargetError for a lost device."""
     for probe in probes:
         before = run.detections.get(probe.switch)
@@ -77,7 +77,7 @@ def detect(run: Run, probes: Iterable[Probe], device_guard: DeviceGuard) -> None
             raise TargetError(f"it no longer answers after it was asked for {probe.switch}")
 
 
-def _ask_until_believed(run: Run, probe: Probe, device_guard: DeviceGuard) -> Detection:
+def _ask_until_believed(run: Run, probe: Probe, device_guard: ProbeGuard) -> Detection:
     """Ask once; where noise is possible, what is unusual counts when two answers agree."""
     known = dict(run.readings)
     told: list[tuple[tuple[str, ...], tuple[str, ...]]] = []  # answers, and what was late
@@ -123,7 +123,7 @@ def leave_out(run: Run, probe: Probe, reason: str) -> None:
     run.detections[probe.switch] = Detection(probe.switch, None, reason)
 
 
-def _ask(run: Run, probe: Probe, device_guard: DeviceGuard) -> Detection:
+def _ask(run: Run, probe: Probe, device_guard: ProbeGuard) -> Detection:
     """Ask once.  What is no answer at all is judged before anything else is said."""
     session = Session(run, probe.check)
     try:
@@ -136,7 +136,7 @@ def _ask(run: Run, probe: Probe, device_guard: DeviceGuard) -> Detection:
     return seen if isinstance(seen, Detection) else _told(run, probe, seen)
 
 
-def _look(session: Session, probe: Probe, device_guard: DeviceGuard) -> Seen | Detection:
+def _look(session: Session, probe: Probe, device_guard: ProbeGuard) -> Seen | Detection:
     """What the probe saw, or why it saw nothing."""
     target, act = session.transport, (probe.check.name, probe.check.behaviour)
     target.gate = lambda data: device_guard.guard(session, data)
@@ -157,7 +157,7 @@ def _look(session: Session, probe: Probe, device_guard: DeviceGuard) -> Seen | D
     except (CannotDo, RigError) as reason:
         return Detection(probe.switch, None, str(reason))
     except OutsideEnvelope as error:
-        return Detection(probe.switch, None, error.told)
+        return Detection(probe.switch, None, error.reason)
     except TwinCrashed:
         device_guard.record_violation(session, *act)
         raise

@@ -54,7 +54,7 @@ ACTS = {
 class DeviceGuard:
     """Looks after the device of one run.
 
-    `tell`: takes events.  `blocked`: why nothing more is asked of the device; `unremembered`: why
+    `emit`: takes events.  `blocked`: why nothing more is asked of the device; `unremembered`: why
     nothing but passive is; both empty at first.  `violations`: what the device has failed beside
     the checks.
     """
@@ -62,7 +62,7 @@ class DeviceGuard:
     options: Options
     ledger: Ledger
     opener: Opener
-    tell: Listener
+    emit: Listener
     budget: WriteBudget
     blocked: str = ""
     unremembered: str = ""
@@ -98,7 +98,7 @@ class DeviceGuard:
             scratch=options.scratch,
             seed=options.seed,
             budget=self.budget,
-            tell=self.tell,
+            emit=self.emit,
         )
         self._equip(run)
         return run
@@ -116,7 +116,7 @@ class DeviceGuard:
             target.travel_guard = family.travel_guard(run)
 
     def _tell_question(self, is_open: bool, text: str) -> None:
-        self.tell(events.RigQuestion(is_open, text))
+        self.emit(events.RigQuestion(is_open, text))
 
     def _make_safe(self, run: Run) -> None:
         """Stop and put back on the way out, whichever it is, once anything but passive has run."""
@@ -125,7 +125,7 @@ class DeviceGuard:
         has_axis = self.options.family.has_axis
         deed = "stop the axis or put its parameters back" if has_axis else "put back what it held"
         try:
-            self.settle(run, is_leaving=True)
+            self.restore(run, is_leaving=True)
         except interrupts.CutShort:
             self._leave(run, deed)
         except TargetError as error:
@@ -174,12 +174,12 @@ class DeviceGuard:
                 self._tried[need] = ""
                 with contextlib.suppress(TargetError):  # what is wrong then, the check will meet
                     self._tried[need] = self.options.family.unusable(Session(run), need)
-                    self.settle(run)
+                    self.restore(run)
                 if self._tried[need]:
                     self.trouble(self._tried[need])
         return next((why for need in check.needs if (why := self._tried.get(need, ""))), "")
 
-    def settle(self, run: Run, *, is_leaving: bool = False) -> None:
+    def restore(self, run: Run, *, is_leaving: bool = False) -> None:
         """Stop, then put back, also if stopping went wrong; raises TargetError for a lost port.
 
         `is_leaving`: an exchange may have been interrupted, and its reply still come.
@@ -266,7 +266,7 @@ class DeviceGuard:
         except TargetError:
             return False
         if is_back:
-            self.tell(events.Note(f"{crashed.crash}; a fresh twin takes its place"))
+            self.emit(events.Note(f"{crashed.crash}; a fresh twin takes its place"))
         return is_back
 
     # --- what is told ----------------------------------------------------------------------------
@@ -277,7 +277,7 @@ class DeviceGuard:
         run = session.run
         request, reply = session.last_exchange()
         is_surely_its_own = run.target.crash or run.target.is_lossless
-        if not is_surely_its_own and not (reply and session.is_settled and self.is_sane(run)):
+        if not is_surely_its_own and not (reply and session.is_reproduced and self.is_sane(run)):
             return False
         violation = self.options.family.diagnose(
             session, request, None if run.target.crash else reply
@@ -302,8 +302,8 @@ class DeviceGuard:
         )  # fmt: skip
         result = CheckResult(check, Outcome.DONE, (finding,), tuple(session.retries), 0.0, "")
         self.violations.append(result)
-        self.tell(events.CheckStarted(0, 0, act, behaviour, check.requirements))
-        self.tell(result.as_event(0, 0, self.options.command))
+        self.emit(events.CheckStarted(0, 0, act, behaviour, check.requirements))
+        self.emit(result.as_event(0, 0, self.options.command))
 
     def block(self, reason: str) -> None:
         """Ask nothing more of the device in this run."""
@@ -315,9 +315,9 @@ class DeviceGuard:
         after many checks is one problem."""
         if text not in self.problems:
             self.problems.append(text)
-        self.tell(events.Note(text))
+        self.emit(events.Note(text))
 
     def note_retries(self, session: Session) -> None:
         """Tell what had to be asked again beside the checks."""
         for text in session.retries:
-            self.tell(events.Note(f"between checks, asked again: {text}"))
+            self.emit(events.Note(f"between checks, asked again: {text}"))

@@ -47,7 +47,7 @@ Judge = Callable[[Run, Check], CheckResult]
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class RunSetup:
     """What a worker has to know of a run to judge as the run itself would."""
 
     model: str
@@ -64,7 +64,7 @@ class Place:
     scratch: ScratchArea
 
     @classmethod
-    def of(cls, run: Run) -> Place:
+    def of(cls, run: Run) -> RunSetup:
         """The place of a run on the built-in twin."""
         return cls(
             run.model.name, run.target.description, run.target.rate, run.address, run.neighbours,
@@ -74,7 +74,7 @@ class Place:
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class WorkerResult:
     """What a worker has to say of a check; `writes`: to the EEPROM, that it has asked for."""
 
     outcome: Outcome
@@ -114,7 +114,7 @@ class _Guard:
         reason = self.family.forbid(session, data)
         assert reason is None, f"held back {data.hex(' ')}: {reason}"
 
-    def settle(self, run: Run) -> None:
+    def restore(self, run: Run) -> None:
         """Nothing: nobody uses this twin again."""
 
     def is_sane(self, run: Run) -> bool:
@@ -122,20 +122,20 @@ class _Guard:
         return True
 
 
-def judge(place: Place, name: str, seed: int) -> Told:
+def judge(setup: RunSetup, name: str, seed: int) -> WorkerResult:
     """Run the check of that name on a twin of one's own."""
-    family = find_family(place.model)
+    family = find_family(setup.model)
     check = next(one for one in family.checks() if one.name == name)
-    target = family.open(place.url, place.rate, is_builtin=True)
+    target = family.open(setup.url, setup.rate, is_builtin=True)
     events: list[Event] = []
     try:
-        target.round_trip = place.round_trip
+        target.round_trip = setup.round_trip
         run = Run(
-            target=target, family=family, model=family.models[place.model],
-            ledger=load_ledger(family.name), address=place.address, neighbours=place.neighbours,
-            allowed=place.allowed, envelope=place.envelope, seed=seed, identity=place.identity,
-            readings=dict(place.readings), detections=dict(place.detections),
-            budget=WriteBudget(), tell=events.append, shrinks=False, scratch=place.scratch,
+            target=target, family=family, model=family.models[setup.model],
+            ledger=load_ledger(family.name), address=setup.address, neighbours=setup.neighbours,
+            allowed=setup.allowed, envelope=setup.envelope, seed=seed, identity=setup.identity,
+            readings=dict(setup.readings), detections=dict(setup.detections),
+            budget=WriteBudget(), emit=events.append, shrinks=False, scratch=setup.scratch,
         )  # fmt: skip
         target.meter = lambda data: run.budget.note(family.stored_writes(data))
         if run.envelope.is_guarded:
@@ -144,7 +144,7 @@ def judge(place: Place, name: str, seed: int) -> Told:
         one = Attempts(events.append, _Guard(family)).believed(run, check)
     finally:
         target.close()
-    return Told(
+    return WorkerResult(
         one.outcome, one.findings, one.retries, one.seconds, one.trouble, one.recording,
         tuple(event for event in events if not isinstance(event, FailureStored)), run.budget.spent,
     )  # fmt: skip
@@ -168,15 +168,15 @@ def _end_with(leash: Connection) -> None:
 class Jobs:
     """Workers, `count` of them at most, started as they are needed.
 
-    `tell`: takes a sentence about what did not go as it should.
+    `emit`: takes a sentence about what did not go as it should.
     """
 
-    def __init__(self, count: int, tell: Callable[[str], None]) -> None:
+    def __init__(self, count: int, emit: Callable[[str], None]) -> None:
         self.count = count
-        self._tell = tell
+        self._tell = emit
         self._pool: ProcessPoolExecutor | None = None
         self._leash: Connection | None = None
-        self._begun: dict[tuple[str, int], tuple[dict[str, str], Future[Told]]] = {}
+        self._begun: dict[tuple[str, int], tuple[dict[str, str], Future[WorkerResult]]] = {}
         self._is_lost = False
 
     @property
@@ -192,7 +192,7 @@ class Jobs:
             if self._pool is None:
                 self._pool = self._started()
             try:
-                future = self._pool.submit(judge, Place.of(run), check.name, seed)
+                future = self._pool.submit(judge, RunSetup.of(run), check.name, seed)
             except BrokenProcessPool as error:
                 self._lose(error)
                 return
@@ -211,11 +211,11 @@ class Jobs:
                 return again
             self._tell(f"{check.name}: what a worker process found did not come again in this one")
         for event in told.events:
-            run.tell(event)
+            run.emit(event)
         run.budget.note(told.writes)
         return result
 
-    def _told(self, run: Run, check: Check) -> Told | None:
+    def _told(self, run: Run, check: Check) -> WorkerResult | None:
         """What a worker says; None if it has to be run here: nobody has begun it, the device has
         shown more of itself since, or the worker was lost."""
         readings, future = self._begun.pop((check.name, run.seed), (None, None))

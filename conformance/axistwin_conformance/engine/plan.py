@@ -79,7 +79,7 @@ class Options:
         url = self.family.twin_url(self.model, self.address, self.neighbours)
         if self.rate == self.family.default_rate:
             return url
-        return f"{url}&{self.family.way.rate_parameter}={self.rate}"
+        return f"{url}&{self.family.transport_kind.rate_parameter}={self.rate}"
 
     @property
     def provided(self) -> frozenset[str]:
@@ -114,11 +114,11 @@ class Options:
 
     def _command(self, selected: Sequence[str], level: str = FULL, replay: str = "") -> str:
         words = ["axistwin", "conform", self.model]
-        way = self.family.way
+        transport_kind = self.family.transport_kind
         if self.endpoint is not None:
-            words += [way.option, self.endpoint]
+            words += [transport_kind.option, self.endpoint]
         if self.rate != (self.family.default_rate if self.is_builtin else None):
-            words += [way.rate_option, str(self.rate)]
+            words += [transport_kind.rate_option, str(self.rate)]
         if self.endpoint is not None:
             granted = sorted(self.allowed - {"passive"})
             words += ["--allow", ",".join(granted)] if granted else []

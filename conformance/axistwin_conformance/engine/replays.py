@@ -47,7 +47,7 @@ class Attempt:
     """One run of a check on a line that may be noisy.
 
     `disturbance`: what was spoilt that must not be repeated; empty if nothing.  `readings`: the
-    readings learnt in it that are not the default.  `spoilt`: bad replies that were handed on to
+    readings learnt in it that are not the default.  `corrupted`: bad replies that were handed on to
     the check (strictly).  `place`: what was sent last before the first failure, and which
     time it was sent.
     """
@@ -56,7 +56,7 @@ class Attempt:
     disturbance: str = ""
     readings: Mapping[str, str] = field(default_factory=dict)
     is_strict: bool = False
-    spoilt: tuple[str, ...] = ()
+    corrupted: tuple[str, ...] = ()
     place: tuple[bytes, int] = (b"", 0)
     is_replayed: bool = False  # the check has found out by itself how often its failure comes
     late: tuple[str, ...] = ()  # what this host or the line held up, in its order
@@ -64,7 +64,7 @@ class Attempt:
     @property
     def is_quiet(self) -> bool:
         """True if nothing at all went wrong on the way, as far as that can be told."""
-        return not self.disturbance and not self.result.retries and not self.spoilt
+        return not self.disturbance and not self.result.retries and not self.corrupted
 
     @property
     def is_void(self) -> bool:
@@ -73,7 +73,7 @@ class Attempt:
         return bool(self.disturbance) or is_crash
 
     @property
-    def is_telling(self) -> bool:
+    def is_decisive(self) -> bool:
         """True if all that went wrong on the way is part of what is compared."""
         return self.is_strict or self.is_quiet
 
@@ -89,7 +89,7 @@ class Attempt:
             told += sorted(self.readings.items())
         # What is asked all the time is hit by noise now and then; a device is wrong the same time.
         place = self.place if is_noisy else self.place[:1]
-        return (*told, place, self.spoilt, self.late) if told else ()
+        return (*told, place, self.corrupted, self.late) if told else ()
 
 
 class Replays:
@@ -109,7 +109,7 @@ class Replays:
         self._attempt, self._tidy, self._quality, self._most = attempt, tidy, quality, most
         self._all: list[Attempt] = []
 
-    def settle(self) -> CheckResult:
+    def conclude(self) -> CheckResult:
         """Run, replay as often as needed, and give the result that can be believed."""
         is_strict = False
         while len(self._all) < self._most or self._is_promising():
@@ -170,7 +170,7 @@ class Replays:
         return one.surprise(is_noisy=self._quality.is_noisy)
 
     def _alike(self, surprise: tuple[object, ...]) -> int:
-        return sum(one.is_telling and self._surprise(one) == surprise for one in self._all)
+        return sum(one.is_decisive and self._surprise(one) == surprise for one in self._all)
 
     def _doubts(self) -> bool:
         """True if in a quiet attempt all was right.  One that went wrong in another way, earlier
@@ -222,23 +222,23 @@ class Replays:
         count = len(self._all)
         most = max((surprises.count(one) for one in surprises), default=0)
         void = sum(one.is_void for one in self._all)
-        telling = next((one for one in self._all if self._surprise(one)), self._all[-1])
+        decisive = next((one for one in self._all if self._surprise(one)), self._all[-1])
         text = (
             f"not settled in {count} attempts: {most} of {count} failed alike, {len(passed)} held,"
             f" {void} were void ({self._quality})"
         )
-        if telling.disturbance:
-            text += f"; last: {telling.disturbance}"
+        if decisive.disturbance:
+            text += f"; last: {decisive.disturbance}"
         if late := sum(bool(one.late) for one in self._all):
             doubled = any(what.startswith(TWICE) for one in self._all for what in one.late)
             how = "was late, or replies came twice," if doubled else "was late"
             text += f"; this host or the line {how} in {late} of them"
-        result = replace(telling.result, outcome=Outcome.DONE).withdrawn(text)
-        said = {one.requirement for one in result.findings}
+        result = replace(decisive.result, outcome=Outcome.DONE).withdrawn(text)
+        judged = {one.requirement for one in result.findings}
         more = tuple(
             Finding(name, Verdict.INCONCLUSIVE, text)
             for name in result.check.requirements
-            if name not in said
+            if name not in judged
         )
         return self._with_history(replace(result, findings=result.findings + more), text)
 

@@ -34,7 +34,7 @@ class CheckResult:
 
     def withdrawn(self, reason: str) -> CheckResult:
         """Return the result with every judgement withdrawn: the device was lost under it."""
-        said = (
+        withdrawn = (
             replace(
                 one,
                 verdict=Verdict.INCONCLUSIVE,
@@ -45,7 +45,7 @@ class CheckResult:
             for one in self.findings
         )
         return replace(
-            self, findings=tuple(said), outcome=Outcome.TROUBLE, trouble=self.trouble or reason
+            self, findings=tuple(withdrawn), outcome=Outcome.TROUBLE, trouble=self.trouble or reason
         )
 
     def as_event(self, number: int, total: int, replay: str) -> events.CheckFinished:

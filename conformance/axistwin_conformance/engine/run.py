@@ -141,9 +141,9 @@ class Engine:
                 command=options.command,
                 model=options.model,
                 target=f"built-in twin ({options.url})" if options.is_builtin else options.url,
-                carrier=options.family.way.word,
-                baud=options.rate if options.family.way is LINE else None,
-                bitrate=options.rate if options.family.way is BUS else None,
+                carrier=options.family.transport_kind.word,
+                baud=options.rate if options.family.transport_kind is LINE else None,
+                bitrate=options.rate if options.family.transport_kind is BUS else None,
                 address=options.address,
                 neighbours=options.neighbours,
                 allowed=tuple(sorted(options.allowed)),
@@ -226,7 +226,7 @@ class Engine:
         except TwinCrashed:
             raise
         except (TargetError, WrongDevice) as error:
-            if self.family.way is LINE and run.target.transcript.has_echo:
+            if self.family.transport_kind is LINE and run.target.transcript.has_echo:
                 raise TargetError(ECHO) from error
             raise
 
@@ -327,7 +327,7 @@ class Engine:
         if run.memory is None:
             return
         try:
-            self._guard.settle(run)
+            self._guard.restore(run)
         except TwinCrashed:
             if not self._guard.revive(run):
                 raise
@@ -348,7 +348,7 @@ class Engine:
             self._emit(events.Note(text))
         if not self._guard.blocked and not self._guard.is_sane(run):
             self._guard.trouble("the device did not answer the closing sanity exchange")
-        if run.quality.spoilt:
+        if run.quality.corrupted:
             self._emit(events.Note(f"noise on the {run.target.word}: {run.quality}"))
 
     # Checks.
@@ -392,7 +392,7 @@ class Engine:
             return
         repeated = [check for check in checks if check.soaks]
         soak = Soak(repeated, options.seed, options.duration_s, self._tell)
-        run.tell = soak.hear
+        run.emit = soak.hear
         self._jobs.close()
         # Here this process only waits for the others.
         jobs = self._jobs = Jobs(self._cores if self._cores > 1 else 0, self._note)
@@ -413,7 +413,7 @@ class Engine:
                 if self._is_over():
                     break
         finally:
-            run.tell, run.seed = self._tell, options.seed
+            run.emit, run.seed = self._tell, options.seed
             for result in soak.summary():
                 self._keep(result, len(checks), options.command)
 
@@ -456,7 +456,7 @@ class Engine:
         if run.target.crash:
             return False
         if check.danger > 0:
-            self._guard.settle(run)
+            self._guard.restore(run)
         return self._guard.is_sane(run)
 
     def _is_alone(self, run: Run, check: Check) -> bool:

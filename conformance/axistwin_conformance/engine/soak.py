@@ -92,18 +92,18 @@ class Soak:
 
     def add(self, result: CheckResult, seed: int) -> CheckResult | None:
         """Count a round; return it under a name of its own if it found something new."""
-        said = {
+        outcomes = {
             (one.requirement, one.verdict.value) for one in result.findings if one.verdict in WRONG
         }
         if result.outcome is not Outcome.DONE:
-            said.add((result.check.name, result.outcome.value))
-        if not said:
+            outcomes.add((result.check.name, result.outcome.value))
+        if not outcomes:
             held = self._held.setdefault(result.check.name, Counter())
             held.update(one.requirement for one in result.findings if one.verdict.is_judgement)
             return None
         self._wrong.append(seed)
-        is_new = not said <= self._known
-        self._known |= said
+        is_new = not outcomes <= self._known
+        self._known |= outcomes
         name = f"{result.check.name}-seed-{seed}"
         return replace(result, check=replace(result.check, name=name)) if is_new else None
 

@@ -53,7 +53,7 @@ HEADLINES = {
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class TranscriptRow:
     """One record of a transcript, ready to be shown."""
 
     time_ms: str
@@ -77,8 +77,8 @@ class Evidence:
     anchor: str
     check: Mapping[str, Any]
     finding: Mapping[str, Any]
-    earlier: Sequence[Row] = ()
-    rows: Sequence[Row] = ()
+    earlier: Sequence[TranscriptRow] = ()
+    rows: Sequence[TranscriptRow] = ()
     left_out: int = 0
     whole_at: str = ""
     motion: Mapping[str, Any] | None = None
@@ -286,10 +286,10 @@ def _operations(replay: str) -> str:
     return f"{FOLDER}/{name}" if name.endswith(".toml") else ""
 
 
-def _rows(records: Sequence[Mapping[str, Any]]) -> list[Row]:
+def _rows(records: Sequence[Mapping[str, Any]]) -> list[TranscriptRow]:
     answers = [n for n, one in enumerate(records) if one["direction"] in ("device", "silence")]
     return [
-        Row(
+        TranscriptRow(
             f"{(one['time_ns'] - records[0]['time_ns']) / 1e6:.3f}",
             one["direction"],
             one["data"],

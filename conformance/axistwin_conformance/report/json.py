@@ -29,16 +29,16 @@ Report = dict[str, Any]
 
 
 def plain(value: object, explain: Explain | None = None, spell: Spell = in_hex) -> Any:
-    """Turn events and findings into what JSON knows: sets sorted, enums by value, bytes as `spell`
-    writes them.
+    """Turn events and findings into what JSON knows: sets sorted, enums by value, bytes in hex.
 
-    `explain` puts the bytes of a record into words; they are added as `decoded`.
+    `spell` writes the bytes of a record, which may be frames; `explain` puts them into words, which
+    are added as `decoded`.
     """
     match value:
         case Enum():
             return value.value
         case bytes():
-            return spell(value)
+            return in_hex(value)
         case Mapping():
             return {str(plain(key)): plain(one, explain, spell) for key, one in value.items()}
         case Set():
@@ -47,8 +47,10 @@ def plain(value: object, explain: Explain | None = None, spell: Spell = in_hex) 
             return [plain(one, explain, spell) for one in value]
     if is_dataclass(value) and not isinstance(value, type):
         named = {one.name: plain(getattr(value, one.name), explain, spell) for one in fields(value)}
-        if isinstance(value, Record) and explain is not None:
-            named["decoded"] = explain(value) if value.data else ""
+        if isinstance(value, Record):
+            named["data"] = spell(value.data)
+            if explain is not None:
+                named["decoded"] = explain(value) if value.data else ""
         return named
     return value
 

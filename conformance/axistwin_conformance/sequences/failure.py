@@ -7,7 +7,7 @@
                                               this device if it shows the same, and confirmed on the
                                               device; otherwise on the device, within a budget
 
-Every list is played by the family's `Player`, which does nothing that must not be done whatever the
+Every list is played by the family's `Runner`, which does nothing that must not be done whatever the
 bytes are: shrinking cannot leave that.
 """
 
@@ -22,7 +22,7 @@ from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.errors import AttemptVoid, TargetError, counted
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.core.session import Run, Session, Stop
-from axistwin_conformance.sequences.runner import Mismatch, Operations, Played, Player
+from axistwin_conformance.sequences.runner import Mismatch, Operations, Runner, SequenceResult
 from axistwin_conformance.sequences.shrink import Budget, Shrunk, shrink, towards_zero
 from axistwin_conformance.transport.transport import Transport
 
@@ -37,18 +37,18 @@ Simpler = Callable[[bytes], list[bytes]]
 class Failure:
     """A list that failed once on the player's module, and what is found out about it."""
 
-    def __init__(self, player: Player, played: Played) -> None:
-        self.player, self.session = player, player.session
-        self.found = self.played = played
+    def __init__(self, runner: Runner, result: SequenceResult) -> None:
+        self.runner, self.session = runner, runner.session
+        self.found = self.result = result
         self.history: list[str] = []
 
     @property
     def mismatch(self) -> Mismatch:
         """What did not fit."""
-        assert self.played.mismatch is not None, "a failure has one"
-        return self.played.mismatch
+        assert self.result.mismatch is not None, "a failure has one"
+        return self.result.mismatch
 
-    def settle(self) -> NoReturn:
+    def conclude(self) -> NoReturn:
         """Store it, find out what can be found out, and end the check with the verdict.
 
         An interrupt ends what is still to be found out, and then the run: what is known is told."""
@@ -76,7 +76,7 @@ class Failure:
             self.history.append("interrupted before it was as short as can be")
             return
         requirement = self.mismatch.requirement
-        self.player.credit(requirement)
+        self.runner.credit(requirement)
         text = f"{self.mismatch}; interrupted before it was played again"
         self.session.inconclusive(requirement, text)
 
@@ -85,13 +85,13 @@ class Failure:
         session.record(
             Recording(
                 session.model.name,
-                self.played.operations,
+                self.result.operations,
                 check=session.check.name if session.check else "",
                 seed=session.seed,
                 requirement=", ".join(session.run.ledger.own((mismatch.requirement,))),
                 expected=mismatch.expected,
                 actual=mismatch.actual,
-                words=self.played.words,
+                words=self.result.words,
                 readings=dict(session.readings),
                 suite_version=metadata.version("axistwin"),
                 found=b"".join(self.found.operations),
@@ -106,7 +106,7 @@ class Failure:
             if len(mismatch.story) > STORY_TOLD
             else (mismatch.story)
         )
-        self.player.credit(mismatch.requirement)
+        self.runner.credit(mismatch.requirement)
         self.session.fail(
             mismatch.requirement,
             mismatch.expected,
@@ -121,7 +121,7 @@ class Failure:
         session, quality = self.session, self.session.run.quality
         needed = quality.alike_needed - 1 if quality.is_noisy else 1
         wanted = max(REPLAYS, 2 * needed) if quality.is_noisy else REPLAYS
-        times = self._times(self.played.operations, wanted)
+        times = self._times(self.result.operations, wanted)
         self.history.append(f"reproduced {times} of {wanted}")
         if times >= needed:
             return
@@ -130,20 +130,20 @@ class Failure:
             session.void_attempt(f"{text}: taken for noise ({quality})")
         session.is_replayed = True
         self._store()
-        self.player.credit(self.mismatch.requirement)
+        self.runner.credit(self.mismatch.requirement)
         session.inconclusive(self.mismatch.requirement, text)
 
     def _times(self, operations: Operations, wanted: int) -> int:
         times = 0
         for _ in range(wanted):
             try:
-                times += self._is_same(self.player.play(operations))
+                times += self._is_same(self.runner.run(operations))
             except AttemptVoid:  # told as not reproduced: nobody has seen it
                 continue
         return times
 
-    def _is_same(self, played: Played) -> bool:
-        same = played.mismatch
+    def _is_same(self, result: SequenceResult) -> bool:
+        same = result.mismatch
         return same is not None and same.requirement == self.mismatch.requirement
 
     # How few.
@@ -166,14 +166,14 @@ class Failure:
         if self.session.transport.is_lossless:
             self._refresh()
             shorter = self._shrunk(
-                self.player, self.found.operations, TWIN_BUDGET, "in virtual time", self._simpler
+                self.runner, self.found.operations, TWIN_BUDGET, "in virtual time", self._simpler
             )[-1:]
         else:
             if any(self._confirmed(one) for one in self._shrunk_on_twin()):
                 return
             # What fails now and then shrinks to what fails once: then a longer list may fail more.
             steps = self._shrunk(
-                self.player, self.found.operations, LINE_BUDGET, "on the device", _without_pause
+                self.runner, self.found.operations, LINE_BUDGET, "on the device", _without_pause
             )
             shorter = tuple(dict.fromkeys((steps[-1], steps[len(steps) // 2])))
         if not any(self._confirmed(one) for one in (*shorter, self.found.operations)):
@@ -181,10 +181,10 @@ class Failure:
 
     def _refresh(self) -> None:
         """Play from a fresh start from now on, if the list fails then."""
-        self.player.is_fresh = True
-        if not self._is_same(self.player.play(self.found.operations)):
-            self.player.is_fresh = False
-            words = f"it does not fail after {self.player.beginning}"
+        self.runner.is_fresh = True
+        if not self._is_same(self.runner.run(self.found.operations)):
+            self.runner.is_fresh = False
+            words = f"it does not fail after {self.runner.beginning}"
             self.history.append(f"{words}: what came before has a part in it")
 
     def _confirmed(self, operations: Operations) -> bool:
@@ -192,11 +192,11 @@ class Failure:
         tries = 1 if self.session.transport.is_lossless else REPLAYS
         for number in range(1, tries + 1):
             try:
-                played = self.player.play(operations, is_plotted=True)
+                result = self.runner.run(operations, is_plotted=True)
             except AttemptVoid:
                 continue
-            if self._is_same(played):
-                self.played = played
+            if self._is_same(result):
+                self.result = result
                 if tries > 1:
                     words = f"{len(operations)} operations failed in run {number} of {tries}"
                     self.history.append(f"on the device the {words}")
@@ -206,7 +206,7 @@ class Failure:
         return False
 
     def _shrunk(
-        self, player: Player, operations: Operations, budget: Budget, where: str, simpler: Simpler
+        self, runner: Runner, operations: Operations, budget: Budget, where: str, simpler: Simpler
     ) -> tuple[Operations, ...]:
         """Shrink with this player, give all that failed on the way, the shortest last; what cannot
         be played any more ends it."""
@@ -214,7 +214,7 @@ class Failure:
 
         def fails(operations: Operations) -> bool:
             try:
-                return not trouble and self._is_same(player.play(operations))
+                return not trouble and self._is_same(runner.run(operations))
             except AttemptVoid:
                 return False
             except (TargetError, Stop) as error:
@@ -236,9 +236,9 @@ class Failure:
             self.history.append(f"no twin to shrink on: {error}")
             return ()
         try:
-            other = self.player.on(twin_session(self.session, twin))
+            other = self.runner.on(twin_session(self.session, twin))
             other.is_fresh = True
-            if not self._is_same(other.play(self.found.operations)):
+            if not self._is_same(other.run(self.found.operations)):
                 self.history.append("the built-in twin, read alike, does not fail")
                 return ()
             where = "on the built-in twin, which fails alike"
@@ -252,7 +252,7 @@ class Failure:
             twin.close()
 
     def _simpler(self, operation: bytes) -> list[bytes]:
-        return list(towards_zero(operation, self.player.arguments))
+        return list(towards_zero(operation, self.runner.arguments))
 
 
 def _as_it_is(operation: bytes) -> list[bytes]:
@@ -267,7 +267,7 @@ def _told(found: Operations, short: Shrunk[bytes], budget: Budget, where: str) -
     end = "" if short.is_minimal else f", ended by its budget ({budget})"
     return (
         f"shrunk from {len(found)} to {len(short.operations)} operations {where}:"
-        f" {short.tries} runs, {short.played} operations, {short.seconds:.1f} s{end}"
+        f" {short.tries} runs, {short.performed} operations, {short.seconds:.1f} s{end}"
     )
 
 
@@ -283,7 +283,7 @@ def open_twin(session: Session) -> Transport:
             url += f"&quirk.{switch}={urllib.parse.quote(reading, safe='+')}"
     rate = session.transport.rate
     if rate is not None and rate != run.family.default_rate:
-        url += f"&{run.family.way.rate_parameter}={rate}"
+        url += f"&{run.family.transport_kind.rate_parameter}={rate}"
     return run.family.open(url, rate, is_builtin=True)
 
 

@@ -13,10 +13,10 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.sequences import machine
 from axistwin_conformance.sequences.failure import REPLAYS, Failure
 from axistwin_conformance.sequences.machine import Device, Machine
-from axistwin_conformance.sequences.runner import Mismatch, Player
+from axistwin_conformance.sequences.runner import Mismatch, Runner
 from axistwin_conformance.sequences.strategies import no_folder
 
-PlayerOf = Callable[[Session], Player]
+RunnerOf = Callable[[Session], Runner]
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,84 +27,84 @@ class Amount:
     examples: Mapping[str, int]
 
 
-def play_drawn(
-    session: Session, level: str, player_of: PlayerOf, free: Amount, real: Amount
+def run_generated(
+    session: Session, level: str, runner_of: RunnerOf, free: Amount, real: Amount
 ) -> None:
     """Play drawn lists, as many as the device allows: `free` where time is, else `real`."""
     amount = free if session.transport.is_lossless else real
-    play_lists(player_of(session), amount.examples[level], amount.operations)
+    run_lists(runner_of(session), amount.examples[level], amount.operations)
 
 
-def play_lists(player: Player, examples: int, operations: int) -> None:
+def run_lists(runner: Runner, examples: int, operations: int) -> None:
     """Play so many drawn lists of so many operations; ends the check with the verdict on one that
     fails.  A whole list is one draw, and drawn without Hypothesis: here it could only draw byte by
     byte, and on a noisy line it could not play the same list twice."""
-    session, size = player.session, operations * player.operation_bytes
-    lists = (player.split(session.random.randbytes(size)) for _ in range(examples))
-    played = (player.play(one, is_counted=True) for one in lists)
-    failed = next((one for one in played if one.mismatch), None)
+    session, size = runner.session, operations * runner.operation_bytes
+    lists = (runner.split(session.random.randbytes(size)) for _ in range(examples))
+    results = (runner.run(one, is_counted=True) for one in lists)
+    failed = next((one for one in results if one.mismatch), None)
     if failed is not None:
-        Failure(player, failed).settle()
-    player.credit()
+        Failure(runner, failed).conclude()
+    runner.credit()
 
 
 @no_folder()
-def play_machine(
-    player: Player,
+def run_machine(
+    runner: Runner,
     judged: Callable[[Any], Device],
     rules: type[Machine],
     examples: int,
     steps: int,
 ) -> None:
     """Let a machine run so many times; ends the check with the verdict on a run that fails."""
-    session = player.session
+    session = runner.session
     if not session.transport.is_lossless:
         session.skip("on a noisy line Hypothesis could not draw the same run twice")
-    begun, failing = machine.search(player.begin, judged, examples, steps, session.random, rules)
+    begun, failing = machine.search(runner.begin, judged, examples, steps, session.random, rules)
     for one in begun:
-        player.tally.add(one)
+        runner.tally.add(one)
     if failing is not None:
         data, mismatch, run = failing
-        Failure(player, player.played(run, player.split(data), mismatch)).settle()
-    player.credit()
+        Failure(runner, runner.result_of(run, runner.split(data), mismatch)).conclude()
+    runner.credit()
 
 
 # --- recorded ones -------------------------------------------------------------------------------
 
 
-def replaying(recording: Recording, drawing: Check, player_of: PlayerOf) -> Check:
+def replay_of(recording: Recording, generating: Check, runner_of: RunnerOf) -> Check:
     """The check that plays recorded operations, as safely as the one that draws them."""
 
-    def play(session: Session) -> None:
-        _replay(session, recording, player_of)
+    def run(session: Session) -> None:
+        _replay(session, recording, runner_of)
 
     return replace(
-        drawing, name="the_recorded_operations", function=play, level="quick", soaks=False,
+        generating, name="the_recorded_operations", function=run, level="quick", soaks=False,
         behaviour="What comes of the recorded operations is what the model admits.",
     )  # fmt: skip
 
 
-def _replay(session: Session, recording: Recording, player_of: PlayerOf) -> None:
+def _replay(session: Session, recording: Recording, runner_of: RunnerOf) -> None:
     """Play recorded operations and judge them, as often as it takes on this line."""
     for text in _circumstances(session, recording):
-        session.run.tell(events.Note(text))
-    player = player_of(session)
-    operations = player.split(b"".join(recording.operations))
+        session.run.emit(events.Note(text))
+    runner = runner_of(session)
+    operations = runner.split(b"".join(recording.operations))
     session.is_replayed = True  # as often as it takes is the business of this check
     is_free = session.transport.is_lossless
     failed: list[Mismatch] = []
-    for player.is_fresh in (True, False) if is_free else (False,) * REPLAYS:
-        played = player.play(operations, is_counted=True, is_plotted=not failed)
-        if played.mismatch is not None:
-            failed.append(played.mismatch)
+    for runner.is_fresh in (True, False) if is_free else (False,) * REPLAYS:
+        result = runner.run(operations, is_counted=True, is_plotted=not failed)
+        if result.mismatch is not None:
+            failed.append(result.mismatch)
             if is_free:
                 break
     if not failed:
-        player.credit()
+        runner.credit()
         return
     mismatch = failed[-1]
     told = "" if is_free else f"failed {len(failed)} of {REPLAYS} times; "
-    player.credit(mismatch.requirement)
+    runner.credit(mismatch.requirement)
     session.fail(
         mismatch.requirement,
         mismatch.expected,

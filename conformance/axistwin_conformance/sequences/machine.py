@@ -18,7 +18,7 @@ from hypothesis.errors import Flaky
 from hypothesis.stateful import RuleBasedStateMachine, run_state_machine_as_test
 
 from axistwin_conformance.sequences.runner import Mismatch
-from axistwin_conformance.sequences.strategies import only_drawing
+from axistwin_conformance.sequences.strategies import generate_only
 
 Run = TypeVar("Run")
 
@@ -47,7 +47,7 @@ class Machine(RuleBasedStateMachine):
     what: ClassVar[Mapping[str, int]]
     begin: Callable[[], Device]
     record: Callable[[bytes], None]
-    told: Callable[[int], None]
+    note_steps: Callable[[int], None]
 
     def __init__(self) -> None:
         super().__init__()
@@ -67,7 +67,7 @@ class Machine(RuleBasedStateMachine):
 
     def teardown(self) -> None:
         """Compare everything at the end, and leave the device as it was found."""
-        type(self).told(self.steps - 1)  # the invariants are asked once before the first step
+        type(self).note_steps(self.steps - 1)  # the invariants are asked once before the first step
         try:
             # What tidying up then found would take the place of the interrupt, as a failure.
             if not self.is_refuted and not isinstance(sys.exception(), KeyboardInterrupt):
@@ -89,15 +89,15 @@ def run(
     examples: int,
     steps: int,
     number: int,
-    told: Callable[[int], None] = lambda steps: None,
+    note_steps: Callable[[int], None] = lambda steps: None,
 ) -> None:
-    """Run a machine with the seed `number`: so many examples of so many steps; `told` how many
-    each really had.
+    """Run a machine with the seed `number`: so many examples of so many steps; `note_steps` takes
+    how many each really had.
 
     Raises Mismatch.
     """
-    machine.told = staticmethod(told)
-    bounds = only_drawing(examples, steps)
+    machine.note_steps = staticmethod(note_steps)
+    bounds = generate_only(examples, steps)
     run_state_machine_as_test(seed(number)(machine), settings=bounds)
 
 
@@ -141,8 +141,8 @@ def search(
 class _Noticing:
     """A device of whose mismatches somebody is told."""
 
-    def __init__(self, device: Device, told: Callable[[Mismatch], None]) -> None:
-        self._device, self._told = device, told
+    def __init__(self, device: Device, note: Callable[[Mismatch], None]) -> None:
+        self._device, self._note = device, note
 
     @property
     def view(self) -> Any:
@@ -152,14 +152,14 @@ class _Noticing:
         try:
             self._device.operate(what, first, second, pause)
         except Mismatch as mismatch:
-            self._told(mismatch)
+            self._note(mismatch)
             raise
 
     def conclude(self) -> None:
         try:
             self._device.conclude()
         except Mismatch as mismatch:
-            self._told(mismatch)
+            self._note(mismatch)
             raise
 
     def leave(self) -> None:

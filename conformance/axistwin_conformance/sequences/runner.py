@@ -1,8 +1,8 @@
-"""Lists of operations played on a device and held against a model, whatever the family.
+"""Lists of operations run on a device and held against a model, whatever the family.
 
-An operation is some bytes; a family says what they mean (`Playable.play`), how a sequence begins,
-and how a device of the suite's own is played on alike.  Who plays, counts what was judged and met,
-and begins anew what noise has broken off.
+An operation is some bytes.  A family says what they mean (`OperationSequence.perform`), how a
+sequence begins, and how the same is done on the built-in twin.  The runner counts what was judged
+and met, and begins anew what noise has broken off.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from axistwin_conformance.base.errors import AttemptVoid
 from axistwin_conformance.base.events import StatesCovered
 from axistwin_conformance.core.session import Session
 
-PLAY_ATTEMPTS: Final = 5  # of one list that noise breaks off
+RUN_ATTEMPTS: Final = 5  # of one list that noise breaks off
 
 Operations = tuple[bytes, ...]
 
@@ -30,7 +30,7 @@ class Mismatch(Exception):  # noqa: N818 - a finding, not an error
         self.story: tuple[str, ...] = ()
 
 
-class Playable(Protocol):
+class OperationSequence(Protocol):
     """One run of operations on one device.
 
     `judged`: requirement → how many replies were held against it, counted only where some other
@@ -46,16 +46,16 @@ class Playable(Protocol):
     def story(self) -> list[str]:
         """What was sent, said and waited, in words."""
 
-    def play(self, data: bytes, /) -> None:
+    def perform(self, data: bytes, /) -> None:
         """Run all operations and compare everything at the end; raises Mismatch."""
 
 
 class Steps(ABC):
-    """The steps of a `Playable`; a family's sequence says what an operation does."""
+    """The steps of a `OperationSequence`; a family's sequence says what an operation does."""
 
     operation_bytes: ClassVar[int]
 
-    def play(self, data: bytes) -> None:
+    def perform(self, data: bytes) -> None:
         """Run all operations, then compare everything readable."""
         size = self.operation_bytes
         try:
@@ -93,7 +93,7 @@ class Tally:
     operated: Counter[tuple[str, str]] = field(default_factory=Counter)  # state, operation
     sequences: int = 0
 
-    def add(self, run: Playable) -> None:
+    def add(self, run: OperationSequence) -> None:
         """Count a sequence that has been played."""
         self.judged += run.judged
         self.operated += run.operated
@@ -101,7 +101,7 @@ class Tally:
 
 
 @dataclass(frozen=True, slots=True)
-class Played:
+class SequenceResult:
     """One playing of a list: what did not fit, if anything, and what each operation did."""
 
     operations: Operations  # those that were begun
@@ -109,7 +109,7 @@ class Played:
     words: tuple[str, ...]
 
 
-class Player(ABC):
+class Runner(ABC):
     """Plays operations on one device, always from the same beginning.
 
     `operation_bytes`: of one operation.  `arguments`: which of them shrinking makes smaller, the
@@ -135,24 +135,24 @@ class Player(ABC):
         """How many operations there are on this device."""
 
     @abstractmethod
-    def begin(self) -> Playable:
+    def begin(self) -> OperationSequence:
         """A sequence that begins where every sequence begins."""
 
     @abstractmethod
-    def on(self, session: Session) -> Player:
+    def on(self, session: Session) -> Runner:
         """The same on another device: the twin of this one."""
 
-    def watched(self, run: Playable) -> None:
+    def watched(self, run: OperationSequence) -> None:
         """Have what this run does told to the report, where there is more to tell than replies."""
         assert run.marks == [], "before it is played"
 
     # --- what is the same for all -----------------------------------------------------------------
 
-    def play(
+    def run(
         self, operations: Operations, *, is_counted: bool = False, is_plotted: bool = False
-    ) -> Played:
-        """Play a list; one that noise breaks off begins anew, and raises Disturbed in the end."""
-        for attempt in range(PLAY_ATTEMPTS, 0, -1):
+    ) -> SequenceResult:
+        """Play a list; one that noise breaks off begins anew, and raises AttemptVoid in the end."""
+        for attempt in range(RUN_ATTEMPTS, 0, -1):
             try:
                 return self._once(operations, is_counted, is_plotted)
             except AttemptVoid:
@@ -165,25 +165,27 @@ class Player(ABC):
         """Cut bytes into operations of this device's table."""
         return split(data, self.kinds, self.operation_bytes)
 
-    def _once(self, operations: Operations, is_counted: bool, is_plotted: bool) -> Played:
+    def _once(self, operations: Operations, is_counted: bool, is_plotted: bool) -> SequenceResult:
         run = self.begin()
         if is_plotted:
             self.watched(run)
             self.session.note(f"operations begin here: {len(operations)}")
         mismatch = None
         try:
-            run.play(b"".join(operations))
+            run.perform(b"".join(operations))
         except Mismatch as found:
             mismatch = found
         if is_counted:
             self.tally.add(run)
-        return self.played(run, operations, mismatch)
+        return self.result_of(run, operations, mismatch)
 
     @staticmethod
-    def played(run: Playable, operations: Operations, mismatch: Mismatch | None) -> Played:
+    def result_of(
+        run: OperationSequence, operations: Operations, mismatch: Mismatch | None
+    ) -> SequenceResult:
         """What came of a run, whoever had it do these operations."""
         words = () if mismatch is None else _words(run)
-        return Played(operations[: len(run.marks)], mismatch, words)
+        return SequenceResult(operations[: len(run.marks)], mismatch, words)
 
     def credit(self, failed: str = "") -> None:
         """Let count as held what was really judged, and tell what was met; `failed` does not."""
@@ -204,10 +206,10 @@ class Player(ABC):
             counts.setdefault(state, {})[operation] = count
         name = session.check.name if session.check else ""
         total = tally.operated.total()
-        session.run.tell(StatesCovered(name, tally.sequences, total, counts))
+        session.run.emit(StatesCovered(name, tally.sequences, total, counts))
 
 
-def _words(run: Playable) -> tuple[str, ...]:
+def _words(run: OperationSequence) -> tuple[str, ...]:
     """What each operation sent, heard and waited."""
     story = run.story
     ends = [*run.marks[1:], len(story)]

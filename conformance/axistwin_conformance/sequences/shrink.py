@@ -45,7 +45,7 @@ class Shrunk(Generic[Operation]):
     operations: tuple[Operation, ...]
     steps: tuple[tuple[Operation, ...], ...]
     tries: int
-    played: int
+    performed: int
     seconds: float
     is_minimal: bool
 
@@ -57,7 +57,7 @@ class _Tries(Generic[Operation]):
     fails: Callable[[tuple[Operation, ...]], bool]
     budget: Budget
     tries: int = 0
-    played: int = 0
+    performed: int = 0
     started: float = 0.0
     _sound: set[tuple[Operation, ...]] = field(default_factory=set)
 
@@ -72,11 +72,11 @@ class _Tries(Generic[Operation]):
         """Try a list; raises _Spent if the budget does not allow it."""
         if candidate in self._sound:
             return False
-        is_dear = self.played + len(candidate) > self.budget.operations
+        is_dear = self.performed + len(candidate) > self.budget.operations
         if is_dear or self.seconds >= self.budget.seconds:
             raise _Spent
         self.tries += 1
-        self.played += len(candidate)
+        self.performed += len(candidate)
         if self.fails(candidate):
             return True
         self._sound.add(candidate)
@@ -108,7 +108,7 @@ def shrink(
         is_minimal = True
     except _Spent:
         pass
-    return Shrunk(steps[-1], tuple(steps), tries.tries, tries.played, tries.seconds, is_minimal)
+    return Shrunk(steps[-1], tuple(steps), tries.tries, tries.performed, tries.seconds, is_minimal)
 
 
 def _better(

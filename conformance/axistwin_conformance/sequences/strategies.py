@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, Phase, configuration, settings
 STEPS: Final = 50
 
 
-def only_drawing(examples: int, steps: int = STEPS) -> settings:
+def generate_only(examples: int, steps: int = STEPS) -> settings:
     """So many examples (of so many steps, for a state machine), and no more than that.
 
     Its shrinker knows nothing of operations and would need thousands of runs where `shrink` needs

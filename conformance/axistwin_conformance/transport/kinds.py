@@ -65,36 +65,36 @@ TRANSPORT_KINDS: Final = (LINE, BUS)
 
 
 def choose_endpoint(
-    way: TransportKind,
+    kind: TransportKind,
     model: str,
     endpoints: Mapping[str, str | None],
     rates: Mapping[str, int | None],
 ) -> tuple[str | None, int | None]:
     """What was given of where and how fast, by option; raises UsageError for what the model's way
     does not have."""
-    where = f"{with_article(model)} is on a {way.word}"
+    where = f"{with_article(model)} is on a {kind.word}"
     for other in TRANSPORT_KINDS:
-        if other is way:
+        if other is kind:
             continue
         if endpoints[other.option] is not None:
             raise UsageError(
                 f"{other.option} {endpoints[other.option]}: {where}:"
-                f" {way.option} {way.metavar}, for instance {way.option} {way.example}"
+                f" {kind.option} {kind.metavar}, for instance {kind.option} {kind.example}"
             )
         if rates[other.rate_option] is not None:
             raise UsageError(
                 f"{other.rate_option} {rates[other.rate_option]}: {where};"
-                f" its rate is {way.rate_option}"
+                f" its rate is {kind.rate_option}"
             )
-    endpoint = endpoints[way.option]
+    endpoint = endpoints[kind.option]
     if endpoint is not None:
-        check_endpoint(way, endpoint, rates[way.rate_option])
-    return endpoint, rates[way.rate_option]
+        check_endpoint(kind, endpoint, rates[kind.rate_option])
+    return endpoint, rates[kind.rate_option]
 
 
-def check_endpoint(way: TransportKind, endpoint: str, rate: int | None) -> None:
+def check_endpoint(kind: TransportKind, endpoint: str, rate: int | None) -> None:
     """Raise UsageError for what cannot be meant; whether it is there, shows when it is opened."""
-    if way is BUS:
+    if kind is BUS:
         from axistwin_conformance.transport.can import check_interface
 
         check_interface(endpoint, rate)

@@ -447,7 +447,7 @@ def choose_rig(
     url: str,
     *,
     is_allowed: bool,
-    way: TransportKind = LINE,
+    transport_kind: TransportKind = LINE,
     capabilities: frozenset[str] = OF_AN_AXIS,
 ) -> RigChoice:
     """Read `--rig` and `--rig-command`; raises UsageError in one line.
@@ -461,7 +461,8 @@ def choose_rig(
     if command is not None and kind != "command":
         raise UsageError(f"--rig-command goes with --rig command, not with --rig {kind}")
     if kind == "twin" and not is_twin:
-        raise UsageError(f"--rig twin needs a twin in this process: {way.option} {way.twin}...")
+        where = f"{transport_kind.option} {transport_kind.twin}..."
+        raise UsageError(f"--rig twin needs a twin in this process: {where}")
     if kind == "prompt" and is_allowed and not (sys.stdin.isatty() and sys.stderr.isatty()):
         raise UsageError("--rig prompt needs a terminal with somebody to ask; try --rig command")
     if kind != "command":

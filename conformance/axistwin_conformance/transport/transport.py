@@ -47,7 +47,7 @@ def is_twin_url(url: str) -> bool:
     return url.startswith(TWIN_PREFIX)
 
 
-class TravelGuard(Protocol):
+class TravelLimiter(Protocol):
     """What keeps the axes behind a carrier inside the envelope; it hears everything, either way."""
 
     def sending(self, data: bytes, now_ns: int, /) -> None:
@@ -114,7 +114,7 @@ class Transport(ABC):
         self.round_trip = RoundTrip()
         self.last_sent = b""
         self.gate: Callable[[bytes], None] | None = None  # sees everything before it is sent
-        self.travel_guard: TravelGuard | None = None
+        self.travel_guard: TravelLimiter | None = None
         self.meter: Callable[[bytes], None] | None = None  # counts what is really sent
         self.crash = ""  # of the twin behind it, once it has fallen over
         self.late: list[str] = []  # what was held up, or came twice, since somebody cleared this

@@ -46,16 +46,12 @@ TIME_LIMIT_S = 600.0  # of one command; only so that a hang ends
 @dataclass(frozen=True, slots=True)
 class Run:
     """A judged twin: the name of its record, what is typed behind `axistwin conform`, the exit
-    status, and the zoo and name of the planted fault, if there is one.
-
-    `is_reported`: with a report; without one, what the terminal is told is all there is.
-    """
+    status, and the zoo and name of the planted fault, if there is one."""
 
     name: str
     words: str
     status: int = 0
     fault: tuple[str, str] | None = None
-    is_reported: bool = True
 
 
 HEALTHY = (
@@ -99,7 +95,6 @@ FAULTY = (
         "mac23-can --jobs 1 some_mixed_sequences_agree_with_the_model",
         1,
         ("zoo_can", "the_direction_is_the_first_byte"),
-        is_reported=False,
     ),
     Run(
         "msc-250-faulty",
@@ -206,12 +201,11 @@ def told(line: str, done: subprocess.CompletedProcess[str]) -> str:
 
 def judge(run: Run, folder: Path) -> None:
     """Judge, and hold exit status, texts, events and report against the record."""
-    words = ["conform", *run.words.split(), *(["--report", "report"] if run.is_reported else [])]
+    words = ["conform", *run.words.split(), "--report", "report"]
     fault = run.fault and (sys.executable, planted.__file__, *run.fault)
     done = run_program(folder, words, fault or PROGRAM)
     assert done.returncode == run.status, done.stdout + done.stderr
-    if run.is_reported:
-        judge_report(run, folder / "report", done)
+    judge_report(run, folder / "report", done)
     compare(f"{run.name}/told.txt", told(shlex.join(words), done))
 
 
@@ -243,11 +237,10 @@ def test_a_healthy_twin_is_judged_as_recorded(run: Run, tmp_path: Path) -> None:
 def test_a_faulty_twin_is_judged_as_recorded(run: Run, tmp_path: Path) -> None:
     """Failures are told as recorded to people, programs and build servers."""
     judge(run, tmp_path)
-    if run.is_reported:
-        report = tmp_path / "report"
-        compare(f"{run.name}/junit.xml", steady_text((report / "junit.xml").read_text("utf-8")))
-        stored = (f"=== {one.name}\n{one.read_text('utf-8')}" for one in operations_in(report))
-        compare(f"{run.name}/operations.txt", steady_text("".join(stored)))
+    report = tmp_path / "report"
+    compare(f"{run.name}/junit.xml", steady_text((report / "junit.xml").read_text("utf-8")))
+    stored = (f"=== {one.name}\n{one.read_text('utf-8')}" for one in operations_in(report))
+    compare(f"{run.name}/operations.txt", steady_text("".join(stored)))
 
 
 def operations_in(report: Path) -> list[Path]:

@@ -110,7 +110,7 @@ class Talk:
         packet, strays = self._next_packet(timeout_s)
         is_whole = packet is None or packet.is_sound
         if not is_whole or strays.strip(ACK + NAK):
-            self.session.heard_in_pieces(strays + (packet.raw if packet else b""))
+            self.session.note_broken_reply(strays + (packet.raw if packet else b""))
         return packet, strays
 
     def _next_packet(self, timeout_s: float | None = None) -> tuple[Packet | None, bytes]:
@@ -236,7 +236,7 @@ class Talk:
         is_settled = exchange.is_naked and refused + 1 >= quality.alike_needed
         if is_settled:
             self.session.run.silence_limit.good()
-            self.session.is_settled = True
+            self.session.is_reproduced = True
         return is_settled
 
     def _is_good(self, exchange: Exchange, name: str, awaits: bool) -> bool:

@@ -47,7 +47,7 @@ def diagnose(session: Session, request: bytes, reply: bytes | None) -> Violation
 def _before_the_sign(session: Session) -> tuple[bytes, bytes]:
     """The last packet we have sent, and what came before we acknowledged or refused it."""
     request, reply, is_over = b"", b"", False
-    for one in session.said():
+    for one in session.records():
         if one.direction is Direction.HOST and one.data in (ACK, NAK):
             is_over = True
         elif one.direction is Direction.HOST:

@@ -261,7 +261,7 @@ def _drive_back(bench: Bench, position: int) -> None:
     attempts, lasts_s = _attempts(bench.session), bench.lasting_s(distance)
     if lasts_s >= TOLD_S and not bench.target.is_virtual:
         told = f"driving back {distance} increments, {time_left(lasts_s)}"
-        bench.session.run.tell(Note(f"{told}; interrupt (Ctrl-C) to leave the axis on its way"))
+        bench.session.run.emit(Note(f"{told}; interrupt (Ctrl-C) to leave the axis on its way"))
     limit_s = 2 * lasts_s + (STILL_S + 0.5) * attempts
     deadline_ns = bench.target.now_ns + round(limit_s * 1e9)
     for _ in range(attempts):  # noise may have kept 13h from the module

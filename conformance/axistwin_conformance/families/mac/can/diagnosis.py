@@ -89,7 +89,7 @@ def _may_be_deaf(session: Session, asked: Request) -> bool:
     """True if something was sent here after which a module may say nothing for a while."""
     if asked.command == codec.DOWNLOAD and asked.index_low in MAY_BE_SILENT:
         return True
-    sent = (one.data for one in session.said() if one.direction is Direction.HOST)
+    sent = (one.data for one in session.records() if one.direction is Direction.HOST)
     return any(_deafens(frame) for data in sent for frame in unpack_all(data))
 
 

@@ -116,7 +116,7 @@ class MacCan(AxisFamily):
     models = MODELS
     addresses = codec.ADDRESSES
     default_address = 1
-    way = BUS
+    transport_kind = BUS
     impact = impact_of_axis("address (LMT)", NOT_ON_CAN)
 
     def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> CanTransport:

@@ -67,7 +67,7 @@ def _promised(index: int, came: str) -> Violation:
 
 def _may_be_deaf(session: Session) -> bool:
     """True if something was sent here after which a module may say nothing for a while."""
-    sent = (one.data for one in session.said() if one.direction is Direction.HOST)
+    sent = (one.data for one in session.records() if one.direction is Direction.HOST)
     return any(_asked(session, data) in MAY_BE_SILENT for data in sent)
 
 

@@ -13,12 +13,12 @@ from axistwin_conformance.families.msc.sequences.sequence import (
     Sequence,
     begin,
 )
-from axistwin_conformance.sequences import runner
+from axistwin_conformance.sequences.runner import Runner
 
 BABBLING: Final = ("other_unit_framing", "stray_nak")  # MSC-AMB-14, -29
 
 
-class Player(runner.Player):
+class UnitRunner(Runner):
     """Plays operations on one unit, always from the same values and flags."""
 
     operation_bytes = BYTES_PER_OPERATION
@@ -35,9 +35,9 @@ class Player(runner.Player):
         """How many operations there are."""
         return len(OPERATIONS)
 
-    def on(self, session: Session) -> Player:
+    def on(self, session: Session) -> UnitRunner:
         """The same on the twin of this unit."""
-        return Player(Bench(session))
+        return UnitRunner(Bench(session))
 
     def begin(self) -> Sequence:
         """A sequence on a line at rest, with known values and flags."""
@@ -47,7 +47,7 @@ class Player(runner.Player):
         return self._last
 
 
-def player_of(session: Session) -> Player:
+def runner_of(session: Session) -> UnitRunner:
     """Somebody who plays on the unit under test; skips where others talk in between, and where no
     variable is named."""
     for switch in BABBLING if session.neighbours else ():
@@ -55,4 +55,4 @@ def player_of(session: Session) -> Player:
         if reading != session.run.ledger.ambiguity_of(switch).default_of(switch):
             session.skip(f"with {switch}={reading}, what is said to one unit draws others' answers")
     Link(session).spot()  # or nothing could be written
-    return Player(Bench(session))
+    return UnitRunner(Bench(session))

@@ -63,7 +63,7 @@ class Operation:
 
 @dataclass
 class Sequence(Steps):
-    """One run of one byte string against one unit; see `playing.Playable`.
+    """One run of one byte string against one unit; see `playing.OperationSequence`.
 
     `spots`: the addresses of single values; `blocks`: where blocks begin; `flags`: their numbers.
     `waiting_since_ns`: since when the unit has waited for our sign; None: it does not.

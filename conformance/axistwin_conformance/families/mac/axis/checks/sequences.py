@@ -9,13 +9,13 @@ from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.motion import bench_of
 from axistwin_conformance.families.mac.axis.probing import MOVES
-from axistwin_conformance.families.mac.axis.sequences.runner import Player
+from axistwin_conformance.families.mac.axis.sequences.runner import AxisRunner
 from axistwin_conformance.families.mac.axis.sequences.sequence import (
     BLAME,
     BLAME_MODE,
     BLAME_OTHERWISE,
 )
-from axistwin_conformance.sequences.generated import Amount, play_drawn, replaying
+from axistwin_conformance.sequences.generated import Amount, replay_of, run_generated
 
 ORDER = 200  # of this module in a run; see `Family.modules`
 
@@ -33,23 +33,23 @@ JUDGED: Final = tuple(
 @check(*JUDGED, safety=MOVES, needs=("virtual",))
 def some_mixed_sequences_agree_with_the_model(session: Session) -> None:
     """Every reply of a few random sequences is one that the model admits."""
-    play_drawn(session, "quick", player_of, FREE, REAL)
+    run_generated(session, "quick", runner_of, FREE, REAL)
 
 
 @check(*JUDGED, safety=MOVES, level="full", soaks=True)
 def many_mixed_sequences_agree_with_the_model(session: Session) -> None:
     """Every reply of many random sequences is one that the model admits."""
-    play_drawn(session, "full", player_of, FREE, REAL)
+    run_generated(session, "full", runner_of, FREE, REAL)
 
 
-def player_of(session: Session) -> Player:
+def runner_of(session: Session) -> AxisRunner:
     """Somebody who plays on the module under test; ends the check where nobody can judge that."""
     bench = bench_of(session)
     if not bench.has_ideal_plant or session.reading("brake_increments") not in ("plant", "0"):
         session.skip("the ledger gives no exact rule for an axis that runs on after a stop")
-    return Player(bench, bench.ready())
+    return AxisRunner(bench, bench.ready())
 
 
 def replay_check(recording: Recording) -> Check:
     """The check that plays recorded operations."""
-    return replaying(recording, many_mixed_sequences_agree_with_the_model, player_of)
+    return replay_of(recording, many_mixed_sequences_agree_with_the_model, runner_of)

@@ -5,8 +5,8 @@ what they have begun.  The rules here have preconditions, read from the model's 
 that long chains get built: a full FIFO behind a motion, a speed changed just before its target, a
 stop enabled just ahead of the axis, a start that is held, replaced and triggered.  Hypothesis draws
 the rules and, by what they mean, their arguments; what a step does is an operation of four bytes,
-seldom a few, judged by the same exact model and recorded, so that `Sequence.play` plays a failing
-run again.
+seldom a few, judged by the same exact model and recorded, so that `Sequence.perform` repeats a
+failing run.
 
     rules + preconditions ─▶ operation ─▶ Device ─▶ module and model ─▶ View ─▶ preconditions
 

@@ -15,7 +15,7 @@ from axistwin_conformance.families.mac.axis.sequences.sequence import (
     read_parameters,
 )
 from axistwin_conformance.sequences import runner
-from axistwin_conformance.sequences.runner import Operations, Playable
+from axistwin_conformance.sequences.runner import Operations, OperationSequence, Runner
 
 
 def split(data: bytes, kinds: int = len(OPERATIONS)) -> Operations:
@@ -23,7 +23,7 @@ def split(data: bytes, kinds: int = len(OPERATIONS)) -> Operations:
     return runner.split(data, kinds, BYTES_PER_OPERATION)
 
 
-class Player(runner.Player):
+class AxisRunner(Runner):
     """Plays operations on one module, always from the same place."""
 
     operation_bytes = BYTES_PER_OPERATION
@@ -41,10 +41,10 @@ class Player(runner.Player):
         """How many operations there are on this face."""
         return len(operations_of(self.bench))
 
-    def on(self, session: Session) -> Player:
+    def on(self, session: Session) -> AxisRunner:
         """The same on the twin of this module."""
         bench = bench_of(session)
-        return Player(bench, bench.ready())
+        return AxisRunner(bench, bench.ready())
 
     def begin(self) -> Sequence:
         """A sequence that begins where every sequence begins; fresh ones with 00h, which costs 2 s
@@ -59,7 +59,7 @@ class Player(runner.Player):
         self._last = again
         return again
 
-    def watched(self, run: Playable) -> None:
+    def watched(self, run: OperationSequence) -> None:
         """Have the motion plotted."""
         assert isinstance(run, Sequence), "it has begun here"
         run.watch = self._plot
