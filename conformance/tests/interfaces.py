@@ -21,6 +21,7 @@ from typing import Any
 
 import pytest
 import serial
+from small_scratch import VARIABLES
 
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
@@ -339,7 +340,7 @@ def judged_behind(
     given: dict[str, Any] = {}
     if model.startswith("msc"):
         given = {
-            "variables": range(1024, 5120), "flags": range(128, 192), "bench_program": (240, 6144)
+            "variables": VARIABLES, "flags": range(128, 192), "bench_program": (240, 6144)
         }  # fmt: skip
     options = make_options(
         model=model, ids=words, level=level, seed=seed, port=interface.url, baud=rate,

@@ -13,6 +13,8 @@ from zoo_can.axis import NOT_CLAIMED, NOT_ON_THE_BUS, alters_the_line
 from axistwin_conformance.base.armed import load_armed
 from axistwin_conformance.base.ledger import load_ledger
 
+pytestmark = pytest.mark.strength
+
 MODEL = "mac23-can"
 LEDGER = load_ledger("mac_can")
 # Traps of the ledger's §8 that no twin can fall into: a float clock (37) is none of a firmware's

@@ -90,6 +90,7 @@ def impurities(tree: ast.AST) -> Iterator[tuple[int, str]]:
                 yield node.lineno, name
 
 
+@pytest.mark.system
 def test_the_layers_import_one_another_in_one_direction_only() -> None:
     """The contracts of pyproject.toml hold; twins and suite never import one another."""
     program = Path(sys.executable).with_name("lint-imports")
@@ -226,6 +227,7 @@ def test_every_test_says_in_one_line_what_it_shows() -> None:
     assert not silent
 
 
+@pytest.mark.system
 def test_no_file_speaks_of_a_machine_or_of_work_left_undone() -> None:
     """Neither absolute paths of where it was written, nor markers for later."""
     listed = subprocess.check_output(["git", "ls-files", "-z"], cwd=ROOT, text=True)

@@ -26,6 +26,8 @@ from axistwin.runtime.serving.bus_server import BusPort
 from axistwin.runtime.storage import MemoryStorage
 from axistwin.wire.can_frame import CanFrame
 
+pytestmark = pytest.mark.system
+
 BURST = [CanFrame(0x100 + i % 0x400, i.to_bytes(8, "big")) for i in range(300)]
 
 

@@ -71,6 +71,7 @@ def test_the_models_are_listed_with_all_that_a_user_needs() -> None:
     assert on_can.quirks["upload_scs"].source == "MACC-AMB-18"
 
 
+@pytest.mark.system
 def test_listing_the_models_loads_no_device() -> None:
     """Starting the program costs only what it uses."""
     program = (

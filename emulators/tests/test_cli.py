@@ -19,6 +19,8 @@ from mac_frames import ACCEPTED, answer_value, request
 from axistwin import __version__, catalog
 from axistwin.cli import program
 
+pytestmark = pytest.mark.system
+
 
 def ask(port: serial.SerialBase, frame: bytes, count: int) -> bytes:
     """The reply to ``frame``."""

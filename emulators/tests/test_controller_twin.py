@@ -424,6 +424,7 @@ def run(folder: Path, *arguments: str) -> "subprocess.Popen[str]":
     )
 
 
+@pytest.mark.system
 def test_the_daemon_runs_programs_and_tells_their_errors(files: Path) -> None:
     """By unit; when one fails, in its first scan or later, in words and as an event."""
     later = TABLE.format(3).replace("        pass\n", "        assert self.time_ms < 20\n")
@@ -460,6 +461,7 @@ def test_the_daemon_runs_programs_and_tells_their_errors(files: Path) -> None:
     assert process.returncode == 0
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

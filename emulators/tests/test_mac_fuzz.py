@@ -16,6 +16,8 @@ from axistwin.kernel.effects import Effect, Transmit
 from axistwin.motion.plant import Load
 from axistwin.wire.framing import Chunk, LineFormat
 
+pytestmark = pytest.mark.strength
+
 # ---- any bytes ----
 
 
@@ -80,7 +82,6 @@ def test_quiet_prefixes_are_quiet_whatever_the_cut() -> None:
     assert outcomes[0]
 
 
-@pytest.mark.slow
 def test_ten_million_bytes_pass_in_seconds() -> None:
     """Random bytes cost next to nothing."""
     data = random.Random(3).randbytes(10_000_000)
@@ -243,7 +244,6 @@ def test_any_treatment_is_survived(seed: int) -> None:
         lives(f"{seed}/{life}", 60)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(10))
 def test_any_treatment_is_survived_for_long(seed: int) -> None:
     """The same, longer."""

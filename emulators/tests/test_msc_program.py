@@ -322,7 +322,7 @@ def test_an_hour_of_waiting_is_not_run() -> None:
     assert bench.value(2000) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.strength
 def test_an_hour_of_scans_takes_seconds() -> None:
     """Each is done; that is measured generously here, and stands in the page on macroprograms."""
     bench = ProgramBench(Ticks)

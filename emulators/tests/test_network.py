@@ -401,6 +401,7 @@ def drive(
     return [each.log for each in devices], network.host_take(), network.take_effects()
 
 
+@pytest.mark.strength
 @settings(max_examples=150, deadline=None)
 @given(requests, skews, st.lists(st.integers(0, 60 * BYTE_NS), max_size=20), st.booleans())
 def test_where_time_pauses_changes_nothing(
@@ -420,6 +421,7 @@ class SampledLine(SerialLine):
         return False
 
 
+@pytest.mark.strength
 @settings(max_examples=100, deadline=None)
 @given(requests, skews)
 def test_stretches_change_nothing(script: list[tuple[int, bytes]], skew_ns: int) -> None:
@@ -552,6 +554,7 @@ def exchanges(network: SerialNetwork, script: list[Step], gap_ns: int) -> list[o
     return [*seen, network.host_take(), network.take_effects(), devices]
 
 
+@pytest.mark.strength
 @settings(max_examples=200, deadline=None)
 @given(
     steps, st.sampled_from([-LATENCY_NS, 0]), st.sampled_from([0, 1000, LATENCY_NS]), st.booleans()

@@ -28,6 +28,8 @@ from axistwin.ports import socketcan
 from axistwin.ports.slcan import SlcanPort
 from axistwin.wire.can_frame import CanFrame
 
+pytestmark = pytest.mark.system
+
 REPLY = CanFrame(0x581, bytes.fromhex("4200200000000000"))
 
 WITHOUT_VCAN = pytest.mark.skipif(

@@ -27,6 +27,8 @@ from axistwin.runtime.simulation import Station
 from axistwin.runtime.storage import MemorySlot, MemoryStorage
 from axistwin.wire.framing import LineFormat
 
+pytestmark = pytest.mark.system
+
 F38400 = LineFormat(38400)
 
 

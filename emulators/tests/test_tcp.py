@@ -16,6 +16,8 @@ from axistwin.ports.tcp import CLIENTS_MAX, TcpPort, is_loopback, parse_address
 from axistwin.runtime.serving.line_server import Server
 from axistwin.wire.framing import LineFormat
 
+pytestmark = pytest.mark.system
+
 
 class Bench(Served):
     """An echo line behind a TCP port."""
