@@ -219,8 +219,8 @@ class CannedSlice:
         return self.ports[-1]
 
     def _play(self, number: int) -> int:
-        self.player.bench.target.drain()  # so that the clock is looked at anew
-        return sequence_slice(Player(self.player.bench, self.player.home), number)
+        self.player.driver.client.target.drain()  # so that the clock is looked at anew
+        return sequence_slice(Player(self.player.driver, self.player.home), number)
 
     def prepare(self, number: int) -> None:
         """Note the replies."""
@@ -239,7 +239,7 @@ class SharedSlice:
 
     def __init__(self, count: int) -> None:
         self.count, self._told = count, list[Event]()
-        self._run = open_player().bench.session.run
+        self._run = open_player().session.run
         self._run.tell = self._told.append
         self._check = next(one for one in find_family(MODEL).checks() if one.name == DRAWN)
         self._jobs = Jobs(count, self._lost)

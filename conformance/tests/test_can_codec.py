@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import replace
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from axistwin_conformance.base.ledger import load_ledger
+from axistwin_conformance.base.ledger import family_folder, load_ledger
 from axistwin_conformance.families.mac.axis.snapshot import Facts
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.codec import Kind
@@ -20,7 +19,7 @@ from axistwin_conformance.families.mac.serial.family import MODELS
 from axistwin_conformance.transport.can_frame import Frame
 
 FIXTURES = Path(__file__).parents[2] / "fixtures" / "mac_can"
-GOLDEN = resources.files("axistwin_conformance.mac_can") / "golden" / "exchanges.toml"
+GOLDEN = family_folder("mac_can") / "golden" / "exchanges.toml"
 DATA = tomllib.loads(GOLDEN.read_text(encoding="utf-8"))
 
 

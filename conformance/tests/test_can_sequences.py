@@ -38,7 +38,7 @@ from axistwin_conformance.families.mac.axis.sequences.operations import OPERATIO
 from axistwin_conformance.families.mac.axis.sequences.runner import Player
 from axistwin_conformance.families.mac.axis.sequences.sequence import Sequence
 from axistwin_conformance.families.mac.can import codec
-from axistwin_conformance.families.mac.can.driver import Bench
+from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.sequences import failure, machine
 from axistwin_conformance.sequences.failure import Failure
 from axistwin_conformance.sequences.runner import Mismatch
@@ -99,8 +99,8 @@ class Case:
         )  # fmt: skip
         self.run.memory = FAMILY.remember(Session(self.run))
         self.session = Session(self.run, own(check.name))
-        bench = Bench(self.session)
-        self.player = Player(bench, bench.ready())
+        driver = CanDriver(self.session)
+        self.player = Player(driver, driver.motion.ready())
 
     def played(self, data: bytes) -> Sequence:
         """A sequence that has been played."""
@@ -368,7 +368,7 @@ def test_recorded_operations_of_the_line_mean_the_same_on_the_bus() -> None:
 def test_a_reply_to_sync_is_none_of_the_exchange() -> None:
     """The frame alone is told, with silence; the upload behind it bounds when it was heard."""
     case = Case()
-    exchange = case.player.bench.synchronise()
+    exchange = case.player.driver.client.synchronise()
     assert exchange is not None
     assert exchange.request == Frame(codec.SYNC).pack()
     assert exchange.kind is Kind.SILENCE

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from dataclasses import replace
-from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from axistwin_conformance.base.ledger import family_folder
 from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.families.mac.serial import codec
-from axistwin_conformance.families.mac.serial.checks.replies import golden_exchanges, readdressed
+from axistwin_conformance.families.mac.serial.checks.replies import readdressed
+from axistwin_conformance.sequences.golden import golden_rows
 
 FIXTURES = Path(__file__).parents[2] / "fixtures" / "mac_serial"
-GOLDEN = resources.files("axistwin_conformance.mac_serial") / "golden" / "exchanges.toml"
+GOLDEN = family_folder("mac_serial") / "golden" / "exchanges.toml"
 
 
 def test_the_manuals_first_example_is_built_byte_for_byte() -> None:
@@ -25,21 +28,20 @@ def test_the_manuals_first_example_is_built_byte_for_byte() -> None:
     assert frame == bytes.fromhex("02 303134 3030 3135 3030 3030303030333230 4142 03")
 
 
-@pytest.mark.parametrize("golden", golden_exchanges(), ids=lambda golden: golden.name)
-def test_golden_requests_are_what_the_codec_builds(golden: object) -> None:
+@pytest.mark.parametrize("golden", golden_rows("mac_serial"), ids=lambda golden: golden["name"])
+def test_golden_requests_are_what_the_codec_builds(golden: Mapping[str, Any]) -> None:
     """Every golden request has 21 bytes and the sum written beside it."""
-    exchange = next(one for one in golden_exchanges() if one is golden)
-    frame = exchange.request
+    frame = bytes.fromhex(golden["request"])
     fields = codec.Request(frame[4:6], frame[6:8], frame[8:10], frame[10:18])
     assert fields.encode() == frame
-    assert sum(frame[4:18]) == exchange.sum
+    assert sum(frame[4:18]) == int(golden["sum"], 16)
     assert readdressed(frame, int(frame[4:6], 16)) == frame
 
 
-@pytest.mark.parametrize("golden", golden_exchanges(), ids=lambda golden: golden.name)
-def test_golden_replies_are_understood(golden: object) -> None:
+@pytest.mark.parametrize("golden", golden_rows("mac_serial"), ids=lambda golden: golden["name"])
+def test_golden_replies_are_understood(golden: Mapping[str, Any]) -> None:
     """Every golden reply is accepted or an answer, and complete exactly at its last byte."""
-    reply = next(one for one in golden_exchanges() if one is golden).reply
+    reply = bytes.fromhex(golden["reply"])
     assert codec.parse(reply).kind in (Kind.ACCEPTED, Kind.ANSWER)
     for length in range(len(reply)):
         assert 0 < codec.missing_bytes(reply[:length]) <= len(reply) - length

@@ -94,7 +94,7 @@ def test_a_wait_for_an_instant_ends_about_the_end_of_the_motion() -> None:
     end = run.model.forecast.end
     assert end is not None
     run.operate(*operation("wait for an instant", 0xFE, 0))
-    aimed_ns = run.target.now_ns + run.bench.frame_ns
+    aimed_ns = run.target.now_ns + run.driver.client.frame_ns
     assert end.earliest_ns <= aimed_ns <= end.latest_ns
     run.conclude()
     run.leave()
@@ -111,7 +111,7 @@ def test_a_sequence_behind_another_one_asks_nothing_that_is_known() -> None:
     """Only what differs is set back; the module is then as a beginning from nothing leaves it."""
     player = new_player()
     player.begin().play(operation("set the ramp", 4) + operation("enable the stops", 1))
-    target = player.bench.target
+    target = player.driver.client.target
     before = target.transcript.position
     known = player.begin().model
     said = [one.data[6:8] for one in target.transcript.since(before) if one.direction == "host"]
@@ -136,8 +136,8 @@ def test_a_counter_that_was_cleared_is_put_back_by_what_is_known() -> None:
     """The next sequence begins at the same place of the shaft."""
     player = new_player()
     player.begin().play(operation("move", 0xA0, 0, 0xFF) * 4 + operation("clear the counter"))
-    assert player.begin().home == player.bench.position() == player.home
-    (twin,) = player.bench.target.twins
+    assert player.begin().home == player.driver.client.position() == player.home
+    (twin,) = player.driver.client.target.twins
     assert twin.position == player.home
 
 

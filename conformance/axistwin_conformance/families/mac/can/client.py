@@ -20,8 +20,12 @@ from dataclasses import replace
 from typing import ClassVar, Final
 
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver import client
-from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, Exchange, Part
+from axistwin_conformance.families.mac.axis.driver.client import (
+    QUIET_S,
+    AxisClient,
+    AxisFace,
+    Exchange,
+)
 from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.families.mac.axis.model.forecast import Window
 from axistwin_conformance.families.mac.can import codec
@@ -29,8 +33,6 @@ from axistwin_conformance.families.mac.can.codec import Reply, Request
 from axistwin_conformance.transport.can import Arrival, CanTransport
 from axistwin_conformance.transport.can_frame import Frame, unpack
 
-BOOT_S: Final = 2.0  # MACC-BOOT-04
-BOOT_PATIENCE_S: Final = 1.0  # how much longer than that a boot-up message is waited for
 # Uploads, settings except the counter reset, the end of a motion and of powering.
 REPEATABLE: Final = frozenset(
     {*codec.QUERIES, 0x02, 0x03, 0x07, 0x09, 0x0A, 0x0C, 0x0D, 0x0E, 0x0F, 0x18, 0x19, 0x1A, 0x1C,
@@ -45,17 +47,19 @@ def bus_of(session: Session) -> CanTransport:
     return session.transport
 
 
-class Talk(client.Talk):
-    """One module on the bus: what is said to it, what it says, and what that proves."""
+class CanClient(AxisClient):
+    """One module on the bus: what is sent to it, and what it answers."""
 
-    answered: ClassVar[range] = codec.ANSWERED
-    may_be_silent: ClassVar[frozenset[int]] = MAY_BE_SILENT
-    repeatable: ClassVar[frozenset[int]] = REPEATABLE
-    missing: ClassVar[tuple[int, ...]] = (0x08, 0x1B, 0x28, 0x29)  # address, rate, memory
-    unassigned: ClassVar[tuple[tuple[Kind, Kind], ...]] = (  # MACC-AMB-15
-        (Kind.REFUSED, Kind.REFUSED),
-        (Kind.ACCEPTED, Kind.ANSWER),
-        (Kind.SILENCE, Kind.SILENCE),
+    face: ClassVar[AxisFace] = AxisFace(
+        answered=codec.ANSWERED,
+        may_be_silent=MAY_BE_SILENT,
+        repeatable=REPEATABLE,
+        unassigned=(  # MACC-AMB-15
+            (Kind.REFUSED, Kind.REFUSED),
+            (Kind.ACCEPTED, Kind.ANSWER),
+            (Kind.SILENCE, Kind.SILENCE),
+        ),
+        missing=(0x08, 0x1B, 0x28, 0x29),  # address, rate, memory
     )
 
     def __init__(self, session: Session, address: int | None = None) -> None:
@@ -137,7 +141,7 @@ class Talk(client.Talk):
         """A well-formed request on 600h (MACC-GEN-01)."""
         return self.request(index, parameter, address=codec.GENERAL_ADDRESS)
 
-    def spoilt(self, index: int, parameter: int, how: int) -> tuple[Request, Kind] | None:
+    def corrupted(self, index: int, parameter: int, how: int) -> tuple[Request, Kind] | None:
         """A request whose frame is too short, which is ignored (MACC-SDO-11); None where this
         device pads such frames (MACC-AMB-19)."""
         if self.session.reading("short_frame") != "ignore":
@@ -152,7 +156,7 @@ class Talk(client.Talk):
     def swift(
         self, index: int, parameter: int, timeout_s: float, is_cleared: bool
     ) -> tuple[bytes, bytes, Window]:
-        """See `client.Talk.swift`."""
+        """See `AxisClient.swift`."""
         exchange = self.send(self.request(index, parameter), timeout_s)
         return exchange.request, exchange.reply.raw, exchange.taken
 
@@ -203,11 +207,11 @@ class Talk(client.Talk):
         """A request in words."""
         return codec.explain(unpack(sent))
 
-    def told(self, received: bytes) -> str:
+    def described(self, received: bytes) -> str:
         """A reply in words."""
         return str(self._parsed(received))
 
-    def say(self, frame: Frame) -> Window:
+    def broadcast(self, frame: Frame) -> Window:
         """Send a frame that is not answered; return when the modules can have heard it.
 
         An upload behind it bounds that: the bus has one order, and what a host sends later has no
@@ -220,7 +224,7 @@ class Talk(client.Talk):
     def synchronise(self) -> Exchange:
         """Send SYNC, which does what 11h does (MACC-SYNC-03) and is not answered."""
         frame = Frame(codec.SYNC)
-        return Exchange(frame.pack(), codec.SILENCE, self.say(frame))
+        return Exchange(frame.pack(), codec.SILENCE, self.broadcast(frame))
 
     @property
     def has_sync(self) -> bool:
@@ -246,18 +250,11 @@ class Talk(client.Talk):
 
         return self.target.receive_spontaneous(is_ours, timeout_s)
 
-    def wait_awake(self) -> Arrival | None:
-        """Wait for the boot-up message after a reset; where none comes, long enough without it."""
-        return self.boot_up(BOOT_S + BOOT_PATIENCE_S + self.target.uncertainty_ns / 1e9)
-
-    # --- judging ----------------------------------------------------------------------------------
-
-    def silent(self, request: Request | Frame, requirement: Part = None) -> None:
-        """Judge that a frame gets no reply of any kind, and that the module is still there."""
+    def silence_after(self, request: Request | Frame) -> tuple[bool, str, object]:
+        """See `AxisClient.silence_after`; a reply of any kind, to whomever, counts."""
         frame = request if isinstance(request, Frame) else request.frame()
         self.target.drain()
         self.target.send(frame)
-        heard = self.target.receive(codec.is_reply, QUIET_S + self.target.uncertainty_ns / 1e9)
-        actual = "silence" if heard is None else codec.explain(heard.frame)
-        self._judge(heard is None, requirement, f"silence after {codec.explain(frame)}", actual)
-        self.alive(requirement)
+        reply = self.target.receive(codec.is_reply, QUIET_S + self.target.uncertainty_ns / 1e9)
+        actual = "silence" if reply is None else codec.explain(reply.frame)
+        return reply is None, f"silence after {codec.explain(frame)}", actual

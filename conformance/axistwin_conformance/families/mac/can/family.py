@@ -22,7 +22,7 @@ from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.client import bus_of
 from axistwin_conformance.families.mac.can.codec import Reply
 from axistwin_conformance.families.mac.can.diagnosis import diagnose
-from axistwin_conformance.families.mac.can.driver import RigBench
+from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.families.mac.can.reader import BusReader
 from axistwin_conformance.transport.can import CanTransport, open_can_target
 from axistwin_conformance.transport.can_frame import Frame, unpack_all
@@ -40,26 +40,26 @@ MODELS: Final = {
 
 def identify(session: Session) -> Identity:
     """Ask release and measures; raises TargetError if nobody answers."""
-    bench = RigBench(session)
+    driver = CanDriver(session)
     if not session.transport.is_virtual:
         _know_the_others(session)
     session.is_strict = True  # the attempts are counted here
-    last = _insisted(bench, 0x24)
+    last = _insisted(driver, 0x24)
     release = last.data if last.kind is Kind.ANSWER else None
     if release is None and not sanity(session):
         raise TargetError(
-            f"no module answers at address {bench.address} on {session.transport.description}:"
+            f"no module answers at address {session.address} on {session.transport.description}:"
             f" {'; '.join((str(last), *session.transport.remarks))};"
             " try another --address or --bitrate"
         )
     session.is_strict = session.transport.is_lossless
     values = {"release": "unknown" if release is None else f"{release:08X}"}
-    measures = bench.ask(0x27).reply
+    measures = driver.client.ask(0x27).reply
     if measures.data is not None:
         values |= climate(session, measures)
     told = [f"release {values['release']}"]
     told += [values[name] for name in ("temperature", "supply") if name in values]
-    return Identity(f"{session.model.title} at {bench.address}, {', '.join(told)}", values)
+    return Identity(f"{session.model.title} at {driver.client.address}, {', '.join(told)}", values)
 
 
 def _know_the_others(session: Session) -> None:
@@ -73,11 +73,11 @@ def _know_the_others(session: Session) -> None:
     bus_of(session).leave_out_others(LISTEN_S, is_ours)
 
 
-def _insisted(bench: RigBench, index: int) -> Reply:
+def _insisted(driver: CanDriver, index: int) -> Reply:
     """Ask until there is an answer; longer if what comes differs, which is noise."""
     seen = set()
     for number in range(1, ATTEMPTS + 1):
-        reply: Reply = bench.ask(index).reply
+        reply: Reply = driver.client.ask(index).reply
         seen.add(reply.raw)
         if reply.kind is Kind.ANSWER or (number >= PROBE_ATTEMPTS and len(seen) == 1):
             break
@@ -135,9 +135,9 @@ class MacCan(AxisFamily):
         """Put the frames of a record into words."""
         return "; ".join(codec.explain(frame) for frame in unpack_all(record.data))
 
-    def driver(self, session: Session, address: int | None = None) -> RigBench:
+    def driver(self, session: Session, address: int | None = None) -> CanDriver:
         """A module on the bus."""
-        return RigBench(session, address)
+        return CanDriver(session, address)
 
     def identify(self, session: Session) -> Identity:
         """See `identify`."""

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from axistwin_conformance.families.mac.can.driver import Bench
+from axistwin_conformance.families.mac.can.driver import CanDriver
 
 PARAMETERS: Final = (0x22, 0x23, 0x25, 0x26)
 
@@ -22,18 +22,18 @@ class Setting:
     values: tuple[int, int]
     shown_by: int = 0  # how far left the value stands in the download
 
-    def read(self, bench: Bench) -> int:
+    def read(self, driver: CanDriver) -> int:
         """What the module holds."""
-        return bench.value(self.query) >> self.shift & self.mask
+        return driver.client.value(self.query) >> self.shift & self.mask
 
     def parameter(self, value: int) -> int:
         """The parameter that sets it."""
         return value << self.shown_by
 
-    def other(self, bench: Bench) -> int:
+    def other(self, driver: CanDriver) -> int:
         """One of the two values that the module does not hold."""
         first, second = self.values
-        return second if self.read(bench) == first else first
+        return second if self.read(driver) == first else first
 
 
 SETTINGS: Final[Mapping[int, Setting]] = {
@@ -53,13 +53,13 @@ SETTINGS: Final[Mapping[int, Setting]] = {
 TORQUE: Final = SETTINGS[0x0C]
 
 
-def held(bench: Bench) -> list[int]:
+def held(driver: CanDriver) -> list[int]:
     """All that a request which is no request must not change."""
-    return [bench.value(index) for index in (0x20, *PARAMETERS)]
+    return [driver.client.value(index) for index in (0x20, *PARAMETERS)]
 
 
-def unchanged(bench: Bench, before: list[int], requirement: str) -> None:
+def unchanged(driver: CanDriver, before: list[int], requirement: str) -> None:
     """Judge that position and parameters are what they were."""
-    after = held(bench)
+    after = held(driver)
     words = [" ".join(f"{one:08X}" for one in row) for row in (before, after)]
-    bench.session.expect(after == before, requirement, *words)
+    driver.session.expect(after == before, requirement, *words)

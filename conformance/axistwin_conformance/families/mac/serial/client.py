@@ -10,8 +10,12 @@ from __future__ import annotations
 from typing import ClassVar, Final
 
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver import client
-from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, Exchange
+from axistwin_conformance.families.mac.axis.driver.client import (
+    QUIET_S,
+    AxisClient,
+    AxisFace,
+    Exchange,
+)
 from axistwin_conformance.families.mac.axis.exchanges import QUERIES, Kind
 from axistwin_conformance.families.mac.axis.model.forecast import Window
 from axistwin_conformance.families.mac.serial import codec
@@ -32,17 +36,19 @@ OTHER_DIGITS: Final = {0x21: 2, 0x23: 2}  # MACS-AMB-03, -04
 GLANCE_BYTES: Final = codec.REQUEST_BYTES + 12  # a query, and the reply as far as its data
 
 
-class Talk(client.Talk):
-    """One module on the line: what is said to it, what it says, and what that proves."""
+class SerialClient(AxisClient):
+    """One module on the line: what is sent to it, and what it answers."""
 
-    answered: ClassVar[range] = ANSWERED
-    may_be_silent: ClassVar[frozenset[int]] = MAY_BE_SILENT
-    repeatable: ClassVar[frozenset[int]] = REPEATABLE
-    unassigned: ClassVar[tuple[tuple[Kind, Kind], ...]] = (  # MACS-AMB-58
-        (Kind.REFUSED, Kind.REFUSED),
-        (Kind.ACCEPTED, Kind.ACCEPTED),
-        (Kind.ACCEPTED, Kind.ANSWER),
-        (Kind.SILENCE, Kind.SILENCE),
+    face: ClassVar[AxisFace] = AxisFace(
+        answered=ANSWERED,
+        may_be_silent=MAY_BE_SILENT,
+        repeatable=REPEATABLE,
+        unassigned=(  # MACS-AMB-58
+            (Kind.REFUSED, Kind.REFUSED),
+            (Kind.ACCEPTED, Kind.ACCEPTED),
+            (Kind.ACCEPTED, Kind.ANSWER),
+            (Kind.SILENCE, Kind.SILENCE),
+        ),
     )
 
     def __init__(self, session: Session, address: int | None = None) -> None:
@@ -121,7 +127,7 @@ class Talk(client.Talk):
         return received
 
     def in_vain(self, request: Request | bytes) -> Exchange:
-        """See `client.Talk.in_vain`; a Nack at most is expected, where nothing disturbs."""
+        """See `AxisClient.in_vain`; a Nack at most is expected, where nothing disturbs."""
         if not self.target.is_direct:
             return super().in_vain(request)
         data = request if isinstance(request, bytes) else request.encode()
@@ -164,12 +170,16 @@ class Talk(client.Talk):
         """A well-formed request to FF (MACS-MULTI-02)."""
         return codec.request(codec.GENERAL_ADDRESS, index, parameter)
 
-    def spoilt(self, index: int, parameter: int, how: int) -> tuple[Request, Kind] | None:
+    def corrupted(self, index: int, parameter: int, how: int) -> tuple[Request, Kind] | None:
         """A request under a wrong checksum, which is Nacked (MACS-REPLY-02)."""
         if self.is_nacked_by_many:  # all at once: neither reply nor the next frame would be heard
             return None
         request = self.request(index, parameter)
         return request.with_wrong_checksum(how % 0xFF + 1), Kind.NACK
+
+    def nacked_alone(self, request: Request) -> list[Request]:
+        """The frame under a wrong checksum, where only the module it is for could Nack it."""
+        return [] if self.is_nacked_by_many else [request.with_wrong_checksum()]
 
     @property
     def is_nacked_by_many(self) -> bool:
@@ -184,7 +194,7 @@ class Talk(client.Talk):
     def swift(
         self, index: int, parameter: int, timeout_s: float, is_cleared: bool
     ) -> tuple[bytes, bytes, Window]:
-        """See `client.Talk.swift`."""
+        """See `AxisClient.swift`."""
         data = codec.frame(self.address, index, parameter)
         size = codec.ANSWER_BYTES if index in ANSWERED else codec.SHORT_REPLY_BYTES
         received, taken = self.exchange(data, size, timeout_s, is_cleared)
@@ -235,14 +245,13 @@ class Talk(client.Talk):
         """A request in words."""
         return codec.explain(sent)
 
-    def told(self, received: bytes) -> str:
+    def described(self, received: bytes) -> str:
         """A reply in words."""
         return str(codec.parse(received))
 
-    def command(self, index: int, parameter: int = 0, sub_index: int = 0) -> Exchange:
-        """Send a command."""
+    def _command(self, index: int, parameter: int, sub_index: int) -> Exchange:
         if sub_index or index in MAY_BE_SILENT or not self.target.is_direct:
-            return super().command(index, parameter, sub_index)
+            return super()._command(index, parameter, sub_index)
         self.target.drain()
         data = codec.frame(self.address, index, parameter)
         size = codec.ANSWER_BYTES if index in ANSWERED else codec.SHORT_REPLY_BYTES

@@ -21,7 +21,7 @@ from axistwin_conformance.families.mac.axis.travel_guard import TravelGuard
 from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.families.mac.serial.codec import Reply
 from axistwin_conformance.families.mac.serial.diagnosis import diagnose
-from axistwin_conformance.families.mac.serial.driver import RigBench
+from axistwin_conformance.families.mac.serial.driver import SerialDriver
 from axistwin_conformance.families.mac.serial.reader import LineReader
 from axistwin_conformance.transport.serial import SerialTransport, open_target
 
@@ -48,44 +48,49 @@ def identify(session: Session) -> Identity:
     A module that answers one of these questions wrongly and others well is a module all the same;
     what it broke is for the checks to say.
     """
-    bench = RigBench(session)
+    driver = SerialDriver(session)
     session.is_strict = True  # the attempts are counted here
-    last = _insisted(bench, 0x24)
+    last = _insisted(driver, 0x24)
     release = last.data if last.kind is Kind.ANSWER else None
     if release is None and not sanity(session):
         others = [str(rate) for rate in BAUDS if rate != session.target.baud]
         raise TargetError(
-            f"no module answers at address {bench.address:02X}h and {session.target.baud} baud:"
-            f" {_heard(bench, last)}; try --baud {' or '.join(others)}, or another --address"
+            f"no module answers at address {session.address:02X}h and {session.target.baud} baud:"
+            f" {_heard(driver, last)}; try --baud {' or '.join(others)}, or another --address"
         )
     session.is_strict = session.target.is_lossless
     values = {"release": "unknown" if release is None else f"{release:08X}"}
-    measures, imax = bench.ask(0x27).reply, bench.ask(0x28, codec.IMAX_ADDRESS).reply
+    measures, imax = (
+        driver.client.ask(0x27).reply,
+        driver.client.ask(0x28, codec.IMAX_ADDRESS).reply,
+    )
     if measures.data is not None:
         values |= climate(session, measures)
     if imax.data is not None:
         values["imax"] = f"{imax.data_bytes()[0]:02X}h"
     told = [f"release {values['release']}"]
     told += [values[name] for name in ("temperature", "supply") if name in values]
-    return Identity(f"{session.model.title} at {bench.address:02X}h, {', '.join(told)}", values)
+    return Identity(
+        f"{session.model.title} at {driver.client.address:02X}h, {', '.join(told)}", values
+    )
 
 
-def _insisted(bench: RigBench, index: int) -> Reply:
+def _insisted(driver: SerialDriver, index: int) -> Reply:
     """Ask until there is an answer; longer if what comes differs, which is noise."""
     seen = set()
     for number in range(1, ATTEMPTS + 1):
-        reply: Reply = bench.command(index).reply
+        reply: Reply = driver.client.command(index).reply
         seen.add(reply.raw)
         if reply.kind is Kind.ANSWER or (number >= PROBE_ATTEMPTS and len(seen) == 1):
             break
     return reply
 
 
-def _heard(bench: RigBench, reply: Reply) -> str:
+def _heard(driver: SerialDriver, reply: Reply) -> str:
     """What came instead of an answer, with what follows it: another protocol shows its face."""
     if reply.kind is not Kind.GARBAGE:
         return str(reply)
-    raw = reply.raw + bench.target.receive(FACE_BYTES, QUIET_S)
+    raw = reply.raw + driver.client.target.receive(FACE_BYTES, QUIET_S)
     text = "".join(chr(one) if 0x20 <= one < 0x7F else "." for one in raw)
     return f"something else talks there: {raw.hex(' ').upper()} ({text})"
 
@@ -123,9 +128,9 @@ class MacSerial(AxisFamily):
         is_request = record.direction is Direction.HOST
         return (codec.explain_request if is_request else codec.explain)(record.data)
 
-    def driver(self, session: Session, address: int | None = None) -> RigBench:
+    def driver(self, session: Session, address: int | None = None) -> SerialDriver:
         """A module on the line."""
-        return RigBench(session, address)
+        return SerialDriver(session, address)
 
     def identify(self, session: Session) -> Identity:
         """See `identify`."""

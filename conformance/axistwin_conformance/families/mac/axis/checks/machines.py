@@ -37,5 +37,5 @@ def many_runs_of_the_machine_agree_with_the_model(session: Session) -> None:
 
 def _run(session: Session, level: str) -> None:
     player = player_of(session)
-    rules = SyncMachine if player.bench.has_sync else AxisMachine
+    rules = SyncMachine if player.driver.client.has_sync else AxisMachine
     play_machine(player, Judged, rules, EXAMPLES[level], STEPS)

@@ -7,7 +7,7 @@ from typing import Final
 from axistwin_conformance.base.check import Check, check
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.motion import bench_of
+from axistwin_conformance.families.mac.axis.driver.driver import driver_of
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.axis.sequences.runner import Player
 from axistwin_conformance.families.mac.axis.sequences.sequence import (
@@ -44,10 +44,13 @@ def many_mixed_sequences_agree_with_the_model(session: Session) -> None:
 
 def player_of(session: Session) -> Player:
     """Somebody who plays on the module under test; ends the check where nobody can judge that."""
-    bench = bench_of(session)
-    if not bench.has_ideal_plant or session.reading("brake_increments") not in ("plant", "0"):
+    driver = driver_of(session)
+    if not driver.limits.has_ideal_plant or session.reading("brake_increments") not in (
+        "plant",
+        "0",
+    ):
         session.skip("the ledger gives no exact rule for an axis that runs on after a stop")
-    return Player(bench, bench.ready())
+    return Player(driver, driver.motion.ready())
 
 
 def replay_check(recording: Recording) -> Check:

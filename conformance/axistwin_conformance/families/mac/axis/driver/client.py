@@ -1,7 +1,7 @@
 """Exchanges with one module, whichever way it is talked to.
 
-A face says how a request looks and how a reply is fetched (`Talk`'s abstract part); what a value
-means and what a reply proves is the same for all.  Every exchange tells when the module can have
+A face says how a request looks and how a reply is fetched (`AxisClient`'s abstract part); what a
+value means is the same for all.  Every exchange tells when the module can have
 taken the request over (`Exchange.taken`): the same arithmetic then holds in virtual time, over a
 pty, on a bus and over a real adapter.
 """
@@ -11,7 +11,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, Protocol
 
 from axistwin_conformance.core.session import ATTEMPTS, Session
 from axistwin_conformance.families.mac.axis.exchanges import QUERIES, Kind, Reply, signed
@@ -20,6 +20,7 @@ from axistwin_conformance.families.mac.axis.model.forecast import Window
 from axistwin_conformance.transport.transport import Transport
 
 QUIET_S: Final = 0.05  # ten times any reply seen; silence is proven by the next exchange, not by it
+CAREFUL: Final = frozenset({0x0B, 0x13, 0x14, 0x18})  # commands that need `Precautions`
 
 Part = str | tuple[str, ...] | None
 
@@ -47,26 +48,49 @@ class Sample:
     taken: Window
 
 
-class Talk(ABC):
-    """One module: what is said to it, what it says, and what that proves.
+@dataclass(frozen=True, slots=True)
+class AxisFace:
+    """What one face of the module answers, and how.
 
     `answered`: the queries it answers; `may_be_silent`: the commands it may obey without a reply.
-    `repeatable`: what it may be told twice and does the same, with the same reply; after anything
+    `repeatable`: what it may be sent twice and does the same, with the same reply; after anything
     else the check is in doubt about the first (a second 13h is refused, a second segment runs).
     `missing`: commands and queries that other faces have and this one does not.  `unassigned`: what
     comes to a command and to a query that mean nothing, for each reading of `unknown_index`.
     """
 
-    answered: ClassVar[range]
-    may_be_silent: ClassVar[frozenset[int]]
-    repeatable: ClassVar[frozenset[int]]
-    missing: ClassVar[tuple[int, ...]] = ()
-    unassigned: ClassVar[tuple[tuple[Kind, Kind], ...]]
+    answered: range
+    may_be_silent: frozenset[int]
+    repeatable: frozenset[int]
+    unassigned: tuple[tuple[Kind, Kind], ...]
+    missing: tuple[int, ...] = ()
+
+    @property
+    def acceptance(self) -> Mapping[int, Row]:
+        """The acceptance table of this face."""
+        return table_without(self.missing)
+
+
+class Precautions(Protocol):
+    """What has to be done about some commands beside sending them."""
+
+    def before(self, index: int, /) -> None:
+        """Called before one of `CAREFUL` is sent; may raise to hold it back."""
+
+    def after(self, index: int, kind: Kind, /) -> None:
+        """Called when the reply has come."""
+
+
+class AxisClient(ABC):
+    """One module: what is sent to it, and what it answers."""
+
+    face: ClassVar[AxisFace]
 
     def __init__(self, session: Session, address: int | None = None) -> None:
         self.session = session
         self.target: Transport = session.transport
         self.address = session.address if address is None else address
+        self.precautions: Precautions | None = None
 
     # --- what a face brings -----------------------------------------------------------------------
 
@@ -81,7 +105,7 @@ class Talk(ABC):
         """A well-formed request to all modules."""
 
     @abstractmethod
-    def spoilt(self, index: int, parameter: int, how: int) -> tuple[Any, Kind] | None:
+    def corrupted(self, index: int, parameter: int, how: int) -> tuple[Any, Kind] | None:
         """A request that must not be obeyed, one of several (`how`), and the reply it gets; None
         where there is none whose reply could be told from others."""
 
@@ -145,7 +169,7 @@ class Talk(ABC):
         """A request in words."""
 
     @abstractmethod
-    def told(self, received: bytes) -> str:
+    def described(self, received: bytes) -> str:
         """A reply in words."""
 
     def synchronise(self) -> Exchange | None:
@@ -182,7 +206,7 @@ class Talk(ABC):
                 break
             words = f"{self.explained(exchange.request)}: {exchange.reply}"
             if exchange.kind is not Kind.NACK:
-                if index not in self.repeatable:
+                if index not in self.face.repeatable:
                     if self.session.check is not None:
                         self.session.void_attempt(words)
                     break
@@ -195,13 +219,17 @@ class Talk(ABC):
 
     # --- values -----------------------------------------------------------------------------------
 
-    @property
-    def acceptance(self) -> Mapping[int, Row]:
-        """The acceptance table of this face."""
-        return table_without(self.missing)
-
     def command(self, index: int, parameter: int = 0, sub_index: int = 0) -> Exchange:
-        """Send a command."""
+        """Send a command, with what precautions it needs."""
+        careful = self.precautions if index in CAREFUL else None
+        if careful is None:
+            return self._command(index, parameter, sub_index)
+        careful.before(index)
+        exchange = self._command(index, parameter, sub_index)
+        careful.after(index, exchange.kind)
+        return exchange
+
+    def _command(self, index: int, parameter: int, sub_index: int) -> Exchange:
         return self.send(self.request(index, parameter, sub_index))
 
     def within(self, timeout_s: float, index: int, parameter: int = 0) -> Exchange:
@@ -239,14 +267,6 @@ class Talk(ABC):
         """Read the counter."""
         return self.sample().position
 
-    def is_busy(self) -> bool:
-        """The inverted bit 3 of 27h byte 3 (MACS-Q-27-03)."""
-        return not self.data_bytes(0x27)[2] & 0x08
-
-    def stopped_on(self) -> int:
-        """The byte ff of 21h: which stops ended the motion."""
-        return self.data_bytes(0x21)[1] & 0x0F
-
     def wait(self, seconds: float) -> None:
         """Let time pass."""
         if seconds > 0:
@@ -256,49 +276,8 @@ class Talk(ABC):
         """Let time pass up to a moment of the target's clock."""
         self.wait((moment_ns - self.target.now_ns) / 1e9)
 
-    # --- judging ----------------------------------------------------------------------------------
-
-    def must(self, kind: Kind, exchange: Exchange, requirement: Part = None) -> Exchange:
-        """Judge that the reply is of that kind.
-
-        Without a requirement it is a step on the way: a wrong reply fails all the check names, but
-        a right one proves none of them when there are several.
-        """
-        self._judge(
-            exchange.kind is kind,
-            requirement,
-            f"{kind.value} ({self.explained(exchange.request)})",
-            exchange.reply,
-        )
-        return exchange
-
-    def _judge(self, condition: bool, requirement: Part, expected: str, actual: object) -> None:
-        """Judge a requirement; without one, in a check that names several, it is a step."""
-        check = self.session.check
-        if requirement is None and check is not None and len(check.requirements) > 1:
-            self.session.step(condition, expected, actual)
-        else:
-            self.session.expect(condition, requirement, expected, actual)
-
-    def accepted(
-        self, index: int, parameter: int = 0, sub_index: int = 0, requirement: Part = None
-    ) -> Exchange:
-        """Send a command that must be accepted."""
-        return self.must(Kind.ACCEPTED, self.command(index, parameter, sub_index), requirement)
-
-    def refused(
-        self, index: int, parameter: int = 0, sub_index: int = 0, requirement: Part = None
-    ) -> Exchange:
-        """Send a command that must be refused."""
-        return self.must(Kind.REFUSED, self.command(index, parameter, sub_index), requirement)
-
-    def silent(self, request: Any, requirement: Part = None) -> None:
-        """Judge that a frame gets no reply: none now, and exactly one to the next query."""
+    def silence_after(self, request: Any) -> tuple[bool, str, object]:
+        """Send what must get no reply: whether none came, what is expected, and what came."""
         exchange = self.send(request, QUIET_S + self.target.uncertainty_ns / 1e9)
-        self.must(Kind.SILENCE, exchange, requirement)
-        self.alive(requirement)
-
-    def alive(self, requirement: Part = None) -> None:
-        """Judge that the module answers a good query, once."""
-        exchange = self.ask(0x20)
-        self.must(Kind.ANSWER, exchange, requirement)
+        expected = f"{Kind.SILENCE.value} ({self.explained(exchange.request)})"
+        return exchange.kind is Kind.SILENCE, expected, exchange.reply

@@ -14,7 +14,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from axistwin_conformance.families.mac.axis.driver.motion import Bench, segment, velocity
+from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver
+from axistwin_conformance.families.mac.axis.driver.motion import segment, velocity
 from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.families.mac.axis.model.axis_model import DROPPING, MOTIONS, SEGMENTS
 from axistwin_conformance.families.mac.axis.sequences.sequence import (
@@ -147,15 +148,15 @@ def _at_rest(index: int) -> Act:
 
 
 def _query(run: Sequence, first: int, second: int) -> None:
-    answered = run.bench.answered
+    answered = run.client.face.answered
     run.query(answered[first % len(answered)])
 
 
 def _unassigned(run: Sequence, first: int, second: int) -> None:
-    bench = run.bench
-    indices = UNASSIGNED + bench.missing
+    face = run.client.face
+    indices = UNASSIGNED + face.missing
     index = indices[first % len(indices)]
-    if bench.unassigned[run.known("unknown_index")][index >= 0x20] in TO_COMMANDS:
+    if face.unassigned[run.known("unknown_index")][index >= 0x20] in TO_COMMANDS:
         run.command(index, second if run.follows("dont_care_digits") else 0)
 
 
@@ -163,24 +164,24 @@ def _spoilt(run: Sequence, first: int, second: int) -> None:
     index = (*MOTIONS, *SEGMENTS, *DROPPING, 0x0B, 0x0D, 0x20)[first % 11]
     # A module that obeyed it would stay inside.
     parameter = run.place(second) if index == 0x13 else 0x00101000
-    spoilt = run.bench.spoilt(index, parameter, second)
+    spoilt = run.client.corrupted(index, parameter, second)
     if spoilt is not None:
         run.lost(*spoilt, "MACS-REPLY-02")
 
 
 def _astray(run: Sequence, first: int, second: int) -> None:
-    session = run.bench.session
+    session = run.driver.session
     taken = {session.address, *session.neighbours}
     addresses = session.run.family.addresses
     other = next(one for one in range(first % 0x70, 0x80) if one in addresses and one not in taken)
     index = (*DROPPING, 0x13, 0x20)[second % 5]
     if session.envelope.is_guarded and index == 0x13:
         index = 0x20  # a module that nobody has named might be there and move
-    run.lost(run.bench.request(index, 0, address=other), Kind.SILENCE, "MACS-FRAME-07")
+    run.lost(run.client.request(index, 0, address=other), Kind.SILENCE, "MACS-FRAME-07")
 
 
 def _restart(run: Sequence, first: int, second: int) -> None:
-    is_cheap = run.bench.target.is_virtual and first < 0x40
+    is_cheap = run.client.target.is_virtual and first < 0x40
     run.restart() if is_cheap and run.follows(*UNRULED_RESTARTS) else run.query(0x26)
 
 
@@ -315,6 +316,6 @@ WITH_SYNC: Final = (*OPERATIONS, Operation("trigger by SYNC", _sync_frame))
 WHAT: Final = {one.name: number for number, one in reversed(list(enumerate(WITH_SYNC)))}
 
 
-def operations_of(bench: Bench) -> tuple[Operation, ...]:
+def operations_of(driver: AxisDriver) -> tuple[Operation, ...]:
     """The table for a module on this face."""
-    return WITH_SYNC if bench.has_sync else OPERATIONS
+    return WITH_SYNC if driver.client.has_sync else OPERATIONS

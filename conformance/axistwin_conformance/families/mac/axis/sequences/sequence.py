@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from axistwin_conformance.families.mac.axis.driver.motion import Bench, Sample
+from axistwin_conformance.families.mac.axis.driver.client import Sample
+from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver
 from axistwin_conformance.families.mac.axis.exchanges import Kind, signed
 from axistwin_conformance.families.mac.axis.model.axis_model import (
     MOTIONS,
@@ -88,7 +89,7 @@ class Sequence(Steps):
 
     operation_bytes = BYTES_PER_OPERATION
 
-    bench: Bench
+    driver: AxisDriver
     model: AxisModel
     home: int
     release: int
@@ -102,13 +103,14 @@ class Sequence(Steps):
     is_known: bool = False  # at the end: everything the model says has been confirmed
 
     def __post_init__(self) -> None:
-        bench, envelope = self.bench, self.bench.session.envelope
-        self.target = bench.target
+        driver, envelope = self.driver, self.driver.session.envelope
+        self.client, self.target = driver.client, driver.client.target
+        self._may_be_silent = driver.client.face.may_be_silent
         self.is_guarded, self.max_travel = envelope.is_guarded, envelope.max_travel
-        self.room, self.fastest = bench.room(), bench.fastest
-        self._slack = bench.allowance(PERIODS[0])
-        self._timeout_s = bench.session.reply_timeout_s
-        self._is_direct = bench.is_direct
+        self.room, self.fastest = driver.limits.room(), driver.limits.fastest
+        self._slack = driver.limits.allowance(PERIODS[0])
+        self._timeout_s = driver.session.reply_timeout_s
+        self._is_direct = driver.client.is_direct
         self._cleared: set[int] = set()  # indices that the gate has let pass and nothing stores
         self._inside_until_ns = 0  # when it has to be looked again whether the axis stays inside
         self._log: list[tuple[bytes, bytes] | int] = []  # exchanges, and pauses in ns
@@ -122,7 +124,7 @@ class Sequence(Steps):
         return [
             f"wait {one / 1e6:.0f} ms"
             if isinstance(one, int)
-            else f"{self.bench.explained(one[0])} → {self.bench.told(one[1])}"
+            else f"{self.client.explained(one[0])} → {self.client.described(one[1])}"
             for one in self._log
         ]
 
@@ -130,7 +132,7 @@ class Sequence(Steps):
         """The number of the reading this device follows, as far as known at the beginning."""
         number = self._known.get(switch)
         if number is None:
-            number = self._known[switch] = self.bench.known(switch)
+            number = self._known[switch] = self.driver.readings.known(switch)
         return number
 
     def follows(self, *switches: str) -> bool:
@@ -173,29 +175,29 @@ class Sequence(Steps):
         """Clear the counter where it was 0 before the sequence."""
         if not self.offset:
             return
-        bench = self.bench
+        driver = self.driver
         if self._is_plain_again():
             position = self.model.forecast.places[0]
         else:
-            bench.at_rest()
-            bench.command(0x03, 0)
-            position = bench.ready()
-        self.is_known &= drive(bench, position, -self.offset) == -self.offset
-        self.is_known &= bench.command(0x0B).kind is Kind.ACCEPTED
+            driver.motion.at_rest()
+            driver.client.command(0x03, 0)
+            position = driver.motion.ready()
+        self.is_known &= drive(driver, position, -self.offset) == -self.offset
+        self.is_known &= driver.client.command(0x0B).kind is Kind.ACCEPTED
         self.model.forecast = Forecast.rest(0)
         self.offset = 0
 
     def again(self) -> Sequence | None:
         """The next sequence, begun with no question whose answer is known; None if this one has
         not ended as the model says, and the module has to be asked."""
-        bench, home = self.bench, self.home
+        driver, home = self.driver, self.home
         if not self._is_plain_again():
             return None
         if self.model.forecast.places != (home, home):
-            if drive(bench, self.model.forecast.places[0], home) != home:
+            if drive(driver, self.model.forecast.places[0], home) != home:
                 return None
             self.model.forecast = Forecast.rest(home)
-        after = Sequence(bench, self.model, home, self.release, self.operations)
+        after = Sequence(driver, self.model, home, self.release, self.operations)
         after._known, after._follows = self._known, self._follows
         return after
 
@@ -203,15 +205,15 @@ class Sequence(Steps):
         """Set what differs from the beginning; False where that is not known or not accepted."""
         if not self.is_known:
             return False
-        bench, one = self.bench, self.model.parameters
-        period = bench.slowed(BEGIN_PERIOD)
+        driver, one = self.driver, self.model.parameters
+        period = driver.limits.slowed(BEGIN_PERIOD)
         for index, parameter in (*OPEN_STOPS, *PLAIN_MODES, (0x0D, period)):
             setting = SETTINGS[index]
             value = setting.value(parameter)
             if getattr(one, setting.name) != value:
-                self.is_known &= bench.command(index, parameter).kind is Kind.ACCEPTED
+                self.is_known &= driver.client.command(index, parameter).kind is Kind.ACCEPTED
                 setattr(one, setting.name, value)
-        bench.period, bench.coefficient = period, BEGIN_COEFFICIENT
+        driver.motion.period, driver.motion.coefficient = period, BEGIN_COEFFICIENT
         return self.is_known
 
     def command(self, index: int, parameter: int = 0) -> None:
@@ -230,8 +232,8 @@ class Sequence(Steps):
             raise Mismatch(
                 "MACS-CMD-16-02" if is_of_store else BLAME.get(index, BLAME_OTHERWISE),
                 " or ".join(kind.value for kind in admissible)
-                + f" to {self.bench.named(index)} in {states}",
-                self.bench.told(received),
+                + f" to {self.client.named(index)} in {states}",
+                self.client.described(received),
             )
         if len(admissible) == 1:
             self.judged[BLAME.get(index, BLAME_OTHERWISE)] += 1
@@ -240,10 +242,10 @@ class Sequence(Steps):
     def query(self, index: int) -> None:
         """Send a query and hold its data against the admissible ones."""
         received, taken = self._tell(index)
-        data = self.bench.data_of(received)
+        data = self.client.data_of(received)
         if data is None:
-            told = self.bench.told(received)
-            raise Mismatch("MACS-Q-XX-01", f"an answer to {self.bench.named(index)}", told)
+            told = self.client.described(received)
+            raise Mismatch("MACS-Q-XX-01", f"an answer to {self.client.named(index)}", told)
         self.judged["MACS-Q-XX-01"] += 1
         if index == 0x20:
             self._judge_position(signed(data), taken)
@@ -259,7 +261,7 @@ class Sequence(Steps):
         elif index in (0x22, 0x23, 0x25, 0x26):
             wanted = self.model.parameters.answer(index)
             if data != wanted:
-                name = self.bench.named(index)
+                name = self.client.named(index)
                 raise Mismatch(BLAME[index], f"{name} {wanted:08X}", f"data {data:08X}")
             self.judged[BLAME[index]] += 1
         elif index == 0x24 and data != self.release:
@@ -296,13 +298,15 @@ class Sequence(Steps):
     def _tell(self, index: int, parameter: int = 0) -> tuple[bytes, Window]:
         """Send a request; where time is virtual and nothing disturbs, by the shortest way.  There
         gate and meter are asked once about an index that stores nothing."""
-        if self._is_direct and index not in self.bench.may_be_silent:
+        if self._is_direct and index not in self._may_be_silent:
             is_cleared = index in self._cleared
-            frame, received, taken = self.bench.swift(index, parameter, self._timeout_s, is_cleared)
+            frame, received, taken = self.client.swift(
+                index, parameter, self._timeout_s, is_cleared
+            )
             if not is_cleared and index not in SETTINGS:
                 self._cleared.add(index)
         else:
-            exchange = self.bench.send(self.bench.request(index, parameter))
+            exchange = self.client.send(self.client.request(index, parameter))
             frame, received, taken = exchange.request, exchange.reply.raw, exchange.taken
         self._log.append((frame, received))
         return received, taken
@@ -310,7 +314,7 @@ class Sequence(Steps):
     def lost(self, request: Any, wanted: Kind, name: str) -> None:
         """Send a request that must not be executed and gets just that reply; `name`: the
         requirement that says so."""
-        exchange = self.bench.in_vain(request)
+        exchange = self.client.in_vain(request)
         self._log.append((exchange.request, exchange.reply.raw))
         if exchange.kind is not wanted:
             raise Mismatch(name, wanted.value, str(exchange.reply))
@@ -320,30 +324,30 @@ class Sequence(Steps):
         """Do what 11h does by the frame that all modules obey and none answers; what comes of it
         must be beyond doubt."""
         self._settle_doubt()
-        exchange = self.bench.synchronise()
+        exchange = self.client.synchronise()
         assert exchange is not None, "only a face that has such a frame has this operation"
         self._log.append((exchange.request, exchange.reply.raw))
         ((kind, after),) = self.model.outcomes(0x11, 0, exchange.taken).items()
         self.model.learn(0x11, 0, kind, after)
 
     def _kind_of(self, received: bytes) -> Kind:
-        kind = self._kinds[received] = self.bench.kind_of(received)
+        kind = self._kinds[received] = self.client.kind_of(received)
         return kind
 
     def restart(self) -> None:
         """00h, and the deaf time after it."""
         self.command(0x00)
-        self.pause(self.bench.awake_surely_s)
+        self.pause(self.driver.motion.awake_surely_s)
 
     def pause(self, seconds: float) -> None:
         """Let time pass."""
         self._log.append(round(seconds * 1e9))
-        self.bench.wait(seconds)
+        self.client.wait(seconds)
 
     def pause_until_taken(self, number: int, offset_ns: int) -> None:
         """Wait so that the next request is taken over about when something ends: the motion, or a
         stage of it; `number` picks which of those that are still to come."""
-        aimed_ns = self.target.now_ns + self.bench.frame_ns
+        aimed_ns = self.target.now_ns + self.client.frame_ns
         ends = self.model.forecast.ends_after(aimed_ns)
         if not ends:
             return
@@ -475,41 +479,41 @@ class Sequence(Steps):
         return self.is_resting or self.changes <= CHANGES
 
 
-def drive(bench: Bench, origin: int, target: int) -> int:
+def drive(driver: AxisDriver, origin: int, target: int) -> int:
     """Move between two places inside the envelope, judging nothing; give where the axis then is."""
-    exchange = bench.command(0x13, target)
+    exchange = driver.client.command(0x13, target)
     if exchange.kind is Kind.ACCEPTED:
-        end = bench.to_position(exchange, origin, target).end
+        end = driver.motion.to_position(exchange, origin, target).end
         assert end is not None, "a move has one"
-        bench.wait_until(end.latest_ns)
-        bench.wait(0 if bench.target.is_virtual else SETTLING_S)
-    return bench.position()
+        driver.client.wait_until(end.latest_ns)
+        driver.client.wait(0 if driver.client.target.is_virtual else SETTLING_S)
+    return driver.client.position()
 
 
 def begin(
-    bench: Bench,
+    driver: AxisDriver,
     home: int | None,
-    law_known: Callable[[Bench], AxisModel],
+    law_known: Callable[[AxisDriver], AxisModel],
     operations: tuple[Operation, ...],
 ) -> Sequence:
     """Bring the module to a known state, always the same, and give a sequence of these operations
     to play."""
-    position = bench.ready(BEGIN_PERIOD, BEGIN_COEFFICIENT)
+    position = driver.motion.ready(BEGIN_PERIOD, BEGIN_COEFFICIENT)
     if home is not None and position != home:
-        position = drive(bench, position, home)
-    model = law_known(bench)
-    ff = bench.stopped_on()  # of the sequence before: the next motion clears it
+        position = drive(driver, position, home)
+    model = law_known(driver)
+    ff = driver.status.stopped_on()  # of the sequence before: the next motion clears it
     model.forecast = Forecast.of([Timeline("HD", position, ff=ff)])
     start = position if home is None else home
-    return Sequence(bench, model, start, bench.value(0x24), operations)
+    return Sequence(driver, model, start, driver.client.value(0x24), operations)
 
 
-def read_parameters(bench: Bench) -> Parameters:
+def read_parameters(driver: AxisDriver) -> Parameters:
     """Everything the model must know of a module at rest."""
-    speeds, modes = bench.value(0x25), bench.value(0x26)
+    speeds, modes = driver.client.value(0x25), driver.client.value(0x26)
     return Parameters(
-        superior=signed(bench.value(0x22)),
-        inferior=signed(bench.value(0x23)),
+        superior=signed(driver.client.value(0x22)),
+        inferior=signed(driver.client.value(0x23)),
         catch_up=speeds >> 24,
         period=speeds & 0xFFFF,
         coefficient=modes >> 24,
@@ -517,5 +521,5 @@ def read_parameters(bench: Bench) -> Parameters:
         standby=modes >> 12 & 0xF,
         stops=modes >> 8 & 0xF,
         tolerance=modes & 0xFF,
-        imax=bench.imax,
+        imax=driver.client.imax,
     )

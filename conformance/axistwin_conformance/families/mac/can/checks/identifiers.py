@@ -7,7 +7,9 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S, SLOWEST, velocity
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
+from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
+from axistwin_conformance.families.mac.axis.driver.motion import velocity
 from axistwin_conformance.families.mac.axis.driver.unknown_modules import stranger_at
 from axistwin_conformance.families.mac.axis.exchanges import Kind
 from axistwin_conformance.families.mac.axis.probing import MOVES
@@ -20,7 +22,7 @@ from axistwin_conformance.families.mac.can.collect_replies import (
     the_reply,
     told,
 )
-from axistwin_conformance.families.mac.can.driver import Bench
+from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.transport.can_frame import Frame
 
 ORDER = 30  # of this module in a run; see `Family.modules`
@@ -46,34 +48,36 @@ PARAMETERS: Final = (0x20, 0x22, 0x23, 0x25, 0x26)
 @check("MACC-ID-01", "MACC-SDO-06")
 def it_answers_once_on_the_identifier_of_its_address(session: Session) -> None:
     """A request on 600h plus the address gets one reply, on 580h plus the address."""
-    bench = Bench(session)
+    driver = CanDriver(session)
     for index in codec.ANSWERED:
-        reply = the_reply(bench, bench.request(index), ("MACC-ID-01", "MACC-SDO-06"))
-        bench.session.step(reply.kind is Kind.ANSWER, "an answer", reply)
+        reply = the_reply(driver, driver.client.request(index), ("MACC-ID-01", "MACC-SDO-06"))
+        driver.session.step(reply.kind is Kind.ANSWER, "an answer", reply)
 
 
 @check("MACC-ID-02", "MACC-SDO-06")
 def requests_to_other_addresses_get_no_reply(session: Session) -> None:
     """No upload asked of an address that nobody has is answered by anybody."""
-    bench = Bench(session)
+    driver = CanDriver(session)
     for address in strangers(session):
-        heard = replies(bench, bench.request(0x20, address=address).frame(), is_awaited=False)
-        hint = stranger_at(bench, address) if heard else ""
+        heard = replies(
+            driver, driver.client.request(0x20, address=address).frame(), is_awaited=False
+        )
+        hint = stranger_at(driver.client, address) if heard else ""
         session.expect(
             not heard, ("MACC-ID-02", "MACC-SDO-06"), f"silence at {address}", told(heard), hint
         )
-    bench.alive("MACC-ID-02")
+    driver.judge.alive("MACC-ID-02")
 
 
 @check("MACC-ID-02", safety=MOVES)
 def downloads_to_other_addresses_do_nothing(session: Session) -> None:
     """Commands for another address neither move this module nor change its parameters."""
-    bench = Bench(session)
-    start = bench.ready()
-    before = [bench.value(index) for index in PARAMETERS]
+    driver = CanDriver(session)
+    start = driver.motion.ready()
+    before = [driver.client.value(index) for index in PARAMETERS]
     taken = {session.address, *session.neighbours}
     other = next(address for address in FOREIGN if address not in taken)
-    hint = stranger_at(bench, other)  # before it is told anything
+    hint = stranger_at(driver.client, other)  # before it is told anything
     if hint:
         session.fail("MACC-ID-02", f"silence at {other}", "an answer to 2000h", hint)
     cases = [(0x0D, 0x1456), (0x0F, 0x21), (0x0B, 0), (0x0C, 0x11), (0x09, 0x1234)]
@@ -81,33 +85,36 @@ def downloads_to_other_addresses_do_nothing(session: Session) -> None:
         cases += [(0x13, start + 300), (0x15, velocity(1, SLOWEST)), (0x00, 0)]
     for index, parameter in cases:
         heard = replies(
-            bench, bench.request(index, parameter, address=other).frame(), is_awaited=False
+            driver, driver.client.request(index, parameter, address=other).frame(), is_awaited=False
         )
         session.expect(not heard, "MACC-ID-02", f"silence at {other}", told(heard))
-    after = [bench.value(index) for index in PARAMETERS]
+    after = [driver.client.value(index) for index in PARAMETERS]
     session.expect(after == before, "MACC-ID-02", _hex(before), _hex(after))
 
 
 @check("MACC-ID-01", "MACC-ID-02", "MACC-SDO-06", safety="stored", needs=("neighbour",))
 def each_module_answers_and_obeys_its_own_identifier(session: Session) -> None:
     """Of several modules each answers for itself, once, and stores what it alone was told."""
-    benches = everybody(session)[:2]
+    drivers = everybody(session)[:2]
     names = ("MACC-ID-01", "MACC-SDO-06")
-    for bench, torque in zip(benches, TORQUES, strict=True):
-        the_reply(bench, bench.request(0x24), names)
-        reply = the_reply(bench, bench.request(0x0C, torque), names)
+    for driver, torque in zip(drivers, TORQUES, strict=True):
+        the_reply(driver, driver.client.request(0x24), names)
+        reply = the_reply(driver, driver.client.request(0x0C, torque), names)
         session.step(reply.kind is Kind.ACCEPTED, "60h", reply)
-    for bench, torque in zip(benches, TORQUES, strict=True):
-        seen = bench.data_bytes(0x26)[1]
+    for driver, torque in zip(drivers, TORQUES, strict=True):
+        seen = driver.client.data_bytes(0x26)[1]
         session.expect(
-            seen == torque, "MACC-ID-02", f"torque {torque:02X} at {bench.address}", f"{seen:02X}"
+            seen == torque,
+            "MACC-ID-02",
+            f"torque {torque:02X} at {driver.client.address}",
+            f"{seen:02X}",
         )
 
 
-def _other_identifiers(bench: Bench) -> list[int]:
-    if not bench.target.is_virtual:
-        return [base + bench.address for base in OTHER_BASES]
-    modules = {codec.REQUEST + one.address for one in everybody(bench.session)}
+def _other_identifiers(driver: CanDriver) -> list[int]:
+    if not driver.client.target.is_virtual:
+        return [base + driver.client.address for base in OTHER_BASES]
+    modules = {codec.REQUEST + one.client.address for one in everybody(driver.session)}
     silent = MEANINGFUL | modules | {codec.LMT_REPLY}
     return [one for one in range(0x800) if one not in silent]
 
@@ -115,21 +122,21 @@ def _other_identifiers(bench: Bench) -> list[int]:
 @check("MACC-ID-01", "MACC-ID-02", level="full")
 def no_other_identifier_reaches_a_module(session: Session) -> None:
     """An upload request under any identifier without a meaning gets no reply."""
-    bench = Bench(session)
-    body = bench.request(0x20).frame().data
-    identifiers = _other_identifiers(bench)
+    driver = CanDriver(session)
+    body = driver.client.request(0x20).frame().data
+    identifiers = _other_identifiers(driver)
     for at in range(0, len(identifiers), AT_ONCE):
         some = identifiers[at : at + AT_ONCE]
-        heard = replies(bench, *(Frame(one, body) for one in some), is_awaited=False)
+        heard = replies(driver, *(Frame(one, body) for one in some), is_awaited=False)
         # Under 600h and an address that is not this module's, somebody else may be meant.
         meant = [one - codec.REQUEST for one in some if one - codec.REQUEST in codec.ADDRESSES]
-        hints = [stranger_at(bench, address) for address in meant if heard]
+        hints = [stranger_at(driver.client, address) for address in meant if heard]
         session.expect(
             not heard, ("MACC-ID-01", "MACC-ID-02"),
             f"silence under {some[0]:03X}h..{some[-1]:03X}h", told(heard),
             next((hint for hint in hints if hint), ""),
         )  # fmt: skip
-    bench.alive("MACC-ID-01")
+    driver.judge.alive("MACC-ID-01")
 
 
 # --- forms of frames -----------------------------------------------------------------------------
@@ -145,25 +152,29 @@ def _extended(plain: Frame) -> list[Frame]:
 @check("MACC-ID-03")
 def extended_frames_are_ignored(session: Session) -> None:
     """An upload request in a frame of 29 bits gets no reply, wherever the own identifier stands."""
-    bench = Bench(session)
-    for address in (bench.address, codec.GENERAL_ADDRESS):
-        plain = bench.request(0x20, address=address).frame()
+    driver = CanDriver(session)
+    for address in (driver.client.address, codec.GENERAL_ADDRESS):
+        plain = driver.client.request(0x20, address=address).frame()
         for frame in _extended(plain):
-            bench.silent(frame)
+            driver.judge.silent(frame)
 
 
 @check("MACC-ID-03")
 def remote_frames_are_ignored(session: Session) -> None:
     """A remote frame gets no reply under any identifier that a module receives or sends."""
-    bench = Bench(session)
-    own = [base + bench.address for base in (codec.REQUEST, codec.REPLY, codec.EMERGENCY)]
+    driver = CanDriver(session)
+    own = [base + driver.client.address for base in (codec.REQUEST, codec.REPLY, codec.EMERGENCY)]
     if session.reading("nmt_supported") == "false":  # by the standard 700h is guarding
-        own.append(codec.BOOT_UP + bench.address)
+        own.append(codec.BOOT_UP + driver.client.address)
     for identifier in (*own, codec.REQUEST, codec.SYNC):
         for length in REMOTE_LENGTHS:
-            bench.target.take_spontaneous()
-            bench.silent(Frame(identifier, is_remote=True, asked_length=length))
-            said = [str(one.frame) for one in bench.target.take_spontaneous() if _guards(one.frame)]
+            driver.client.target.take_spontaneous()
+            driver.judge.silent(Frame(identifier, is_remote=True, asked_length=length))
+            said = [
+                str(one.frame)
+                for one in driver.client.target.take_spontaneous()
+                if _guards(one.frame)
+            ]
             session.expect(not said, None, "not a frame", " ".join(said))
 
 
@@ -175,49 +186,51 @@ def _guards(frame: Frame) -> bool:
 @check("MACC-ID-03", safety="stored")
 def extended_and_remote_frames_change_nothing(session: Session) -> None:
     """A download in a frame of 29 bits is not obeyed, nor is a remote frame."""
-    bench = Bench(session)
-    before = bench.value(0x26)
+    driver = CanDriver(session)
+    before = driver.client.value(0x26)
     other = (before >> 16 & 0xFF) ^ 0x03
-    download = bench.request(0x0C, other).frame()
-    for plain in (download, bench.to_all(0x0C, other).frame()):
+    download = driver.client.request(0x0C, other).frame()
+    for plain in (download, driver.client.to_all(0x0C, other).frame()):
         for frame in _extended(plain):
-            bench.silent(frame)
-    bench.silent(Frame(download.identifier, is_remote=True, asked_length=8))
-    after = bench.value(0x26)
+            driver.judge.silent(frame)
+    driver.judge.silent(Frame(download.identifier, is_remote=True, asked_length=8))
+    after = driver.client.value(0x26)
     session.expect(after == before, None, f"2006h {before:08X}", f"{after:08X}")
 
 
 # --- to all --------------------------------------------------------------------------------------
 
 
-def general_wanted(bench: Bench) -> str:
+def general_wanted(driver: CanDriver) -> str:
     """What a request to all gets on this bus, in words."""
-    return "one reply, module 1's" if _has_spokesman(bench.session) else "silence: no module 1"
+    return "one reply, module 1's" if _has_spokesman(driver.session) else "silence: no module 1"
 
 
 def _has_spokesman(session: Session) -> bool:
     return codec.SPOKESMAN in (session.address, *session.neighbours)
 
 
-def judge_general(bench: Bench, one: Request) -> Kind:
+def judge_general(driver: CanDriver, one: Request) -> Kind:
     """Judge who answers a request to all (MACC-GEN-02), and where (MACC-GEN-03)."""
-    session, heard = bench.session, replies(bench, one.frame())
+    session, heard = driver.session, replies(driver, one.frame())
     is_upload = one.command == codec.UPLOAD
-    hint = stranger_at(bench, codec.SPOKESMAN) if heard and not _has_spokesman(session) else ""
+    hint = (
+        stranger_at(driver.client, codec.SPOKESMAN) if heard and not _has_spokesman(session) else ""
+    )
     if is_upload and not heard and _has_spokesman(session):
-        bench.reading("general_upload", 1, "MACC-GEN-02")
+        driver.judge.reading("general_upload", 1, "MACC-GEN-02")
         return Kind.SILENCE
     is_right = len(heard) == _has_spokesman(session)
-    session.expect(is_right, "MACC-GEN-02", general_wanted(bench), told(heard), hint)
+    session.expect(is_right, "MACC-GEN-02", general_wanted(driver), told(heard), hint)
     if not heard:
         return Kind.SILENCE
     if is_upload:
-        bench.reading("general_upload", 0, "MACC-GEN-02")
+        driver.judge.reading("general_upload", 0, "MACC-GEN-02")
     whence = {codec.REPLY + 1: 0, codec.REQUEST + 1: 1}.get(heard[0].identifier, str(heard[0]))
-    bench.reading("general_reply_id", whence, "MACC-GEN-03")
+    driver.judge.reading("general_reply_id", whence, "MACC-GEN-03")
     flaw = codec.mismatch(one, heard[0])
     session.expect(not flaw, "MACC-GEN-02", codec.explain(one.frame()), told(heard), flaw)
-    return codec.parse(heard[0], bench.byte_order).kind
+    return codec.parse(heard[0], driver.client.byte_order).kind
 
 
 @check("MACC-GEN-02", "MACC-GEN-03")
@@ -226,13 +239,13 @@ def module_1_alone_answers_what_all_are_asked(session: Session) -> None:
 
     Uploads and downloads, with what is refused among them.
     """
-    bench = Bench(session)
+    driver = CanDriver(session)
     unassigned = (0x12,) if session.reading("unknown_index") == "refuse" else ()
     for index in (*codec.ANSWERED, 0x11, *unassigned):
-        kind = judge_general(bench, bench.to_all(index))
+        kind = judge_general(driver, driver.client.to_all(index))
         if index in codec.ANSWERED and kind is not Kind.SILENCE:
             session.expect(kind is Kind.ANSWER, "MACC-GEN-02", "an answer", kind.value)
-    bench.alive("MACC-GEN-02")
+    driver.judge.alive("MACC-GEN-02")
     if not _has_spokesman(session):
         session.not_run("MACC-GEN-03", "there is no module 1 on this bus")
 
@@ -240,18 +253,18 @@ def module_1_alone_answers_what_all_are_asked(session: Session) -> None:
 @check("MACC-GEN-01", "MACC-GEN-02", "MACC-GEN-03", safety="stored", needs=("neighbour",))
 def a_setting_for_all_is_taken_by_all(session: Session) -> None:
     """200Ch and 2009h on 600h change every module; module 1 answers with its own value."""
-    benches = everybody(session)
-    first = benches[0]
+    drivers = everybody(session)
+    first = drivers[0]
     for torque in TORQUES:
-        judge_general(first, first.to_all(0x0C, torque))
-        for bench in benches:
-            seen = bench.data_bytes(0x26)[1]
-            told_ = f"torque {torque:02X} at {bench.address}"
+        judge_general(first, first.client.to_all(0x0C, torque))
+        for driver in drivers:
+            seen = driver.client.data_bytes(0x26)[1]
+            told_ = f"torque {torque:02X} at {driver.client.address}"
             session.expect(seen == torque, "MACC-GEN-01", told_, f"{seen:02X}")
-    for bench, stop in zip(benches, STOPS, strict=False):
-        bench.accepted(0x09, stop)
-    own = {bench.address: bench.value(0x22) for bench in benches}
-    asked = first.to_all(0x22)
+    for driver, stop in zip(drivers, STOPS, strict=False):
+        driver.judge.accepted(0x09, stop)
+    own = {driver.client.address: driver.client.value(0x22) for driver in drivers}
+    asked = first.client.to_all(0x22)
     heard = replies(first, asked.frame())
     if not heard or not _has_spokesman(session):
         session.expect(
@@ -260,7 +273,7 @@ def a_setting_for_all_is_taken_by_all(session: Session) -> None:
         if not _has_spokesman(session):
             session.not_run("MACC-GEN-03", "there is no module 1 on this bus")
         return
-    answer = codec.parse(heard[0], first.byte_order).data
+    answer = codec.parse(heard[0], first.client.byte_order).data
     session.expect(
         answer == own[codec.SPOKESMAN], "MACC-GEN-02",
         f"2002h of module 1, {own[codec.SPOKESMAN]:08X}", told(heard),
@@ -270,69 +283,71 @@ def a_setting_for_all_is_taken_by_all(session: Session) -> None:
 @check("MACC-GEN-01", safety=MOVES, needs=("neighbour",))
 def a_motion_for_all_moves_all_and_one_stop_ends_it(session: Session) -> None:
     """2015h on 600h sets every module in motion, 2018h on 600h ends it."""
-    benches = everybody(session)
-    first = benches[0]
-    starts = [bench.ready(SLOWEST) for bench in benches]
-    period = first.gentle(0x2000, 4.0)  # until each has told that the stop has ended it
+    drivers = everybody(session)
+    first = drivers[0]
+    starts = [driver.motion.ready(SLOWEST) for driver in drivers]
+    period = first.limits.gentle(0x2000, 4.0)  # until each has told that the stop has ended it
     try:
-        replies(first, first.to_all(0x15, velocity(1, period)).frame())
-        first.wait(0.3)
-        replies(first, first.to_all(0x18).frame())
-        for bench, start in zip(benches, starts, strict=True):
-            bench.run_out()
-            place = bench.position()
-            session.expect(place > start, "MACC-GEN-01", f"{bench.address} has moved", place)
-            bench.wait(0.1)
-            again = bench.position()
-            session.expect(again == place, "MACC-GEN-01", f"{bench.address} rests", again)
+        replies(first, first.client.to_all(0x15, velocity(1, period)).frame())
+        first.client.wait(0.3)
+        replies(first, first.client.to_all(0x18).frame())
+        for driver, start in zip(drivers, starts, strict=True):
+            driver.motion.run_out()
+            place = driver.client.position()
+            session.expect(
+                place > start, "MACC-GEN-01", f"{driver.client.address} has moved", place
+            )
+            driver.client.wait(0.1)
+            again = driver.client.position()
+            session.expect(again == place, "MACC-GEN-01", f"{driver.client.address} rests", again)
     finally:
-        for bench, start in zip(benches, starts, strict=True):
-            bench.at_rest()
-            bench.finish(bench.go_plainly(start))
+        for driver, start in zip(drivers, starts, strict=True):
+            driver.motion.at_rest()
+            driver.motion.finish(driver.motion.go_plainly(start))
 
 
 @check("MACC-GEN-01", "MACC-GEN-02", safety=MOVES, needs=("neighbour",))
 def module_1_answers_for_itself_only(session: Session) -> None:
     """What module 1 refuses, another module may obey, and the other way round: the reply to 600h is
     module 1's own verdict."""
-    benches = {bench.address: bench for bench in everybody(session)}
-    if codec.SPOKESMAN not in benches:
+    drivers = {driver.client.address: driver for driver in everybody(session)}
+    if codec.SPOKESMAN not in drivers:
         session.skip("there is no module 1 on this bus")
-    spokesman = benches.pop(codec.SPOKESMAN)
-    other = next(iter(benches.values()))
+    spokesman = drivers.pop(codec.SPOKESMAN)
+    other = next(iter(drivers.values()))
     for moving, resting, kind in (
         (spokesman, other, Kind.REFUSED),
         (other, spokesman, Kind.ACCEPTED),
     ):
-        for bench in (moving, resting):
-            bench.ready(SLOWEST)
-        start = moving.position()
-        moving.accepted(0x13, start + 200)
-        reply = replies(spokesman, spokesman.to_all(0x02, 1).frame())
-        moving.at_rest()
+        for driver in (moving, resting):
+            driver.motion.ready(SLOWEST)
+        start = moving.client.position()
+        moving.judge.accepted(0x13, start + 200)
+        reply = replies(spokesman, spokesman.client.to_all(0x02, 1).frame())
+        moving.motion.at_rest()
         kinds = tuple(codec.parse(one).kind for one in reply)
         session.expect(kinds == (kind,), "MACC-GEN-02", f"{kind.value}, once", told(reply))
-        for bench, wanted in ((moving, 0), (resting, 1)):
-            seen = bench.value(0x26) >> 12 & 0xF
-            told_ = f"standby {wanted} at {bench.address}"
+        for driver, wanted in ((moving, 0), (resting, 1)):
+            seen = driver.client.value(0x26) >> 12 & 0xF
+            told_ = f"standby {wanted} at {driver.client.address}"
             session.expect(seen == wanted, "MACC-GEN-01", told_, seen)
-        moving.finish(moving.go_plainly(start))
+        moving.motion.finish(moving.motion.go_plainly(start))
 
 
 @check("MACC-GEN-02", safety="stored")
 def a_general_request_must_be_whole_as_well(session: Session) -> None:
     """Too short a request on 600h is ignored by all, module 1 included."""
-    bench = Bench(session)
+    driver = CanDriver(session)
     if session.reading("short_frame") != "ignore":
         session.skip("this device pads short frames (MACC-AMB-19)")
-    before = bench.value(0x26)
+    before = driver.client.value(0x26)
     other = (before >> 16 & 0xFF) ^ 0x03
     for length in range(8):
-        for one in (bench.to_all(0x20), bench.to_all(0x0C, other)):
-            bench.silent(replace(one, length=length))
-    after = bench.value(0x26)
+        for one in (driver.client.to_all(0x20), driver.client.to_all(0x0C, other)):
+            driver.judge.silent(replace(one, length=length))
+    after = driver.client.value(0x26)
     session.expect(after == before, None, f"2006h {before:08X}", f"{after:08X}")
-    bench.wait(QUIET_S)
+    driver.client.wait(QUIET_S)
 
 
 def _hex(values: list[int]) -> str:
