@@ -43,8 +43,8 @@ from axistwin_conformance.engine.result import CheckResult
 from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.families.mac.axis.checks import machines, sequences
 from axistwin_conformance.families.mac.axis.sequences.machine import AxisMachine
-from axistwin_conformance.families.mac.axis.sequences.machine_devices import Judged, Trivial
-from axistwin_conformance.families.mac.axis.sequences.runner import Player
+from axistwin_conformance.families.mac.axis.sequences.machine_devices import JudgedAxis, Trivial
+from axistwin_conformance.families.mac.axis.sequences.runner import AxisRunner
 from axistwin_conformance.families.mac.axis.sequences.sequence import BYTES_PER_OPERATION
 from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.options import usable_cores
@@ -162,7 +162,7 @@ class Canned:
         self._port.close()
 
 
-def open_player(wrap: Callable[[Any], Any] | None = None) -> Player:
+def open_player(wrap: Callable[[Any], Any] | None = None) -> AxisRunner:
     """A player on a fresh twin, its frames guarded and counted as the engine does it; `wrap` puts
     something in front of its port."""
     family, budget = find_family(MODEL), WriteBudget(WRITES_ALLOWED)
@@ -188,7 +188,7 @@ def open_player(wrap: Callable[[Any], Any] | None = None) -> Player:
 
     target.gate = gate
     target.meter = lambda data: budget.note(family.stored_writes(data))
-    return sequences.player_of(session)
+    return sequences.runner_of(session)
 
 
 def machine_slice(begin: Callable[[], machine.Device], number: int) -> int:
@@ -199,7 +199,7 @@ def machine_slice(begin: Callable[[], machine.Device], number: int) -> int:
     return sum(steps)
 
 
-def sequence_slice(player: Player, number: int) -> int:
+def sequence_slice(player: AxisRunner, number: int) -> int:
     """Play one-draw sequences for a slice; return how many operations that were."""
     source = random.Random(number)
     for _ in range(SLICE_SEQUENCES):
@@ -220,7 +220,7 @@ class CannedSlice:
 
     def _play(self, number: int) -> int:
         self.player.driver.client.target.drain()  # so that the clock is looked at anew
-        return sequence_slice(Player(self.player.driver, self.player.home), number)
+        return sequence_slice(AxisRunner(self.player.driver, self.player.home), number)
 
     def prepare(self, number: int) -> None:
         """Note the replies."""
@@ -295,7 +295,7 @@ def _measured(seconds: float, shared: SharedSlice) -> dict[str, Rates]:
     contestants = {
         "machine, trivial device": Contestant(lambda number: machine_slice(Trivial, number)),
         "machine, built-in twin": Contestant(
-            lambda number: machine_slice(lambda: Judged(player.begin()), number)
+            lambda number: machine_slice(lambda: JudgedAxis(player.begin()), number)
         ),
         "one-draw, built-in twin": Contestant(lambda number: sequence_slice(player, number)),
         "one-draw, canned replies": Contestant(canned.run, canned.prepare),

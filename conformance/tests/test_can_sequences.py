@@ -30,13 +30,13 @@ from axistwin_conformance.families.mac.axis.checks.machines import (
 from axistwin_conformance.families.mac.axis.checks.sequences import (
     many_mixed_sequences_agree_with_the_model as many_sequences,
 )
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.sequences.machine import AxisMachine
-from axistwin_conformance.families.mac.axis.sequences.machine_devices import Judged
+from axistwin_conformance.families.mac.axis.sequences.machine_devices import JudgedAxis
 from axistwin_conformance.families.mac.axis.sequences.machine_sync import SyncMachine
 from axistwin_conformance.families.mac.axis.sequences.operations import OPERATIONS, WHAT, WITH_SYNC
-from axistwin_conformance.families.mac.axis.sequences.runner import Player
-from axistwin_conformance.families.mac.axis.sequences.sequence import Sequence
+from axistwin_conformance.families.mac.axis.sequences.runner import AxisRunner
+from axistwin_conformance.families.mac.axis.sequences.sequence import AxisSequence
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.sequences import failure, machine
@@ -100,9 +100,9 @@ class Case:
         self.run.memory = FAMILY.remember(Session(self.run))
         self.session = Session(self.run, own(check.name))
         driver = CanDriver(self.session)
-        self.player = Player(driver, driver.motion.ready())
+        self.player = AxisRunner(driver, driver.motion.ready())
 
-    def played(self, data: bytes) -> Sequence:
+    def played(self, data: bytes) -> AxisSequence:
         """A sequence that has been played."""
         run = self.player.begin()
         run.play(data)
@@ -230,7 +230,7 @@ def test_the_machine_synchronises_by_the_frame_too() -> None:
     """Among its rules are all of the axis."""
     case = Case(some_runs)
     begin = case.player.begin
-    sequences, failing = machine.search(begin, Judged, 6, 60, random.Random(5), SyncMachine)
+    sequences, failing = machine.search(begin, JudgedAxis, 6, 60, random.Random(5), SyncMachine)
     assert failing is None
     names = {name for run in sequences for _, name in run.operated}
     assert "trigger by SYNC" in names
@@ -371,7 +371,7 @@ def test_a_reply_to_sync_is_none_of_the_exchange() -> None:
     exchange = case.player.driver.client.synchronise()
     assert exchange is not None
     assert exchange.request == Frame(codec.SYNC).pack()
-    assert exchange.kind is Kind.SILENCE
+    assert exchange.kind is ReplyKind.SILENCE
     assert 0 < exchange.taken.latest_ns - exchange.taken.earliest_ns < 5_000_000
 
 

@@ -17,7 +17,7 @@ from axistwin_conformance.families.mac.axis.driver.judge import AxisJudge
 from axistwin_conformance.families.mac.axis.driver.status import AxisStatus
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.client import CanClient
-from axistwin_conformance.families.mac.can.codec import Kind
+from axistwin_conformance.families.mac.can.codec import ReplyKind
 from axistwin_conformance.transport.can import CanTransport
 from axistwin_conformance.transport.can_frame import Frame
 
@@ -96,8 +96,8 @@ def reply(text: str) -> Frame:
 def test_queries_are_uploads_and_commands_downloads(client: CanClient, module: Module) -> None:
     """By the numbers they have on the serial line."""
     assert client.position() == -7
-    assert client.command(0x0B).kind is Kind.ACCEPTED
-    assert client.command(0x12).kind is Kind.REFUSED
+    assert client.command(0x0B).kind is ReplyKind.ACCEPTED
+    assert client.command(0x12).kind is ReplyKind.REFUSED
     assert [str(one) for one in module.bus.sent] == [
         "601h [8] 40 00 20 00 00 00 00 00",
         "601h [8] 23 0B 20 00 00 00 00 00",
@@ -129,7 +129,7 @@ def test_a_reply_to_something_else_is_waited_past(
 def test_another_modules_reply_is_none_of_ours(client: CanClient, module: Module) -> None:
     """Its identifier is."""
     module.instead = [(Frame(0x582, bytes.fromhex("42 00 20 00 00 00 00 01")),)]
-    assert client.ask(0x20).kind is Kind.SILENCE
+    assert client.ask(0x20).kind is ReplyKind.SILENCE
 
 
 @pytest.mark.parametrize(
@@ -147,7 +147,7 @@ def test_a_reply_that_is_wrong_and_alone_is_garbage_with_its_flaw(
     """The module has to be blamed, not the wire."""
     module.instead = [(reply(wrong),)]
     exchange = client.ask(0x20)
-    assert exchange.kind is Kind.GARBAGE
+    assert exchange.kind is ReplyKind.GARBAGE
     assert flaw in str(exchange.reply)
 
 
@@ -155,7 +155,7 @@ def test_silence_lasts_as_long_as_a_reply_is_waited_for(client: CanClient, modul
     """And is no answer."""
     module.instead = [()]
     exchange = client.ask(0x20)
-    assert exchange.kind is Kind.SILENCE
+    assert exchange.kind is ReplyKind.SILENCE
     assert client.target.now_ns == 500_000_000
     module.instead = [()]
     with pytest.raises(Stop, match="an answer to upload 2000h"):
@@ -166,7 +166,7 @@ def test_a_late_reply_is_not_taken_for_the_next_one(client: CanClient, module: M
     """What has come meanwhile is set aside before anything is asked."""
     module.bus.schedule(600_000_000, reply("42 00 20 00 00 00 00 63"))
     module.instead = [()]
-    assert client.ask(0x20).kind is Kind.SILENCE
+    assert client.ask(0x20).kind is ReplyKind.SILENCE
     client.target.wait(0.2)
     assert client.position() == -7
 
@@ -175,11 +175,11 @@ def test_a_request_to_all_is_answered_where_module_1_answers(
     client: CanClient, module: Module
 ) -> None:
     """581h, or what the device has shown."""
-    assert client.send(client.to_all(0x0B)).kind is Kind.ACCEPTED
+    assert client.send(client.to_all(0x0B)).kind is ReplyKind.ACCEPTED
     module.general_reply = 0x601
-    assert client.send(client.to_all(0x0B)).kind is Kind.SILENCE
+    assert client.send(client.to_all(0x0B)).kind is ReplyKind.SILENCE
     client.session.run.readings["general_reply_id"] = "601h"
-    assert client.send(client.to_all(0x0B)).kind is Kind.ACCEPTED
+    assert client.send(client.to_all(0x0B)).kind is ReplyKind.ACCEPTED
 
 
 def test_parameters_travel_in_the_order_the_device_has_shown(
@@ -233,7 +233,7 @@ def test_a_frame_without_a_reply_is_bounded_by_the_upload_behind_it(client: CanC
 
 def test_a_reset_is_waited_for_until_the_boot_up_message(client: CanClient) -> None:
     """Its time is exact."""
-    assert client.command(0x00).kind is Kind.ACCEPTED
+    assert client.command(0x00).kind is ReplyKind.ACCEPTED
     arrival = client.boot_up(3.0)
     assert arrival == (codec.boot_up(1), 2_000_000_000)
 
@@ -309,7 +309,7 @@ def test_the_same_wrong_reply_every_time_is_the_modules_own(module: Module, toy:
     """It is handed on to be judged."""
     client = make_client(module, toy, is_lossless=False)
     module.instead = [(reply("4F 00 20 00 00 00 00 00"),)] * ATTEMPTS
-    assert client.ask(0x20).kind is Kind.GARBAGE
+    assert client.ask(0x20).kind is ReplyKind.GARBAGE
 
 
 def test_a_reply_that_comes_late_counts_as_spoilt(module: Module, toy: Any) -> None:
@@ -329,6 +329,6 @@ def test_a_reply_that_comes_late_counts_as_spoilt(module: Module, toy: Any) -> N
 def test_a_malformed_request_is_sent_once(module: Module, toy: Any) -> None:
     """Its silence says nothing about noise."""
     client = make_client(module, toy, is_lossless=False)
-    odd = codec.Request(1, 0x40, 0x00, length=4)
-    assert client.send(odd).kind is Kind.SILENCE
+    odd = codec.CanRequest(1, 0x40, 0x00, length=4)
+    assert client.send(odd).kind is ReplyKind.SILENCE
     assert module.bus.sent == [odd.frame()]

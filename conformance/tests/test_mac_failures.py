@@ -23,7 +23,7 @@ from axistwin_conformance.families.mac.axis.checks.sequences import (
     many_mixed_sequences_agree_with_the_model,
 )
 from axistwin_conformance.families.mac.axis.sequences.operations import OPERATIONS, WHAT
-from axistwin_conformance.families.mac.axis.sequences.runner import Player, split
+from axistwin_conformance.families.mac.axis.sequences.runner import AxisRunner, split
 from axistwin_conformance.families.mac.serial.driver import SerialDriver
 from axistwin_conformance.sequences import failure
 from axistwin_conformance.sequences.failure import Failure
@@ -149,7 +149,7 @@ class Case:
         self.run.memory = options.family.remember(Session(self.run))
         self.session = Session(self.run, many_mixed_sequences_agree_with_the_model)
         driver = SerialDriver(self.session)
-        self.player = Player(driver, driver.motion.ready())
+        self.player = AxisRunner(driver, driver.motion.ready())
 
     def settle(self, operations: tuple[bytes, ...] = LONG) -> None:
         """Play a list that fails, and let the failure be settled."""
@@ -214,7 +214,7 @@ def test_a_fault_that_the_twin_has_too_is_shrunk_there_and_confirmed_on_the_devi
     assert set(counted[4:]) <= {3, 4}
 
 
-def counting(player: Player) -> list[int]:
+def counting(player: AxisRunner) -> list[int]:
     """How many operations of each list the player began."""
     counted: list[int] = []
     play = player.play
@@ -360,7 +360,7 @@ def test_the_same_requirement_is_not_shrunk_twice_in_a_run() -> None:
     case = Case(Device(always()), is_lossless=True)
     case.settle()
     case.session = Session(case.run, many_mixed_sequences_agree_with_the_model)
-    case.player = Player(SerialDriver(case.session), 0)
+    case.player = AxisRunner(SerialDriver(case.session), 0)
     case.settle()
     assert "not shrunk" in case.text
     assert case.stored[-1].operations == LONG[:13]

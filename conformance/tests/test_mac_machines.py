@@ -18,11 +18,11 @@ from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.families.mac.axis.checks.machines import (
     some_runs_of_the_machine_agree_with_the_model as some_runs,
 )
-from axistwin_conformance.families.mac.axis.checks.sequences import player_of
+from axistwin_conformance.families.mac.axis.checks.sequences import runner_of
 from axistwin_conformance.families.mac.axis.sequences.machine import AxisMachine
-from axistwin_conformance.families.mac.axis.sequences.machine_devices import Judged, Trivial
+from axistwin_conformance.families.mac.axis.sequences.machine_devices import JudgedAxis, Trivial
 from axistwin_conformance.families.mac.axis.sequences.operations import OPERATIONS, WHAT
-from axistwin_conformance.families.mac.axis.sequences.runner import Player
+from axistwin_conformance.families.mac.axis.sequences.runner import AxisRunner
 from axistwin_conformance.families.mac.axis.sequences.sequence import BYTES_PER_OPERATION
 from axistwin_conformance.sequences import machine
 from axistwin_conformance.sequences.machine import Device
@@ -38,7 +38,7 @@ FOUND_ALONE = (
 )
 
 
-def new_player() -> Player:
+def new_player() -> AxisRunner:
     """Somebody who plays on a fresh twin."""
     family = find_family("mac23")
     target = open_target(
@@ -51,7 +51,7 @@ def new_player() -> Player:
         seed=1,
     )  # fmt: skip
     one.memory = family.remember(Session(one))
-    return player_of(Session(one, some_runs))
+    return runner_of(Session(one, some_runs))
 
 
 def rules() -> set[str]:
@@ -70,7 +70,7 @@ def found_in(mutant: Mutant) -> tuple[bytes, Mismatch]:
     """The operations and the mismatch with which the machine finds a mutant, on its own."""
     with mutant.plant():
         _, failing = machine.search(
-            new_player().begin, Judged, 15, 100, random.Random(1), AxisMachine
+            new_player().begin, JudgedAxis, 15, 100, random.Random(1), AxisMachine
         )
     assert failing is not None, mutant.description
     return failing[:2]
@@ -108,7 +108,7 @@ def test_every_rule_is_reached_and_every_state_is_met() -> None:
     """On the twin no rule waits for a state that never comes."""
     player, reached = new_player(), Counter[str]()
 
-    class Counted(Judged):
+    class Counted(JudgedAxis):
         """Notes what is done."""
 
         def operate(self, what: int, first: int, second: int, pause: int) -> None:

@@ -7,9 +7,9 @@ import random
 import pytest
 from test_mac_machines import new_player
 
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.sequences.operations import ANCHORS, OPERATIONS, WHAT
-from axistwin_conformance.families.mac.axis.sequences.sequence import Sequence
+from axistwin_conformance.families.mac.axis.sequences.sequence import AxisSequence
 from axistwin_conformance.sequences.runner import Mismatch
 
 OPERATION_COUNT = 60
@@ -20,7 +20,7 @@ def operation(name: str, first: int = 0, second: int = 0, pause: int = 0) -> byt
     return bytes([WHAT[name], first, second, pause])
 
 
-def played(data: bytes, *, is_direct: bool = True) -> Sequence:
+def played(data: bytes, *, is_direct: bool = True) -> AxisSequence:
     """A sequence that has been played on a fresh twin, by the short way or by the long one."""
     run = new_player().begin()
     assert run._is_direct
@@ -61,8 +61,8 @@ def test_a_reply_that_may_be_either_proves_nothing() -> None:
     """Where both replies are admissible, neither counts as a judgement."""
     run = new_player().begin()
     run.model.outcomes = lambda *_: {  # type: ignore[method-assign]
-        Kind.ACCEPTED: run.model.forecast,
-        Kind.REFUSED: run.model.forecast,
+        ReplyKind.ACCEPTED: run.model.forecast,
+        ReplyKind.REFUSED: run.model.forecast,
     }
     run.command(0x19)
     assert not run.judged

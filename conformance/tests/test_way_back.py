@@ -15,6 +15,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from family_variants import vary
 from zoo.motion import a_move_is_relative
 
 from axistwin_conformance.base import interrupts
@@ -208,7 +209,7 @@ def test_what_never_ends_is_cut_short(
         time.sleep(1)
 
     toy.add(interrupted, "MACS-CMD-13-01", safety=("motion", "stored"))
-    toy.family = replace(toy.family, restore=endless)
+    toy.family = vary(toy.family, restore=endless)
     began_s = time.monotonic()
     with interrupts.heeded():
         result = toy.run()

@@ -24,7 +24,7 @@ STORING: Final = frozenset(_CLASS_OF["stored"] + _CLASS_OF["destructive"])
 SAFETY_OF: Final = {index: name for name, indices in _CLASS_OF.items() for index in indices}
 
 
-_DEED_OF: Final[Mapping[str, str]] = {
+_IMPACT_OF: Final[Mapping[str, str]] = {
     "passive": "queries, and frames that a module refuses, Nacks or takes no notice of",
     "motion": "moves, stops, powers and re-initialises",
     "stored": "writes",
@@ -38,12 +38,12 @@ def impact_of_axis(others: str, left_out: frozenset[int] = frozenset()) -> Mappi
     `others`: what the destructive ones change beside the parameters; `left_out`: the commands that
     this face of the module does not have.
     """
-    told = {"rig": "inputs, supply, temperature and shaft are worked, the supply is cut"}
-    for name, words in _DEED_OF.items():
+    described = {"rig": "inputs, supply, temperature and shaft are worked, the supply is cut"}
+    for name, words in _IMPACT_OF.items():
         words = f"{words}, {others}" if name == "destructive" else words
         named = _named(index for index in _CLASS_OF.get(name, ()) if index not in left_out)
-        told[name] = f"{words}: {named}" if named else words
-    return told
+        described[name] = f"{words}: {named}" if named else words
+    return described
 
 
 def objection(session: Session, indices: Iterable[int]) -> str | None:

@@ -13,7 +13,7 @@ from axistwin_conformance.base.errors import OutsideEnvelope, TargetError, Wrong
 from axistwin_conformance.base.events import Note
 from axistwin_conformance.core.session import ATTEMPTS, Session
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
-from axistwin_conformance.families.mac.axis.exchanges import Kind, Reply, signed
+from axistwin_conformance.families.mac.axis.exchanges import AxisReply, ReplyKind, signed
 from axistwin_conformance.families.mac.axis.return_to_start import LOOK_S, is_runaway
 
 PROBE_ATTEMPTS: Final = (
@@ -24,11 +24,11 @@ DISJUNCTIONS: Final = 0x1F  # bits of the first byte of 21h that latch and lock 
 PLAUSIBLE_CELSIUS: Final = (-20.0, 90.0)  # a MAC at rest; the models' scales differ by 70 degrees
 MOST_LOOKS: Final = 1000  # in virtual time, where a way back of days is over in no time
 STILL_S: Final = 0.5  # who has not moved for so long, has not heard that it should
-TOLD_S: Final = 3.0  # a longer way back is told before it begins
+ANNOUNCED_S: Final = 3.0  # a longer way back is told before it begins
 
 
 @dataclass(frozen=True, slots=True)
-class Facts:
+class MacFacts:
     """What differs between the models on the wire (§5.9): temperature = gain·tt + offset, supply =
     vv·volts_per_count, the shaft's resolution, and Imax where the manual lets it be derived."""
 
@@ -52,17 +52,17 @@ class Facts:
         return vv * self.volts_per_count
 
 
-def facts_of(session: Session) -> Facts:
+def facts_of(session: Session) -> MacFacts:
     """The facts of the model under test."""
     facts = session.model.facts
-    assert isinstance(facts, Facts)
+    assert isinstance(facts, MacFacts)
     return facts
 
 
 # --- who is there --------------------------------------------------------------------------------
 
 
-def climate(session: Session, measures: Reply) -> dict[str, str]:
+def climate(session: Session, measures: AxisReply) -> dict[str, str]:
     """Temperature and supply as an answer to 27h tells them; they tell the models apart."""
     tt, vv, _, _ = measures.data_bytes()
     facts = facts_of(session)
@@ -83,7 +83,7 @@ def sanity(session: Session) -> bool:
             reply = driver.client.ask(index).reply
             if driver.client.is_answer(index, reply):
                 return True
-            if reply.kind is Kind.SILENCE and not session.transport.is_lossless:
+            if reply.kind is ReplyKind.SILENCE and not session.transport.is_lossless:
                 return False  # waited for long enough
             session.is_strict = True  # the first one was asked often enough for noise
         return False
@@ -93,7 +93,7 @@ def sanity(session: Session) -> bool:
 
 def stop(session: Session) -> None:
     """Stop without ramp, again until the module says it has heard it; its neighbours as well."""
-    memory: Memory | None = session.memory
+    memory: AxisSnapshot | None = session.memory
     for address in (session.address, *(memory.neighbours if memory else ())):
         _stop(driver_of(session, address))
 
@@ -102,7 +102,7 @@ def _stop(driver: AxisDriver) -> None:
     session = driver.session
     was_strict, session.is_strict = session.is_strict, True  # the attempts are counted here
     for _ in range(_attempts(session)):
-        if driver.client.command(0x18).kind in (Kind.ACCEPTED, Kind.REFUSED):
+        if driver.client.command(0x18).kind in (ReplyKind.ACCEPTED, ReplyKind.REFUSED):
             break
     session.is_strict = was_strict
     if driver.readings.known(
@@ -120,7 +120,7 @@ def _attempts(session: Session) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class Memory:
+class AxisSnapshot:
     """Everything readable that checks may change, as it was found; of the neighbours as well."""
 
     position: int
@@ -132,15 +132,17 @@ class Memory:
     torque: int
     modes: int
     tolerance: int
-    neighbours: Mapping[int, Memory] = field(default_factory=dict)
+    neighbours: Mapping[int, AxisSnapshot] = field(default_factory=dict)
 
     def __str__(self) -> str:
         named = (name for name in self.__slots__ if name != "neighbours")
         own = ", ".join(f"{name} {getattr(self, name)}" for name in named)
-        return "; ".join([own, *(f"at {at:02X}h {one}" for at, one in self.neighbours.items())])
+        return "; ".join(
+            [own, *(f"at {at:02X}h {snapshot}" for at, snapshot in self.neighbours.items())]
+        )
 
 
-def remember(session: Session) -> Memory:
+def remember(session: Session) -> AxisSnapshot:
     """Read the position and all parameters; on a line that may be noisy until two readings agree.
 
     Raises TargetError if the device does not answer them.
@@ -152,7 +154,7 @@ def remember(session: Session) -> Memory:
     return replace(memory, neighbours=neighbours)
 
 
-def _remembered(driver: AxisDriver) -> Memory:
+def _remembered(driver: AxisDriver) -> AxisSnapshot:
     session, memory = driver.session, _read(driver)
     for _ in range(PROBE_ATTEMPTS):
         if session.transport.is_lossless or memory == (again := _read(driver)):
@@ -161,12 +163,12 @@ def _remembered(driver: AxisDriver) -> Memory:
     raise TargetError("the parameters read differently each time; is the axis at rest?")
 
 
-def _read(driver: AxisDriver) -> Memory:
+def _read(driver: AxisDriver) -> AxisSnapshot:
     position = signed(
         _read_one(driver, 0x20)
     )  # first: of an axis in no known place nothing is kept
     speeds, modes = _read_one(driver, 0x25), _read_one(driver, 0x26)
-    return Memory(
+    return AxisSnapshot(
         position=position,
         superior=_read_one(driver, 0x22),
         inferior=_read_one(driver, 0x23),
@@ -188,15 +190,15 @@ def _read_one(driver: AxisDriver, index: int) -> int:
     return data
 
 
-def restore(session: Session, memory: Memory) -> tuple[str, ...]:
+def restore(session: Session, memory: AxisSnapshot) -> tuple[str, ...]:
     """Put back what differs, and drive back to where the axes were found."""
     stop(session)
     left: list[str] = []
     lost: list[TargetError] = []
-    for address, one in {session.address: memory, **memory.neighbours}.items():
+    for address, snapshot in {session.address: memory, **memory.neighbours}.items():
         where = "" if address == session.address else f"at {address:02X}h "
         try:
-            left += [where + text for text in _put_back(driver_of(session, address), one)]
+            left += [where + text for text in _put_back(driver_of(session, address), snapshot)]
         except TargetError as error:  # the others may still answer
             lost.append(error)
     if lost:
@@ -204,7 +206,7 @@ def restore(session: Session, memory: Memory) -> tuple[str, ...]:
     return tuple(left)
 
 
-def _put_back(driver: AxisDriver, memory: Memory) -> tuple[str, ...]:
+def _put_back(driver: AxisDriver, memory: AxisSnapshot) -> tuple[str, ...]:
     session = driver.session
     _clear_fault(driver)
     now = _read(driver)
@@ -216,11 +218,11 @@ def _put_back(driver: AxisDriver, memory: Memory) -> tuple[str, ...]:
         if not repairs:
             break
         replies = {driver.client.command(index, parameter).kind for index, parameter in repairs}
-        is_sure = session.transport.is_lossless and replies == {Kind.ACCEPTED}
+        is_sure = session.transport.is_lossless and replies == {ReplyKind.ACCEPTED}
         now = replace(memory, position=now.position) if is_sure else _read(driver)
     return tuple(
         f"{name} is {getattr(now, name):X}h, was {getattr(memory, name):X}h"
-        for name in Memory.__slots__
+        for name in AxisSnapshot.__slots__
         if name != "neighbours" and getattr(now, name) != getattr(memory, name)
     )
 
@@ -237,7 +239,7 @@ def _clear_fault(driver: AxisDriver) -> None:
         driver.motion.wait_awake()
 
 
-def _repairs(now: Memory, memory: Memory) -> list[tuple[int, int]]:
+def _repairs(now: AxisSnapshot, memory: AxisSnapshot) -> list[tuple[int, int]]:
     """The commands that make what is what was; unchanged things are not written again."""
     wanted = {
         0x09: (now.superior, memory.superior),
@@ -256,16 +258,18 @@ def _repairs(now: Memory, memory: Memory) -> list[tuple[int, int]]:
 def _drive_back(driver: AxisDriver, position: int) -> None:
     """Go back at the speed and with the ramp of the checks; give up after twice the time, or as
     soon as nobody wants to wait for it: told as not put back."""
-    driver.motion.settle()
+    driver.motion.set_plain()
     origin = driver.client.position()
     distance = abs(origin - position)
     is_too_far = distance > 2 * driver.session.envelope.max_travel
     if is_too_far or driver.session.run.runaway or interrupts.is_hurried():
         return
     attempts, lasts_s = _attempts(driver.session), driver.motion.lasting_s(distance)
-    if lasts_s >= TOLD_S and not driver.client.target.is_virtual:
-        told = f"driving back {distance} increments, {time_left(lasts_s)}"
-        driver.session.run.tell(Note(f"{told}; interrupt (Ctrl-C) to leave the axis on its way"))
+    if lasts_s >= ANNOUNCED_S and not driver.client.target.is_virtual:
+        described = f"driving back {distance} increments, {time_left(lasts_s)}"
+        driver.session.run.tell(
+            Note(f"{described}; interrupt (Ctrl-C) to leave the axis on its way")
+        )
     limit_s = 2 * lasts_s + (STILL_S + 0.5) * attempts
     deadline_ns = driver.client.target.now_ns + round(limit_s * 1e9)
     for _ in range(attempts):  # noise may have kept 13h from the module

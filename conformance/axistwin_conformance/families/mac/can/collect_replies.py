@@ -12,9 +12,9 @@ from typing import Final
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, Part
 from axistwin_conformance.families.mac.axis.driver.motion import CLOCK_ERROR
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.can import codec
-from axistwin_conformance.families.mac.can.codec import Reply, Request
+from axistwin_conformance.families.mac.can.codec import CanReply, CanRequest
 from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.transport.can import Arrival
 from axistwin_conformance.transport.can_frame import Frame
@@ -31,16 +31,16 @@ def everybody(session: Session) -> list[CanDriver]:
     return [CanDriver(session, address) for address in (session.address, *session.neighbours)]
 
 
-def strangers(session: Session) -> list[int]:
+def unknown_addresses(session: Session) -> list[int]:
     """Addresses nobody has been said to have: all of them in virtual time, else those that a
     decoder with a bit too few would take for this module's."""
     taken = {session.address, *session.neighbours}
-    others = [one for one in codec.ADDRESSES if one not in taken]
+    others = [address for address in codec.ADDRESSES if address not in taken]
     if session.transport.is_virtual:
         return others
     own = session.address
     near = [own ^ 1, own + 1, own - 1, own ^ 0x40, own ^ 0x20, 0x7F]
-    return [one for one in dict.fromkeys(near) if one in others]
+    return [candidate for candidate in dict.fromkeys(near) if candidate in others]
 
 
 def replies(driver: CanDriver, *frames: Frame, is_awaited: bool = True) -> tuple[Frame, ...]:
@@ -52,75 +52,79 @@ def replies(driver: CanDriver, *frames: Frame, is_awaited: bool = True) -> tuple
     for frame in frames:
         driver.client.target.send(frame)
     quiet_s = QUIET_S + driver.client.target.uncertainty_ns / 1e9
-    heard: list[Frame] = []
-    patience_s = driver.session.reply_timeout_s if is_awaited else quiet_s
+    received: list[Frame] = []
+    silence_limit_s = driver.session.reply_timeout_s if is_awaited else quiet_s
     for _ in range(len(frames) + MOST_BESIDE):  # who never falls silent is not waited for
-        if (arrival := driver.client.target.receive(codec.is_reply, patience_s)) is None:
+        if (arrival := driver.client.target.receive(codec.is_reply, silence_limit_s)) is None:
             break
-        heard.append(arrival.frame)
-        patience_s = quiet_s
-    return tuple(heard)
+        received.append(arrival.frame)
+        silence_limit_s = quiet_s
+    return tuple(received)
 
 
-def told(frames: tuple[Frame, ...]) -> str:
+def described(frames: tuple[Frame, ...]) -> str:
     """What was heard, in words."""
-    return "; ".join(str(one) for one in frames) or "silence"
+    return "; ".join(str(frame) for frame in frames) or "silence"
 
 
 def exactly(driver: CanDriver, frame: Frame, wanted: Frame, requirement: Part) -> None:
     """Judge that a frame gets that one reply, byte for byte, and no other."""
-    heard = replies(driver, frame)
-    driver.session.expect(heard == (wanted,), requirement, f"{wanted} alone", told(heard))
+    received = replies(driver, frame)
+    driver.session.expect(
+        received == (wanted,), requirement, f"{wanted} alone", described(received)
+    )
 
 
-def the_reply(driver: CanDriver, one: Request, requirement: Part) -> Reply:
+def the_reply(driver: CanDriver, request: CanRequest, requirement: Part) -> CanReply:
     """Judge that a request to this module gets one reply, from it, to what was asked; give it."""
-    heard = replies(driver, one.frame())
-    flaw = "" if len(heard) == 1 else "more than one"
-    if len(heard) == 1:
-        whence = heard[0].identifier - codec.REPLY
+    received = replies(driver, request.frame())
+    flaw = "" if len(received) == 1 else "more than one"
+    if len(received) == 1:
+        whence = received[0].identifier - codec.REPLY
         flaw = (
-            codec.mismatch(one, heard[0])
+            codec.mismatch(request, received[0])
             if whence == driver.client.address
             else "from somebody else"
         )
     own = codec.REPLY + driver.client.address
     driver.session.expect(
-        len(heard) == 1 and not flaw,
+        len(received) == 1 and not flaw,
         requirement,
-        f"one reply, on {own:03X}h, to {codec.explain(one.frame())}",
-        told(heard),
+        f"one reply, on {own:03X}h, to {codec.explain(request.frame())}",
+        described(received),
         flaw,
     )
-    return codec.parse(heard[0], driver.client.byte_order)
+    return codec.parse(received[0], driver.client.byte_order)
 
 
-def reply_frame(one: Request, command: int, data: bytes = codec.ZEROS) -> Frame:
+def reply_frame(request: CanRequest, command: int, data: bytes = codec.ZEROS) -> Frame:
     """The reply to a request that has this first byte: what was named repeated, then the data."""
-    head = bytes([command, one.index_low, one.index_high, one.sub_index])
-    return Frame(codec.REPLY + one.address, head + data)
+    head = bytes([command, request.index_low, request.index_high, request.sub_index])
+    return Frame(codec.REPLY + request.address, head + data)
 
 
-def with_a_reason(driver: CanDriver, reply: Reply) -> str:
+def with_a_reason(driver: CanDriver, reply: CanReply) -> str:
     """What is wrong with a refusal beside the reading of MACC-AMB-17 it shows."""
     is_bare = driver.session.reading("abort_code_form") == "zeros" and reply.abort_code
     return f"{reply}, on a module whose refusals carry zeros" if is_bare else ""
 
 
-def outcome_of(driver: CanDriver, one: Request, readings: Mapping[Kind, int]) -> int | str:
+def outcome_of(
+    driver: CanDriver, request: CanRequest, readings: Mapping[ReplyKind, int]
+) -> int | str:
     """Which reading one reply, or none, to a request stands for; else what came."""
-    heard = replies(driver, one.frame())
-    if len(heard) > 1:
-        return told(heard)
-    reply = codec.parse(heard[0] if heard else None, driver.client.byte_order)
-    if heard:
+    received = replies(driver, request.frame())
+    if len(received) > 1:
+        return described(received)
+    reply = codec.parse(received[0] if received else None, driver.client.byte_order)
+    if received:
         own = codec.REPLY + driver.client.address
-        flaw = codec.mismatch(one, heard[0]) or (
-            "" if heard[0].identifier == own else "not its own"
+        flaw = codec.mismatch(request, received[0]) or (
+            "" if received[0].identifier == own else "not its own"
         )
-        flaw = flaw or (with_a_reason(driver, reply) if reply.kind is Kind.REFUSED else "")
+        flaw = flaw or (with_a_reason(driver, reply) if reply.kind is ReplyKind.REFUSED else "")
         if flaw:
-            return f"{heard[0]}: {flaw}"
+            return f"{received[0]}: {flaw}"
     return readings.get(reply.kind, str(reply))
 
 
@@ -142,7 +146,7 @@ def unasked(
     driver: CanDriver, seconds: float, is_wanted: Callable[[Frame], bool] | None = None
 ) -> tuple[Arrival, ...]:
     """Everything this module says unasked within that time, what was said before set aside."""
-    heard: list[Arrival] = []
+    received: list[Arrival] = []
     deadline_ns = driver.client.target.now_ns + round(seconds * 1e9)
 
     def is_ours(frame: Frame) -> bool:
@@ -153,5 +157,5 @@ def unasked(
         arrival = driver.client.target.receive_spontaneous(is_ours, left_ns / 1e9)
         if arrival is None:
             break
-        heard.append(arrival)
-    return tuple(heard)
+        received.append(arrival)
+    return tuple(received)

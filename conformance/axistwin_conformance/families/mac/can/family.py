@@ -14,13 +14,18 @@ from axistwin_conformance.core.family import Violation
 from axistwin_conformance.core.identity import Identity, Model
 from axistwin_conformance.core.session import ATTEMPTS, Run, Session
 from axistwin_conformance.families.mac.axis.axis_family import AxisFamily
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.safety import impact_of_axis
-from axistwin_conformance.families.mac.axis.snapshot import PROBE_ATTEMPTS, Facts, climate, sanity
-from axistwin_conformance.families.mac.axis.travel_guard import TravelGuard
+from axistwin_conformance.families.mac.axis.snapshot import (
+    PROBE_ATTEMPTS,
+    MacFacts,
+    climate,
+    sanity,
+)
+from axistwin_conformance.families.mac.axis.travel_guard import AxisTravelGuard
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.client import bus_of
-from axistwin_conformance.families.mac.can.codec import Reply
+from axistwin_conformance.families.mac.can.codec import CanReply
 from axistwin_conformance.families.mac.can.diagnosis import diagnose
 from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.families.mac.can.reader import BusReader
@@ -34,7 +39,7 @@ SPOKEN: Final = frozenset({codec.REPLY, codec.EMERGENCY, codec.BOOT_UP})  # + ad
 SET_ADDRESS: Final = 0x08  # in the safety classes of the axis: what the LMT frames do
 
 MODELS: Final = {
-    "mac23-can": Model("mac23-can", "MAC23 (CAN)", Facts(2000, 2.5, -215.0, 1 / 4.8, codec.IMAX))
+    "mac23-can": Model("mac23-can", "MAC23 (CAN)", MacFacts(2000, 2.5, -215.0, 1 / 4.8, codec.IMAX))
 }
 
 
@@ -45,7 +50,7 @@ def identify(session: Session) -> Identity:
         _know_the_others(session)
     session.is_strict = True  # the attempts are counted here
     last = _insisted(driver, 0x24)
-    release = last.data if last.kind is Kind.ANSWER else None
+    release = last.data if last.kind is ReplyKind.ANSWER else None
     if release is None and not sanity(session):
         raise TargetError(
             f"no module answers at address {session.address} on {session.transport.description}:"
@@ -57,9 +62,11 @@ def identify(session: Session) -> Identity:
     measures = driver.client.ask(0x27).reply
     if measures.data is not None:
         values |= climate(session, measures)
-    told = [f"release {values['release']}"]
-    told += [values[name] for name in ("temperature", "supply") if name in values]
-    return Identity(f"{session.model.title} at {driver.client.address}, {', '.join(told)}", values)
+    described = [f"release {values['release']}"]
+    described += [values[name] for name in ("temperature", "supply") if name in values]
+    return Identity(
+        f"{session.model.title} at {driver.client.address}, {', '.join(described)}", values
+    )
 
 
 def _know_the_others(session: Session) -> None:
@@ -73,13 +80,13 @@ def _know_the_others(session: Session) -> None:
     bus_of(session).leave_out_others(LISTEN_S, is_ours)
 
 
-def _insisted(driver: CanDriver, index: int) -> Reply:
+def _insisted(driver: CanDriver, index: int) -> CanReply:
     """Ask until there is an answer; longer if what comes differs, which is noise."""
     seen = set()
     for number in range(1, ATTEMPTS + 1):
-        reply: Reply = driver.client.ask(index).reply
+        reply: CanReply = driver.client.ask(index).reply
         seen.add(reply.raw)
-        if reply.kind is Kind.ANSWER or (number >= PROBE_ATTEMPTS and len(seen) == 1):
+        if reply.kind is ReplyKind.ANSWER or (number >= PROBE_ATTEMPTS and len(seen) == 1):
             break
     return reply
 
@@ -147,10 +154,12 @@ class MacCan(AxisFamily):
         """The index of every request in these bytes that some reading would obey."""
         return _indices(data)
 
-    def travel_guard(self, run: Run) -> TravelGuard:
+    def travel_guard(self, run: Run) -> AxisTravelGuard:
         """What keeps the axes of a bus inside the envelope."""
         bounds, reader = run.envelope, BusReader(run.readings)
-        return TravelGuard(reader, bounds.max_travel, bounds.max_speed, run.address, run.readings)
+        return AxisTravelGuard(
+            reader, bounds.max_travel, bounds.max_speed, run.address, run.readings
+        )
 
     def diagnose(self, session: Session, request: bytes, reply: bytes | None) -> Violation | None:
         """See `diagnose`."""

@@ -37,8 +37,8 @@ class Setting:
 
 
 SETTINGS: Final[Mapping[int, Setting]] = {
-    one.index: one
-    for one in (
+    setting.index: setting
+    for setting in (
         Setting(0x02, 0x26, 12, 0xF, (0, 1)),
         Setting(0x03, 0x26, 8, 0xF, (0, 8)),
         Setting(0x09, 0x22, 0, 0xFFFFFFFF, (0x12345678, 0x3FFFFFFF)),
@@ -61,5 +61,5 @@ def held(driver: CanDriver) -> list[int]:
 def unchanged(driver: CanDriver, before: list[int], requirement: str) -> None:
     """Judge that position and parameters are what they were."""
     after = held(driver)
-    words = [" ".join(f"{one:08X}" for one in row) for row in (before, after)]
+    words = [" ".join(f"{value:08X}" for value in row) for row in (before, after)]
     driver.session.expect(after == before, requirement, *words)

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from typing import Final
 
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.serial.codec import GENERAL_ADDRESS
 from axistwin_conformance.families.mac.serial.driver import SerialDriver
 
@@ -23,7 +23,7 @@ SEARCHES: Final = 3
 def answers(driver: SerialDriver, address: int) -> bool:
     """True if somebody answers at that address."""
     exchange = driver.client.send(driver.client.request(0x20, address=address), QUIET_S * 2)
-    return exchange.kind is Kind.ANSWER and exchange.reply.address == address
+    return exchange.kind is ReplyKind.ANSWER and exchange.reply.address == address
 
 
 def other_address(driver: SerialDriver) -> int:
@@ -31,7 +31,7 @@ def other_address(driver: SerialDriver) -> int:
     return 0x2A if driver.client.address != 0x2A else 0x15
 
 
-def program_address(driver: SerialDriver, new: int, to: int = GENERAL_ADDRESS) -> Kind:
+def program_address(driver: SerialDriver, new: int, to: int = GENERAL_ADDRESS) -> ReplyKind:
     """Send 08h; a module that is not 00 may obey without a word (§6)."""
     return driver.client.send(driver.client.request(0x08, new, address=to), QUIET_S * 2).kind
 
@@ -61,15 +61,15 @@ def _bring_back(driver: SerialDriver, address: int, baud: int, is_readdressed: b
         if number > 0:
             _restart_anywhere(driver, baud)
         if _is_found(driver, baud, is_readdressed or number > 0):
-            return _talks(driver, baud)
+            return _reaches_rate(driver, baud)
     driver.client.target.baud = baud
     return False
 
 
 def _rates(driver: SerialDriver, baud: int) -> tuple[int, ...]:
-    """Where to search: at the rate talked last, the one it had, any other."""
-    talked = (driver.client.target.baud, baud)
-    return tuple(dict.fromkeys((*talked, *RATES.values()) if has_rate(driver) else talked[:1]))
+    """Where to search: at the rate used last, the one it had, any other."""
+    current = (driver.client.target.baud, baud)
+    return tuple(dict.fromkeys((*current, *RATES.values()) if has_rate(driver) else current[:1]))
 
 
 def _is_found(driver: SerialDriver, baud: int, is_readdressed: bool) -> bool:
@@ -97,12 +97,12 @@ def _restart_anywhere(driver: SerialDriver, baud: int) -> None:
     driver.motion.wait_awake()
 
 
-def _talks(driver: SerialDriver, baud: int) -> bool:
+def _reaches_rate(driver: SerialDriver, baud: int) -> bool:
     """Bring module and host, who hear one another, to a rate."""
-    talked = driver.client.target.baud
-    value = next((one for one, rate in RATES.items() if rate == baud), None)
-    if talked == baud or value is None:
-        return talked == baud
+    current = driver.client.target.baud
+    value = next((code for code, rate in RATES.items() if rate == baud), None)
+    if current == baud or value is None:
+        return current == baud
     driver.client.send(driver.client.request(0x1B, value), QUIET_S * 2)
     driver.motion.wait_awake()
     driver.client.target.baud = baud

@@ -14,9 +14,13 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
-from axistwin_conformance.families.mac.axis.driver.motion import segment, velocity
-from axistwin_conformance.families.mac.axis.exchanges import Kind
-from axistwin_conformance.families.mac.axis.model.acceptance import RUNNING, Row, outcome_of
+from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.model.acceptance import (
+    RUNNING,
+    AcceptanceRow,
+    outcome_of,
+)
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 
 ORDER = 110  # of this module in a run; see `Family.modules`
@@ -41,7 +45,7 @@ def _turn(driver: AxisDriver, start: int) -> None:
 
 
 def _interpolate(driver: AxisDriver, start: int) -> None:
-    driver.client.command(0x16, segment(LONG_STEPS, SLOWEST))
+    driver.client.command(0x16, segment_parameter(LONG_STEPS, SLOWEST))
 
 
 def _arm(driver: AxisDriver, start: int) -> None:
@@ -73,8 +77,8 @@ HARMLESS: Final[Mapping[int, Callable[[int], int]]] = {
     0x0E: lambda start: 0x0500,
     0x13: lambda start: start + 20,
     0x15: lambda start: velocity(1, SLOWEST),
-    0x16: lambda start: segment(5, SLOWEST),
-    0x1E: lambda start: segment(5, SLOWEST),
+    0x16: lambda start: segment_parameter(5, SLOWEST),
+    0x1E: lambda start: segment_parameter(5, SLOWEST),
 }
 
 
@@ -116,11 +120,11 @@ def _shown_by(session: Session, index: int) -> tuple[str, ...]:
     )
 
 
-def _judge(driver: AxisDriver, row: Row, state: str, index: int, kind: Kind) -> None:
+def _judge(driver: AxisDriver, row: AcceptanceRow, state: str, index: int, kind: ReplyKind) -> None:
     shown = _shown_by(driver.session, index)
     wanted = outcome_of(row.cell(state))
-    if index >= 0x20 and wanted is Kind.ACCEPTED:
-        wanted = Kind.ANSWER
+    if index >= 0x20 and wanted is ReplyKind.ACCEPTED:
+        wanted = ReplyKind.ANSWER
     session = driver.session
     if "unknown_index" in row.otherwise:
         fitting = tuple(
@@ -135,7 +139,7 @@ def _judge(driver: AxisDriver, row: Row, state: str, index: int, kind: Kind) -> 
     if kind is not wanted:
         others = row.readings(state)
         # What the device has shown already explains best.
-        others.sort(key=lambda one: driver.readings.known(one[1]) != one[2])
+        others.sort(key=lambda owner: driver.readings.known(owner[1]) != owner[2])
         for content, switch, number in others:
             if outcome_of(content) is kind:
                 readings = session.run.ledger.ambiguity_of(switch).switches[switch]
@@ -165,12 +169,12 @@ def the_stops_mode_is_locked_in_motion(session: Session) -> None:
             ENTER[state](driver, start)
             exchange = driver.client.command(0x03, value)
             driver.motion.at_rest()
-            if exchange.kind is Kind.ACCEPTED and value != 1:
+            if exchange.kind is ReplyKind.ACCEPTED and value != 1:
                 # The serial list keeps the mark of d = 1 only; the CAN list has all four.
                 driver.judge.reading("motion_lock_set", 1, "MACS-CMD-03-02")
                 driver.client.command(0x03, 0)
             else:
-                driver.judge.must(Kind.REFUSED, exchange, "MACS-CMD-03-02")
+                driver.judge.must(ReplyKind.REFUSED, exchange, "MACS-CMD-03-02")
 
 
 @check("MACS-CMD-090A-03", "MACS-STATE-01", safety=("motion", "stored"))
@@ -262,7 +266,7 @@ def the_lock_ends_with_the_motion(session: Session) -> None:
         driver.client.wait_until(end[0] - before_ns)
         exchange = driver.client.command(0x02, 0)  # locked by every reading of the list
         if exchange.taken.latest_ns < end[0]:
-            driver.judge.must(Kind.REFUSED, exchange, "MACS-STATE-01")
+            driver.judge.must(ReplyKind.REFUSED, exchange, "MACS-STATE-01")
         driver.client.wait_until(end[1] + slack_ns)
         driver.judge.accepted(0x02, 0, requirement="MACS-STATE-01")
         driver.judge.accepted(0x0F, 0, requirement="MACS-STATE-01")
@@ -278,6 +282,6 @@ def _short_move(driver: AxisDriver, start: int) -> tuple[int, int]:
 
 
 def _short_segment(driver: AxisDriver, start: int) -> tuple[int, int]:
-    window = driver.judge.accepted(0x16, segment(100, driver.motion.period)).taken
+    window = driver.judge.accepted(0x16, segment_parameter(100, driver.motion.period)).taken
     duration_ns = 100 * driver.motion.period * TICK_NS
     return window.earliest_ns + duration_ns, window.latest_ns + duration_ns

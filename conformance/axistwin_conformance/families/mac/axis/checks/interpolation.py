@@ -8,8 +8,8 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
-from axistwin_conformance.families.mac.axis.driver.motion import segment
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import Segment
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probes.motion import abort_flush
@@ -29,7 +29,7 @@ from axistwin_conformance.families.mac.axis.probing import MOVES
 ORDER = 140  # of this module in a run; see `Family.modules`
 
 SURELY_EMPTY_NS: Final = 1_000_000_000  # after the end of all that was put there
-SETTLE_NS: Final = 2_000_000  # of a time that two exchanges straddle
+SWINGING_NS: Final = 2_000_000  # of a time that two exchanges straddle
 
 
 def plain(session: Session) -> AxisDriver:
@@ -53,30 +53,32 @@ def a_refused_segment_is_accepted_when_a_stage_frees(session: Session) -> None:
     """A full FIFO refuses until the interpolator takes the next segment, then accepts one."""
     driver = plain(session)
     start = driver.motion.ready()
-    one = Segment(wait_steps(driver), SLOWEST)
+    segment = Segment(wait_steps(driver), SLOWEST)
     driver.limits.needs_travel(
-        5 * one.steps, "segments that outlast a burst of exchanges on this line"
+        5 * segment.steps, "segments that outlast a burst of exchanges on this line"
     )
-    first = driver.judge.must(Kind.ACCEPTED, put(driver, one))
+    first = driver.judge.must(ReplyKind.ACCEPTED, put(driver, segment))
     accepted = 1
-    while (more := put(driver, one)).kind is Kind.ACCEPTED:
-        driver.motion.unbroken(first, [one], more)
+    while (more := put(driver, segment)).kind is ReplyKind.ACCEPTED:
+        driver.motion.unbroken(first, [segment], more)
         accepted += 1
         session.expect(accepted <= 4, "MACS-CMD-16-02", "3 or 4 accepted", accepted)
-    frees_ns = first.taken.earliest_ns + one.duration_ns
+    frees_ns = first.taken.earliest_ns + segment.duration_ns
     driver.client.wait_until(frees_ns - 40_000_000 - driver.client.target.line_ns)
-    early = put(driver, one)
+    early = put(driver, segment)
     if early.taken.latest_ns < frees_ns:
-        driver.judge.must(Kind.REFUSED, early, ("MACS-CMD-16-02", "MACS-CMD-1E-01"))
-    driver.client.wait_until(first.taken.latest_ns + one.duration_ns + SETTLE_NS)
-    driver.judge.must(Kind.ACCEPTED, put(driver, one), ("MACS-CMD-16-02", "MACS-CMD-1E-01"))
-    driver.judge.must(Kind.REFUSED, put(driver, one), "MACS-CMD-16-02")
-    forecast = driver.motion.to_segments(first, start, *([one] * (accepted + 1)))
+        driver.judge.must(ReplyKind.REFUSED, early, ("MACS-CMD-16-02", "MACS-CMD-1E-01"))
+    driver.client.wait_until(first.taken.latest_ns + segment.duration_ns + SWINGING_NS)
+    driver.judge.must(
+        ReplyKind.ACCEPTED, put(driver, segment), ("MACS-CMD-16-02", "MACS-CMD-1E-01")
+    )
+    driver.judge.must(ReplyKind.REFUSED, put(driver, segment), "MACS-CMD-16-02")
+    forecast = driver.motion.to_segments(first, start, *([segment] * (accepted + 1)))
     place = driver.motion.finish(forecast, "MACS-REPLY-05")
     driver.client.wait(0.4)
     again = driver.client.position()
     session.expect(
-        place == again == start + (accepted + 1) * one.steps, "MACS-REPLY-05",
+        place == again == start + (accepted + 1) * segment.steps, "MACS-REPLY-05",
         "only the accepted segments run", f"{again - start} increments",
     )  # fmt: skip
 
@@ -94,7 +96,7 @@ def segments_run_at_their_own_constant_speed(session: Session) -> None:
         (many, slow, 50),
     ):
         start = driver.motion.ready(0x4000, coefficient)
-        exchange = driver.judge.must(Kind.ACCEPTED, put(driver, Segment(steps, period)))
+        exchange = driver.judge.must(ReplyKind.ACCEPTED, put(driver, Segment(steps, period)))
         driver.motion.watch(
             driver.motion.to_segments(exchange, start, Segment(steps, period)),
             ("MACS-CMD-16-01", "MACS-CMD-16-03"),
@@ -107,13 +109,13 @@ def segment_steps_are_signed(session: Session) -> None:
     """DDDD is a signed number of steps: FFFFh is one back and 8000h goes backward; or unsigned."""
     driver = driver_of(session)
     driver.judge.again(segment_signed, ("MACS-CMD-16-01", "MACS-FRAME-05"))
-    start, one = driver.motion.ready(), Segment(-0x8000, driver.limits.slowed(0x1000))
+    start, segment = driver.motion.ready(), Segment(-0x8000, driver.limits.slowed(0x1000))
     if not driver.readings.known("segment_signed") and driver.limits.fits(start - 0x8000):
-        exchange = driver.judge.must(Kind.ACCEPTED, put(driver, one))
-        forecast = driver.motion.to_segments(exchange, start, one)
+        exchange = driver.judge.must(ReplyKind.ACCEPTED, put(driver, segment))
+        forecast = driver.motion.to_segments(exchange, start, segment)
         driver.client.wait(0.1)
         driver.motion.follow(
-            forecast, ("MACS-CMD-16-01", "MACS-FRAME-05"), driver.limits.allowance(one.period)
+            forecast, ("MACS-CMD-16-01", "MACS-FRAME-05"), driver.limits.allowance(segment.period)
         )
         driver.motion.at_rest()
 
@@ -131,7 +133,9 @@ def virtual_segments_wait_as_long_as_real_ones_move(session: Session) -> None:
     driver.motion.watch(forecast, ("MACS-CMD-1E-01", "MACS-CMD-16-01"), samples=10)
     place = driver.client.position()
     driver.judge.must(
-        Kind.ACCEPTED, put(driver, Segment(back(driver, 30), 0x4000, moves=False)), "MACS-CMD-1E-01"
+        ReplyKind.ACCEPTED,
+        put(driver, Segment(back(driver, 30), 0x4000, moves=False)),
+        "MACS-CMD-1E-01",
     )
     driver.client.wait(0.1)
     session.expect(
@@ -156,17 +160,17 @@ def segments_follow_one_another_without_a_gap(session: Session) -> None:
         )
         for _ in range(count)
     ]
-    first = driver.judge.must(Kind.ACCEPTED, put(driver, row[0]))
-    for number, one in enumerate(row[1:], 1):
+    first = driver.judge.must(ReplyKind.ACCEPTED, put(driver, row[0]))
+    for number, segment in enumerate(row[1:], 1):
         # Of what it has: a look that comes late finds the axis at rest behind that.
         forecast = driver.motion.to_segments(first, start, *row[:number])
-        while (exchange := put(driver, one)).kind is Kind.REFUSED:
+        while (exchange := put(driver, segment)).kind is ReplyKind.REFUSED:
             driver.motion.follow(
                 forecast, ("MACS-CMD-16-01", "MACS-CMD-1E-01"), driver.limits.allowance(0x0C00)
             )
             if exchange.taken.earliest_ns > forecast.over_ns + SURELY_EMPTY_NS:
                 break  # it would refuse for ever
-        driver.judge.must(Kind.ACCEPTED, exchange, "MACS-CMD-16-02")
+        driver.judge.must(ReplyKind.ACCEPTED, exchange, "MACS-CMD-16-02")
         driver.motion.unbroken(first, row[:number], exchange)
     forecast = driver.motion.to_segments(first, start, *row)
     driver.motion.watch(forecast, ("MACS-CMD-16-01", "MACS-CMD-1E-01"), samples=3)
@@ -177,12 +181,12 @@ def when_the_fifo_runs_empty_the_axis_rests(session: Session) -> None:
     """At the end of the last segment the axis stands on its last step, unlocked, and goes on."""
     driver = driver_of(session)
     start = driver.motion.ready()
-    one = Segment(30, driver.limits.slowed(0x2000))
+    segment = Segment(30, driver.limits.slowed(0x2000))
     driver.judge.again(fifo_underrun, "MACS-CMD-16-01")
     start = driver.client.position()
     for _ in range(0 if driver.readings.known("fifo_underrun") else 3):
-        exchange = driver.judge.must(Kind.ACCEPTED, put(driver, one))
-        forecast = driver.motion.to_segments(exchange, start, one)
+        exchange = driver.judge.must(ReplyKind.ACCEPTED, put(driver, segment))
+        forecast = driver.motion.to_segments(exchange, start, segment)
         place = driver.motion.watch(forecast, "MACS-CMD-16-01", samples=2)
         driver.judge.accepted(0x0F, 0, requirement="MACS-STATE-01")
         start = place
@@ -193,21 +197,21 @@ def segments_of_zero_period_or_zero_steps(session: Session) -> None:
     """VVVV = 0 is refused, or taken as a very fast or slow one; DDDD = 0 takes no time."""
     driver = plain(session)
     start = driver.motion.ready(SLOWEST)
-    kind = driver.client.command(0x1E, segment(WAIT_STEPS, 0)).kind
+    kind = driver.client.command(0x1E, segment_parameter(WAIT_STEPS, 0)).kind
     driver.client.wait(0.02)
-    is_running = driver.client.command(0x02, 0).kind is Kind.REFUSED
+    is_running = driver.client.command(0x02, 0).kind is ReplyKind.REFUSED
     driver.motion.at_rest()
     outcome: int | str = str(kind.value)
-    if kind is Kind.REFUSED:
+    if kind is ReplyKind.REFUSED:
         outcome = 0
-    elif kind is Kind.ACCEPTED:
+    elif kind is ReplyKind.ACCEPTED:
         outcome = 2 if is_running else 1
     driver.judge.reading("segment_zero_period", outcome, "MACS-CMD-1E-01")
     for index in (0x16, 0x1E):
-        kind = driver.client.command(index, segment(0, driver.limits.slowed(0x1000))).kind
-        if kind is not Kind.ACCEPTED:
+        kind = driver.client.command(index, segment_parameter(0, driver.limits.slowed(0x1000))).kind
+        if kind is not ReplyKind.ACCEPTED:
             session.fail(None, "accepted", kind.value)
-        outcome = int(driver.client.command(0x02, 0).kind is Kind.REFUSED)
+        outcome = int(driver.client.command(0x02, 0).kind is ReplyKind.REFUSED)
         driver.motion.at_rest()
         driver.judge.reading("segment_zero_steps", outcome, f"MACS-CMD-{index:02X}-01")
         if outcome:
@@ -229,11 +233,11 @@ def a_hard_stop_empties_the_fifo(session: Session) -> None:
     """18h ends the segment and drops the stored ones: nothing resumes, and the FIFO is free."""
     driver = plain(session)
     start = driver.motion.ready()
-    one = Segment(40, driver.limits.outlasting(40, 0x4000))
-    forecast = driver.motion.feed(start, one, one, one)
+    segment = Segment(40, driver.limits.outlasting(40, 0x4000))
+    forecast = driver.motion.feed(start, segment, segment, segment)
     driver.client.wait(0.1)
     halted = forecast.halted(driver.judge.accepted(0x18).taken)
-    place = driver.motion.finish(halted, "MACS-CMD-18-01", driver.limits.braking(one.period))
+    place = driver.motion.finish(halted, "MACS-CMD-18-01", driver.limits.braking(segment.period))
     driver.client.wait(0.5)
     again = driver.client.position()
     both = ("MACS-CMD-18-01", "MACS-CMD-18-03")
@@ -245,10 +249,10 @@ def a_hard_stop_empties_the_fifo(session: Session) -> None:
         driver.judge.again(abort_flush, "MACS-CMD-18-03")
         return
     start = driver.client.position()
-    one = Segment(10, driver.limits.slowed(0x2000))
-    exchange = driver.judge.must(Kind.ACCEPTED, put(driver, one), "MACS-CMD-18-03")
+    segment = Segment(10, driver.limits.slowed(0x2000))
+    exchange = driver.judge.must(ReplyKind.ACCEPTED, put(driver, segment), "MACS-CMD-18-03")
     driver.motion.watch(
-        driver.motion.to_segments(exchange, start, one), "MACS-CMD-18-03", samples=2
+        driver.motion.to_segments(exchange, start, segment), "MACS-CMD-18-03", samples=2
     )
 
 

@@ -10,10 +10,10 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.checks.sequences import JUDGED, player_of
+from axistwin_conformance.families.mac.axis.checks.sequences import JUDGED, runner_of
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.axis.sequences.machine import AxisMachine
-from axistwin_conformance.families.mac.axis.sequences.machine_devices import Judged
+from axistwin_conformance.families.mac.axis.sequences.machine_devices import JudgedAxis
 from axistwin_conformance.families.mac.axis.sequences.machine_sync import SyncMachine
 from axistwin_conformance.sequences.generated import play_machine
 
@@ -36,6 +36,6 @@ def many_runs_of_the_machine_agree_with_the_model(session: Session) -> None:
 
 
 def _run(session: Session, level: str) -> None:
-    player = player_of(session)
-    rules = SyncMachine if player.driver.client.has_sync else AxisMachine
-    play_machine(player, Judged, rules, EXAMPLES[level], STEPS)
+    runner = runner_of(session)
+    rules = SyncMachine if runner.driver.client.has_sync else AxisMachine
+    play_machine(runner, JudgedAxis, rules, EXAMPLES[level], STEPS)

@@ -10,7 +10,7 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.driver import driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import SAFE_PERIOD
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS, ramp_increments
 from axistwin_conformance.families.mac.axis.probes.motion import (
     ramp_law,
@@ -153,10 +153,10 @@ def targets_beyond_the_counter_are_refused(session: Session) -> None:
     for target in (FIRST_TARGET_OUT_OF_RANGE, -FIRST_TARGET_OUT_OF_RANGE - 1, 0x7FFFFFFF):
         start = driver.motion.ready(SLOWEST, 1)
         kind = driver.client.command(0x13, target).kind
-        if kind is Kind.REFUSED:
+        if kind is ReplyKind.REFUSED:
             driver.client.wait(0.3)  # the first increment of a motion would take 0.13 s
         driver.motion.at_rest()
-        outcome: int | str = {Kind.REFUSED: 0, Kind.ACCEPTED: 1}.get(kind, kind.value)
+        outcome: int | str = {ReplyKind.REFUSED: 0, ReplyKind.ACCEPTED: 1}.get(kind, kind.value)
         driver.judge.reading("target_range", outcome, "MACS-CMD-13-06")
         if outcome == 0:
             session.expect(
@@ -166,7 +166,7 @@ def targets_beyond_the_counter_are_refused(session: Session) -> None:
         start = driver.motion.ready(SLOWEST, 1)
         exchange = driver.client.command(0x13, target)
         driver.motion.at_rest()
-        driver.judge.must(Kind.ACCEPTED, exchange, "MACS-CMD-13-01")
+        driver.judge.must(ReplyKind.ACCEPTED, exchange, "MACS-CMD-13-01")
 
 
 @check("MACS-CMD-13-03", "MACS-CMD-1A-01", "MACS-CMD-19-01", safety=MOVES)
@@ -192,10 +192,10 @@ def going_to_0_is_a_move_like_any_other(session: Session) -> None:
     for place, parameter in ((150, 0), (-90, 0x00000123), (41, 0xFFFFFFFF)):
         driver.motion.finish(driver.motion.go(place))
         exchange = driver.client.command(0x14, parameter)
-        if parameter and exchange.kind is Kind.REFUSED:
+        if parameter and exchange.kind is ReplyKind.REFUSED:
             driver.judge.reading("dont_care_digits", 1)
             exchange = driver.client.command(0x14)
-        driver.judge.must(Kind.ACCEPTED, exchange)
+        driver.judge.must(ReplyKind.ACCEPTED, exchange)
         driver.motion.watch(driver.motion.to_position(exchange, place, 0), None, samples=3)
 
 
@@ -207,7 +207,7 @@ def busy_ends_within_the_tolerance(session: Session) -> None:
         start = driver.motion.ready(
             0x8000 if session.transport.is_virtual else driver.limits.unhurried(0x4000)
         )
-        if driver.client.command(0x1C, tolerance).kind is not Kind.ACCEPTED:
+        if driver.client.command(0x1C, tolerance).kind is not ReplyKind.ACCEPTED:
             session.skip("1Ch is not supported: no tolerance to judge by")
         target = start + 80
         forecast = driver.motion.go(target)

@@ -9,7 +9,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.probes.parameters import (
     catchup_low_byte,
     excessive_torque,
@@ -173,9 +173,9 @@ def digits_printed_x_have_no_effect_in_commands(session: Session) -> None:
         kind = driver.client.command(index, parameter).kind
         field = driver.client.value(query) & mask
         outcome: int | str = f"{index:02X}h {parameter:08X}: {kind.value}, then {field:08X}"
-        if kind is Kind.ACCEPTED and field == wanted:
+        if kind is ReplyKind.ACCEPTED and field == wanted:
             outcome = 0
-        elif kind is Kind.REFUSED:
+        elif kind is ReplyKind.REFUSED:
             outcome = 1
         driver.judge.reading("dont_care_digits", outcome, "MACS-FRAME-06")
 
@@ -223,7 +223,7 @@ def the_ramp_coefficient_reads_back(session: Session) -> None:
 def the_tolerance_reads_back(session: Session) -> None:
     """1Ch takes 00h..FFh; the last byte of 26h tells.  An older release may not have it."""
     driver = driver_of(session)
-    if driver.client.command(0x1C, 1).kind is Kind.REFUSED:
+    if driver.client.command(0x1C, 1).kind is ReplyKind.REFUSED:
         driver.judge.reading("cmd_1c_supported", 1, "MACS-CMD-1C-01")
         return
     driver.judge.reading("cmd_1c_supported", 0, "MACS-CMD-1C-01")
@@ -252,10 +252,10 @@ def values_outside_the_printed_sets_are_refused(session: Session) -> None:
             kind = driver.client.command(index, value).kind
             field = driver.client.value(0x26) & mask
             outcome: int | str = f"{index:02X}h {value:02X}: {kind.value}, then {field:04X}"
-            if kind is Kind.REFUSED:
+            if kind is ReplyKind.REFUSED:
                 session.expect(field == 0, "MACS-REPLY-05", "the value kept", outcome)
                 outcome = 0
-            elif kind is Kind.ACCEPTED:
+            elif kind is ReplyKind.ACCEPTED:
                 outcome = _lenient(driver, index, value, field)
             driver.judge.reading("param_range_policy", outcome, "MACS-CMD-XX-02")
             session.expect(True, "MACS-REPLY-05", "", "")
@@ -270,7 +270,7 @@ def _lenient(driver: AxisDriver, index: int, value: int, field: int) -> int | st
     known = max(1, driver.readings.known("param_range_policy"))
     if shown is None:
         return known  # nothing reads 07h back
-    clamped = (max(one for one in members if one <= value), members[-1])
+    clamped = (max(member for member in members if member <= value), members[-1])
     fitting = [1] if shown == value & mask else []
     fitting += [2] if shown in clamped else []
     if fitting:
@@ -284,7 +284,9 @@ def the_reference_input_can_be_enabled_and_disabled(session: Session) -> None:
     driver = driver_of(session)
     for parameter in (1, 0, 1, 0):
         exchange = driver.client.command(0x07, parameter)
-        session.expect(exchange.kind is Kind.ACCEPTED, "MACS-CMD-07-01", "accepted", exchange.reply)
+        session.expect(
+            exchange.kind is ReplyKind.ACCEPTED, "MACS-CMD-07-01", "accepted", exchange.reply
+        )
 
 
 @check("MACS-CMD-0B-01", safety=("motion", "stored"), level="full")

@@ -8,7 +8,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.snapshot import PLAUSIBLE_CELSIUS, facts_of
 
 ORDER = 80  # of this module in a run; see `Family.modules`
@@ -98,7 +98,7 @@ def queries_disturb_nothing(session: Session) -> None:
     assert end is not None
     while session.transport.now_ns < end.earliest_ns - 150_000_000:
         for index in driver.client.face.answered:
-            driver.judge.must(Kind.ANSWER, driver.client.ask(index), "MACS-Q-XX-01")
+            driver.judge.must(ReplyKind.ANSWER, driver.client.ask(index), "MACS-Q-XX-01")
         driver.motion.follow(
             forecast,
             ("MACS-Q-XX-01", "MACS-CMD-13-01"),
@@ -124,7 +124,7 @@ def queries_are_answered_in_every_motion(session: Session) -> None:
         for index, parameter in commands:
             driver.judge.accepted(index, parameter, requirement="MACS-Q-XX-01")
         for index in driver.client.face.answered:
-            driver.judge.must(Kind.ANSWER, driver.client.ask(index))
+            driver.judge.must(ReplyKind.ANSWER, driver.client.ask(index))
         driver.motion.at_rest()
 
 

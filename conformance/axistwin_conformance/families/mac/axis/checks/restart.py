@@ -8,7 +8,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.driver import driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
-from axistwin_conformance.families.mac.axis.driver.motion import segment
+from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter
 from axistwin_conformance.families.mac.axis.model.forecast import Forecast
 from axistwin_conformance.families.mac.axis.model.kinematics import (
     RAMP_LEVELS,
@@ -73,7 +73,7 @@ def after_00h_parameters_and_position_are_kept(session: Session) -> None:
 def in_motion_00h_drops_the_motion(session: Session) -> None:
     """00h during a move or segments: the axis stands, nothing resumes or is locked."""
     driver = driver_of(session)
-    for begin in ((0x13, 100), (0x16, segment(60, SLOWEST))):
+    for begin in ((0x13, 100), (0x16, segment_parameter(60, SLOWEST))):
         start = driver.motion.ready(SLOWEST)
         index, parameter = begin
         for _ in range(2):

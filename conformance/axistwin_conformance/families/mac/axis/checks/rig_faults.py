@@ -18,7 +18,7 @@ from axistwin_conformance.base.errors import CannotDo
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
-from axistwin_conformance.families.mac.axis.driver.motion import segment, velocity
+from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
 from axistwin_conformance.families.mac.axis.driver.rig import (
     AT_ONCE,
     OVER_VOLTAGE,
@@ -26,8 +26,8 @@ from axistwin_conformance.families.mac.axis.driver.rig import (
     WORKED,
     MotionCommand,
 )
-from axistwin_conformance.families.mac.axis.exchanges import Kind
-from axistwin_conformance.families.mac.axis.model.forecast import Window
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
 from axistwin_conformance.families.mac.axis.snapshot import DISJUNCTIONS, facts_of
 from axistwin_conformance.transport.rig import Rig
 
@@ -133,7 +133,7 @@ def a_missing_encoder_locks_motion(session: Session) -> None:
     kind = driver.client.command(0x13, start + 5).kind
     driver.motion.at_rest()
     driver.session.rig.fault("encoder", False)
-    outcome = {Kind.REFUSED: 0, Kind.ACCEPTED: 1}.get(kind, kind.value)
+    outcome = {ReplyKind.REFUSED: 0, ReplyKind.ACCEPTED: 1}.get(kind, kind.value)
     driver.judge.reading("encoder_fault_locks", outcome, "MACS-STATE-02")
     driver.rig.restart()
     if outcome == 0:
@@ -222,8 +222,8 @@ def _judge_lock(driver: AxisDriver, start: int) -> None:
     parameters = {
         0x13: start + 40,
         0x15: velocity(1, driver.motion.period),
-        0x16: segment(5, driver.motion.period),
-        0x1E: segment(5, driver.motion.period),
+        0x16: segment_parameter(5, driver.motion.period),
+        0x1E: segment_parameter(5, driver.motion.period),
     }
     for index in STARTING:
         driver.judge.refused(index, parameters.get(index, 0), requirement="MACS-STATE-02")
@@ -233,11 +233,11 @@ def _judge_lock(driver: AxisDriver, start: int) -> None:
         if index != 0x11 or not driver.readings.known("sync_without_preload")
     ]
     kinds = {index: driver.client.command(index).kind for index in ambiguous}
-    told = ", ".join(f"{index:02X}h {kind.value}" for index, kind in kinds.items())
-    outcome: int | str = told
-    if set(kinds.values()) == {Kind.REFUSED}:
+    described = ", ".join(f"{index:02X}h {kind.value}" for index, kind in kinds.items())
+    outcome: int | str = described
+    if set(kinds.values()) == {ReplyKind.REFUSED}:
         outcome = 0
-    elif set(kinds.values()) == {Kind.ACCEPTED}:
+    elif set(kinds.values()) == {ReplyKind.ACCEPTED}:
         outcome = 1
     driver.judge.reading("disj_refuse_set", outcome, "MACS-STATE-02")
     driver.session.expect(
@@ -290,7 +290,7 @@ def _cut_down(driver: AxisDriver, cause: Cause, way: MotionCommand) -> None:
     start = driver.rig.begin()
     moving = way.begin(driver.rig, start, driver.rig.reach)
     driver.client.wait(0.08)
-    act = Window(*cause.begin(driver.session.rig))
+    act = TimeWindow(*cause.begin(driver.session.rig))
     driver.rig.in_time(moving, act)
     place = driver.rig.rest()
     driver.rig.judge_place(
@@ -298,7 +298,9 @@ def _cut_down(driver: AxisDriver, cause: Cause, way: MotionCommand) -> None:
     )
     _judge_bits(driver, cause, "MACS-STATE-02")
     driver.judge.refused(0x13, start, requirement="MACS-STATE-02")
-    driver.judge.refused(0x16, segment(5, driver.motion.period), requirement="MACS-STATE-02")
+    driver.judge.refused(
+        0x16, segment_parameter(5, driver.motion.period), requirement="MACS-STATE-02"
+    )
     cause.end(driver.session.rig)
     _clear(driver)
     again = driver.rig.rest()
@@ -351,11 +353,16 @@ def _latches(driver: AxisDriver, put: Callable[[float], object], value: float, b
 # --- supply and temperature ----------------------------------------------------------------------
 
 
-def _judge_close(driver: AxisDriver, what: str, wanted: float, told: float, exact: float) -> None:
+def _judge_close(
+    driver: AxisDriver, what: str, wanted: float, described: float, exact: float
+) -> None:
     """27h tells the value that the rig set: to one count, or to what a bench's own meter shows."""
     limit = exact if driver.session.rig.is_exact else max(1.0, 0.1 * abs(wanted), exact)
     driver.session.expect(
-        abs(told - wanted) <= limit, "MACS-Q-27-01", f"{what} {wanted:g} ± {limit:.2f}", f"{told:g}"
+        abs(described - wanted) <= limit,
+        "MACS-Q-27-01",
+        f"{what} {wanted:g} ± {limit:.2f}",
+        f"{described:g}",
     )
 
 
@@ -366,8 +373,8 @@ def supply_and_temperature_have_the_model_s_scale(session: Session) -> None:
     usual = facts.volts(driver.client.data_bytes(0x27)[1])
     for share in (0.7, 0.85, 1.1):
         driver.session.rig.set_supply(round(usual * share, 2))
-        told = facts.volts(driver.client.data_bytes(0x27)[1])
-        _judge_close(driver, "supply", round(usual * share, 2), told, facts.volts_per_count)
+        described = facts.volts(driver.client.data_bytes(0x27)[1])
+        _judge_close(driver, "supply", round(usual * share, 2), described, facts.volts_per_count)
     for degrees in (10.0, 35.0, 60.0, 80.0):
         driver.session.rig.set_temperature(degrees)
         _judge_close(driver, "temperature", degrees, celsius(driver), facts.celsius_gain)

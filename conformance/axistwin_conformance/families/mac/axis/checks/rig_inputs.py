@@ -22,7 +22,7 @@ from axistwin_conformance.families.mac.axis.driver.rig import (
     Origin,
 )
 from axistwin_conformance.families.mac.axis.driver.status import INPUT_BITS
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import Forecast
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probing import ACCEPTED_OR_REFUSED
@@ -36,7 +36,7 @@ EDGES_S: Final = 0.6  # a motion under which the contact is worked four times
 
 
 @dataclass(frozen=True, slots=True)
-class Side:
+class HardwareStop:
     """One hardware stop: its input, the sign of the motion it ends, its bit in ff."""
 
     name: str
@@ -45,8 +45,8 @@ class Side:
 
 
 SIDES: Final = (
-    Side("positive_stop", 1, HARD_POSITIVE),
-    Side("negative_stop", -1, HARD_NEGATIVE),
+    HardwareStop("positive_stop", 1, HARD_POSITIVE),
+    HardwareStop("negative_stop", -1, HARD_NEGATIVE),
 )
 
 
@@ -62,7 +62,7 @@ def the_inputs_show_whatever_is_enabled(session: Session) -> None:
             for name in INPUT_BITS:
                 for active in (True, False):
                     driver.session.rig.set_input(name, active)
-                    seen = [one for one, is_set in driver.status.inputs().items() if is_set]
+                    seen = [shown for shown, is_set in driver.status.inputs().items() if is_set]
                     session.expect(
                         seen == ([name] if active else []), ("MACS-Q-27-02", "MACS-Q-27-01"),
                         f"active: {name if active else 'none'}", f"active: {seen}",
@@ -82,7 +82,7 @@ def a_hardware_stop_ends_motion_of_its_sign(session: Session) -> None:
                 _trip(driver, side, way, mode)
 
 
-def _trip(driver: AxisDriver, side: Side, way: MotionCommand, mode: int) -> None:
+def _trip(driver: AxisDriver, side: HardwareStop, way: MotionCommand, mode: int) -> None:
     session = driver.session
     start = driver.rig.begin()
     driver.judge.accepted(0x03, mode)
@@ -153,7 +153,7 @@ def toward_an_active_hardware_stop_nothing_moves(session: Session) -> None:
                 "hard_stop_command",
                 ACCEPTED_OR_REFUSED.get(kind, f"{kind.value} to {way.name}"),
             )
-            if kind is Kind.ACCEPTED:
+            if kind is ReplyKind.ACCEPTED:
                 driver.rig.judge_stop_bit(side.bit, None)
             driver.judge.accepted(0x03, 1)
             driver.rig.contact(side.name, False)
@@ -161,7 +161,7 @@ def toward_an_active_hardware_stop_nothing_moves(session: Session) -> None:
             session.expect(again == start + moved * side.direction, None, "nothing resumes", again)
 
 
-def _toward(driver: AxisDriver, way: MotionCommand, target: int) -> Kind:
+def _toward(driver: AxisDriver, way: MotionCommand, target: int) -> ReplyKind:
     """Send the command of a way without asking for a reply of one kind."""
     steps = target - driver.rig.start
     parameter = {
@@ -203,8 +203,8 @@ def disabled_hardware_stops_do_nothing(session: Session) -> None:
             target = start + side.direction * driver.rig.reach
             moving = driver.motion.go(target)
             driver.client.wait(0.08)
-            for one in SIDES:
-                driver.rig.contact(one.name, True)
+            for stop in SIDES:
+                driver.rig.contact(stop.name, True)
             driver.motion.finish(moving, ("MACS-STOP-02", "MACS-CMD-03-01"))
             driver.motion.finish(driver.motion.go(start))
             session.expect(
@@ -213,8 +213,8 @@ def disabled_hardware_stops_do_nothing(session: Session) -> None:
                 "no stop bit",
                 driver.status.stopped_on(),
             )
-            for one in SIDES:
-                driver.rig.contact(one.name, False)
+            for stop in SIDES:
+                driver.rig.contact(stop.name, False)
 
 
 # --- the reference -------------------------------------------------------------------------------
@@ -424,6 +424,6 @@ def _answers_in_reset(driver: AxisDriver, start: int) -> bool:
         driver.client.request(0x0F, 0x55),
         driver.client.request(0x13, start - 40),
     ]
-    if (spoilt := driver.client.corrupted(0x20, 0, 0)) is not None:
-        frames.append(spoilt[0])
-    return any(driver.client.send(one, QUIET_S).kind is not Kind.SILENCE for one in frames)
+    if (corrupted := driver.client.corrupted(0x20, 0, 0)) is not None:
+        frames.append(corrupted[0])
+    return any(driver.client.send(frame, QUIET_S).kind is not ReplyKind.SILENCE for frame in frames)

@@ -14,10 +14,10 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.client import Sample
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
-from axistwin_conformance.families.mac.axis.driver.motion import segment
+from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter
 from axistwin_conformance.families.mac.axis.driver.rig import AT_ONCE, WORKED
-from axistwin_conformance.families.mac.axis.exchanges import Kind
-from axistwin_conformance.families.mac.axis.model.forecast import Window
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
 from axistwin_conformance.families.mac.axis.model.kinematics import CATCH_UP_UNIT_TICKS, TICK_NS
 
 ORDER = 240  # of this module in a run; see `Family.modules`
@@ -85,7 +85,7 @@ def a_held_axis_is_busy_until_it_is_near_its_target(session: Session) -> None:
     session.expect(driver.status.is_busy(), busy, "busy while held", "not busy")
     is_shaft = _source(driver)
     locks = [_is_locked(driver)]
-    let_go = Window(*driver.session.rig.hold_shaft(False))
+    let_go = TimeWindow(*driver.session.rig.hold_shaft(False))
     near_ns = (LAG - TOLERANCE // 2) * _catch_up_ns(catch_up)
     if not is_shaft:
         driver.client.wait_until(let_go.latest_ns + LAG * _catch_up_ns(catch_up) + 100_000_000)
@@ -102,14 +102,14 @@ def a_held_axis_is_busy_until_it_is_near_its_target(session: Session) -> None:
     session.expect(not driver.status.is_busy(), busy, "not busy", "busy")
     locks.append(_is_locked(driver))
     readings = ([True, False, False], [True, True, False], [False, False, False])
-    told = f"locked while held, near, there: {locks}"
-    outcome = readings.index(locks) if locks in readings else told
+    described = f"locked while held, near, there: {locks}"
+    outcome = readings.index(locks) if locks in readings else described
     driver.judge.reading("running_until", outcome, "MACS-STATE-01")
 
 
 def _is_locked(driver: AxisDriver) -> bool:
     """Whether 02h is refused, which every reading locks, with what is set already."""
-    return driver.client.command(0x02, 0).kind is Kind.REFUSED
+    return driver.client.command(0x02, 0).kind is ReplyKind.REFUSED
 
 
 def _judge_busy(
@@ -136,13 +136,13 @@ def a_held_axis_catches_up_at_its_own_speed(session: Session) -> None:
     for catch_up in speeds if driver.session.rig.is_exact else (EASY_CATCH_UP,):
         if max(1, catch_up) < _fastest_catch_up(driver, 1):
             continue
-        if catch_up == 0 and driver.client.command(0x0E, 0).kind is Kind.REFUSED:
+        if catch_up == 0 and driver.client.command(0x0E, 0).kind is ReplyKind.REFUSED:
             driver.judge.reading("zero_catchup", 1, "MACS-CMD-0E-01")
             continue
         target = _left_behind(driver, catch_up)
         if driver.client.position() == target:
             session.skip("20h tells the set-point: nothing to see of the shaft (MACS-AMB-55)")
-        let_go = Window(*driver.session.rig.hold_shaft(False))
+        let_go = TimeWindow(*driver.session.rig.hold_shaft(False))
         _follow_catch_up(driver, let_go, driver.rig.start, target, catch_up, "MACS-CMD-0E-01")
         place = driver.rig.rest()
         session.expect(place == target, ("MACS-CMD-0E-01", "MACS-BUSY-01"), target, place)
@@ -152,7 +152,7 @@ def a_held_axis_catches_up_at_its_own_speed(session: Session) -> None:
 
 
 def _follow_catch_up(
-    driver: AxisDriver, since: Window, begin: int, target: int, catch_up: int, requirement: str
+    driver: AxisDriver, since: TimeWindow, begin: int, target: int, catch_up: int, requirement: str
 ) -> None:
     """Read the counter until the end is due, each reading within the increment of the phase."""
     step_ns = _catch_up_ns(catch_up)
@@ -170,7 +170,7 @@ def _follow_catch_up(
         driver.client.wait(step_ns / 2e9 if driver.session.rig.is_exact else 0.05)
 
 
-def _caught_up(sample: Sample, since: Window, step_ns: int, lag: int) -> tuple[int, int]:
+def _caught_up(sample: Sample, since: TimeWindow, step_ns: int, lag: int) -> tuple[int, int]:
     least = (sample.taken.earliest_ns - since.latest_ns) // step_ns
     most = (sample.taken.latest_ns - since.earliest_ns) // step_ns + 1
     return max(0, min(lag, least)), min(lag, most)
@@ -188,7 +188,7 @@ def a_move_held_for_a_while_makes_up_for_it_at_its_end(session: Session) -> None
     target = start + driver.rig.reach
     moving = driver.motion.go(target)
     driver.client.wait(0.1)
-    held = Window(*driver.session.rig.hold_shaft(True))
+    held = TimeWindow(*driver.session.rig.hold_shaft(True))
     lowest, highest = moving.bounds(held)
     place = driver.client.position()
     session.expect(
@@ -197,7 +197,7 @@ def a_move_held_for_a_while_makes_up_for_it_at_its_end(session: Session) -> None
     driver.client.wait(LAG * driver.motion.period * TICK_NS / 1e9)
     again = driver.client.position()
     session.expect(again == place, "MACS-Q-20-01", f"still at {place}", again)
-    let_go = Window(*driver.session.rig.hold_shaft(False))
+    let_go = TimeWindow(*driver.session.rig.hold_shaft(False))
     driver.rig.in_time(moving, let_go)
     missed = (moving.bounds(let_go)[0] - highest, moving.bounds(let_go)[1] - lowest)
     under_way = driver.client.sample()
@@ -286,7 +286,7 @@ def _change_under_way(driver: AxisDriver) -> None:
 def _sent_again_under_way(driver: AxisDriver) -> None:
     """0Eh with what is set already changes nothing, however often it comes."""
     target = _left_behind(driver, EASY_CATCH_UP)
-    let_go = Window(*driver.session.rig.hold_shaft(False))
+    let_go = TimeWindow(*driver.session.rig.hold_shaft(False))
     for _ in range(RESENT):
         driver.client.wait(0.03)
         driver.judge.accepted(0x0E, EASY_CATCH_UP << 8, requirement="MACS-CMD-0E-02")
@@ -319,7 +319,7 @@ def endless_motion_and_segments_are_busy_while_held(session: Session) -> None:
             f"{way.name}: following, not busy",
             "busy",
         )
-        held = Window(*driver.session.rig.hold_shaft(True))
+        held = TimeWindow(*driver.session.rig.hold_shaft(True))
         driver.rig.in_time(moving, held)
         driver.client.wait(LAG_SHOWS_S)
         session.expect(
@@ -328,7 +328,7 @@ def endless_motion_and_segments_are_busy_while_held(session: Session) -> None:
             f"{way.name}: held, busy",
             "not busy",
         )
-        free = Window(*driver.session.rig.hold_shaft(False))
+        free = TimeWindow(*driver.session.rig.hold_shaft(False))
         driver.rig.in_time(moving, free)
         if way.is_endless:
             driver.client.wait(LAG_SHOWS_S)
@@ -484,7 +484,7 @@ def a_turned_shaft_comes_back_only_where_it_is_regulated(session: Session) -> No
     place = driver.motion.finish(driver.motion.go(start + 30))
     if driver.session.rig.is_exact:
         for asked in (25, -25):
-            turned = Window(*driver.session.rig.turn_shaft(asked))
+            turned = TimeWindow(*driver.session.rig.turn_shaft(asked))
             if driver.client.position() == place:
                 session.skip("20h tells the set-point: nothing to see of the shaft (MACS-AMB-55)")
             _follow_catch_up(driver, turned, place + asked, place, SLOW_CATCH_UP, "MACS-BUSY-01")
@@ -513,11 +513,11 @@ def a_turned_shaft_comes_back_to_where_a_ramped_stop_has_left_it(session: Sessio
         driver.judge.accepted(0x0E, SLOW_CATCH_UP << 8)
         driver.motion.go(start + driver.rig.reach)
         for _ in range(segments):
-            driver.judge.accepted(0x16, segment(20, driver.motion.period))
+            driver.judge.accepted(0x16, segment_parameter(20, driver.motion.period))
         driver.client.wait(0.05)
         driver.judge.accepted(0x17, requirement="MACS-CMD-17-01")
         place = driver.rig.rest()
-        turned = Window(*driver.session.rig.turn_shaft(25))
+        turned = TimeWindow(*driver.session.rig.turn_shaft(25))
         _follow_catch_up(driver, turned, place + 25, place, SLOW_CATCH_UP, "MACS-CMD-17-01")
         back = driver.rig.rest()
         session.expect(back == place, "MACS-CMD-17-01", f"back at {place}", back)

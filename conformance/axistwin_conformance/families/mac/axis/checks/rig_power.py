@@ -14,7 +14,7 @@ from axistwin_conformance.families.mac.axis.checks.rig_faults import (
 )
 from axistwin_conformance.families.mac.axis.checks.rig_inputs import judge_no_edge
 from axistwin_conformance.families.mac.axis.driver.driver import driver_of
-from axistwin_conformance.families.mac.axis.driver.motion import PRELOAD_SHOWS_S, segment
+from axistwin_conformance.families.mac.axis.driver.motion import PRELOAD_SHOWS_S, segment_parameter
 from axistwin_conformance.families.mac.axis.driver.rig import OVER_VOLTAGE, WORKED
 
 ORDER = 250  # of this module in a run; see `Family.modules`
@@ -60,7 +60,7 @@ def a_power_cut_ends_a_motion_for_good(session: Session) -> None:
     for way in driver.rig.ways:
         # Nothing tells the envelope that an endless motion has ended with the supply.
         slow = (
-            driver.limits.gentle(driver.rig.pace, driver.rig.away_s + LISTEN_S)
+            driver.limits.gentle(driver.rig.slow_period, driver.rig.away_s + LISTEN_S)
             if way.is_endless
             else None
         )
@@ -74,8 +74,8 @@ def a_power_cut_ends_a_motion_for_good(session: Session) -> None:
         driver.client.unasked()
         driver.client.wait(LISTEN_S)
         if session.transport.is_virtual:  # a supply that is switched may put noise on a real line
-            heard = driver.client.unasked()
-            session.expect(not heard, "MACS-REPLY-12", "not a byte", heard)
+            received = driver.client.unasked()
+            session.expect(not received, "MACS-REPLY-12", "not a byte", received)
         driver.motion.finish(driver.motion.go(start), "MACS-PERS-03")
     if not session.transport.is_virtual:
         session.not_run("MACS-REPLY-12", "switching the supply may put noise on the line")
@@ -101,7 +101,7 @@ def modes_outlive_the_supply_or_all_do_not(session: Session) -> None:
     """02h, 03h and 1Ch are all kept over power-off, or all lost."""
     driver = driver_of(session)
     driver.rig.begin()
-    modes = [one for one in MODES if one[0] != 0x1C or driver.rig.has_tolerance()]
+    modes = [mode for mode in MODES if mode[0] != 0x1C or driver.rig.has_tolerance()]
     for index, parameter in modes:
         driver.judge.accepted(index, parameter)
     before = driver.client.value(0x26) & 0xFFFF
@@ -147,10 +147,10 @@ def what_was_armed_is_forgotten_at_power_up(session: Session) -> None:
     driver.motion.finish(driver.motion.go(start + 20))  # not held back: 10h is forgotten
     driver.rig.begin()
     for _ in range(3):
-        driver.judge.accepted(0x16, segment(driver.rig.reach // 3, driver.motion.period))
+        driver.judge.accepted(0x16, segment_parameter(driver.rig.reach // 3, driver.motion.period))
     driver.rig.power_cycle()
     place = driver.rig.rest()
-    driver.judge.accepted(0x16, segment(5, driver.motion.period))
+    driver.judge.accepted(0x16, segment_parameter(5, driver.motion.period))
     again = driver.rig.rest()
     session.expect(again == place + 5, None, f"one segment of 5 from {place}", again)
     start = driver.rig.begin()

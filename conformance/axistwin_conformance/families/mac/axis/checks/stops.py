@@ -11,8 +11,8 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
-from axistwin_conformance.families.mac.axis.driver.motion import segment, velocity
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import Segment
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probing import MOVES
@@ -26,7 +26,7 @@ SUPERIOR, INFERIOR = 0x02, 0x01  # bits of ff
 
 
 @dataclass(frozen=True, slots=True)
-class Side:
+class SoftwareStop:
     """One of the two software stops: its command, its direction, its bit in ff."""
 
     index: int
@@ -36,15 +36,17 @@ class Side:
 
 
 SIDES: Final = (
-    Side(0x09, 1, SUPERIOR, ("MACS-CMD-09-02", "MACS-STOP-03")),
-    Side(0x0A, -1, INFERIOR, ("MACS-CMD-0A-02", "MACS-STOP-03")),
+    SoftwareStop(0x09, 1, SUPERIOR, ("MACS-CMD-09-02", "MACS-STOP-03")),
+    SoftwareStop(0x0A, -1, INFERIOR, ("MACS-CMD-0A-02", "MACS-STOP-03")),
 )
 
 # Every command that moves the axis, so that it would pass the stop by 40 increments or more.
 MOTION_COMMANDS: Final[Mapping[str, Callable[[AxisDriver, int, int], None]]] = {
     "13h": lambda driver, start, way: _send(driver, 0x13, start + 140 * way),
     "15h": lambda driver, start, way: _send(driver, 0x15, velocity(way, driver.motion.period)),
-    "16h": lambda driver, start, way: _send(driver, 0x16, segment(140 * way, driver.motion.period)),
+    "16h": lambda driver, start, way: _send(
+        driver, 0x16, segment_parameter(140 * way, driver.motion.period)
+    ),
     "10h 13h 11h": lambda driver, start, way: _synchronised(driver, start + 140 * way),
 }
 
@@ -65,7 +67,7 @@ def _synchronised(driver: AxisDriver, target: int) -> None:
     driver.judge.accepted(0x11)
 
 
-def travel_guard(driver: AxisDriver, side: Side, distance: int, mode: int = 8) -> int:
+def enable_stop(driver: AxisDriver, side: SoftwareStop, distance: int, mode: int = 8) -> int:
     """Put the stop of one side `distance` increments ahead, the other one far; give the start."""
     if driver.readings.known("ff_lifetime") == 2:  # only a restart clears ff on this device
         driver.motion.at_rest()
@@ -81,13 +83,13 @@ def travel_guard(driver: AxisDriver, side: Side, distance: int, mode: int = 8) -
 
 def _rest(driver: AxisDriver) -> int:
     """The place where the axis is once it no longer moves; without a ramp, and at the speed of
-    `travel_guard`."""
+    `enable_stop`."""
     driver.motion.run_out(driver.motion.period)
     driver.client.wait(max(0.15, driver.motion.lasting_s(FARTHEST)))
     return driver.client.position()
 
 
-def _judge_bits(driver: AxisDriver, side: Side, name: str) -> None:
+def _judge_bits(driver: AxisDriver, side: SoftwareStop, name: str) -> None:
     """The ff bit of this side, at the place the CAN manual gives it or shifted by one."""
     ff = driver.status.stopped_on()
     outcome = {side.bit: 0, side.bit << 1: 1}.get(ff, f"ff {ff:02X} on the {name} stop")
@@ -99,7 +101,7 @@ def the_stop_bit_stays_until_the_next_motion(session: Session) -> None:
     """The ff bit outlives reading it, 18h and the end of enabling; the next motion clears it."""
     driver = driver_of(session)
     side = SIDES[0]
-    start = travel_guard(driver, side, 10)
+    start = enable_stop(driver, side, 10)
     driver.judge.accepted(0x13, start + 60)
     _rest(driver)
     _judge_bits(driver, side, "superior")
@@ -131,7 +133,7 @@ def beyond_a_software_stop_every_motion_ends(session: Session) -> None:
                 continue
             if not session.transport.is_virtual and side.direction < 0 and name != "13h":
                 continue  # the other side has shown every way; here the time is real
-            start = travel_guard(driver, side, 50)
+            start = enable_stop(driver, side, 50)
             move(driver, start, side.direction)
             driver.client.wait(0.05)
             place = (_rest(driver) - start) * side.direction
@@ -143,7 +145,7 @@ def beyond_a_software_stop_every_motion_ends(session: Session) -> None:
                 f"{name} at rest {least} to {most} increments on: the stop is 50 ahead", place,
             )  # fmt: skip
             # How far it runs on may not be known: then one place may be due to either reading.
-            fitting = [one for one in (0, 1) if least + 1 - one <= place <= most - one]
+            fitting = [number for number in (0, 1) if least + 1 - number <= place <= most - number]
             driver.judge.reading("soft_stop_compare", tuple(fitting), side.requirements)
             _judge_bits(driver, side, name)
             if "13h" in name:  # the others have no target to be away from
@@ -157,9 +159,9 @@ def beyond_a_software_stop_every_motion_ends(session: Session) -> None:
 def a_software_stop_drops_the_stored_segments(session: Session) -> None:
     """A segment beyond a software stop ends there, and what was stored behind it never runs."""
     driver = driver_of(session)
-    start = travel_guard(driver, SIDES[0], 20)
+    start = enable_stop(driver, SIDES[0], 20)
     for _ in range(3):
-        driver.judge.accepted(0x16, segment(30, driver.motion.period))
+        driver.judge.accepted(0x16, segment_parameter(30, driver.motion.period))
     first = _rest(driver) - start
     driver.client.wait(0.2)
     second = _rest(driver) - start
@@ -176,7 +178,7 @@ def a_software_stop_drops_the_stored_segments(session: Session) -> None:
         "at rest",
         f"{second - first} more increments",
     )
-    driver.judge.accepted(0x16, segment(1, driver.motion.period))
+    driver.judge.accepted(0x16, segment_parameter(1, driver.motion.period))
     driver.judge.accepted(0x02, 0)
 
 
@@ -187,7 +189,7 @@ def segments_that_turn_round_end_on_the_stop_they_meet_first(session: Session) -
     if _cannot_go_down(driver, "16h"):
         session.skip("DDDD has no sign on this device: segments do not turn round")
     for side, other in (SIDES, SIDES[::-1]):
-        start, way = travel_guard(driver, side, 20), side.direction
+        start, way = enable_stop(driver, side, 20), side.direction
         driver.judge.accepted(other.index, start - 30 * way)
         period = driver.limits.outlasting(20, driver.motion.period)
         first = driver.motion.put(Segment(40 * way, period))
@@ -209,7 +211,7 @@ def on_a_software_stop_nothing_ends(session: Session) -> None:
     """A target equal to the stop is reached and no bit is set: beyond means beyond."""
     driver = driver_of(session)
     for side in SIDES:
-        start = travel_guard(driver, side, 50)
+        start = enable_stop(driver, side, 50)
         target = start + 50 * side.direction
         driver.motion.finish(driver.motion.go(target), side.requirements[0])
         ff = driver.status.stopped_on()
@@ -226,7 +228,7 @@ def software_stops_work_only_when_enabled(session: Session) -> None:
     driver = driver_of(session)
     for side in SIDES:
         for mode in (0, 1):
-            start = travel_guard(driver, side, 20, mode)
+            start = enable_stop(driver, side, 20, mode)
             driver.motion.finish(driver.motion.go(start + 60 * side.direction))
             ff = driver.status.stopped_on() & (SUPERIOR | INFERIOR)
             session.expect(
@@ -242,24 +244,24 @@ def from_beyond_a_software_stop_one_can_return(session: Session) -> None:
     """Parked beyond a stop, motion further out ends at once and the way back is free."""
     driver = driver_of(session)
     for side in SIDES:
-        start = travel_guard(driver, side, -30)  # the axis stands 30 increments beyond its stop
+        start = enable_stop(driver, side, -30)  # the axis stands 30 increments beyond its stop
         outward = driver.client.command(0x13, start + 60 * side.direction).kind
         moved = (_rest(driver) - start) * side.direction
         beyond = driver.limits.braking(driver.motion.period) * 2
         session.expect(
-            outward is Kind.REFUSED or 0 <= moved <= beyond,
+            outward is ReplyKind.REFUSED or 0 <= moved <= beyond,
             side.requirements,
             "no step further out",
             f"{outward.value}, {moved} increments",
         )
-        if outward is Kind.ACCEPTED:
+        if outward is ReplyKind.ACCEPTED:
             _judge_bits(driver, side, "outward")
         here = driver.client.position()
         inward = driver.client.command(0x13, start - 60 * side.direction).kind
         driver.client.wait(0.1)
         back = (here - _rest(driver)) * side.direction
         outcome: int | str = f"{inward.value}, {back} increments back"
-        if inward is Kind.ACCEPTED and back >= 60:
+        if inward is ReplyKind.ACCEPTED and back >= 60:
             outcome = 0
         elif back <= 0:
             outcome = 1

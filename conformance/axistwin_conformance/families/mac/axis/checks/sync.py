@@ -6,8 +6,8 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
-from axistwin_conformance.families.mac.axis.driver.motion import segment, velocity
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probes.motion import preload_policy
 from axistwin_conformance.families.mac.axis.probes.sync import (
@@ -36,7 +36,7 @@ def a_preloaded_move_waits_for_11h(session: Session) -> None:
         )
         session.expect(not driver.status.is_busy(), "MACS-STATE-01", "not busy", "busy")
         lock = driver.client.command(0x0F, 1).kind
-        driver.judge.reading("preload_locks", int(lock is Kind.REFUSED), "MACS-STATE-01")
+        driver.judge.reading("preload_locks", int(lock is ReplyKind.REFUSED), "MACS-STATE-01")
         exchange = driver.judge.accepted(0x11, requirement="MACS-CMD-11-01")
         driver.motion.watch(
             driver.motion.to_position(exchange, start, start + distance), "MACS-CMD-11-01"
@@ -110,7 +110,7 @@ def _armed_still(driver: AxisDriver, *, held: bool) -> tuple[int, ...]:
     if not held:
         return (1,)
     switches = driver.session.run.ledger.ambiguity_of("sync_arm_lifetime").switches
-    return tuple(one for one in range(len(switches["sync_arm_lifetime"])) if one != 1)
+    return tuple(number for number in range(len(switches["sync_arm_lifetime"])) if number != 1)
 
 
 def _without_preload(driver: AxisDriver) -> int | str:
@@ -143,7 +143,9 @@ def segments_are_not_held_by_10h(session: Session) -> None:
     driver = driver_of(session)
     start = driver.motion.ready(0x1000)
     driver.judge.accepted(0x10)
-    driver.judge.accepted(0x16, segment(25, driver.motion.period), requirement="MACS-CMD-10-03")
+    driver.judge.accepted(
+        0x16, segment_parameter(25, driver.motion.period), requirement="MACS-CMD-10-03"
+    )
     driver.client.wait(0.1 + driver.motion.lasting_s(25))
     place = driver.client.position()
     session.expect(place == start + 25, "MACS-CMD-10-03", start + 25, place)
@@ -165,13 +167,13 @@ def a_second_motion_replaces_the_preloaded_one(session: Session) -> None:
     driver.judge.accepted(0x11, requirement="MACS-CMD-11-01")
     driver.client.wait(0.25 + driver.motion.lasting_s(60))
     moved = driver.client.position() - start
-    if second.kind is Kind.ACCEPTED:
+    if second.kind is ReplyKind.ACCEPTED:
         session.expect(
             moved == -60 or (moved == 60 and driver.readings.known("preload_policy") == 2),
             "MACS-CMD-10-02", "the second target, -60", f"{moved:+d}",
         )  # fmt: skip
     else:
-        driver.judge.must(Kind.REFUSED, second, "MACS-CMD-10-02")
+        driver.judge.must(ReplyKind.REFUSED, second, "MACS-CMD-10-02")
         if not driver.readings.known("preload_locks"):
             driver.judge.reading("preload_policy", 1, "MACS-CMD-10-02")
         session.expect(moved == 60, "MACS-CMD-10-02", "the first target, +60", f"{moved:+d}")
@@ -192,7 +194,7 @@ def stops_and_power_off_drop_a_preloaded_motion(session: Session) -> None:
         driver.client.wait(0.2)
         driver.client.command(0x18)
         moved = driver.client.position() != start
-        driver.judge.must(Kind.ACCEPTED, stop)
+        driver.judge.must(ReplyKind.ACCEPTED, stop)
         if moved and index != 0x1A and driver.readings.known("abort_flush"):
             continue  # this device keeps what is stored over a stop, whatever it is
         if moved or driver.readings.known("preload_policy") != 1:
@@ -220,7 +222,7 @@ def a_preloaded_move_started_during_segments(session: Session) -> None:
         for index, parameter in (
             (0x10, 0),
             (0x13, start - 20),
-            (0x16, segment(20, driver.motion.period)),
+            (0x16, segment_parameter(20, driver.motion.period)),
         ):
             driver.judge.accepted(index, parameter)
         driver.judge.accepted(0x11, requirement="MACS-CMD-11-01")
@@ -239,7 +241,11 @@ def a_preloaded_speed_started_during_segments_is_taken_at_once(session: Session)
             session.skip(f"this device's {switch} leaves nothing to start")
     driver.motion.ready(0x4000)
     slow, fast = driver.limits.slowed_alike(0x8000, 0x2000)
-    for index, parameter in ((0x10, 0), (0x15, velocity(1, slow)), (0x16, segment(50, fast))):
+    for index, parameter in (
+        (0x10, 0),
+        (0x15, velocity(1, slow)),
+        (0x16, segment_parameter(50, fast)),
+    ):
         driver.judge.accepted(index, parameter)
     driver.judge.accepted(0x11, requirement="MACS-CMD-11-01")
     driver.client.wait(0.2)

@@ -46,12 +46,12 @@ def axes_keep_step_through_virtual_segments(session: Session) -> None:
     """While one axis moves, the other waits the same ticks: afterwards both are in step."""
     axes = everybody(session)[:2]
     starts = [driver.motion.ready() for driver in axes]
-    one = (Segment(40, 0x2000), Segment(30, 0x3000, moves=False), Segment(20, 0x2000))
+    segments = (Segment(40, 0x2000), Segment(30, 0x3000, moves=False), Segment(20, 0x2000))
     other = (Segment(40, 0x2000, moves=False), Segment(30, 0x3000), Segment(20, 0x2000))
     try:
         forecasts = [
             driver.motion.feed(start, *row)
-            for driver, start, row in zip(axes, starts, (one, other), strict=True)
+            for driver, start, row in zip(axes, starts, (segments, other), strict=True)
         ]
         for _ in range(6):
             for driver, forecast in zip(axes, forecasts, strict=True):

@@ -9,7 +9,7 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import velocity
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS, TICKS_PER_SECOND
 from axistwin_conformance.families.mac.axis.probes.motion import (
     vel_change_law,
@@ -76,7 +76,7 @@ def the_direction_stays_whatever_the_next_15h_says(session: Session) -> None:
         forecast = driver.motion.turn(direction, SLOWEST)
         driver.client.wait(0.1)
         exchange = driver.client.command(0x15, velocity(-direction, faster))
-        if exchange.kind is Kind.ACCEPTED:
+        if exchange.kind is ReplyKind.ACCEPTED:
             forecast = forecast.changed(exchange.taken, faster)
         for _ in range(3):
             driver.client.wait(0.1)
@@ -169,10 +169,10 @@ def the_first_parameter_byte_of_15h_is_ignored(session: Session) -> None:
             driver.motion.ready(0x0800)
             origin = driver.client.position()
             exchange = driver.client.command(0x15, first << 24 | velocity(direction, period))
-            if exchange.kind is Kind.REFUSED:
+            if exchange.kind is ReplyKind.REFUSED:
                 driver.judge.reading("dont_care_digits", 1)
                 continue
-            driver.judge.must(Kind.ACCEPTED, exchange)
+            driver.judge.must(ReplyKind.ACCEPTED, exchange)
             forecast = driver.motion.to_velocity(exchange, origin, direction, period)
             driver.client.wait(0.05)
             driver.motion.follow(forecast, None, driver.limits.allowance(period))

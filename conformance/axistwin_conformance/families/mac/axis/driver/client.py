@@ -1,9 +1,9 @@
 """Exchanges with one module, whichever way it is talked to.
 
 A face says how a request looks and how a reply is fetched (`AxisClient`'s abstract part); what a
-value means is the same for all.  Every exchange tells when the module can have
-taken the request over (`Exchange.taken`): the same arithmetic then holds in virtual time, over a
-pty, on a bus and over a real adapter.
+value means is the same for all.  Every exchange says when the module can have taken the request
+over (`AxisExchange.taken`): the same arithmetic then holds in virtual time, over a pty, on a bus
+and over a real adapter.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Final, Protocol
 
 from axistwin_conformance.core.session import ATTEMPTS, Session
-from axistwin_conformance.families.mac.axis.exchanges import QUERIES, Kind, Reply, signed
-from axistwin_conformance.families.mac.axis.model.acceptance import Row, table_without
-from axistwin_conformance.families.mac.axis.model.forecast import Window
+from axistwin_conformance.families.mac.axis.exchanges import QUERIES, AxisReply, ReplyKind, signed
+from axistwin_conformance.families.mac.axis.model.acceptance import AcceptanceRow, table_without
+from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
 from axistwin_conformance.transport.transport import Transport
 
 QUIET_S: Final = 0.05  # ten times any reply seen; silence is proven by the next exchange, not by it
@@ -26,17 +26,17 @@ Part = str | tuple[str, ...] | None
 
 
 @dataclass(frozen=True, slots=True)
-class Exchange:
+class AxisExchange:
     """One request as it was sent, its reply, and when the module took the request over."""
 
     request: bytes
-    reply: Any  # the face's own `dialogue.Reply`
-    taken: Window
+    reply: Any  # `SerialReply` or `CanReply`
+    taken: TimeWindow
 
     @property
-    def kind(self) -> Kind:
-        """What the module said."""
-        kind: Kind = self.reply.kind
+    def kind(self) -> ReplyKind:
+        """What kind of reply it is."""
+        kind: ReplyKind = self.reply.kind
         return kind
 
 
@@ -45,7 +45,7 @@ class Sample:
     """A counter reading and the window in which the module took it."""
 
     position: int
-    taken: Window
+    taken: TimeWindow
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,11 +62,11 @@ class AxisFace:
     answered: range
     may_be_silent: frozenset[int]
     repeatable: frozenset[int]
-    unassigned: tuple[tuple[Kind, Kind], ...]
+    unassigned: tuple[tuple[ReplyKind, ReplyKind], ...]
     missing: tuple[int, ...] = ()
 
     @property
-    def acceptance(self) -> Mapping[int, Row]:
+    def acceptance(self) -> Mapping[int, AcceptanceRow]:
         """The acceptance table of this face."""
         return table_without(self.missing)
 
@@ -77,7 +77,7 @@ class Precautions(Protocol):
     def before(self, index: int, /) -> None:
         """Called before one of `CAREFUL` is sent; may raise to hold it back."""
 
-    def after(self, index: int, kind: Kind, /) -> None:
+    def after(self, index: int, kind: ReplyKind, /) -> None:
         """Called when the reply has come."""
 
 
@@ -105,18 +105,18 @@ class AxisClient(ABC):
         """A well-formed request to all modules."""
 
     @abstractmethod
-    def corrupted(self, index: int, parameter: int, how: int) -> tuple[Any, Kind] | None:
+    def corrupted(self, index: int, parameter: int, how: int) -> tuple[Any, ReplyKind] | None:
         """A request that must not be obeyed, one of several (`how`), and the reply it gets; None
         where there is none whose reply could be told from others."""
 
     @abstractmethod
-    def send(self, request: Any, timeout_s: float | None = None) -> Exchange:
+    def send(self, request: Any, timeout_s: float | None = None) -> AxisExchange:
         """Send a request and take the reply apart; where noise is possible, again if need be."""
 
     @abstractmethod
     def swift(
         self, index: int, parameter: int, timeout_s: float, is_cleared: bool
-    ) -> tuple[bytes, bytes, Window]:
+    ) -> tuple[bytes, bytes, TimeWindow]:
         """What `send` does by the shortest way there is: the request, the reply, and when the
         request was taken over.  Only where `is_direct`, and not for what may be silent."""
 
@@ -151,7 +151,7 @@ class AxisClient(ABC):
 
     @staticmethod
     @abstractmethod
-    def kind_of(received: bytes) -> Kind:
+    def kind_of(received: bytes) -> ReplyKind:
         """What kind of reply these bytes are."""
 
     @abstractmethod
@@ -172,7 +172,7 @@ class AxisClient(ABC):
     def described(self, received: bytes) -> str:
         """A reply in words."""
 
-    def synchronise(self) -> Exchange | None:
+    def synchronise(self) -> AxisExchange | None:
         """Do what 11h does, to all modules and without a reply; None where there is no such way."""
         return None
 
@@ -184,7 +184,7 @@ class AxisClient(ABC):
     # --- noise ------------------------------------------------------------------------------------
 
     @abstractmethod
-    def _once(self, request: Any, timeout_s: float | None) -> Exchange:
+    def _once(self, request: Any, timeout_s: float | None) -> AxisExchange:
         """Send, and take the reply apart."""
 
     @abstractmethod
@@ -192,8 +192,8 @@ class AxisClient(ABC):
         """True if a module could say that, as far as is known of this one."""
 
     def _undisturbed(
-        self, request: Any, index: int, exchange: Exchange, timeout_s: float | None
-    ) -> Exchange:
+        self, request: Any, index: int, exchange: AxisExchange, timeout_s: float | None
+    ) -> AxisExchange:
         """Send again until noise is not the reason for the reply; only what may be sent twice.
 
         What was Nacked was not obeyed (MACS-REPLY-04), and may be sent again whatever it is.
@@ -205,7 +205,7 @@ class AxisClient(ABC):
             if self.session.is_believed(bad, exchange.reply.raw, is_good=is_good):
                 break
             words = f"{self.explained(exchange.request)}: {exchange.reply}"
-            if exchange.kind is not Kind.NACK:
+            if exchange.kind is not ReplyKind.NACK:
                 if index not in self.face.repeatable:
                     if self.session.check is not None:
                         self.session.void_attempt(words)
@@ -215,11 +215,11 @@ class AxisClient(ABC):
             exchange = self._once(request, timeout_s)
         if since_ns is None or index in QUERIES:
             return exchange
-        return replace(exchange, taken=Window(since_ns, exchange.taken.latest_ns))
+        return replace(exchange, taken=TimeWindow(since_ns, exchange.taken.latest_ns))
 
     # --- values -----------------------------------------------------------------------------------
 
-    def command(self, index: int, parameter: int = 0, sub_index: int = 0) -> Exchange:
+    def command(self, index: int, parameter: int = 0, sub_index: int = 0) -> AxisExchange:
         """Send a command, with what precautions it needs."""
         careful = self.precautions if index in CAREFUL else None
         if careful is None:
@@ -229,24 +229,24 @@ class AxisClient(ABC):
         careful.after(index, exchange.kind)
         return exchange
 
-    def _command(self, index: int, parameter: int, sub_index: int) -> Exchange:
+    def _command(self, index: int, parameter: int, sub_index: int) -> AxisExchange:
         return self.send(self.request(index, parameter, sub_index))
 
-    def within(self, timeout_s: float, index: int, parameter: int = 0) -> Exchange:
+    def within(self, timeout_s: float, index: int, parameter: int = 0) -> AxisExchange:
         """Send a command or a query to which nothing need come; wait so long for a reply."""
         return self.send(self.request(index, parameter), timeout_s)
 
-    def in_vain(self, request: Any) -> Exchange:
+    def in_vain(self, request: Any) -> AxisExchange:
         """Send a request that must not be obeyed, and listen for `QUIET_S`."""
         return self.send(request, QUIET_S)
 
-    def ask(self, index: int, sub_index: int = 0) -> Exchange:
+    def ask(self, index: int, sub_index: int = 0) -> AxisExchange:
         """Send a query."""
         return self.command(index, 0, sub_index)
 
     def value(self, index: int, sub_index: int = 0) -> int:
         """The 32-bit number a query answers; no answer fails the check."""
-        reply: Reply = self.ask(index, sub_index).reply
+        reply: AxisReply = self.ask(index, sub_index).reply
         if reply.data is None:
             self.session.fail(None, f"an answer to {self.named(index)}", reply)
         return reply.data
@@ -279,5 +279,5 @@ class AxisClient(ABC):
     def silence_after(self, request: Any) -> tuple[bool, str, object]:
         """Send what must get no reply: whether none came, what is expected, and what came."""
         exchange = self.send(request, QUIET_S + self.target.uncertainty_ns / 1e9)
-        expected = f"{Kind.SILENCE.value} ({self.explained(exchange.request)})"
-        return exchange.kind is Kind.SILENCE, expected, exchange.reply
+        expected = f"{ReplyKind.SILENCE.value} ({self.explained(exchange.request)})"
+        return exchange.kind is ReplyKind.SILENCE, expected, exchange.reply

@@ -10,7 +10,7 @@ from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver
 # §5.10; only the address, the rate and the tolerance are the manual's, the rest is the ledger's.
 FACTORY_ANSWERS: Final = {0x22: 0x3FFFFFFF, 0x23: 0xC0000000, 0x25: 0x05000320, 0x26: 0x0A601000}
 # Two rows of settings of which no value is a factory's, nor one of the other row.
-SPOILT: Final = (
+FOREIGN_SETTINGS: Final = (
     ((0x02, 0), (0x03, 9), (0x09, 1000), (0x0A, -1000), (0x0C, 0x22), (0x0D, 0x0777),
      (0x0E, 0x2200), (0x0F, 0x22), (0x1C, 0x22)),
     ((0x02, 1), (0x03, 8), (0x09, 2000), (0x0A, -2000), (0x0C, 0x33), (0x0D, 0x0888),
@@ -23,9 +23,9 @@ def answers(driver: AxisDriver) -> dict[int, int]:
     return {index: driver.client.value(index) for index in FACTORY_ANSWERS}
 
 
-def spoil(driver: AxisDriver, row: int) -> dict[int, int]:
-    """Set everything to the values of a row of `SPOILT`; what the queries then say."""
-    for index, parameter in SPOILT[row]:
+def overwrite(driver: AxisDriver, row: int) -> dict[int, int]:
+    """Set everything to the values of a row of `FOREIGN_SETTINGS`; what the queries then say."""
+    for index, parameter in FOREIGN_SETTINGS[row]:
         driver.client.command(index, parameter)
     return answers(driver)
 
@@ -48,7 +48,7 @@ def judge_values(driver: AxisDriver, changed: dict[int, int]) -> None:
 def judge_again(driver: AxisDriver, reset: Callable[[], object]) -> None:
     """From other values a second reset must come to the same: what it does not write shows."""
     session, found = driver.session, answers(driver)
-    for index, value in spoil(driver, 1).items():
+    for index, value in overwrite(driver, 1).items():
         session.step(
             value != found[index], f"{index:02X}h other than {found[index]:08X}", f"{value:08X}"
         )

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from axistwin_conformance.core.probing import Probe
-from axistwin_conformance.families.mac.axis.driver.client import AxisClient, Exchange, Part
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.driver.client import AxisClient, AxisExchange, Part
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 
 
 class AxisJudge:
@@ -15,7 +15,9 @@ class AxisJudge:
     def __init__(self, client: AxisClient) -> None:
         self._client, self._session = client, client.session
 
-    def must(self, kind: Kind, exchange: Exchange, requirement: Part = None) -> Exchange:
+    def must(
+        self, kind: ReplyKind, exchange: AxisExchange, requirement: Part = None
+    ) -> AxisExchange:
         """Judge that the reply is of that kind.
 
         Without a requirement it is a step on the way: a wrong reply fails all the check names, but
@@ -39,17 +41,17 @@ class AxisJudge:
 
     def accepted(
         self, index: int, parameter: int = 0, sub_index: int = 0, requirement: Part = None
-    ) -> Exchange:
+    ) -> AxisExchange:
         """Send a command that must be accepted."""
         exchange = self._client.command(index, parameter, sub_index)
-        return self.must(Kind.ACCEPTED, exchange, requirement)
+        return self.must(ReplyKind.ACCEPTED, exchange, requirement)
 
     def refused(
         self, index: int, parameter: int = 0, sub_index: int = 0, requirement: Part = None
-    ) -> Exchange:
+    ) -> AxisExchange:
         """Send a command that must be refused."""
         exchange = self._client.command(index, parameter, sub_index)
-        return self.must(Kind.REFUSED, exchange, requirement)
+        return self.must(ReplyKind.REFUSED, exchange, requirement)
 
     def silent(self, request: Any, requirement: Part = None) -> None:
         """Judge that a frame gets no reply: none now, and exactly one to the next query."""
@@ -59,7 +61,7 @@ class AxisJudge:
 
     def alive(self, requirement: Part = None) -> None:
         """Judge that the module answers a good query, once."""
-        self.must(Kind.ANSWER, self._client.ask(0x20), requirement)
+        self.must(ReplyKind.ANSWER, self._client.ask(0x20), requirement)
 
     def reading(
         self, switch: str, outcome: int | tuple[int, ...] | str, requirement: Part = None

@@ -14,19 +14,19 @@ from axistwin_conformance.base.errors import OutsideEnvelope, TargetError
 from axistwin_conformance.families.mac.axis.driver.client import (
     QUIET_S,
     AxisClient,
-    Exchange,
+    AxisExchange,
     Part,
     Sample,
 )
 from axistwin_conformance.families.mac.axis.driver.judge import AxisJudge
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST, AxisLimits
 from axistwin_conformance.families.mac.axis.driver.readings import AxisReadings
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import (
     Forecast,
     Segment,
     Timeline,
-    Window,
+    TimeWindow,
 )
 from axistwin_conformance.families.mac.axis.model.kinematics import (
     RAMP_LEVELS,
@@ -72,24 +72,24 @@ class AxisMotion:
         slack = self._limits.allowance(self.period)
         fitting = []
         for number, forecast in enumerate(forecasts):
-            bounds = [forecast.bounds(self._widened(one.taken, forecast)) for one in samples]
+            bounds = [forecast.bounds(self._widened(sample.taken, forecast)) for sample in samples]
             if all(
-                lowest - slack <= one.position <= highest + slack
-                for one, (lowest, highest) in zip(samples, bounds, strict=True)
+                lowest - slack <= sample.position <= highest + slack
+                for sample, (lowest, highest) in zip(samples, bounds, strict=True)
             ):
                 fitting.append(number)
-        for one in samples:
-            self.plot(forecasts[fitting[0] if fitting else 0], one, slack)
+        for sample in samples:
+            self.plot(forecasts[fitting[0] if fitting else 0], sample, slack)
         return fitting
 
     def beyond(self, samples: Sequence[Sample], behind: Forecast, ahead: Forecast) -> str:
         """Which sample is not between two predictions, in words; empty if all are."""
         slack = self._limits.allowance(self.period)
-        for one in samples:
-            lowest = behind.bounds(self._widened(one.taken, behind))[0] - slack
-            highest = ahead.bounds(self._widened(one.taken, ahead))[1] + slack
-            if not lowest <= one.position <= highest:
-                return f"position {one.position}, not within {lowest}..{highest}"
+        for sample in samples:
+            lowest = behind.bounds(self._widened(sample.taken, behind))[0] - slack
+            highest = ahead.bounds(self._widened(sample.taken, ahead))[1] + slack
+            if not lowest <= sample.position <= highest:
+                return f"position {sample.position}, not within {lowest}..{highest}"
         return ""
 
     def sampled(self, seconds: float, count: int) -> list[Sample]:
@@ -120,7 +120,7 @@ class AxisMotion:
         """Wait until the module surely listens after a restart, as long as this one is deaf."""
         self._client.wait(self.awake_surely_s)
 
-    def reinitialise(self) -> Exchange:
+    def reinitialise(self) -> AxisExchange:
         """Send 00h and wait until the module surely listens again."""
         exchange = self._client.within(QUIET_S, 0x00)
         self.wait_awake()
@@ -134,9 +134,9 @@ class AxisMotion:
         if index in (0x13, 0x14):
             self._limits.needs_speed(SLOWEST)
 
-    def after(self, index: int, kind: Kind) -> None:
+    def after(self, index: int, kind: ReplyKind) -> None:
         """See `run_out`."""
-        if index == 0x18 and kind is Kind.ACCEPTED:
+        if index == 0x18 and kind is ReplyKind.ACCEPTED:
             self.run_out()
 
     def run_out(self, slowest_ticks: int = SLOWEST_LEVEL_TICKS) -> None:
@@ -175,10 +175,10 @@ class AxisMotion:
         No sync, no stops, nominal torque (an axis in standby may swing by one increment, so exact
         places could not be judged), tolerance 0, the given period and ramp.
         """
-        self.settle(period, coefficient)
+        self.set_plain(period, coefficient)
         return self.come_home()
 
-    def settle(self, period: int = SAFE_PERIOD, coefficient: int = 0) -> None:
+    def set_plain(self, period: int = SAFE_PERIOD, coefficient: int = 0) -> None:
         """The same, wherever the axis then stands."""
         self.at_rest()
         speeds, modes = self._client.value(0x25), self._client.value(0x26)
@@ -225,7 +225,7 @@ class AxisMotion:
             self._client.command(
                 0x1A
             )  # what 18h leaves in the FIFO and preloaded, goes with the power
-        if reply.kind is Kind.REFUSED or self._readings.known("preload_policy"):
+        if reply.kind is ReplyKind.REFUSED or self._readings.known("preload_policy"):
             # A preloaded motion survives 18h on this device: let it start, and stop it.
             self._client.command(0x11)
             self._client.command(0x18)
@@ -254,7 +254,7 @@ class AxisMotion:
         return self.go(target)
 
     def to_position(
-        self, exchange: Exchange, origin: int, target: int, law: Law | None = None
+        self, exchange: AxisExchange, origin: int, target: int, law: Law | None = None
     ) -> Forecast:
         """What to expect of a 13h, 14h or 11h taken over in that exchange."""
         distance, direction = abs(target - origin), (target > origin) - (target < origin)
@@ -268,7 +268,7 @@ class AxisMotion:
 
     def to_velocity(
         self,
-        exchange: Exchange,
+        exchange: AxisExchange,
         origin: int,
         direction: int,
         period: int,
@@ -298,21 +298,25 @@ class AxisMotion:
     def feed(self, origin: int, *row: Segment) -> Forecast:
         """Send a row of segments from rest, each of which must be accepted; what to expect."""
         first = self.put(row[0])
-        for number, one in enumerate(row[1:], 1):
-            self.unbroken(first, row[:number], self.put(one))
+        for number, segment in enumerate(row[1:], 1):
+            self.unbroken(first, row[:number], self.put(segment))
         return self.to_segments(first, origin, *row)
 
-    def put(self, one: Segment) -> Exchange:
+    def put(self, segment: Segment) -> AxisExchange:
         """Send a segment, real or virtual, that must be accepted."""
-        return self._judge.accepted(0x16 if one.moves else 0x1E, segment(one.steps, one.period))
+        return self._judge.accepted(
+            0x16 if segment.moves else 0x1E, segment_parameter(segment.steps, segment.period)
+        )
 
-    def unbroken(self, first: Exchange, before: Sequence[Segment], exchange: Exchange) -> None:
+    def unbroken(
+        self, first: AxisExchange, before: Sequence[Segment], exchange: AxisExchange
+    ) -> None:
         """Give the attempt up if the row begun in `first` may have run out before the module took
         over one more: then the axis has halted in between, rightly, nobody knows for how long."""
-        runs_out_ns = first.taken.earliest_ns + sum(one.duration_ns for one in before)
+        runs_out_ns = first.taken.earliest_ns + sum(segment.duration_ns for segment in before)
         self.taken_in_time(exchange, runs_out_ns, "a segment came after the row before it")
 
-    def taken_in_time(self, exchange: Exchange, limit_ns: int, what: str) -> None:
+    def taken_in_time(self, exchange: AxisExchange, limit_ns: int, what: str) -> None:
         """Give the attempt up if the module may not have taken that over before something ended:
         what it does then, it does rightly, and it tells nothing."""
         if exchange.taken.latest_ns > limit_ns:
@@ -321,7 +325,7 @@ class AxisMotion:
             )
             self._session.void_attempt(f"{what} may have ended: {slowest}, or longer")
 
-    def to_segments(self, exchange: Exchange, origin: int, *segments: Segment) -> Forecast:
+    def to_segments(self, exchange: AxisExchange, origin: int, *segments: Segment) -> Forecast:
         """What to expect of segments of which the first was taken over at rest."""
         return Forecast.of(
             Timeline(
@@ -343,13 +347,13 @@ class AxisMotion:
         )
         return sample
 
-    def _widened(self, window: Window, forecast: Forecast) -> Window:
+    def _widened(self, window: TimeWindow, forecast: Forecast) -> TimeWindow:
         """On a real module's own quartz, time runs a little differently than on ours."""
         if self._client.target.is_virtual:
             return window
         start_ns = min(timeline.start_ns for timeline in forecast.timelines)
         error_ns = round(max(0, window.latest_ns - start_ns) * CLOCK_ERROR)
-        return Window(window.earliest_ns - error_ns, window.latest_ns + error_ns)
+        return TimeWindow(window.earliest_ns - error_ns, window.latest_ns + error_ns)
 
     def plot(self, forecast: Forecast, sample: Sample, allowance: int) -> None:
         """Keep a reading for the report, with the band it was judged by since the one before."""
@@ -369,7 +373,7 @@ class AxisMotion:
         band = []
         for point in range(0 if is_new else 1, count + 1):
             now_ns = since_ns + (middle_ns - since_ns) * point // count
-            window = Window(now_ns - margin_ns, now_ns + margin_ns)
+            window = TimeWindow(now_ns - margin_ns, now_ns + margin_ns)
             lowest, highest = forecast.bounds(self._widened(window, forecast))
             band.append((now_ns, lowest - allowance, highest + allowance))
         self._session.sample(name, [(middle_ns, sample.position)], band)
@@ -397,8 +401,8 @@ class AxisMotion:
         increments above where it was stopped."""
         end = forecast.end
         assert end is not None, "an endless motion is not waited for"
-        settle_ns = 0 if self._client.target.is_virtual else 100_000_000
-        self._client.wait_until(end.latest_ns + settle_ns)
+        swinging_ns = 0 if self._client.target.is_virtual else 100_000_000
+        self._client.wait_until(end.latest_ns + swinging_ns)
         lowest, highest = forecast.final
         highest += braking
         sample = self._client.sample()
@@ -417,6 +421,6 @@ def velocity(direction: int, period: int) -> int:
     return (0xF60000 if direction < 0 else 0) | period
 
 
-def segment(steps: int, period: int) -> int:
+def segment_parameter(steps: int, period: int) -> int:
     """The parameter of 16h and 1Eh: DDDD and VVVV."""
     return (steps & 0xFFFF) << 16 | period

@@ -1,7 +1,7 @@
 """What the checks do that work inputs, supply and shaft beside the line.
 
-A rig's act happens somewhere in a window (`Window`), of no width for the twin's, of seconds for a
-person's.  Motions under which something is worked are slow and have an end of their own, so that
+A rig's act happens somewhere in a window (`TimeWindow`), of no width for the twin's, of seconds for
+a person's.  Motions under which something is worked are slow and have an end of their own, so that
 nobody at the rig can be too late for the envelope; endless ones are left to an exact rig.
 """
 
@@ -15,11 +15,15 @@ from typing import Final
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, AxisClient, Part
 from axistwin_conformance.families.mac.axis.driver.judge import AxisJudge
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST, AxisLimits
-from axistwin_conformance.families.mac.axis.driver.motion import AxisMotion, segment, velocity
+from axistwin_conformance.families.mac.axis.driver.motion import (
+    AxisMotion,
+    segment_parameter,
+    velocity,
+)
 from axistwin_conformance.families.mac.axis.driver.readings import AxisReadings
 from axistwin_conformance.families.mac.axis.driver.status import AxisStatus
-from axistwin_conformance.families.mac.axis.exchanges import Kind
-from axistwin_conformance.families.mac.axis.model.forecast import Forecast, Segment, Window
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.model.forecast import Forecast, Segment, TimeWindow
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS, TICKS_PER_SECOND
 
 WORKED: Final = ("motion", "stored", "rig")  # the safety of a check that moves and works a rig
@@ -33,7 +37,7 @@ AT_ONCE: Final = "needs a rig that acts at once"
 # parameter for a few increments at the slowest speed.
 COUNTING_DOWN: Final[Mapping[str, tuple[str, int, int]]] = {
     "15h": ("vel_f6_direction", 0x15, velocity(-1, SLOWEST)),
-    "16h": ("segment_signed", 0x16, segment(-5, SLOWEST)),
+    "16h": ("segment_signed", 0x16, segment_parameter(-5, SLOWEST)),
 }
 
 
@@ -64,7 +68,7 @@ class AxisRig:
         self.start = 0
 
     @property
-    def pace(self) -> int:
+    def slow_period(self) -> int:
         """The period of motions under which the rig does something: they last long enough."""
         if not self._session.rig.is_exact:
             return SLOWEST
@@ -73,12 +77,12 @@ class AxisRig:
     def lasting(self, increments: int, seconds: float) -> int:
         """The pace, or a slower one with which so many increments take so long."""
         if not self._session.rig.is_exact:
-            return self.pace
+            return self.slow_period
         period = round(seconds * TICKS_PER_SECOND / max(1, increments))
         if period > SLOWEST:
             room = round(seconds * TICKS_PER_SECOND / SLOWEST) + 1
             self._limits.needs_travel(2 * room, f"a motion that takes {seconds:.1f} s")
-        return max(self.pace, min(period, SLOWEST))
+        return max(self.slow_period, min(period, SLOWEST))
 
     @property
     def reach(self) -> int:
@@ -117,7 +121,7 @@ class AxisRig:
         """Bring everything to rest; give the place.  No stop bits, no reference."""
         if self.readings.known("ff_lifetime") == 2:  # only a restart clears ff on this device
             self.restart()
-        self.start = self.motion.ready(self.pace if period is None else period, coefficient)
+        self.start = self.motion.ready(self.slow_period if period is None else period, coefficient)
         return self.start
 
     def has_tolerance(self) -> bool:
@@ -126,7 +130,7 @@ class AxisRig:
 
     def _refuses_tolerance(self) -> int:
         kind = self._client.command(0x1C, self._client.value(0x26) & 0xFF).kind
-        return int(kind is Kind.REFUSED)
+        return int(kind is ReplyKind.REFUSED)
 
     def restart(self) -> None:
         """00h, and wait until it surely listens again (MACS-CMD-00-02)."""
@@ -144,10 +148,10 @@ class AxisRig:
         """How long a power cycle takes, until the module surely answers again."""
         return OFF_S + self.motion.awake_surely_s + QUIET_S
 
-    def power_cycle(self, requirement: Part = None) -> Window:
+    def power_cycle(self, requirement: Part = None) -> TimeWindow:
         """Cut the supply and apply it again; judge the silence between.  Give when it was cut."""
-        cut = Window(*self._session.rig.power_off())
-        self.judge.must(Kind.SILENCE, self._client.within(QUIET_S, 0x20), requirement)
+        cut = TimeWindow(*self._session.rig.power_off())
+        self.judge.must(ReplyKind.SILENCE, self._client.within(QUIET_S, 0x20), requirement)
         self._client.wait(OFF_S)
         self._session.rig.power_on()
         self.awake(requirement)
@@ -155,7 +159,7 @@ class AxisRig:
 
     # --- what the answers say --------------------------------------------------------------------
 
-    def contact(self, name: str, active: bool) -> Window:
+    def contact(self, name: str, active: bool) -> TimeWindow:
         """Work a contact, and see in 27h that it was: otherwise nothing follows from what happens,
         and least of all from nothing happening."""
         act = self.worked(name, active)
@@ -166,13 +170,13 @@ class AxisRig:
             )
         return act
 
-    def worked(self, name: str, active: bool) -> Window:
+    def worked(self, name: str, active: bool) -> TimeWindow:
         """Work a contact; where the envelope counts, the counter is read before and after: an edge
         may clear it, and how far the axis may have come meanwhile is lost to the envelope."""
         if not self._session.envelope.is_guarded:
-            return Window(*self._session.rig.set_input(name, active))
+            return TimeWindow(*self._session.rig.set_input(name, active))
         self._client.ask(0x20)
-        act = Window(*self._session.rig.set_input(name, active))
+        act = TimeWindow(*self._session.rig.set_input(name, active))
         self._client.ask(0x20)
         return act
 
@@ -215,7 +219,7 @@ class AxisRig:
             lowest <= place <= highest, requirement, f"at rest in {lowest}..{highest}", place
         )
 
-    def in_time(self, forecast: Forecast, act: Window) -> None:
+    def in_time(self, forecast: Forecast, act: TimeWindow) -> None:
         """Give up if the motion was over before the rig had done its part."""
         end = forecast.end
         if end is not None and act.latest_ns >= end.earliest_ns:

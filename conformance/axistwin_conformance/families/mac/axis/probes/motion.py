@@ -16,10 +16,10 @@ from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import (
     FIFO_STAGES,
     PRELOAD_SHOWS_S,
-    segment,
+    segment_parameter,
     velocity,
 )
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS, Course, ramp_increments
 from axistwin_conformance.families.mac.axis.probes.running_on import FASTEST, may_go_fast
 from axistwin_conformance.families.mac.axis.probing import ACCEPTED_OR_REFUSED, MOVES, reply_of
@@ -51,10 +51,10 @@ def abort_flush(driver: AxisDriver) -> Outcome:
     )  # no ramp behind the last segment, whatever MACS-AMB-40 is read as
     fast, slow = driver.limits.slowed_alike(0x1000, 0x4000)
     for _ in range(2):
-        driver.client.command(0x16, segment(40, slow))
+        driver.client.command(0x16, segment_parameter(40, slow))
     driver.client.command(0x18)
     place = driver.client.position()
-    driver.client.command(0x16, segment(5, fast))
+    driver.client.command(0x16, segment_parameter(5, fast))
     driver.client.wait(PRELOAD_SHOWS_S + driver.motion.lasting_s(45, slow))
     moved = driver.client.position() - place
     if moved < 40:
@@ -78,7 +78,7 @@ def preload_policy(driver: AxisDriver) -> Outcome:
     driver.client.wait(PRELOAD_SHOWS_S)
     driver.client.command(0x18)
     moved = driver.client.position() != start
-    if second.kind is Kind.REFUSED:
+    if second.kind is ReplyKind.REFUSED:
         return 1
     return 2 if moved else 0
 
@@ -107,9 +107,9 @@ def motion_lock_set(driver: AxisDriver) -> Outcome:
     driver.judge.accepted(0x13, start + 100)
     kinds = [driver.client.command(index, parameter).kind for index, parameter in same.items()]
     driver.motion.at_rest()
-    if not set(kinds) <= {Kind.ACCEPTED, Kind.REFUSED}:
+    if not set(kinds) <= {ReplyKind.ACCEPTED, ReplyKind.REFUSED}:
         return ", ".join(kind.value for kind in kinds)
-    return int(kinds.count(Kind.ACCEPTED) > len(kinds) // 2)
+    return int(kinds.count(ReplyKind.ACCEPTED) > len(kinds) // 2)
 
 
 @probe(safety=MOVES)
@@ -171,7 +171,7 @@ def ramp_law(driver: AxisDriver) -> Outcome:
     driver.client.command(0x18)
     fitting = driver.motion.fit(samples, forecasts)
     if not fitting:
-        seen = ", ".join(f"{one.position - start} in {one.taken}" for one in samples)
+        seen = ", ".join(f"{sample.position - start} in {sample.taken}" for sample in samples)
         return f"a ramp that fits neither law: {seen}"
     return fitting[0]
 
@@ -404,4 +404,4 @@ def target_range(driver: AxisDriver) -> Outcome:
         return "a device that does not refuse would go there: needs --max-travel 2147483648"
     kind = driver.client.command(0x13, TARGET_OUT_OF_RANGE).kind
     driver.motion.at_rest()
-    return reply_of(kind, {Kind.REFUSED: 0, Kind.ACCEPTED: 1})
+    return reply_of(kind, {ReplyKind.REFUSED: 0, ReplyKind.ACCEPTED: 1})

@@ -8,7 +8,7 @@ from typing import Final
 from axistwin_conformance.core.probing import Measured, Outcome, probe
 from axistwin_conformance.families.mac.axis.checks.queries import MEASURES_RESERVED, STATUS_RESERVED
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.probing import ACCEPTED_OR_REFUSED, reply_of
 
 ORDER = 40  # of this module in a run; see `Family.modules`
@@ -56,28 +56,28 @@ def torque_over(driver: AxisDriver) -> Outcome:
 
 def torques_at_the_edges(driver: AxisDriver, imax: int) -> int | str:
     """Whether 0Ch takes 00 and Imax as they are: one that clamps accepts what it does not take."""
-    told, taken = [], []
+    described, taken = [], []
     for value in (0, imax):
         kind, after = _torque_after(driver, value)
-        told.append(f"0Ch {value:02X}: {kind.value}, then 26h shows {after:02X}")
-        taken.append(kind is Kind.ACCEPTED and after == value)
-    return "; ".join(told) if taken[0] is not taken[1] else int(not taken[0])
+        described.append(f"0Ch {value:02X}: {kind.value}, then 26h shows {after:02X}")
+        taken.append(kind is ReplyKind.ACCEPTED and after == value)
+    return "; ".join(described) if taken[0] is not taken[1] else int(not taken[0])
 
 
 def excessive_torque(driver: AxisDriver, imax: int, value: int) -> int | tuple[int, ...] | str:
     """What a torque above Imax does: refused and kept, taken as the highest, or some bits of it."""
     kind, after = _torque_after(driver, value)
-    if kind is Kind.REFUSED and after == PLAIN_TORQUE:
+    if kind is ReplyKind.REFUSED and after == PLAIN_TORQUE:
         return 0
     highest = imax - (driver.session.reading("torque_range") == "exclusive")
     taken_as = {1: (highest,), 2: (value & (imax - 1), value & 0x7F)}
     fitting = tuple(number for number, values in taken_as.items() if after in values)
-    if kind is Kind.ACCEPTED and fitting:
+    if kind is ReplyKind.ACCEPTED and fitting:
         return fitting
     return f"0Ch {value:02X}: {kind.value}, then 26h shows {after:02X}"
 
 
-def _torque_after(driver: AxisDriver, value: int) -> tuple[Kind, int]:
+def _torque_after(driver: AxisDriver, value: int) -> tuple[ReplyKind, int]:
     """The reply to 0Ch with that value, and the torque limit it leaves where there was a plain
     one."""
     driver.judge.accepted(0x0C, PLAIN_TORQUE)
@@ -93,9 +93,9 @@ def zero_period_0d(driver: AxisDriver) -> Outcome:
     kind = driver.client.command(0x0D, 0).kind
     after = driver.client.value(0x25) & 0xFFFF
     driver.judge.accepted(0x0D, slow)  # nothing may move at a period of one tick
-    if kind is Kind.REFUSED and after == slow:
+    if kind is ReplyKind.REFUSED and after == slow:
         return 0
-    if kind is Kind.ACCEPTED and after in (0, 1):
+    if kind is ReplyKind.ACCEPTED and after in (0, 1):
         return 1
     return f"{kind.value}, then 25h shows {after:04X}"
 
@@ -112,9 +112,9 @@ def catchup_low_byte(driver: AxisDriver) -> Outcome:
     driver.judge.accepted(0x0E, 0x1400)
     kind = driver.client.command(0x0E, 0x0755).kind
     after = driver.client.value(0x25) >> 24
-    if kind is Kind.ACCEPTED and after == 0x07:
+    if kind is ReplyKind.ACCEPTED and after == 0x07:
         return 0
-    if kind is Kind.REFUSED and after == 0x14:
+    if kind is ReplyKind.REFUSED and after == 0x14:
         return 1
     return f"0E 0755: {kind.value}, then {after:02X}"
 
@@ -126,6 +126,6 @@ def param_range_policy(driver: AxisDriver) -> Outcome:
     kind = driver.client.command(0x03, 0x0E).kind
     shown = driver.client.value(0x26) >> 8 & 0xF
     driver.client.command(0x03, 0)
-    if kind is Kind.REFUSED:
+    if kind is ReplyKind.REFUSED:
         return 0
     return 1 if shown == 8 else 2 if shown == 9 else f"{kind.value}, then m = {shown:X}"

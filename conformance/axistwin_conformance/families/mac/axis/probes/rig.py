@@ -8,7 +8,7 @@ from axistwin_conformance.core.probing import Outcome, probe
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probing import ACCEPTED_OR_REFUSED, reply_of
 from axistwin_conformance.families.mac.axis.snapshot import facts_of
@@ -17,7 +17,7 @@ ORDER = 110  # of this module in a run; see `Family.modules`
 
 WORKED: Final = ("motion", "stored", "rig")
 STEPS: Final = 100
-PACE: Final = 0x2000
+SLOW_PERIOD: Final = 0x2000
 TOO_MUCH_VOLTS: Final = 70.0  # above every model's warning
 WIDEST: Final = 0xFF
 
@@ -33,7 +33,7 @@ def position_source(driver: AxisDriver) -> Outcome:
 def running_until(driver: AxisDriver) -> Outcome:
     """0Dh after a move whose shaft is held: far off with no tolerance, then within a wide one."""
     _, far_off = _held(driver, 0)
-    if far_off is Kind.ACCEPTED:
+    if far_off is ReplyKind.ACCEPTED:
         return 2
     if driver.session.reading("cmd_1c_supported") == "false":
         driver.session.skip("without 1Ch nothing tells the tolerance from the exact position")
@@ -41,10 +41,10 @@ def running_until(driver: AxisDriver) -> Outcome:
     return ACCEPTED_OR_REFUSED.get(within, f"{within.value} to 0Dh")
 
 
-def _held(driver: AxisDriver, tolerance: int) -> tuple[int, Kind]:
+def _held(driver: AxisDriver, tolerance: int) -> tuple[int, ReplyKind]:
     """Move with the shaft held; how far 20h then says it came, and the reply to 02h, which every
     list locks."""
-    start = driver.motion.ready(SLOWEST if not driver.session.rig.is_exact else PACE)
+    start = driver.motion.ready(SLOWEST if not driver.session.rig.is_exact else SLOW_PERIOD)
     driver.client.command(0x1C, tolerance)
     driver.session.rig.hold_shaft(True)
     driver.judge.accepted(0x13, start + STEPS)
@@ -113,7 +113,7 @@ def ref_retarget(driver: AxisDriver) -> Outcome:
     if not driver.session.rig.is_exact:
         driver.session.skip("needs a rig that acts at once")
     rig = driver.session.rig
-    start = driver.motion.ready(PACE)
+    start = driver.motion.ready(SLOW_PERIOD)
     target = start + 2 * STEPS
     if abs(target) > driver.limits.room():
         driver.session.skip("counter 0 is outside the envelope")
@@ -143,7 +143,7 @@ def has_reset_input(driver: AxisDriver) -> Outcome:
     kind = driver.client.within(QUIET_S, 0x20).kind
     driver.session.rig.set_input("reset", False)
     driver.motion.wait_awake()
-    return reply_of(kind, {Kind.SILENCE: 0, Kind.ANSWER: 1})
+    return reply_of(kind, {ReplyKind.SILENCE: 0, ReplyKind.ANSWER: 1})
 
 
 @probe(safety=("motion", "rig"), needs=("rig:supply",))
@@ -173,7 +173,7 @@ def disj_refuse_set(driver: AxisDriver) -> Outcome:
     driver.motion.reinitialise()
     if not is_faulty:
         driver.session.skip("21h shows no fault after a micro-cut")
-    return reply_of(kind, {Kind.REFUSED: 0, Kind.ACCEPTED: 1})
+    return reply_of(kind, {ReplyKind.REFUSED: 0, ReplyKind.ACCEPTED: 1})
 
 
 @probe(safety=WORKED, needs=("rig:encoder",))
@@ -186,7 +186,7 @@ def encoder_fault_locks(driver: AxisDriver) -> Outcome:
     kind = driver.client.command(0x13, start).kind
     driver.session.rig.fault("encoder", False)
     driver.motion.reinitialise()
-    return reply_of(kind, {Kind.REFUSED: 0, Kind.ACCEPTED: 1})
+    return reply_of(kind, {ReplyKind.REFUSED: 0, ReplyKind.ACCEPTED: 1})
 
 
 @probe()

@@ -8,7 +8,7 @@ from axistwin_conformance.core.probing import Measured, Outcome, probe
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver
 from axistwin_conformance.families.mac.axis.driver.motion import DEAF_S
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.probes.running_on import (
     overrun,
     step_from_a_stop,
@@ -81,7 +81,7 @@ def soft_stop_blocks(driver: AxisDriver) -> Outcome:
     driver.client.wait(0.1)
     moved = start - rest(driver)
     driver.judge.accepted(0x03, 0)
-    if kind is Kind.ACCEPTED and moved >= 60:
+    if kind is ReplyKind.ACCEPTED and moved >= 60:
         return 0
     return 1 if moved <= 0 else f"{kind.value}, {moved} increments back"
 
@@ -116,7 +116,7 @@ def overshoot_return(driver: AxisDriver) -> Outcome:
         pass
     cleared = driver.judge.accepted(0x0B).taken
     here = forecast.bounds(cleared)[0]
-    places = [one.position for one in driver.motion.sampled(1.0, 40)]
+    places = [sample.position for sample in driver.motion.sampled(1.0, 40)]
     early = places[-1]
     on_the_way = [place for place in places if early + 20 < place < max(places) - 20]
     driver.motion.at_rest()
@@ -146,7 +146,7 @@ def reset_reply(driver: AxisDriver) -> Outcome:
     driver.motion.ready()
     kind = driver.client.within(QUIET_S, 0x00).kind
     _first_answer_ns(driver, driver.client.target.now_ns)
-    return {Kind.ACCEPTED: 0, Kind.SILENCE: 1}.get(kind, kind.value)
+    return {ReplyKind.ACCEPTED: 0, ReplyKind.SILENCE: 1}.get(kind, kind.value)
 
 
 @probe(safety=MOVES)
@@ -172,7 +172,7 @@ def boot_time_ms(driver: AxisDriver) -> Outcome:
 def restarted_ns(driver: AxisDriver) -> int:
     """Send 00h; when its reply, or what there would be of it, was over."""
     exchange = driver.client.within(QUIET_S, 0x00)
-    if exchange.kind is Kind.SILENCE:  # it restarts when it has taken the frame (MACS-AMB-20)
+    if exchange.kind is ReplyKind.SILENCE:  # it restarts when it has taken the frame (MACS-AMB-20)
         return exchange.taken.earliest_ns
     return exchange.taken.latest_ns
 
@@ -193,7 +193,7 @@ def _first_answer_ns(driver: AxisDriver, from_ns: int) -> int | None:
     """When the module was first heard again."""
     while driver.client.target.now_ns < from_ns + _longest_s(driver) * 1e9:
         exchange = driver.client.within(POLL_S, 0x20)
-        if exchange.kind is Kind.ANSWER:
+        if exchange.kind is ReplyKind.ANSWER:
             return exchange.taken.earliest_ns
     return None
 
@@ -203,7 +203,7 @@ def _listens_after(driver: AxisDriver, deaf_ms: int) -> bool:
     since_ns = restarted_ns(driver)
     driver.client.wait_until(since_ns + deaf_ms * 1_000_000)
     kind = driver.client.within(POLL_S, 0x20).kind
-    return kind is Kind.ANSWER
+    return kind is ReplyKind.ANSWER
 
 
 @probe(safety=MOVES)

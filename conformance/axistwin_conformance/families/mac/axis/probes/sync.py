@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.core.probing import Outcome, probe
-from axistwin_conformance.families.mac.axis.driver.client import Exchange
+from axistwin_conformance.families.mac.axis.driver.client import AxisExchange
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
-from axistwin_conformance.families.mac.axis.driver.motion import segment, velocity
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import Segment
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probing import ACCEPTED_OR_REFUSED, MOVES, reply_of
@@ -21,9 +21,11 @@ BURST: Final = 7  # exchanges
 HELD_S: Final = 0.15
 
 
-def put(driver: AxisDriver, one: Segment) -> Exchange:
+def put(driver: AxisDriver, segment: Segment) -> AxisExchange:
     """Send a segment, real or virtual."""
-    return driver.client.command(0x16 if one.moves else 0x1E, segment(one.steps, one.period))
+    return driver.client.command(
+        0x16 if segment.moves else 0x1E, segment_parameter(segment.steps, segment.period)
+    )
 
 
 def wait_steps(driver: AxisDriver) -> int:
@@ -47,15 +49,15 @@ def is_held(driver: AxisDriver, place: int) -> bool:
 def fifo_counts_executing(driver: AxisDriver) -> Outcome:
     """A burst of five long 1Eh: how many are accepted."""
     driver.motion.at_rest()
-    one = Segment(wait_steps(driver), SLOWEST, moves=False)
-    burst = [put(driver, one) for _ in range(5)]
-    over_ns = burst[0].taken.earliest_ns + one.duration_ns
+    segment = Segment(wait_steps(driver), SLOWEST, moves=False)
+    burst = [put(driver, segment) for _ in range(5)]
+    over_ns = burst[0].taken.earliest_ns + segment.duration_ns
     driver.motion.taken_in_time(burst[-1], over_ns, "the first segment")
     kinds = [exchange.kind for exchange in burst]
     driver.motion.at_rest()
-    depths: dict[tuple[Kind, ...], int] = {
-        (Kind.ACCEPTED,) * 4 + (Kind.REFUSED,): 0,
-        (Kind.ACCEPTED,) * 3 + (Kind.REFUSED,) * 2: 1,
+    depths: dict[tuple[ReplyKind, ...], int] = {
+        (ReplyKind.ACCEPTED,) * 4 + (ReplyKind.REFUSED,): 0,
+        (ReplyKind.ACCEPTED,) * 3 + (ReplyKind.REFUSED,) * 2: 1,
     }
     return depths.get(tuple(kinds), ", ".join(kind.value for kind in kinds))
 
@@ -83,11 +85,11 @@ def fifo_underrun(driver: AxisDriver) -> Outcome:
     driver.client.wait_until(end.latest_ns + 300_000_000)
     moved = driver.client.position() - start
     again = put(driver, Segment(1, period)).kind
-    if again is Kind.REFUSED:
+    if again is ReplyKind.REFUSED:
         driver.client.command(0x18)  # what leads out of it (MACS-AMB-40)
         return 2
     driver.motion.at_rest()
-    if again is not Kind.ACCEPTED or moved < 30:
+    if again is not ReplyKind.ACCEPTED or moved < 30:
         return f"{moved} of 30 increments, then {again.value}"
     return 0 if moved == 30 else 1
 
@@ -96,23 +98,23 @@ def fifo_underrun(driver: AxisDriver) -> Outcome:
 def segment_zero_period(driver: AxisDriver) -> Outcome:
     """1Eh with VVVV = 0000: refused; over at once; or long running."""
     driver.motion.ready(SLOWEST)
-    kind = driver.client.command(0x1E, segment(WAIT_STEPS, 0)).kind
+    kind = driver.client.command(0x1E, segment_parameter(WAIT_STEPS, 0)).kind
     driver.client.wait(0.02)
-    is_running = driver.client.command(0x02, 0).kind is Kind.REFUSED
+    is_running = driver.client.command(0x02, 0).kind is ReplyKind.REFUSED
     driver.motion.at_rest()
-    if kind is Kind.ACCEPTED:
+    if kind is ReplyKind.ACCEPTED:
         return 2 if is_running else 1
-    return reply_of(kind, {Kind.REFUSED: 0})
+    return reply_of(kind, {ReplyKind.REFUSED: 0})
 
 
 @probe(safety=MOVES)
 def segment_zero_steps(driver: AxisDriver) -> Outcome:
     """1Eh with DDDD = 0000: over at once, or long running."""
     driver.motion.ready(SLOWEST)
-    kind = driver.client.command(0x1E, segment(0, 0x1000)).kind
-    is_running = driver.client.command(0x02, 0).kind is Kind.REFUSED
+    kind = driver.client.command(0x1E, segment_parameter(0, 0x1000)).kind
+    is_running = driver.client.command(0x02, 0).kind is ReplyKind.REFUSED
     driver.motion.at_rest()
-    return int(is_running) if kind is Kind.ACCEPTED else f"{kind.value} to 1Eh with DDDD = 0"
+    return int(is_running) if kind is ReplyKind.ACCEPTED else f"{kind.value} to 1Eh with DDDD = 0"
 
 
 @probe(safety=MOVES)
@@ -120,18 +122,18 @@ def interp_during_profile(driver: AxisDriver) -> Outcome:
     """16h during 13h: the reply, and where the axis ends."""
     start = driver.motion.ready(driver.limits.outlasting(100, 0x2000))
     exchange = driver.judge.accepted(0x13, start + 100)
-    one = Segment(back(driver, 40), driver.limits.slowed(0x1000))
-    second = put(driver, one)
+    segment = Segment(back(driver, 40), driver.limits.slowed(0x1000))
+    second = put(driver, segment)
     end = driver.motion.to_position(exchange, start, start + 100).end
     assert end is not None
     driver.motion.taken_in_time(second, end.earliest_ns, "the move that it was to meet")
-    if second.kind is Kind.REFUSED:
+    if second.kind is ReplyKind.REFUSED:
         driver.motion.at_rest()
         return 1
-    driver.client.wait_until(end.latest_ns + one.duration_ns + 50_000_000)
-    moved, total = driver.client.position() - start, 100 + one.steps
+    driver.client.wait_until(end.latest_ns + segment.duration_ns + 50_000_000)
+    moved, total = driver.client.position() - start, 100 + segment.steps
     driver.motion.at_rest()
-    if second.kind is Kind.ACCEPTED and moved <= total:
+    if second.kind is ReplyKind.ACCEPTED and moved <= total:
         return 0 if moved == total else 2
     return f"{second.kind.value}, {moved:+d} increments"
 
@@ -148,9 +150,9 @@ def stop17_in_interp(driver: AxisDriver) -> Outcome:
     driver.client.wait_until(forecast.end.latest_ns + 50_000_000)
     moved = driver.client.position() - start
     driver.motion.at_rest()
-    if moved == 60 and stop.kind in (Kind.ACCEPTED, Kind.REFUSED):
-        return 0 if stop.kind is Kind.ACCEPTED else 1
-    if stop.kind is Kind.ACCEPTED and (moved == 30 or 0 < moved <= most):
+    if moved == 60 and stop.kind in (ReplyKind.ACCEPTED, ReplyKind.REFUSED):
+        return 0 if stop.kind is ReplyKind.ACCEPTED else 1
+    if stop.kind is ReplyKind.ACCEPTED and (moved == 30 or 0 < moved <= most):
         return 2 if moved == 30 else 3
     return f"{stop.kind.value}, {moved} of 60 increments"
 
@@ -159,7 +161,7 @@ def stop17_in_interp(driver: AxisDriver) -> Outcome:
 def vel_during_interp(driver: AxisDriver) -> Outcome:
     """15h during a long 16h."""
     driver.motion.ready(0x1000)
-    driver.judge.accepted(0x16, segment(100, SLOWEST))
+    driver.judge.accepted(0x16, segment_parameter(100, SLOWEST))
     kind = driver.client.command(0x15, velocity(1, driver.limits.slowed(0x2000))).kind
     driver.motion.at_rest()
     return reply_of(kind, ACCEPTED_OR_REFUSED)
@@ -177,7 +179,7 @@ def sync_arm_lifetime(driver: AxisDriver) -> Outcome:
     """10h, 16h, 13h: whether the move is held."""
     start = driver.motion.ready(0x1000)
     driver.judge.accepted(0x10)
-    driver.judge.accepted(0x16, segment(25, driver.motion.period))
+    driver.judge.accepted(0x16, segment_parameter(25, driver.motion.period))
     driver.client.wait(0.1 + driver.motion.lasting_s(25))
     place = driver.client.position()
     driver.judge.accepted(0x13, start)
@@ -199,9 +201,9 @@ def armed_zero_velocity(driver: AxisDriver) -> Outcome:
     driver.client.command(0x11)
     driver.client.wait(0.1)
     driver.motion.at_rest()
-    if zero is Kind.ACCEPTED:
+    if zero is ReplyKind.ACCEPTED:
         return 0 if held else 1
-    return reply_of(zero, {Kind.REFUSED: 2})
+    return reply_of(zero, {ReplyKind.REFUSED: 2})
 
 
 @probe(safety=MOVES)
@@ -212,13 +214,15 @@ def sync_during_interp(driver: AxisDriver) -> Outcome:
     start = driver.motion.ready(0x4000)
     driver.judge.accepted(0x10)
     driver.judge.accepted(0x13, start - 100)
-    one = Segment(20, driver.limits.outlasting(20, 0x4000))
-    first, _ = driver.motion.put(one), driver.motion.put(one)
+    segment = Segment(20, driver.limits.outlasting(20, 0x4000))
+    first, _ = driver.motion.put(segment), driver.motion.put(segment)
     # The segments take 82 ms or more; a move that does not wait for them turns back before their
     # end.
     sync = driver.client.command(0x11)
-    driver.motion.taken_in_time(sync, first.taken.earliest_ns + 2 * one.duration_ns, "the segments")
-    longer_s = driver.motion.lasting_s(40, one.period - 0x4000) + driver.motion.lasting_s(
+    driver.motion.taken_in_time(
+        sync, first.taken.earliest_ns + 2 * segment.duration_ns, "the segments"
+    )
+    longer_s = driver.motion.lasting_s(40, segment.period - 0x4000) + driver.motion.lasting_s(
         140, driver.motion.period - 0x4000
     )
     places = [at.position - start for at in driver.motion.sampled(0.6 + longer_s, 36)]

@@ -11,7 +11,7 @@ from axistwin_conformance.families.mac.axis.sequences.operations import OPERATIO
 from axistwin_conformance.families.mac.axis.sequences.sequence import (
     BYTES_PER_OPERATION,
     OPEN_STOPS,
-    Sequence,
+    AxisSequence,
     begin,
     read_parameters,
 )
@@ -24,7 +24,7 @@ def split(data: bytes, kinds: int = len(OPERATIONS)) -> Operations:
     return runner.split(data, kinds, BYTES_PER_OPERATION)
 
 
-class Player(runner.Player):
+class AxisRunner(runner.Player):
     """Plays operations on one module, always from the same place."""
 
     operation_bytes = BYTES_PER_OPERATION
@@ -34,7 +34,7 @@ class Player(runner.Player):
     def __init__(self, driver: AxisDriver, home: int) -> None:
         super().__init__(driver.session)
         self.driver, self.home = driver, home
-        self._last: Sequence | None = None
+        self._last: AxisSequence | None = None
         driver.motion.is_plotting = False  # or the ways home of all sequences would fill the report
 
     @property
@@ -42,12 +42,12 @@ class Player(runner.Player):
         """How many operations there are on this face."""
         return len(operations_of(self.driver))
 
-    def on(self, session: Session) -> Player:
+    def on(self, session: Session) -> AxisRunner:
         """The same on the twin of this module."""
         driver = driver_of(session)
-        return Player(driver, driver.motion.ready())
+        return AxisRunner(driver, driver.motion.ready())
 
-    def begin(self) -> Sequence:
+    def begin(self) -> AxisSequence:
         """A sequence that begins where every sequence begins; fresh ones with 00h, which costs 2 s
         of deafness."""
         again = None if self.is_fresh or self._last is None else self._last.again()
@@ -62,7 +62,7 @@ class Player(runner.Player):
 
     def watched(self, run: Playable) -> None:
         """Have the motion plotted."""
-        assert isinstance(run, Sequence), "it has begun here"
+        assert isinstance(run, AxisSequence), "it has begun here"
         run.watch = self._plot
 
     def _plot(self, forecast: Forecast, sample: Sample, slack: int) -> None:

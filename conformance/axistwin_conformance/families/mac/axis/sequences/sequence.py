@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from axistwin_conformance.families.mac.axis.driver.client import Sample
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver
-from axistwin_conformance.families.mac.axis.exchanges import Kind, signed
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind, signed
 from axistwin_conformance.families.mac.axis.model.axis_model import (
     MOTIONS,
     SEGMENTS,
@@ -26,7 +26,7 @@ from axistwin_conformance.families.mac.axis.model.forecast import (
     RESTING,
     Forecast,
     Timeline,
-    Window,
+    TimeWindow,
 )
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS, TICKS_PER_SECOND
 from axistwin_conformance.sequences.runner import Mismatch, Steps
@@ -38,7 +38,7 @@ SPAN: Final = 3000  # increments about the start in which targets lie
 AHEAD_NS: Final = 600_000_000  # how far an axis is looked after
 CHANGES: Final = 2  # speed changes and stops within one motion: each doubles the histories kept
 PAUSED: Final = 0x80  # a pause byte above it is a wait, ms beyond it
-SETTLING_S: Final = 0.1  # of a real axis
+SWINGING_S: Final = 0.1  # of a real axis
 BEGIN_PERIOD: Final = 0x1000
 BEGIN_COEFFICIENT: Final = 1
 OPEN_STOPS: Final = ((0x09, 0x3FFFFFFF), (0x0A, 0xC0000000), (0x0E, 0x0500), (0x0C, 0x40))
@@ -49,7 +49,7 @@ RAMP_MARGIN: Final = 120 * max(COEFFICIENTS)
 BYSTANDING_NS: Final = 200_000_000  # the longest wait for something that ends too far away
 
 # Which requirement a surprise under an index speaks about; the rest is about replies in general.
-BLAME: Final = {
+DIAGNOSIS: Final = {
     0x0D: "MACS-STATE-01", 0x0F: "MACS-STATE-01", 0x02: "MACS-STATE-01", 0x03: "MACS-STATE-01",
     0x09: "MACS-STATE-01", 0x0A: "MACS-STATE-01",
     0x13: "MACS-CMD-13-02", 0x14: "MACS-CMD-14-02", 0x15: "MACS-CMD-15-02",
@@ -58,8 +58,8 @@ BLAME: Final = {
     0x20: "MACS-Q-20-01", 0x21: "MACS-Q-21-01", 0x25: "MACS-REPLY-05", 0x26: "MACS-REPLY-05",
     0x22: "MACS-REPLY-05", 0x23: "MACS-REPLY-05", 0x27: "MACS-BUSY-01",
 }  # fmt: skip
-BLAME_MODE: Final = {"PO": "MACS-CMD-13-01", "VE": "MACS-CMD-15-01", "IN": "MACS-CMD-16-01"}
-BLAME_OTHERWISE: Final = "MACS-REPLY-01"
+DIAGNOSIS_OF_MODE: Final = {"PO": "MACS-CMD-13-01", "VE": "MACS-CMD-15-01", "IN": "MACS-CMD-16-01"}
+DIAGNOSIS_OTHERWISE: Final = "MACS-REPLY-01"
 
 STARTING: Final = frozenset({*MOTIONS, *SEGMENTS, 0x0B, 0x10, 0x11})  # where from is of account
 
@@ -70,15 +70,15 @@ UNRULED_STATUS: Final = ("ff_lifetime", "status_ff_layout")
 
 
 @dataclass(frozen=True, slots=True)
-class Operation:
+class AxisOperation:
     """One line of the table: what it is called in reports, and what it does."""
 
     name: str
-    act: Callable[[Sequence, int, int], None]
+    act: Callable[[AxisSequence, int, int], None]
 
 
 @dataclass
-class Sequence(Steps):
+class AxisSequence(Steps):
     """One run of one byte string against one module.
 
     `judged`: requirement → how many replies were held against it, counted only where some other
@@ -93,7 +93,7 @@ class Sequence(Steps):
     model: AxisModel
     home: int
     release: int
-    operations: tuple[Operation, ...]
+    operations: tuple[AxisOperation, ...]
     judged: Counter[str] = field(default_factory=Counter)
     operated: Counter[tuple[str, str]] = field(default_factory=Counter)
     marks: list[int] = field(default_factory=list)
@@ -114,7 +114,7 @@ class Sequence(Steps):
         self._cleared: set[int] = set()  # indices that the gate has let pass and nothing stores
         self._inside_until_ns = 0  # when it has to be looked again whether the axis stays inside
         self._log: list[tuple[bytes, bytes] | int] = []  # exchanges, and pauses in ns
-        self._kinds: dict[bytes, Kind] = {}  # of short replies: there are few
+        self._kinds: dict[bytes, ReplyKind] = {}  # of short replies: there are few
         self._known: dict[str, int] = {}
         self._follows: dict[tuple[str, ...], bool] = {}
 
@@ -122,10 +122,10 @@ class Sequence(Steps):
     def story(self) -> list[str]:
         """What was sent, said and waited, in words."""
         return [
-            f"wait {one / 1e6:.0f} ms"
-            if isinstance(one, int)
-            else f"{self.client.explained(one[0])} → {self.client.described(one[1])}"
-            for one in self._log
+            f"wait {entry / 1e6:.0f} ms"
+            if isinstance(entry, int)
+            else f"{self.client.explained(entry[0])} → {self.client.described(entry[1])}"
+            for entry in self._log
         ]
 
     def known(self, switch: str) -> int:
@@ -183,11 +183,11 @@ class Sequence(Steps):
             driver.client.command(0x03, 0)
             position = driver.motion.ready()
         self.is_known &= drive(driver, position, -self.offset) == -self.offset
-        self.is_known &= driver.client.command(0x0B).kind is Kind.ACCEPTED
+        self.is_known &= driver.client.command(0x0B).kind is ReplyKind.ACCEPTED
         self.model.forecast = Forecast.rest(0)
         self.offset = 0
 
-    def again(self) -> Sequence | None:
+    def again(self) -> AxisSequence | None:
         """The next sequence, begun with no question whose answer is known; None if this one has
         not ended as the model says, and the module has to be asked."""
         driver, home = self.driver, self.home
@@ -197,7 +197,7 @@ class Sequence(Steps):
             if drive(driver, self.model.forecast.places[0], home) != home:
                 return None
             self.model.forecast = Forecast.rest(home)
-        after = Sequence(driver, self.model, home, self.release, self.operations)
+        after = AxisSequence(driver, self.model, home, self.release, self.operations)
         after._known, after._follows = self._known, self._follows
         return after
 
@@ -205,14 +205,14 @@ class Sequence(Steps):
         """Set what differs from the beginning; False where that is not known or not accepted."""
         if not self.is_known:
             return False
-        driver, one = self.driver, self.model.parameters
+        driver, parameters = self.driver, self.model.parameters
         period = driver.limits.slowed(BEGIN_PERIOD)
         for index, parameter in (*OPEN_STOPS, *PLAIN_MODES, (0x0D, period)):
             setting = SETTINGS[index]
             value = setting.value(parameter)
-            if getattr(one, setting.name) != value:
-                self.is_known &= driver.client.command(index, parameter).kind is Kind.ACCEPTED
-                setattr(one, setting.name, value)
+            if getattr(parameters, setting.name) != value:
+                self.is_known &= driver.client.command(index, parameter).kind is ReplyKind.ACCEPTED
+                setattr(parameters, setting.name, value)
         driver.motion.period, driver.motion.coefficient = period, BEGIN_COEFFICIENT
         return self.is_known
 
@@ -220,32 +220,32 @@ class Sequence(Steps):
         """Send a command and hold its reply against the admissible set."""
         parameter &= 0xFFFFFFFF
         if index in STARTING:
-            self._settle_doubt()
-        received, taken = self._tell(index, parameter)
+            self._resolve_doubt()
+        received, taken = self._exchange(index, parameter)
         kind = self._kinds.get(received) or self._kind_of(received)
-        if index == 0x00 and kind is Kind.SILENCE:  # MACS-AMB-20
-            kind = Kind.ACCEPTED
+        if index == 0x00 and kind is ReplyKind.SILENCE:  # MACS-AMB-20
+            kind = ReplyKind.ACCEPTED
         admissible = self.model.outcomes(index, parameter, taken)
         if kind not in admissible:
             states = "/".join(sorted(self.model.states(taken)))
             is_of_store = index in SEGMENTS and self.has_segments  # a full one refuses either kind
             raise Mismatch(
-                "MACS-CMD-16-02" if is_of_store else BLAME.get(index, BLAME_OTHERWISE),
+                "MACS-CMD-16-02" if is_of_store else DIAGNOSIS.get(index, DIAGNOSIS_OTHERWISE),
                 " or ".join(kind.value for kind in admissible)
                 + f" to {self.client.named(index)} in {states}",
                 self.client.described(received),
             )
         if len(admissible) == 1:
-            self.judged[BLAME.get(index, BLAME_OTHERWISE)] += 1
+            self.judged[DIAGNOSIS.get(index, DIAGNOSIS_OTHERWISE)] += 1
         self.model.learn(index, parameter, kind, admissible[kind])
 
     def query(self, index: int) -> None:
         """Send a query and hold its data against the admissible ones."""
-        received, taken = self._tell(index)
+        received, taken = self._exchange(index)
         data = self.client.data_of(received)
         if data is None:
-            told = self.client.described(received)
-            raise Mismatch("MACS-Q-XX-01", f"an answer to {self.client.named(index)}", told)
+            described = self.client.described(received)
+            raise Mismatch("MACS-Q-XX-01", f"an answer to {self.client.named(index)}", described)
         self.judged["MACS-Q-XX-01"] += 1
         if index == 0x20:
             self._judge_position(signed(data), taken)
@@ -262,30 +262,30 @@ class Sequence(Steps):
             wanted = self.model.parameters.answer(index)
             if data != wanted:
                 name = self.client.named(index)
-                raise Mismatch(BLAME[index], f"{name} {wanted:08X}", f"data {data:08X}")
-            self.judged[BLAME[index]] += 1
+                raise Mismatch(DIAGNOSIS[index], f"{name} {wanted:08X}", f"data {data:08X}")
+            self.judged[DIAGNOSIS[index]] += 1
         elif index == 0x24 and data != self.release:
-            raise Mismatch(BLAME_OTHERWISE, f"release {self.release:08X}", f"{data:08X}")
+            raise Mismatch(DIAGNOSIS_OTHERWISE, f"release {self.release:08X}", f"{data:08X}")
 
     def _judge(self, index: int, seen: int, admissible: frozenset[int], what: str) -> None:
-        name = BLAME.get(index, BLAME_OTHERWISE)
+        name = DIAGNOSIS.get(index, DIAGNOSIS_OTHERWISE)
         if seen not in admissible:
             raise Mismatch(name, f"{what} in {sorted(admissible)}", f"{what} {seen}")
         if len(admissible) == 1:
             self.judged[name] += 1
 
-    def _judge_position(self, position: int, taken: Window) -> None:
+    def _judge_position(self, position: int, taken: TimeWindow) -> None:
         model, slack = self.model, self._slack
         lowest, highest = model.bounds(taken)
         if self.watch is not None:
             self.watch(model.forecast, Sample(position, taken), slack)
-        name = self._blamed_for_a_place(taken)
+        name = self._diagnosis_of_place(taken)
         if not lowest - slack <= position <= highest + slack:
             raise Mismatch(name, f"position {lowest}..{highest}", f"position {position}")
         self.judged[name] += 1
         model.learn_position(position, taken)
 
-    def _blamed_for_a_place(self, taken: Window) -> str:
+    def _diagnosis_of_place(self, taken: TimeWindow) -> str:
         """The requirement of a counter reading: of the motion under way, or of the one that ended
         where nobody has looked since."""
         forecast = self.model.forecast
@@ -293,9 +293,11 @@ class Sequence(Steps):
             modes: Iterable[str] = (forecast.rested.timelines[0].after,)
         else:
             modes = sorted(forecast.modes(taken))
-        return next((BLAME_MODE[mode] for mode in modes if mode in BLAME_MODE), "MACS-Q-20-01")
+        return next(
+            (DIAGNOSIS_OF_MODE[mode] for mode in modes if mode in DIAGNOSIS_OF_MODE), "MACS-Q-20-01"
+        )
 
-    def _tell(self, index: int, parameter: int = 0) -> tuple[bytes, Window]:
+    def _exchange(self, index: int, parameter: int = 0) -> tuple[bytes, TimeWindow]:
         """Send a request; where time is virtual and nothing disturbs, by the shortest way.  There
         gate and meter are asked once about an index that stores nothing."""
         if self._is_direct and index not in self._may_be_silent:
@@ -311,7 +313,7 @@ class Sequence(Steps):
         self._log.append((frame, received))
         return received, taken
 
-    def lost(self, request: Any, wanted: Kind, name: str) -> None:
+    def lost(self, request: Any, wanted: ReplyKind, name: str) -> None:
         """Send a request that must not be executed and gets just that reply; `name`: the
         requirement that says so."""
         exchange = self.client.in_vain(request)
@@ -323,14 +325,14 @@ class Sequence(Steps):
     def synchronise(self) -> None:
         """Do what 11h does by the frame that all modules obey and none answers; what comes of it
         must be beyond doubt."""
-        self._settle_doubt()
+        self._resolve_doubt()
         exchange = self.client.synchronise()
         assert exchange is not None, "only a face that has such a frame has this operation"
         self._log.append((exchange.request, exchange.reply.raw))
         ((kind, after),) = self.model.outcomes(0x11, 0, exchange.taken).items()
         self.model.learn(0x11, 0, kind, after)
 
-    def _kind_of(self, received: bytes) -> Kind:
+    def _kind_of(self, received: bytes) -> ReplyKind:
         kind = self._kinds[received] = self.client.kind_of(received)
         return kind
 
@@ -358,9 +360,9 @@ class Sequence(Steps):
 
     # --- staying inside ---------------------------------------------------------------------------
 
-    def _now(self) -> Window:
+    def _now(self) -> TimeWindow:
         now_ns = self.target.now_ns
-        return Window(now_ns, now_ns)
+        return TimeWindow(now_ns, now_ns)
 
     @property
     def is_resting(self) -> bool:
@@ -376,12 +378,12 @@ class Sequence(Steps):
             if self.target.travel_guard is not None and not self._is_left_alone(now_ns + AHEAD_NS):
                 self.command(0x18)
             return self.model.name_of(RESTING)
-        modes = forecast.modes(Window(now_ns, now_ns))
+        modes = forecast.modes(TimeWindow(now_ns, now_ns))
         if now_ns >= self._inside_until_ns and not self._is_kept_inside(now_ns + AHEAD_NS):
             self.command(0x18)
         return self.model.name_of(modes)
 
-    def _settle_doubt(self) -> None:
+    def _resolve_doubt(self) -> None:
         """Ask where an axis at rest is, if that is in doubt, so that the next motion starts from
         one place."""
         forecast = self.model.forecast
@@ -397,7 +399,7 @@ class Sequence(Steps):
     def _is_kept_inside(self, later_ns: int) -> bool:
         if not self._is_left_alone(later_ns):
             return False
-        lowest, highest = self.model.forecast.bounds(Window(later_ns, later_ns))
+        lowest, highest = self.model.forecast.bounds(TimeWindow(later_ns, later_ns))
         gone = max(self.home - self.shaft(lowest), self.shaft(highest) - self.home)
         room = self.max_travel - RAMP_MARGIN
         if not self.is_guarded and 0 <= gone < room:
@@ -459,7 +461,7 @@ class Sequence(Steps):
 
     def here(self) -> int:
         """Some admissible present position."""
-        self._settle_doubt()
+        self._resolve_doubt()
         return self.model.forecast.bounds(self._now())[0]
 
     @property
@@ -482,11 +484,11 @@ class Sequence(Steps):
 def drive(driver: AxisDriver, origin: int, target: int) -> int:
     """Move between two places inside the envelope, judging nothing; give where the axis then is."""
     exchange = driver.client.command(0x13, target)
-    if exchange.kind is Kind.ACCEPTED:
+    if exchange.kind is ReplyKind.ACCEPTED:
         end = driver.motion.to_position(exchange, origin, target).end
         assert end is not None, "a move has one"
         driver.client.wait_until(end.latest_ns)
-        driver.client.wait(0 if driver.client.target.is_virtual else SETTLING_S)
+        driver.client.wait(0 if driver.client.target.is_virtual else SWINGING_S)
     return driver.client.position()
 
 
@@ -494,8 +496,8 @@ def begin(
     driver: AxisDriver,
     home: int | None,
     law_known: Callable[[AxisDriver], AxisModel],
-    operations: tuple[Operation, ...],
-) -> Sequence:
+    operations: tuple[AxisOperation, ...],
+) -> AxisSequence:
     """Bring the module to a known state, always the same, and give a sequence of these operations
     to play."""
     position = driver.motion.ready(BEGIN_PERIOD, BEGIN_COEFFICIENT)
@@ -505,7 +507,7 @@ def begin(
     ff = driver.status.stopped_on()  # of the sequence before: the next motion clears it
     model.forecast = Forecast.of([Timeline("HD", position, ff=ff)])
     start = position if home is None else home
-    return Sequence(driver, model, start, driver.client.value(0x24), operations)
+    return AxisSequence(driver, model, start, driver.client.value(0x24), operations)
 
 
 def read_parameters(driver: AxisDriver) -> Parameters:

@@ -10,17 +10,17 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import velocity
-from axistwin_conformance.families.mac.axis.driver.unknown_modules import stranger_at
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.driver.unknown_modules import unknown_module_at
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.can import codec
-from axistwin_conformance.families.mac.can.codec import Request
+from axistwin_conformance.families.mac.can.codec import CanRequest
 from axistwin_conformance.families.mac.can.collect_replies import (
+    described,
     everybody,
     replies,
-    strangers,
     the_reply,
-    told,
+    unknown_addresses,
 )
 from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.transport.can_frame import Frame
@@ -51,20 +51,24 @@ def it_answers_once_on_the_identifier_of_its_address(session: Session) -> None:
     driver = CanDriver(session)
     for index in codec.ANSWERED:
         reply = the_reply(driver, driver.client.request(index), ("MACC-ID-01", "MACC-SDO-06"))
-        driver.session.step(reply.kind is Kind.ANSWER, "an answer", reply)
+        driver.session.step(reply.kind is ReplyKind.ANSWER, "an answer", reply)
 
 
 @check("MACC-ID-02", "MACC-SDO-06")
 def requests_to_other_addresses_get_no_reply(session: Session) -> None:
     """No upload asked of an address that nobody has is answered by anybody."""
     driver = CanDriver(session)
-    for address in strangers(session):
-        heard = replies(
+    for address in unknown_addresses(session):
+        received = replies(
             driver, driver.client.request(0x20, address=address).frame(), is_awaited=False
         )
-        hint = stranger_at(driver.client, address) if heard else ""
+        hint = unknown_module_at(driver.client, address) if received else ""
         session.expect(
-            not heard, ("MACC-ID-02", "MACC-SDO-06"), f"silence at {address}", told(heard), hint
+            not received,
+            ("MACC-ID-02", "MACC-SDO-06"),
+            f"silence at {address}",
+            described(received),
+            hint,
         )
     driver.judge.alive("MACC-ID-02")
 
@@ -77,17 +81,17 @@ def downloads_to_other_addresses_do_nothing(session: Session) -> None:
     before = [driver.client.value(index) for index in PARAMETERS]
     taken = {session.address, *session.neighbours}
     other = next(address for address in FOREIGN if address not in taken)
-    hint = stranger_at(driver.client, other)  # before it is told anything
+    hint = unknown_module_at(driver.client, other)  # before it is told anything
     if hint:
         session.fail("MACC-ID-02", f"silence at {other}", "an answer to 2000h", hint)
     cases = [(0x0D, 0x1456), (0x0F, 0x21), (0x0B, 0), (0x0C, 0x11), (0x09, 0x1234)]
     if not session.envelope.is_guarded:  # or a module that nobody has named might be there and move
         cases += [(0x13, start + 300), (0x15, velocity(1, SLOWEST)), (0x00, 0)]
     for index, parameter in cases:
-        heard = replies(
+        received = replies(
             driver, driver.client.request(index, parameter, address=other).frame(), is_awaited=False
         )
-        session.expect(not heard, "MACC-ID-02", f"silence at {other}", told(heard))
+        session.expect(not received, "MACC-ID-02", f"silence at {other}", described(received))
     after = [driver.client.value(index) for index in PARAMETERS]
     session.expect(after == before, "MACC-ID-02", _hex(before), _hex(after))
 
@@ -100,7 +104,7 @@ def each_module_answers_and_obeys_its_own_identifier(session: Session) -> None:
     for driver, torque in zip(drivers, TORQUES, strict=True):
         the_reply(driver, driver.client.request(0x24), names)
         reply = the_reply(driver, driver.client.request(0x0C, torque), names)
-        session.step(reply.kind is Kind.ACCEPTED, "60h", reply)
+        session.step(reply.kind is ReplyKind.ACCEPTED, "60h", reply)
     for driver, torque in zip(drivers, TORQUES, strict=True):
         seen = driver.client.data_bytes(0x26)[1]
         session.expect(
@@ -114,9 +118,9 @@ def each_module_answers_and_obeys_its_own_identifier(session: Session) -> None:
 def _other_identifiers(driver: CanDriver) -> list[int]:
     if not driver.client.target.is_virtual:
         return [base + driver.client.address for base in OTHER_BASES]
-    modules = {codec.REQUEST + one.client.address for one in everybody(driver.session)}
+    modules = {codec.REQUEST + module.client.address for module in everybody(driver.session)}
     silent = MEANINGFUL | modules | {codec.LMT_REPLY}
-    return [one for one in range(0x800) if one not in silent]
+    return [number for number in range(0x800) if number not in silent]
 
 
 @check("MACC-ID-01", "MACC-ID-02", level="full")
@@ -127,13 +131,15 @@ def no_other_identifier_reaches_a_module(session: Session) -> None:
     identifiers = _other_identifiers(driver)
     for at in range(0, len(identifiers), AT_ONCE):
         some = identifiers[at : at + AT_ONCE]
-        heard = replies(driver, *(Frame(one, body) for one in some), is_awaited=False)
+        received = replies(driver, *(Frame(frame, body) for frame in some), is_awaited=False)
         # Under 600h and an address that is not this module's, somebody else may be meant.
-        meant = [one - codec.REQUEST for one in some if one - codec.REQUEST in codec.ADDRESSES]
-        hints = [stranger_at(driver.client, address) for address in meant if heard]
+        meant = [
+            reply - codec.REQUEST for reply in some if reply - codec.REQUEST in codec.ADDRESSES
+        ]
+        hints = [unknown_module_at(driver.client, address) for address in meant if received]
         session.expect(
-            not heard, ("MACC-ID-01", "MACC-ID-02"),
-            f"silence under {some[0]:03X}h..{some[-1]:03X}h", told(heard),
+            not received, ("MACC-ID-01", "MACC-ID-02"),
+            f"silence under {some[0]:03X}h..{some[-1]:03X}h", described(received),
             next((hint for hint in hints if hint), ""),
         )  # fmt: skip
     driver.judge.alive("MACC-ID-01")
@@ -146,7 +152,7 @@ def _extended(plain: Frame) -> list[Frame]:
     """A frame's identifier as a number of 29 bits, as the first 11 of them, and with others set."""
     own = plain.identifier
     places = (own, own << 18, own << 18 | 0x3FFFF, own | 1 << 28)
-    return [Frame(one, plain.data, is_extended=True) for one in places]
+    return [Frame(place, plain.data, is_extended=True) for place in places]
 
 
 @check("MACC-ID-03")
@@ -170,12 +176,14 @@ def remote_frames_are_ignored(session: Session) -> None:
         for length in REMOTE_LENGTHS:
             driver.client.target.take_spontaneous()
             driver.judge.silent(Frame(identifier, is_remote=True, asked_length=length))
-            said = [
-                str(one.frame)
-                for one in driver.client.target.take_spontaneous()
-                if _guards(one.frame)
+            spontaneous_messages = [
+                str(arrival.frame)
+                for arrival in driver.client.target.take_spontaneous()
+                if _guards(arrival.frame)
             ]
-            session.expect(not said, None, "not a frame", " ".join(said))
+            session.expect(
+                not spontaneous_messages, None, "not a frame", " ".join(spontaneous_messages)
+            )
 
 
 def _guards(frame: Frame) -> bool:
@@ -210,27 +218,33 @@ def _has_spokesman(session: Session) -> bool:
     return codec.SPOKESMAN in (session.address, *session.neighbours)
 
 
-def judge_general(driver: CanDriver, one: Request) -> Kind:
+def judge_general(driver: CanDriver, request: CanRequest) -> ReplyKind:
     """Judge who answers a request to all (MACC-GEN-02), and where (MACC-GEN-03)."""
-    session, heard = driver.session, replies(driver, one.frame())
-    is_upload = one.command == codec.UPLOAD
+    session, received = driver.session, replies(driver, request.frame())
+    is_upload = request.command == codec.UPLOAD
     hint = (
-        stranger_at(driver.client, codec.SPOKESMAN) if heard and not _has_spokesman(session) else ""
+        unknown_module_at(driver.client, codec.SPOKESMAN)
+        if received and not _has_spokesman(session)
+        else ""
     )
-    if is_upload and not heard and _has_spokesman(session):
+    if is_upload and not received and _has_spokesman(session):
         driver.judge.reading("general_upload", 1, "MACC-GEN-02")
-        return Kind.SILENCE
-    is_right = len(heard) == _has_spokesman(session)
-    session.expect(is_right, "MACC-GEN-02", general_wanted(driver), told(heard), hint)
-    if not heard:
-        return Kind.SILENCE
+        return ReplyKind.SILENCE
+    is_right = len(received) == _has_spokesman(session)
+    session.expect(is_right, "MACC-GEN-02", general_wanted(driver), described(received), hint)
+    if not received:
+        return ReplyKind.SILENCE
     if is_upload:
         driver.judge.reading("general_upload", 0, "MACC-GEN-02")
-    whence = {codec.REPLY + 1: 0, codec.REQUEST + 1: 1}.get(heard[0].identifier, str(heard[0]))
+    whence = {codec.REPLY + 1: 0, codec.REQUEST + 1: 1}.get(
+        received[0].identifier, str(received[0])
+    )
     driver.judge.reading("general_reply_id", whence, "MACC-GEN-03")
-    flaw = codec.mismatch(one, heard[0])
-    session.expect(not flaw, "MACC-GEN-02", codec.explain(one.frame()), told(heard), flaw)
-    return codec.parse(heard[0], driver.client.byte_order).kind
+    flaw = codec.mismatch(request, received[0])
+    session.expect(
+        not flaw, "MACC-GEN-02", codec.explain(request.frame()), described(received), flaw
+    )
+    return codec.parse(received[0], driver.client.byte_order).kind
 
 
 @check("MACC-GEN-02", "MACC-GEN-03")
@@ -243,8 +257,8 @@ def module_1_alone_answers_what_all_are_asked(session: Session) -> None:
     unassigned = (0x12,) if session.reading("unknown_index") == "refuse" else ()
     for index in (*codec.ANSWERED, 0x11, *unassigned):
         kind = judge_general(driver, driver.client.to_all(index))
-        if index in codec.ANSWERED and kind is not Kind.SILENCE:
-            session.expect(kind is Kind.ANSWER, "MACC-GEN-02", "an answer", kind.value)
+        if index in codec.ANSWERED and kind is not ReplyKind.SILENCE:
+            session.expect(kind is ReplyKind.ANSWER, "MACC-GEN-02", "an answer", kind.value)
     driver.judge.alive("MACC-GEN-02")
     if not _has_spokesman(session):
         session.not_run("MACC-GEN-03", "there is no module 1 on this bus")
@@ -259,24 +273,27 @@ def a_setting_for_all_is_taken_by_all(session: Session) -> None:
         judge_general(first, first.client.to_all(0x0C, torque))
         for driver in drivers:
             seen = driver.client.data_bytes(0x26)[1]
-            told_ = f"torque {torque:02X} at {driver.client.address}"
-            session.expect(seen == torque, "MACC-GEN-01", told_, f"{seen:02X}")
+            wanted_text = f"torque {torque:02X} at {driver.client.address}"
+            session.expect(seen == torque, "MACC-GEN-01", wanted_text, f"{seen:02X}")
     for driver, stop in zip(drivers, STOPS, strict=False):
         driver.judge.accepted(0x09, stop)
     own = {driver.client.address: driver.client.value(0x22) for driver in drivers}
     asked = first.client.to_all(0x22)
-    heard = replies(first, asked.frame())
-    if not heard or not _has_spokesman(session):
+    received = replies(first, asked.frame())
+    if not received or not _has_spokesman(session):
         session.expect(
-            judge_general(first, asked) is Kind.SILENCE, "MACC-GEN-02", "silence", told(heard)
+            judge_general(first, asked) is ReplyKind.SILENCE,
+            "MACC-GEN-02",
+            "silence",
+            described(received),
         )
         if not _has_spokesman(session):
             session.not_run("MACC-GEN-03", "there is no module 1 on this bus")
         return
-    answer = codec.parse(heard[0], first.client.byte_order).data
+    answer = codec.parse(received[0], first.client.byte_order).data
     session.expect(
         answer == own[codec.SPOKESMAN], "MACC-GEN-02",
-        f"2002h of module 1, {own[codec.SPOKESMAN]:08X}", told(heard),
+        f"2002h of module 1, {own[codec.SPOKESMAN]:08X}", described(received),
     )  # fmt: skip
 
 
@@ -316,8 +333,8 @@ def module_1_answers_for_itself_only(session: Session) -> None:
     spokesman = drivers.pop(codec.SPOKESMAN)
     other = next(iter(drivers.values()))
     for moving, resting, kind in (
-        (spokesman, other, Kind.REFUSED),
-        (other, spokesman, Kind.ACCEPTED),
+        (spokesman, other, ReplyKind.REFUSED),
+        (other, spokesman, ReplyKind.ACCEPTED),
     ):
         for driver in (moving, resting):
             driver.motion.ready(SLOWEST)
@@ -325,12 +342,12 @@ def module_1_answers_for_itself_only(session: Session) -> None:
         moving.judge.accepted(0x13, start + 200)
         reply = replies(spokesman, spokesman.client.to_all(0x02, 1).frame())
         moving.motion.at_rest()
-        kinds = tuple(codec.parse(one).kind for one in reply)
-        session.expect(kinds == (kind,), "MACC-GEN-02", f"{kind.value}, once", told(reply))
+        kinds = tuple(codec.parse(byte).kind for byte in reply)
+        session.expect(kinds == (kind,), "MACC-GEN-02", f"{kind.value}, once", described(reply))
         for driver, wanted in ((moving, 0), (resting, 1)):
             seen = driver.client.value(0x26) >> 12 & 0xF
-            told_ = f"standby {wanted} at {driver.client.address}"
-            session.expect(seen == wanted, "MACC-GEN-01", told_, seen)
+            wanted_text = f"standby {wanted} at {driver.client.address}"
+            session.expect(seen == wanted, "MACC-GEN-01", wanted_text, seen)
         moving.motion.finish(moving.motion.go_plainly(start))
 
 
@@ -343,8 +360,8 @@ def a_general_request_must_be_whole_as_well(session: Session) -> None:
     before = driver.client.value(0x26)
     other = (before >> 16 & 0xFF) ^ 0x03
     for length in range(8):
-        for one in (driver.client.to_all(0x20), driver.client.to_all(0x0C, other)):
-            driver.judge.silent(replace(one, length=length))
+        for request in (driver.client.to_all(0x20), driver.client.to_all(0x0C, other)):
+            driver.judge.silent(replace(request, length=length))
     after = driver.client.value(0x26)
     session.expect(after == before, None, f"2006h {before:08X}", f"{after:08X}")
     driver.client.wait(QUIET_S)

@@ -10,13 +10,13 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver import factory
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
 from axistwin_conformance.families.mac.axis.driver.rig import OFF_S
-from axistwin_conformance.families.mac.axis.exchanges import Kind
-from axistwin_conformance.families.mac.axis.model.forecast import Window
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.checks.messages import (
     await_boot_up,
     beat,
-    boot_patience_s,
+    boot_silence_limit_s,
     is_free,
     judge_due,
     judge_form,
@@ -24,7 +24,7 @@ from axistwin_conformance.families.mac.can.checks.messages import (
     restart,
     silenced,
 )
-from axistwin_conformance.families.mac.can.collect_replies import replies, slack_ns, told
+from axistwin_conformance.families.mac.can.collect_replies import described, replies, slack_ns
 from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.families.mac.can.probes.destructive import (
     ALONE,
@@ -61,24 +61,26 @@ def lmt_replies(driver: CanDriver, frame: Frame, *, is_awaited: bool = False) ->
     return replies(driver, frame, is_awaited=is_awaited)
 
 
-def silently(driver: CanDriver, frame: Frame, requirement: str) -> Window:
+def silently(driver: CanDriver, frame: Frame, requirement: str) -> TimeWindow:
     """Judge that nobody answers an LMT frame; give when it was heard."""
     sent_ns = driver.client.target.now_ns
-    heard = lmt_replies(driver, frame)
-    driver.session.expect(not heard, requirement, f"silence to {codec.explain(frame)}", told(heard))
-    return Window(sent_ns, sent_ns + slack_ns(driver, 0))
+    received = lmt_replies(driver, frame)
+    driver.session.expect(
+        not received, requirement, f"silence to {codec.explain(frame)}", described(received)
+    )
+    return TimeWindow(sent_ns, sent_ns + slack_ns(driver, 0))
 
 
 def take_address(driver: CanDriver, frame: Frame, requirement: str = "MACC-LMT-02") -> None:
     """Judge the reply to an address that can be had: 11 00 00 and zeros, of 8 or 7 bytes."""
-    heard = lmt_replies(driver, frame, is_awaited=True)
-    is_one = len(heard) == 1 and heard[0].identifier == codec.LMT_REPLY
-    length = len(heard[0].data) if is_one else 0
+    received = lmt_replies(driver, frame, is_awaited=True)
+    is_one = len(received) == 1 and received[0].identifier == codec.LMT_REPLY
+    length = len(received[0].data) if is_one else 0
     lengths = {8: 0, 7: 1}
     wanted = b"\x11".ljust(length, b"\0")
     driver.session.expect(
-        is_one and length in lengths and heard[0].data == wanted, requirement,
-        "7E4h 11 00 00 and zeros", told(heard),
+        is_one and length in lengths and received[0].data == wanted, requirement,
+        "7E4h 11 00 00 and zeros", described(received),
     )  # fmt: skip
     driver.judge.reading("lmt_dlc", lengths[length], requirement)
 
@@ -97,7 +99,7 @@ def serves_meanwhile(driver: CanDriver) -> bool:
 def no_boot_up(driver: CanDriver, requirement: str) -> None:
     """Judge that the module does not restart after a frame that completes no procedure; in another
     reading it does (MACC-AMB-10)."""
-    is_booted = driver.client.boot_up(boot_patience_s(driver)) is not None
+    is_booted = driver.client.boot_up(boot_silence_limit_s(driver)) is not None
     driver.judge.reading("lmt_incomplete", int(is_booted), requirement)
 
 
@@ -160,14 +162,16 @@ def _judge_steps(driver: CanDriver, new: int) -> None:
     since = silently(driver, codec.lmt_leave(), "MACC-LMT-02")
     if driver.motion.deaf_s > 1.0:
         for address in (old, new):
-            heard = replies(
+            received = replies(
                 driver, driver.client.request(0x20, address=address).frame(), is_awaited=False
             )
-            session.expect(not heard, "MACC-BOOT-04", "silence until the boot-up", told(heard))
+            session.expect(
+                not received, "MACC-BOOT-04", "silence until the boot-up", described(received)
+            )
     boot_up, before = await_boot_up(driver, address=new)
     session.expect(boot_up is not None, ("MACC-BOOT-01", "MACC-BOOT-03"), f"as {new}", "none")
     assert boot_up is not None
-    session.expect(not before, "MACC-BOOT-01", "nothing before it", told_of(before))
+    session.expect(not before, "MACC-BOOT-01", "nothing before it", described_all(before))
     again, as_old = driver.client.boot_up(0, new), driver.client.boot_up(0, old)
     session.expect(again is None, "MACC-BOOT-01", "one boot-up message", "two")
     session.expect(as_old is None, "MACC-BOOT-03", f"none as {old}", "one")
@@ -176,16 +180,16 @@ def _judge_steps(driver: CanDriver, new: int) -> None:
     session.expect(answers(driver, new), "MACC-LMT-01", f"answers as {new}", "silence")
     session.expect(not answers(driver, old), "MACC-LMT-01", f"silence at {old}", "an answer")
     driver.client.address = new
-    one = restart(driver)
+    restarted = restart(driver)
     session.expect(
-        one.boot_up is not None and answers(driver, new), "MACC-LMT-03",
+        restarted.boot_up is not None and answers(driver, new), "MACC-LMT-03",
         f"still {new} after a restart", "silence",
     )  # fmt: skip
 
 
-def told_of(messages: tuple[object, ...]) -> str:
+def described_all(messages: tuple[object, ...]) -> str:
     """What came too early, in words."""
-    return " ".join(str(one) for one in messages)
+    return " ".join(str(message) for message in messages)
 
 
 @check("MACC-LMT-04", "MACC-LMT-01", safety=DESTRUCTIVE, needs=ALONE)
@@ -229,7 +233,7 @@ def lmt_frames_may_be_shorter_and_hold_anything(session: Session) -> None:
         configure(driver, Frame(codec.LMT_REQUEST, b"\x04"))
         silently(driver, codec.lmt_address(NEW_ADDRESSES[0]), "MACC-LMT-01")
         configure(driver, codec.lmt_leave())
-        driver.client.boot_up(boot_patience_s(driver))
+        driver.client.boot_up(boot_silence_limit_s(driver))
         stays(driver, "MACC-LMT-01")
 
 
@@ -248,18 +252,18 @@ def an_abandoned_procedure_leaves_the_old_address(session: Session) -> None:
     driver.motion.at_rest()
     if not serves_meanwhile(driver):
         session.skip("while its address is set it takes no reset (MACC-AMB-11)")
-    new = next(one for one in NEW_ADDRESSES if one != driver.client.address)
+    new = next(address for address in NEW_ADDRESSES if address != driver.client.address)
     with address_put_back(driver):
         configure(driver, codec.lmt_enter())
         take_address(driver, codec.lmt_address(new), "MACC-LMT-03")
-        one = restart(driver)
+        restarted = restart(driver)
         session.expect(
-            one.boot_up is not None, "MACC-LMT-03", f"as {driver.client.address}", "none"
+            restarted.boot_up is not None, "MACC-LMT-03", f"as {driver.client.address}", "none"
         )
         stays(driver, "MACC-LMT-03", new)
         silently(driver, codec.lmt_address(new), "MACC-LMT-06")
         silently(driver, codec.lmt_leave(), "MACC-LMT-03")
-        driver.client.boot_up(boot_patience_s(driver))
+        driver.client.boot_up(boot_silence_limit_s(driver))
         stays(driver, "MACC-LMT-03", new)
 
 
@@ -273,12 +277,12 @@ def addresses_out_of_range_are_refused(session: Session) -> None:
     with address_put_back(driver):
         silently(driver, codec.lmt_enter(), "MACC-LMT-05")
         for bad in every if session.transport.is_virtual else BAD_ADDRESSES:
-            heard = lmt_replies(driver, codec.lmt_address(bad), is_awaited=True)
-            outcome: int | str = f"{told(heard)} to address {bad:02X}h" if heard else 2
-            if len(heard) == 1 and heard[0].identifier == codec.LMT_REPLY:
-                rest, length = heard[0].data[3:], len(heard[0].data)
+            received = lmt_replies(driver, codec.lmt_address(bad), is_awaited=True)
+            outcome: int | str = f"{described(received)} to address {bad:02X}h" if received else 2
+            if len(received) == 1 and received[0].identifier == codec.LMT_REPLY:
+                rest, length = received[0].data[3:], len(received[0].data)
                 if not any(rest) and length in (7, 8):
-                    outcome = readings.get(heard[0].data[:3], outcome)
+                    outcome = readings.get(received[0].data[:3], outcome)
             driver.judge.reading("lmt_error_reply", outcome, "MACC-LMT-05")
         driver.client.target.take_spontaneous()
         configure(driver, codec.lmt_leave())
@@ -293,7 +297,7 @@ def without_entering_no_address_is_taken(session: Session) -> None:
     of another mode do not enter it."""
     driver = CanDriver(session)
     driver.motion.at_rest()
-    new = next(one for one in NEW_ADDRESSES if one != driver.client.address)
+    new = next(address for address in NEW_ADDRESSES if address != driver.client.address)
     body = codec.lmt_enter().data
     entries: list[tuple[Frame | None, str]] = [
         (None, "MACC-LMT-06"),
@@ -308,7 +312,7 @@ def without_entering_no_address_is_taken(session: Session) -> None:
                 silently(driver, entry, name)
             silently(driver, codec.lmt_address(new), name)
             silently(driver, codec.lmt_leave(), name)
-            driver.client.boot_up(boot_patience_s(driver))
+            driver.client.boot_up(boot_silence_limit_s(driver))
             stays(driver, name, new)
 
 
@@ -317,7 +321,7 @@ def leaving_without_an_address_does_nothing_else(session: Session) -> None:
     """Entering and leaving without an address restarts nothing, and ends the configuration mode."""
     driver = CanDriver(session)
     driver.motion.at_rest()
-    new = next(one for one in NEW_ADDRESSES if one != driver.client.address)
+    new = next(address for address in NEW_ADDRESSES if address != driver.client.address)
     with address_put_back(driver):
         silently(driver, codec.lmt_enter(), "MACC-LMT-07")
         driver.client.target.take_spontaneous()
@@ -334,7 +338,7 @@ def requests_are_served_at_the_old_address_meanwhile(session: Session) -> None:
     served at the old address; or none is."""
     driver = CanDriver(session)
     driver.motion.at_rest()
-    new = next(one for one in NEW_ADDRESSES if one != driver.client.address)
+    new = next(address for address in NEW_ADDRESSES if address != driver.client.address)
     with address_put_back(driver):
         for frame in (codec.lmt_enter(), codec.lmt_address(new)):
             configure(driver, frame)
@@ -342,8 +346,10 @@ def requests_are_served_at_the_old_address_meanwhile(session: Session) -> None:
                 kind = driver.client.within(
                     QUIET_S + driver.client.target.uncertainty_ns / 1e9, index
                 ).kind
-                served = Kind.ANSWER if index in codec.ANSWERED else Kind.ACCEPTED
-                outcome = {served: 0, Kind.SILENCE: 1}.get(kind, f"{kind.value} to {index:02X}h")
+                served = ReplyKind.ANSWER if index in codec.ANSWERED else ReplyKind.ACCEPTED
+                outcome = {served: 0, ReplyKind.SILENCE: 1}.get(
+                    kind, f"{kind.value} to {index:02X}h"
+                )
                 driver.judge.reading("lmt_sdo", outcome)
         session.expect(not answers(driver, new), None, f"silence at {new}", "an answer")
 
@@ -357,7 +363,7 @@ def other_lmt_services_are_ignored(session: Session) -> None:
     services = [*SWITCHES, *WHO, LMT_STORE]
     if session.transport.is_virtual:
         services = [*services, RATE_SERVICES[0]]
-    new = next(one for one in NEW_ADDRESSES if one != driver.client.address)
+    new = next(address for address in NEW_ADDRESSES if address != driver.client.address)
     with address_put_back(driver):
         for service in services:
             _judge_service(driver, service, is_configuring=False)
@@ -376,11 +382,11 @@ def other_lmt_services_are_ignored(session: Session) -> None:
 
 
 def _judge_service(driver: CanDriver, service: int, *, is_configuring: bool) -> None:
-    heard = lmt_replies(driver, codec.lmt(service))
-    if heard and all(one.identifier == codec.LMT_REPLY for one in heard):
+    received = lmt_replies(driver, codec.lmt(service))
+    if received and all(frame.identifier == codec.LMT_REPLY for frame in received):
         outcome: int | tuple[int, ...] | str = 1
-    elif heard:
-        outcome = f"{told(heard)} to service {service:02X}h"
+    elif received:
+        outcome = f"{described(received)} to service {service:02X}h"
     else:
         is_telling = is_configuring and service in REPLIED_BY_THE_CONVENTION
         outcome = 0 if is_telling and not driver.readings.known("lmt_other") else (0, 1)
@@ -419,15 +425,15 @@ def the_lifebeat_comes_under_the_address_it_has(session: Session) -> None:
         session.skip("it sends no such message")
     driver.motion.at_rest()
     with address_put_back(driver):
-        new = next(one for one in NEW_ADDRESSES if one != driver.client.address)
+        new = next(address for address in NEW_ADDRESSES if address != driver.client.address)
         give_address(driver, new)
         driver.client.address = new
         session.step(answers(driver, new), f"as {new}", "silence")
         driver.client.target.take_spontaneous()
         message = beat(driver)
-        said = [str(one.frame) for one in driver.client.target.take_spontaneous()]
-        told_ = f"a message under {codec.EMERGENCY + new:03X}h"
-        session.expect(message is not None, None, told_, " ".join(said) or "none")
+        texts = [str(arrival.frame) for arrival in driver.client.target.take_spontaneous()]
+        wanted_text = f"a message under {codec.EMERGENCY + new:03X}h"
+        session.expect(message is not None, None, wanted_text, " ".join(texts) or "none")
 
 
 # --- what the address is for ---------------------------------------------------------------------
@@ -445,9 +451,11 @@ def a_lone_module_other_than_1_obeys_all_in_silence(session: Session) -> None:
             session.expect(answers(driver, address), "MACC-ID-01", f"as {address}", "silence")
             value = TORQUE.other(driver)
             is_one = address == codec.SPOKESMAN
-            heard = replies(driver, driver.client.to_all(0x0C, value).frame(), is_awaited=is_one)
-            is_spoken = len(heard) == is_one
-            session.expect(is_spoken, "MACC-GEN-02", f"{address} answers as 1 only", told(heard))
+            received = replies(driver, driver.client.to_all(0x0C, value).frame(), is_awaited=is_one)
+            is_spoken = len(received) == is_one
+            session.expect(
+                is_spoken, "MACC-GEN-02", f"{address} answers as 1 only", described(received)
+            )
             seen = TORQUE.read(driver)
             session.expect(seen == value, "MACC-GEN-01", f"torque {value:02X}", f"{seen:02X}")
 
@@ -459,7 +467,7 @@ def the_address_outlives_the_supply_once_it_holds(session: Session) -> None:
     driver.motion.at_rest()
     old, new = (
         driver.client.address,
-        next(one for one in NEW_ADDRESSES if one != driver.client.address),
+        next(address for address in NEW_ADDRESSES if address != driver.client.address),
     )
     with address_put_back(driver):
         configure(driver, codec.lmt_enter())
@@ -489,7 +497,7 @@ def a_factory_reset_brings_the_factory_values(session: Session) -> None:
     """2001h writes the factory values over all parameters; the module boots and answers as 1."""
     driver = CanDriver(session)
     place = driver.motion.finish(driver.motion.go(driver.motion.ready() + 25))
-    changed = factory.spoil(driver, 0)
+    changed = factory.overwrite(driver, 0)
     with address_put_back(driver):
         give_address(driver, NEW_ADDRESSES[0])
         driver.client.address = NEW_ADDRESSES[0]
@@ -513,9 +521,11 @@ def _reset_to_factory(driver: CanDriver) -> bool:
     """Send 2001h, judge the reply.  True if the module restarts as module 1."""
     driver.client.target.take_spontaneous()
     exchange = driver.client.within(QUIET_S * 2, 0x01)
-    outcome: int | str = {Kind.ACCEPTED: 0, Kind.SILENCE: 1}.get(exchange.kind, str(exchange.reply))
+    outcome: int | str = {ReplyKind.ACCEPTED: 0, ReplyKind.SILENCE: 1}.get(
+        exchange.kind, str(exchange.reply)
+    )
     driver.judge.reading("reset_reply", outcome, "MACC-CMD-01-01")
-    boot_up, _ = await_boot_up(driver, boot_patience_s(driver), FACTORY_ADDRESS)
+    boot_up, _ = await_boot_up(driver, boot_silence_limit_s(driver), FACTORY_ADDRESS)
     old, driver.client.address = driver.client.address, FACTORY_ADDRESS
     is_old = old != FACTORY_ADDRESS and driver.client.boot_up(0, old) is not None
     driver.session.expect(not is_old, "MACC-CMD-01-02", f"no boot-up message as {old}", "one")

@@ -1,7 +1,7 @@
 """What a module says unasked: boot-up and lifebeat, and when it listens again (BOOT, EMCY, CMD-00).
 
 Times are judged from both ends of what was seen: an instant that a module fixes while it takes over
-a request lies in that exchange's window (`Exchange.taken`).
+a request lies in that exchange's window (`AxisExchange.taken`).
 """
 
 from __future__ import annotations
@@ -13,20 +13,20 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, Exchange
-from axistwin_conformance.families.mac.axis.driver.motion import segment
-from axistwin_conformance.families.mac.axis.exchanges import Kind
-from axistwin_conformance.families.mac.axis.model.forecast import Window
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, AxisExchange
+from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.checks.identifiers import judge_general
 from axistwin_conformance.families.mac.can.collect_replies import (
+    described,
     everybody,
     replies,
     slack_ns,
-    strangers,
-    told,
     unasked,
+    unknown_addresses,
 )
 from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.families.mac.can.probes.errors import stopped_beyond
@@ -34,7 +34,7 @@ from axistwin_conformance.families.mac.can.probes.messages import (
     LIFEBEAT_S,
     longest_boot_s,
     payload_readings,
-    said,
+    spontaneous_messages,
 )
 from axistwin_conformance.transport.can import Arrival
 from axistwin_conformance.transport.can_frame import Frame
@@ -49,7 +49,9 @@ SPOKEN_TO_S: Final = 3.0  # between requests that keep a lifebeat away
 SPOKEN_TO_TIMES: Final = 8
 ALMOST_S: Final = 9.99  # as late as that a request still puts it off
 TRAFFIC_S: Final = 1.0  # between frames that are not for this module
-LONG_SEGMENT: Final = segment(1465, 0xFFFF)  # 12 s: a lifebeat comes in it, and one after it
+LONG_SEGMENT: Final = segment_parameter(
+    1465, 0xFFFF
+)  # 12 s: a lifebeat comes in it, and one after it
 SELDOM_S: Final = 30.0  # a module that says nothing after ten seconds says nothing in these either
 AFTERWARDS_S: Final = 3.0  # what is said twice is said again by then
 EDGE_S: Final = 0.02  # before the boot-up message, where a request must be lost
@@ -63,37 +65,37 @@ NMT_STOP, NMT_PREPARE, NMT_RESET, NMT_RESTART, NMT_START = 0x02, 0x80, 0x81, 0x8
 
 
 @dataclass(frozen=True, slots=True)
-class Restart:
+class SeenRestart:
     """What came of 2000h: the exchange, when the restart began, the boot-up message, if any, and
     what this module said before it."""
 
-    exchange: Exchange
-    since: Window
+    exchange: AxisExchange
+    since: TimeWindow
     boot_up: Arrival | None
     before: tuple[Arrival, ...]
 
 
-def boot_patience_s(driver: CanDriver) -> float:
+def boot_silence_limit_s(driver: CanDriver) -> float:
     """How long a boot-up message is waited for."""
     if "boot_time_ms" in driver.session.readings:
         return driver.motion.awake_surely_s + driver.client.target.uncertainty_ns / 1e9
     return longest_boot_s(driver)
 
 
-def restart(driver: CanDriver) -> Restart:
+def restart(driver: CanDriver) -> SeenRestart:
     """Send 2000h and listen up to the boot-up message."""
     driver.client.target.take_spontaneous()
     exchange = driver.client.within(QUIET_S + driver.client.target.uncertainty_ns / 1e9, 0x00)
     boot_up, before = await_boot_up(driver)
-    return Restart(exchange, taken_over(driver, exchange), boot_up, before)
+    return SeenRestart(exchange, taken_over(driver, exchange), boot_up, before)
 
 
-def taken_over(driver: CanDriver, exchange: Exchange) -> Window:
+def taken_over(driver: CanDriver, exchange: AxisExchange) -> TimeWindow:
     """When a request was taken over to which nothing need come: a wait in vain is no part of it."""
     taken = exchange.taken
-    if exchange.kind is not Kind.SILENCE:
+    if exchange.kind is not ReplyKind.SILENCE:
         return taken
-    return Window(taken.earliest_ns, taken.earliest_ns + driver.client.frame_ns)
+    return TimeWindow(taken.earliest_ns, taken.earliest_ns + driver.client.frame_ns)
 
 
 def await_boot_up(
@@ -102,7 +104,9 @@ def await_boot_up(
     """The boot-up message of the module, or of that address, and what it said before; None if none
     comes."""
     whom = driver.client.address if address is None else address
-    deadline_ns = driver.client.target.now_ns + round((seconds or boot_patience_s(driver)) * 1e9)
+    deadline_ns = driver.client.target.now_ns + round(
+        (seconds or boot_silence_limit_s(driver)) * 1e9
+    )
     before: list[Arrival] = []
 
     def is_ours(frame: Frame) -> bool:
@@ -126,7 +130,7 @@ def judge_form(driver: CanDriver, boot_up: Arrival, requirement: str = "MACC-BOO
     driver.judge.reading("bootup_form", outcome, requirement)
 
 
-def judge_time(driver: CanDriver, since: Window, boot_up: Arrival, requirement: str) -> None:
+def judge_time(driver: CanDriver, since: TimeWindow, boot_up: Arrival, requirement: str) -> None:
     """The time from a restart to its boot-up message: 2 s, or what the device was found to take."""
     deaf_ns = round(driver.motion.deaf_s * 1e9)
     slack = slack_ns(driver, deaf_ns)
@@ -150,26 +154,31 @@ def a_reset_is_answered_and_ends_with_one_boot_up_message(session: Session) -> N
     """2000h gets 60h, then one boot-up message: 00h under 700h plus the address."""
     driver = CanDriver(session)
     driver.motion.ready()
-    one = restart(driver)
-    reply = one.exchange.reply
-    outcome: int | str = {Kind.ACCEPTED: 0, Kind.SILENCE: 1}.get(reply.kind, str(reply))
+    restarted = restart(driver)
+    reply = restarted.exchange.reply
+    outcome: int | str = {ReplyKind.ACCEPTED: 0, ReplyKind.SILENCE: 1}.get(reply.kind, str(reply))
     driver.judge.reading("reset_reply", outcome, "MACC-CMD-00-02")
-    strange = [str(early.frame) for early in one.before if not codec.is_emergency(early.frame)]
-    if one.boot_up is None and strange:
+    strange = [
+        str(early.frame) for early in restarted.before if not codec.is_emergency(early.frame)
+    ]
+    if restarted.boot_up is None and strange:
         session.fail("MACC-BOOT-02", "00h under 700h plus the address", " ".join(strange))
     session.expect(
-        one.boot_up is not None, ("MACC-BOOT-01", "MACC-CMD-00-01"), "a boot-up message", "none"
+        restarted.boot_up is not None,
+        ("MACC-BOOT-01", "MACC-CMD-00-01"),
+        "a boot-up message",
+        "none",
     )
-    assert one.boot_up is not None
+    assert restarted.boot_up is not None
     session.expect(
-        not one.before, "MACC-BOOT-01", "nothing before the boot-up message",
-        " ".join(str(early.frame) for early in one.before),
+        not restarted.before, "MACC-BOOT-01", "nothing before the boot-up message",
+        " ".join(str(early.frame) for early in restarted.before),
     )  # fmt: skip
     session.expect(
-        one.boot_up.time_ns > one.since.latest_ns, "MACC-CMD-00-02",
+        restarted.boot_up.time_ns > restarted.since.latest_ns, "MACC-CMD-00-02",
         "the reply first", "the boot-up message first",
     )  # fmt: skip
-    judge_form(driver, one.boot_up)
+    judge_form(driver, restarted.boot_up)
     again = unasked(driver, AFTERWARDS_S, lambda frame: codec.boot_up_form(frame) is not None)
     others = [other for other in session.neighbours if driver.client.boot_up(0, other) is not None]
     session.expect(not again, "MACC-BOOT-01", "one boot-up message", f"{1 + len(again)} of them")
@@ -194,19 +203,24 @@ def a_reset_for_all_restarts_all(session: Session) -> None:
     first.client.target.take_spontaneous()
     if session.reading("reset_reply") == "ack":
         kind = judge_general(first, first.client.to_all(0x00))
-        is_right = kind in (Kind.ACCEPTED, Kind.SILENCE)  # without a module 1 there is no reply
+        is_right = kind in (
+            ReplyKind.ACCEPTED,
+            ReplyKind.SILENCE,
+        )  # without a module 1 there is no reply
         session.expect(is_right, "MACC-GEN-02", "60h", kind.value)
     else:
         replies(first, first.client.to_all(0x00).frame(), is_awaited=False)
         session.not_run("MACC-GEN-02", "this device restarts without a reply")
         session.not_run("MACC-GEN-03", "this device restarts without a reply")
-    first.client.wait(boot_patience_s(first))
-    frames = [one.frame for one in first.client.target.take_spontaneous()]
-    booted = [codec.spontaneous_from(one) for one in frames if codec.boot_up_form(one) is not None]
+    first.client.wait(boot_silence_limit_s(first))
+    frames = [arrival.frame for arrival in first.client.target.take_spontaneous()]
+    booted = [
+        codec.spontaneous_from(frame) for frame in frames if codec.boot_up_form(frame) is not None
+    ]
     for driver in drivers:
         count = booted.count(driver.client.address)
-        told_ = f"one boot-up message of {driver.client.address}"
-        session.expect(count == 1, ("MACC-GEN-01", "MACC-BOOT-01"), told_, f"{count} of them")
+        wanted_text = f"one boot-up message of {driver.client.address}"
+        session.expect(count == 1, ("MACC-GEN-01", "MACC-BOOT-01"), wanted_text, f"{count} of them")
         driver.judge.alive("MACC-GEN-01")
 
 
@@ -216,10 +230,10 @@ def the_boot_up_message_comes_two_seconds_after_the_reset(session: Session) -> N
     driver = CanDriver(session)
     driver.motion.ready()
     for _ in range(3):
-        one = restart(driver)
-        if one.boot_up is None:
+        restarted = restart(driver)
+        if restarted.boot_up is None:
             session.fail(None, "a boot-up message", "none")
-        judge_time(driver, one.since, one.boot_up, "MACC-BOOT-04")
+        judge_time(driver, restarted.since, restarted.boot_up, "MACC-BOOT-04")
         driver.judge.alive()
 
 
@@ -240,9 +254,9 @@ def until_its_boot_up_message_it_serves_nothing(session: Session) -> None:
     until_ns = exchange.taken.earliest_ns + round((driver.motion.deaf_surely_s) * 1e9)
     while driver.client.target.now_ns < until_ns - round(2 * QUIET_S * 1e9):
         for frame in frames:
-            heard = replies(driver, frame, is_awaited=False)
+            received = replies(driver, frame, is_awaited=False)
             wanted = f"silence to {codec.explain(frame)}"
-            session.expect(not heard, "MACC-BOOT-04", wanted, told(heard))
+            session.expect(not received, "MACC-BOOT-04", wanted, described(received))
     boot_up, _ = await_boot_up(driver)
     session.step(boot_up is not None, "a boot-up message", "none")
     late = driver.client.target.receive(codec.is_reply, AFTERWARDS_S)
@@ -266,14 +280,14 @@ def with_its_boot_up_message_it_serves_everything(session: Session) -> None:
         exchange = driver.client.within(QUIET_S, 0x00)
         since_ns = taken_over(driver, exchange).latest_ns
         driver.client.wait_until(since_ns + round((driver.motion.deaf_s - EDGE_S) * 1e9))
-        heard = replies(driver, driver.client.request(0x20).frame(), is_awaited=False)
-        session.expect(not heard, "MACC-BOOT-04", "silence just before", told(heard))
+        received = replies(driver, driver.client.request(0x20).frame(), is_awaited=False)
+        session.expect(not received, "MACC-BOOT-04", "silence just before", described(received))
         driver.motion.wait_awake()
-    one = restart(driver)
-    session.step(one.boot_up is not None, "a boot-up message", "none")
+    restarted = restart(driver)
+    session.step(restarted.boot_up is not None, "a boot-up message", "none")
     for index in (*codec.ANSWERED, 0x0F):
         kind = driver.client.command(index).kind
-        wanted = Kind.ANSWER if index in codec.ANSWERED else Kind.ACCEPTED
+        wanted = ReplyKind.ANSWER if index in codec.ANSWERED else ReplyKind.ACCEPTED
         session.expect(kind is wanted, ("MACC-BOOT-04", "MACC-CMD-00-01"), wanted.value, kind.value)
 
 
@@ -286,7 +300,7 @@ def network_management_neither_hinders_nor_restarts_it(session: Session) -> None
         for command in (NMT_STOP, NMT_PREPARE, NMT_RESET, NMT_RESTART):
             driver.client.target.take_spontaneous()
             driver.client.target.send(codec.nmt(command, driver.client.address))
-            is_served = driver.client.within(QUIET_S, 0x20).kind is Kind.ANSWER
+            is_served = driver.client.within(QUIET_S, 0x20).kind is ReplyKind.ANSWER
             seconds = (
                 driver.motion.awake_surely_s if command in (NMT_RESET, NMT_RESTART) else QUIET_S
             )
@@ -319,7 +333,11 @@ def is_free(driver: CanDriver) -> bool:
 
 
 def judge_due(
-    driver: CanDriver, since: Window, message: Arrival, requirement: str, what: str = "the request"
+    driver: CanDriver,
+    since: TimeWindow,
+    message: Arrival,
+    requirement: str,
+    what: str = "the request",
 ) -> None:
     """Judge that a message was sent ten seconds after something in that window."""
     slack = slack_ns(driver, LIFEBEAT_NS)
@@ -349,7 +367,7 @@ def a_lifebeat_comes_every_ten_seconds_of_silence(session: Session) -> None:
     driver = CanDriver(session)
     driver.client.target.take_spontaneous()
     own = driver.client.ask(0x21)
-    driver.judge.must(Kind.ANSWER, own)
+    driver.judge.must(ReplyKind.ANSWER, own)
     status = own.reply.data.to_bytes(4, "big")
     message = beat(driver)
     if message is None:
@@ -366,7 +384,7 @@ def a_lifebeat_comes_every_ten_seconds_of_silence(session: Session) -> None:
         following = beat(driver)
         if following is None:
             session.fail("MACC-EMCY-01", f"another one {LIFEBEAT_S:.0f} s later", "none")
-        gap = Window(message.time_ns, message.time_ns)
+        gap = TimeWindow(message.time_ns, message.time_ns)
         judge_due(driver, gap, following, "MACC-EMCY-01", f"lifebeat {number + 1}")
         session.expect(
             following.frame == message.frame, "MACC-EMCY-03", message.frame, following.frame
@@ -379,14 +397,14 @@ def _judge_silence(driver: CanDriver) -> None:
     """Judge that a module without a lifebeat has none later, or under SYNC's identifier, either."""
     late = driver.client.emergency(SELDOM_S)
     stray = driver.client.target.receive(lambda frame: frame.identifier == codec.SYNC, 0)
-    came = " ".join(str(one.frame) for one in (late, stray) if one is not None)
+    came = " ".join(str(arrival.frame) for arrival in (late, stray) if arrival is not None)
     driver.session.expect(
         not came, ("MACC-EMCY-01", "MACC-EMCY-03"), "a message after ten seconds, or none", came
     )
 
 
 def _restarted_by(
-    driver: CanDriver, own: Window, messages: Sequence[Arrival], *, is_for_all: bool
+    driver: CanDriver, own: TimeWindow, messages: Sequence[Arrival], *, is_for_all: bool
 ) -> int | tuple[int, ...] | str:
     """Which readings of MACC-AMB-06 explain what was said from an own request on, up to ten seconds
     and a little after it, with other traffic meanwhile; `is_for_all`: traffic that `any` counts."""
@@ -395,7 +413,9 @@ def _restarted_by(
     if not messages:
         return 1 if is_for_all else "no lifebeat, though nobody spoke to it"
     if len(messages) > 1:
-        words = ", ".join(f"{(one.time_ns - own.latest_ns) / 1e9:.3f} s" for one in messages)
+        words = ", ".join(
+            f"{(message.time_ns - own.latest_ns) / 1e9:.3f} s" for message in messages
+        )
         return f"{len(messages)} messages within ten seconds: after {words}"
     if earliest <= messages[0].time_ns <= latest + slack:
         return (0, 2) if is_for_all else (0, 1, 2)
@@ -412,16 +432,16 @@ def requests_to_it_put_the_lifebeat_off(session: Session) -> None:
     driver.client.ask(0x20)
     driver.client.target.take_spontaneous()
     requests = (0x20, 0x12, 0x11, 0x28, 0x26)
-    heard: list[Arrival] = []
+    received: list[Arrival] = []
     for number in range(SPOKEN_TO_TIMES):
         driver.client.within(QUIET_S, requests[number % len(requests)])
-        heard += said(driver, SPOKEN_TO_S)
-    if heard:
-        gaps = [later.time_ns - one.time_ns for one, later in pairwise(heard)]
+        received += spontaneous_messages(driver, SPOKEN_TO_S)
+    if received:
+        gaps = [later.time_ns - earlier.time_ns for earlier, later in pairwise(received)]
         slack = slack_ns(driver, LIFEBEAT_NS)
         is_regular = all(abs(gap - LIFEBEAT_NS) <= slack for gap in gaps)
-        is_regular &= len(heard) >= int(SPOKEN_TO_S * SPOKEN_TO_TIMES / LIFEBEAT_S)
-        came = f"{len(heard)} messages amid requests"
+        is_regular &= len(received) >= int(SPOKEN_TO_S * SPOKEN_TO_TIMES / LIFEBEAT_S)
+        came = f"{len(received)} messages amid requests"
         driver.judge.reading("lifebeat_restart", 2 if is_regular else came, "MACC-EMCY-05")
         session.expect(is_regular, "MACC-EMCY-01", "every ten seconds", came)
         return
@@ -454,7 +474,7 @@ def a_lifebeat_comes_amid_a_motion_as_well(session: Session) -> None:
     if following is None:
         names = ("MACC-EMCY-01", "MACC-EMCY-05")
         session.fail(names, "another one ten seconds later", "none")
-    since = Window(message.time_ns, message.time_ns)
+    since = TimeWindow(message.time_ns, message.time_ns)
     judge_due(driver, since, following, "MACC-EMCY-05", "the lifebeat before")
     driver.motion.at_rest()
 
@@ -472,8 +492,10 @@ def a_request_in_the_last_moment_puts_the_lifebeat_off(session: Session) -> None
             own.taken.earliest_ns + round(ALMOST_S * 1e9) - driver.client.frame_ns
         )
         own = driver.client.ask(0x20)
-        heard = said(driver, 0)
-        session.expect(not heard, None, "silence", " ".join(str(one.frame) for one in heard))
+        received = spontaneous_messages(driver, 0)
+        session.expect(
+            not received, None, "silence", " ".join(str(arrival.frame) for arrival in received)
+        )
     message = beat(driver)
     if message is None:
         session.fail(None, "a lifebeat at last", "none")
@@ -487,7 +509,7 @@ def what_is_not_for_it_does_not_put_the_lifebeat_off(session: Session) -> None:
     driver = CanDriver(session)
     if silenced(driver):
         session.skip("it sends no such message")
-    other = strangers(session)[0]
+    other = unknown_addresses(session)[0]
     traffic = (
         (driver.client.to_all(0x20).frame(), True),
         (codec.sync(), True),
@@ -503,7 +525,7 @@ def what_is_not_for_it_does_not_put_the_lifebeat_off(session: Session) -> None:
         while (left_s := (over_ns - driver.client.target.now_ns) / 1e9) > 0:
             if left_s > TRAFFIC_S:
                 driver.client.target.send(frame)
-            messages += said(driver, min(TRAFFIC_S, left_s))
+            messages += spontaneous_messages(driver, min(TRAFFIC_S, left_s))
         outcome = _restarted_by(driver, own, messages, is_for_all=is_for_all)
         if isinstance(outcome, str):
             outcome = f"{outcome}, amid {codec.explain(frame)}"
@@ -523,7 +545,7 @@ def the_boot_up_message_begins_the_ten_seconds(session: Session) -> None:
     message = beat(driver)
     if message is None:
         session.fail(None, "a lifebeat", "none")
-    since = Window(booted.time_ns, booted.time_ns)
+    since = TimeWindow(booted.time_ns, booted.time_ns)
     judge_due(driver, since, message, "MACC-EMCY-05", "the boot-up message")
 
 
@@ -536,9 +558,9 @@ def the_lifebeat_repeats_the_status(session: Session) -> None:
         session.skip("it sends no such message")
     driver.client.target.take_spontaneous()
     with stopped_beyond(driver):
-        at_once = said(driver, POLL_S)
+        at_once = spontaneous_messages(driver, POLL_S)
         own = driver.client.ask(0x21)
-        driver.judge.must(Kind.ANSWER, own)
+        driver.judge.must(ReplyKind.ANSWER, own)
         status = own.reply.data.to_bytes(4, "big")
         session.step(status[1] != 0, "2001h shows the stop", status.hex(" "))
         message = beat(driver)

@@ -14,8 +14,8 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
 from axistwin_conformance.families.mac.axis.driver.rig import OFF_S, WORKED
-from axistwin_conformance.families.mac.axis.exchanges import Kind
-from axistwin_conformance.families.mac.axis.model.forecast import Window
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.checks.messages import (
     AFTERWARDS_S,
@@ -28,17 +28,22 @@ from axistwin_conformance.families.mac.can.checks.messages import (
     restart,
     silenced,
 )
-from axistwin_conformance.families.mac.can.collect_replies import replies, slack_ns, told, unasked
+from axistwin_conformance.families.mac.can.collect_replies import (
+    described,
+    replies,
+    slack_ns,
+    unasked,
+)
 from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.families.mac.can.probes.errors import BEGIN, CUT, HOT, OVER, UNDER
-from axistwin_conformance.families.mac.can.probes.messages import LIFEBEAT_S, said
+from axistwin_conformance.families.mac.can.probes.messages import LIFEBEAT_S, spontaneous_messages
 from axistwin_conformance.transport.can import Arrival
 from axistwin_conformance.transport.rig import Rig
 
 ORDER = 280  # of this module in a run; see `Family.modules`
 
 SHOWS_S: Final = 0.2
-RIG_PATIENCE_S: Final = 10.0  # a real temperature rises slowly, and the rig may not tell when
+RIG_SILENCE_LIMIT_S: Final = 10.0  # a real temperature rises slowly, and the rig may not tell when
 HELD_S: Final = 2.5 * LIFEBEAT_S  # long enough for lifebeats, were there any
 OVER_S: Final = 5.0  # for a boot that nobody has ended
 SILENT: Final = "it sends no such message"
@@ -59,25 +64,27 @@ def at_power_up_it_says_so_once(session: Session) -> None:
     driver.session.rig.power_off()
     driver.client.wait(OFF_S)
     driver.client.target.take_spontaneous()
-    heard = replies(driver, driver.client.request(0x20).frame(), is_awaited=False)
-    session.expect(not heard, "MACC-BOOT-04", "silence without supply", told(heard))
-    on = Window(*driver.session.rig.power_on())
+    received = replies(driver, driver.client.request(0x20).frame(), is_awaited=False)
+    session.expect(not received, "MACC-BOOT-04", "silence without supply", described(received))
+    on = TimeWindow(*driver.session.rig.power_on())
     if driver.session.rig.is_exact:
-        heard = replies(driver, driver.client.request(0x20).frame(), is_awaited=False)
-        session.expect(not heard, "MACC-BOOT-04", "silence before the boot-up", told(heard))
+        received = replies(driver, driver.client.request(0x20).frame(), is_awaited=False)
+        session.expect(
+            not received, "MACC-BOOT-04", "silence before the boot-up", described(received)
+        )
     _judge_boot(driver, on)
     driver.judge.alive("MACC-BOOT-04")
     _judge_once(driver)
 
 
-def _judge_boot(driver: CanDriver, act: Window) -> None:
+def _judge_boot(driver: CanDriver, act: TimeWindow) -> None:
     """Judge that a boot-up message follows that act, in its form and time, and nothing before."""
     session = driver.session
     boot_up, before = await_boot_up(driver)
     session.expect(boot_up is not None, "MACC-BOOT-01", "a boot-up message", "none")
     assert boot_up is not None
     session.expect(
-        not before, "MACC-BOOT-01", "nothing before it", [str(one.frame) for one in before]
+        not before, "MACC-BOOT-01", "nothing before it", [str(message.frame) for message in before]
     )
     judge_form(driver, boot_up)
     if driver.session.rig.is_exact:
@@ -108,12 +115,14 @@ def held_in_reset_it_says_nothing(session: Session) -> None:
             driver.client.request(0x00).frame(),
             codec.sync(),
         ):
-            heard = replies(driver, frame, is_awaited=False)
-            session.expect(not heard, "MACC-STATE-02", "silence while held", told(heard))
+            received = replies(driver, frame, is_awaited=False)
+            session.expect(not received, "MACC-STATE-02", "silence while held", described(received))
         driver.client.wait(LIFEBEAT_S / 4)
     spoken = unasked(driver, QUIET_S)
-    session.expect(not spoken, "MACC-STATE-02", "not a message", [str(one.frame) for one in spoken])
-    _judge_boot(driver, Window(*driver.session.rig.set_input("reset", False)))
+    session.expect(
+        not spoken, "MACC-STATE-02", "not a message", [str(arrival.frame) for arrival in spoken]
+    )
+    _judge_boot(driver, TimeWindow(*driver.session.rig.set_input("reset", False)))
     if not driver.session.rig.is_exact:
         session.not_run("MACC-BOOT-04", "nobody knows when exactly the input was released")
     driver.judge.alive("MACC-STATE-02")
@@ -134,10 +143,12 @@ def a_boot_that_the_reset_input_ends_begins_anew(session: Session) -> None:
     driver.client.target.take_spontaneous()
     driver.session.rig.set_input("reset", True)
     spoken = unasked(driver, OVER_S)
-    session.expect(not spoken, "MACC-STATE-02", "no message", [str(one.frame) for one in spoken])
-    heard = replies(driver, driver.client.request(0x20).frame(), is_awaited=False)
-    session.expect(not heard, "MACC-STATE-02", "silence while held", told(heard))
-    _judge_boot(driver, Window(*driver.session.rig.set_input("reset", False)))
+    session.expect(
+        not spoken, "MACC-STATE-02", "no message", [str(arrival.frame) for arrival in spoken]
+    )
+    received = replies(driver, driver.client.request(0x20).frame(), is_awaited=False)
+    session.expect(not received, "MACC-STATE-02", "silence while held", described(received))
+    _judge_boot(driver, TimeWindow(*driver.session.rig.set_input("reset", False)))
     driver.judge.alive("MACC-BOOT-04")
     _judge_once(driver)
 
@@ -150,7 +161,7 @@ def code_table(session: Session) -> tuple[tuple[int, int, int], ...]:
     held = session.reading("emcy_code_map")
     if held == session.run.ledger.ambiguity_of("emcy_code_map").default_of("emcy_code_map"):
         return codec.ERROR_CODES
-    rows = [tuple(int(part, 16) for part in one.split("/")) for one in held.split(",")]
+    rows = [tuple(int(part, 16) for part in word.split("/")) for word in held.split(",")]
     return tuple((bits, code, register) for bits, code, register in rows)
 
 
@@ -165,25 +176,25 @@ def payload_of(session: Session, status: bytes) -> tuple[bytes, ...]:
     }
     held = session.readings.get("emcy_payload")
     chosen = shapes if held is None else {held: shapes[held]}
-    return tuple(one.ljust(codec.EMERGENCY_BYTES, b"\0") for one in chosen.values())
+    return tuple(payload.ljust(codec.EMERGENCY_BYTES, b"\0") for payload in chosen.values())
 
 
-def change(driver: CanDriver, act: Callable[[Rig], object]) -> tuple[list[Arrival], Window]:
+def change(driver: CanDriver, act: Callable[[Rig], object]) -> tuple[list[Arrival], TimeWindow]:
     """Let the rig do something; what the module says of it, and when it was done."""
     driver.client.ask(0x20)  # no lifebeat is due for a while
     driver.client.target.take_spontaneous()
     before_ns = driver.client.target.now_ns
     act(driver.session.rig)
-    done = Window(before_ns, driver.client.target.now_ns)
-    messages = said(driver, SHOWS_S)
+    done = TimeWindow(before_ns, driver.client.target.now_ns)
+    messages = spontaneous_messages(driver, SHOWS_S)
     if not messages and not driver.session.rig.is_exact:
-        first = driver.client.emergency(RIG_PATIENCE_S - SHOWS_S)
+        first = driver.client.emergency(RIG_SILENCE_LIMIT_S - SHOWS_S)
         messages = [first] if first is not None else []
     return messages, done
 
 
 def judge_change(
-    driver: CanDriver, wanted: int, messages: list[Arrival], done: Window, what: str
+    driver: CanDriver, wanted: int, messages: list[Arrival], done: TimeWindow, what: str
 ) -> None:
     """Judge that one message tells of a change of dd, at once, with the status it has led to."""
     session = driver.session
@@ -192,12 +203,12 @@ def judge_change(
         session.inconclusive(
             None, f"{what}: 2001h shows dd {status[0]:02X} instead of {wanted:02X}"
         )
-    frames = " ".join(str(one.frame) for one in messages) or "none"
+    frames = " ".join(str(message.frame) for message in messages) or "none"
     session.expect(len(messages) == 1, "MACC-EMCY-02", f"one message: {what}", frames)
     payloads = payload_of(session, status)
     session.expect(
         messages[0].frame.data in payloads, "MACC-EMCY-04",
-        [one.hex(" ").upper() for one in payloads], frames,
+        [payload.hex(" ").upper() for payload in payloads], frames,
     )  # fmt: skip
     if wanted:
         session.quirk("MACC-EMCY-04", "emcy_code_map", session.reading("emcy_code_map"))
@@ -258,7 +269,7 @@ def _judge_unspoken(driver: CanDriver, bit: int) -> None:
     that speaks of it had to speak every ten seconds, too."""
     messages, _ = change(driver, BEGIN[bit])
     messages += change(driver, lambda rig: rig.reset())[0]
-    frames = " ".join(str(one.frame) for one in messages)
+    frames = " ".join(str(message.frame) for message in messages)
     driver.judge.reading(
         "emcy_payload", f"no lifebeat, but {frames}" if messages else 3, "MACC-EMCY-01"
     )
@@ -305,12 +316,12 @@ def of_two_errors_the_graver_has_the_code(session: Session) -> None:
         session.skip("needs a rig that acts at once")
     driver.rig.begin()
     for (first, second), words in PAIRS.items():
-        for one, other in ((first, second), (second, first)):
+        for sender, other in ((first, second), (second, first)):
             try:
-                messages, done = change(driver, BEGIN[one])
-                judge_change(driver, one, messages, done, words)
+                messages, done = change(driver, BEGIN[sender])
+                judge_change(driver, sender, messages, done, words)
                 messages, done = change(driver, BEGIN[other])
-                judge_change(driver, one | other, messages, done, words)
+                judge_change(driver, sender | other, messages, done, words)
             finally:
                 _cleared(driver)
 
@@ -328,9 +339,9 @@ def an_emergency_begins_the_ten_seconds_anew(session: Session) -> None:
     driver.client.target.take_spontaneous()
     driver.client.wait(LIFEBEAT_S / 2)
     driver.session.rig.set_supply(50.0)
-    messages = said(driver, SHOWS_S)
+    messages = spontaneous_messages(driver, SHOWS_S)
     session.step(len(messages) == 1, "one message of the over-voltage", f"{len(messages)}")
-    at = Window(messages[0].time_ns, messages[0].time_ns)
+    at = TimeWindow(messages[0].time_ns, messages[0].time_ns)
     following = beat(driver)
     if following is None:
         session.fail("MACC-EMCY-01", "another one ten seconds later", "none")
@@ -347,22 +358,24 @@ def a_reset_acknowledges_only_what_has_gone(session: Session) -> None:
     driver.rig.begin()
     try:
         BEGIN[HOT](driver.session.rig)
-        driver.client.wait(SHOWS_S if driver.session.rig.is_exact else RIG_PATIENCE_S)
+        driver.client.wait(SHOWS_S if driver.session.rig.is_exact else RIG_SILENCE_LIMIT_S)
         if not driver.status.faults() & HOT:
             session.inconclusive(None, "2001h shows no overheating")
-        one = restart(driver)
-        if one.exchange.kind is Kind.REFUSED:
+        restarted = restart(driver)
+        if restarted.exchange.kind is ReplyKind.REFUSED:
             driver.judge.reading("fault_ack_while_present", 1, "MACC-CMD-00-01")
         else:
-            session.expect(one.boot_up is not None, "MACC-CMD-00-01", "a boot-up message", "none")
+            session.expect(
+                restarted.boot_up is not None, "MACC-CMD-00-01", "a boot-up message", "none"
+            )
             driver.judge.reading("fault_ack_while_present", 0, "MACC-CMD-00-01")
             driver.client.wait(SHOWS_S)
         seen = driver.status.faults()
         session.expect(bool(seen & HOT), "MACC-Q-01-02", "dd.4 still set", f"{seen:02X}")
-        driver.judge.must(Kind.REFUSED, driver.client.command(0x19), "MACC-Q-01-02")
+        driver.judge.must(ReplyKind.REFUSED, driver.client.command(0x19), "MACC-Q-01-02")
     finally:
         driver.session.rig.reset()
-    driver.client.wait(SHOWS_S if driver.session.rig.is_exact else RIG_PATIENCE_S)
+    driver.client.wait(SHOWS_S if driver.session.rig.is_exact else RIG_SILENCE_LIMIT_S)
     seen = driver.status.faults()
     session.expect(bool(seen & HOT), "MACC-Q-01-02", "dd.4 kept till 2000h", f"{seen:02X}")
     last = restart(driver)

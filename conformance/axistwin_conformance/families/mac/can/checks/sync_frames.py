@@ -6,18 +6,18 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.client import Exchange
-from axistwin_conformance.families.mac.axis.driver.motion import segment, velocity
-from axistwin_conformance.families.mac.axis.model.forecast import Forecast, Window
+from axistwin_conformance.families.mac.axis.driver.client import AxisExchange
+from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
+from axistwin_conformance.families.mac.axis.model.forecast import Forecast, TimeWindow
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probes.sync import back, is_held
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.collect_replies import (
+    described,
     everybody,
     replies,
-    strangers,
-    told,
+    unknown_addresses,
 )
 from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.transport.can_frame import Frame
@@ -36,19 +36,19 @@ def preload(driver: CanDriver, index: int, parameter: int = 0) -> None:
     driver.judge.accepted(index, parameter)
 
 
-def started(driver: CanDriver, frame: Frame) -> Exchange:
+def started(driver: CanDriver, frame: Frame) -> AxisExchange:
     """What begins with a frame that is not answered, for forecasts."""
     return _begun(driver.client.broadcast(frame))
 
 
-def _begun(window: Window) -> Exchange:
-    return Exchange(b"", codec.SILENCE, window)
+def _begun(window: TimeWindow) -> AxisExchange:
+    return AxisExchange(b"", codec.SILENCE, window)
 
 
 def sync_silently(driver: CanDriver, frame: Frame, requirement: str) -> None:
     """Judge that nobody answers."""
-    heard = replies(driver, frame, is_awaited=False)
-    driver.session.expect(not heard, requirement, f"silence to {frame}", told(heard))
+    received = replies(driver, frame, is_awaited=False)
+    driver.session.expect(not received, requirement, f"silence to {frame}", described(received))
 
 
 @check("MACC-SYNC-01", "MACC-SYNC-03", safety=MOVES)
@@ -147,7 +147,7 @@ def sync_is_not_answered_by_who_obeys_it_either(session: Session) -> None:
     place = driver.client.position()
     session.expect(place == start + 20, "MACC-SYNC-02", f"{start + 20}, started", place)
     steps = back(driver, 20)
-    exchange = driver.judge.accepted(0x16, segment(steps, SLOW))
+    exchange = driver.judge.accepted(0x16, segment_parameter(steps, SLOW))
     sync_silently(driver, codec.sync(), "MACC-SYNC-04")
     driver.client.wait_until(exchange.taken.latest_ns + 20 * SLOW * TICK_NS + 100_000_000)
     place += steps
@@ -207,8 +207,8 @@ def no_other_frame_is_taken_for_sync(session: Session) -> None:
     start = driver.motion.ready(PERIOD)
     preload(driver, 0x13, start + STEPS)
     lifebeat = bytes(codec.EMERGENCY_BYTES)
-    others = strangers(session)
-    frames = [(Frame(codec.EMERGENCY + one, lifebeat), "MACC-SYNC-01") for one in others]
+    others = unknown_addresses(session)
+    frames = [(Frame(codec.EMERGENCY + other, lifebeat), "MACC-SYNC-01") for other in others]
     frames += [(Frame(codec.SYNC + base), "MACC-SYNC-01") for base in (0x400, 0x700, 0x80, 0x100)]
     frames += [
         (Frame(codec.SYNC, is_extended=True), "MACC-ID-03"),
@@ -228,7 +228,7 @@ def no_other_frame_is_taken_for_sync(session: Session) -> None:
 
 
 def _courses(
-    drivers: list[CanDriver], exchange: Exchange, starts: list[int], steps: int
+    drivers: list[CanDriver], exchange: AxisExchange, starts: list[int], steps: int
 ) -> list[Forecast]:
     return [
         driver.motion.to_position(exchange, start, start + steps)
@@ -254,7 +254,9 @@ def one_sync_starts_all_modules_together(session: Session) -> None:
                 if arm is None:
                     driver.judge.accepted(0x10)
                 driver.judge.accepted(0x13, start + STEPS)
-            held = all(is_held(one, start) for one, start in zip(drivers, starts, strict=True))
+            held = all(
+                is_held(module, start) for module, start in zip(drivers, starts, strict=True)
+            )
             session.expect(held, name, "all held back", "not all")
             exchange = started(first, begin)
             forecasts = _courses(drivers, exchange, starts, STEPS)

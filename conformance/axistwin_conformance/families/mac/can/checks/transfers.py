@@ -10,19 +10,19 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
-from axistwin_conformance.families.mac.axis.driver.unknown_modules import stranger_at
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.driver.unknown_modules import unknown_module_at
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.can import codec
-from axistwin_conformance.families.mac.can.codec import Request
+from axistwin_conformance.families.mac.can.codec import CanRequest
 from axistwin_conformance.families.mac.can.collect_replies import (
+    described,
     everybody,
     exactly,
     outcome_of,
     replies,
     reply_frame,
     the_reply,
-    told,
     unasked,
 )
 from axistwin_conformance.families.mac.can.driver import CanDriver
@@ -52,22 +52,22 @@ LOCKED: Final = (0x02, 0x13)
 LOCKED_BY_THE_LIST: Final = (0x03, 0x09, 0x0A, 0x0D, 0x0F, 0x14)
 
 
-def judge_accepted(driver: CanDriver, one: Request, requirement: str) -> None:
+def judge_accepted(driver: CanDriver, request: CanRequest, requirement: str) -> None:
     """60h, what was named, four zeros; nothing else."""
-    exactly(driver, one.frame(), reply_frame(one, codec.ACCEPTED), requirement)
+    exactly(driver, request.frame(), reply_frame(request, codec.ACCEPTED), requirement)
 
 
-def judge_refused(driver: CanDriver, one: Request, requirement: str) -> None:
+def judge_refused(driver: CanDriver, request: CanRequest, requirement: str) -> None:
     """80h, what was named, four zeros, or a reason instead (MACC-AMB-17); nothing else."""
-    heard, wanted = replies(driver, one.frame()), reply_frame(one, codec.REFUSED)
-    is_refusal = len(heard) == 1 and heard[0].data[:4] == wanted.data[:4]
-    is_whole = is_refusal and len(heard[0].data) == codec.TRANSFER_BYTES
+    received, wanted = replies(driver, request.frame()), reply_frame(request, codec.REFUSED)
+    is_refusal = len(received) == 1 and received[0].data[:4] == wanted.data[:4]
+    is_whole = is_refusal and len(received[0].data) == codec.TRANSFER_BYTES
     driver.session.expect(
-        is_whole and heard[0].identifier == wanted.identifier, requirement,
-        f"{wanted} alone", told(heard),
+        is_whole and received[0].identifier == wanted.identifier, requirement,
+        f"{wanted} alone", described(received),
     )  # fmt: skip
     if requirement == "MACC-SDO-02":
-        driver.judge.reading("abort_code_form", int(heard[0] != wanted), requirement)
+        driver.judge.reading("abort_code_form", int(received[0] != wanted), requirement)
 
 
 # --- the manual's examples -----------------------------------------------------------------------
@@ -96,31 +96,42 @@ def the_manuals_examples_get_their_replies(session: Session) -> None:
         driver = drivers[(number - 1) % len(drivers)]
         driver.motion.ready()
         request = replace(golden.request, identifier=codec.REQUEST + driver.client.address)
-        heard = replies(driver, request)
+        received = replies(driver, request)
         driver.motion.at_rest()
         wanted = replace(golden.reply, identifier=codec.REPLY + driver.client.address)
         if golden.reply.data[0] == 0x42:  # where the axis stands is not the manual's affair
-            shown = {b"\x42": 0, b"\x43": 1}.get(heard[0].data[:1] if heard else b"", told(heard))
+            shown = {b"\x42": 0, b"\x43": 1}.get(
+                received[0].data[:1] if received else b"", described(received)
+            )
             driver.judge.reading("upload_scs", shown, "MACC-SDO-03")
-            heard = tuple(replace(one, data=b"\x42" + one.data[1:4] + bytes(4)) for one in heard)
+            received = tuple(
+                replace(frame, data=b"\x42" + frame.data[1:4] + bytes(4)) for frame in received
+            )
         session.expect(
-            heard == (wanted,), golden.requirements, f"{wanted} to {request}", told(heard)
+            received == (wanted,),
+            golden.requirements,
+            f"{wanted} to {request}",
+            described(received),
         )
 
 
 def _judge_golden_to_all(driver: CanDriver, golden: GoldenExchange[Frame]) -> None:
-    session, heard = driver.session, replies(driver, golden.request)
+    session, received = driver.session, replies(driver, golden.request)
     if codec.SPOKESMAN not in (session.address, *session.neighbours):
-        hint = stranger_at(driver.client, codec.SPOKESMAN) if heard else ""
-        session.expect(not heard, "MACC-GEN-02", "silence: no module 1", told(heard), hint)
+        hint = unknown_module_at(driver.client, codec.SPOKESMAN) if received else ""
+        session.expect(
+            not received, "MACC-GEN-02", "silence: no module 1", described(received), hint
+        )
         for name in ("MACC-GEN-01", "MACC-GEN-03"):
             session.not_run(name, "there is no module 1 on this bus")
         return
-    data, wanted = tuple(one.data for one in heard), golden.reply.data
+    data, wanted = tuple(frame.data for frame in received), golden.reply.data
     if driver.readings.known("sync_without_preload"):  # its 2011h starts nothing (MACS-AMB-34)
-        data, wanted = tuple(one[:4] for one in data), bytes([codec.REFUSED]) + wanted[1:4]
-    session.expect(data == (wanted,), golden.requirements, golden.reply, told(heard))
-    whence = {codec.REPLY + 1: 0, codec.REQUEST + 1: 1}.get(heard[0].identifier, told(heard))
+        data, wanted = tuple(payload[:4] for payload in data), bytes([codec.REFUSED]) + wanted[1:4]
+    session.expect(data == (wanted,), golden.requirements, golden.reply, described(received))
+    whence = {codec.REPLY + 1: 0, codec.REQUEST + 1: 1}.get(
+        received[0].identifier, described(received)
+    )
     driver.judge.reading("general_reply_id", whence, "MACC-GEN-03")
 
 
@@ -132,9 +143,9 @@ def accepted_downloads_are_answered_with_60h_and_zeros(session: Session) -> None
     """Every accepted download gets 60h, its index, its sub-index and four zeros, once."""
     driver = CanDriver(session)
     driver.motion.ready()
-    for one in SETTINGS.values():
-        value = one.parameter(one.read(driver))
-        judge_accepted(driver, driver.client.request(one.index, value), "MACC-SDO-01")
+    for setting in SETTINGS.values():
+        value = setting.parameter(setting.read(driver))
+        judge_accepted(driver, driver.client.request(setting.index, value), "MACC-SDO-01")
     judge_accepted(driver, driver.client.request(0x07, 0), "MACC-SDO-01")
     for index in WITHOUT_PARAMETER:
         judge_accepted(driver, driver.client.request(index), "MACC-SDO-01")
@@ -156,8 +167,8 @@ def refused_downloads_are_answered_with_80h_and_zeros(session: Session) -> None:
     for number, index in enumerate(locked):  # there and back, each long enough for three replies
         forecast = driver.motion.go(start + (0 if number % 2 else LONG))
         parameter = start - 300
-        if (one := SETTINGS.get(index)) is not None:
-            parameter = one.parameter(one.values[0])
+        if (setting := SETTINGS.get(index)) is not None:
+            parameter = setting.parameter(setting.values[0])
         for sub_index in (0x00, 0x01, 0xFF):
             judge_refused(driver, driver.client.request(index, parameter, sub_index), "MACC-SDO-02")
             driver.motion.follow(forecast, "MACC-SDO-12", driver.limits.allowance(SLOWEST))
@@ -192,14 +203,14 @@ def the_filler_of_an_upload_does_not_matter(session: Session) -> None:
 
 
 def _judge_sub_index(driver: CanDriver, index: int, sub_index: int, plain: int) -> None:
-    one = driver.client.request(index, 0, sub_index)
-    heard = replies(driver, one.frame())
-    reply = codec.parse(heard[0] if len(heard) == 1 else None, driver.client.byte_order)
-    outcome: int | str = told(heard)
-    if len(heard) == 1 and not codec.mismatch(one, heard[0]):
-        if reply.kind is Kind.ANSWER and reply.data == plain:
+    request = driver.client.request(index, 0, sub_index)
+    received = replies(driver, request.frame())
+    reply = codec.parse(received[0] if len(received) == 1 else None, driver.client.byte_order)
+    outcome: int | str = described(received)
+    if len(received) == 1 and not codec.mismatch(request, received[0]):
+        if reply.kind is ReplyKind.ANSWER and reply.data == plain:
             outcome = 0
-        elif reply.kind is Kind.REFUSED:
+        elif reply.kind is ReplyKind.REFUSED:
             outcome = 1
     driver.judge.reading("subindex_policy", outcome)
 
@@ -222,8 +233,8 @@ def a_download_with_a_sub_index_sets_the_same(session: Session) -> None:
     driver = CanDriver(session)
     for sub_index in SUB_INDICES:
         before, value = TORQUE.read(driver), TORQUE.other(driver)
-        one = driver.client.request(0x0C, value, sub_index)
-        outcome = outcome_of(driver, one, {Kind.ACCEPTED: 0, Kind.REFUSED: 1})
+        request = driver.client.request(0x0C, value, sub_index)
+        outcome = outcome_of(driver, request, {ReplyKind.ACCEPTED: 0, ReplyKind.REFUSED: 1})
         driver.judge.reading("subindex_policy", outcome)
         wanted, seen = (value, before)[outcome == 1], TORQUE.read(driver)
         session.expect(seen == wanted, None, f"torque {wanted:02X}", f"{seen:02X}")
@@ -238,22 +249,22 @@ def numbers_travel_most_significant_byte_first(session: Session) -> None:
     way round."""
     driver = CanDriver(session)
     for index in (0x0C, 0x0E, 0x0F, 0x1C):  # those whose place in download and upload differs
-        one = SETTINGS[index]
-        before = driver.client.value(one.query)
-        value = one.other(driver)
+        setting = SETTINGS[index]
+        before = driver.client.value(setting.query)
+        value = setting.other(driver)
         outcome: int | str = f"{index:02X}h: neither order sets it"
         for number, order in enumerate(("big", "little")):
             asked = codec.request(
-                driver.client.address, index, one.parameter(value), byte_order=order
+                driver.client.address, index, setting.parameter(value), byte_order=order
             )
             replies(driver, asked.frame())
-            answer = replies(driver, codec.request(driver.client.address, one.query).frame())
+            answer = replies(driver, codec.request(driver.client.address, setting.query).frame())
             data = codec.parse(answer[0], order).data if len(answer) == 1 else None
-            if data is not None and data >> one.shift & one.mask == value:
+            if data is not None and data >> setting.shift & setting.mask == value:
                 outcome = number
                 break
         driver.judge.reading("can_byte_order", outcome, "MACC-SDO-04")
-        driver.client.command(index, one.parameter(before >> one.shift & one.mask))
+        driver.client.command(index, setting.parameter(before >> setting.shift & setting.mask))
 
 
 @check("MACC-SDO-04", safety="stored")
@@ -275,17 +286,19 @@ def bytes_without_a_meaning_may_hold_anything(session: Session) -> None:
     driver = CanDriver(session)
     driver.motion.ready()
     for index, mask in DONT_CARE.items():
-        one = SETTINGS[index]
+        setting = SETTINGS[index]
         for filler in (mask, mask & 0xAA55AA55, mask & session.random.getrandbits(32)):
-            before, value = one.read(driver), one.other(driver)
-            asked = driver.client.request(index, one.parameter(value) | filler)
-            outcome = outcome_of(driver, asked, {Kind.ACCEPTED: 0, Kind.REFUSED: int(filler > 0)})
+            before, value = setting.read(driver), setting.other(driver)
+            asked = driver.client.request(index, setting.parameter(value) | filler)
+            outcome = outcome_of(
+                driver, asked, {ReplyKind.ACCEPTED: 0, ReplyKind.REFUSED: int(filler > 0)}
+            )
             driver.judge.reading("dont_care_digits", outcome)
-            wanted, seen = (value, before)[outcome == 1], one.read(driver)
+            wanted, seen = (value, before)[outcome == 1], setting.read(driver)
             session.expect(seen == wanted, None, f"{index:02X}h {wanted:X}", f"{seen:X}")
     for index in (0x07, *WITHOUT_PARAMETER):
         asked = driver.client.request(index, 0xFFFFFF00 if index == 0x07 else 0xFFFFFFFF)
-        outcome = outcome_of(driver, asked, {Kind.ACCEPTED: 0, Kind.REFUSED: 1})
+        outcome = outcome_of(driver, asked, {ReplyKind.ACCEPTED: 0, ReplyKind.REFUSED: 1})
         driver.judge.reading("dont_care_digits", outcome)
     driver.motion.disarm()
 
@@ -302,7 +315,7 @@ def reading_an_index_does_not_do_what_writing_it_does(session: Session) -> None:
     for index in (*codec.QUERIES, *codec.QUERIES):
         replies(driver, driver.client.request(index, 0xFFFFFFFF).frame())
     booted = unasked(driver, RESTART_SHOWS_S, lambda frame: codec.boot_up_form(frame) is not None)
-    session.expect(not booted, None, "no restart", [str(one.frame) for one in booted])
+    session.expect(not booted, None, "no restart", [str(arrival.frame) for arrival in booted])
     unchanged(driver, before, "MACC-SDO-05")
 
 
@@ -315,11 +328,11 @@ def download_and_upload_of_an_index_are_two_things(session: Session) -> None:
     for index, shown, kept in (
         (0x02, 0x26, 0x22), (0x03, 0x26, 0x23), (0x09, 0x22, 0x23), (0x0A, 0x23, 0x22),
     ):  # fmt: skip
-        one = SETTINGS[index]
-        before, value = driver.client.value(kept), one.other(driver)
-        driver.judge.accepted(index, one.parameter(value))
+        setting = SETTINGS[index]
+        before, value = driver.client.value(kept), setting.other(driver)
+        driver.judge.accepted(index, setting.parameter(value))
         session.expect(
-            one.read(driver) == value, None, f"{value:X} in {shown:02X}h", one.read(driver)
+            setting.read(driver) == value, None, f"{value:X} in {shown:02X}h", setting.read(driver)
         )
         after = driver.client.value(kept)
         session.expect(after == before, None, f"{kept:02X}h {before:08X}", f"{after:08X}")

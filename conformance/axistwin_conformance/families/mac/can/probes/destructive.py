@@ -12,7 +12,7 @@ from typing import Final
 
 from axistwin_conformance.core.probing import Measured, Outcome, probe
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.probing import reply_of
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.driver import CanDriver
@@ -36,7 +36,9 @@ def configure(driver: CanDriver, frame: Frame) -> bytes | None:
     driver.client.target.drain()
     driver.client.target.send(frame)
     seconds = QUIET_S * 2 + driver.client.target.uncertainty_ns / 1e9
-    arrival = driver.client.target.receive(lambda one: one.identifier == codec.LMT_REPLY, seconds)
+    arrival = driver.client.target.receive(
+        lambda owner: owner.identifier == codec.LMT_REPLY, seconds
+    )
     return None if arrival is None else arrival.frame.data
 
 
@@ -44,7 +46,7 @@ def answers(driver: CanDriver, address: int) -> bool:
     """True if somebody answers at that address."""
     return (
         driver.client.send(driver.client.request(0x20, address=address), QUIET_S * 2).kind
-        is Kind.ANSWER
+        is ReplyKind.ANSWER
     )
 
 
@@ -153,7 +155,7 @@ def lmt_sdo(driver: CanDriver) -> Outcome:
     driver.motion.at_rest()
     with configuring(driver):
         kind = driver.client.within(QUIET_S, 0x20).kind
-    return reply_of(kind, {Kind.ANSWER: 0, Kind.SILENCE: 1})
+    return reply_of(kind, {ReplyKind.ANSWER: 0, ReplyKind.SILENCE: 1})
 
 
 @probe(safety=DESTRUCTIVE, needs=ALONE, switch="factory_reset_scope")

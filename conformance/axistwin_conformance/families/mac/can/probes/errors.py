@@ -13,7 +13,7 @@ from typing import Final
 
 from axistwin_conformance.core.probing import Measured, Outcome, probe
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.probes.rig import TOO_MUCH_VOLTS
 from axistwin_conformance.families.mac.axis.probes.running_on import travel_guard
 from axistwin_conformance.families.mac.axis.probes.stops import rest
@@ -27,8 +27,8 @@ from axistwin_conformance.families.mac.can.probes.messages import (
     lifebeat,
     longest_boot_s,
     payload_readings,
-    said,
     speaks,
+    spontaneous_messages,
 )
 from axistwin_conformance.transport.rig import Rig
 
@@ -86,7 +86,7 @@ def emcy_trigger_mask(driver: CanDriver) -> Outcome:
     for _ in range(TIMES):
         driver.client.target.take_spontaneous()
         with stopped_beyond(driver):
-            spoke.add(bool(said(driver, 0)))
+            spoke.add(bool(spontaneous_messages(driver, 0)))
     return Measured(ALL_BYTES) if spoke == {True} else 0
 
 
@@ -98,7 +98,7 @@ def speaks_when(driver: CanDriver, act: Callable[[Rig], object]) -> bool:
     since_ns = driver.client.ask(0x20).taken.earliest_ns
     driver.client.target.take_spontaneous()
     act(driver.session.rig)
-    messages = said(driver, SHOWS_S + driver.client.target.uncertainty_ns / 1e9)
+    messages = spontaneous_messages(driver, SHOWS_S + driver.client.target.uncertainty_ns / 1e9)
     if driver.client.target.now_ns - since_ns > (LIFEBEAT_S - LATE_S) * 1e9:
         driver.session.skip("the rig took so long that it may have been a lifebeat")
     return bool(messages)
@@ -127,17 +127,17 @@ def emcy_code_map(driver: CanDriver) -> Outcome:
         driver.session.skip("its messages carry no code")
     codes = {bit: code for bit in BEGIN if any(code := _code_of(driver, bit))}
 
-    def precedes(one: int, other: int) -> int:
-        if {one, other} == NOT_TOGETHER or not driver.session.rig.is_exact:
+    def precedes(switch: int, other: int) -> int:
+        if {switch, other} == NOT_TOGETHER or not driver.session.rig.is_exact:
             return 0
-        seen = _code_of(driver, one, other)
-        return (seen == codes[other]) - (seen == codes[one])
+        seen = _code_of(driver, switch, other)
+        return (seen == codes[other]) - (seen == codes[switch])
 
     order = sorted(codes, key=cmp_to_key(precedes))
     if tuple((bit, *codes[bit]) for bit in order) == codec.ERROR_CODES:
         return 0
-    told = [f"{bit:02X}/{codes[bit][0]:04X}/{codes[bit][1]:02X}" for bit in order]
-    return Measured(",".join(told)) if told else "no error has a code"
+    described = [f"{bit:02X}/{codes[bit][0]:04X}/{codes[bit][1]:02X}" for bit in order]
+    return Measured(",".join(described)) if described else "no error has a code"
 
 
 def _code_of(driver: CanDriver, *bits: int) -> tuple[int, int]:
@@ -146,7 +146,7 @@ def _code_of(driver: CanDriver, *bits: int) -> tuple[int, int]:
     driver.client.target.take_spontaneous()
     for bit in bits:
         BEGIN[bit](driver.session.rig)
-    messages = said(driver, SHOWS_S + driver.client.target.uncertainty_ns / 1e9)
+    messages = spontaneous_messages(driver, SHOWS_S + driver.client.target.uncertainty_ns / 1e9)
     faults = driver.client.data_bytes(0x21)[0]
     message = messages[-1] if messages else lifebeat(driver)
     driver.session.rig.reset()
@@ -167,12 +167,12 @@ def fault_ack_while_present(driver: CanDriver) -> Outcome:
     driver.client.target.take_spontaneous()
     kind = driver.client.within(QUIET_S, 0x00).kind
     is_restarted = (
-        kind is not Kind.REFUSED and driver.client.boot_up(longest_boot_s(driver)) is not None
+        kind is not ReplyKind.REFUSED and driver.client.boot_up(longest_boot_s(driver)) is not None
     )
     driver.session.rig.reset()
     driver.motion.reinitialise()
     if not is_hot:
         driver.session.skip("2001h shows no fault")
-    if kind is Kind.REFUSED:
+    if kind is ReplyKind.REFUSED:
         return 1
     return 0 if is_restarted else f"{kind.value}, and no boot-up message"

@@ -13,8 +13,8 @@ from typing import Final
 from axistwin_conformance.core.probing import Measured, Outcome, probe
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
 from axistwin_conformance.families.mac.axis.driver.motion import DEAF_S
-from axistwin_conformance.families.mac.axis.exchanges import Kind
-from axistwin_conformance.families.mac.axis.model.forecast import Window
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.transport.can import Arrival
@@ -37,15 +37,17 @@ NEVER_SPEAKS: Final = "it says nothing unasked but its boot-up message"
 # --- lifebeat ------------------------------------------------------------------------------------
 
 
-def said(driver: CanDriver, seconds: float) -> list[Arrival]:
+def spontaneous_messages(driver: CanDriver, seconds: float) -> list[Arrival]:
     """The emergency and lifebeat messages of the module within that time."""
     driver.client.wait(seconds)
-    return [one for one in driver.client.target.take_spontaneous() if _is_ours(driver, one)]
+    return [
+        arrival for arrival in driver.client.target.take_spontaneous() if _is_ours(driver, arrival)
+    ]
 
 
-def _is_ours(driver: CanDriver, one: Arrival) -> bool:
-    address = codec.spontaneous_from(one.frame)
-    return address == driver.client.address and codec.is_emergency(one.frame)
+def _is_ours(driver: CanDriver, arrival: Arrival) -> bool:
+    address = codec.spontaneous_from(arrival.frame)
+    return address == driver.client.address and codec.is_emergency(arrival.frame)
 
 
 def lifebeat(driver: CanDriver) -> Arrival | None:
@@ -89,18 +91,21 @@ def lifebeat_restart(driver: CanDriver) -> Outcome:
     speaks(driver)
     driver.client.wait(LATE_S)  # so that a message of before is not taken for one of now
     driver.client.target.take_spontaneous()
-    before = said(driver, LATE_S)
+    before = spontaneous_messages(driver, LATE_S)
     own = driver.client.ask(0x20).taken
     over_ns = own.latest_ns + round((LIFEBEAT_S + LATE_S) * 1e9)
     general = driver.client.to_all(0x20).frame()
     while over_ns - driver.client.target.now_ns > LATE_S * 1e9:
         driver.client.target.send(general)
         driver.client.wait(min(GENERAL_S, (over_ns - driver.client.target.now_ns) / 1e9 - LATE_S))
-    messages = [*before, *said(driver, (over_ns - driver.client.target.now_ns) / 1e9)]
-    return _restarted_by(own, [one.time_ns for one in messages])
+    messages = [
+        *before,
+        *spontaneous_messages(driver, (over_ns - driver.client.target.now_ns) / 1e9),
+    ]
+    return _restarted_by(own, [message.time_ns for message in messages])
 
 
-def _restarted_by(own: Window, spoken_ns: Sequence[int]) -> Outcome:
+def _restarted_by(own: TimeWindow, spoken_ns: Sequence[int]) -> Outcome:
     """The reading of MACC-AMB-06: spoken 10 s after the own request, not at all, or otherwise; a
     free-running module has then spoken 10 s before that, too."""
     if not spoken_ns:
@@ -125,17 +130,17 @@ def nmt_supported(driver: CanDriver) -> Outcome:
     driver.client.target.send(codec.nmt(NMT_STOP, driver.client.address))
     kind = driver.client.within(QUIET_S, 0x20).kind
     driver.client.target.send(codec.nmt(NMT_START, driver.client.address))
-    if kind is Kind.ANSWER:
+    if kind is ReplyKind.ANSWER:
         return 0
-    is_back = driver.client.within(QUIET_S, 0x20).kind is Kind.ANSWER
-    return 1 if kind is Kind.SILENCE and is_back else f"{kind.value} after 000h 02"
+    is_back = driver.client.within(QUIET_S, 0x20).kind is ReplyKind.ANSWER
+    return 1 if kind is ReplyKind.SILENCE and is_back else f"{kind.value} after 000h 02"
 
 
 @dataclass(frozen=True, slots=True)
 class Restart:
     """What came of 2000h: the reply, when the restart began, the boot-up message if one came."""
 
-    reply: Kind
+    reply: ReplyKind
     since_ns: int
     boot_up: Arrival | None
 
@@ -150,7 +155,7 @@ def restarted(driver: CanDriver) -> Restart:
     driver.motion.at_rest()
     driver.client.target.take_spontaneous()
     exchange = driver.client.within(QUIET_S, 0x00)
-    if exchange.kind is Kind.SILENCE:  # it restarts when it would have replied (MACC-AMB-26)
+    if exchange.kind is ReplyKind.SILENCE:  # it restarts when it would have replied (MACC-AMB-26)
         answered_ns = exchange.taken.earliest_ns + driver.client.target.round_trip.median_ns
         since_ns = answered_ns - driver.client.frame_ns
     else:
@@ -161,11 +166,11 @@ def restarted(driver: CanDriver) -> Restart:
 @probe(safety="motion", switch="reset_reply")
 def reply_to_a_reset(driver: CanDriver) -> Outcome:
     """2000h."""
-    one = restarted(driver)
-    readings = {Kind.ACCEPTED: 0, Kind.SILENCE: 1}
-    if one.boot_up is None:
-        return f"{one.reply.value}, and no boot-up message"
-    return readings.get(one.reply, one.reply.value)
+    restart = restarted(driver)
+    readings = {ReplyKind.ACCEPTED: 0, ReplyKind.SILENCE: 1}
+    if restart.boot_up is None:
+        return f"{restart.reply.value}, and no boot-up message"
+    return readings.get(restart.reply, restart.reply.value)
 
 
 @probe(safety="motion")
@@ -179,16 +184,16 @@ def bootup_form(driver: CanDriver) -> Outcome:
 @probe(safety="motion", switch="boot_time_ms")
 def time_to_the_boot_up(driver: CanDriver) -> Outcome:
     """2000h, then the time to the boot-up message."""
-    one = restarted(driver)
-    if one.boot_up is None:
+    restart = restarted(driver)
+    if restart.boot_up is None:
         return f"no boot-up message for {longest_boot_s(driver):.0f} s"
-    begun_ns = one.boot_up.time_ns - driver.client.target.least_time_ns(one.boot_up.frame)
+    begun_ns = restart.boot_up.time_ns - driver.client.target.least_time_ns(restart.boot_up.frame)
     step_ms = 1 if driver.client.target.is_virtual else REAL_STEP_MS
-    passed_ms = step_ms * round((begun_ns - one.since_ns) / (step_ms * 1e6))
+    passed_ms = step_ms * round((begun_ns - restart.since_ns) / (step_ms * 1e6))
     default_ms = round(DEAF_S * 1e3)
     doubt_ms = 0
     if not driver.client.target.is_virtual:
         doubt_ms = REAL_CLOCK_MS + driver.client.target.uncertainty_ns // 10**6
-    if one.reply is Kind.SILENCE:
+    if restart.reply is ReplyKind.SILENCE:
         doubt_ms += driver.client.target.round_trip.median_ns // 10**6
     return Measured(str(default_ms if abs(passed_ms - default_ms) <= doubt_ms else passed_ms))

@@ -17,10 +17,10 @@ from typing import Final
 
 from axistwin_conformance.core.probing import Measured, Outcome, probe
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.probing import reply_of
 from axistwin_conformance.families.mac.can import codec
-from axistwin_conformance.families.mac.can.codec import Reply, Request
+from axistwin_conformance.families.mac.can.codec import CanReply, CanRequest
 from axistwin_conformance.families.mac.can.driver import CanDriver
 
 ORDER = 20  # of this module in a run; see `Family.modules`
@@ -40,8 +40,8 @@ FROM_MODULE_1: Final = (codec.REPLY + codec.SPOKESMAN, codec.REQUEST + codec.SPO
 
 def _raw(driver: CanDriver, index: int) -> bytes:
     """The four bytes of an answer as they came; zeros without one."""
-    reply: Reply = driver.client.ask(index).reply
-    is_answer = reply.frame is not None and reply.kind is Kind.ANSWER
+    reply: CanReply = driver.client.ask(index).reply
+    is_answer = reply.frame is not None and reply.kind is ReplyKind.ANSWER
     return bytes(reply.frame.data[4:]) if reply.frame and is_answer else codec.ZEROS
 
 
@@ -83,12 +83,12 @@ def _learnt(driver: CanDriver, order: int) -> int:
 @probe()
 def upload_scs(driver: CanDriver) -> Outcome:
     """The first byte of the answer to 2000h."""
-    reply: Reply = driver.client.ask(0x20).reply
+    reply: CanReply = driver.client.ask(0x20).reply
     spelling = reply.answer_spelling
     return str(reply) if spelling is None else Measured(spelling)
 
 
-def refusals(driver: CanDriver) -> Iterator[Request]:
+def refusals(driver: CanDriver) -> Iterator[CanRequest]:
     """Requests that a module refuses at rest, by one requirement or another, and that do
     nothing."""
     yield driver.client.request(0x12)
@@ -100,9 +100,9 @@ def refusals(driver: CanDriver) -> Iterator[Request]:
 @probe()
 def abort_code_form(driver: CanDriver) -> Outcome:
     """The last four bytes of a refusal at rest."""
-    for one in refusals(driver):
-        reply: Reply = driver.client.send(one, QUIET_S).reply
-        if reply.kind is Kind.REFUSED:
+    for refusal in refusals(driver):
+        reply: CanReply = driver.client.send(refusal, QUIET_S).reply
+        if reply.kind is ReplyKind.REFUSED:
             return 1 if reply.abort_code else 0
     return driver.session.skip("nothing that does no harm is refused")
 
@@ -110,10 +110,10 @@ def abort_code_form(driver: CanDriver) -> Outcome:
 # --- who answers what all are told ----------------------------------------------------------------
 
 
-def answer_to_all(driver: CanDriver, one: Request) -> Reply | None:
+def answer_to_all(driver: CanDriver, request: CanRequest) -> CanReply | None:
     """What module 1 says to a request on 600h, on either identifier; None for nothing."""
     driver.client.target.drain()
-    driver.client.target.send(one.frame())
+    driver.client.target.send(request.frame())
     seconds = QUIET_S * 2 + driver.client.target.uncertainty_ns / 1e9
     arrival = driver.client.target.receive(lambda frame: frame.identifier in FROM_MODULE_1, seconds)
     return None if arrival is None else codec.parse(arrival.frame, driver.client.byte_order)
@@ -127,8 +127,8 @@ def has_module_1(driver: CanDriver) -> bool:
 @probe()
 def general_reply_id(driver: CanDriver) -> Outcome:
     """The identifier of what comes to 2000h, or to what is refused, on 600h."""
-    for one in (driver.client.request(0x20), *refusals(driver)):
-        reply = answer_to_all(driver, replace(one, address=codec.GENERAL_ADDRESS))
+    for request in (driver.client.request(0x20), *refusals(driver)):
+        reply = answer_to_all(driver, replace(request, address=codec.GENERAL_ADDRESS))
         if reply is not None and reply.frame is not None:
             return FROM_MODULE_1.index(reply.frame.identifier)
     if has_module_1(driver):
@@ -144,7 +144,7 @@ def general_upload(driver: CanDriver) -> Outcome:
         driver.session.skip("module 1 alone answers, and it is not on this bus")
     if reply is None:
         return 1
-    return reply_of(reply.kind, {Kind.ANSWER: 0})
+    return reply_of(reply.kind, {ReplyKind.ANSWER: 0})
 
 
 # --- frames and indices --------------------------------------------------------------------------
@@ -154,13 +154,15 @@ def general_upload(driver: CanDriver) -> Outcome:
 def short_frame(driver: CanDriver) -> Outcome:
     """2000h in a frame of four bytes."""
     short = replace(driver.client.request(0x20), length=SHORT_BYTES)
-    return reply_of(driver.client.send(short, QUIET_S).kind, {Kind.SILENCE: 0, Kind.ANSWER: 1})
+    return reply_of(
+        driver.client.send(short, QUIET_S).kind, {ReplyKind.SILENCE: 0, ReplyKind.ANSWER: 1}
+    )
 
 
 @probe()
 def subindex_policy(driver: CanDriver) -> Outcome:
     """2000h with sub-index 01."""
-    return reply_of(driver.client.ask(0x20, 0x01).kind, {Kind.ANSWER: 0, Kind.REFUSED: 1})
+    return reply_of(driver.client.ask(0x20, 0x01).kind, {ReplyKind.ANSWER: 0, ReplyKind.REFUSED: 1})
 
 
 @probe()
@@ -169,15 +171,15 @@ def unknown_index(driver: CanDriver) -> Outcome:
     down, up = (
         driver.client.send(driver.client.request(index), QUIET_S).reply for index in (0x12, 0x28)
     )
-    told = f"{down} to the download of 2012h, {up} to the upload of 2008h"
-    if up.kind is Kind.ANSWER and up.data:
-        return told
+    described = f"{down} to the download of 2012h, {up} to the upload of 2008h"
+    if up.kind is ReplyKind.ANSWER and up.data:
+        return described
     pairs = {
-        (Kind.REFUSED, Kind.REFUSED): 0,
-        (Kind.ACCEPTED, Kind.ANSWER): 1,
-        (Kind.SILENCE, Kind.SILENCE): 2,
+        (ReplyKind.REFUSED, ReplyKind.REFUSED): 0,
+        (ReplyKind.ACCEPTED, ReplyKind.ANSWER): 1,
+        (ReplyKind.SILENCE, ReplyKind.SILENCE): 2,
     }
-    return pairs.get((down.kind, up.kind), told)
+    return pairs.get((down.kind, up.kind), described)
 
 
 @probe()
@@ -187,7 +189,7 @@ def od_outside_20(driver: CanDriver) -> Outcome:
     kind = driver.client.send(
         replace(driver.client.request(0x20), index_low=low, index_high=high), QUIET_S
     ).kind
-    return reply_of(kind, {Kind.REFUSED: 0, Kind.ANSWER: 1, Kind.SILENCE: 2})
+    return reply_of(kind, {ReplyKind.REFUSED: 0, ReplyKind.ANSWER: 1, ReplyKind.SILENCE: 2})
 
 
 @probe()
@@ -211,8 +213,8 @@ def dont_care_digits(driver: CanDriver) -> Outcome:
         driver.client.command(0x0C, OTHER_TORQUE)
         kind = driver.client.command(0x0C, 0xFFFFFF00 | TORQUE).kind
         after = torque(driver)
-    if (kind, after) in ((Kind.ACCEPTED, TORQUE), (Kind.REFUSED, OTHER_TORQUE)):
-        return int(kind is Kind.REFUSED)
+    if (kind, after) in ((ReplyKind.ACCEPTED, TORQUE), (ReplyKind.REFUSED, OTHER_TORQUE)):
+        return int(kind is ReplyKind.REFUSED)
     return f"{kind.value}, then 2006h shows {after:02X}"
 
 
@@ -221,13 +223,13 @@ def sdo_other_ccs(driver: CanDriver) -> Outcome:
     """200Ch by 22h instead of 23h, then 2006h."""
     with driver.motion.torque_kept():
         driver.client.command(0x0C, OTHER_TORQUE)
-        one = replace(driver.client.request(0x0C, TORQUE), command=OTHER_COMMAND)
-        kind = driver.client.send(one, QUIET_S).kind
+        request = replace(driver.client.request(0x0C, TORQUE), command=OTHER_COMMAND)
+        kind = driver.client.send(request, QUIET_S).kind
         after = torque(driver)
     fitting = {
-        (Kind.REFUSED, OTHER_TORQUE): 0,
-        (Kind.ACCEPTED, TORQUE): 1,
-        (Kind.SILENCE, OTHER_TORQUE): 2,
+        (ReplyKind.REFUSED, OTHER_TORQUE): 0,
+        (ReplyKind.ACCEPTED, TORQUE): 1,
+        (ReplyKind.SILENCE, OTHER_TORQUE): 2,
     }
     return fitting.get((kind, after), f"{kind.value}, then 2006h shows {after:02X}")
 
@@ -237,6 +239,6 @@ def abort_code_form_in_motion(driver: CanDriver) -> Outcome:
     """The last four bytes of the refusal of 2013h during a move."""
     start = driver.motion.ready()
     driver.judge.accepted(0x13, start + 100)
-    reply: Reply = driver.client.command(0x13, start).reply
+    reply: CanReply = driver.client.command(0x13, start).reply
     driver.client.command(0x18)
-    return int(bool(reply.abort_code)) if reply.kind is Kind.REFUSED else f"{reply} in motion"
+    return int(bool(reply.abort_code)) if reply.kind is ReplyKind.REFUSED else f"{reply} in motion"

@@ -11,7 +11,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver import factory
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.serial.address_recovery import (
     RATES,
     answers,
@@ -41,7 +41,7 @@ def the_address_can_be_programmed(session: Session) -> None:
                 continue
             kind = program_address(driver, new)
             session.expect(
-                kind in (Kind.ACCEPTED, Kind.SILENCE), "MACS-CMD-08-01",
+                kind in (ReplyKind.ACCEPTED, ReplyKind.SILENCE), "MACS-CMD-08-01",
                 ["accepted", "silence"], kind.value,
             )  # fmt: skip
             if not answers(driver, new):
@@ -74,7 +74,7 @@ def addresses_from_80_up_are_refused(session: Session) -> None:
             kind = program_address(driver, new)
             outcome: int | str = f"{kind.value} to address {new:02X}"
             if answers(driver, driver.client.address):
-                if kind in (Kind.REFUSED, Kind.SILENCE):
+                if kind in (ReplyKind.REFUSED, ReplyKind.SILENCE):
                     outcome = 0
                 elif (
                     new & 0x7F == driver.client.address
@@ -87,10 +87,10 @@ def addresses_from_80_up_are_refused(session: Session) -> None:
     with brought_back(driver):
         kind = program_address(driver, 0x11, to=driver.client.address)
         is_obeyed = answers(driver, 0x11)
-        outcome = {(Kind.ACCEPTED, True): 0, (Kind.REFUSED, False): 1}.get(
+        outcome = {(ReplyKind.ACCEPTED, True): 0, (ReplyKind.REFUSED, False): 1}.get(
             (kind, is_obeyed), f"{kind.value} to 08h at its own address"
         )
-        if kind is Kind.ACCEPTED and not is_obeyed and session.readings.get("addr_effective"):
+        if kind is ReplyKind.ACCEPTED and not is_obeyed and session.readings.get("addr_effective"):
             outcome = 0
         driver.judge.reading("addr_prog_requires_ff", outcome, "MACS-CMD-08-01")
 
@@ -105,9 +105,9 @@ def an_address_that_is_no_number_is_refused(session: Session) -> None:
                 driver.client.request(0x08, address=GENERAL_ADDRESS), parameters=b"000000" + digits
             )
             kind = driver.client.send(frame, QUIET_S * 2).kind
-            if kind is Kind.NACK:
+            if kind is ReplyKind.NACK:
                 driver.judge.reading("bad_frame_reply", 1, "MACS-FRAME-13")
-            is_kept = kind in (Kind.REFUSED, Kind.NACK, Kind.SILENCE) and answers(
+            is_kept = kind in (ReplyKind.REFUSED, ReplyKind.NACK, ReplyKind.SILENCE) and answers(
                 driver, driver.client.address
             )
             session.expect(
@@ -126,7 +126,7 @@ def the_rate_can_be_programmed(session: Session) -> None:
         with brought_back(driver, is_readdressed=False):
             kind = driver.client.command(0x1B, value).kind
             policy = driver.readings.known("param_range_policy")
-            if kind is not Kind.REFUSED:
+            if kind is not ReplyKind.REFUSED:
                 driver.motion.wait_awake()  # it may have taken it for another value
                 driver.judge.reading("param_range_policy", max(1, policy), "MACS-CMD-XX-02")
             # Masked, a value may still be none of the three, and then is refused all the same.
@@ -141,17 +141,17 @@ def _judge_rate(driver: SerialDriver, value: int) -> None:
     """Change the rate, judge the reply, the deafness and the new rate."""
     session, rate, old = driver.session, RATES[value], driver.client.target.baud
     exchange = driver.client.send(driver.client.request(0x1B, value), QUIET_S * 2)
-    if exchange.kind is Kind.REFUSED:
+    if exchange.kind is ReplyKind.REFUSED:
         driver.judge.reading("cmd_1b_supported", 1, "MACS-CMD-1B-01")
         return
     driver.judge.reading("cmd_1b_supported", 0, "MACS-CMD-1B-01")
     if rate != old:
-        outcome = 0 if exchange.kind is Kind.ACCEPTED else 1  # at the new rate we hear garbage
+        outcome = 0 if exchange.kind is ReplyKind.ACCEPTED else 1  # at the new rate we hear garbage
         driver.judge.reading("baud_reply_rate", outcome, "MACS-CMD-1B-01")
     driver.client.target.baud = rate
     driver.client.wait(driver.motion.deaf_surely_s - QUIET_S * 4)
     early = driver.client.send(driver.client.request(0x20), QUIET_S)
-    driver.judge.must(Kind.SILENCE, early, "MACS-CMD-1B-01")
+    driver.judge.must(ReplyKind.SILENCE, early, "MACS-CMD-1B-01")
     driver.client.wait(driver.motion.awake_surely_s - driver.motion.deaf_surely_s + QUIET_S)
     driver.judge.alive("MACS-CMD-1B-01")
     if rate != old:
@@ -159,7 +159,7 @@ def _judge_rate(driver: SerialDriver, value: int) -> None:
         at_old = driver.client.send(driver.client.request(0x20), QUIET_S * 2).kind
         driver.client.target.baud = rate
         session.expect(
-            at_old is not Kind.ANSWER, "MACS-CMD-1B-01", f"no answer at {old}", at_old.value
+            at_old is not ReplyKind.ANSWER, "MACS-CMD-1B-01", f"no answer at {old}", at_old.value
         )
         driver.client.wait(QUIET_S)
 
@@ -170,19 +170,19 @@ def a_factory_reset_brings_the_factory_values(session: Session) -> None:
     """01h writes the factory values over all parameters, deaf for 2 s; address 00, 38400 baud."""
     driver = SerialDriver(session)
     place = driver.motion.finish(driver.motion.go(driver.motion.ready() + 25))
-    changed = factory.spoil(driver, 0)
+    changed = factory.overwrite(driver, 0)
     with brought_back(driver):
         _move_away(driver)
         exchange = driver.client.send(driver.client.request(0x01), QUIET_S * 2)
-        replies = {Kind.ACCEPTED: 0, Kind.SILENCE: 1}
+        replies = {ReplyKind.ACCEPTED: 0, ReplyKind.SILENCE: 1}
         outcome: int | str = replies.get(exchange.kind, f"{exchange.kind.value} to 01h")
         driver.judge.reading("reset_reply", outcome, "MACS-CMD-01-01")
         driver.client.address, session.target.baud = 0, FACTORY_BAUD
-        is_deaf = driver.client.send(driver.client.request(0x20), QUIET_S).kind is Kind.SILENCE
+        is_deaf = driver.client.send(driver.client.request(0x20), QUIET_S).kind is ReplyKind.SILENCE
         driver.client.wait(driver.motion.deaf_surely_s - QUIET_S * 5)
         if is_deaf:  # deaf at all is deaf as long as after 00h
             late = driver.client.send(driver.client.request(0x20), QUIET_S)
-            driver.judge.must(Kind.SILENCE, late, "MACS-CMD-01-03")
+            driver.judge.must(ReplyKind.SILENCE, late, "MACS-CMD-01-03")
         driver.client.wait(driver.motion.awake_surely_s - driver.motion.deaf_surely_s + QUIET_S * 5)
         driver.judge.alive("MACS-CMD-01-02")
         driver.judge.reading("factory_reset_scope", int(not is_deaf), "MACS-CMD-01-03")

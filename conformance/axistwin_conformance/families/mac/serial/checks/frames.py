@@ -10,10 +10,10 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, Part
 from axistwin_conformance.families.mac.axis.driver.motion import SAFE_PERIOD
-from axistwin_conformance.families.mac.axis.driver.unknown_modules import stranger_at
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.driver.unknown_modules import unknown_module_at
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.serial import codec
-from axistwin_conformance.families.mac.serial.codec import ETX, STX, Request
+from axistwin_conformance.families.mac.serial.codec import ETX, STX, SerialRequest
 from axistwin_conformance.families.mac.serial.driver import NACKED_BY_MANY, SerialDriver
 
 ORDER = 10  # of this module in a run; see `Family.modules`
@@ -58,7 +58,7 @@ def it_talks_38400_baud_and_no_other_rate(session: Session) -> None:
         for rate in OTHER_RATES:
             session.target.baud = rate
             reply = driver.client.send(driver.client.request(0x20), QUIET_S).reply
-            is_answered = reply.kind in (Kind.ANSWER, Kind.ACCEPTED)
+            is_answered = reply.kind in (ReplyKind.ANSWER, ReplyKind.ACCEPTED)
             if is_answered and session.target.is_pty:
                 session.not_run("MACS-LINE-01", "what is behind this pty hears us at any rate")
                 return
@@ -78,7 +78,7 @@ def xoff_and_xon_arrive_as_bytes_of_the_reply(session: Session) -> None:
     session.expect(
         refusal[1:2] in (b"", b"\x13"), "MACS-LINE-02", "06 13 17", refusal.hex(" ")
     )  # silence is a reading of MACS-AMB-58
-    reply = driver.judge.must(Kind.ANSWER, driver.client.ask(0x20)).reply
+    reply = driver.judge.must(ReplyKind.ANSWER, driver.client.ask(0x20)).reply
     session.expect(
         reply.raw[:3] == b"\x06\x13\x02",
         ("MACS-LINE-02", "MACS-REPLY-07"),
@@ -119,8 +119,10 @@ def longer_frames_get_no_reply(session: Session) -> None:
         driver.judge.alive()
 
 
-def _no_success(session: Session, reply: codec.Reply, what: str, requirement: str | None) -> None:
-    is_success = reply.kind in (Kind.ACCEPTED, Kind.ANSWER)
+def _no_success(
+    session: Session, reply: codec.SerialReply, what: str, requirement: str | None
+) -> None:
+    is_success = reply.kind in (ReplyKind.ACCEPTED, ReplyKind.ANSWER)
     session.expect(not is_success, requirement, f"no success for {what}", reply)
 
 
@@ -147,10 +149,10 @@ def another_byte_for_etx_drops_the_frame(session: Session) -> None:
 
 
 def _is_dropped(
-    driver: SerialDriver, frame: Request, names: tuple[str, ...] = ("MACS-FRAME-12",)
+    driver: SerialDriver, frame: SerialRequest, names: tuple[str, ...] = ("MACS-FRAME-12",)
 ) -> None:
     kind = driver.client.send(frame, QUIET_S + driver.client.target.uncertainty_ns / 1e9).kind
-    readings = {Kind.SILENCE: 0, Kind.NACK: 1}
+    readings = {ReplyKind.SILENCE: 0, ReplyKind.NACK: 1}
     driver.judge.reading(
         "bad_frame_reply", readings.get(kind, f"{kind.value} to a malformed frame"), names
     )
@@ -162,14 +164,16 @@ def every_other_checksum_is_nacked(session: Session) -> None:
     """A query is answered under the right checksum and gets one byte 15h under any other."""
     driver = SerialDriver(session)
     frame = driver.client.request(0x28, 0, 0xAF)
-    driver.judge.must(Kind.ANSWER, driver.client.send(frame), "MACS-FRAME-03")
+    driver.judge.must(ReplyKind.ANSWER, driver.client.send(frame), "MACS-FRAME-03")
     if driver.client.is_nacked_by_many:
         session.skip(NACKED_BY_MANY)
     # 95h is the sum of 014 and 97h that of Stx 014: the two usual mistakes are always tried.
     offsets = range(1, 0x100) if session.target.is_virtual else (1, 0x0F, 0x10, 0x95, 0x97, 0xFF)
     for offset in offsets:
         exchange = driver.client.send(frame.with_wrong_checksum(offset))
-        driver.judge.must(Kind.NACK, exchange, ("MACS-FRAME-03", "MACS-REPLY-02", "MACS-REPLY-11"))
+        driver.judge.must(
+            ReplyKind.NACK, exchange, ("MACS-FRAME-03", "MACS-REPLY-02", "MACS-REPLY-11")
+        )
     extra = session.target.receive(1, QUIET_S)
     session.expect(not extra, "MACS-REPLY-02", "nothing after 15h", extra.hex(" "))
 
@@ -181,7 +185,7 @@ def digits_are_read_in_upper_case(session: Session) -> None:
     _in_lower_case(
         driver,
         driver.client.request(0x28, 0, 0xAF),
-        Kind.ANSWER,
+        ReplyKind.ANSWER,
         ("MACS-FRAME-03", "MACS-FRAME-04"),
     )
     driver.judge.alive("MACS-FRAME-03")
@@ -192,16 +196,19 @@ def digits_of_commands_are_read_in_upper_case(session: Session) -> None:
     """Nor is an index, or a parameter, read otherwise; written is what is stored already."""
     driver = SerialDriver(session)
     _in_lower_case(
-        driver, driver.client.request(0x0C, driver.client.data_bytes(0x26)[1]), Kind.ACCEPTED
+        driver, driver.client.request(0x0C, driver.client.data_bytes(0x26)[1]), ReplyKind.ACCEPTED
     )
     for index, query in ((0x09, 0x22), (0x0A, 0x23)):
         _in_lower_case(
-            driver, driver.client.request(index, driver.client.value(query)), Kind.ACCEPTED
+            driver, driver.client.request(index, driver.client.value(query)), ReplyKind.ACCEPTED
         )
 
 
 def _in_lower_case(
-    driver: SerialDriver, upper: Request, success: Kind, requirement: Part = "MACS-FRAME-04"
+    driver: SerialDriver,
+    upper: SerialRequest,
+    success: ReplyKind,
+    requirement: Part = "MACS-FRAME-04",
 ) -> None:
     """Send a frame as it should be spelt, then in lower case, if that is another one."""
     if upper.in_lower_case() == upper:
@@ -210,7 +217,7 @@ def _in_lower_case(
     reply = driver.client.send(upper.in_lower_case(), QUIET_S).reply
     if reply.kind is success:
         outcome: int | str = 1 if reply.data == expected else f"another answer: {reply}"
-    elif reply.kind in (Kind.REFUSED, Kind.SILENCE, Kind.NACK):
+    elif reply.kind in (ReplyKind.REFUSED, ReplyKind.SILENCE, ReplyKind.NACK):
         outcome = 0
     else:
         outcome = str(reply)
@@ -226,10 +233,10 @@ def digits_printed_x_have_no_effect_in_queries(session: Session) -> None:
         for parameter in (1, 0xABCDEF01, 0xFFFFFFFF, session.random.getrandbits(32)):
             exchange = driver.client.send(driver.client.request(index, parameter))
             outcome: int | str = 1
-            if exchange.kind is Kind.ANSWER:
+            if exchange.kind is ReplyKind.ANSWER:
                 same = exchange.reply.data == plain
                 outcome = 0 if same else f"{exchange.reply} instead of {plain:08X}"
-            elif exchange.kind is not Kind.REFUSED:
+            elif exchange.kind is not ReplyKind.REFUSED:
                 outcome = str(exchange.reply)
             driver.judge.reading("dont_care_digits", outcome)
 
@@ -246,9 +253,9 @@ def only_its_own_address_and_ff_reach_it(session: Session) -> None:
     for address in others:
         exchange = driver.client.send(driver.client.request(0x20, address=address), QUIET_S)
         names = ("MACS-FRAME-07", "MACS-REPLY-13") if address < 0x80 else ("MACS-FRAME-07",)
-        is_silent = exchange.kind is Kind.SILENCE
-        hint = "" if is_silent or address >= 0x80 else stranger_at(driver.client, address)
-        wanted = f"{Kind.SILENCE.value} ({codec.explain(exchange.request)})"
+        is_silent = exchange.kind is ReplyKind.SILENCE
+        hint = "" if is_silent or address >= 0x80 else unknown_module_at(driver.client, address)
+        wanted = f"{ReplyKind.SILENCE.value} ({codec.explain(exchange.request)})"
         session.expect(is_silent, names, wanted, exchange.reply, hint)
     driver.judge.alive()
 
@@ -258,7 +265,7 @@ def queries_end_at_29h(session: Session) -> None:
     """20h..29h are answered with data; 2Ah..2Fh and everything above are not assigned."""
     driver = SerialDriver(session)
     for index in range(0x20, 0x2A):
-        driver.judge.must(Kind.ANSWER, driver.client.ask(index), "MACS-FRAME-08")
+        driver.judge.must(ReplyKind.ANSWER, driver.client.ask(index), "MACS-FRAME-08")
     above = range(0x30, 0x100) if session.target.is_virtual else (0x30, 0x40, 0x80, 0xFF)
     for index in (*range(0x2A, 0x30), *above):
         driver.judge.reading(
@@ -285,11 +292,15 @@ def unassigned_commands_are_refused(session: Session) -> None:
 def unassigned(driver: SerialDriver, index: int, parameter: int = 0) -> int | str:
     """Which reading of MACS-AMB-58 an unassigned index shows."""
     reply = driver.client.send(driver.client.request(index, parameter), QUIET_S).reply
-    if reply.kind is Kind.ANSWER:
+    if reply.kind is ReplyKind.ANSWER:
         return 2 if reply.data == 0 else f"{index:02X}h: {reply}"
-    if reply.kind is Kind.ACCEPTED and index < 0x20 and driver.readings.known("unknown_index") == 2:
+    if (
+        reply.kind is ReplyKind.ACCEPTED
+        and index < 0x20
+        and driver.readings.known("unknown_index") == 2
+    ):
         return 2  # commands have no answer to put zeros into
-    readings = {Kind.REFUSED: 0, Kind.ACCEPTED: 1, Kind.SILENCE: 3}
+    readings = {ReplyKind.REFUSED: 0, ReplyKind.ACCEPTED: 1, ReplyKind.SILENCE: 3}
     return readings.get(reply.kind, f"{index:02X}h: {reply}")
 
 
@@ -302,9 +313,9 @@ def the_sub_index_matters_only_to_memory_queries(session: Session) -> None:
         for sub_index in (0x01, 0x10, 0xFF):
             reply = driver.client.send(driver.client.request(index, 0, sub_index)).reply
             outcome: int | str = str(reply)
-            if reply.kind is Kind.REFUSED:
+            if reply.kind is ReplyKind.REFUSED:
                 outcome = 1
-            elif reply.kind is Kind.ANSWER and reply.data == plain:
+            elif reply.kind is ReplyKind.ANSWER and reply.data == plain:
                 outcome = 0
             driver.judge.reading("subindex_policy", outcome)
     before, at = (
@@ -323,7 +334,7 @@ def noise_between_frames_is_ignored(session: Session) -> None:
     driver = SerialDriver(session)
     frame = driver.client.request(0x20).encode()
     for noise in NOISE:
-        driver.judge.must(Kind.ANSWER, driver.client.send(noise + frame))
+        driver.judge.must(ReplyKind.ANSWER, driver.client.send(noise + frame))
         session.expect(
             not session.target.receive(1, QUIET_S), None, "one reply", "more than one reply"
         )
@@ -337,7 +348,7 @@ def stx_begins_anew(session: Session) -> None:
     driver = SerialDriver(session)
     frame = driver.client.request(0x20).encode()
     for cut in range(1, len(frame)) if session.target.is_virtual else (1, 4, 10, 20):
-        driver.judge.must(Kind.ANSWER, driver.client.send(frame[:cut] + frame))
+        driver.judge.must(ReplyKind.ANSWER, driver.client.send(frame[:cut] + frame))
         extra = session.target.receive(1, QUIET_S)
         session.expect(not extra, None, "one reply", f"then {extra.hex(' ')}")
 
@@ -386,22 +397,22 @@ def no_command_takes_another_character_for_a_digit(session: Session) -> None:
     for index, parameter in harmless.items():
         digits = codec.eight_digits(parameter)
         for number in SIGNIFICANT_DIGITS[index]:
-            spoilt = digits[:number] + b"G" + digits[number + 1 :]
+            corrupted = digits[:number] + b"G" + digits[number + 1 :]
             _is_refused_as_malformed(
-                driver, replace(driver.client.request(index), parameters=spoilt)
+                driver, replace(driver.client.request(index), parameters=corrupted)
             )
     found = driver.client.value(0x25), driver.client.value(0x26), driver.client.position()
-    told = f"25h, 26h, 20h still {speeds:08X}, {modes:08X}, {place}"
-    session.expect(found == (speeds, modes, place), None, told, found)
+    described = f"25h, 26h, 20h still {speeds:08X}, {modes:08X}, {place}"
+    session.expect(found == (speeds, modes, place), None, described, found)
 
 
-def _is_refused_as_malformed(driver: SerialDriver, frame: Request) -> None:
+def _is_refused_as_malformed(driver: SerialDriver, frame: SerialRequest) -> None:
     reply = driver.client.send(frame, QUIET_S).reply
-    if reply.kind is Kind.NACK:
+    if reply.kind is ReplyKind.NACK:
         driver.judge.reading("bad_frame_reply", 1)
         return
     driver.session.expect(
-        reply.kind is Kind.REFUSED,
+        reply.kind is ReplyKind.REFUSED,
         None,
         f"refused, for {codec.explain(frame.encode())}",
         reply,
@@ -419,7 +430,7 @@ def noise_through_a_reply_does_not_deafen_it(session: Session) -> None:
     session.target.wait(10 * codec.ANSWER_BYTES * driver.client.byte_ns / 1e9)
     arrived = session.target.drain()
     last = codec.parse(arrived[-codec.ANSWER_BYTES :])
-    session.expect(last.kind is Kind.ANSWER, None, "an answer at last", arrived.hex(" "))
+    session.expect(last.kind is ReplyKind.ANSWER, None, "an answer at last", arrived.hex(" "))
     driver.judge.alive()
 
 
@@ -432,4 +443,4 @@ def typing_may_be_slow(session: Session) -> None:
     for byte in frame[:-1]:
         session.target.send(bytes([byte]))
         session.target.wait(gap_s)
-    driver.judge.must(Kind.ANSWER, driver.client.send(frame[-1:]))
+    driver.judge.must(ReplyKind.ANSWER, driver.client.send(frame[-1:]))

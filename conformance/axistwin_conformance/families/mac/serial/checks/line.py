@@ -7,9 +7,9 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, Exchange
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, AxisExchange
 from axistwin_conformance.families.mac.axis.driver.motion import velocity
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.probes.stops import restarted_ns
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.serial import codec
@@ -32,7 +32,9 @@ def after_00h_it_is_deaf_for_two_seconds(session: Session) -> None:
     driver = SerialDriver(session)
     start = driver.motion.ready()
     exchange = driver.client.command(0x00)
-    outcome: int | str = {Kind.ACCEPTED: 0, Kind.SILENCE: 1}.get(exchange.kind, exchange.kind.value)
+    outcome: int | str = {ReplyKind.ACCEPTED: 0, ReplyKind.SILENCE: 1}.get(
+        exchange.kind, exchange.kind.value
+    )
     driver.judge.reading("reset_reply", outcome, "MACS-CMD-00-03")
     from_ns = exchange.taken.earliest_ns
     deaf_until_ns = from_ns + round(driver.motion.deaf_surely_s * 1e9)
@@ -48,7 +50,7 @@ def after_00h_it_is_deaf_for_two_seconds(session: Session) -> None:
     while session.target.now_ns < last_ns:
         lost = driver.client.send(next(frames), POLL_S)
         driver.motion.taken_in_time(lost, deaf_until_ns, "the deafness")
-        driver.judge.must(Kind.SILENCE, lost, "MACS-CMD-00-02")
+        driver.judge.must(ReplyKind.SILENCE, lost, "MACS-CMD-00-02")
     awake_ns = _first_answer_ns(driver, from_ns)
     deaf_ms = round((awake_ns - from_ns) / 1e6)
     session.expect(
@@ -72,7 +74,7 @@ def _first_answer_ns(driver: SerialDriver, from_ns: int) -> int:
     """When the module was first heard again; far too late if never."""
     while driver.client.target.now_ns < from_ns + 4_000_000_000:
         exchange = driver.client.send(driver.client.request(0x20), POLL_S)
-        if exchange.kind is Kind.ANSWER:
+        if exchange.kind is ReplyKind.ANSWER:
             return exchange.taken.earliest_ns
     return driver.client.target.now_ns
 
@@ -84,7 +86,7 @@ def just_after_two_seconds_it_listens(session: Session) -> None:
     if not session.target.is_lossless:
         session.skip("needs exact timing: only virtual time without noise tells 1.98 s from 2.02 s")
     driver.motion.ready()
-    for after_s, kind in ((-0.02, Kind.SILENCE), (0.02, Kind.ANSWER)):
+    for after_s, kind in ((-0.02, ReplyKind.SILENCE), (0.02, ReplyKind.ANSWER)):
         since_ns = restarted_ns(driver)
         driver.client.wait_until(
             since_ns + round((driver.motion.deaf_s + after_s) * 1e9) - driver.client.frame_ns
@@ -101,7 +103,7 @@ def just_after_two_seconds_it_listens(session: Session) -> None:
 # --- several modules -----------------------------------------------------------------------------
 
 
-def general(driver: SerialDriver, index: int, parameter: int = 0) -> Exchange:
+def general(driver: SerialDriver, index: int, parameter: int = 0) -> AxisExchange:
     """Send a frame to the general address."""
     return driver.client.send(
         driver.client.request(index, parameter, address=GENERAL_ADDRESS), QUIET_S * 2
@@ -120,15 +122,15 @@ def the_general_address_is_answered_by_module_00(session: Session) -> None:
     driver.judge.alive("MACS-MULTI-03")
 
 
-def _judge_general_reply(driver: SerialDriver, reply: codec.Reply) -> None:
+def _judge_general_reply(driver: SerialDriver, reply: codec.SerialReply) -> None:
     """Who answered a query to FF (MACS-AMB-16), and as whom (MACS-AMB-17)."""
     session = driver.session
-    if reply.kind not in (Kind.ANSWER, Kind.SILENCE, Kind.GARBAGE):
+    if reply.kind not in (ReplyKind.ANSWER, ReplyKind.SILENCE, ReplyKind.GARBAGE):
         session.fail("MACS-MULTI-03", "one answer, or silence", reply)
     driver.judge.reading(
         "general_reply_policy", general_replies(driver, reply.kind), "MACS-MULTI-03"
     )
-    if reply.kind is Kind.ANSWER:
+    if reply.kind is ReplyKind.ANSWER:
         own = dict.fromkeys((session.address, *session.neighbours), 1)
         echo = {**own, GENERAL_ADDRESS: 0}.get(reply.address or 0, f"{reply}")
         driver.judge.reading("general_echo", echo, "MACS-REPLY-08")
@@ -141,7 +143,7 @@ def modules_with_distinct_addresses_answer_for_themselves(session: Session) -> N
     """Each module on the line answers its own address, and only that."""
     session.info("MACS-MULTI-01", "why one has to be 00 shows in frames to all (MACS-MULTI-03)")
     for driver in _everybody(session):
-        reply = driver.judge.must(Kind.ANSWER, driver.client.ask(0x24)).reply
+        reply = driver.judge.must(ReplyKind.ANSWER, driver.client.ask(0x24)).reply
         session.expect(
             reply.address == driver.client.address,
             ("MACS-MULTI-01", "MACS-REPLY-13", "MACS-FRAME-07"),
@@ -157,7 +159,7 @@ def one_module_answers_for_all(session: Session) -> None:
     reply = general(driver, 0x20).reply
     extra = session.target.receive(1, QUIET_S)
     if extra:  # several speak on top of one another
-        reply = codec.Reply(Kind.GARBAGE, reply.raw + extra)
+        reply = codec.SerialReply(ReplyKind.GARBAGE, reply.raw + extra)
     _judge_general_reply(driver, reply)
     driver.client.wait(QUIET_S)
     session.target.drain()
@@ -201,6 +203,6 @@ def general_commands_are_executed_by_all(session: Session) -> None:
             driver.motion.finish(driver.motion.go_plainly(start))
 
 
-def _general_reply(driver: SerialDriver, exchange: Exchange) -> None:
-    kind = Kind.ANSWER if exchange.kind is Kind.ACCEPTED else exchange.kind
+def _general_reply(driver: SerialDriver, exchange: AxisExchange) -> None:
+    kind = ReplyKind.ANSWER if exchange.kind is ReplyKind.ACCEPTED else exchange.kind
     driver.judge.reading("general_reply_policy", general_replies(driver, kind), "MACS-MULTI-03")

@@ -9,8 +9,8 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import velocity
-from axistwin_conformance.families.mac.axis.driver.unknown_modules import stranger_at
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.driver.unknown_modules import unknown_module_at
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.families.mac.serial.driver import NACKED_BY_MANY, SerialDriver
 from axistwin_conformance.families.mac.serial.probes.line import nack_readings, rx_during_xoff
@@ -41,7 +41,7 @@ def the_manuals_examples_get_their_printed_replies(session: Session) -> None:
         driver.motion.ready()
         exchange = driver.client.send(readdressed(golden.request, driver.client.address))
         driver.motion.at_rest()
-        driver.judge.must(Kind.ACCEPTED, exchange, golden.requirements)
+        driver.judge.must(ReplyKind.ACCEPTED, exchange, golden.requirements)
         spelled = exchange.reply.xon_spelling
         assert spelled is not None
         session.quirk("MACS-REPLY-01", "xon_byte", spelled)
@@ -52,7 +52,7 @@ def every_answer_has_the_form_of_the_manual(session: Session) -> None:
     """Queries 20h..29h answer 21 bytes: 011, the address asked, the second digit of the index."""
     driver = SerialDriver(session)
     for index in range(0x20, 0x2A):
-        reply = driver.judge.must(Kind.ANSWER, driver.client.ask(index), "MACS-REPLY-07").reply
+        reply = driver.judge.must(ReplyKind.ANSWER, driver.client.ask(index), "MACS-REPLY-07").reply
         session.expect(
             reply.address == driver.client.address,
             "MACS-REPLY-08",
@@ -63,7 +63,7 @@ def every_answer_has_the_form_of_the_manual(session: Session) -> None:
         _judge_length(driver, index, reply)
 
 
-def _judge_digit(driver: SerialDriver, index: int, reply: codec.Reply) -> None:
+def _judge_digit(driver: SerialDriver, index: int, reply: codec.SerialReply) -> None:
     printed = {0x21: "status_reply_digit", 0x23: "reply23_digit"}
     wanted = index & 0x0F
     if index in printed:  # both pages print digit 2, copied from the page of 22h
@@ -75,7 +75,7 @@ def _judge_digit(driver: SerialDriver, index: int, reply: codec.Reply) -> None:
     )
 
 
-def _judge_length(driver: SerialDriver, index: int, reply: codec.Reply) -> None:
+def _judge_length(driver: SerialDriver, index: int, reply: codec.SerialReply) -> None:
     if index == 0x28:
         outcome = {b"011": 0, b"014": 1}.get(reply.length, f"length {reply.length!r}")
         driver.judge.reading("reply28_length", outcome, "MACS-REPLY-10")
@@ -94,7 +94,7 @@ def a_nack_is_one_byte_and_nothing_follows(session: Session) -> None:
     for index in (0x20, 0x29, 0x2A, 0x04, 0x12):
         exchange = driver.client.send(driver.client.request(index).with_wrong_checksum())
         names = ("MACS-REPLY-02", "MACS-REPLY-11") if 0x20 <= index < 0x2A else ("MACS-REPLY-02",)
-        driver.judge.must(Kind.NACK, exchange, names)
+        driver.judge.must(ReplyKind.NACK, exchange, names)
         extra = session.target.receive(3, QUIET_S)
         session.expect(
             not extra, ("MACS-REPLY-02", "MACS-REPLY-12"), "silence after 15h", extra.hex(" ")
@@ -107,7 +107,7 @@ def a_wrong_checksum_for_somebody_else_is_not_nacked(session: Session) -> None:
     driver = SerialDriver(session)
     taken = {session.address, *session.neighbours}
     other = next(address for address in (0x55, 0x2A, 0x15) if address not in taken)
-    stranger_at(driver.client, other)  # it would Nack, as it has to
+    unknown_module_at(driver.client, other)  # it would Nack, as it has to
     outcome = nack_readings(driver, other)
     driver.judge.reading("nack_scope", outcome, "MACS-REPLY-02")
     driver.judge.alive("MACS-FRAME-07")
@@ -121,7 +121,7 @@ def refusals_change_nothing(session: Session) -> None:
     start = driver.motion.ready(SLOWEST)
     forecast = driver.motion.go(start + 60)
     wrong = driver.client.send(driver.client.request(0x13, start - 500).with_wrong_checksum())
-    driver.judge.must(Kind.NACK, wrong, "MACS-REPLY-06")
+    driver.judge.must(ReplyKind.NACK, wrong, "MACS-REPLY-06")
     names = ("MACS-REPLY-03", "MACS-REPLY-05", "MACS-CMD-13-02")
     refusal = driver.judge.refused(0x13, start - 500, requirement=names)
     spelled = refusal.reply.xonerror_spelling
@@ -132,11 +132,11 @@ def refusals_change_nothing(session: Session) -> None:
         forecast, ("MACS-REPLY-05", "MACS-CMD-13-02"), driver.limits.allowance(SLOWEST)
     )
     lock = driver.client.command(0x0D, driver.limits.slowed(0x2123))
-    if lock.kind is Kind.ACCEPTED:
+    if lock.kind is ReplyKind.ACCEPTED:
         driver.judge.reading("motion_lock_set", 1, "MACS-CMD-0D-02")
         driver.motion.at_rest()
         return
-    driver.judge.must(Kind.REFUSED, lock, "MACS-CMD-0D-02")
+    driver.judge.must(ReplyKind.REFUSED, lock, "MACS-CMD-0D-02")
     driver.motion.watch(forecast, ("MACS-REPLY-05", "MACS-CMD-13-02"), samples=3)
     kept = driver.client.value(0x25) & 0xFFFF
     session.expect(
@@ -156,7 +156,7 @@ def a_nacked_frame_does_nothing(session: Session) -> None:
         (0x0F, 0x33), (0x1C, 0x22), (0x02, 1), (0x03, 9), (0x00, 0),
     ):  # fmt: skip
         driver.judge.must(
-            Kind.NACK,
+            ReplyKind.NACK,
             driver.client.send(driver.client.request(index, parameter).with_wrong_checksum(3)),
         )
     session.target.wait(QUIET_S)
@@ -164,7 +164,7 @@ def a_nacked_frame_does_nothing(session: Session) -> None:
     session.expect(after == before, None, _hex(before), _hex(after))
     forecast = driver.motion.turn(1, SLOWEST)
     driver.judge.must(
-        Kind.NACK, driver.client.send(driver.client.request(0x18).with_wrong_checksum())
+        ReplyKind.NACK, driver.client.send(driver.client.request(0x18).with_wrong_checksum())
     )
     driver.client.wait(0.2)
     driver.motion.follow(forecast, None, driver.limits.allowance(SLOWEST))
@@ -212,7 +212,7 @@ def frames_for_another_module_do_nothing(session: Session) -> None:
     before = [driver.client.value(index) for index in (0x20, 0x25, 0x26)]
     taken = {session.address, *session.neighbours}
     other = next(address for address in (0x33, 0x4C, 0x5A) if address not in taken)
-    hint = stranger_at(driver.client, other)  # before it is told anything
+    hint = unknown_module_at(driver.client, other)  # before it is told anything
     if hint:
         session.fail("MACS-REPLY-13", f"silence at {other:02X}h", "an answer to 20h", hint)
     cases = [(0x0D, 0x1456), (0x0F, 0x21), (0x0B, 0)]
@@ -222,7 +222,7 @@ def frames_for_another_module_do_nothing(session: Session) -> None:
         exchange = driver.client.send(
             driver.client.request(index, parameter, address=other), QUIET_S
         )
-        driver.judge.must(Kind.SILENCE, exchange)
+        driver.judge.must(ReplyKind.SILENCE, exchange)
     after = [driver.client.value(index) for index in (0x20, 0x25, 0x26)]
     session.expect(after == before, None, _hex(before), _hex(after))
 

@@ -7,7 +7,7 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.checks.rig_power import POWER
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
 from axistwin_conformance.families.mac.axis.driver.rig import OFF_S
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.serial.address_recovery import (
     brought_back,
     has_rate,
@@ -31,7 +31,10 @@ def the_rate_outlives_the_supply(session: Session) -> None:
         (9600, 0x01) if driver.client.target.baud == FACTORY_BAUD else (FACTORY_BAUD, 0x03)
     )
     with brought_back(driver, is_readdressed=False):
-        if driver.client.send(driver.client.request(0x1B, value), QUIET_S * 2).kind is Kind.REFUSED:
+        if (
+            driver.client.send(driver.client.request(0x1B, value), QUIET_S * 2).kind
+            is ReplyKind.REFUSED
+        ):
             driver.judge.reading("cmd_1b_supported", 1, "MACS-CMD-1B-01")
             session.not_run("MACS-PERS-01", "the rate cannot be changed on this device")
             return
@@ -40,7 +43,7 @@ def the_rate_outlives_the_supply(session: Session) -> None:
         driver.judge.alive("MACS-CMD-1B-01")
         driver.rig.power_cycle()
         session.expect(
-            driver.client.ask(0x20).kind is Kind.ANSWER,
+            driver.client.ask(0x20).kind is ReplyKind.ANSWER,
             "MACS-PERS-01",
             f"an answer at {rate}",
             "silence",

@@ -10,7 +10,7 @@ from typing import Final
 from axistwin_conformance.core.probing import Outcome, probe
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.probing import ACCEPTED_OR_REFUSED, reply_of
 from axistwin_conformance.families.mac.serial.address_recovery import (
     RATES,
@@ -67,7 +67,7 @@ def general_reply_of_a_lone_module(driver: SerialDriver) -> Outcome:
             driver.session.skip("it cannot be given another address")
         driver.client.address = new
         kind, _ = answers_to_all(driver)
-    return (1, 3) if kind is Kind.ANSWER else (0, 2)
+    return (1, 3) if kind is ReplyKind.ANSWER else (0, 2)
 
 
 @probe(safety=DESTRUCTIVE, needs=ALONE)
@@ -96,7 +96,7 @@ def lock_08_1b(driver: SerialDriver) -> Outcome:
     driver.judge.accepted(0x13, start + 100)
     kind = program_address(driver, driver.client.address, to)
     driver.motion.at_rest()
-    if kind is Kind.SILENCE and to == GENERAL_ADDRESS:
+    if kind is ReplyKind.SILENCE and to == GENERAL_ADDRESS:
         driver.session.skip("it keeps silent to general frames, and takes 08h by no other")
     return reply_of(kind, ACCEPTED_OR_REFUSED)
 
@@ -104,7 +104,7 @@ def lock_08_1b(driver: SerialDriver) -> Outcome:
 @probe(safety=DESTRUCTIVE, needs=ALONE)
 def cmd_1b_supported(driver: SerialDriver) -> Outcome:
     """1Bh with the present rate."""
-    value = next(one for one, rate in RATES.items() if rate == driver.client.target.baud)
+    value = next(code for code, rate in RATES.items() if rate == driver.client.target.baud)
     kind = driver.client.send(driver.client.request(0x1B, value), QUIET_S * 2).kind
     driver.motion.wait_awake()
     return reply_of(kind, ACCEPTED_OR_REFUSED)
@@ -117,12 +117,12 @@ def baud_reply_rate(driver: SerialDriver) -> Outcome:
         driver.session.skip("this device has no 1Bh")
     if not has_rate(driver):
         driver.session.skip("a plain socket carries bytes, not a rate")
-    value = next(one for one, rate in RATES.items() if rate != driver.client.target.baud)
+    value = next(code for code, rate in RATES.items() if rate != driver.client.target.baud)
     with brought_back(driver, is_readdressed=False):
         kind = driver.client.send(driver.client.request(0x1B, value), QUIET_S * 2).kind
         driver.motion.wait_awake()
         driver.client.target.baud = RATES[value]
-    return 0 if kind is Kind.ACCEPTED else 1  # at the new rate we hear garbage, or nothing
+    return 0 if kind is ReplyKind.ACCEPTED else 1  # at the new rate we hear garbage, or nothing
 
 
 @probe(safety=DESTRUCTIVE, needs=ALONE)
@@ -131,6 +131,6 @@ def factory_reset_scope(driver: SerialDriver) -> Outcome:
     with brought_back(driver):
         driver.client.send(driver.client.request(0x01), QUIET_S * 2)
         driver.client.address, driver.client.target.baud = 0, FACTORY_BAUD
-        is_deaf = driver.client.send(driver.client.request(0x20), QUIET_S).kind is Kind.SILENCE
+        is_deaf = driver.client.send(driver.client.request(0x20), QUIET_S).kind is ReplyKind.SILENCE
         driver.motion.wait_awake()
     return int(not is_deaf)

@@ -15,7 +15,7 @@ from typing import Final
 
 from axistwin_conformance.core.probing import Measured, Outcome, probe
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.probing import reply_of
 from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.families.mac.serial.codec import GENERAL_ADDRESS, IMAX_ADDRESS
@@ -36,7 +36,7 @@ def xon_byte(driver: SerialDriver) -> Outcome:
     return "no answer" if spelling is None else Measured(spelling)
 
 
-def refusals(driver: SerialDriver) -> list[codec.Request]:
+def refusals(driver: SerialDriver) -> list[codec.SerialRequest]:
     """Frames that a module refuses at rest, by one requirement or another, and that do nothing."""
     no_digit = replace(driver.client.request(0x20), index=b"2G")
     return [driver.client.request(0x12), driver.client.request(0x2A), no_digit]
@@ -90,9 +90,9 @@ def lowercase_hex(driver: SerialDriver) -> Outcome:
     reply = driver.client.send(
         driver.client.request(0x28, 0, IMAX_ADDRESS).in_lower_case(), QUIET_S
     ).reply
-    if reply.kind is Kind.ANSWER:
+    if reply.kind is ReplyKind.ANSWER:
         return 1 if reply.data == driver.client.value(0x28, IMAX_ADDRESS) else str(reply)
-    return 0 if reply.kind in (Kind.REFUSED, Kind.SILENCE, Kind.NACK) else str(reply)
+    return 0 if reply.kind in (ReplyKind.REFUSED, ReplyKind.SILENCE, ReplyKind.NACK) else str(reply)
 
 
 @probe()
@@ -103,7 +103,7 @@ def bad_frame_reply(driver: SerialDriver) -> Outcome:
              for frame in (replace(whole, length=b"015"), replace(whole, end=b"\r"))}  # fmt: skip
     if len(kinds) > 1:
         return "now silence, now a reply"
-    return reply_of(kinds.pop(), {Kind.SILENCE: 0, Kind.NACK: 1})
+    return reply_of(kinds.pop(), {ReplyKind.SILENCE: 0, ReplyKind.NACK: 1})
 
 
 @probe(needs=("virtual",))
@@ -114,28 +114,28 @@ def rx_during_xoff(driver: SerialDriver) -> Outcome:
     driver.client.target.drain()
     driver.client.target.send(frame + early)
     first = codec.parse(driver.client.target.receive(codec.ANSWER_BYTES, QUIET_S))
-    if first.kind is not Kind.ANSWER:
+    if first.kind is not ReplyKind.ANSWER:
         return f"{first} to the first query"
     second = driver.client.send(frame[EARLY_BYTES:], QUIET_S).kind
-    return reply_of(second, {Kind.SILENCE: 0, Kind.ANSWER: 1})
+    return reply_of(second, {ReplyKind.SILENCE: 0, ReplyKind.ANSWER: 1})
 
 
 @probe()
 def subindex_policy(driver: SerialDriver) -> Outcome:
     """22h with sub-index 01."""
     reply = driver.client.ask(0x22, 0x01).reply
-    if reply.kind is Kind.ANSWER:
+    if reply.kind is ReplyKind.ANSWER:
         return 0 if reply.data == driver.client.value(0x22) else str(reply)
-    return reply_of(reply.kind, {Kind.REFUSED: 1})
+    return reply_of(reply.kind, {ReplyKind.REFUSED: 1})
 
 
 @probe()
 def dont_care_digits(driver: SerialDriver) -> Outcome:
     """24h with FFFFFFFF for the parameter digits that do not matter."""
     reply = driver.client.send(driver.client.request(0x24, 0xFFFFFFFF)).reply
-    if reply.kind is Kind.ANSWER:
+    if reply.kind is ReplyKind.ANSWER:
         return 0 if reply.data == driver.client.value(0x24) else str(reply)
-    return reply_of(reply.kind, {Kind.REFUSED: 1})
+    return reply_of(reply.kind, {ReplyKind.REFUSED: 1})
 
 
 @probe()
@@ -144,11 +144,11 @@ def unknown_index(driver: SerialDriver) -> Outcome:
     command, query = (
         driver.client.send(driver.client.request(index), QUIET_S).reply for index in (0x12, 0x2A)
     )
-    if query.kind is Kind.ANSWER and query.data == 0 and command.kind is Kind.ACCEPTED:
+    if query.kind is ReplyKind.ANSWER and query.data == 0 and command.kind is ReplyKind.ACCEPTED:
         return 2
-    both = {Kind.REFUSED: 0, Kind.ACCEPTED: 1, Kind.SILENCE: 3}
-    told = f"{command} to 12h, {query} to 2Ah"
-    return both.get(command.kind, told) if command.kind is query.kind else told
+    both = {ReplyKind.REFUSED: 0, ReplyKind.ACCEPTED: 1, ReplyKind.SILENCE: 3}
+    described = f"{command} to 12h, {query} to 2Ah"
+    return both.get(command.kind, described) if command.kind is query.kind else described
 
 
 # --- what queries show ---------------------------------------------------------------------------
@@ -187,7 +187,7 @@ def version_word(driver: SerialDriver) -> Outcome:
 # --- who answers ---------------------------------------------------------------------------------
 
 
-def answers_to_all(driver: SerialDriver) -> tuple[Kind, int | None]:
+def answers_to_all(driver: SerialDriver) -> tuple[ReplyKind, int | None]:
     """What a query to the general address gets: the kind, GARBAGE if several speak, and whose
     address an answer carries."""
     reply = driver.client.send(
@@ -195,17 +195,17 @@ def answers_to_all(driver: SerialDriver) -> tuple[Kind, int | None]:
     ).reply
     extra = driver.client.target.receive(1, QUIET_S)
     driver.client.target.drain()
-    return (Kind.GARBAGE if extra else reply.kind), reply.address
+    return (ReplyKind.GARBAGE if extra else reply.kind), reply.address
 
 
-def general_replies(driver: SerialDriver, kind: Kind) -> int | tuple[int, ...] | str:
+def general_replies(driver: SerialDriver, kind: ReplyKind) -> int | tuple[int, ...] | str:
     """The readings of MACS-AMB-16 (00 only, all, none, or a lone one too) that explain a reply to
     a frame to FF on this line."""
     others = driver.session.neighbours
     is_lone, has_00 = not others, 0 in (driver.session.address, *others)
-    if kind is Kind.SILENCE:
+    if kind is ReplyKind.SILENCE:
         return 2 if has_00 else (2,) if is_lone else (0, 2, 3)
-    if kind is Kind.GARBAGE:
+    if kind is ReplyKind.GARBAGE:
         return 1 if others else "garbage"
     if has_00:
         return (0, 3) if others else (0, 1, 3)
@@ -223,7 +223,7 @@ def general_reply_policy(driver: SerialDriver) -> Outcome:
 def general_echo(driver: SerialDriver) -> Outcome:
     """The address in the answer to 20h sent to FF."""
     kind, address = answers_to_all(driver)
-    if kind is not Kind.ANSWER:
+    if kind is not ReplyKind.ANSWER:
         driver.session.skip("nobody is heard alone, so the address cannot be read")
     own = (driver.session.address, *driver.session.neighbours)
     return 0 if address == GENERAL_ADDRESS else 1 if address in own else f"address {address:02X}"
@@ -239,20 +239,20 @@ def nack_scope(driver: SerialDriver) -> Outcome:
 
 def nack_readings(driver: SerialDriver, address: int) -> int | tuple[int, ...] | str:
     """The readings of MACS-AMB-19 that explain the reply to a wrong checksum for nobody."""
-    heard = _spoilt(driver, address)
+    received = _corrupted(driver, address)
     taken = (driver.session.address, *driver.session.neighbours)
-    if not heard:
+    if not received:
         return 0 if 0 in taken else (0, 1)
-    if set(heard) != {codec.NACK} and len(taken) == 1:
-        return f"{heard.hex(' ')} to a wrong checksum for address {address:02X}"
-    if 0 not in taken or len(heard) > 1 or heard[0] != codec.NACK:
+    if set(received) != {codec.NACK} and len(taken) == 1:
+        return f"{received.hex(' ')} to a wrong checksum for address {address:02X}"
+    if 0 not in taken or len(received) > 1 or received[0] != codec.NACK:
         return 2  # several spoke, or one that is not 00
     if len(taken) == 1:
         return 1, 2
     return 1
 
 
-def _spoilt(driver: SerialDriver, address: int) -> bytes:
+def _corrupted(driver: SerialDriver, address: int) -> bytes:
     driver.client.target.drain()
     driver.client.target.send(
         driver.client.request(0x20, address=address).with_wrong_checksum().encode()
