@@ -8,9 +8,10 @@ from typing import Final
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.exchanges import COMMAND_NAMES
+from axistwin_conformance.families.mac.axis.parameters import PARAMETERS
 
 _CLASS_OF: Final[Mapping[str, tuple[int, ...]]] = {
-    "stored": (0x02, 0x03, 0x09, 0x0A, 0x0C, 0x0D, 0x0E, 0x0F, 0x1C),
+    "stored": tuple(PARAMETERS),
     "motion": (0x00, 0x10, 0x13, 0x14, 0x15, 0x16, 0x17, 0x18, 0x19, 0x1A, 0x1E),
     "destructive": (0x01, 0x08, 0x1B),
 }

@@ -14,12 +14,29 @@ from axistwin_conformance.base.events import Note
 from axistwin_conformance.core.session import ATTEMPTS, Session
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.exchanges import AxisReply, ReplyKind, signed
+from axistwin_conformance.families.mac.axis.parameters import (
+    PARAMETERS,
+    READ_ORDER,
+    settings_of,
+    values_of,
+)
 from axistwin_conformance.families.mac.axis.return_to_start import LOOK_S, is_runaway
 
 PROBE_ATTEMPTS: Final = (
     6  # with the reply time-out of 0.5 s: longer than the deaf time after power-up
 )
 KNOWN_GOOD: Final = (0x20, 0x24, 0x22)  # a module answers them in every state but deafness
+RESTORED: Final = (0x09, 0x0A, 0x0C, 0x0D, 0x0E, 0x0F, 0x02, 0x03, 0x1C)  # in this order
+NAMES: Final = (  # of parameters, in the order of reports
+    "superior",
+    "inferior",
+    "catch_up",
+    "period",
+    "coefficient",
+    "torque",
+    "modes",
+    "tolerance",
+)
 DISJUNCTIONS: Final = 0x1F  # bits of the first byte of 21h that latch and lock (§5.9)
 PLAUSIBLE_CELSIUS: Final = (-20.0, 90.0)  # a MAC at rest; the models' scales differ by 70 degrees
 MOST_LOOKS: Final = 1000  # in virtual time, where a way back of days is over in no time
@@ -121,25 +138,25 @@ def _attempts(session: Session) -> int:
 
 @dataclass(frozen=True, slots=True)
 class AxisSnapshot:
-    """Everything readable that checks may change, as it was found; of the neighbours as well."""
+    """Everything readable that checks may change, as it was found; of the neighbours as well.
+
+    `parameters`: what the commands with these indices set.
+    """
 
     position: int
-    superior: int
-    inferior: int
-    catch_up: int
-    period: int
-    coefficient: int
-    torque: int
-    modes: int
-    tolerance: int
+    parameters: Mapping[int, int]
     neighbours: Mapping[int, AxisSnapshot] = field(default_factory=dict)
 
+    def named(self) -> dict[str, int]:
+        """Everything by name, in the order of reports; the two modes in the byte they share."""
+        named = {PARAMETERS[index].name: value for index, value in self.parameters.items()}
+        named["modes"] = named["standby"] << 4 | named["stops"]
+        return {"position": self.position, **{name: named[name] for name in NAMES}}
+
     def __str__(self) -> str:
-        named = (name for name in self.__slots__ if name != "neighbours")
-        own = ", ".join(f"{name} {getattr(self, name)}" for name in named)
-        return "; ".join(
-            [own, *(f"at {at:02X}h {snapshot}" for at, snapshot in self.neighbours.items())]
-        )
+        own = ", ".join(f"{name} {value}" for name, value in self.named().items())
+        others = (f"at {at:02X}h {snapshot}" for at, snapshot in self.neighbours.items())
+        return "; ".join([own, *others])
 
 
 def remember(session: Session) -> AxisSnapshot:
@@ -167,18 +184,8 @@ def _read(driver: AxisDriver) -> AxisSnapshot:
     position = signed(
         _read_one(driver, 0x20)
     )  # first: of an axis in no known place nothing is kept
-    speeds, modes = _read_one(driver, 0x25), _read_one(driver, 0x26)
-    return AxisSnapshot(
-        position=position,
-        superior=_read_one(driver, 0x22),
-        inferior=_read_one(driver, 0x23),
-        catch_up=speeds >> 24,
-        period=speeds & 0xFFFF,
-        coefficient=modes >> 24,
-        torque=modes >> 16 & 0xFF,
-        modes=modes >> 8 & 0xFF,
-        tolerance=modes & 0xFF,
-    )
+    answers = {query: _read_one(driver, query) for query in READ_ORDER}
+    return AxisSnapshot(position, values_of(answers))
 
 
 def _read_one(driver: AxisDriver, index: int) -> int:
@@ -220,10 +227,11 @@ def _put_back(driver: AxisDriver, memory: AxisSnapshot) -> tuple[str, ...]:
         replies = {driver.client.command(index, parameter).kind for index, parameter in repairs}
         is_sure = session.transport.is_lossless and replies == {ReplyKind.ACCEPTED}
         now = replace(memory, position=now.position) if is_sure else _read(driver)
+    found = memory.named()
     return tuple(
-        f"{name} is {getattr(now, name):X}h, was {getattr(memory, name):X}h"
-        for name in AxisSnapshot.__slots__
-        if name != "neighbours" and getattr(now, name) != getattr(memory, name)
+        f"{name} is {value:X}h, was {found[name]:X}h"
+        for name, value in now.named().items()
+        if value != found[name]
     )
 
 
@@ -241,18 +249,8 @@ def _clear_fault(driver: AxisDriver) -> None:
 
 def _repairs(now: AxisSnapshot, memory: AxisSnapshot) -> list[tuple[int, int]]:
     """The commands that make what is what was; unchanged things are not written again."""
-    wanted = {
-        0x09: (now.superior, memory.superior),
-        0x0A: (now.inferior, memory.inferior),
-        0x0C: (now.torque, memory.torque),
-        0x0D: (now.period, memory.period),
-        0x0E: (now.catch_up << 8, memory.catch_up << 8),
-        0x0F: (now.coefficient, memory.coefficient),
-        0x02: (now.modes >> 4, memory.modes >> 4),
-        0x03: (now.modes & 0xF, memory.modes & 0xF),
-        0x1C: (now.tolerance, memory.tolerance),
-    }
-    return [(index, was) for index, (present, was) in wanted.items() if present != was]
+    differing = [index for index in RESTORED if now.parameters[index] != memory.parameters[index]]
+    return list(settings_of(memory.parameters, differing).items())
 
 
 def _drive_back(driver: AxisDriver, position: int) -> None:

@@ -36,6 +36,7 @@ from axistwin_conformance.families.mac.axis.model.kinematics import (
     TICKS_PER_SECOND,
     ramp_increments,
 )
+from axistwin_conformance.families.mac.axis.parameters import PARAMETERS
 
 MARGIN_NS: Final = 30_000_000  # a frame at 9600 baud takes 22 ms; the rest is our own reaction
 FACTORY_PERIOD: Final = 0x0320
@@ -47,6 +48,7 @@ FLUSHES: Final = "true"
 GENTLE_BRAKING: Final = 1_000_000  # inc/s²: a tenth of what an unloaded MAC23 does (§5.4)
 HALTING: Final = frozenset({0x00, 0x01, 0x18, 0x1A})
 STOP: Final = 0x18
+PERIOD, COEFFICIENT = PARAMETERS[0x0D], PARAMETERS[0x0F]
 CUTTING: Final = frozenset({"power", "micro_cut", "supply"})  # a device may forget its place then
 ZERO_SLACK: Final = 2  # increments by which a cleared counter may swing
 MOTIONS: Final = frozenset({0x13, 0x14, 0x15, 0x16})
@@ -473,11 +475,12 @@ class AxisTravelGuard:
                 self.axes[address] = Axis(offset=(-counter, -counter), seen_ns=self._last_ns)
             else:
                 self.axes[address] = self._located(axis, counter, now_ns)
-        elif axis is not None and index == 0x25:
-            self._found_periods.setdefault(address, data & 0xFFFF)
-            self.axes[address] = replace(axis, period=data & 0xFFFF or 1)
-        elif axis is not None and index == 0x26:
-            self.axes[address] = replace(axis, coefficient=data >> 24)
+        elif axis is not None and index == PERIOD.query:
+            period = PERIOD.read(data)
+            self._found_periods.setdefault(address, period)
+            self.axes[address] = replace(axis, period=period or 1)
+        elif axis is not None and index == COEFFICIENT.query:
+            self.axes[address] = replace(axis, coefficient=COEFFICIENT.read(data))
 
     def _located(self, axis: Axis, counter: int, now_ns: int) -> Axis:
         """Narrow down by a counter reading."""

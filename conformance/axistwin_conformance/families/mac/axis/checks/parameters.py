@@ -10,6 +10,7 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.parameters import PARAMETERS
 from axistwin_conformance.families.mac.axis.probes.parameters import (
     catchup_low_byte,
     excessive_torque,
@@ -29,12 +30,12 @@ BYTE_EDGES: Final = (0x00, 0x01, 0x7F, 0x80, 0xA5, 0xFF)
 def reads_back(
     driver: AxisDriver,
     index: int,
-    query: int,
     cases: Iterable[tuple[int, int]],
     mask: int,
     requirement: str | tuple[str, ...],
 ) -> None:
-    """Judge that each parameter is accepted and that the query then shows the wanted field."""
+    """Judge that each parameter is accepted and that its query then shows the wanted field."""
+    query = PARAMETERS[index].query
     for parameter, wanted in cases:
         driver.judge.accepted(index, parameter, requirement=requirement)
         value = driver.client.value(query)
@@ -53,7 +54,6 @@ def the_superior_stop_reads_back(session: Session) -> None:
     reads_back(
         driver_of(session),
         0x09,
-        0x22,
         ((edge, edge) for edge in POSITION_EDGES),
         0xFFFFFFFF,
         ("MACS-CMD-09-01", "MACS-Q-22-01", "MACS-FRAME-05"),
@@ -68,7 +68,6 @@ def the_inferior_stop_reads_back(session: Session) -> None:
     reads_back(
         driver,
         0x0A,
-        0x23,
         ((edge, edge) for edge in POSITION_EDGES),
         0xFFFFFFFF,
         ("MACS-CMD-0A-01", "MACS-Q-23-01", "MACS-FRAME-05"),
@@ -84,7 +83,6 @@ def torque_at_rest_reads_back(session: Session) -> None:
     reads_back(
         driver,
         0x02,
-        0x26,
         ((1, 0x1000), (0, 0), (1, 0x1000), (0, 0)),
         0xF000,
         ("MACS-CMD-02-01", "MACS-Q-26-01"),
@@ -123,7 +121,6 @@ def the_stops_mode_reads_back(session: Session) -> None:
     reads_back(
         driver,
         0x03,
-        0x26,
         ((d, d << 8) for d in (1, 8, 9, 0, 9, 8, 1, 0)),
         0xFF00,
         ("MACS-CMD-03-01", "MACS-Q-26-01"),
@@ -139,7 +136,6 @@ def the_torque_limit_reads_back(session: Session) -> None:
     reads_back(
         driver,
         0x0C,
-        0x26,
         ((value, value << 16) for value in values),
         0xFF0000,
         ("MACS-CMD-0C-01", "MACS-Q-26-01"),
@@ -163,15 +159,17 @@ def the_torque_limit_ends_at_imax(session: Session) -> None:
 def digits_printed_x_have_no_effect_in_commands(session: Session) -> None:
     """Leading digits that the manual prints x are ignored: 0Ch ABCDEF40 stores 40."""
     driver = driver_of(session)
-    for index, parameter, query, mask, wanted in (
-        (0x0C, 0xABCDEF40, 0x26, 0x00FF0000, 0x00400000),
-        (0x0D, 0xFFFFF777, 0x25, 0x0000FFFF, 0x0000F777),
-        (0x0F, 0xFEDCBA03, 0x26, 0xFF000000, 0x03000000),
-        (0x03, 0x12345608, 0x26, 0x00000F00, 0x00000800),
-        (0x03, 0xFFFFFF00, 0x26, 0x00000F00, 0x00000000),
+    for index, parameter in (
+        (0x0C, 0xABCDEF40),
+        (0x0D, 0xFFFFF777),
+        (0x0F, 0xFEDCBA03),
+        (0x03, 0x12345608),
+        (0x03, 0xFFFFFF00),
     ):
+        stored = PARAMETERS[index]
+        wanted = stored.shown(stored.taken(parameter))
         kind = driver.client.command(index, parameter).kind
-        field = driver.client.value(query) & mask
+        field = driver.client.value(stored.query) & stored.mask
         outcome: int | str = f"{index:02X}h {parameter:08X}: {kind.value}, then {field:08X}"
         if kind is ReplyKind.ACCEPTED and field == wanted:
             outcome = 0
@@ -188,7 +186,7 @@ def the_period_reads_back(session: Session) -> None:
     rest = driver.client.value(0x25) & 0xFFFF0000
     values = (0x0320, 0x1234, 0xFFFF, 0x0100, 0x8000)
     cases = ((value, rest | value) for value in values if value >= driver.limits.fastest)
-    reads_back(driver, 0x0D, 0x25, cases, 0xFFFFFFFF, ("MACS-CMD-0D-01", "MACS-Q-25-01"))
+    reads_back(driver, 0x0D, cases, 0xFFFFFFFF, ("MACS-CMD-0D-01", "MACS-Q-25-01"))
 
 
 @check("MACS-CMD-0D-03", "MACS-CMD-0D-01", safety="stored")
@@ -205,7 +203,7 @@ def the_catch_up_speed_reads_back(session: Session) -> None:
     driver = driver_of(session)
     low = driver.client.value(0x25) & 0xFFFF
     cases = ((value << 8, value << 24 | low) for value in (0x01, 0x05, 0x80, 0xFF, 0x14))
-    reads_back(driver, 0x0E, 0x25, cases, 0xFFFFFFFF, ("MACS-CMD-0E-01", "MACS-Q-25-01"))
+    reads_back(driver, 0x0E, cases, 0xFFFFFFFF, ("MACS-CMD-0E-01", "MACS-Q-25-01"))
     driver.judge.again(catchup_low_byte, "MACS-CMD-0E-01")
     driver.judge.again(zero_catchup, "MACS-CMD-0E-01")
 
@@ -216,7 +214,7 @@ def the_ramp_coefficient_reads_back(session: Session) -> None:
     driver = driver_of(session)
     rest = driver.client.value(0x26) & 0x00FFFFFF
     cases = ((value, value << 24 | rest) for value in BYTE_EDGES)
-    reads_back(driver, 0x0F, 0x26, cases, 0xFFFFFFFF, ("MACS-CMD-0F-01", "MACS-Q-26-01"))
+    reads_back(driver, 0x0F, cases, 0xFFFFFFFF, ("MACS-CMD-0F-01", "MACS-Q-26-01"))
 
 
 @check("MACS-CMD-1C-01", "MACS-Q-26-01", safety="stored")
@@ -231,7 +229,6 @@ def the_tolerance_reads_back(session: Session) -> None:
     reads_back(
         driver,
         0x1C,
-        0x26,
         ((value, rest | value) for value in BYTE_EDGES),
         0xFFFFFFFF,
         ("MACS-CMD-1C-01", "MACS-Q-26-01"),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.driver import driver_of
@@ -16,12 +14,11 @@ from axistwin_conformance.families.mac.axis.model.kinematics import (
     Course,
     ramp_increments,
 )
+from axistwin_conformance.families.mac.axis.parameters import PARAMETER_QUERIES
 from axistwin_conformance.families.mac.axis.probes.motion import cleared_in_a_move
 from axistwin_conformance.families.mac.axis.probing import MOVES
 
 ORDER = 170  # of this module in a run; see `Family.modules`
-
-PARAMETER_QUERIES: Final = (0x22, 0x23, 0x25, 0x26)
 
 
 @check("MACS-CMD-00-01", "MACS-CMD-18-03", safety=MOVES)

@@ -28,6 +28,7 @@ from axistwin_conformance.families.mac.axis.driver.rig import (
 )
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
+from axistwin_conformance.families.mac.axis.parameters import settings_of
 from axistwin_conformance.families.mac.axis.snapshot import DISJUNCTIONS, facts_of
 from axistwin_conformance.transport.rig import Rig
 
@@ -250,17 +251,12 @@ def _judge_lock(driver: AxisDriver, start: int) -> None:
 
 def _judge_parameters(driver: AxisDriver) -> None:
     """What is no motion command is accepted, with what is set already."""
-    superior, inferior, speeds, modes = (
-        driver.client.value(index) for index in (0x22, 0x23, 0x25, 0x26)
-    )
-    for index, parameter in (
-        (0x02, modes >> 12 & 0xF), (0x03, modes >> 8 & 0xF), (0x07, 0),
-        (0x09, superior), (0x0A, inferior), (0x0C, modes >> 16 & 0xFF),
-        (0x0D, speeds & 0xFFFF), (0x0E, speeds >> 24 << 8), (0x0F, modes >> 24),
-    ):  # fmt: skip
+    settings = {**settings_of(driver.client.parameters()), 0x07: 0}
+    tolerance = settings.pop(0x1C)
+    for index, parameter in sorted(settings.items()):
         driver.judge.accepted(index, parameter, requirement="MACS-STATE-02")
     if driver.rig.has_tolerance():
-        driver.judge.accepted(0x1C, modes & 0xFF, requirement="MACS-STATE-02")
+        driver.judge.accepted(0x1C, tolerance, requirement="MACS-STATE-02")
     for index in driver.client.face.answered:
         driver.client.value(index)
 

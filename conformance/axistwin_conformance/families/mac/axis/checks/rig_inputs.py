@@ -412,7 +412,7 @@ def held_in_reset_the_module_is_deaf(session: Session) -> None:
         place = driver.rig.rest()
         highest = start + driver.rig.reach * is_moving
         session.expect(start <= place <= highest, None, f"{start}..{highest}: deaf", place)
-        coefficient = driver.client.value(0x26) >> 24
+        coefficient = driver.client.parameter(0x0F)
         session.expect(coefficient == 3, None, "AA 03", f"{coefficient:02X}")
         driver.motion.finish(driver.motion.go_plainly(start))
 

@@ -16,21 +16,22 @@ from axistwin_conformance.families.mac.axis.checks.rig_inputs import judge_no_ed
 from axistwin_conformance.families.mac.axis.driver.driver import driver_of
 from axistwin_conformance.families.mac.axis.driver.motion import PRELOAD_SHOWS_S, segment_parameter
 from axistwin_conformance.families.mac.axis.driver.rig import OVER_VOLTAGE, WORKED
+from axistwin_conformance.families.mac.axis.parameters import PARAMETERS, settings_of
 
 ORDER = 250  # of this module in a run; see `Family.modules`
 
 POWER: Final = ("rig:power",)
 LISTEN_S: Final = 3.0
 
-# What is stored for certain: command, parameter, and the query, shift and mask that read it back.
-STORED: Final = (
-    (0x09, 0x00012345, 0x22, 0, 0xFFFFFFFF),
-    (0x0A, -0x00054321, 0x23, 0, 0xFFFFFFFF),
-    (0x0C, 0x2B, 0x26, 16, 0xFF),
-    (0x0D, 0x0ABC, 0x25, 0, 0xFFFF),
-    (0x0E, 0x1D00, 0x25, 16, 0xFF00),
-    (0x0F, 0x37, 0x26, 24, 0xFF),
-)
+# What is stored for certain: the index of the command, and a value.
+STORED: Final = {
+    0x09: 0x00012345,
+    0x0A: 0xFFFABCDF,
+    0x0C: 0x2B,
+    0x0D: 0x0ABC,
+    0x0E: 0x1D,
+    0x0F: 0x37,
+}
 MODES: Final[tuple[tuple[int, int], ...]] = (
     (0x02, 0),
     (0x03, 9),
@@ -86,14 +87,13 @@ def parameters_outlive_the_supply(session: Session) -> None:
     """Software stops, torque, speed, catch-up and ramp are kept over power-off, once it is away."""
     driver = driver_of(session)
     driver.rig.begin()
-    for index, parameter, *_ in STORED:
+    settings = settings_of(STORED, STORED)
+    for index, parameter in settings.items():
         driver.judge.accepted(index, parameter)
     driver.rig.power_cycle()
-    for index, parameter, query, shift, mask in STORED:
-        seen = driver.client.value(query) >> shift & mask
-        session.expect(
-            seen == parameter & mask, None, f"{index:02X}h {parameter & mask:X}", f"{seen:X}"
-        )
+    for index, parameter in settings.items():
+        seen = PARAMETERS[index].parameter(driver.client.parameter(index))
+        session.expect(seen == parameter, None, f"{index:02X}h {parameter:X}", f"{seen:X}")
 
 
 @check("MACS-PERS-02", safety=WORKED, needs=POWER)

@@ -59,7 +59,7 @@ def velocity_climbs_and_cruises_on_time(session: Session) -> None:
         for _ in range(6 if session.transport.is_virtual else 3):
             driver.client.wait(0.06)
             driver.motion.follow(forecast, "MACS-CMD-15-01", driver.limits.allowance(period))
-        kept = driver.client.value(0x25) & 0xFFFF
+        kept = driver.client.parameter(0x0D)
         wanted = driver.limits.slowed(0x0777)
         session.expect(kept == wanted, "MACS-CMD-15-05", f"{wanted:04X} in 25h", f"{kept:04X}")
         driver.motion.at_rest()

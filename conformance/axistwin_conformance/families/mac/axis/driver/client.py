@@ -17,6 +17,7 @@ from axistwin_conformance.core.session import ATTEMPTS, Session
 from axistwin_conformance.families.mac.axis.exchanges import QUERIES, AxisReply, ReplyKind, signed
 from axistwin_conformance.families.mac.axis.model.acceptance import AcceptanceRow, table_without
 from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
+from axistwin_conformance.families.mac.axis.parameters import PARAMETERS, READ_ORDER, values_of
 from axistwin_conformance.transport.transport import Transport
 
 QUIET_S: Final = 0.05  # ten times any reply seen; silence is proven by the next exchange, not by it
@@ -250,6 +251,14 @@ class AxisClient(ABC):
         if reply.data is None:
             self.session.fail(None, f"an answer to {self.named(index)}", reply)
         return reply.data
+
+    def parameter(self, index: int) -> int:
+        """The stored parameter that this command sets, unsigned."""
+        return PARAMETERS[index].read(self.value(PARAMETERS[index].query))
+
+    def parameters(self) -> dict[int, int]:
+        """All stored parameters, unsigned, by the index of the command that sets each."""
+        return values_of({query: self.value(query) for query in READ_ORDER})
 
     def data_bytes(self, index: int, sub_index: int = 0) -> tuple[int, int, int, int]:
         """The four bytes a query answers, first byte first."""

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Final
 
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver
+from axistwin_conformance.families.mac.axis.parameters import PARAMETERS
 
 # §5.10; only the address, the rate and the tolerance are the manual's, the rest is the ledger's.
 FACTORY_ANSWERS: Final = {0x22: 0x3FFFFFFF, 0x23: 0xC0000000, 0x25: 0x05000320, 0x26: 0x0A601000}
@@ -38,9 +39,9 @@ def judge_values(driver: AxisDriver, changed: dict[int, int]) -> None:
         session.expect(
             value != changed[index], "MACS-CMD-01-01", f"{index:02X}h overwritten", f"{value:08X}"
         )
-    tolerance = found[0x26] & 0xFF
+    tolerance = PARAMETERS[0x1C].read(found[0x26])
     session.expect(tolerance == 0, "MACS-CMD-1C-01", "tolerance 0", tolerance)
-    imax, limit = driver.client.imax, found[0x26] >> 16 & 0xFF
+    imax, limit = driver.client.imax, PARAMETERS[0x0C].read(found[0x26])
     session.expect(limit <= imax, "MACS-CMD-01-01", f"torque 00..{imax:02X}", f"{limit:02X}")
     session.info("MACS-CMD-01-01", f"factory values: {words}")
 

@@ -34,6 +34,7 @@ from axistwin_conformance.families.mac.axis.model.kinematics import (
     Course,
     Law,
 )
+from axistwin_conformance.families.mac.axis.parameters import values_of
 from axistwin_conformance.families.mac.axis.return_to_start import wait_for_it
 
 DEAF_S: Final = 2.0  # MACS-CMD-00-02
@@ -181,25 +182,19 @@ class AxisMotion:
     def set_plain(self, period: int = SAFE_PERIOD, coefficient: int = 0) -> None:
         """The same, wherever the axis then stands."""
         self.at_rest()
-        speeds, modes = self._client.value(0x25), self._client.value(0x26)
-        self.period = (
-            max(period, self._limits.fastest) if self._limits.can_move else speeds & 0xFFFF
-        )
+        present = values_of({query: self._client.value(query) for query in (0x25, 0x26)})
+        can_move = self._limits.can_move
+        self.period = max(period, self._limits.fastest) if can_move else present[0x0D]
         self.coefficient = coefficient
-        for index, present, wanted in (
-            (0x02, modes >> 12 & 0xF, 0),
-            (0x03, modes >> 8 & 0xF, 0),
-            (0x0D, speeds & 0xFFFF, self.period),
-            (0x0F, modes >> 24, coefficient),
-            (0x1C, modes & 0xFF, 0),
-        ):
-            if present != wanted:  # an EEPROM bears only so many writes
+        plain = {0x02: 0, 0x03: 0, 0x0D: self.period, 0x0F: coefficient, 0x1C: 0}
+        for index, wanted in plain.items():
+            if present[index] != wanted:  # an EEPROM bears only so many writes
                 self._client.command(index, wanted)
 
     @contextmanager
     def torque_kept(self) -> Iterator[None]:
         """Put the torque limit back at the end: what is asked next may have to move the axis."""
-        own = self._client.data_bytes(0x26)[1]
+        own = self._client.parameter(0x0C)
         yield
         self._client.command(0x0C, own)
 

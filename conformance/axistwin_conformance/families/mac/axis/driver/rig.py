@@ -129,7 +129,7 @@ class AxisRig:
         return not self.readings.known("cmd_1c_supported", self._refuses_tolerance)
 
     def _refuses_tolerance(self) -> int:
-        kind = self._client.command(0x1C, self._client.value(0x26) & 0xFF).kind
+        kind = self._client.command(0x1C, self._client.parameter(0x1C)).kind
         return int(kind is ReplyKind.REFUSED)
 
     def restart(self) -> None:

@@ -11,7 +11,7 @@ them for the whole sequence.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -34,6 +34,7 @@ from axistwin_conformance.families.mac.axis.model.forecast import (
     speed_changed,
 )
 from axistwin_conformance.families.mac.axis.model.kinematics import Course, Law, once
+from axistwin_conformance.families.mac.axis.parameters import PARAMETERS, SHOWN_BY
 
 FIFO_STAGES: Final = 3
 TARGET_EDGE: Final = 0x40000000
@@ -64,45 +65,13 @@ class Parameters:
 
     def answer(self, index: int) -> int:
         """The data of queries 22h, 23h, 25h, 26h (§5.9)."""
-        return {
-            0x22: self.superior & 0xFFFFFFFF,
-            0x23: self.inferior & 0xFFFFFFFF,
-            0x25: self.catch_up << 24 | self.period,
-            0x26: self.coefficient << 24
-            | self.torque << 16
-            | self.standby << 12
-            | self.stops << 8
-            | self.tolerance,
-        }[index]
+        return sum(field.shown(getattr(self, field.name)) for field in SHOWN_BY[index])
 
     @property
     def limits(self) -> tuple[int, int] | None:
         """The software stops, if enabled (MACS-CMD-03-01)."""
         return (self.inferior, self.superior) if self.stops & 8 else None
 
-
-@dataclass(frozen=True, slots=True)
-class Setting:
-    """A parameter command: what it takes, and where it goes."""
-
-    name: str
-    value: Callable[[int], int]
-    is_valid: Callable[[int, Parameters], bool] = lambda value, parameters: True
-
-
-# The readings "refuse" of AMB-10, -46, -60 are the defaults; a device that shows another one is
-# not asked for such values (see `Readings.is_plain`).
-SETTINGS: Final[Mapping[int, Setting]] = {
-    0x02: Setting("standby", lambda p: p & 0xFF, lambda value, _: value in (0, 1)),
-    0x03: Setting("stops", lambda p: p & 0xFF, lambda value, _: value in (0, 1, 8, 9)),
-    0x09: Setting("superior", lambda p: signed(p & 0xFFFFFFFF)),
-    0x0A: Setting("inferior", lambda p: signed(p & 0xFFFFFFFF)),
-    0x0C: Setting("torque", lambda p: p & 0xFF, lambda value, owner: value <= owner.imax),
-    0x0D: Setting("period", lambda p: p & 0xFFFF, lambda value, _: value > 0),
-    0x0E: Setting("catch_up", lambda p: p >> 8 & 0xFF),
-    0x0F: Setting("coefficient", lambda p: p & 0xFF),
-    0x1C: Setting("tolerance", lambda p: p & 0xFF),
-}
 
 Laws = tuple[Law, ...]
 Readings = Mapping[str, int]  # switch → the number of its reading, 0 the default
@@ -269,7 +238,7 @@ class AxisModel:
         """The reply in that state if it does not depend on the parameter or the motion."""
         if self._content(index, state) == "R":
             return ReplyKind.REFUSED
-        depends = index in SETTINGS or index in SEGMENTS or index in (0x07, 0x13, 0x15)
+        depends = index in PARAMETERS or index in SEGMENTS or index in (0x07, 0x13, 0x15)
         return None if depends else outcome_of(self._content(index, state))
 
     def _reply_to(
@@ -282,9 +251,9 @@ class AxisModel:
             content = "R"
         if content == "R":
             return ReplyKind.REFUSED
-        setting = SETTINGS.get(index)
+        setting = PARAMETERS.get(index)
         if setting is not None:
-            if not setting.is_valid(setting.value(parameter), self.parameters):
+            if not setting.is_valid(setting.taken(parameter), self.parameters.imax):
                 return ReplyKind.REFUSED
         elif index in SEGMENTS:
             if not parameter & 0xFFFF or self._is_full(now, edge):
@@ -391,9 +360,9 @@ class AxisModel:
         self.forecast = after
         if kind is not ReplyKind.ACCEPTED:
             return
-        if index in SETTINGS:
-            setting = SETTINGS[index]
-            setattr(self.parameters, setting.name, setting.value(parameter))
+        if index in PARAMETERS:
+            setting = PARAMETERS[index]
+            setattr(self.parameters, setting.name, setting.taken(parameter))
         elif index == 0x10:
             self.is_armed = True
         elif index in MOTIONS and self.is_armed and after.over_ns == -NEVER_NS:

@@ -99,8 +99,8 @@ def motion_lock_set(driver: AxisDriver) -> Outcome:
     """09h, 0Ah, 0Dh and 0Fh during a slow move: what most of them do; each has its own check."""
     start = driver.motion.ready(SLOWEST)
     same = {
-        0x09: driver.client.value(0x22),
-        0x0A: driver.client.value(0x23),
+        0x09: driver.client.parameter(0x09),
+        0x0A: driver.client.parameter(0x0A),
         0x0D: SLOWEST,
         0x0F: 0,
     }

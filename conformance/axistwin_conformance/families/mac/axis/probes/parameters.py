@@ -33,7 +33,7 @@ def reserved_bits(driver: AxisDriver) -> Outcome:
 def cmd_1c_supported(driver: AxisDriver) -> Outcome:
     """1Ch with the tolerance it has."""
     return reply_of(
-        driver.client.command(0x1C, driver.client.value(0x26) & 0xFF).kind, ACCEPTED_OR_REFUSED
+        driver.client.command(0x1C, driver.client.parameter(0x1C)).kind, ACCEPTED_OR_REFUSED
     )
 
 
@@ -82,7 +82,7 @@ def _torque_after(driver: AxisDriver, value: int) -> tuple[ReplyKind, int]:
     one."""
     driver.judge.accepted(0x0C, PLAIN_TORQUE)
     kind = driver.client.command(0x0C, value).kind
-    return kind, driver.client.value(0x26) >> 16 & 0xFF
+    return kind, driver.client.parameter(0x0C)
 
 
 @probe(safety="stored")
@@ -91,7 +91,7 @@ def zero_period_0d(driver: AxisDriver) -> Outcome:
     slow = driver.limits.slowed(0x0777)
     driver.judge.accepted(0x0D, slow)
     kind = driver.client.command(0x0D, 0).kind
-    after = driver.client.value(0x25) & 0xFFFF
+    after = driver.client.parameter(0x0D)
     driver.judge.accepted(0x0D, slow)  # nothing may move at a period of one tick
     if kind is ReplyKind.REFUSED and after == slow:
         return 0
@@ -111,7 +111,7 @@ def catchup_low_byte(driver: AxisDriver) -> Outcome:
     """0Eh 0755 after 0Eh 1400, then 25h."""
     driver.judge.accepted(0x0E, 0x1400)
     kind = driver.client.command(0x0E, 0x0755).kind
-    after = driver.client.value(0x25) >> 24
+    after = driver.client.parameter(0x0E)
     if kind is ReplyKind.ACCEPTED and after == 0x07:
         return 0
     if kind is ReplyKind.REFUSED and after == 0x14:
@@ -124,7 +124,7 @@ def param_range_policy(driver: AxisDriver) -> Outcome:
     """03h 0E, then 26h: refused, masked to 08, or clamped to 09."""
     driver.client.command(0x03, 0)
     kind = driver.client.command(0x03, 0x0E).kind
-    shown = driver.client.value(0x26) >> 8 & 0xF
+    shown = driver.client.parameter(0x03)
     driver.client.command(0x03, 0)
     if kind is ReplyKind.REFUSED:
         return 0

@@ -18,7 +18,6 @@ from axistwin_conformance.families.mac.axis.exchanges import ReplyKind, signed
 from axistwin_conformance.families.mac.axis.model.axis_model import (
     MOTIONS,
     SEGMENTS,
-    SETTINGS,
     AxisModel,
     Parameters,
 )
@@ -29,6 +28,7 @@ from axistwin_conformance.families.mac.axis.model.forecast import (
     TimeWindow,
 )
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS, TICKS_PER_SECOND
+from axistwin_conformance.families.mac.axis.parameters import PARAMETER_QUERIES, PARAMETERS
 from axistwin_conformance.sequences.runner import Mismatch, Steps
 
 Choices = tuple[int, ...]
@@ -208,8 +208,8 @@ class AxisSequence(Steps):
         driver, parameters = self.driver, self.model.parameters
         period = driver.limits.slowed(BEGIN_PERIOD)
         for index, parameter in (*OPEN_STOPS, *PLAIN_MODES, (0x0D, period)):
-            setting = SETTINGS[index]
-            value = setting.value(parameter)
+            setting = PARAMETERS[index]
+            value = setting.taken(parameter)
             if getattr(parameters, setting.name) != value:
                 self.is_known &= driver.client.command(index, parameter).kind is ReplyKind.ACCEPTED
                 setattr(parameters, setting.name, value)
@@ -258,7 +258,7 @@ class AxisSequence(Steps):
             if self.follows("busy_after_abort"):
                 is_busy, busy = not data & 0x0800, self.model.busy(taken)
                 self._judge(index, is_busy, busy, "busy")
-        elif index in (0x22, 0x23, 0x25, 0x26):
+        elif index in PARAMETER_QUERIES:
             wanted = self.model.parameters.answer(index)
             if data != wanted:
                 name = self.client.named(index)
@@ -305,7 +305,7 @@ class AxisSequence(Steps):
             frame, received, taken = self.client.swift(
                 index, parameter, self._timeout_s, is_cleared
             )
-            if not is_cleared and index not in SETTINGS:
+            if not is_cleared and index not in PARAMETERS:
                 self._cleared.add(index)
         else:
             exchange = self.client.send(self.client.request(index, parameter))
@@ -512,16 +512,8 @@ def begin(
 
 def read_parameters(driver: AxisDriver) -> Parameters:
     """Everything the model must know of a module at rest."""
-    speeds, modes = driver.client.value(0x25), driver.client.value(0x26)
-    return Parameters(
-        superior=signed(driver.client.value(0x22)),
-        inferior=signed(driver.client.value(0x23)),
-        catch_up=speeds >> 24,
-        period=speeds & 0xFFFF,
-        coefficient=modes >> 24,
-        torque=modes >> 16 & 0xFF,
-        standby=modes >> 12 & 0xF,
-        stops=modes >> 8 & 0xF,
-        tolerance=modes & 0xFF,
-        imax=driver.client.imax,
-    )
+    found = driver.client.parameters()
+    values = {
+        part.name: part.taken(part.parameter(found[index])) for index, part in PARAMETERS.items()
+    }
+    return Parameters(imax=driver.client.imax, **values)

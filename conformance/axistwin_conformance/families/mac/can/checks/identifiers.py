@@ -12,6 +12,7 @@ from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import velocity
 from axistwin_conformance.families.mac.axis.driver.unknown_modules import unknown_module_at
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.parameters import PARAMETER_QUERIES, PARAMETERS
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.codec import CanRequest
@@ -39,7 +40,7 @@ REMOTE_LENGTHS: Final = (0, 1, 8)
 TORQUES: Final = (0x21, 0x22)  # of 200Ch, both inside the range of every model
 STOPS: Final = (0x0012_3456, 0x0023_4567)  # of 2009h
 FOREIGN: Final = (0x33, 0x4C, 0x5A)
-PARAMETERS: Final = (0x20, 0x22, 0x23, 0x25, 0x26)
+HELD: Final = (0x20, *PARAMETER_QUERIES)
 
 
 # --- individual addresses ------------------------------------------------------------------------
@@ -78,7 +79,7 @@ def downloads_to_other_addresses_do_nothing(session: Session) -> None:
     """Commands for another address neither move this module nor change its parameters."""
     driver = CanDriver(session)
     start = driver.motion.ready()
-    before = [driver.client.value(index) for index in PARAMETERS]
+    before = [driver.client.value(index) for index in HELD]
     taken = {session.address, *session.neighbours}
     other = next(address for address in FOREIGN if address not in taken)
     hint = unknown_module_at(driver.client, other)  # before it is told anything
@@ -92,7 +93,7 @@ def downloads_to_other_addresses_do_nothing(session: Session) -> None:
             driver, driver.client.request(index, parameter, address=other).frame(), is_awaited=False
         )
         session.expect(not received, "MACC-ID-02", f"silence at {other}", described(received))
-    after = [driver.client.value(index) for index in PARAMETERS]
+    after = [driver.client.value(index) for index in HELD]
     session.expect(after == before, "MACC-ID-02", _hex(before), _hex(after))
 
 
@@ -106,7 +107,7 @@ def each_module_answers_and_obeys_its_own_identifier(session: Session) -> None:
         reply = the_reply(driver, driver.client.request(0x0C, torque), names)
         session.step(reply.kind is ReplyKind.ACCEPTED, "60h", reply)
     for driver, torque in zip(drivers, TORQUES, strict=True):
-        seen = driver.client.data_bytes(0x26)[1]
+        seen = driver.client.parameter(0x0C)
         session.expect(
             seen == torque,
             "MACC-ID-02",
@@ -196,7 +197,7 @@ def extended_and_remote_frames_change_nothing(session: Session) -> None:
     """A download in a frame of 29 bits is not obeyed, nor is a remote frame."""
     driver = CanDriver(session)
     before = driver.client.value(0x26)
-    other = (before >> 16 & 0xFF) ^ 0x03
+    other = PARAMETERS[0x0C].read(before) ^ 0x03
     download = driver.client.request(0x0C, other).frame()
     for plain in (download, driver.client.to_all(0x0C, other).frame()):
         for frame in _extended(plain):
@@ -272,7 +273,7 @@ def a_setting_for_all_is_taken_by_all(session: Session) -> None:
     for torque in TORQUES:
         judge_general(first, first.client.to_all(0x0C, torque))
         for driver in drivers:
-            seen = driver.client.data_bytes(0x26)[1]
+            seen = driver.client.parameter(0x0C)
             wanted_text = f"torque {torque:02X} at {driver.client.address}"
             session.expect(seen == torque, "MACC-GEN-01", wanted_text, f"{seen:02X}")
     for driver, stop in zip(drivers, STOPS, strict=False):
@@ -342,10 +343,10 @@ def module_1_answers_for_itself_only(session: Session) -> None:
         moving.judge.accepted(0x13, start + 200)
         reply = replies(spokesman, spokesman.client.to_all(0x02, 1).frame())
         moving.motion.at_rest()
-        kinds = tuple(codec.parse(byte).kind for byte in reply)
+        kinds = tuple(codec.parse(frame).kind for frame in reply)
         session.expect(kinds == (kind,), "MACC-GEN-02", f"{kind.value}, once", described(reply))
         for driver, wanted in ((moving, 0), (resting, 1)):
-            seen = driver.client.value(0x26) >> 12 & 0xF
+            seen = driver.client.parameter(0x02)
             wanted_text = f"standby {wanted} at {driver.client.address}"
             session.expect(seen == wanted, "MACC-GEN-01", wanted_text, seen)
         moving.motion.finish(moving.motion.go_plainly(start))
@@ -358,7 +359,7 @@ def a_general_request_must_be_whole_as_well(session: Session) -> None:
     if session.reading("short_frame") != "ignore":
         session.skip("this device pads short frames (MACC-AMB-19)")
     before = driver.client.value(0x26)
-    other = (before >> 16 & 0xFF) ^ 0x03
+    other = PARAMETERS[0x0C].read(before) ^ 0x03
     for length in range(8):
         for request in (driver.client.to_all(0x20), driver.client.to_all(0x0C, other)):
             driver.judge.silent(replace(request, length=length))

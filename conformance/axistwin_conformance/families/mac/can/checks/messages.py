@@ -264,7 +264,7 @@ def until_its_boot_up_message_it_serves_nothing(session: Session) -> None:
         late is None, "MACC-BOOT-04", "nothing answered afterwards",
         "nothing" if late is None else str(late.frame),
     )  # fmt: skip
-    place, coefficient = driver.client.position(), driver.client.value(0x26) >> 24
+    place, coefficient = driver.client.position(), driver.client.parameter(0x0F)
     session.expect(
         (place, coefficient) == (start, 0), ("MACC-BOOT-04", "MACC-CMD-00-01"),
         f"position {start}, AA 00: nothing was executed", f"position {place}, AA {coefficient:02X}",

@@ -250,7 +250,7 @@ def numbers_travel_most_significant_byte_first(session: Session) -> None:
     driver = CanDriver(session)
     for index in (0x0C, 0x0E, 0x0F, 0x1C):  # those whose place in download and upload differs
         setting = SETTINGS[index]
-        before = driver.client.value(setting.query)
+        before = driver.client.value(setting.stored.query)
         value = setting.other(driver)
         outcome: int | str = f"{index:02X}h: neither order sets it"
         for number, order in enumerate(("big", "little")):
@@ -258,13 +258,15 @@ def numbers_travel_most_significant_byte_first(session: Session) -> None:
                 driver.client.address, index, setting.parameter(value), byte_order=order
             )
             replies(driver, asked.frame())
-            answer = replies(driver, codec.request(driver.client.address, setting.query).frame())
+            answer = replies(
+                driver, codec.request(driver.client.address, setting.stored.query).frame()
+            )
             data = codec.parse(answer[0], order).data if len(answer) == 1 else None
-            if data is not None and data >> setting.shift & setting.mask == value:
+            if data is not None and setting.stored.read(data) == value:
                 outcome = number
                 break
         driver.judge.reading("can_byte_order", outcome, "MACC-SDO-04")
-        driver.client.command(index, setting.parameter(before >> setting.shift & setting.mask))
+        driver.client.command(index, setting.parameter(setting.stored.read(before)))
 
 
 @check("MACC-SDO-04", safety="stored")

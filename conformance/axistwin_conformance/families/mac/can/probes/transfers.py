@@ -76,7 +76,8 @@ def _learnt(driver: CanDriver, order: int) -> int:
     if run.memory is not None:
         run.readings["can_byte_order"] = ("big", "little")[order]
         again = run.family.remember(driver.session)
-        run.memory = replace(again, torque=run.memory.torque)
+        parameters = {**again.parameters, 0x0C: run.memory.parameters[0x0C]}
+        run.memory = replace(again, parameters=parameters)
     return order
 
 
@@ -203,7 +204,7 @@ def imax_value(driver: CanDriver) -> Outcome:
 
 def torque(driver: CanDriver) -> int:
     """The torque limit that 2006h shows."""
-    return driver.client.data_bytes(0x26)[1]
+    return driver.client.parameter(0x0C)
 
 
 @probe(safety="stored")

@@ -9,9 +9,10 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, Part
-from axistwin_conformance.families.mac.axis.driver.motion import SAFE_PERIOD
+from axistwin_conformance.families.mac.axis.driver.motion import SAFE_PERIOD, segment_parameter
 from axistwin_conformance.families.mac.axis.driver.unknown_modules import unknown_module_at
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.parameters import settings_of, values_of
 from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.families.mac.serial.codec import ETX, STX, SerialRequest
 from axistwin_conformance.families.mac.serial.driver import NACKED_BY_MANY, SerialDriver
@@ -196,7 +197,7 @@ def digits_of_commands_are_read_in_upper_case(session: Session) -> None:
     """Nor is an index, or a parameter, read otherwise; written is what is stored already."""
     driver = SerialDriver(session)
     _in_lower_case(
-        driver, driver.client.request(0x0C, driver.client.data_bytes(0x26)[1]), ReplyKind.ACCEPTED
+        driver, driver.client.request(0x0C, driver.client.parameter(0x0C)), ReplyKind.ACCEPTED
     )
     for index, query in ((0x09, 0x22), (0x0A, 0x23)):
         _in_lower_case(
@@ -387,14 +388,17 @@ def no_command_takes_another_character_for_a_digit(session: Session) -> None:
         driver.client.value(0x26),
         driver.client.position(),
     )
+    stops = {query: driver.client.value(query) for query in (0x22, 0x23)}
+    one_step = segment_parameter(1, SAFE_PERIOD)
     harmless = {
-        0x02: modes >> 12 & 0xF, 0x03: modes >> 8 & 0xF, 0x07: 0,
-        0x09: driver.client.value(0x22), 0x0A: driver.client.value(0x23), 0x0C: modes >> 16 & 0xFF,
-        0x0D: speeds & 0xFFFF, 0x0E: speeds >> 24 << 8, 0x0F: modes >> 24,
-        0x13: place, 0x15: 0, 0x16: 0x10000 | SAFE_PERIOD, 0x1C: modes & 0xFF,
-        0x1E: 0x10000 | SAFE_PERIOD,
-    }  # fmt: skip
-    for index, parameter in harmless.items():
+        **settings_of(values_of({0x25: speeds, 0x26: modes, **stops})),
+        0x07: 0,
+        0x13: place,
+        0x15: 0,
+        0x16: one_step,
+        0x1E: one_step,
+    }
+    for index, parameter in sorted(harmless.items()):
         digits = codec.eight_digits(parameter)
         for number in SIGNIFICANT_DIGITS[index]:
             corrupted = digits[:number] + b"G" + digits[number + 1 :]

@@ -19,7 +19,6 @@ from axistwin_conformance.families.mac.serial.probes.line import general_replies
 
 ORDER = 180  # of this module in a run; see `Family.modules`
 
-PARAMETER_QUERIES: Final = (0x22, 0x23, 0x25, 0x26)
 POLL_S: Final = 0.05
 # What MACS-CMD-00-02 leaves to MACS-AMB-21: a host may talk 2.5 s after 00h, and what it sends
 # within 1.5 s must not count.
@@ -63,7 +62,7 @@ def after_00h_it_is_deaf_for_two_seconds(session: Session) -> None:
     boot_ms = round(driver.motion.deaf_s * 1000)
     is_held = abs(deaf_ms - boot_ms) <= (3 * POLL_S + 2 * session.target.line_s) * 1000
     session.quirk("MACS-CMD-00-02", "boot_time_ms", str(boot_ms if is_held else deaf_ms))
-    place, coefficient = driver.client.position(), driver.client.value(0x26) >> 24
+    place, coefficient = driver.client.position(), driver.client.parameter(0x0F)
     session.expect(
         place == start and coefficient != 0x77, ("MACS-CMD-00-02", "MACS-CMD-00-01"),
         "what was sent meanwhile had no effect", f"position {place}, AA {coefficient:02X}",
@@ -172,7 +171,7 @@ def general_commands_are_executed_by_all(session: Session) -> None:
     everybody = _everybody(session)
     first = everybody[0]
     before = [
-        (driver.motion.ready(0x1000), driver.client.value(0x25), driver.client.value(0x26))
+        (driver.motion.ready(0x1000), driver.client.parameter(0x0D), driver.client.parameter(0x0F))
         for driver in everybody
     ]
     try:
@@ -180,7 +179,7 @@ def general_commands_are_executed_by_all(session: Session) -> None:
         for index, parameter in ((0x0D, period), (0x0F, 2)):
             _general_reply(first, general(first, index, parameter))
         for driver in everybody:
-            seen = (driver.client.value(0x25) & 0xFFFF, driver.client.value(0x26) >> 24)
+            seen = (driver.client.parameter(0x0D), driver.client.parameter(0x0F))
             session.expect(
                 seen == (period, 2),
                 "MACS-MULTI-02",
@@ -196,10 +195,10 @@ def general_commands_are_executed_by_all(session: Session) -> None:
                 moved > 10, "MACS-MULTI-02", f"{driver.client.address:02X} moved with all", moved
             )
     finally:
-        for driver, (start, speeds, modes) in zip(everybody, before, strict=True):
+        for driver, (start, own_period, own_coefficient) in zip(everybody, before, strict=True):
             driver.client.command(0x18)
-            driver.client.command(0x0D, speeds & 0xFFFF)
-            driver.client.command(0x0F, modes >> 24)
+            driver.client.command(0x0D, own_period)
+            driver.client.command(0x0F, own_coefficient)
             driver.motion.finish(driver.motion.go_plainly(start))
 
 

@@ -138,7 +138,7 @@ def refusals_change_nothing(session: Session) -> None:
         return
     driver.judge.must(ReplyKind.REFUSED, lock, "MACS-CMD-0D-02")
     driver.motion.watch(forecast, ("MACS-REPLY-05", "MACS-CMD-13-02"), samples=3)
-    kept = driver.client.value(0x25) & 0xFFFF
+    kept = driver.client.parameter(0x0D)
     session.expect(
         kept == SLOWEST, ("MACS-REPLY-05", "MACS-CMD-0D-02"), "25h still FFFF", f"{kept:04X}"
     )
