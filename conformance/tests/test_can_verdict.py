@@ -90,11 +90,11 @@ def test_a_twin_with_three_other_readings_of_the_axis_conforms_with_them_named()
 def test_what_the_axis_is_judged_by_on_the_line_judges_it_on_the_bus_too() -> None:
     """Every shared check is taken over, and every probe of a question that both ask."""
     serial = find_family("mac23")
-    on_axis = {one.name for one in serial.checks() if ".mac_axis." in one.module}
+    on_axis = {one.name for one in serial.checks() if ".mac.axis." in one.module}
     assert {one.name for one in shared_checks()} == on_axis
     asked = {one.switch for one in serial.probes() if LEDGER.asks(one.switch)}
     assert {one.switch for one in serial.probes()} - asked
-    shared = {one.switch for one in serial.probes() if ".mac_axis." in one.check.module}
+    shared = {one.switch for one in serial.probes() if ".mac.axis." in one.check.module}
     assert shared & asked <= {one.switch for one in FAMILY.probes()}
     assert all(LEDGER.asks(one.switch) for one in FAMILY.probes())
 

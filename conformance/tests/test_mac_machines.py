@@ -20,7 +20,7 @@ from axistwin_conformance.families.mac.axis.checks.machines import (
 )
 from axistwin_conformance.families.mac.axis.checks.sequences import runner_of
 from axistwin_conformance.families.mac.axis.sequences.machine import AxisMachine
-from axistwin_conformance.families.mac.axis.sequences.machine_devices import Judged, Trivial
+from axistwin_conformance.families.mac.axis.sequences.machine_devices import JudgedAxis, Trivial
 from axistwin_conformance.families.mac.axis.sequences.operations import OPERATIONS, WHAT
 from axistwin_conformance.families.mac.axis.sequences.runner import AxisRunner
 from axistwin_conformance.families.mac.axis.sequences.sequence import BYTES_PER_OPERATION
@@ -72,7 +72,7 @@ def found_in(mutant: Mutant) -> tuple[bytes, Mismatch]:
     """The operations and the mismatch with which the machine finds a mutant, on its own."""
     with mutant.plant():
         _, failing = machine.search(
-            new_runner().begin, Judged, 15, 100, random.Random(1), AxisMachine
+            new_runner().begin, JudgedAxis, 15, 100, random.Random(1), AxisMachine
         )
     assert failing is not None, mutant.description
     return failing[:2]
@@ -110,7 +110,7 @@ def test_every_rule_is_reached_and_every_state_is_met() -> None:
     """On the twin no rule waits for a state that never comes."""
     runner, reached = new_runner(), Counter[str]()
 
-    class Counted(Judged):
+    class Counted(JudgedAxis):
         """Notes what is done."""
 
         def operate(self, what: int, first: int, second: int, pause: int) -> None:

@@ -9,7 +9,7 @@ from axistwin_conformance.core.family import Family
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis import snapshot
 from axistwin_conformance.families.mac.axis.safety import STORING, objection
-from axistwin_conformance.families.mac.axis.snapshot import Memory
+from axistwin_conformance.families.mac.axis.snapshot import AxisSnapshot
 
 
 class AxisFamily(Family):
@@ -35,11 +35,11 @@ class AxisFamily(Family):
         """See `snapshot.stop`."""
         snapshot.stop(session)
 
-    def remember(self, session: Session) -> Memory:
+    def remember(self, session: Session) -> AxisSnapshot:
         """See `snapshot.remember`."""
         return snapshot.remember(session)
 
-    def restore(self, session: Session, memory: Memory) -> tuple[str, ...]:
+    def restore(self, session: Session, memory: AxisSnapshot) -> tuple[str, ...]:
         """See `snapshot.restore`."""
         return snapshot.restore(session, memory)
 

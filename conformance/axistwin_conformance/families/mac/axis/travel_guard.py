@@ -31,11 +31,12 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, NoReturn, Protocol
 
 from axistwin_conformance.base.errors import OutsideEnvelope
-from axistwin_conformance.families.mac.axis.exchanges import Kind, signed
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind, signed
 from axistwin_conformance.families.mac.axis.model.kinematics import (
     TICKS_PER_SECOND,
     ramp_increments,
 )
+from axistwin_conformance.families.mac.axis.parameters import PARAMETERS
 
 MARGIN_NS: Final = 30_000_000  # a frame at 9600 baud takes 22 ms; the rest is our own reaction
 FACTORY_PERIOD: Final = 0x0320
@@ -47,6 +48,7 @@ FLUSHES: Final = "true"
 GENTLE_BRAKING: Final = 1_000_000  # inc/s²: a tenth of what an unloaded MAC23 does (§5.4)
 HALTING: Final = frozenset({0x00, 0x01, 0x18, 0x1A})
 STOP: Final = 0x18
+PERIOD, COEFFICIENT = PARAMETERS[0x0D], PARAMETERS[0x0F]
 CUTTING: Final = frozenset({"power", "micro_cut", "supply"})  # a device may forget its place then
 ZERO_SLACK: Final = 2  # increments by which a cleared counter may swing
 MOTIONS: Final = frozenset({0x13, 0x14, 0x15, 0x16})
@@ -58,9 +60,9 @@ def join(*intervals: Interval) -> Interval:
     return min(low for low, _ in intervals), max(high for _, high in intervals)
 
 
-def shift(one: Interval, by: Interval) -> Interval:
+def shift(interval: Interval, by: Interval) -> Interval:
     """Add two intervals."""
-    return one[0] + by[0], one[1] + by[1]
+    return interval[0] + by[0], interval[1] + by[1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +130,7 @@ class Axis:
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class SentRequest:
     """A request that would be obeyed: by the module at that address, or by all (None); `raw` as it
     was sent."""
 
@@ -139,13 +141,13 @@ class Asked:
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class ReceivedReply:
     """A whole reply: its kind, and the number in it if it is an answer.
 
     `whom`: where many were asked and one speaks for itself alone, its address.
     """
 
-    kind: Kind
+    kind: ReplyKind
     data: int | None = None
     whom: int | None = None
 
@@ -153,13 +155,13 @@ class Heard:
 class Reader(Protocol):
     """How the fence understands what passes, on one face of the module."""
 
-    def foreseen(self, data: bytes, /) -> list[Asked]:
+    def foreseen(self, data: bytes, /) -> list[SentRequest]:
         """What these bytes would ask for if they followed what was sent so far."""
 
     def sent(self, data: bytes, /) -> None:
         """From now on these bytes have been sent."""
 
-    def heard(self, data: bytes, /) -> Heard | None:
+    def received(self, data: bytes, /) -> ReceivedReply | None:
         """Take in what was received; the reply it completes, or None."""
 
     def stop(self, address: int, /) -> bytes:
@@ -169,7 +171,7 @@ class Reader(Protocol):
         """A request in words."""
 
 
-class TravelGuard:
+class AxisTravelGuard:
     """The envelope of one line.
 
     `own`: the address under test.  `readings`: what is known of the device, as the run learns it.
@@ -190,8 +192,8 @@ class TravelGuard:
         self._found_periods: dict[int, int] = {}
         self._before: dict[int, Axis] = {}
         self._after: dict[int, Axis] = {}
-        self._asked: Asked | None = None  # the last request sent
-        self._asked_ns = 0
+        self._last: SentRequest | None = None  # the last request sent
+        self._last_ns = 0
 
     # --- what is sent -----------------------------------------------------------------------------
 
@@ -200,7 +202,7 @@ class TravelGuard:
         after = {address: axis.grown(now_ns) for address, axis in self.axes.items()}
         try:
             for asked in self.reader.foreseen(data):
-                self._tell(after, asked, now_ns)
+                self._account(after, asked, now_ns)
         except OutsideEnvelope as error:
             return error
         return None
@@ -211,7 +213,7 @@ class TravelGuard:
         after = dict(before)
         requests = self.reader.foreseen(data)
         for asked in requests:
-            self._tell(after, asked, now_ns)
+            self._account(after, asked, now_ns)
         self.reader.sent(data)
         self._before, self._after = before, after
         # Until the reply comes, the frame may have been obeyed or not.
@@ -219,10 +221,10 @@ class TravelGuard:
             address: before[address].joined(axis) if address in before else axis
             for address, axis in after.items()
         }
-        self._asked = requests[-1] if requests else None
-        self._asked_ns = now_ns
+        self._last = requests[-1] if requests else None
+        self._last_ns = now_ns
 
-    def _tell(self, axes: dict[int, Axis], asked: Asked, now_ns: int) -> None:
+    def _account(self, axes: dict[int, Axis], asked: SentRequest, now_ns: int) -> None:
         address, index, parameter, frame = asked.address, asked.index, asked.parameter, asked.raw
         if index in MOTIONS and address is not None and address not in axes:
             self._refuse(
@@ -231,15 +233,15 @@ class TravelGuard:
                 "--neighbour",
                 address,
             )
-        for one in tuple(axes) if address is None else (address,):
-            if one not in axes:
+        for candidate in tuple(axes) if address is None else (address,):
+            if candidate not in axes:
                 continue
-            after = self._obeyed(axes[one], index, parameter, now_ns, frame)
+            after = self._obeyed(axes[candidate], index, parameter, now_ns, frame)
             if index in MOTIONS or index == 0x11:
                 after = replace(after, begun_ns=now_ns)
             if index != STOP:
-                self._judge_reach(axes[one], after, now_ns, frame)
-            axes[one] = after
+                self._judge_reach(axes[candidate], after, now_ns, frame)
+            axes[candidate] = after
             if index == 0x08:  # the same axis may answer there from now on
                 new = parameter & 0x7F
                 axes[new] = axes[new].joined(after) if new in axes else after
@@ -422,19 +424,19 @@ class TravelGuard:
 
     def received(self, data: bytes, now_ns: int) -> None:
         """Learn from the reply what became of the frame."""
-        reply, asked = self.reader.heard(data), self._asked
+        reply, asked = self.reader.received(data), self._last
         if reply is None or asked is None:
             return
         axes = self.axes
-        if reply.kind is Kind.REFUSED and asked.index == STOP:
+        if reply.kind is ReplyKind.REFUSED and asked.index == STOP:
             axes = {
                 address: self._unpowered(self._before.get(address, axis), axis, now_ns)
                 for address, axis in self._after.items()
             }
-        elif reply.kind in (Kind.REFUSED, Kind.NACK):
+        elif reply.kind in (ReplyKind.REFUSED, ReplyKind.NACK):
             axes = {address: self._before.get(address, self._after[address])
                     for address in self._after}  # fmt: skip
-        elif reply.kind is Kind.ACCEPTED:
+        elif reply.kind is ReplyKind.ACCEPTED:
             axes = {
                 address: self._heeded(self._before.get(address, axis), axis, now_ns)
                 for address, axis in self._after.items()
@@ -442,9 +444,12 @@ class TravelGuard:
         elif reply.data is not None and asked.address is not None:
             self._learn(asked.address, asked.index, reply.data, now_ns)
         if asked.address is None and reply.whom is not None:  # what became of the others is open
-            axes = {**self.axes, **{one: axes[one] for one in axes if one == reply.whom}}
+            axes = {
+                **self.axes,
+                **{address: axes[address] for address in axes if address == reply.whom},
+            }
         self.axes = axes
-        self._asked = None
+        self._last = None
 
     def _unpowered(self, before: Axis, after: Axis, now_ns: int) -> Axis:
         """An axis that refuses to stop: after a fault nothing drives it (MACS-STATE-02).  What is
@@ -454,8 +459,8 @@ class TravelGuard:
 
     def _heeded(self, before: Axis, after: Axis, now_ns: int) -> Axis:
         """An axis that has obeyed somewhere between request and reply."""
-        if after is not before and self._asked is not None and self._asked.index == 0x0B:
-            return self._cleared(before, self._asked_ns, now_ns)
+        if after is not before and self._last is not None and self._last.index == 0x0B:
+            return self._cleared(before, self._last_ns, now_ns)
         if not before.speed or after.speed:
             return after
         grown = before.grown(now_ns).reach
@@ -467,24 +472,25 @@ class TravelGuard:
         if index == 0x20:
             counter = signed(data)
             if axis is None:
-                self.axes[address] = Axis(offset=(-counter, -counter), seen_ns=self._asked_ns)
+                self.axes[address] = Axis(offset=(-counter, -counter), seen_ns=self._last_ns)
             else:
                 self.axes[address] = self._located(axis, counter, now_ns)
-        elif axis is not None and index == 0x25:
-            self._found_periods.setdefault(address, data & 0xFFFF)
-            self.axes[address] = replace(axis, period=data & 0xFFFF or 1)
-        elif axis is not None and index == 0x26:
-            self.axes[address] = replace(axis, coefficient=data >> 24)
+        elif axis is not None and index == PERIOD.query:
+            period = PERIOD.read(data)
+            self._found_periods.setdefault(address, period)
+            self.axes[address] = replace(axis, period=period or 1)
+        elif axis is not None and index == COEFFICIENT.query:
+            self.axes[address] = replace(axis, coefficient=COEFFICIENT.read(data))
 
     def _located(self, axis: Axis, counter: int, now_ns: int) -> Axis:
         """Narrow down by a counter reading."""
         axis = self._origin_seen(axis, counter, now_ns)
         here = shift(axis.offset, (counter, counter))
-        axis = replace(axis, counter=(counter, counter), seen_ns=self._asked_ns)
+        axis = replace(axis, counter=(counter, counter), seen_ns=self._last_ns)
         if axis.speed and counter == axis.target:  # a move that the reference could have prolonged
             axis = replace(axis, speed=0, ways=(0, 0), may_move=False, target=None)
         if axis.speed:
-            return replace(axis, reach=here, since_ns=self._asked_ns)
+            return replace(axis, reach=here, since_ns=self._last_ns)
         if not axis.may_move:
             return replace(axis, reach=here, tip=here)
         if axis.target is None:
@@ -517,8 +523,8 @@ class TravelGuard:
         moving = [self._deadline_of(axis) for axis in self.axes.values() if axis.speed]
         if not moving:
             return None
-        is_stopping = self._asked is not None and self._asked.index in HALTING
-        return max(min(moving), self._asked_ns + 2 * MARGIN_NS) if is_stopping else min(moving)
+        is_stopping = self._last is not None and self._last.index in HALTING
+        return max(min(moving), self._last_ns + 2 * MARGIN_NS) if is_stopping else min(moving)
 
     def _deadline_of(self, axis: Axis) -> int:
         rooms = []
@@ -541,7 +547,7 @@ class TravelGuard:
 
     def stop(self) -> tuple[bytes, ...]:
         """The frames that end what may be running, to each axis."""
-        return tuple(self.reader.stop(one) for one, axis in self.axes.items() if axis.speed)
+        return tuple(self.reader.stop(address) for address, axis in self.axes.items() if axis.speed)
 
 
 def _braking(speed: int) -> int:
