@@ -196,7 +196,7 @@ def session_on(port: MscPort, checked: Check | None = None, **how: Any) -> Sessi
             "model": FAMILY.models["msc-250" if port.has_rflags else "msc-generic"],
             "ledger": load_ledger("msc"), "address": port.unit, "neighbours": (),
             "allowed": frozenset({"passive", "stored"}), "envelope": Envelope(0, 0), "seed": 0,
-            "grounds": FAMILY.scratch, **how,
+            "scratch": FAMILY.scratch, **how,
         }
     )  # fmt: skip
     return Session(run, checked)

@@ -27,7 +27,7 @@ GROUNDS = ScratchArea(range(1024, 1400), range(128, 132))
 
 def session_of(port: MscPort, **how: Any) -> Session:
     """A session between checks."""
-    return session_on(port, **{"grounds": GROUNDS, **how})
+    return session_on(port, **{"scratch": GROUNDS, **how})
 
 
 # --- who is there ---------------------------------------------------------------------------------

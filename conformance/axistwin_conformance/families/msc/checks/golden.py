@@ -66,7 +66,7 @@ def _readdressed(data: bytes, from_unit: int, unit: int) -> bytes:
 @cache
 def golden_exchanges() -> tuple[Golden, ...]:
     """Load the exchanges, shipped beside this module."""
-    path = resources.files("axistwin_conformance.msc") / "golden" / "exchanges.toml"
+    path = resources.files("axistwin_conformance.families.msc") / "golden" / "exchanges.toml"
     rows = tomllib.loads(path.read_text(encoding="utf-8"))["exchange"]
     return tuple(_golden(row) for row in rows)
 
