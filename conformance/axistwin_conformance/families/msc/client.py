@@ -167,11 +167,11 @@ class Talk:
         if after is not None and after.is_silence:
             quiet_s = min(quiet_s, self.packet_timeout_s + MARGIN_S)
         for _ in range(MOST_HEARD):
-            one, strays = self._next_packet(quiet_s)
-            if one is None and not strays:
+            packet, strays = self._next_packet(quiet_s)
+            if packet is None and not strays:
                 break
-            heard += strays + (one.raw if one else b"")
-            if one is not None or STX in strays:
+            heard += strays + (packet.raw if packet else b"")
+            if packet is not None or STX in strays:
                 self.target.send(ACK)
         return heard
 
@@ -191,9 +191,9 @@ class Talk:
         after the ACK; None: if this is a sound one of the commands that have a reply.
         `timeout_s`: until the sign comes.
         """
-        one = codec.parse(raw)
-        is_sound = one is not None and one.is_request and one.unit == self.unit
-        name = one.name if one is not None and is_sound else ""
+        packet = codec.parse(raw)
+        is_sound = packet is not None and packet.is_request and packet.unit == self.unit
+        name = packet.name if packet is not None and is_sound else ""
         awaits = name in codec.READS if is_read is None else is_read
         exchange = self._once(raw, awaits, answer, timeout_s)
         if self.target.is_lossless or not is_sound:

@@ -77,15 +77,15 @@ class Controller(Link):
         if len(every) < count:
             self.session.skip(f"needs {what} (--variables FIRST-LAST)")
         ends = [every[0], every[-1]][:count]
-        rest = [one for one in every if one not in ends]
+        rest = [place for place in every if place not in ends]
         return sorted([*ends, *self.session.random.sample(rest, count - len(ends))])
 
     def values(self, count: int) -> list[int]:
         """So many different values, none of them 0, in all four bytes of each something else."""
         drawn: set[int] = set()
         while len(drawn) < count:
-            one = bytes(self.session.random.sample(range(1, 256), 4))
-            drawn.add(int.from_bytes(one, "big", signed=True))
+            value = bytes(self.session.random.sample(range(1, 256), 4))
+            drawn.add(int.from_bytes(value, "big", signed=True))
         return self.session.random.sample(sorted(drawn), count)
 
     def within_block(self, address: int) -> Iterator[tuple[int, int]]:

@@ -47,13 +47,13 @@ def diagnose(session: Session, request: bytes, reply: bytes | None) -> Violation
 def _before_the_sign(session: Session) -> tuple[bytes, bytes]:
     """The last packet we have sent, and what came before we acknowledged or refused it."""
     request, reply, is_over = b"", b"", False
-    for one in session.said():
-        if one.direction is Direction.HOST and one.data in (ACK, NAK):
+    for record in session.said():
+        if record.direction is Direction.HOST and record.data in (ACK, NAK):
             is_over = True
-        elif one.direction is Direction.HOST:
-            request, reply, is_over = one.data, b"", False
-        elif one.direction is Direction.DEVICE and not is_over:
-            reply += one.data
+        elif record.direction is Direction.HOST:
+            request, reply, is_over = record.data, b"", False
+        elif record.direction is Direction.DEVICE and not is_over:
+            reply += record.data
     return request, reply
 
 

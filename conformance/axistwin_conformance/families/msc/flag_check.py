@@ -76,11 +76,15 @@ class _Trial:
                     counted[number] += 1
                     followed[number] += number in on and number not in off
             left = [
-                one
-                for one in left
-                if counted[one] < ROUNDS and followed[one] < max(FEW_ROUNDS, counted[one])
+                number
+                for number in left
+                if counted[number] < ROUNDS and followed[number] < max(FEW_ROUNDS, counted[number])
             ]
-        return [one for one in numbers if counted[one] == ROUNDS and followed[one] <= MOST_FOLLOWED]
+        return [
+            number
+            for number in numbers
+            if counted[number] == ROUNDS and followed[number] <= MOST_FOLLOWED
+        ]
 
     def goes_elsewhere(self, number: int) -> bool:
         """True if another flag goes on and off with what is written to this one."""
@@ -90,7 +94,7 @@ class _Trial:
         for on in (True, False, *orders):
             signs, states = self._turned([number], on=on, looked_at=along)
             if signs[number] == codec.ACK:
-                along = {one for one in along if (one in states) == on}
+                along = {number for number in along if (number in states) == on}
                 taken += 1
         return bool(along) and taken > SWITCHINGS // 2
 
@@ -99,7 +103,10 @@ class _Trial:
         if self._bench.has_rflags:
             return range(MOST_FLAGS)
         near = {number - 1, number + 1, *(number ^ 1 << bit for bit in range(8))}
-        return {*(one for one in near if one in range(MOST_FLAGS)), *self._session.run.flags}
+        return {
+            *(number for number in near if number in range(MOST_FLAGS)),
+            *self._session.run.flags,
+        }
 
     def _turned(
         self, numbers: list[int], *, on: bool, looked_at: Iterable[int] | None = None
@@ -116,4 +123,4 @@ class _Trial:
         if states is not None:
             return signs, codec.flags_on(states)
         wanted = numbers if looked_at is None else looked_at
-        return signs, frozenset(one for one in wanted if bench.flag(one))
+        return signs, frozenset(number for number in wanted if bench.flag(number))

@@ -49,7 +49,7 @@ class Window:
 
     def since(self, origin_ns: int) -> str:
         """The window in words, counted from that instant."""
-        first, last = ((one - origin_ns) / MS for one in (self.earliest_ns, self.latest_ns))
+        first, last = ((instant - origin_ns) / MS for instant in (self.earliest_ns, self.latest_ns))
         return f"after {first:.1f} to {last:.1f} ms"
 
 
@@ -125,19 +125,19 @@ class Link(Bench):
 
     def spots(self, count: int) -> list[int]:
         """So many addresses of named variables, each safely apart; fewer if fewer are named."""
-        return [one for one in self.variables if one % SAFE_STRIDE == 0][:count]
+        return [address for address in self.variables if address % SAFE_STRIDE == 0][:count]
 
     def spot(self) -> int:
         """The address of a named variable, whatever the stride is; skips without one."""
-        for one in self.spots(1):
-            return one
+        for address in self.spots(1):
+            return address
         return self.session.skip(NEEDS_ONE)
 
     def block_spot(self) -> int:
         """Where a whole block of named variables begins, in every reading; skips without one."""
-        for one in self.variables:
-            if one % SAFE_STRIDE == 0 and one + SAFE_BLOCK - 1 in self.variables:
-                return one
+        for address in self.variables:
+            if address % SAFE_STRIDE == 0 and address + SAFE_BLOCK - 1 in self.variables:
+                return address
         return self.session.skip(f"needs {SAFE_BLOCK} variables in a row (--variables FIRST-LAST)")
 
     def reads(self) -> list[bytes]:
@@ -145,10 +145,10 @@ class Link(Bench):
         those of the named variables."""
         bodies = [RQSTAT, codec.rflag(0), codec.rflag(255)]
         bodies += [codec.RFLAGS] if self.has_rflags else []
-        for one in self.spots(1):
-            bodies.append(codec.dread(one))
-            if one + SAFE_BLOCK - 1 in self.variables:
-                bodies.append(codec.bread(one))
+        for address in self.spots(1):
+            bodies.append(codec.dread(address))
+            if address + SAFE_BLOCK - 1 in self.variables:
+                bodies.append(codec.bread(address))
         return bodies
 
     # --- signs ------------------------------------------------------------------------------------

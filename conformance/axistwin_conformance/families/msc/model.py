@@ -88,10 +88,14 @@ class UnitModel:
         come), and what is wrong with it."""
         admissible, told = self.admissible(address), self._told(address, is_block=False)
         if admissible is not None and value not in admissible:
-            expected = " or ".join(str(one) for one in sorted(admissible))
+            expected = " or ".join(str(other) for other in sorted(admissible))
             return told, Surprise(told, f"{expected} at {address}", str(value))
         self._keep(
-            [one for one, memory in self.memories.items() if self._agrees(memory, address, value)]
+            [
+                stride
+                for stride, memory in self.memories.items()
+                if self._agrees(memory, address, value)
+            ]
         )
         for memory in self.memories.values():
             memory[address] = Cell(value, self.writes, is_read=True)
@@ -103,8 +107,8 @@ class UnitModel:
         fitting = []
         for stride, memory in self.memories.items():
             places = [address + number * stride for number in range(BLOCK_VALUES)]
-            off = [at for at, one in zip(places, values, strict=True)
-                   if not self._agrees(memory, at, one)]  # fmt: skip
+            off = [at for at, value in zip(places, values, strict=True)
+                   if not self._agrees(memory, at, value)]  # fmt: skip
             if not off:
                 fitting.append(stride)
             elif wrong is None:

@@ -33,7 +33,7 @@ def survey(session: Session) -> None:
     spans = [("variables", scratch.variables, scratch.variables == own.variables)]
     spans.append(("bench-program", scratch.of_program[0], scratch.program == own.program))
     for name, span, is_known in spans:
-        places = [one for one in span if one % SAFE_STRIDE == 0]
+        places = [place for place in span if place % SAFE_STRIDE == 0]
         if not places or is_known:
             continue
         if found := _Look(Bench(session), span, places).at_the_ends():
@@ -50,18 +50,22 @@ class _Look:
     def at_the_ends(self) -> str:
         """What of the span lies outside the data area, and what to do; empty: nothing does."""
         places = self._places
-        refused = [one for one in dict.fromkeys((places[0], places[-1])) if self._is_refused(one)]
+        refused = [
+            place for place in dict.fromkeys((places[0], places[-1])) if self._is_refused(place)
+        ]
         if not refused:
             return ""
         looked = sorted({*places[:: -(-len(places) // SAMPLES)], places[-1]})
-        served = [one for one in looked if not self._is_refused(one)]
+        served = [place for place in looked if not self._is_refused(place)]
         if not served:
             return "" if self._serves_a_block() else self._all_refused()
-        if any(self._is_refused(one) for one in looked if served[0] < one < served[-1]):
+        if any(self._is_refused(place) for place in looked if served[0] < place < served[-1]):
             return ""
-        low = self._edge(served[0], max((one for one in looked if one < served[0]), default=None))
+        low = self._edge(
+            served[0], max((place for place in looked if place < served[0]), default=None)
+        )
         high = self._edge(
-            served[-1], min((one for one in looked if one > served[-1]), default=None)
+            served[-1], min((place for place in looked if place > served[-1]), default=None)
         )
         there = f"{max(low, self._span.start)}-{min(high + SAFE_STRIDE, self._span.stop) - 1}"
         return (

@@ -157,7 +157,7 @@ def _heard(bench: Bench, exchange: Exchange, late: bytes) -> str:
     if not exchange.extra:
         return str(exchange)
     raw = exchange.raw + bench.target.receive(FACE_BYTES, QUIET_S)
-    text = "".join(chr(one) if 0x20 <= one < 0x7F else "." for one in raw)
+    text = "".join(chr(byte) if 0x20 <= byte < 0x7F else "." for byte in raw)
     return f"something else talks there: {raw.hex(' ').upper()} ({text})"
 
 
@@ -222,7 +222,10 @@ class Memory:
             where = f"unit {unit}"
             told += [f"{where} at {at}: {', '.join(map(str, held.blocks[at]))}" for at in blocks]
             told += [f"{where} at {at}: {held.values[at]}" for at in values]
-            told += [f"{where} flag {one}: {'on' if held.flags[one] else 'off'}" for one in flags]
+            told += [
+                f"{where} flag {number}: {'on' if held.flags[number] else 'off'}"
+                for number in flags
+            ]
         more = f"; and {len(told) - MOST_TOLD} more" if len(told) > MOST_TOLD else ""
         return "; ".join(told[:MOST_TOLD]) + more or "what it holds"
 
@@ -263,7 +266,7 @@ def _refuse_what_moves(bench: Bench, held: Held, flags: range) -> None:
     written there might work the machine."""
     said = "; name only what no program uses"
     first = min(held.blocks, default=0)
-    for at in (one for one in held.blocks if (one - first) % SAFE_BLOCK == 0):
+    for at in (address for address in held.blocks if (address - first) % SAFE_BLOCK == 0):
         if bench.read_block(at) != held.blocks[at]:
             raise TargetError(f"a value behind address {at} changes by itself (--variables){said}")
     for at, value in held.values.items():
@@ -304,7 +307,7 @@ def restore(session: Session, memory: Memory) -> tuple[str, ...]:
     left: list[str] = []
     lost: list[TargetError] = []
     # The unit under test comes last: who fails at this is blamed for the last thing that was said.
-    for unit in sorted(memory.units, key=lambda one: one == session.address):
+    for unit in sorted(memory.units, key=lambda unit: unit == session.address):
         held = memory.units[unit]
         where = "" if unit == session.address else f"of unit {unit} "
         try:
@@ -344,12 +347,12 @@ def _put_back(bench: Bench, memory: Memory, held: Held) -> list[str]:
 def _touched(written: Iterable[Writing], held: Held) -> tuple[list[int], list[int], list[int]]:
     """The blocks, values and flags that these writes can have changed."""
     blocks, values, flags = set(), set(), set()
-    for one in written:
-        if one.is_of_flag:
-            flags |= {one.number} & held.flags.keys()
+    for writing in written:
+        if writing.is_of_flag:
+            flags |= {writing.number} & held.flags.keys()
             continue
-        extent = SAFE_BLOCK if one.name == "BWRITE" else VALUE_ADDRESSES
-        first, end = one.number, one.number + extent
+        extent = SAFE_BLOCK if writing.name == "BWRITE" else VALUE_ADDRESSES
+        first, end = writing.number, writing.number + extent
         blocks |= {at for at in held.blocks if at < end and first < at + SAFE_BLOCK}
         values |= {at for at in held.values if at < end and first < at + VALUE_ADDRESSES}
     return sorted(blocks), sorted(values), sorted(flags)

@@ -73,7 +73,7 @@ def names_are_upper_case(session: Session) -> None:
     """RQSTAT in lower and in mixed case, and DREAD so, are unknown, unless this device does not
     mind."""
     unit = Controller(session)
-    reads = [RQSTAT, codec.rflag(0), *(codec.dread(one) for one in unit.spots(1))]
+    reads = [RQSTAT, codec.rflag(0), *(codec.dread(address) for address in unit.spots(1))]
     for body in reads:
         name, _, values = body.partition(codec.COMMA)
         for spelling in (name.lower(), name.capitalize()):
@@ -104,12 +104,12 @@ SHORT: Final[Readings] = {
 
 
 def _longer(unit: Controller) -> list[bytes]:
-    return [one + extra for one in unit.reads() for extra in (b"\x00", b"\x02\x06")]
+    return [body + extra for body in unit.reads() for extra in (b"\x00", b"\x02\x06")]
 
 
 def _shorter(unit: Controller) -> list[bytes]:
-    with_values = [one for one in unit.reads() if not one.endswith(codec.COMMA)]
-    return [one[:-count] for one in with_values for count in (1, 2)]
+    with_values = [body for body in unit.reads() if not body.endswith(codec.COMMA)]
+    return [body[:-count] for body in with_values for count in (1, 2)]
 
 
 @check("MSC-CMD-11", "MSC-BREAD-01", "MSC-DREAD-01", "MSC-RFLAG-01", safety="rig", needs=BENCH)
@@ -194,7 +194,7 @@ def an_address_inside_a_value_reads_its_bytes(session: Session) -> None:
         at = inside * codec.VALUE_BYTES // stride
         expected = {whole[at : at + 4]: "overlap", whole[:4]: "round_down"}
         if reply.payload not in expected:
-            told = [f"{one.hex(' ')} ({reading})" for one, reading in expected.items()]
+            told = [f"{raw.hex(' ')} ({reading})" for raw, reading in expected.items()]
             session.fail(None, told, f"{reply.payload.hex(' ')} at {block}+{inside}")
         unit.reading("data_misaligned", expected[reply.payload])
 
@@ -264,8 +264,10 @@ def an_address_outside_the_data_area_is_refused(session: Session) -> None:
     (mine,) = unit.slots(1)
     (value,) = unit.values(1)
     unit.write(mine, value)
-    aliases = [one for one in range(mine + 4, ADDRESSES, 4) if not (one - mine) & (one - mine - 1)]
-    alias = next((one for one in aliases if unit.read(one) == value), None)
+    aliases = [
+        place for place in range(mine + 4, ADDRESSES, 4) if not (place - mine) & (place - mine - 1)
+    ]
+    alias = next((place for place in aliases if unit.read(place) == value), None)
     if alias is not None:
         unit.reading("data_out_of_range", "wrap")
         if unit.is_twin:
@@ -370,7 +372,7 @@ def a_block_written_over_the_end_stores_nothing(session: Session) -> None:
             "partial": (half, before),
             "wrap": (half, values[HALF:] + before[HALF:]),
         }
-        shown = next((reading for reading, one in outcomes.items() if one == seen), None)
+        shown = next((reading for reading, outcome in outcomes.items() if outcome == seen), None)
         if shown is None or (shown == "nak_atomic") != (kind == NAKED):
             session.fail(None, [f"{NAKED}, and nothing stored", *outcomes], f"{exchange}: {seen}")
         unit.reading("block_overrun", shown)

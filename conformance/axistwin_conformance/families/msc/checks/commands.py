@@ -158,8 +158,8 @@ def commas_in_addresses_and_values_are_data(session: Session) -> None:
     unit = Controller(session)
     (block,) = unit.blocks(1)
     free = range(unit.variables.start, unit.variables.stop - 3)
-    places = [one for one in free if COMMA in divmod(one, 256) and one % 4 == 0]
-    places = [one for one in places if one in (0x2C2C, *places[:2], *places[-2:])]
+    places = [place for place in free if COMMA in divmod(place, 256) and place % 4 == 0]
+    places = [place for place in places if place in (0x2C2C, *places[:2], *places[-2:])]
     for value, address in enumerate(places or [block], 1):
         exchange = unit.ask(codec.dwrite(address, value))
         session.expect(exchange.is_acked, None, f"ACK to a write to {address:04X}h", exchange)

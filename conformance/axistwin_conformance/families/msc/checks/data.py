@@ -16,8 +16,8 @@ ORDER = 70  # of this module in a run; see `Family.modules`
 
 # The ends of the range, every sign of the protocol four times over, and bytes that text would lose.
 BOUNDARIES: Final = tuple(
-    signed(one)
-    for one in (
+    signed(value)
+    for value in (
         0, 1, -1, 2, -2, 127, 128, 255, 256, -128, -129, -256, 32767, 32768, 65535, 65536,
         -32768, -32769, 0x7FFFFFFF, 0x7FFFFFFE, -0x80000000, -0x7FFFFFFF, 0x11131113, 0x02020202,
         0x06060606, 0x15151515, 0x2C2C2C2C, 0x02010007, 0x0D0A0D0A, 0x1A1A1A1A, 0x7F80FF00,
@@ -119,9 +119,9 @@ def an_address_has_sixteen_bits(session: Session) -> None:
     unit = Controller(session)
     ends = unit.slots(2)
     free = range(unit.variables.start, unit.variables.stop - 3)
-    places = [one for one in free if one % SAFE_STRIDE == 0]
+    places = [place for place in free if place % SAFE_STRIDE == 0]
     special = {
-        next((one for one in places if divmod(one, 256)[part] == byte), places[0])
+        next((place for place in places if divmod(place, 256)[part] == byte), places[0])
         for byte in SPECIAL_BYTES
         for part in (0, 1)
     }
@@ -137,7 +137,9 @@ def every_bit_of_an_address_counts(session: Session) -> None:
     unit = Controller(session)
     slots = set(range(unit.slots(2)[0], unit.variables.stop - 3, SAFE_STRIDE))
     pairs = {
-        bit: next(((one, one ^ 1 << bit) for one in sorted(slots) if one ^ 1 << bit in slots), None)
+        bit: next(
+            ((slot, slot ^ 1 << bit) for slot in sorted(slots) if slot ^ 1 << bit in slots), None
+        )
         for bit in range(2, 16)
     }
     places = sorted({place for pair in pairs.values() if pair for place in pair})
@@ -208,9 +210,9 @@ def values_of_a_block_lie_one_stride_apart(session: Session) -> None:
         unit.write_block(address, values)
         for further in (SAFE_STRIDE, 3 * SAFE_STRIDE, 7 * SAFE_STRIDE):
             seen = unit.read(address + further)
-            strides = [one for one in STRIDES if values[further // one] == seen]
+            strides = [stride for stride in STRIDES if values[further // stride] == seen]
             if not strides:
-                told = [f"{values[further // one]} (stride {one})" for one in STRIDES]
+                told = [f"{values[further // stride]} (stride {stride})" for stride in STRIDES]
                 session.fail(None, told, f"{seen} at {address}+{further}")
             unit.reading("data_address_stride", tuple(map(str, strides)))
 

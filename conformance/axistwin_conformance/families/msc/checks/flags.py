@@ -28,7 +28,7 @@ def a_flag_is_read_as_1_or_0(session: Session) -> None:
     for number in sorted({*TELLING_FLAGS, *session.random.sample(FLAGS, 16)}):
         names = ("MSC-RFLAG-01", "MSC-FLG-01")
         reply = unit.served(codec.rflag(number), names, f"the state of flag {number}")
-        states = [one.hex(" ") for one in STATES]
+        states = [state.hex(" ") for state in STATES]
         session.expect(
             reply.payload in STATES,
             "MSC-RFLAG-02",

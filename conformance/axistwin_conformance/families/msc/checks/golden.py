@@ -41,9 +41,9 @@ class Golden:
     @property
     def command(self) -> str:
         """The name of the command."""
-        one = codec.parse(self.said[0][1])
-        assert one is not None
-        return one.name
+        packet = codec.parse(self.said[0][1])
+        assert packet is not None
+        return packet.name
 
     @property
     def is_about_variables(self) -> bool:
@@ -56,11 +56,11 @@ class Golden:
 
 
 def _readdressed(data: bytes, from_unit: int, unit: int) -> bytes:
-    one = codec.parse(data)
-    if one is None or unit == from_unit:
+    packet = codec.parse(data)
+    if packet is None or unit == from_unit:
         return data
-    moved = one.checksum + unit - from_unit  # what was wrong about it stays so
-    return codec.packet(unit, one.body, one.block, length=one.length, checksum=moved)
+    moved = packet.checksum + unit - from_unit  # what was wrong about it stays so
+    return codec.packet(unit, packet.body, packet.block, length=packet.length, checksum=moved)
 
 
 @cache
@@ -72,7 +72,7 @@ def golden_exchanges() -> tuple[Golden, ...]:
 
 
 def _golden(row: Mapping[str, Any]) -> Golden:
-    said = tuple((one[0], bytes.fromhex(one[1:])) for one in row["said"])
+    said = tuple((line[0], bytes.fromhex(line[1:])) for line in row["said"])
     variables = tuple((address, value) for address, value in row.get("variables", ()))
     flags = frozenset(row["flags"]) if "flags" in row else None
     return Golden(
@@ -180,14 +180,14 @@ def _judge(link: Link, golden: Golden, expected: bytes, heard: bytes) -> None:
 def _as_read(link: Link, heard: bytes, written: bytes) -> tuple[bytes, bytes]:
     """A reply and what was written of it, both without what this device's readings leave open: the
     block number, and what RQSTAT sends behind the status."""
-    one, other = codec.parse(heard), codec.parse(written)
+    reply, other = codec.parse(heard), codec.parse(written)
     assert other is not None
-    if one is None or not one.is_sound:
+    if reply is None or not reply.is_sound:
         return heard, written
-    return _without(link, one), _without(link, other)
+    return _without(link, reply), _without(link, other)
 
 
-def _without(link: Link, one: Packet) -> bytes:
-    block = 0 if link.session.reading("reply_block") == "counter" else one.block
-    body = one.body[: STATUS_AT.stop] if one.name == "RQSTAT" else one.body
-    return codec.packet(one.unit, body, block)
+def _without(link: Link, reply: Packet) -> bytes:
+    block = 0 if link.session.reading("reply_block") == "counter" else reply.block
+    body = reply.body[: STATUS_AT.stop] if reply.name == "RQSTAT" else reply.body
+    return codec.packet(reply.unit, body, block)

@@ -69,9 +69,11 @@ def a_write_draws_the_ack_and_nothing_else(session: Session) -> None:
 
 def _judge_after_write(link: Link, body: bytes, heard: bytes) -> None:
     """What came behind the ACK to a write: nothing, or an empty packet (MSC-AMB-36)."""
-    one = codec.parse(heard)
+    packet = codec.parse(heard)
     name = body.partition(codec.COMMA)[0].decode()
-    is_empty = one is not None and one.is_sound and one.body in (b"", body[: len(name) + 1])
+    is_empty = (
+        packet is not None and packet.is_sound and packet.body in (b"", body[: len(name) + 1])
+    )
     if heard and not is_empty:
         link.session.fail("MSC-LNK-14", ["nothing", "an empty packet"], codec.explain(heard))
     link.reading("write_reply", "empty_packet" if heard else "none", "MSC-LNK-14")
@@ -433,7 +435,7 @@ def a_packet_right_behind_a_write_is_served(session: Session) -> None:
         session.skip("behind its ACK to a write this device awaits ours")
     spot = link.spot()
     for first, second in ((1, 2), (-1, 3)):
-        raw = b"".join(link.talk.request(codec.dwrite(spot, one)) for one in (first, second))
+        raw = b"".join(link.talk.request(codec.dwrite(spot, value)) for value in (first, second))
         session.target.drain()
         session.target.send(raw)
         heard = link.talk.listen(len(raw) * link.byte_ns / 1e9 + link.glance_s)

@@ -61,35 +61,37 @@ def judge_reply(link: Link, exchange: Exchange) -> Packet:
     session.step(exchange.sign == ACK and bool(raw), f"ACK and a packet ({told})", exchange)
     first = (exchange.extra or raw)[0]  # what comes before a packet is set apart
     session.expect(first == 2, ("MSC-PKT-02", "MSC-PKT-17"), "02h first", f"{first:02X}h")
-    one = codec.parse(raw)
-    if one is None:
+    packet = codec.parse(raw)
+    if packet is None:
         session.fail(("MSC-PKT-01", "MSC-PKT-17"), "8 bytes and a body", f"{len(raw)} bytes")
-    session.expect(one.unit in codec.UNITS, "MSC-PKT-03", "unit 1 to 15", one.unit)
-    session.expect(one.unit == link.unit, "MSC-PKT-18", f"unit {link.unit}", one.unit)
-    _judge_length(link, one)
+    session.expect(packet.unit in codec.UNITS, "MSC-PKT-03", "unit 1 to 15", packet.unit)
+    session.expect(packet.unit == link.unit, "MSC-PKT-18", f"unit {link.unit}", packet.unit)
+    _judge_length(link, packet)
     right = codec.checksum(raw[1:-2])
     order = f"{right:04X}, high byte first"
     swapped = int.from_bytes(codec.u16(right), "little")
-    is_swapped = one.checksum == swapped != right
-    session.expect(not is_swapped, "MSC-PKT-11", order, f"{one.checksum:04X}")
+    is_swapped = packet.checksum == swapped != right
+    session.expect(not is_swapped, "MSC-PKT-11", order, f"{packet.checksum:04X}")
     session.expect(
-        one.checksum == right, "MSC-PKT-12", f"{right:04X}, the sum of what stands between",
-        f"{one.checksum:04X}",
+        packet.checksum == right, "MSC-PKT-12", f"{right:04X}, the sum of what stands between",
+        f"{packet.checksum:04X}",
     )  # fmt: skip
-    return one
+    return packet
 
 
-def _judge_length(link: Link, one: Packet) -> None:
+def _judge_length(link: Link, packet: Packet) -> None:
     """Judge what a reply announces; of one that announces too much no more than 240 bytes are
     heard, and from one that goes low byte first as many as it says."""
-    session, announced = link.session, one.length
-    right = link.talk.reply_bytes(one.name) - codec.AROUND_BODY if one.name in codec.READS else 0
+    session, announced = link.session, packet.length
+    right = (
+        link.talk.reply_bytes(packet.name) - codec.AROUND_BODY if packet.name in codec.READS else 0
+    )
     is_swapped = announced == int.from_bytes(codec.u16(right), "little") != right
     told = f"{codec.u16(right).hex(' ')}, high byte first"
     session.expect(not is_swapped, "MSC-PKT-08", told, codec.u16(announced).hex(" "))
     most = f"{codec.MAX_BODY} at most"
     session.expect(announced <= codec.MAX_BODY, ("MSC-PKT-10", "MSC-PKT-16"), most, announced)
-    names, size = ("MSC-PKT-01", "MSC-PKT-06", "MSC-PKT-17"), len(one.body)
+    names, size = ("MSC-PKT-01", "MSC-PKT-06", "MSC-PKT-17"), len(packet.body)
     session.expect(announced == size, names, f"length {size}, as the body has", announced)
 
 
@@ -172,7 +174,7 @@ def block_readings(sent: Sequence[int], got: Sequence[int]) -> tuple[str, ...]:
 
 
 def _hex(numbers: Sequence[int]) -> str:
-    return " ".join(f"{one:04X}" for one in numbers)
+    return " ".join(f"{number:04X}" for number in numbers)
 
 
 @check("MSC-PKT-15", "MSC-PKT-11")
@@ -322,7 +324,7 @@ def every_other_checksum_is_refused(session: Session) -> None:
     """RQSTAT and DREAD under each checksum that is a usual mistake get one NAK; under the right one
     they are served, also right behind a NAK."""
     link = Link(session)
-    bodies = [RQSTAT, *(codec.dread(one) for one in link.spots(1))]
+    bodies = [RQSTAT, *(codec.dread(address) for address in link.spots(1))]
     blocks = (0x1234, 0xA500) if session.target.is_virtual else (0x1234,)
     for body in bodies:
         for block in blocks:

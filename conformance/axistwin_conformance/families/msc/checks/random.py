@@ -107,7 +107,7 @@ def any_bit_turned_is_found(session: Session) -> None:
     """A read packet with any one bit turned in its body or checksum draws exactly one NAK."""
     link = Link(session)
     link.calm()
-    for body in [RQSTAT, *(codec.dread(one) for one in link.spots(1))]:
+    for body in [RQSTAT, *(codec.dread(address) for address in link.spots(1))]:
         raw = link.talk.request(body, session.random.randrange(0x10000))
         places = range(codec.HEADER_BYTES * BITS, len(raw) * BITS)
         few = session.random.sample(places, rounds(session, len(places), 12))
@@ -139,11 +139,15 @@ def the_sum_does_not_see_bytes_exchanged(session: Session) -> None:
             is_served = exchange.is_acked and exchange.reply is not None
             session.expect(is_served, None, "ACK and a reply: the sum is right", exchange)
     spots = set(link.spots(1 << 16))
-    pairs = [one for one in spots if _exchanged(one) in spots and _exchanged(one) != one]
-    for one in draw.sample(sorted(pairs), min(len(pairs), 4)):
-        other = _exchanged(one)
+    pairs = [
+        address
+        for address in spots
+        if _exchanged(address) in spots and _exchanged(address) != address
+    ]
+    for address in draw.sample(sorted(pairs), min(len(pairs), 4)):
+        other = _exchanged(address)
         wanted = link.read(other)
-        sent = link.talk.request(codec.dread(one))
+        sent = link.talk.request(codec.dread(address))
         spoilt = sent[:-4] + codec.u16(other) + sent[-2:]
         reply = link.talk.ask(spoilt).reply
         seen = None if reply is None else reply.values

@@ -312,14 +312,14 @@ def a_flag_of_the_machine_follows_the_machine(session: Session) -> None:
     names = ("MSC-FLG-03", "MSC-RFLAG-01", "MSC-RFLAG-02")
     shown = 0
     for number in MACHINE_FLAGS:
-        before = {one: unit.flag(one) for one in MACHINE_FLAGS}
+        before = {number: unit.flag(number) for number in MACHINE_FLAGS}
         with _worked(session, [number]) as done:
             if not done:
                 continue
             unit.target.wait(SETTLED_S)
-            seen = {one: unit.flag(one) for one in MACHINE_FLAGS}
+            seen = {number: unit.flag(number) for number in MACHINE_FLAGS}
             wanted = before | {number: True}
-            wrong = [one for one in MACHINE_FLAGS if seen[one] != wanted[one]]
+            wrong = [number for number in MACHINE_FLAGS if seen[number] != wanted[number]]
             session.expect(not wrong, names, f"flag {number} on, no other changed", wrong)
         unit.target.wait(SETTLED_S)
         session.expect(not unit.flag(number), names, f"flag {number} off again", "on")

@@ -195,7 +195,7 @@ def the_time_limit_is_for_the_whole_packet(session: Session) -> None:
     # In parts of T1: both end 1.2 behind their beginning; the first 0.8 behind its header.
     for places in (((0, 0, 1), (0.4, 1, 6), (0.8, 6, 14), (1.2, 14, 15)),
                    ((0, 0, 6), (0.6, 6, 14), (1.2, 14, 15))):  # fmt: skip
-        parts = [(at * link.packet_timeout_s, raw[one:end]) for at, one, end in places]
+        parts = [(at * link.packet_timeout_s, raw[start:end]) for at, start, end in places]
         heard, _ = send_in_parts(link, parts)
         if heard not in (ACK, NAK):
             session.fail("MSC-LNK-03", ["NAK", "ACK"], heard.hex(" ") or "nothing")

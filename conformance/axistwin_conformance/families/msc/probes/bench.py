@@ -364,6 +364,6 @@ def loading_access(bench: Bench) -> Outcome:
 
 
 def _read_or_refused(bench: Bench) -> Outcome:
-    address = next((one for one in bench.variables if one % SAFE_STRIDE == 0), 0)
+    address = next((address for address in bench.variables if address % SAFE_STRIDE == 0), 0)
     drawn, _ = _asked(bench, codec.dread(address))
     return {Drawn.REPLY: 0, Drawn.NAK: 1}.get(drawn, drawn.value)

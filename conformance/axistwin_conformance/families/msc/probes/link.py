@@ -297,7 +297,7 @@ def reply_block(bench: Bench) -> Outcome:
     if came == asked:
         return 1
     steps = {(after - before) & 0xFFFF for before, after in pairwise(came)}
-    return 2 if steps == {1} else " ".join(f"{one:04X}h" for one in came)
+    return 2 if steps == {1} else " ".join(f"{number:04X}h" for number in came)
 
 
 @probe()
@@ -376,10 +376,10 @@ def invalid_unit(bench: Bench) -> Outcome:
     if len(drawn) > 1:
         return " or ".join(sorted(drawn))
     # One that obeys does so without a word.  Where several refuse at once, that may be garbled.
-    one = drawn.pop()
-    if one is Drawn.SILENCE:
+    kind = drawn.pop()
+    if kind is Drawn.SILENCE:
         return 0, 2
-    return 1 if one in (Drawn.NAK, Drawn.OTHER) else one.value
+    return 1 if kind in (Drawn.NAK, Drawn.OTHER) else kind.value
 
 
 @probe()
@@ -387,7 +387,7 @@ def other_unit_framing(bench: Bench) -> Outcome:
     """A packet for a unit that is not there, with a whole RQSTAT for this one inside."""
     _only_where_units_are_told_apart(bench)
     taken = (bench.unit, *bench.session.neighbours)
-    absent = next(one for one in ABSENT if one not in taken)
+    absent = next(unit for unit in ABSENT if unit not in taken)
     inside = bench.talk.request(RQSTAT)
     transport = codec.packet(
         absent, RQSTAT + inside, checksum=NO_SUM

@@ -47,7 +47,7 @@ def data_address_stride_of_a_mark(bench: Bench) -> Outcome:
     address = block_of_variables(bench)
     other = address + SAFE_STRIDE
     before = bench.read_block(address)
-    mark = next(one for one in (MARK, OTHER, MARK ^ OTHER) if one not in before)
+    mark = next(value for value in (MARK, OTHER, MARK ^ OTHER) if value not in before)
     bench.write(other, mark)
     after = bench.read_block(address)
     if after.count(mark) != 1:

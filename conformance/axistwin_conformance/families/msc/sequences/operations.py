@@ -221,4 +221,6 @@ OPERATIONS: Final[tuple[Operation, ...]] = (
     Operation("cut a packet short", _cut_short, True),
     Operation("let the reply come again", _let_time_pass, True),
 )
-WHAT: Final = {one.name: number for number, one in reversed(list(enumerate(OPERATIONS)))}
+WHAT: Final = {
+    operation.name: number for number, operation in reversed(list(enumerate(OPERATIONS)))
+}

@@ -92,10 +92,10 @@ class Sequence(Steps):
     def story(self) -> list[str]:
         """What was sent, said and waited, in words."""
         return [
-            f"wait {one / 1e6:.0f} ms"
-            if isinstance(one, int)
-            else f"{codec.explain_request(one[0])} → {codec.explain(one[1]) or 'nothing'}"
-            for one in self._log
+            f"wait {step / 1e6:.0f} ms"
+            if isinstance(step, int)
+            else f"{codec.explain_request(step[0])} → {codec.explain(step[1]) or 'nothing'}"
+            for step in self._log
         ]
 
     @property
@@ -408,7 +408,7 @@ def _strides(bench: Bench) -> tuple[int, ...]:
     if known is not None:
         return (int(known),)
     detection = bench.session.run.detections.get("data_address_stride")
-    left = tuple(int(one) for one in detection.candidates) if detection else ()
+    left = tuple(int(stride) for stride in detection.candidates) if detection else ()
     return left or STRIDES
 
 
@@ -422,8 +422,14 @@ def places(bench: Bench) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, .
     beside = (at for at in _spread(list(window), 2 * FLAGS)
               if bench.may_write(at, codec.BLOCK_VALUES))  # fmt: skip
     blocks = tuple(dict.fromkeys((*cover, *beside)))
-    near = [one for at in blocks for one in (at, at + SAFE_STRIDE, at + SAFE_BLOCK - SAFE_STRIDE)]
-    spots = dict.fromkeys((*_spread(list(window), SPOTS), *(one for one in near if one in window)))
+    near = [
+        address
+        for at in blocks
+        for address in (at, at + SAFE_STRIDE, at + SAFE_BLOCK - SAFE_STRIDE)
+    ]
+    spots = dict.fromkeys(
+        (*_spread(list(window), SPOTS), *(address for address in near if address in window))
+    )
     return tuple(spots), blocks, cover
 
 
