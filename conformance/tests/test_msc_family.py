@@ -18,7 +18,7 @@ from axistwin_conformance.core.identity import ScratchArea
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK
-from axistwin_conformance.families.msc.driver import Bench
+from axistwin_conformance.families.msc.driver import MscDriver
 from axistwin_conformance.families.msc.family import FAMILY
 from axistwin_conformance.families.msc.snapshot import layout
 
@@ -141,9 +141,9 @@ def test_a_reply_nobody_has_acknowledged_is_ended_between_checks() -> None:
     """Or it would be taken for the next one."""
     port = MscPort()
     session = session_of(port)
-    Bench(session).ask(codec.RQSTAT, answer=None)
+    MscDriver(session).ask(codec.RQSTAT, answer=None)
     FAMILY.stop(session)
-    assert Bench(session).talk.listen(10.0) == b""
+    assert MscDriver(session).client.listen(10.0) == b""
     assert port.heard.endswith(ACK)
 
 
@@ -172,11 +172,11 @@ def test_what_was_written_is_put_back_and_nothing_else_is_touched(is_lossless: b
     run = session.run
     run.memory = FAMILY.remember(session)
     writing = Session(run, check_of("stored"))
-    bench = Bench(writing)
+    driver = MscDriver(writing)
     for body in (codec.dwrite(1396, 7), codec.dwrite(1028, 8), codec.sflag(131),
                  codec.cflag(129), codec.bwrite(1100, range(32))):  # fmt: skip
-        assert FAMILY.forbid(writing, bench.talk.request(body)) is None
-        bench.command(body)
+        assert FAMILY.forbid(writing, driver.client.request(body)) is None
+        driver.command(body)
     assert (port.data, port.flags) != before
     assert FAMILY.restore(session, run.memory) == ()
     assert (port.data, port.flags) == before
@@ -194,7 +194,7 @@ def test_what_cannot_be_put_back_is_told() -> None:
     writing = Session(run, check_of("stored"))
     for body in (codec.dwrite(1396, 7), codec.sflag(131)):
         assert FAMILY.forbid(writing, codec.packet(1, body)) is None
-        Bench(writing).command(body)
+        MscDriver(writing).command(body)
     assert str(run.memory) == "unit 1 at 1396: 0; unit 1 flag 131: off"  # for who gives up waiting
     served = port._served
     port._served = lambda one: b"" if one.name in codec.WRITES else served(one)  # type: ignore[method-assign]
@@ -247,7 +247,7 @@ def test_the_programs_flags_are_put_back_to_off_only() -> None:
     moving = Session(run, check_of("motion", needs=("program",)))
     for body in (codec.cflag(240), codec.sflag(241)):
         assert FAMILY.forbid(moving, codec.packet(1, body)) is None
-        Bench(moving).command(body)
+        MscDriver(moving).command(body)
     assert FAMILY.restore(session, run.memory) == ()
     assert port.flags == set()
 
@@ -302,7 +302,7 @@ def test_what_came_before_our_sign_is_what_is_blamed() -> None:
     port = MscPort()
     session = session_of(port)
     port.spoil = lambda data: codec.with_wrong_checksum(data) if len(data) > 1 else data
-    Bench(session).ask(codec.RQSTAT)
+    MscDriver(session).ask(codec.RQSTAT)
     request, came = session.last_exchange()
     assert (request, came) == (ACK, b"")
     breach = FAMILY.diagnose(session, request, came)

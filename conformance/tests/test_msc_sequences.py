@@ -27,11 +27,11 @@ from axistwin_conformance.families.msc.checks.sequences import (
     some_mixed_sequences_agree_with_the_model as some_sequences,
 )
 from axistwin_conformance.families.msc.codec import ACK, NAK
-from axistwin_conformance.families.msc.driver import Bench
+from axistwin_conformance.families.msc.driver import MscDriver
 from axistwin_conformance.families.msc.family import FAMILY
-from axistwin_conformance.families.msc.sequences.machine import Judged, UnitMachine
+from axistwin_conformance.families.msc.sequences.machine import ModelledUnit, UnitMachine
 from axistwin_conformance.families.msc.sequences.operations import OPERATIONS, WHAT
-from axistwin_conformance.families.msc.sequences.runner import Player, player_of
+from axistwin_conformance.families.msc.sequences.runner import MscRunner, runner_of
 from axistwin_conformance.families.msc.sequences.sequence import places
 from axistwin_conformance.sequences import machine
 from axistwin_conformance.sequences.runner import Mismatch
@@ -67,9 +67,9 @@ class Case:
             return
 
     @property
-    def player(self) -> Player:
+    def player(self) -> MscRunner:
         """Somebody who plays on it."""
-        return player_of(self.session)
+        return runner_of(self.session)
 
     @property
     def failed(self) -> dict[str, str]:
@@ -116,7 +116,7 @@ def test_the_machine_does_every_operation() -> None:
     player, missing = Case(MscPort(), some_runs).player, {one.name for one in OPERATIONS}
     for number in range(8):  # what one seed draws depends on the modules that are loaded
         begun, failing = machine.search(
-            player.begin, Judged, 20, 60, random.Random(number), UnitMachine
+            player.begin, ModelledUnit, 20, 60, random.Random(number), UnitMachine
         )
         assert failing is None
         missing -= {name for run in begun for _, name in run.operated}
@@ -142,8 +142,8 @@ def test_what_is_written_is_put_back() -> None:
 def test_places_lie_inside_what_is_named(named: range) -> None:
     """However little that is, and wherever it begins."""
     scratch = ScratchArea(named, range(130, 131))
-    bench = Bench(session_on(MscPort(), many_sequences, scratch=scratch))
-    spots, blocks, cover = places(bench)
+    driver = MscDriver(session_on(MscPort(), many_sequences, scratch=scratch))
+    spots, blocks, cover = places(driver)
     assert all(one in named and one % 4 == 0 for one in (*spots, *blocks))
     assert all(one + 31 * 4 in named for one in blocks)
     assert set(cover) <= set(blocks)

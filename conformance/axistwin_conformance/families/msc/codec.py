@@ -185,13 +185,13 @@ class Packet:
     def flaws(self) -> tuple[str, ...]:
         """What is wrong with it as a packet, whatever its body means."""
         right = checksum(self.raw[1:-CHECKSUM_BYTES])
-        told = {
+        flaws = {
             f"unit {self.unit}": self.unit not in UNITS,
             f"length {self.length} over {len(self.body)} bytes": self.length != len(self.body),
             f"a body of {len(self.body)} bytes": len(self.body) > MAX_BODY,
             f"checksum {self.checksum:04X}, should be {right:04X}": self.checksum != right,
         }
-        return tuple(text for text, is_wrong in told.items() if is_wrong)
+        return tuple(text for text, is_wrong in flaws.items() if is_wrong)
 
     @property
     def is_sound(self) -> bool:
@@ -253,8 +253,8 @@ _SIGNS: Final = {ACK: "ACK", NAK: "NAK"}
 def explain_packet(packet: Packet) -> str:
     """A packet in words: ``1: DREAD, 1234``."""
     words = f"{packet.unit}: {packet.name if packet.name.isprintable() else packet.body.hex(' ')}"
-    if told := _values(packet):
-        words += f", {told}"
+    if text := _values(packet):
+        words += f", {text}"
     if packet.block:
         words += f", block {packet.block:04X}h"
     return "; ".join((words, *packet.flaws))

@@ -22,15 +22,13 @@ from functools import lru_cache
 from typing import Final
 from weakref import WeakKeyDictionary
 
-from axistwin_conformance.core.identity import PROGRAM_FLAGS
-from axistwin_conformance.core.session import Run, Session
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK, STX
+from axistwin_conformance.families.msc.scratch import may_set, may_write
 from axistwin_conformance.transport.transport import is_twin_url
 
 TAIL_BYTES: Final = 2 * codec.MAX_PACKET  # of what was sent in pieces
-PROGRAM_BLOCK: Final = range(128, 256)  # its block, counted from its first variable
-SAFE_STRIDE: Final = 4  # the longest distance of neighbours in any reading (MSC-AMB-18)
 MOST_FLAGS: Final = len(codec.FLAGS)
 
 _WRITE: Final = re.compile(rb"(BWRITE|DWRITE|CFLAG|SFLAG),?+(?=(..))", re.DOTALL | re.IGNORECASE)
@@ -96,36 +94,6 @@ def is_harmless(data: bytes) -> bool:
     return not writings(data) and not packets(data)
 
 
-# --- what the operator has named ------------------------------------------------------------------
-
-
-def may_write(run: Run, address: int, values: int = 1, *, has_program: bool = False) -> bool:
-    """True if so many values from an address on are the suite's to write, whatever the stride is
-    as long as it is not known.
-
-    `has_program`: so is the bench program's block.
-    """
-    stride = int(run.readings.get("data_address_stride", SAFE_STRIDE))
-    extent = (values - 1) * stride
-    scratch = [run.variables]
-    if has_program and run.bench_program is not None:
-        scratch.append(range(*(run.bench_program[1] + at for at in _ends(PROGRAM_BLOCK))))
-    return any(address in span and address + extent in span for span in scratch)
-
-
-def _ends(span: range) -> tuple[int, int]:
-    return span.start, span.stop
-
-
-def may_set(run: Run, flag: int, *, has_program: bool = False) -> bool:
-    """True if a flag is the suite's to set and clear.  `has_program`: so are the program's."""
-    if has_program and run.bench_program is not None:
-        first = run.bench_program[0]
-        if flag in range(first, first + PROGRAM_FLAGS):
-            return True
-    return flag in run.flags
-
-
 # --- the guard ------------------------------------------------------------------------------------
 
 _tails: WeakKeyDictionary[Session, bytes] = WeakKeyDictionary()
@@ -176,15 +144,14 @@ def _announced(data: bytes) -> int:
 def _unwritable(session: Session, writing: Writing) -> str | None:
     """Why a write is refused (rule 1)."""
     assert session.check is not None, "hooks of the family write what they have read"
-    safety, has_program = session.check.safety, "program" in session.check.needs
-    if not {"stored", "motion", "rig"} & set(safety):
+    if not {"stored", "motion", "rig"} & set(session.check.safety):
         return f"{writing.name} is stored, which this check does not declare"
     if writing.is_of_flag:
-        if may_set(session.run, writing.number, has_program=has_program):
+        if may_set(session, writing.number):
             return None
         return f"{writing.name} {writing.number}: not a flag named by --flags"
     values = codec.BLOCK_VALUES if writing.name == "BWRITE" else 1
-    if may_write(session.run, writing.number, values, has_program=has_program):
+    if may_write(session, writing.number, values):
         return None
     return f"{writing.name} {writing.number}: not inside the addresses named by --variables"
 

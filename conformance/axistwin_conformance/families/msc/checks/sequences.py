@@ -7,7 +7,7 @@ from typing import Final
 from axistwin_conformance.base.check import Check, check
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.msc.sequences.runner import player_of
+from axistwin_conformance.families.msc.sequences.runner import runner_of
 from axistwin_conformance.families.msc.sequences.sequence import JUDGED
 from axistwin_conformance.sequences.generated import Amount, play_drawn, replaying
 
@@ -21,15 +21,15 @@ NEEDS: Final = ("variables", "flags")
 @check(*JUDGED, safety="stored", needs=(*NEEDS, "virtual"))
 def some_mixed_sequences_agree_with_the_model(session: Session) -> None:
     """Everything that comes of a few random sequences is what the model admits."""
-    play_drawn(session, "quick", player_of, FREE, REAL)
+    play_drawn(session, "quick", runner_of, FREE, REAL)
 
 
 @check(*JUDGED, safety="stored", needs=NEEDS, level="full", soaks=True)
 def many_mixed_sequences_agree_with_the_model(session: Session) -> None:
     """Everything that comes of many random sequences is what the model admits."""
-    play_drawn(session, "full", player_of, FREE, REAL)
+    play_drawn(session, "full", runner_of, FREE, REAL)
 
 
 def replay_check(recording: Recording) -> Check:
     """The check that plays recorded operations."""
-    return replaying(recording, many_mixed_sequences_agree_with_the_model, player_of)
+    return replaying(recording, many_mixed_sequences_agree_with_the_model, runner_of)
