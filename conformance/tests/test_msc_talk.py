@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from msc_device import BYTE_NS, REPEATS, RESPONSE_NS, MscPort, check_of, session_on, target_of
+from msc_twin import BYTE_NS, REPEATS, RESPONSE_NS, TwinPort, check_of, session_on, target_of
 
 from axistwin_conformance.base.errors import AttemptVoid
 from axistwin_conformance.core.session import Stop
@@ -12,12 +12,12 @@ from axistwin_conformance.families.msc.codec import ACK, NAK
 from axistwin_conformance.families.msc.driver import MscDriver
 
 
-def driver_on(port: MscPort) -> MscDriver:
+def driver_on(port: TwinPort) -> MscDriver:
     """Hands on a unit in virtual time."""
     return MscDriver(session_on(port, check_of("stored")))
 
 
-def spoilt_once(port: MscPort, spoils: bytes | None = None) -> None:
+def spoilt_once(port: TwinPort, spoils: bytes | None = None) -> None:
     """Spoil the next thing the unit says: its last byte turned, or these bytes in its place."""
     left = [True]
 
@@ -32,7 +32,7 @@ def spoilt_once(port: MscPort, spoils: bytes | None = None) -> None:
 
 def test_the_typed_hands_read_what_was_written() -> None:
     """Values, blocks, flags and the status, each by its own command."""
-    port = MscPort()
+    port = TwinPort()
     driver = driver_on(port)
     driver.write(2008, -1234)
     assert driver.read(2008) == -1234
@@ -48,18 +48,18 @@ def test_the_typed_hands_read_what_was_written() -> None:
 
 def test_an_exchange_tells_when_its_parts_came() -> None:
     """The sign after the request and the response time, the reply after that."""
-    port = MscPort()
+    port = TwinPort()
     exchange = driver_on(port).ask(codec.RQSTAT)
     signed_ns = exchange.asked_ns + (len(exchange.request) + 1) * BYTE_NS + RESPONSE_NS
     assert abs(exchange.signed_ns - signed_ns) < BYTE_NS
     assert exchange.reply is not None
     assert exchange.replied_ns > exchange.signed_ns + len(exchange.reply.raw) * BYTE_NS
-    assert port.heard.endswith(ACK)
+    assert port.received.endswith(ACK)
 
 
 def test_a_reply_that_is_not_acknowledged_comes_again_and_settling_ends_that() -> None:
     """Kept back, our ACK is missed; what comes then is acknowledged and thrown away."""
-    port = MscPort()
+    port = TwinPort()
     driver = driver_on(port)
     exchange = driver.ask(codec.RQSTAT, answer=None)
     assert exchange.reply is not None
@@ -70,7 +70,7 @@ def test_a_reply_that_is_not_acknowledged_comes_again_and_settling_ends_that() -
 
 def test_a_refused_reply_comes_again_as_often_as_it_may() -> None:
     """NAK by NAK, with no ACK before any of them, then never again."""
-    port = MscPort()
+    port = TwinPort()
     driver = driver_on(port)
     first = driver.ask(codec.dread(0), answer=NAK).reply
     for _ in range(REPEATS - 1):
@@ -84,7 +84,7 @@ def test_a_refused_reply_comes_again_as_often_as_it_may() -> None:
 
 def test_the_late_nak_of_a_packet_cut_short_is_settled_away() -> None:
     """Nothing of it is left when the next packet is asked."""
-    driver = driver_on(MscPort())
+    driver = driver_on(TwinPort())
     driver.client.send(driver.client.request(codec.RQSTAT)[:9])
     assert driver.client.wait_until_quiet() == NAK
     assert driver.status() == 65
@@ -92,7 +92,7 @@ def test_the_late_nak_of_a_packet_cut_short_is_settled_away() -> None:
 
 def test_a_packet_with_a_wrong_checksum_is_asked_once() -> None:
     """Its NAK is the answer; on a line that may lose bytes as well."""
-    port = MscPort()
+    port = TwinPort()
     session = session_on(port, check_of(), target=target_of(port, is_lossless=False))
     driver = MscDriver(session)
     exchange = driver.client.ask(codec.with_wrong_checksum(driver.client.request(codec.RQSTAT)))
@@ -103,7 +103,7 @@ def test_a_packet_with_a_wrong_checksum_is_asked_once() -> None:
 @pytest.mark.parametrize("spoils", [None, b"", b"\x06\x06\x06", b"\x15"], ids=repr)
 def test_a_read_that_noise_has_spoilt_is_asked_again(spoils: bytes | None) -> None:
     """The right answer in the end, and one retry told."""
-    port = MscPort()
+    port = TwinPort()
     port.data[0] = 77
     session = session_on(port, check_of(), target=target_of(port, is_lossless=False))
     spoilt_once(port, spoils)
@@ -113,22 +113,22 @@ def test_a_read_that_noise_has_spoilt_is_asked_again(spoils: bytes | None) -> No
 
 def test_a_value_is_written_again_but_a_flag_is_not_set_again() -> None:
     """A second SFLAG would be a second cycle of the machine: the attempt is void."""
-    port = MscPort()
+    port = TwinPort()
     session = session_on(port, check_of("stored"), target=target_of(port, is_lossless=False))
     driver = MscDriver(session)
     spoilt_once(port, b"")
     driver.write(2008, 5)
     assert port.data[2008] == 5
     spoilt_once(port, b"")
-    before = port.heard
+    before = port.received
     with pytest.raises(AttemptVoid):
         driver.set_flag(150)
-    assert port.heard.removeprefix(before).count(b"SFLAG") == 1
+    assert port.received.removeprefix(before).count(b"SFLAG") == 1
 
 
 def test_a_repeat_that_noise_has_broken_voids_the_attempt_or_is_compared_by() -> None:
     """It cannot be asked for again; handed on strictly, its bytes tell noise from the unit."""
-    port = MscPort()
+    port = TwinPort()
     session = session_on(port, check_of(), target=target_of(port, is_lossless=False))
     driver = MscDriver(session)
     assert driver.ask(codec.RQSTAT, answer=None).reply is not None
@@ -148,7 +148,7 @@ def test_a_repeat_that_noise_has_broken_voids_the_attempt_or_is_compared_by() ->
 
 def test_without_noise_a_wrong_reply_is_handed_on() -> None:
     """In virtual time it is the unit's own, at once."""
-    port = MscPort()
+    port = TwinPort()
     spoilt_once(port, b"\x07")
     driver = driver_on(port)
     exchange = driver.ask(codec.RQSTAT)
@@ -157,14 +157,14 @@ def test_without_noise_a_wrong_reply_is_handed_on() -> None:
 
 def test_the_typed_hands_go_on_only_with_a_sound_reply() -> None:
     """A NAK where a value was asked for leaves unmet what the check names."""
-    driver = driver_on(MscPort())
+    driver = driver_on(TwinPort())
     with pytest.raises(Stop):
         driver.read(0xFFFC)
 
 
 def test_measured_time_outs_shorten_the_settling() -> None:
     """Not known, all repeats are allowed for; known, the longer one and a margin."""
-    driver = driver_on(MscPort())
+    driver = driver_on(TwinPort())
     assert driver.client.quiet_limit_s == pytest.approx(1.0 + 6 * 1.15)
     driver.session.run.readings.update(packet_timeout_ms="300", ack_timeout_ms="700")
     assert driver.client.quiet_limit_s == pytest.approx(0.9)
@@ -174,7 +174,7 @@ def test_a_unit_that_has_said_nothing_is_waited_for_no_longer_than_a_packet_that
     None
 ):
     """No reply of its can come again, so that a port where nobody is does not take minutes."""
-    driver = driver_on(MscPort())
+    driver = driver_on(TwinPort())
     exchange = driver.client.ask(codec.packet(5, codec.RQSTAT))
     assert exchange.is_silence
     before_ns = driver.target.now_ns
@@ -184,7 +184,7 @@ def test_a_unit_that_has_said_nothing_is_waited_for_no_longer_than_a_packet_that
 
 def test_an_empty_packet_after_a_write_is_acknowledged_where_it_is_known() -> None:
     """Left unanswered it would come again and be taken for the next reply."""
-    port = MscPort()
+    port = TwinPort()
     driver = driver_on(port)
     driver.session.run.readings["write_reply"] = "empty_packet"
     empty = codec.packet(1, codec.body("DWRITE"))
@@ -192,12 +192,12 @@ def test_an_empty_packet_after_a_write_is_acknowledged_where_it_is_known() -> No
     exchange = driver.write(2008, 1)
     assert exchange.reply is not None
     assert exchange.reply.raw == empty
-    assert port.heard.endswith(ACK)
+    assert port.received.endswith(ACK)
 
 
 def test_a_model_without_rflags_has_no_flags_to_tell_at_once() -> None:
     """The hands know, and ask nothing."""
-    port = MscPort(has_rflags=False)
+    port = TwinPort(has_rflags=False)
     driver = driver_on(port)
     assert driver.flags() is None
-    assert port.heard == b""
+    assert port.received == b""
