@@ -462,7 +462,7 @@ class Forgetful(MscPort):
 
 def around(check: Check, port: MscPort) -> dict[str, Any]:
     """What a run needs for a check beside the port."""
-    how: dict[str, Any] = {"grounds": GROUNDS}
+    how: dict[str, Any] = {"scratch": GROUNDS}
     if "neighbour" in check.needs:
         how["neighbours"] = (2, 3)
     if any(need in check.needs for need in ("rig:power", "rig:flag")):

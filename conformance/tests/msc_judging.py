@@ -15,7 +15,7 @@ from axistwin_conformance.core.session import Stop
 from axistwin_conformance.families.msc.family import FAMILY
 
 LINK_MODULES = tuple(
-    f"axistwin_conformance.msc.checks_{name}"
+    f"axistwin_conformance.families.msc.checks.{name}"
     for name in ("packets", "link", "time", "line", "wire", "random", "golden")
 )
 

@@ -343,5 +343,5 @@ def test_writes_that_are_wrong_on_purpose_reach_no_real_controller() -> None:
 
 def test_every_check_for_a_bench_has_a_fault_here() -> None:
     """No check of that module goes without one that it finds."""
-    names = {one.name for one in FAMILY.checks() if one.module.endswith("checks_bench")}
+    names = {one.name for one in FAMILY.checks() if one.module.endswith("checks.bench")}
     assert names == {name for name, _, _ in FAULTS}

@@ -18,7 +18,7 @@ from axistwin_conformance.families.msc.codec import Packet
 from axistwin_conformance.families.msc.family import FAMILY
 
 MODULES = tuple(
-    f"axistwin_conformance.msc.checks_{name}"
+    f"axistwin_conformance.families.msc.checks.{name}"
     for name in ("commands", "data", "flags", "status", "program", "bench", "rig")
 )
 CHECKS = [one for one in FAMILY.checks() if one.module in MODULES]

@@ -18,7 +18,7 @@ from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.family import FAMILY
-from axistwin_conformance.families.msc.flag_check import try_flags
+from axistwin_conformance.families.msc.preflight.flag_check import try_flags
 
 PORT = "axistwin://msc-250?time=virtual"
 INPUTS = "0-7"

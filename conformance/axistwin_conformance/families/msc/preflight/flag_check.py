@@ -15,8 +15,9 @@ from typing import Final
 
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
-from axistwin_conformance.families.msc.driver import Bench
+from axistwin_conformance.families.msc.driver import MscDriver
 from axistwin_conformance.families.msc.safety import MOST_FLAGS, Writing
+from axistwin_conformance.families.msc.scratch import known_scratch, scratch_of
 
 ROUNDS: Final = 4  # of on and off in which a flag may follow
 FEW_ROUNDS: Final = 2  # are enough of one that follows each time
@@ -30,18 +31,17 @@ MOST_NAMED: Final = 8  # flags in a sentence
 def try_flags(session: Session) -> str:
     """Why no check can be judged by the flags named; empty: they follow what is written, or the
     unit is what keeps them from it.  What it touches is put back by `restore`."""
-    run = session.run
-    own = run.family.scratch
-    if session.target.is_builtin and own is not None and run.flags == own.flags:
+    flags = scratch_of(session).flags
+    if session.target.is_builtin and flags == known_scratch(session).flags:
         return ""  # of which it is known that nothing drives them
-    trial = _Trial(session)
-    driven = trial.driven(list(run.flags))
+    trial = _FlagCheck(session)
+    driven = trial.driven(list(flags))
     if not driven or trial.goes_elsewhere(driven[0]):
         return ""
     follow, them = ("does", "it") if len(driven) == 1 else ("do", "them")
     return (
         f"{_listed(driven)} {follow} not follow SFLAG and CFLAG"
-        f" (--flags {run.flags[0]}-{run.flags[-1]}): the machine or a program drives {them}, or the"
+        f" (--flags {flags[0]}-{flags[-1]}): the machine or a program drives {them}, or the"
         " unit loses what is written; name only flags that nothing else drives"
     )
 
@@ -53,12 +53,12 @@ def _listed(numbers: list[int]) -> str:
     return f"flags {', '.join(map(str, numbers[:MOST_NAMED]))}{more}"
 
 
-class _Trial:
+class _FlagCheck:
     """Turns flags and looks at what becomes of them."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._bench = Bench(session)
+        self._driver = MscDriver(session)
 
     def driven(self, numbers: list[int]) -> list[int]:
         """Those of the flags that are the same after SFLAG and after CFLAG, time after time."""
@@ -76,11 +76,15 @@ class _Trial:
                     counted[number] += 1
                     followed[number] += number in on and number not in off
             left = [
-                one
-                for one in left
-                if counted[one] < ROUNDS and followed[one] < max(FEW_ROUNDS, counted[one])
+                number
+                for number in left
+                if counted[number] < ROUNDS and followed[number] < max(FEW_ROUNDS, counted[number])
             ]
-        return [one for one in numbers if counted[one] == ROUNDS and followed[one] <= MOST_FOLLOWED]
+        return [
+            number
+            for number in numbers
+            if counted[number] == ROUNDS and followed[number] <= MOST_FOLLOWED
+        ]
 
     def goes_elsewhere(self, number: int) -> bool:
         """True if another flag goes on and off with what is written to this one."""
@@ -90,22 +94,25 @@ class _Trial:
         for on in (True, False, *orders):
             signs, states = self._turned([number], on=on, looked_at=along)
             if signs[number] == codec.ACK:
-                along = {one for one in along if (one in states) == on}
+                along = {number for number in along if (number in states) == on}
                 taken += 1
         return bool(along) and taken > SWITCHINGS // 2
 
     def _near(self, number: int) -> Iterable[int]:
         """Where a write may go astray: anywhere, as far as that can be seen at once."""
-        if self._bench.has_rflags:
+        if self._driver.has_rflags:
             return range(MOST_FLAGS)
         near = {number - 1, number + 1, *(number ^ 1 << bit for bit in range(8))}
-        return {*(one for one in near if one in range(MOST_FLAGS)), *self._session.run.flags}
+        return {
+            *(number for number in near if number in range(MOST_FLAGS)),
+            *scratch_of(self._session).flags,
+        }
 
     def _turned(
         self, numbers: list[int], *, on: bool, looked_at: Iterable[int] | None = None
     ) -> tuple[dict[int, bytes], frozenset[int]]:
         """Turn flags: what came of each, and which of them are on a scan later."""
-        bench, memory = self._bench, self._session.run.memory
+        bench, memory = self._driver, self._session.run.memory
         name, command = ("SFLAG", codec.sflag) if on else ("CFLAG", codec.cflag)
         signs = {}
         for number in numbers:
@@ -116,4 +123,4 @@ class _Trial:
         if states is not None:
             return signs, codec.flags_on(states)
         wanted = numbers if looked_at is None else looked_at
-        return signs, frozenset(one for one in wanted if bench.flag(one))
+        return signs, frozenset(number for number in wanted if bench.flag(number))

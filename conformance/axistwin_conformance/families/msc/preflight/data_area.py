@@ -1,4 +1,4 @@
-"""Whether the unit has what the operator has named: found out before anything is judged by it.
+"""Whether the unit has the addresses that the operator has named.
 
 How large the data area is, nobody has written (§5.2); it is in the listing of the macroprogram.  An
 address outside of it draws NAK, as one would that a faulty unit refuses.  What tells them apart is
@@ -13,55 +13,63 @@ from collections.abc import Sequence
 from typing import Final
 
 from axistwin_conformance.base.errors import UsageError
-from axistwin_conformance.core.identity import NO_SCRATCH
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
-from axistwin_conformance.families.msc.driver import SAFE_BLOCK, SAFE_STRIDE, Bench
+from axistwin_conformance.families.msc.driver import MscDriver
+from axistwin_conformance.families.msc.scratch import (
+    SAFE_BLOCK,
+    SAFE_STRIDE,
+    known_scratch,
+    scratch_of,
+)
 
 SAMPLES: Final = 16  # addresses from the first to the last that are looked at
 RUNNING, LOADING = 1, 1 << 10  # of the status word (MSC-AMB-32)
 REMEDY: Final = "name addresses that the data table of its macroprogram's listing gives"
 
 
-def survey(session: Session) -> None:
+def check_spans(session: Session) -> None:
     """Read the ends of what has been named; raises UsageError for what this unit has not.
 
     What the built-in twin has of its own is known, and whatever it refuses there is its fault.
     """
-    own = session.run.family.scratch if session.target.is_builtin else None
-    scratch, own = session.run.scratch, own or NO_SCRATCH
+    scratch, own = scratch_of(session), known_scratch(session)
     spans = [("variables", scratch.variables, scratch.variables == own.variables)]
     spans.append(("bench-program", scratch.of_program[0], scratch.program == own.program))
     for name, span, is_known in spans:
-        places = [one for one in span if one % SAFE_STRIDE == 0]
+        places = [place for place in span if place % SAFE_STRIDE == 0]
         if not places or is_known:
             continue
-        if found := _Look(Bench(session), span, places).at_the_ends():
+        if found := _DataAreaLook(MscDriver(session), span, places).at_the_ends():
             raise UsageError(f"--{name} {scratch.named[name]}: {found}")
 
 
-class _Look:
+class _DataAreaLook:
     """A look at the addresses of one span."""
 
-    def __init__(self, bench: Bench, span: range, places: Sequence[int]) -> None:
-        self._bench, self._span, self._places = bench, span, places
+    def __init__(self, driver: MscDriver, span: range, places: Sequence[int]) -> None:
+        self._driver, self._span, self._places = driver, span, places
         self._known: dict[int, bool] = {}  # address → whether it is refused
 
     def at_the_ends(self) -> str:
         """What of the span lies outside the data area, and what to do; empty: nothing does."""
         places = self._places
-        refused = [one for one in dict.fromkeys((places[0], places[-1])) if self._is_refused(one)]
+        refused = [
+            place for place in dict.fromkeys((places[0], places[-1])) if self._is_refused(place)
+        ]
         if not refused:
             return ""
         looked = sorted({*places[:: -(-len(places) // SAMPLES)], places[-1]})
-        served = [one for one in looked if not self._is_refused(one)]
+        served = [place for place in looked if not self._is_refused(place)]
         if not served:
             return "" if self._serves_a_block() else self._all_refused()
-        if any(self._is_refused(one) for one in looked if served[0] < one < served[-1]):
+        if any(self._is_refused(place) for place in looked if served[0] < place < served[-1]):
             return ""
-        low = self._edge(served[0], max((one for one in looked if one < served[0]), default=None))
+        low = self._edge(
+            served[0], max((place for place in looked if place < served[0]), default=None)
+        )
         high = self._edge(
-            served[-1], min((one for one in looked if one > served[-1]), default=None)
+            served[-1], min((place for place in looked if place > served[-1]), default=None)
         )
         there = f"{max(low, self._span.start)}-{min(high + SAFE_STRIDE, self._span.stop) - 1}"
         return (
@@ -72,7 +80,7 @@ class _Look:
     def _all_refused(self) -> str:
         first, last = self._places[0], self._places[-1]
         what = f"{first}" if first == last else f"{first}, {last} and what was tried between"
-        identity = self._bench.session.run.identity
+        identity = self._driver.session.run.identity
         status = identity.values["status"] if identity else ""
         if status.isdecimal() and int(status) & (LOADING | RUNNING) != RUNNING:
             return (
@@ -105,7 +113,7 @@ class _Look:
 
     def _draws_nak(self, body: bytes) -> bool:
         """True for NAK, time after time where noise is possible; all else is for the checks."""
-        return self._bench.ask(body).is_naked
+        return self._driver.ask(body).is_naked
 
 
 def _listed(places: Sequence[int]) -> str:

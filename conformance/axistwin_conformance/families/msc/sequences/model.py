@@ -86,41 +86,45 @@ class UnitModel:
     def read(self, address: int, value: int) -> tuple[str, Surprise | None]:
         """DREAD returned a value; give whom that speaks about (nobody, if anything could have
         come), and what is wrong with it."""
-        admissible, told = self.admissible(address), self._told(address, is_block=False)
+        admissible, text = self.admissible(address), self._requirement_of(address, is_block=False)
         if admissible is not None and value not in admissible:
-            expected = " or ".join(str(one) for one in sorted(admissible))
-            return told, Surprise(told, f"{expected} at {address}", str(value))
+            expected = " or ".join(str(other) for other in sorted(admissible))
+            return text, Surprise(text, f"{expected} at {address}", str(value))
         self._keep(
-            [one for one, memory in self.memories.items() if self._agrees(memory, address, value)]
+            [
+                stride
+                for stride, memory in self.memories.items()
+                if self._agrees(memory, address, value)
+            ]
         )
         for memory in self.memories.values():
             memory[address] = Cell(value, self.writes, is_read=True)
-        return told if admissible is not None and len(admissible) == 1 else "", None
+        return text if admissible is not None and len(admissible) == 1 else "", None
 
     def read_block(self, address: int, values: Sequence[int]) -> tuple[str, Surprise | None]:
         """BREAD returned its values; as `read`."""
-        told, wrong = "", None
+        text, wrong = "", None
         fitting = []
         for stride, memory in self.memories.items():
             places = [address + number * stride for number in range(BLOCK_VALUES)]
-            off = [at for at, one in zip(places, values, strict=True)
-                   if not self._agrees(memory, at, one)]  # fmt: skip
+            off = [at for at, value in zip(places, values, strict=True)
+                   if not self._agrees(memory, at, value)]  # fmt: skip
             if not off:
                 fitting.append(stride)
             elif wrong is None:
                 at, number = off[0], places.index(off[0])
-                blamed = self._told(at, is_block=True, stride=stride)
+                blamed = self._requirement_of(at, is_block=True, stride=stride)
                 came = f"{values[number]} in place {number + 1} of the block at {address}"
                 wrong = Surprise(blamed, f"{memory[at].value} at {at}", came)
             if any(at in memory for at in places):
-                told = DICTIONARY
+                text = DICTIONARY
         if not fitting and wrong is not None:
             return wrong.requirement, wrong
         self._keep(fitting)
         for stride, memory in self.memories.items():
             for number, value in enumerate(values):
                 memory[address + number * stride] = Cell(value, self.writes, is_read=True)
-        return told, None
+        return text, None
 
     @staticmethod
     def _agrees(memory: dict[int, Cell], address: int, value: int) -> bool:
@@ -129,7 +133,7 @@ class UnitModel:
     def _keep(self, strides: Iterable[int]) -> None:
         self.memories = {stride: self.memories[stride] for stride in strides}
 
-    def _told(self, address: int, *, is_block: bool, stride: int | None = None) -> str:
+    def _requirement_of(self, address: int, *, is_block: bool, stride: int | None = None) -> str:
         """Whom the value at an address speaks about."""
         memory = self.memories[next(iter(self.memories)) if stride is None else stride]
         cell = memory.get(address)
@@ -153,10 +157,10 @@ class UnitModel:
         if known is None:
             return "", None
         was, writes = known
-        told = STILLNESS if writes == self.writes else FLAG_SET
+        text = STILLNESS if writes == self.writes else FLAG_SET
         if was is on:
-            return told, None
-        return told, Surprise(told, f"flag {number} {_state(was)}", _state(on))
+            return text, None
+        return text, Surprise(text, f"flag {number} {_state(was)}", _state(on))
 
 
 def _state(on: bool) -> str:
