@@ -1,4 +1,4 @@
-"""Writes docs/reference and the protocol page from the code; ``--check`` only compares."""
+"""Writes docs/reference from the code; ``--check`` only compares."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def requirements_of(name: str, head: str) -> str:
 
 
 PAGES = {
-    "msc-protocol.md": reference_msc.page,
+    "reference/msc-protocol.md": reference_msc.page,
     "reference/commands.md": commands,
     "reference/mac-can-quirks.md": can_quirks,
     "reference/mac-can-requirements.md": can_requirements,

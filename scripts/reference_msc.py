@@ -48,8 +48,8 @@ HEAD: Final = """\
 
 What goes over the executive port of an MSC controller, for those who write a host: the tables are
 those of the twin, the transcripts are what it says in virtual time, byte for byte. Requirements are
-[listed apart](reference/msc-requirements.md), and so are the
-[switches](reference/msc-quirks.md) for what the manual leaves open; this page shows their defaults.
+[listed apart](msc-requirements.md), and so are the
+[switches](msc-quirks.md) for what the manual leaves open; this page shows their defaults.
 
 The controller is passive. A host asks, with one packet; the controller answers the packet with one
 bare character, ACK or NAK. What writes gets nothing else. What reads gets a packet of the same form
