@@ -7,6 +7,7 @@ A fault is planted by an override: of `spoil` or `served` here, or of a part of 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Final
 
 import serial
@@ -33,28 +34,40 @@ Served = Callable[[codec.Packet], bytes | None]
 class TwinPort(PortInFront):
     """A pyserial port with one twin behind it.
 
-    `quirks`: the readings it follows.  `spoil`: what becomes of each thing the unit sends.
+    `others`: the units that share its line.  `program`: the bench program runs.  `quirks`: the
+    readings it follows.  `spoil`: what becomes of each thing the unit sends.
     `served`: what is behind the comma of a reply; empty: there is none; None: refused.  `received`:
     everything the host has sent.
     """
 
-    def __init__(self, unit: int = 1, *, has_rflags: bool = True, **quirks: object) -> None:
+    def __init__(
+        self,
+        unit: int = 1,
+        *,
+        has_rflags: bool = True,
+        others: tuple[int, ...] = (),
+        program: bool = False,
+        **quirks: object,
+    ) -> None:
         if TWIN_HANDLER not in serial.protocol_handler_packages:
             serial.protocol_handler_packages.append(TWIN_HANDLER)
-        self.unit, self.has_rflags = unit, has_rflags
+        self.unit, self.others, self.has_rflags = unit, others, has_rflags
         words = "".join(f"&quirk.{name}={value}" for name, value in quirks.items())
         model = "msc-250" if has_rflags else "msc-850"
-        url = f"axistwin://{model}:{unit}?time=virtual{words}"
+        devices = ",".join(f"{model}:{number}" for number in (unit, *others))
+        url = f"axistwin://{devices}?time=virtual{words}{'&program=bench' * program}"
         super().__init__(serial.serial_for_url(url, baudrate=9600))
         self.received = b""
         self.spoil: Spoil = lambda data: data
-        self.served: Served = self._serve
         self.device: Any = self.twins[0]._device
         self.receiver, self.commands = self.device._receiver, self.device._commands
-        self._send, self.receiver._send = self.receiver._send, self._send_spoilt
-        self.receiver._examine = self._examine
+        for each in self.twins:
+            receiver = each._device._receiver
+            receiver._send = partial(self._send_spoilt, receiver._send)
+        self._served: Served = self._serve
         self._now = 0
-        self.status = RUNNING_BY_ITSELF
+        if not program:
+            self.status = RUNNING_BY_ITSELF
 
     @property
     def in_waiting(self) -> int:
@@ -108,25 +121,34 @@ class TwinPort(PortInFront):
 
     # --- where faults are planted -----------------------------------------------------------------
 
-    def _send_spoilt(self, start_ns: int, data: bytes) -> int:
-        return int(self._send(start_ns, self.spoil(data)))
+    @property
+    def served(self) -> Served:
+        """See above."""
+        return self._served
+
+    @served.setter
+    def served(self, served: Served) -> None:
+        self._served, self.receiver._examine = served, self._examine
+
+    def _send_spoilt(self, send: Callable[[int, bytes], int], start_ns: int, data: bytes) -> int:
+        return send(start_ns, self.spoil(data))
 
     def _examine(self, now: int, body: bytes) -> Any:
-        if self.served == self._serve:
-            return self.commands.examine(now, body)
         self._now = now
         request = codec.parse(codec.packet(self.unit, body))
         assert request is not None
-        served = self.served(request) if request.is_request else None
-        return self._verdict(request.name, served)
+        return self._verdict(request, self._served(request))
 
-    @staticmethod
-    def _verdict(name: str, served: bytes | None) -> Any:
+    def _verdict(self, request: codec.Packet, served: bytes | None) -> Any:
         if served is None:
             return REFUSED
         if not served:
             return ACCEPTED
-        return Verdict(ACK, None, lambda now: codec.body(name, served))
+        return Verdict(ACK, None, lambda now: self.body(request, served))
+
+    def body(self, request: codec.Packet, served: bytes) -> bytes:
+        """The body of a reply with what is behind its comma."""
+        return codec.body(request.name, served)
 
     def _serve(self, request: codec.Packet) -> bytes | None:
         """As the twin serves it, at once."""

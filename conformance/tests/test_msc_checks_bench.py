@@ -338,7 +338,7 @@ def test_writes_that_are_wrong_on_purpose_reach_no_real_controller() -> None:
         port = Controller()
         found = judge(name, port, is_twin=False)
         assert {one.verdict for one in found} == {Verdict.NOT_RUN}
-        assert b"WRITE" not in port.heard
+        assert b"WRITE" not in port.received
 
 
 def test_every_check_for_a_bench_has_a_fault_here() -> None:

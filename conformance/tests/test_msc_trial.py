@@ -9,7 +9,7 @@ from collections.abc import Callable
 import pytest
 from click.testing import CliRunner
 from msc_controller import Controller, refuses, twisted
-from msc_device import MscPort, session_on, target_of
+from msc_twin import TwinPort, session_on, target_of
 
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import conform, make_options
@@ -26,7 +26,7 @@ NAMED = range(128, 136)
 REMEDY = "name only flags that nothing else drives"
 
 
-def tried(port: MscPort, flags: range = NAMED, *, is_lossless: bool = True) -> str:
+def tried(port: TwinPort, flags: range = NAMED, *, is_lossless: bool = True) -> str:
     """What the trial says of these flags; all that it has touched is put back."""
     target = target_of(port, is_lossless=is_lossless)
     session = session_on(port, target=target, scratch=ScratchArea(range(0), flags))
