@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import ClassVar, Final
 
+from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.client import (
     QUIET_S,
@@ -22,7 +23,6 @@ from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.families.mac.serial.codec import SerialReply, SerialRequest
 from axistwin_conformance.transport.serial import SerialTransport
 
-SPELLINGS_ALIKE: Final = 3
 ANSWERED: Final = range(0x20, 0x2A)
 # The queries, every setting but the counter reset, the end of a motion and of powering (§4.2).
 REPEATABLE: Final = frozenset(
@@ -159,7 +159,7 @@ class SerialClient(AxisClient):
             if not self.target.is_lossless:
                 votes = self.session.run.quality.votes
                 votes[switch, seen] += 1
-                if votes[switch, seen] < SPELLINGS_ALIKE:
+                if votes[switch, seen] < RETRY.alike:
                     continue
             self.session.run.readings.setdefault(switch, seen)
 

@@ -13,7 +13,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Final, Protocol
 
-from axistwin_conformance.core.session import ATTEMPTS, Session
+from axistwin_conformance.base.retry import RETRY
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.exchanges import QUERIES, AxisReply, ReplyKind, signed
 from axistwin_conformance.families.mac.axis.model.acceptance import AcceptanceRow, table_without
 from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
@@ -201,7 +202,7 @@ class AxisClient(ABC):
         """
         bad: list[bytes] = []
         since_ns: int | None = None  # the first sending that may have been obeyed
-        for _ in range(ATTEMPTS):
+        for _ in range(RETRY.exchange):
             is_good = self._is_good(index, exchange.reply, may_be_silent=timeout_s is not None)
             if self.session.is_believed(bad, exchange.reply.raw, is_good=is_good):
                 break
