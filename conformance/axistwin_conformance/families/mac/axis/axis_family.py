@@ -37,35 +37,35 @@ class AxisFamily(Family):
         same; what it broke is for the checks to say.
         """
         driver = driver_of(session)
-        self.listen_first(session)
+        self._listen_first(session)
         session.is_strict = True  # the attempts are counted here
         last = _insisted(driver, 0x24)
         release = last.data if last.kind is ReplyKind.ANSWER else None
         if release is None and not snapshot.sanity(session):
-            raise TargetError(self.nobody_there(driver, last))
+            raise TargetError(self._nobody_there(driver, last))
         session.is_strict = session.transport.is_lossless
         values = {"release": "unknown" if release is None else f"{release:08X}"}
-        measures, own_values = driver.client.ask(0x27).reply, self.own_values(driver)
+        measures, own_values = driver.client.ask(0x27).reply, self._own_values(driver)
         if measures.data is not None:
             values |= snapshot.climate(session, measures)
         described = [f"release {values['release']}"]
         described += [values[name] for name in ("temperature", "supply") if name in values]
-        where = f"{session.model.title} at {self.address_text(session.address)}"
+        where = f"{session.model.title} at {self._address_text(session.address)}"
         return Identity(f"{where}, {', '.join(described)}", values | own_values)
 
     @abstractmethod
-    def address_text(self, address: int) -> str:
+    def _address_text(self, address: int) -> str:
         """An address as users of this face write it."""
 
     @abstractmethod
-    def nobody_there(self, driver: AxisDriver, reply: AxisReply) -> str:
+    def _nobody_there(self, driver: AxisDriver, reply: AxisReply) -> str:
         """That nobody answers, what came instead, and what to try."""
 
-    def listen_first(self, session: Session) -> None:
+    def _listen_first(self, session: Session) -> None:
         """Take note of who talks before anything is asked."""
         return
 
-    def own_values(self, driver: AxisDriver) -> dict[str, str]:
+    def _own_values(self, driver: AxisDriver) -> dict[str, str]:
         """What only this face tells."""
         return {}
 

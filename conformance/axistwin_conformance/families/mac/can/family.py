@@ -92,11 +92,11 @@ class MacCan(AxisFamily):
         """A module on the bus."""
         return CanDriver(session, address)
 
-    def address_text(self, address: int) -> str:
+    def _address_text(self, address: int) -> str:
         """In decimal."""
         return str(address)
 
-    def nobody_there(self, driver: AxisDriver, reply: AxisReply) -> str:
+    def _nobody_there(self, driver: AxisDriver, reply: AxisReply) -> str:
         """With what was seen of the bus."""
         transport = driver.session.transport
         return (
@@ -104,7 +104,7 @@ class MacCan(AxisFamily):
             f" {'; '.join((str(reply), *transport.remarks))}; try another --address or --bitrate"
         )
 
-    def listen_first(self, session: Session) -> None:
+    def _listen_first(self, session: Session) -> None:
         """Who else talks on the bus while nothing is asked is left out."""
         if session.transport.is_virtual:
             return

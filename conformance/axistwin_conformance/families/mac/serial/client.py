@@ -56,11 +56,6 @@ class SerialClient(AxisClient):
         self.target: SerialTransport = session.target
         self._noted: set[int] = set()  # last bytes of replies whose spelling is noted
 
-    @property
-    def byte_ns(self) -> int:
-        """The time a byte takes on the line."""
-        return self.target.byte_ns
-
     def send(self, frame: SerialRequest | bytes, timeout_s: float | None = None) -> AxisExchange:
         """Send bytes, take the reply apart.  A Nack that noise provoked is answered by sending
         again: a module does nothing with a frame it Nacks (MACS-REPLY-04)."""
@@ -209,12 +204,12 @@ class SerialClient(AxisClient):
     @property
     def frame_ns(self) -> int:
         """The time a request takes on the line."""
-        return codec.REQUEST_BYTES * self.byte_ns
+        return codec.REQUEST_BYTES * self.target.byte_ns
 
     @property
     def glance_ns(self) -> int:
         """How long before an instant a query must be sent so that the counter is read before it."""
-        return GLANCE_BYTES * self.byte_ns
+        return GLANCE_BYTES * self.target.byte_ns
 
     @property
     def imax(self) -> int:

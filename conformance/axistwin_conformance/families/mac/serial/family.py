@@ -75,11 +75,11 @@ class MacSerial(AxisFamily):
         """A module on the line."""
         return SerialDriver(session, address)
 
-    def address_text(self, address: int) -> str:
+    def _address_text(self, address: int) -> str:
         """In hex."""
         return f"{address:02X}h"
 
-    def nobody_there(self, driver: AxisDriver, reply: AxisReply) -> str:
+    def _nobody_there(self, driver: AxisDriver, reply: AxisReply) -> str:
         """With what follows the reply: another protocol shows its face."""
         target = driver.session.target
         others = " or ".join(str(rate) for rate in BAUDS if rate != target.baud)
@@ -89,11 +89,11 @@ class MacSerial(AxisFamily):
             text = "".join(chr(byte) if 0x20 <= byte < 0x7F else "." for byte in raw)
             came = f"something else talks there: {raw.hex(' ').upper()} ({text})"
         return (
-            f"no module answers at address {self.address_text(driver.client.address)} and"
+            f"no module answers at address {self._address_text(driver.client.address)} and"
             f" {target.baud} baud: {came}; try --baud {others}, or another --address"
         )
 
-    def own_values(self, driver: AxisDriver) -> dict[str, str]:
+    def _own_values(self, driver: AxisDriver) -> dict[str, str]:
         """The highest torque limit, from the RAM."""
         imax: AxisReply = driver.client.ask(0x28, codec.IMAX_ADDRESS).reply
         return {} if imax.data is None else {"imax": f"{imax.data_bytes()[0]:02X}h"}

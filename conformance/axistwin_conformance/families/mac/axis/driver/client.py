@@ -59,6 +59,7 @@ class AxisFace:
     else the check is in doubt about the first (a second 13h is refused, a second segment runs).
     `missing`: commands and queries that other faces have and this one does not.  `unassigned`: what
     comes to a command and to a query that mean nothing, for each reading of `unknown_index`.
+    `has_sync`: there is a way to `synchronise`.
     """
 
     answered: range
@@ -66,6 +67,7 @@ class AxisFace:
     repeatable: frozenset[int]
     unassigned: tuple[tuple[ReplyKind, ReplyKind], ...]
     missing: tuple[int, ...] = ()
+    has_sync: bool = False
 
     @property
     def acceptance(self) -> Mapping[int, AcceptanceRow]:
@@ -177,11 +179,6 @@ class AxisClient(ABC):
     def synchronise(self) -> AxisExchange | None:
         """Do what 11h does, to all modules and without a reply; None where there is no such way."""
         return None
-
-    @property
-    def has_sync(self) -> bool:
-        """True if there is a way to `synchronise`."""
-        return False
 
     # --- noise ------------------------------------------------------------------------------------
 

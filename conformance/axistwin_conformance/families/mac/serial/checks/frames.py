@@ -431,7 +431,7 @@ def noise_through_a_reply_does_not_deafen_it(session: Session) -> None:
         session.skip("needs a line on which nothing is lost: noise runs into the reply")
     frame = driver.client.request(0x20).encode()
     session.target.send(frame + b"\xff" * (4 * codec.ANSWER_BYTES) + frame)
-    session.target.wait(10 * codec.ANSWER_BYTES * driver.client.byte_ns / 1e9)
+    session.target.wait(10 * codec.ANSWER_BYTES * session.target.byte_ns / 1e9)
     arrived = session.target.drain()
     last = codec.parse(arrived[-codec.ANSWER_BYTES :])
     session.expect(last.kind is ReplyKind.ANSWER, None, "an answer at last", arrived.hex(" "))
