@@ -30,8 +30,16 @@ Act = Callable[[AxisSequence, int, int], None]
 
 TOLERANCES: Final = (0, 0, 1, 10, 100)
 # What a target may lie beside; an offset of 80h is right there.
-ANCHORS: Final = ("here", "superior stop", "inferior stop", "home", "end of motion", "counter 0",
-                  "far above", "far below")  # fmt: skip
+ANCHORS: Final = (
+    "here",
+    "superior stop",
+    "inferior stop",
+    "home",
+    "end of motion",
+    "counter 0",
+    "far above",
+    "far below",
+)
 # How far before or after the predicted end of something the next request is taken over.
 OFFSETS_NS: Final = (0, -1_000_000, 1_000_000, -3_000_000, 3_000_000, -300_000, 300_000, 10_000_000)
 

@@ -324,9 +324,11 @@ def the_sub_index_matters_only_to_memory_queries(session: Session) -> None:
         driver.client.data_bytes(0x28, IMAX_ADDRESS),
     )
     session.expect(
-        before[1:] == at[:3], None,
-        f"28h AF to begin with {bytes(before[1:]).hex()}", bytes(at).hex(),
-    )  # fmt: skip
+        before[1:] == at[:3],
+        None,
+        f"28h AF to begin with {bytes(before[1:]).hex()}",
+        bytes(at).hex(),
+    )
 
 
 @check("MACS-FRAME-10")
