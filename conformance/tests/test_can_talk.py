@@ -11,8 +11,9 @@ from scripted_bus import VirtualBus
 from axistwin_conformance.base.check import check
 from axistwin_conformance.base.errors import AttemptVoid
 from axistwin_conformance.base.ledger import load_ledger
+from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.base.verdicts import Verdict
-from axistwin_conformance.core.session import ATTEMPTS, Run, Session, Stop
+from axistwin_conformance.core.session import Run, Session, Stop
 from axistwin_conformance.families.mac.axis.driver.judge import AxisJudge
 from axistwin_conformance.families.mac.axis.driver.status import AxisStatus
 from axistwin_conformance.families.mac.can import codec
@@ -308,7 +309,7 @@ def test_what_must_not_be_said_twice_voids_the_attempt(module: Module, toy: Any)
 def test_the_same_wrong_reply_every_time_is_the_modules_own(module: Module, toy: Any) -> None:
     """It is handed on to be judged."""
     client = make_client(module, toy, is_lossless=False)
-    module.instead = [(reply("4F 00 20 00 00 00 00 00"),)] * ATTEMPTS
+    module.instead = [(reply("4F 00 20 00 00 00 00 00"),)] * RETRY.exchange
     assert client.ask(0x20).kind is ReplyKind.GARBAGE
 
 

@@ -11,7 +11,8 @@ from typing import Final
 from axistwin_conformance.base import interrupts
 from axistwin_conformance.base.errors import OutsideEnvelope, TargetError, WrongDevice, time_left
 from axistwin_conformance.base.events import Note
-from axistwin_conformance.core.session import ATTEMPTS, Session
+from axistwin_conformance.base.retry import RETRY
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.exchanges import AxisReply, ReplyKind, signed
 from axistwin_conformance.families.mac.axis.parameters import (
@@ -22,9 +23,6 @@ from axistwin_conformance.families.mac.axis.parameters import (
 )
 from axistwin_conformance.families.mac.axis.return_to_start import LOOK_S, is_runaway
 
-PROBE_ATTEMPTS: Final = (
-    6  # with the reply time-out of 0.5 s: longer than the deaf time after power-up
-)
 KNOWN_GOOD: Final = (0x20, 0x24, 0x22)  # a module answers them in every state but deafness
 RESTORED: Final = (0x09, 0x0A, 0x0C, 0x0D, 0x0E, 0x0F, 0x02, 0x03, 0x1C)  # in this order
 NAMES: Final = (  # of parameters, in the order of reports
@@ -130,7 +128,7 @@ def _stop(driver: AxisDriver) -> None:
 
 def _attempts(session: Session) -> int:
     """How often to try: a silent module is soon given up, one on a noisy line is not."""
-    return ATTEMPTS if session.run.quality.is_noisy else PROBE_ATTEMPTS
+    return RETRY.exchange if session.run.quality.is_noisy else RETRY.presence
 
 
 # --- what to put back ----------------------------------------------------------------------------
@@ -173,7 +171,7 @@ def remember(session: Session) -> AxisSnapshot:
 
 def _remembered(driver: AxisDriver) -> AxisSnapshot:
     session, memory = driver.session, _read(driver)
-    for _ in range(PROBE_ATTEMPTS):
+    for _ in range(RETRY.presence):
         if session.transport.is_lossless or memory == (again := _read(driver)):
             return memory
         memory = again
@@ -220,7 +218,7 @@ def _put_back(driver: AxisDriver, memory: AxisSnapshot) -> tuple[str, ...]:
     if now.position != memory.position:
         _drive_back(driver, memory.position)
         now = _read(driver)
-    for _ in range(1 if session.transport.is_lossless else PROBE_ATTEMPTS):
+    for _ in range(1 if session.transport.is_lossless else RETRY.presence):
         repairs = _repairs(now, memory)
         if not repairs:
             break

@@ -178,12 +178,7 @@ class AxisTravelGuard:
     """
 
     def __init__(
-        self,
-        reader: Reader,
-        max_travel: int,
-        max_speed: int,
-        own: int,
-        readings: Mapping[str, str],
+        self, reader: Reader, max_travel: int, max_speed: int, own: int, readings: Mapping[str, str]
     ) -> None:
         self.reader = reader
         self.max_travel, self.max_speed, self.own = max_travel, max_speed, own
@@ -228,10 +223,7 @@ class AxisTravelGuard:
         address, index, parameter, frame = asked.address, asked.index, asked.parameter, asked.raw
         if index in MOTIONS and address is not None and address not in axes:
             self._refuse(
-                frame,
-                f"nobody knows where the axis at {address:02X}h is",
-                "--neighbour",
-                address,
+                frame, f"nobody knows where the axis at {address:02X}h is", "--neighbour", address
             )
         for candidate in tuple(axes) if address is None else (address,):
             if candidate not in axes:
@@ -343,9 +335,12 @@ class AxisTravelGuard:
         self._judge_period(axis.period, frame)
         goal = shift(axis.offset, (counter, counter))
         moved = replace(
-            axis, reach=join(axis.reach, goal), tip=join(axis.tip, goal), may_move=True,
+            axis,
+            reach=join(axis.reach, goal),
+            tip=join(axis.tip, goal),
+            may_move=True,
             target=None if axis.may_move else counter,
-        )  # fmt: skip
+        )
         if not axis.has_reference or goal[1] <= axis.reach[0]:
             return moved
         if axis.is_armed:  # 11h starts it; the deadline is checked then
@@ -360,9 +355,13 @@ class AxisTravelGuard:
         steps = signed(digits, 16) if is_signed else digits
         tip = shift(axis.tip, (steps, steps))
         return replace(
-            axis, reach=join(axis.reach, tip), tip=tip, target=None, may_move=True,
+            axis,
+            reach=join(axis.reach, tip),
+            tip=tip,
+            target=None,
+            may_move=True,
             segment_speed=max(axis.segment_speed, TICKS_PER_SECOND // period + 1),
-        )  # fmt: skip
+        )
 
     def _endless(self, axis: Axis, selector: int, period: int, now_ns: int, frame: bytes) -> Axis:
         if not period:
@@ -434,8 +433,9 @@ class AxisTravelGuard:
                 for address, axis in self._after.items()
             }
         elif reply.kind in (ReplyKind.REFUSED, ReplyKind.NACK):
-            axes = {address: self._before.get(address, self._after[address])
-                    for address in self._after}  # fmt: skip
+            axes = {
+                address: self._before.get(address, self._after[address]) for address in self._after
+            }
         elif reply.kind is ReplyKind.ACCEPTED:
             axes = {
                 address: self._heeded(self._before.get(address, axis), axis, now_ns)

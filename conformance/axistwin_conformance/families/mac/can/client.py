@@ -60,6 +60,7 @@ class CanClient(AxisClient):
             (ReplyKind.SILENCE, ReplyKind.SILENCE),
         ),
         missing=(0x08, 0x1B, 0x28, 0x29),  # address, rate, memory
+        has_sync=True,  # another way than 11h to start what is preloaded
     )
 
     def __init__(self, session: Session, address: int | None = None) -> None:
@@ -74,7 +75,7 @@ class CanClient(AxisClient):
         return self.session.readings.get("can_byte_order", "big")
 
     @property
-    def general_reply_identifier(self) -> int:
+    def _general_reply_identifier(self) -> int:
         """Where module 1 answers what all are told (MACC-AMB-03)."""
         return int(self.session.readings.get("general_reply_id", "581h")[:-1], 16)
 
@@ -124,7 +125,7 @@ class CanClient(AxisClient):
         """The reply, or else what came from where it had to come from."""
         whence = codec.REPLY + request.address
         if request.address == codec.GENERAL_ADDRESS:
-            whence = self.general_reply_identifier
+            whence = self._general_reply_identifier
 
         def comes_from_there(frame: Frame) -> bool:
             return frame.identifier == whence and frame.is_plain
@@ -233,11 +234,6 @@ class CanClient(AxisClient):
         """Send SYNC, which does what 11h does (MACC-SYNC-03) and is not answered."""
         frame = Frame(codec.SYNC)
         return AxisExchange(frame.pack(), codec.SILENCE, self.broadcast(frame))
-
-    @property
-    def has_sync(self) -> bool:
-        """True: SYNC is another way to start what is preloaded."""
-        return True
 
     # --- what a module says unasked ---------------------------------------------------------------
 

@@ -436,10 +436,7 @@ def is_emergency(frame: Frame) -> bool:
 
 COMMAND_NAMES: Final = {index: AXIS_COMMANDS[index] for index in DOWNLOADS}
 QUERY_NAMES: Final = {index: AXIS_QUERIES[index] for index in UPLOADS}
-LMT_WORDS: Final = {
-    b"\x04\x01": "enter configuration",
-    b"\x04\x00": "return to nominal",
-}
+LMT_WORDS: Final = {b"\x04\x01": "enter configuration", b"\x04\x00": "return to nominal"}
 
 
 def explain(frame: Frame) -> str:

@@ -8,24 +8,18 @@ from collections.abc import Iterable
 from functools import lru_cache
 from typing import Final
 
-from axistwin_conformance.base.errors import TargetError
 from axistwin_conformance.base.transcript import Record
 from axistwin_conformance.core.family import Violation
-from axistwin_conformance.core.identity import Identity, Model
-from axistwin_conformance.core.session import ATTEMPTS, Run, Session
+from axistwin_conformance.core.identity import Model
+from axistwin_conformance.core.session import Run, Session
 from axistwin_conformance.families.mac.axis.axis_family import AxisFamily
-from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver
+from axistwin_conformance.families.mac.axis.exchanges import AxisReply
 from axistwin_conformance.families.mac.axis.safety import impact_of_axis
-from axistwin_conformance.families.mac.axis.snapshot import (
-    PROBE_ATTEMPTS,
-    MacFacts,
-    climate,
-    sanity,
-)
+from axistwin_conformance.families.mac.axis.snapshot import MacFacts
 from axistwin_conformance.families.mac.axis.travel_guard import AxisTravelGuard
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.client import bus_of
-from axistwin_conformance.families.mac.can.codec import CanReply
 from axistwin_conformance.families.mac.can.diagnosis import diagnose
 from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.families.mac.can.reader import BusReader
@@ -41,54 +35,6 @@ SET_ADDRESS: Final = 0x08  # in the safety classes of the axis: what the LMT fra
 MODELS: Final = {
     "mac23-can": Model("mac23-can", "MAC23 (CAN)", MacFacts(2000, 2.5, -215.0, 1 / 4.8, codec.IMAX))
 }
-
-
-def identify(session: Session) -> Identity:
-    """Ask release and measures; raises TargetError if nobody answers."""
-    driver = CanDriver(session)
-    if not session.transport.is_virtual:
-        _know_the_others(session)
-    session.is_strict = True  # the attempts are counted here
-    last = _insisted(driver, 0x24)
-    release = last.data if last.kind is ReplyKind.ANSWER else None
-    if release is None and not sanity(session):
-        raise TargetError(
-            f"no module answers at address {session.address} on {session.transport.description}:"
-            f" {'; '.join((str(last), *session.transport.remarks))};"
-            " try another --address or --bitrate"
-        )
-    session.is_strict = session.transport.is_lossless
-    values = {"release": "unknown" if release is None else f"{release:08X}"}
-    measures = driver.client.ask(0x27).reply
-    if measures.data is not None:
-        values |= climate(session, measures)
-    described = [f"release {values['release']}"]
-    described += [values[name] for name in ("temperature", "supply") if name in values]
-    return Identity(
-        f"{session.model.title} at {driver.client.address}, {', '.join(described)}", values
-    )
-
-
-def _know_the_others(session: Session) -> None:
-    """Hear who else talks on the bus while nothing is asked."""
-    own = {session.address, *session.neighbours}
-
-    def is_ours(frame: Frame) -> bool:
-        is_mine = frame.identifier & 0x7F in own and frame.identifier & ~0x7F in SPOKEN
-        return frame.is_plain and is_mine
-
-    bus_of(session).leave_out_others(LISTEN_S, is_ours)
-
-
-def _insisted(driver: CanDriver, index: int) -> CanReply:
-    """Ask until there is an answer; longer if what comes differs, which is noise."""
-    seen = set()
-    for number in range(1, ATTEMPTS + 1):
-        reply: CanReply = driver.client.ask(index).reply
-        seen.add(reply.raw)
-        if reply.kind is ReplyKind.ANSWER or (number >= PROBE_ATTEMPTS and len(seen) == 1):
-            break
-    return reply
 
 
 @lru_cache(maxsize=1024)  # the same frame is asked about three times on its way out
@@ -146,9 +92,29 @@ class MacCan(AxisFamily):
         """A module on the bus."""
         return CanDriver(session, address)
 
-    def identify(self, session: Session) -> Identity:
-        """See `identify`."""
-        return identify(session)
+    def _address_text(self, address: int) -> str:
+        """In decimal."""
+        return str(address)
+
+    def _nobody_there(self, driver: AxisDriver, reply: AxisReply) -> str:
+        """With what was seen of the bus."""
+        transport = driver.session.transport
+        return (
+            f"no module answers at address {driver.client.address} on {transport.description}:"
+            f" {'; '.join((str(reply), *transport.remarks))}; try another --address or --bitrate"
+        )
+
+    def _listen_first(self, session: Session) -> None:
+        """Who else talks on the bus while nothing is asked is left out."""
+        if session.transport.is_virtual:
+            return
+        own = {session.address, *session.neighbours}
+
+        def is_ours(frame: Frame) -> bool:
+            is_mine = frame.identifier & 0x7F in own and frame.identifier & ~0x7F in SPOKEN
+            return frame.is_plain and is_mine
+
+        bus_of(session).leave_out_others(LISTEN_S, is_ours)
 
     def indices(self, data: bytes) -> Iterable[int]:
         """The index of every request in these bytes that some reading would obey."""

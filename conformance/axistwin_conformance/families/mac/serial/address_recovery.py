@@ -10,14 +10,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
+from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.serial.codec import GENERAL_ADDRESS
 from axistwin_conformance.families.mac.serial.driver import SerialDriver
 
 RATES: Final = {0x01: 9600, 0x02: 19200, 0x03: 38400}  # MACS-CMD-1B-01
-# It may be deaf at first, and then, by MACS-AMB-18, take its address only with the next restart.
-SEARCHES: Final = 3
 
 
 def answers(driver: SerialDriver, address: int) -> bool:
@@ -57,7 +56,9 @@ def _bring_back(driver: SerialDriver, address: int, baud: int, is_readdressed: b
     """Bring module and host back to an address and a rate; False if nobody answers there then."""
     driver.client.wait(QUIET_S)
     driver.client.address = address
-    for number in range(SEARCHES):
+    # It may be deaf at first, and then, by MACS-AMB-18, take its address only with the next
+    # restart.
+    for number in range(RETRY.recovery):
         if number > 0:
             _restart_anywhere(driver, baud)
         if _is_found(driver, baud, is_readdressed or number > 0):

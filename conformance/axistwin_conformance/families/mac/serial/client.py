@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import ClassVar, Final
 
+from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.client import (
     QUIET_S,
@@ -22,7 +23,6 @@ from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.families.mac.serial.codec import SerialReply, SerialRequest
 from axistwin_conformance.transport.serial import SerialTransport
 
-SPELLINGS_ALIKE: Final = 3
 ANSWERED: Final = range(0x20, 0x2A)
 # The queries, every setting but the counter reset, the end of a motion and of powering (§4.2).
 REPEATABLE: Final = frozenset(
@@ -55,11 +55,6 @@ class SerialClient(AxisClient):
         super().__init__(session, address)
         self.target: SerialTransport = session.target
         self._noted: set[int] = set()  # last bytes of replies whose spelling is noted
-
-    @property
-    def byte_ns(self) -> int:
-        """The time a byte takes on the line."""
-        return self.target.byte_ns
 
     def send(self, frame: SerialRequest | bytes, timeout_s: float | None = None) -> AxisExchange:
         """Send bytes, take the reply apart.  A Nack that noise provoked is answered by sending
@@ -159,7 +154,7 @@ class SerialClient(AxisClient):
             if not self.target.is_lossless:
                 votes = self.session.run.quality.votes
                 votes[switch, seen] += 1
-                if votes[switch, seen] < SPELLINGS_ALIKE:
+                if votes[switch, seen] < RETRY.alike:
                     continue
             self.session.run.readings.setdefault(switch, seen)
 
@@ -209,12 +204,12 @@ class SerialClient(AxisClient):
     @property
     def frame_ns(self) -> int:
         """The time a request takes on the line."""
-        return codec.REQUEST_BYTES * self.byte_ns
+        return codec.REQUEST_BYTES * self.target.byte_ns
 
     @property
     def glance_ns(self) -> int:
         """How long before an instant a query must be sent so that the counter is read before it."""
-        return GLANCE_BYTES * self.byte_ns
+        return GLANCE_BYTES * self.target.byte_ns
 
     @property
     def imax(self) -> int:

@@ -219,8 +219,14 @@ def segments_are_accepted_in_every_state(session: Session) -> None:
     walk(session, 0x16, 0x1E)
 
 
-@check("MACS-CMD-0C-03", "MACS-CMD-0E-02", "MACS-CMD-1C-01", "MACS-CMD-07-01",
-       safety=("motion", "stored"), level="full")  # fmt: skip
+@check(
+    "MACS-CMD-0C-03",
+    "MACS-CMD-0E-02",
+    "MACS-CMD-1C-01",
+    "MACS-CMD-07-01",
+    safety=("motion", "stored"),
+    level="full",
+)
 def torque_catch_up_and_tolerance_are_free_in_motion(session: Session) -> None:
     """07h, 0Ch, 0Eh and 1Ch are accepted in every state."""
     walk(session, 0x07, 0x0C, 0x0E, 0x1C)
@@ -234,8 +240,15 @@ def sync_commands_are_accepted_in_every_state(session: Session) -> None:
     walk(session, 0x10, 0x11)
 
 
-@check("MACS-CMD-17-01", "MACS-CMD-18-01", "MACS-CMD-18-02", "MACS-CMD-19-01", "MACS-CMD-1A-01",
-       safety=("motion", "stored"), level="full")  # fmt: skip
+@check(
+    "MACS-CMD-17-01",
+    "MACS-CMD-18-01",
+    "MACS-CMD-18-02",
+    "MACS-CMD-19-01",
+    "MACS-CMD-1A-01",
+    safety=("motion", "stored"),
+    level="full",
+)
 def stops_and_power_are_accepted_in_every_state(session: Session) -> None:
     """17h, 18h, 19h and 1Ah are accepted in every state."""
     walk(session, 0x17, 0x18, 0x19, 0x1A)

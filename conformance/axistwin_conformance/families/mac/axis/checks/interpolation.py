@@ -78,9 +78,11 @@ def a_refused_segment_is_accepted_when_a_stage_frees(session: Session) -> None:
     driver.client.wait(0.4)
     again = driver.client.position()
     session.expect(
-        place == again == start + (accepted + 1) * segment.steps, "MACS-REPLY-05",
-        "only the accepted segments run", f"{again - start} increments",
-    )  # fmt: skip
+        place == again == start + (accepted + 1) * segment.steps,
+        "MACS-REPLY-05",
+        "only the accepted segments run",
+        f"{again - start} increments",
+    )
 
 
 @check("MACS-CMD-16-01", "MACS-CMD-16-03", safety=MOVES)
@@ -126,9 +128,7 @@ def virtual_segments_wait_as_long_as_real_ones_move(session: Session) -> None:
     driver = plain(session)
     start = driver.motion.ready()
     period, slow = driver.limits.outlasting(40, 0x3000), driver.limits.slowed(0x4000)
-    row = [
-        Segment(40, period), Segment(60, period, moves=False), Segment(back(driver, 25), slow),
-    ]  # fmt: skip
+    row = [Segment(40, period), Segment(60, period, moves=False), Segment(back(driver, 25), slow)]
     forecast = driver.motion.feed(start, *row)
     driver.motion.watch(forecast, ("MACS-CMD-1E-01", "MACS-CMD-16-01"), samples=10)
     place = driver.client.position()

@@ -37,5 +37,5 @@ def many_runs_of_the_machine_agree_with_the_model(session: Session) -> None:
 
 def _run(session: Session, level: str) -> None:
     runner = runner_of(session)
-    rules = SyncMachine if runner.driver.client.has_sync else AxisMachine
+    rules = SyncMachine if runner.driver.client.face.has_sync else AxisMachine
     run_machine(runner, JudgedAxis, rules, EXAMPLES[level], STEPS)

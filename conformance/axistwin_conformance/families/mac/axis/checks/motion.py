@@ -223,9 +223,11 @@ def busy_ends_within_the_tolerance(session: Session) -> None:
             }
             # An increment more or less (AMB-41) is no fault of the busy line.
             session.expect(
-                is_busy in admissible, ("MACS-BUSY-01", "MACS-Q-27-03", "MACS-CMD-1C-01"),
-                f"busy with {target - highest}..{target - lowest} left of TT {tolerance}", is_busy,
-            )  # fmt: skip
+                is_busy in admissible,
+                ("MACS-BUSY-01", "MACS-Q-27-03", "MACS-CMD-1C-01"),
+                f"busy with {target - highest}..{target - lowest} left of TT {tolerance}",
+                is_busy,
+            )
         driver.motion.finish(forecast, "MACS-BUSY-01")
         session.expect(
             not driver.status.is_busy(),
@@ -296,9 +298,11 @@ def a_hard_stop_stops_where_the_axis_is(session: Session) -> None:
         braking = driver.limits.braking(driver.motion.period)
         place = driver.client.position()
         session.expect(
-            lowest <= place <= highest + 1 + braking, "MACS-CMD-18-01",
-            f"{lowest}..{highest + 1 + braking}", place,
-        )  # fmt: skip
+            lowest <= place <= highest + 1 + braking,
+            "MACS-CMD-18-01",
+            f"{lowest}..{highest + 1 + braking}",
+            place,
+        )
         driver.client.wait(0.3)
         again = driver.client.position()
         session.expect(

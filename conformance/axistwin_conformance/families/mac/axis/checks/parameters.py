@@ -21,9 +21,7 @@ from axistwin_conformance.families.mac.axis.probes.parameters import (
 
 ORDER = 100  # of this module in a run; see `Family.modules`
 
-POSITION_EDGES: Final = (
-    0, 1, 0xFFFFFFFF, 0x12345678, 0xFFFFFC18, 0x3FFFFFFF, 0xC0000000,
-)  # fmt: skip
+POSITION_EDGES: Final = (0, 1, 0xFFFFFFFF, 0x12345678, 0xFFFFFC18, 0x3FFFFFFF, 0xC0000000)
 BYTE_EDGES: Final = (0x00, 0x01, 0x7F, 0x80, 0xA5, 0xFF)
 
 

@@ -132,9 +132,7 @@ def queries_are_answered_in_every_motion(session: Session) -> None:
 def parameter_queries_are_steady(session: Session) -> None:
     """22h, 23h, 25h and 26h read the same again, and the zero byte of 25h is zero."""
     driver = driver_of(session)
-    names = {
-        0x22: "MACS-Q-22-01", 0x23: "MACS-Q-23-01", 0x25: "MACS-Q-25-01", 0x26: "MACS-Q-26-01",
-    }  # fmt: skip
+    names = {0x22: "MACS-Q-22-01", 0x23: "MACS-Q-23-01", 0x25: "MACS-Q-25-01", 0x26: "MACS-Q-26-01"}
     for index, name in names.items():
         value, again = driver.client.value(index), driver.client.value(index)
         session.expect(again == value, name, f"{value:08X} again", f"{again:08X}")
@@ -143,8 +141,10 @@ def parameter_queries_are_steady(session: Session) -> None:
     modes = driver.client.value(0x26) >> 8 & 0xFF
     session.expect(
         modes >> 4 in (0, 1) and modes & 0xF in (0, 1, 8, 9),
-        "MACS-Q-26-01", "K in 0 1, m in 0 1 8 9", f"{modes:02X}",
-    )  # fmt: skip
+        "MACS-Q-26-01",
+        "K in 0 1, m in 0 1 8 9",
+        f"{modes:02X}",
+    )
 
 
 @check("MACS-Q-21-01")

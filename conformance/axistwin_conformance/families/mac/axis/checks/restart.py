@@ -28,9 +28,13 @@ def after_00h_parameters_and_position_are_kept(session: Session) -> None:
     start = driver.motion.ready(0x1000, 3)
     driver.motion.finish(driver.motion.go(start + 30))
     for index, parameter in (
-        (0x09, start + 40), (0x0A, start - 5000), (0x0C, 0x33), (0x0E, 0x0700), (0x1C, 0x02),
+        (0x09, start + 40),
+        (0x0A, start - 5000),
+        (0x0C, 0x33),
+        (0x0E, 0x0700),
+        (0x1C, 0x02),
         (0x03, 8),
-    ):  # fmt: skip
+    ):
         driver.client.command(index, parameter)
     driver.judge.accepted(0x13, start + 100)
     driver.client.wait(0.4 + driver.motion.lasting_s(11 * RAMP_LEVELS))
@@ -55,15 +59,18 @@ def after_00h_parameters_and_position_are_kept(session: Session) -> None:
     )
     session.expect(
         driver.status.stopped_on() == 0 or driver.readings.known("ff_lifetime") == 1,
-        "MACS-CMD-00-01", f"ff 00 (was {stopped_on:02X})",
+        "MACS-CMD-00-01",
+        f"ff 00 (was {stopped_on:02X})",
         f"{driver.status.stopped_on():02X}",
-    )  # fmt: skip
+    )
     driver.client.command(0x11)
     driver.client.wait(0.1)
     session.expect(
-        driver.client.position() == place, ("MACS-CMD-00-01", "MACS-CMD-18-03"),
-        "nothing preloaded any more", driver.client.position(),
-    )  # fmt: skip
+        driver.client.position() == place,
+        ("MACS-CMD-00-01", "MACS-CMD-18-03"),
+        "nothing preloaded any more",
+        driver.client.position(),
+    )
 
 
 @check("MACS-CMD-00-01", "MACS-CMD-18-03", safety=MOVES, level="full")
@@ -83,9 +90,11 @@ def in_motion_00h_drops_the_motion(session: Session) -> None:
         )
         driver.client.wait(0.5)
         session.expect(
-            driver.client.position() == place, ("MACS-CMD-00-01", "MACS-CMD-18-03"),
-            f"at rest at {place}", driver.client.position(),
-        )  # fmt: skip
+            driver.client.position() == place,
+            ("MACS-CMD-00-01", "MACS-CMD-18-03"),
+            f"at rest at {place}",
+            driver.client.position(),
+        )
         driver.judge.accepted(0x0F, 0, requirement="MACS-CMD-00-01")
         driver.motion.finish(driver.motion.go(start), "MACS-CMD-00-01")
 

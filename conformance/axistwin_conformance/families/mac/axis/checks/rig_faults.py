@@ -58,11 +58,7 @@ class Cause:
 
 def _named(name: str, bit: int, lasts: bool = True) -> Cause:
     return Cause(
-        name,
-        bit,
-        lambda rig: rig.fault(name, True),
-        lambda rig: rig.fault(name, False),
-        lasts,
+        name, bit, lambda rig: rig.fault(name, True), lambda rig: rig.fault(name, False), lasts
     )
 
 
@@ -304,8 +300,12 @@ def _cut_down(driver: AxisDriver, cause: Cause, way: MotionCommand) -> None:
     driver.motion.finish(driver.motion.go(start), "MACS-STATE-02")
 
 
-@check("MACS-STATE-02", "MACS-Q-21-02", safety=WORKED,
-       needs=("virtual", "rig:supply", "rig:temperature"))  # fmt: skip
+@check(
+    "MACS-STATE-02",
+    "MACS-Q-21-02",
+    safety=WORKED,
+    needs=("virtual", "rig:supply", "rig:temperature"),
+)
 def far_too_much_cuts_the_power_of_a_mac34(session: Session) -> None:
     """Where dd.3 comes with the supply, or dd.2 with the temperature, it ends the motion as well.
 

@@ -64,9 +64,11 @@ def the_inputs_show_whatever_is_enabled(session: Session) -> None:
                     driver.session.rig.set_input(name, active)
                     seen = [shown for shown, is_set in driver.status.inputs().items() if is_set]
                     session.expect(
-                        seen == ([name] if active else []), ("MACS-Q-27-02", "MACS-Q-27-01"),
-                        f"active: {name if active else 'none'}", f"active: {seen}",
-                    )  # fmt: skip
+                        seen == ([name] if active else []),
+                        ("MACS-Q-27-02", "MACS-Q-27-01"),
+                        f"active: {name if active else 'none'}",
+                        f"active: {seen}",
+                    )
 
 
 # --- hardware stops ------------------------------------------------------------------------------
@@ -150,8 +152,7 @@ def toward_an_active_hardware_stop_nothing_moves(session: Session) -> None:
                 0 <= moved <= limit, None, f"{way.name}: no step toward the stop", f"{moved} steps"
             )
             driver.judge.reading(
-                "hard_stop_command",
-                ACCEPTED_OR_REFUSED.get(kind, f"{kind.value} to {way.name}"),
+                "hard_stop_command", ACCEPTED_OR_REFUSED.get(kind, f"{kind.value} to {way.name}")
             )
             if kind is ReplyKind.ACCEPTED:
                 driver.rig.judge_stop_bit(side.bit, None)
@@ -237,10 +238,11 @@ def _edge(driver: AxisDriver, moving: Forecast, origin: Origin, active: bool) ->
     if went_on[0] <= sample.position <= went_on[1]:
         return False
     driver.session.expect(
-        zeroed[0] <= sample.position <= zeroed[1], "MACS-REF-01",
+        zeroed[0] <= sample.position <= zeroed[1],
+        "MACS-REF-01",
         [f"{went_on[0]}..{went_on[1]}: counting on", f"{zeroed[0]}..{zeroed[1]}: from the edge"],
         sample.position,
-    )  # fmt: skip
+    )
     origin.shift = (steps[0] + steps[1]) // 2
     return True
 
@@ -279,9 +281,11 @@ def _judge_end(driver: AxisDriver, moving: Forecast, way: MotionCommand, origin:
     slack = 2 + driver.limits.allowance(driver.motion.period)
     whole, place = moving.final[1], driver.rig.rest()
     driver.session.expect(
-        abs(whole - origin.shift - place) <= slack, "MACS-REF-01",
-        f"all {whole} steps made: at rest about {whole - origin.shift}", place,
-    )  # fmt: skip
+        abs(whole - origin.shift - place) <= slack,
+        "MACS-REF-01",
+        f"all {whole} steps made: at rest about {whole - origin.shift}",
+        place,
+    )
     origin.shift = whole - place
 
 

@@ -72,8 +72,15 @@ def _source(driver: AxisDriver) -> bool:
     return outcome == 0
 
 
-@check("MACS-BUSY-01", "MACS-Q-27-03", "MACS-Q-20-01", "MACS-STATE-01", "MACS-CMD-1C-01",
-       safety=WORKED, needs=HOLD)  # fmt: skip
+@check(
+    "MACS-BUSY-01",
+    "MACS-Q-27-03",
+    "MACS-Q-20-01",
+    "MACS-STATE-01",
+    "MACS-CMD-1C-01",
+    safety=WORKED,
+    needs=HOLD,
+)
 def a_held_axis_is_busy_until_it_is_near_its_target(session: Session) -> None:
     """Held back, a move stays busy and locked; let go, it ends within tolerance, then exactly."""
     driver = driver_of(session)
@@ -123,9 +130,11 @@ def _judge_busy(
         places = range(min(before, after), max(before, after) + 1)
         admissible = {target - place > TOLERANCE for place in places}
         driver.session.expect(
-            is_busy in admissible, (*requirement, "MACS-CMD-1C-01"),
-            f"busy only with more than {TOLERANCE} of {target - before} left", is_busy,
-        )  # fmt: skip
+            is_busy in admissible,
+            (*requirement, "MACS-CMD-1C-01"),
+            f"busy only with more than {TOLERANCE} of {target - before} left",
+            is_busy,
+        )
 
 
 @check("MACS-CMD-0E-01", "MACS-CMD-0E-02", "MACS-BUSY-01", safety=WORKED, needs=HOLD)
@@ -164,9 +173,11 @@ def _follow_catch_up(
         least, most = _caught_up(sample, since, step_ns, abs(target - begin))
         done = (sample.position - begin) * way
         driver.session.expect(
-            least - slack <= done <= most + slack, requirement,
-            f"{least}..{most} increments of {step_ns / 1e6:g} ms caught up", done,
-        )  # fmt: skip
+            least - slack <= done <= most + slack,
+            requirement,
+            f"{least}..{most} increments of {step_ns / 1e6:g} ms caught up",
+            done,
+        )
         driver.client.wait(step_ns / 2e9 if driver.session.rig.is_exact else 0.05)
 
 
@@ -203,9 +214,11 @@ def a_move_held_for_a_while_makes_up_for_it_at_its_end(session: Session) -> None
     under_way = driver.client.sample()
     least, most = moving.bounds(under_way.taken)
     session.expect(
-        least - missed[1] <= under_way.position <= most - missed[0], "MACS-BUSY-01",
-        f"{missed[0]}..{missed[1]} increments behind {least}..{most}", under_way.position,
-    )  # fmt: skip
+        least - missed[1] <= under_way.position <= most - missed[0],
+        "MACS-BUSY-01",
+        f"{missed[0]}..{missed[1]} increments behind {least}..{most}",
+        under_way.position,
+    )
     end = moving.end
     assert end is not None
     driver.client.wait_until(end.latest_ns)
@@ -213,23 +226,35 @@ def a_move_held_for_a_while_makes_up_for_it_at_its_end(session: Session) -> None
     made_up = 2 + (late.taken.latest_ns - end.earliest_ns) // _catch_up_ns(SLOW_CATCH_UP)
     lag = target - late.position
     session.expect(
-        missed[0] - made_up <= lag <= missed[1], "MACS-BUSY-01",
-        f"{missed[0] - made_up}..{missed[1]} increments behind", lag,
-    )  # fmt: skip
+        missed[0] - made_up <= lag <= missed[1],
+        "MACS-BUSY-01",
+        f"{missed[0] - made_up}..{missed[1]} increments behind",
+        lag,
+    )
     _follow_catch_up(driver, late.taken, late.position, target, SLOW_CATCH_UP, "MACS-CMD-0E-01")
     place = driver.rig.rest()
     session.expect(place == target, ("MACS-CMD-0E-01", "MACS-BUSY-01"), target, place)
 
 
-@check("MACS-STOP-01", "MACS-CMD-0E-01", safety=WORKED, needs=(*HOLD, "rig:positive_stop"),
-       level="full")  # fmt: skip
+@check(
+    "MACS-STOP-01",
+    "MACS-CMD-0E-01",
+    safety=WORKED,
+    needs=(*HOLD, "rig:positive_stop"),
+    level="full",
+)
 def a_hardware_stop_lets_a_catch_up_away_from_it_go_on(session: Session) -> None:
     """Catching up counts down: an active positive stop is none of its business."""
     _comes_back_from_a_stop(driver_of(session), -LAG, 0)
 
 
-@check("MACS-STOP-01", "MACS-CMD-0E-01", safety=WORKED,
-       needs=(*HOLD, *TURN, "rig:positive_stop"), level="full")  # fmt: skip
+@check(
+    "MACS-STOP-01",
+    "MACS-CMD-0E-01",
+    safety=WORKED,
+    needs=(*HOLD, *TURN, "rig:positive_stop"),
+    level="full",
+)
 def a_hardware_stop_lets_a_shaft_turned_too_far_come_back(session: Session) -> None:
     """The move led up, but what is left of it counts down: the positive stop does not end it."""
     driver = driver_of(session)
@@ -265,9 +290,11 @@ def _comes_back_from_a_stop(driver: AxisDriver, distance: int, turned: int) -> N
     driver.rig.contact("positive_stop", False)
     driver.judge.accepted(0x03, 0)
     driver.session.expect(
-        (place, ff) == (target, 0), ("MACS-STOP-01", "MACS-CMD-0E-01"),
-        f"at {target}, ff 00", f"at {place}, ff {ff:02X}",
-    )  # fmt: skip
+        (place, ff) == (target, 0),
+        ("MACS-STOP-01", "MACS-CMD-0E-01"),
+        f"at {target}, ff 00",
+        f"at {place}, ff {ff:02X}",
+    )
 
 
 def _change_under_way(driver: AxisDriver) -> None:
@@ -294,9 +321,11 @@ def _sent_again_under_way(driver: AxisDriver) -> None:
     least, most = _caught_up(sample, let_go, _catch_up_ns(EASY_CATCH_UP), LAG)
     done = sample.position - (target - LAG)
     driver.session.expect(
-        least <= done <= most, "MACS-CMD-0E-02",
-        f"{least}..{most} increments caught up, 0Eh sent again or not", done,
-    )  # fmt: skip
+        least <= done <= most,
+        "MACS-CMD-0E-02",
+        f"{least}..{most} increments caught up, 0Eh sent again or not",
+        done,
+    )
 
 
 @check("MACS-BUSY-02", "MACS-Q-27-03", safety=WORKED, needs=HOLD)

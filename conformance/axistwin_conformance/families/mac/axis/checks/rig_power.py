@@ -117,8 +117,13 @@ def modes_outlive_the_supply_or_all_do_not(session: Session) -> None:
     driver.judge.reading("persist_modes", outcome)
 
 
-@check("MACS-PERS-03", "MACS-CMD-07-02", "MACS-REF-01",
-       safety=WORKED, needs=("rig:power", "rig:reference"))  # fmt: skip
+@check(
+    "MACS-PERS-03",
+    "MACS-CMD-07-02",
+    "MACS-REF-01",
+    safety=WORKED,
+    needs=("rig:power", "rig:reference"),
+)
 def the_reference_is_disabled_at_power_up(session: Session) -> None:
     """07h 1 is forgotten without the supply: no edge zeroes afterwards."""
     driver = driver_of(session)
@@ -167,8 +172,13 @@ def what_was_armed_is_forgotten_at_power_up(session: Session) -> None:
     session.expect(ff == 0 or is_live, None, "ff 00 after a power cycle", f"{ff:02X}")
 
 
-@check("MACS-PERS-03", "MACS-Q-21-02", "MACS-STATE-02", safety=WORKED,
-       needs=("rig:power", "rig:micro_cut"))  # fmt: skip
+@check(
+    "MACS-PERS-03",
+    "MACS-Q-21-02",
+    "MACS-STATE-02",
+    safety=WORKED,
+    needs=("rig:power", "rig:micro_cut"),
+)
 def a_latched_fault_ends_with_the_supply(session: Session) -> None:
     """A disjunction whose cause is gone does not outlive a power cycle; motion runs again."""
     driver = driver_of(session)

@@ -27,7 +27,7 @@ JUDGED: Final = tuple(
     dict.fromkeys(
         [*DIAGNOSIS.values(), *DIAGNOSIS_OF_MODE.values(), DIAGNOSIS_OTHERWISE, *DIAGNOSES_BESIDE]
     )
-)  # fmt: skip
+)
 
 
 @check(*JUDGED, safety=MOVES, needs=("virtual",))

@@ -141,9 +141,11 @@ def beyond_a_software_stop_every_motion_ends(session: Session) -> None:
             known = session.readings.get("brake_increments", "")
             least = most - 1 if known.isdigit() else 50  # a number that was seen holds everywhere
             session.expect(
-                least <= place <= most, side.requirements,
-                f"{name} at rest {least} to {most} increments on: the stop is 50 ahead", place,
-            )  # fmt: skip
+                least <= place <= most,
+                side.requirements,
+                f"{name} at rest {least} to {most} increments on: the stop is 50 ahead",
+                place,
+            )
             # How far it runs on may not be known: then one place may be due to either reading.
             fitting = [number for number in (0, 1) if least + 1 - number <= place <= most - number]
             driver.judge.reading("soft_stop_compare", tuple(fitting), side.requirements)

@@ -170,8 +170,10 @@ def a_second_motion_replaces_the_preloaded_one(session: Session) -> None:
     if second.kind is ReplyKind.ACCEPTED:
         session.expect(
             moved == -60 or (moved == 60 and driver.readings.known("preload_policy") == 2),
-            "MACS-CMD-10-02", "the second target, -60", f"{moved:+d}",
-        )  # fmt: skip
+            "MACS-CMD-10-02",
+            "the second target, -60",
+            f"{moved:+d}",
+        )
     else:
         driver.judge.must(ReplyKind.REFUSED, second, "MACS-CMD-10-02")
         if not driver.readings.known("preload_locks"):

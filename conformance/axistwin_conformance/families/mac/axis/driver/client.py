@@ -13,7 +13,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Final, Protocol
 
-from axistwin_conformance.core.session import ATTEMPTS, Session
+from axistwin_conformance.base.retry import RETRY
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.exchanges import QUERIES, AxisReply, ReplyKind, signed
 from axistwin_conformance.families.mac.axis.model.acceptance import AcceptanceRow, table_without
 from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
@@ -58,6 +59,7 @@ class AxisFace:
     else the check is in doubt about the first (a second 13h is refused, a second segment runs).
     `missing`: commands and queries that other faces have and this one does not.  `unassigned`: what
     comes to a command and to a query that mean nothing, for each reading of `unknown_index`.
+    `has_sync`: there is a way to `synchronise`.
     """
 
     answered: range
@@ -65,6 +67,7 @@ class AxisFace:
     repeatable: frozenset[int]
     unassigned: tuple[tuple[ReplyKind, ReplyKind], ...]
     missing: tuple[int, ...] = ()
+    has_sync: bool = False
 
     @property
     def acceptance(self) -> Mapping[int, AcceptanceRow]:
@@ -177,11 +180,6 @@ class AxisClient(ABC):
         """Do what 11h does, to all modules and without a reply; None where there is no such way."""
         return None
 
-    @property
-    def has_sync(self) -> bool:
-        """True if there is a way to `synchronise`."""
-        return False
-
     # --- noise ------------------------------------------------------------------------------------
 
     @abstractmethod
@@ -201,7 +199,7 @@ class AxisClient(ABC):
         """
         bad: list[bytes] = []
         since_ns: int | None = None  # the first sending that may have been obeyed
-        for _ in range(ATTEMPTS):
+        for _ in range(RETRY.exchange):
             is_good = self._is_good(index, exchange.reply, may_be_silent=timeout_s is not None)
             if self.session.is_believed(bad, exchange.reply.raw, is_good=is_good):
                 break

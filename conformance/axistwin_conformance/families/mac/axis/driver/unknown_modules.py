@@ -5,13 +5,13 @@ from __future__ import annotations
 
 from typing import Final
 
+from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, AxisClient
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 
 # What stays as it is while an axis is at rest; the release differs between versions.
 AT_REST: Final = (0x20, 0x22, 0x23, 0x24, 0x25, 0x26)
 Value = int | None
-ROUNDS: Final = 3  # what changes between them, on either side, proves nothing
 
 
 def unknown_module_at(client: AxisClient, address: int) -> str:
@@ -27,7 +27,7 @@ def unknown_module_at(client: AxisClient, address: int) -> str:
     if client.target.is_builtin or address in own:
         return ""
     other = type(client)(session, address)
-    if not any(_answer_of(other, AT_REST[0]) is not None for _ in range(ROUNDS)):
+    if not any(_answer_of(other, AT_REST[0]) is not None for _ in range(RETRY.alike)):
         return ""
     for index in AT_REST:
         here, there = _in_turn(client, other, index)
@@ -48,7 +48,7 @@ def unknown_module_at(client: AxisClient, address: int) -> str:
 def _in_turn(first: AxisClient, second: AxisClient, index: int) -> tuple[set[Value], set[Value]]:
     """All that two modules say to a query, asked in turn."""
     here, there = {_answer_of(first, index)}, set[Value]()
-    for _ in range(ROUNDS):
+    for _ in range(RETRY.alike):  # what changes between them, on either side, proves nothing
         there.add(_answer_of(second, index))
         here.add(_answer_of(first, index))
     return here, there

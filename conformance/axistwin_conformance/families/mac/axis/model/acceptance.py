@@ -111,13 +111,7 @@ ACCEPTANCE: Final[dict[int, AcceptanceRow]] = {
         },
     ),
     0x16: AcceptanceRow("AAAAFAAR", ("MACS-CMD-16-02",), _SEGMENT),
-    0x17: AcceptanceRow(
-        "AAAAAAAR",
-        ("MACS-CMD-17-01",),
-        {
-            "stop17_in_interp": {1: {"IN": "R"}},
-        },
-    ),
+    0x17: AcceptanceRow("AAAAAAAR", ("MACS-CMD-17-01",), {"stop17_in_interp": {1: {"IN": "R"}}}),
     0x18: AcceptanceRow("AAAAAAAR", ("MACS-CMD-18-01",)),
     0x19: AcceptanceRow("AAAAAAAR", ("MACS-CMD-19-01",)),
     0x1A: AcceptanceRow("AAAAAAAR", ("MACS-CMD-1A-01",)),

@@ -249,9 +249,17 @@ class Timeline:
     def turned(self, mode: str, course: Course | None, segments: tuple[Segment, ...]) -> Timeline:
         """This motion, from the same beginning, on another course or with another row."""
         return Timeline(
-            mode, self.origin, self.start_ns, self.direction, course, segments, self.stops,
-            self.ff, self.leads, self.doubt,
-        )  # fmt: skip
+            mode,
+            self.origin,
+            self.start_ns,
+            self.direction,
+            course,
+            segments,
+            self.stops,
+            self.ff,
+            self.leads,
+            self.doubt,
+        )
 
     def followed_by(self, segment: Segment) -> Timeline:
         """This motion with a segment more at the end of the row."""

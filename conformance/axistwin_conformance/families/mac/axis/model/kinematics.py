@@ -317,9 +317,16 @@ class Course:
         descent = _descent(base, self.coefficient, self.law, climbed)
         profile = self.profile.first(done).then(descent)
         return Course(
-            profile, self.base, self.coefficient, self.law, None, self.changed_at,
-            self.changed_until, self.before, done,
-        )  # fmt: skip
+            profile,
+            self.base,
+            self.coefficient,
+            self.law,
+            None,
+            self.changed_at,
+            self.changed_until,
+            self.before,
+            done,
+        )
 
     def changed(self, ticks: int, period: int) -> Course:
         """The course when 15h asks for `period` > 0, `ticks` after the start."""

@@ -202,9 +202,10 @@ def period_rounding(driver: AxisDriver) -> Outcome:
     ends_ns = [
         Course.to_position(
             distance, driver.motion.period, LONGEST_RAMP, replace(law, rounding=name)
-        ).profile.ticks_of(counted) * TICK_NS
+        ).profile.ticks_of(counted)
+        * TICK_NS
         for name in ROUNDINGS
-    ]  # fmt: skip
+    ]
     for number, (due_ns, next_ns) in enumerate(pairwise(ends_ns)):
         target = start + distance if number == 0 else start
         exchange = driver.judge.accepted(0x13, target)
@@ -299,10 +300,11 @@ def vel_change_law(driver: AxisDriver) -> Outcome:
     change = driver.judge.accepted(0x15, velocity(1, after))
     law = driver.readings.law
     forecasts = [
-        driver.motion.to_velocity(start, origin, 1, before, replace(law, change=name))
-        .changed(change.taken, after)
+        driver.motion.to_velocity(start, origin, 1, before, replace(law, change=name)).changed(
+            change.taken, after
+        )
         for name in ("ramp_length", "step")
-    ]  # fmt: skip
+    ]
     samples = driver.motion.sampled(0.4 * after / 0x0A00, 12)
     driver.client.command(0x18)
     fitting = driver.motion.fit(samples, forecasts)

@@ -25,12 +25,21 @@ from axistwin_conformance.families.mac.axis.sequences.sequence import (
     AxisSequence,
 )
 
+Choices = tuple[int, ...]
 Act = Callable[[AxisSequence, int, int], None]
 
 TOLERANCES: Final = (0, 0, 1, 10, 100)
 # What a target may lie beside; an offset of 80h is right there.
-ANCHORS: Final = ("here", "superior stop", "inferior stop", "home", "end of motion", "counter 0",
-                  "far above", "far below")  # fmt: skip
+ANCHORS: Final = (
+    "here",
+    "superior stop",
+    "inferior stop",
+    "home",
+    "end of motion",
+    "counter 0",
+    "far above",
+    "far below",
+)
 # How far before or after the predicted end of something the next request is taken over.
 OFFSETS_NS: Final = (0, -1_000_000, 1_000_000, -3_000_000, 3_000_000, -300_000, 300_000, 10_000_000)
 
@@ -40,9 +49,48 @@ UNRULED_SEGMENTS: Final = ("fifo_underrun", "abort_flush", "segment_zero_steps")
 UNRULED_SYNC: Final = ("preload_policy", "abort_flush", "sync_arm_lifetime")
 UNRULED_CHANGES: Final = ("vel_change_law", "ramp_law", "vel_reverse_cmd")
 UNRULED_RAMPED_STOPS: Final = ("stop_ramp_law", "ramp_law")
+UNRULED_STOPS: Final = ("soft_stop_compare", "soft_stop_blocks", "step_phase")
 UNRULED_RESTARTS: Final = ("persist_modes",)
 UNASSIGNED: Final = (0x04, 0x05, 0x06, 0x12, 0x1D, 0x1F, 0x2A, 0x2F)  # on every face
 TO_COMMANDS: Final = (ReplyKind.ACCEPTED, ReplyKind.REFUSED)
+
+
+def _way(run: AxisSequence, byte: int) -> int:
+    """A direction, among those the device has."""
+    return 1 if run.known("vel_f6_direction") else -1 if byte & 1 else 1
+
+
+def _choice(run: AxisSequence, values: Choices, legal: Choices, byte: int) -> int:
+    """One of the values; only a legal one if the device takes others somehow (AMB-60)."""
+    chosen = values if run.follows("param_range_policy") else legal
+    return chosen[byte % len(chosen)]
+
+
+def _period(run: AxisSequence, byte: int) -> int:
+    """A period for 0Dh, now and then 0."""
+    if not byte and run.follows("zero_period_0d"):
+        return 0
+    return max(PERIODS[byte % len(PERIODS)], run.fastest)
+
+
+def _torque(run: AxisSequence, byte: int) -> int:
+    """A torque limit, legal or not."""
+    imax = run.model.parameters.imax
+    values = (1, 0x40, imax - 1, 0, imax, imax + 1, 0xFF)
+    plain = run.follows("torque_range", "torque_over")
+    return min(0xFF, values[byte % (len(values) if plain else 3)])
+
+
+def _catch_up(run: AxisSequence, byte: int) -> int:
+    """A speed for 0Eh; never 0 if the device refuses that (MACS-AMB-47)."""
+    return max(byte, 0 if run.follows("zero_catchup") else 1) << 8
+
+
+def _stops(run: AxisSequence, byte: int) -> int:
+    """A mode for 03h."""
+    if not run.follows(*UNRULED_STOPS):
+        return byte & 1
+    return _choice(run, (0, 8, 9, 1, 2, 8), (0, 8, 9, 1, 0, 8), byte)
 
 
 def _move(run: AxisSequence, first: int, second: int) -> None:
@@ -70,7 +118,7 @@ def _turn_at(run: AxisSequence, first: int, period: int) -> None:
     if not run.may_change() or not run.has_room(period):
         run.command(0x18)
         return
-    run.command(0x15, velocity(run.way(first), period))
+    run.command(0x15, velocity(_way(run, first), period))
 
 
 def _turn_off(run: AxisSequence, first: int, second: int) -> None:
@@ -78,7 +126,7 @@ def _turn_off(run: AxisSequence, first: int, second: int) -> None:
     if run.has_segments or run.is_held or not is_ruled or not run.may_change():
         run.command(0x18)
         return
-    run.command(0x15, velocity(run.way(first), 0))
+    run.command(0x15, velocity(_way(run, first), 0))
 
 
 def _ramped_stop(run: AxisSequence, first: int, second: int) -> None:
@@ -286,15 +334,15 @@ OPERATIONS: Final[tuple[AxisOperation, ...]] = (
     AxisOperation("move", _move),
     AxisOperation("segment", _segment(0x16)),
     AxisOperation("ask the position", _ask_position),
-    AxisOperation("set the period", _set(0x0D, lambda run, first: run.period(first))),
+    AxisOperation("set the period", _set(0x0D, _period)),
     AxisOperation("set the ramp", _set(0x0F, lambda run, first: COEFFICIENTS[first % 7])),
     AxisOperation("set the tolerance", _set(0x1C, lambda run, first: TOLERANCES[first % 5])),
-    AxisOperation("set the catch-up", _set(0x0E, lambda run, first: run.catch_up(first))),
-    AxisOperation("set the torque", _set(0x0C, lambda run, first: run.torque(first))),
+    AxisOperation("set the catch-up", _set(0x0E, _catch_up)),
+    AxisOperation("set the torque", _set(0x0C, _torque)),
     AxisOperation(
-        "set the standby", _set(0x02, lambda run, first: run.value((0, 0, 2, 0x10), (0,), first))
+        "set the standby", _set(0x02, lambda run, first: _choice(run, (0, 0, 2, 0x10), (0,), first))
     ),
-    AxisOperation("enable the stops", _set(0x03, lambda run, first: run.stops(first))),
+    AxisOperation("enable the stops", _set(0x03, _stops)),
     AxisOperation("set the superior stop", _set(0x09, lambda run, first: run.place(first))),
     AxisOperation("set the inferior stop", _set(0x0A, lambda run, first: run.place(first))),
     AxisOperation("clear the counter", _clear),
@@ -322,4 +370,4 @@ WHAT: Final = {operation.name: number for number, operation in reversed(list(enu
 
 def operations_of(driver: AxisDriver) -> tuple[AxisOperation, ...]:
     """The table for a module on this face."""
-    return WITH_SYNC if driver.client.has_sync else OPERATIONS
+    return WITH_SYNC if driver.client.face.has_sync else OPERATIONS

@@ -31,8 +31,6 @@ from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS, TIC
 from axistwin_conformance.families.mac.axis.parameters import PARAMETER_QUERIES, PARAMETERS
 from axistwin_conformance.sequences.runner import Mismatch, Steps
 
-Choices = tuple[int, ...]
-
 BYTES_PER_OPERATION: Final = 4
 SPAN: Final = 3000  # increments about the start in which targets lie
 AHEAD_NS: Final = 600_000_000  # how far an axis is looked after
@@ -65,7 +63,6 @@ STARTING: Final = frozenset({*MOTIONS, *SEGMENTS, 0x0B, 0x10, 0x11})  # where fr
 
 # Where a device follows another reading than the default and the ledger gives no exact rule for
 # it, nothing is judged.
-UNRULED_STOPS: Final = ("soft_stop_compare", "soft_stop_blocks", "step_phase")
 UNRULED_STATUS: Final = ("ff_lifetime", "status_ff_layout")
 
 
@@ -426,38 +423,6 @@ class AxisSequence(Steps):
         """A target for a byte: spread over the span about the start."""
         span = min(SPAN, self.room)
         return self.home - self.offset + (fraction - 0x80) * span // 0x80
-
-    def way(self, byte: int) -> int:
-        """A direction, among those the device has."""
-        return 1 if self.known("vel_f6_direction") else -1 if byte & 1 else 1
-
-    def value(self, values: Choices, legal: Choices, byte: int) -> int:
-        """One of the values; only a legal one if the device takes others somehow (AMB-60)."""
-        chosen = values if self.follows("param_range_policy") else legal
-        return chosen[byte % len(chosen)]
-
-    def period(self, byte: int) -> int:
-        """A period for 0Dh, now and then 0."""
-        if not byte and self.follows("zero_period_0d"):
-            return 0
-        return max(PERIODS[byte % len(PERIODS)], self.fastest)
-
-    def torque(self, byte: int) -> int:
-        """A torque limit, legal or not."""
-        imax = self.model.parameters.imax
-        values = (1, 0x40, imax - 1, 0, imax, imax + 1, 0xFF)
-        plain = self.follows("torque_range", "torque_over")
-        return min(0xFF, values[byte % (len(values) if plain else 3)])
-
-    def catch_up(self, byte: int) -> int:
-        """A speed for 0Eh; never 0 if the device refuses that (MACS-AMB-47)."""
-        return max(byte, 0 if self.follows("zero_catchup") else 1) << 8
-
-    def stops(self, byte: int) -> int:
-        """A mode for 03h."""
-        if not self.follows(*UNRULED_STOPS):
-            return byte & 1
-        return self.value((0, 8, 9, 1, 2, 8), (0, 8, 9, 1, 0, 8), byte)
 
     def here(self) -> int:
         """Some admissible present position."""

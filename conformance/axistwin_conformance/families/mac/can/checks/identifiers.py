@@ -139,10 +139,12 @@ def no_other_identifier_reaches_a_module(session: Session) -> None:
         ]
         hints = [unknown_module_at(driver.client, address) for address in meant if received]
         session.expect(
-            not received, ("MACC-ID-01", "MACC-ID-02"),
-            f"silence under {some[0]:03X}h..{some[-1]:03X}h", described(received),
+            not received,
+            ("MACC-ID-01", "MACC-ID-02"),
+            f"silence under {some[0]:03X}h..{some[-1]:03X}h",
+            described(received),
             next((hint for hint in hints if hint), ""),
-        )  # fmt: skip
+        )
     driver.judge.alive("MACC-ID-01")
 
 
@@ -293,9 +295,11 @@ def a_setting_for_all_is_taken_by_all(session: Session) -> None:
         return
     answer = codec.parse(received[0], first.client.byte_order).data
     session.expect(
-        answer == own[codec.SPOKESMAN], "MACC-GEN-02",
-        f"2002h of module 1, {own[codec.SPOKESMAN]:08X}", described(received),
-    )  # fmt: skip
+        answer == own[codec.SPOKESMAN],
+        "MACC-GEN-02",
+        f"2002h of module 1, {own[codec.SPOKESMAN]:08X}",
+        described(received),
+    )
 
 
 @check("MACC-GEN-01", safety=MOVES, needs=("neighbour",))

@@ -79,9 +79,11 @@ def take_address(driver: CanDriver, frame: Frame, requirement: str = "MACC-LMT-0
     lengths = {8: 0, 7: 1}
     wanted = b"\x11".ljust(length, b"\0")
     driver.session.expect(
-        is_one and length in lengths and received[0].data == wanted, requirement,
-        "7E4h 11 00 00 and zeros", described(received),
-    )  # fmt: skip
+        is_one and length in lengths and received[0].data == wanted,
+        requirement,
+        "7E4h 11 00 00 and zeros",
+        described(received),
+    )
     driver.judge.reading("lmt_dlc", lengths[length], requirement)
 
 
@@ -138,8 +140,17 @@ def procedure(driver: CanDriver, new: int, length: int = codec.TRANSFER_BYTES) -
 # --- the procedure -------------------------------------------------------------------------------
 
 
-@check("MACC-LMT-01", "MACC-LMT-02", "MACC-LMT-03", "MACC-BOOT-01", "MACC-BOOT-02", "MACC-BOOT-03",
-       "MACC-BOOT-04", safety=DESTRUCTIVE, needs=ALONE)  # fmt: skip
+@check(
+    "MACC-LMT-01",
+    "MACC-LMT-02",
+    "MACC-LMT-03",
+    "MACC-BOOT-01",
+    "MACC-BOOT-02",
+    "MACC-BOOT-03",
+    "MACC-BOOT-04",
+    safety=DESTRUCTIVE,
+    needs=ALONE,
+)
 def the_address_is_given_in_three_steps(session: Session) -> None:
     """Entering is not answered, the address is, leaving is not; with leaving the module boots under
     the new address, and keeps it."""
@@ -182,9 +193,11 @@ def _judge_steps(driver: CanDriver, new: int) -> None:
     driver.client.address = new
     restarted = restart(driver)
     session.expect(
-        restarted.boot_up is not None and answers(driver, new), "MACC-LMT-03",
-        f"still {new} after a restart", "silence",
-    )  # fmt: skip
+        restarted.boot_up is not None and answers(driver, new),
+        "MACC-LMT-03",
+        f"still {new} after a restart",
+        "silence",
+    )
 
 
 def described_all(messages: tuple[object, ...]) -> str:
@@ -376,9 +389,11 @@ def other_lmt_services_are_ignored(session: Session) -> None:
         configure(driver, codec.lmt_leave())
         boot_up, _ = await_boot_up(driver, address=new)
         session.expect(
-            boot_up is not None and answers(driver, new), ("MACC-LMT-09", "MACC-LMT-03"),
-            f"as {new}", "silence",
-        )  # fmt: skip
+            boot_up is not None and answers(driver, new),
+            ("MACC-LMT-09", "MACC-LMT-03"),
+            f"as {new}",
+            "silence",
+        )
 
 
 def _judge_service(driver: CanDriver, service: int, *, is_configuring: bool) -> None:

@@ -140,9 +140,11 @@ def judge_time(driver: CanDriver, since: TimeWindow, boot_up: Arrival, requireme
     session, found = driver.session, round(deaf_ns / 1e6)
     if not is_held and "boot_time_ms" not in session.readings:
         session.expect(
-            passed_ms in BOOT_MS, requirement,
-            f"boot-up {BOOT_MS[0]}..{BOOT_MS[-1]} ms after the restart", f"{passed_ms} ms",
-        )  # fmt: skip
+            passed_ms in BOOT_MS,
+            requirement,
+            f"boot-up {BOOT_MS[0]}..{BOOT_MS[-1]} ms after the restart",
+            f"{passed_ms} ms",
+        )
         found = passed_ms
     else:
         session.expect(is_held, requirement, f"boot-up after {found} ms", f"{passed_ms} ms")
@@ -171,13 +173,17 @@ def a_reset_is_answered_and_ends_with_one_boot_up_message(session: Session) -> N
     )
     assert restarted.boot_up is not None
     session.expect(
-        not restarted.before, "MACC-BOOT-01", "nothing before the boot-up message",
+        not restarted.before,
+        "MACC-BOOT-01",
+        "nothing before the boot-up message",
         " ".join(str(early.frame) for early in restarted.before),
-    )  # fmt: skip
+    )
     session.expect(
-        restarted.boot_up.time_ns > restarted.since.latest_ns, "MACC-CMD-00-02",
-        "the reply first", "the boot-up message first",
-    )  # fmt: skip
+        restarted.boot_up.time_ns > restarted.since.latest_ns,
+        "MACC-CMD-00-02",
+        "the reply first",
+        "the boot-up message first",
+    )
     judge_form(driver, restarted.boot_up)
     again = unasked(driver, AFTERWARDS_S, lambda frame: codec.boot_up_form(frame) is not None)
     others = [other for other in session.neighbours if driver.client.boot_up(0, other) is not None]
@@ -185,14 +191,17 @@ def a_reset_is_answered_and_ends_with_one_boot_up_message(session: Session) -> N
     session.expect(not others, "MACC-BOOT-01", "no other module restarts", f"{others} as well")
     late = driver.client.target.receive(codec.is_reply, 0)
     session.expect(
-        late is None, "MACC-CMD-00-02", "no reply but the one before the restart",
+        late is None,
+        "MACC-CMD-00-02",
+        "no reply but the one before the restart",
         "none" if late is None else str(late.frame),
-    )  # fmt: skip
+    )
     driver.judge.alive("MACC-CMD-00-01")
 
 
-@check("MACC-GEN-01", "MACC-GEN-02", "MACC-GEN-03", "MACC-BOOT-01",
-       safety=MOVES, needs=("neighbour",))  # fmt: skip
+@check(
+    "MACC-GEN-01", "MACC-GEN-02", "MACC-GEN-03", "MACC-BOOT-01", safety=MOVES, needs=("neighbour",)
+)
 def a_reset_for_all_restarts_all(session: Session) -> None:
     """2000h on 600h restarts every module, each of which says when it is there again; module 1
     alone acknowledges it."""
@@ -261,14 +270,18 @@ def until_its_boot_up_message_it_serves_nothing(session: Session) -> None:
     session.step(boot_up is not None, "a boot-up message", "none")
     late = driver.client.target.receive(codec.is_reply, AFTERWARDS_S)
     session.expect(
-        late is None, "MACC-BOOT-04", "nothing answered afterwards",
+        late is None,
+        "MACC-BOOT-04",
+        "nothing answered afterwards",
         "nothing" if late is None else str(late.frame),
-    )  # fmt: skip
+    )
     place, coefficient = driver.client.position(), driver.client.parameter(0x0F)
     session.expect(
-        (place, coefficient) == (start, 0), ("MACC-BOOT-04", "MACC-CMD-00-01"),
-        f"position {start}, AA 00: nothing was executed", f"position {place}, AA {coefficient:02X}",
-    )  # fmt: skip
+        (place, coefficient) == (start, 0),
+        ("MACC-BOOT-04", "MACC-CMD-00-01"),
+        f"position {start}, AA 00: nothing was executed",
+        f"position {place}, AA {coefficient:02X}",
+    )
 
 
 @check("MACC-BOOT-04", "MACC-CMD-00-01", safety=MOVES)
@@ -343,10 +356,11 @@ def judge_due(
     slack = slack_ns(driver, LIFEBEAT_NS)
     sent_ns = message.time_ns - driver.client.target.least_time_ns(message.frame) - LIFEBEAT_NS
     driver.session.expect(
-        since.earliest_ns - slack <= sent_ns <= since.latest_ns + slack, requirement,
+        since.earliest_ns - slack <= sent_ns <= since.latest_ns + slack,
+        requirement,
         f"{LIFEBEAT_S:.3f} s after {what}, give or take {slack / 1e6:.1f} ms",
         f"{(sent_ns - since.latest_ns + LIFEBEAT_NS) / 1e9:.4f} s",
-    )  # fmt: skip
+    )
 
 
 def judge_payload(driver: CanDriver, message: Arrival, status: bytes, requirement: str) -> None:

@@ -99,8 +99,14 @@ def _judge_once(driver: CanDriver) -> None:
     )
 
 
-@check("MACC-STATE-02", "MACC-BOOT-01", "MACC-BOOT-02", "MACC-BOOT-04",
-       safety=WORKED, needs=("rig:reset",))  # fmt: skip
+@check(
+    "MACC-STATE-02",
+    "MACC-BOOT-01",
+    "MACC-BOOT-02",
+    "MACC-BOOT-04",
+    safety=WORKED,
+    needs=("rig:reset",),
+)
 def held_in_reset_it_says_nothing(session: Session) -> None:
     """While the reset input is held there is no reply and no lifebeat; released, the module boots
     like after a reset and says so once."""
@@ -129,8 +135,14 @@ def held_in_reset_it_says_nothing(session: Session) -> None:
     _judge_once(driver)
 
 
-@check("MACC-STATE-02", "MACC-BOOT-01", "MACC-BOOT-02", "MACC-BOOT-04",
-       safety=WORKED, needs=("rig:reset",))  # fmt: skip
+@check(
+    "MACC-STATE-02",
+    "MACC-BOOT-01",
+    "MACC-BOOT-02",
+    "MACC-BOOT-04",
+    safety=WORKED,
+    needs=("rig:reset",),
+)
 def a_boot_that_the_reset_input_ends_begins_anew(session: Session) -> None:
     """Held in reset amid its start-up a module stays deaf and silent; released it says once, after
     its whole time, that it is there."""
@@ -169,11 +181,7 @@ def payload_of(session: Session, status: bytes) -> tuple[bytes, ...]:
     """What a message may carry that is sent while 2001h reads `status`."""
     error = next((row[1:] for row in code_table(session) if status[0] & row[0]), (0, 0))
     head = error[0].to_bytes(2, "little") + bytes([error[1]])
-    shapes = {
-        "cia301_status": head + status,
-        "status_first": status,
-        "code_only": head,
-    }
+    shapes = {"cia301_status": head + status, "status_first": status, "code_only": head}
     held = session.readings.get("emcy_payload")
     chosen = shapes if held is None else {held: shapes[held]}
     return tuple(payload.ljust(codec.EMERGENCY_BYTES, b"\0") for payload in chosen.values())
@@ -207,9 +215,11 @@ def judge_change(
     session.expect(len(messages) == 1, "MACC-EMCY-02", f"one message: {what}", frames)
     payloads = payload_of(session, status)
     session.expect(
-        messages[0].frame.data in payloads, "MACC-EMCY-04",
-        [payload.hex(" ").upper() for payload in payloads], frames,
-    )  # fmt: skip
+        messages[0].frame.data in payloads,
+        "MACC-EMCY-04",
+        [payload.hex(" ").upper() for payload in payloads],
+        frames,
+    )
     if wanted:
         session.quirk("MACC-EMCY-04", "emcy_code_map", session.reading("emcy_code_map"))
     if driver.session.rig.is_exact:

@@ -63,9 +63,11 @@ def judge_refused(driver: CanDriver, request: CanRequest, requirement: str) -> N
     is_refusal = len(received) == 1 and received[0].data[:4] == wanted.data[:4]
     is_whole = is_refusal and len(received[0].data) == codec.TRANSFER_BYTES
     driver.session.expect(
-        is_whole and received[0].identifier == wanted.identifier, requirement,
-        f"{wanted} alone", described(received),
-    )  # fmt: skip
+        is_whole and received[0].identifier == wanted.identifier,
+        requirement,
+        f"{wanted} alone",
+        described(received),
+    )
     if requirement == "MACC-SDO-02":
         driver.judge.reading("abort_code_form", int(received[0] != wanted), requirement)
 
@@ -328,8 +330,11 @@ def download_and_upload_of_an_index_are_two_things(session: Session) -> None:
     start = driver.motion.ready()
     place = driver.motion.finish(driver.motion.go(start + 7))
     for index, shown, kept in (
-        (0x02, 0x26, 0x22), (0x03, 0x26, 0x23), (0x09, 0x22, 0x23), (0x0A, 0x23, 0x22),
-    ):  # fmt: skip
+        (0x02, 0x26, 0x22),
+        (0x03, 0x26, 0x23),
+        (0x09, 0x22, 0x23),
+        (0x0A, 0x23, 0x22),
+    ):
         setting = SETTINGS[index]
         before, value = driver.client.value(kept), setting.other(driver)
         driver.judge.accepted(index, setting.parameter(value))

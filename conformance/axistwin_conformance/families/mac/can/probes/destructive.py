@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
+from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.core.probing import Measured, Outcome, probe
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
@@ -27,7 +28,6 @@ LMT_WHO: Final = 0x5E  # of the convention: which address
 IMPOSSIBLE: Final = 0xFF  # whoever takes its low seven bits is at 127, and can be found
 FACTORY_ADDRESS: Final = 1
 TAKEN_OVER: Final = b"\x11\x00\x00"
-ATTEMPTS: Final = 3  # to bring the old address back
 BAD_ADDRESS: Final = {b"\x11\x01\x00": 0, b"\x11\xff\x00": 1}
 
 
@@ -78,7 +78,7 @@ def address_put_back(driver: CanDriver) -> Iterator[None]:
     def put_back() -> bool:
         driver.client.address = own
         driver.client.wait(QUIET_S)
-        for _ in range(ATTEMPTS):
+        for _ in range(RETRY.recovery):
             give_address(driver, own)
             if answers(driver, own):
                 return True

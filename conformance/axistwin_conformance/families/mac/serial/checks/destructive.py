@@ -41,9 +41,11 @@ def the_address_can_be_programmed(session: Session) -> None:
                 continue
             kind = program_address(driver, new)
             session.expect(
-                kind in (ReplyKind.ACCEPTED, ReplyKind.SILENCE), "MACS-CMD-08-01",
-                ["accepted", "silence"], kind.value,
-            )  # fmt: skip
+                kind in (ReplyKind.ACCEPTED, ReplyKind.SILENCE),
+                "MACS-CMD-08-01",
+                ["accepted", "silence"],
+                kind.value,
+            )
             if not answers(driver, new):
                 driver.client.send(driver.client.request(0x00), QUIET_S)
                 driver.motion.wait_awake()
@@ -60,9 +62,11 @@ def the_address_can_be_programmed(session: Session) -> None:
         driver.client.command(0x00)
         driver.motion.wait_awake()
         session.expect(
-            answers(driver, driver.client.address), "MACS-CMD-08-02",
-            f"still at {driver.client.address:02X} after 00h", "silence",
-        )  # fmt: skip
+            answers(driver, driver.client.address),
+            "MACS-CMD-08-02",
+            f"still at {driver.client.address:02X} after 00h",
+            "silence",
+        )
 
 
 @check("MACS-CMD-08-03", "MACS-CMD-08-01", safety=DESTRUCTIVE, needs=("alone",))
@@ -111,9 +115,11 @@ def an_address_that_is_no_number_is_refused(session: Session) -> None:
                 driver, driver.client.address
             )
             session.expect(
-                is_kept, ("MACS-FRAME-13", "MACS-CMD-08-03"),
-                f"refused, still at {driver.client.address:02X}", kind.value,
-            )  # fmt: skip
+                is_kept,
+                ("MACS-FRAME-13", "MACS-CMD-08-03"),
+                f"refused, still at {driver.client.address:02X}",
+                kind.value,
+            )
 
 
 @check("MACS-CMD-1B-01", "MACS-CMD-XX-02", "MACS-LINE-01", safety=DESTRUCTIVE, needs=("alone",))
@@ -164,8 +170,14 @@ def _judge_rate(driver: SerialDriver, value: int) -> None:
         driver.client.wait(QUIET_S)
 
 
-@check("MACS-CMD-01-01", "MACS-CMD-01-02", "MACS-CMD-01-03", "MACS-CMD-1C-01",
-       safety=DESTRUCTIVE, needs=("alone",))  # fmt: skip
+@check(
+    "MACS-CMD-01-01",
+    "MACS-CMD-01-02",
+    "MACS-CMD-01-03",
+    "MACS-CMD-1C-01",
+    safety=DESTRUCTIVE,
+    needs=("alone",),
+)
 def a_factory_reset_brings_the_factory_values(session: Session) -> None:
     """01h writes the factory values over all parameters, deaf for 2 s; address 00, 38400 baud."""
     driver = SerialDriver(session)

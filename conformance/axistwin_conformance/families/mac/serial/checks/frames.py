@@ -324,9 +324,11 @@ def the_sub_index_matters_only_to_memory_queries(session: Session) -> None:
         driver.client.data_bytes(0x28, IMAX_ADDRESS),
     )
     session.expect(
-        before[1:] == at[:3], None,
-        f"28h AF to begin with {bytes(before[1:]).hex()}", bytes(at).hex(),
-    )  # fmt: skip
+        before[1:] == at[:3],
+        None,
+        f"28h AF to begin with {bytes(before[1:]).hex()}",
+        bytes(at).hex(),
+    )
 
 
 @check("MACS-FRAME-10")
@@ -431,7 +433,7 @@ def noise_through_a_reply_does_not_deafen_it(session: Session) -> None:
         session.skip("needs a line on which nothing is lost: noise runs into the reply")
     frame = driver.client.request(0x20).encode()
     session.target.send(frame + b"\xff" * (4 * codec.ANSWER_BYTES) + frame)
-    session.target.wait(10 * codec.ANSWER_BYTES * driver.client.byte_ns / 1e9)
+    session.target.wait(10 * codec.ANSWER_BYTES * session.target.byte_ns / 1e9)
     arrived = session.target.drain()
     last = codec.parse(arrived[-codec.ANSWER_BYTES :])
     session.expect(last.kind is ReplyKind.ANSWER, None, "an answer at last", arrived.hex(" "))

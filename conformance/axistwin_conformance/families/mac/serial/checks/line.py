@@ -64,9 +64,11 @@ def after_00h_it_is_deaf_for_two_seconds(session: Session) -> None:
     session.quirk("MACS-CMD-00-02", "boot_time_ms", str(boot_ms if is_held else deaf_ms))
     place, coefficient = driver.client.position(), driver.client.parameter(0x0F)
     session.expect(
-        place == start and coefficient != 0x77, ("MACS-CMD-00-02", "MACS-CMD-00-01"),
-        "what was sent meanwhile had no effect", f"position {place}, AA {coefficient:02X}",
-    )  # fmt: skip
+        place == start and coefficient != 0x77,
+        ("MACS-CMD-00-02", "MACS-CMD-00-01"),
+        "what was sent meanwhile had no effect",
+        f"position {place}, AA {coefficient:02X}",
+    )
 
 
 def _first_answer_ns(driver: SerialDriver, from_ns: int) -> int:
@@ -92,9 +94,11 @@ def just_after_two_seconds_it_listens(session: Session) -> None:
         )
         exchange = driver.client.send(driver.client.request(0x20), POLL_S)
         session.expect(
-            exchange.kind is kind, "MACS-CMD-00-02",
-            f"{kind.value} {driver.motion.deaf_s + after_s:.2f} s after 00h", exchange.kind.value,
-        )  # fmt: skip
+            exchange.kind is kind,
+            "MACS-CMD-00-02",
+            f"{kind.value} {driver.motion.deaf_s + after_s:.2f} s after 00h",
+            exchange.kind.value,
+        )
         driver.motion.wait_awake()
     driver.judge.alive("MACS-CMD-00-01")
 

@@ -30,8 +30,15 @@ def readdressed(frame: bytes, address: int) -> bytes:
     return frame[:4] + summed + codec.two_digits(codec.checksum(summed)) + frame[20:]
 
 
-@check("MACS-FRAME-01", "MACS-FRAME-03", "MACS-REPLY-01", "MACS-CMD-15-01", "MACS-CMD-16-01",
-       "MACS-CMD-1E-01", safety=("motion", "stored"))  # fmt: skip
+@check(
+    "MACS-FRAME-01",
+    "MACS-FRAME-03",
+    "MACS-REPLY-01",
+    "MACS-CMD-15-01",
+    "MACS-CMD-16-01",
+    "MACS-CMD-1E-01",
+    safety=("motion", "stored"),
+)
 def the_manuals_examples_get_their_printed_replies(session: Session) -> None:
     """Every worked example of the manual, its misprints corrected, gets 06 13 1A."""
     driver = SerialDriver(session)
@@ -113,8 +120,14 @@ def a_wrong_checksum_for_somebody_else_is_not_nacked(session: Session) -> None:
     driver.judge.alive("MACS-FRAME-07")
 
 
-@check("MACS-REPLY-03", "MACS-REPLY-05", "MACS-REPLY-06", "MACS-CMD-13-02", "MACS-CMD-0D-02",
-       safety=("motion", "stored"))  # fmt: skip
+@check(
+    "MACS-REPLY-03",
+    "MACS-REPLY-05",
+    "MACS-REPLY-06",
+    "MACS-CMD-13-02",
+    "MACS-CMD-0D-02",
+    safety=("motion", "stored"),
+)
 def refusals_change_nothing(session: Session) -> None:
     """During a move 13h and 0Dh get 06 13 17, a wrong checksum still 15; the move goes on."""
     driver = SerialDriver(session)
@@ -151,10 +164,21 @@ def a_nacked_frame_does_nothing(session: Session) -> None:
     start = driver.motion.ready()
     before = [driver.client.value(index) for index in (0x20, 0x22, 0x23, 0x25, 0x26)]
     for index, parameter in (
-        (0x13, start + 200), (0x15, velocity(1, 0x1000)), (0x16, 0x00640640), (0x0B, 0),
-        (0x09, 0x1234), (0x0A, 0x1234), (0x0C, 0x11), (0x0D, 0x0777), (0x0E, 0x4400),
-        (0x0F, 0x33), (0x1C, 0x22), (0x02, 1), (0x03, 9), (0x00, 0),
-    ):  # fmt: skip
+        (0x13, start + 200),
+        (0x15, velocity(1, 0x1000)),
+        (0x16, 0x00640640),
+        (0x0B, 0),
+        (0x09, 0x1234),
+        (0x0A, 0x1234),
+        (0x0C, 0x11),
+        (0x0D, 0x0777),
+        (0x0E, 0x4400),
+        (0x0F, 0x33),
+        (0x1C, 0x22),
+        (0x02, 1),
+        (0x03, 9),
+        (0x00, 0),
+    ):
         driver.judge.must(
             ReplyKind.NACK,
             driver.client.send(driver.client.request(index, parameter).with_wrong_checksum(3)),

@@ -99,8 +99,10 @@ def lowercase_hex(driver: SerialDriver) -> Outcome:
 def bad_frame_reply(driver: SerialDriver) -> Outcome:
     """A query with length field 015, and one with another byte for Etx."""
     whole = driver.client.request(0x20)
-    kinds = {driver.client.send(frame, QUIET_S + driver.client.target.uncertainty_ns / 1e9).kind
-             for frame in (replace(whole, length=b"015"), replace(whole, end=b"\r"))}  # fmt: skip
+    kinds = {
+        driver.client.send(frame, QUIET_S + driver.client.target.uncertainty_ns / 1e9).kind
+        for frame in (replace(whole, length=b"015"), replace(whole, end=b"\r"))
+    }
     if len(kinds) > 1:
         return "now silence, now a reply"
     return reply_of(kinds.pop(), {ReplyKind.SILENCE: 0, ReplyKind.NACK: 1})
