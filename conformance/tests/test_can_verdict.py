@@ -159,6 +159,7 @@ def test_the_same_seed_gives_the_same_frames_at_the_same_times(
     assert frames(7) != frames(8)
 
 
+@pytest.mark.strength(seconds=15)
 @pytest.mark.parametrize(("travel", "speed"), [(300, 3000), (3000, 10_000)])
 def test_behind_the_fence_the_twin_conforms_in_what_is_left(travel: int, speed: int) -> None:
     """Nothing fails for being held back, all is put back, and what needs more says how much."""

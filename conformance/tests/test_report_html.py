@@ -313,7 +313,7 @@ def test_an_unreachable_device_gets_a_page_too(toy: Any) -> None:
     assert "Not judged: device unreachable: nothing answers" in text
 
 
-@pytest.mark.strength
+@pytest.mark.strength(seconds=20)
 def test_a_full_run_makes_a_light_page(tmp_path: Path) -> None:
     """Under a megabyte, motion plots included."""
     result = CliRunner().invoke(conform, ["mac23", "--report", str(tmp_path)])
