@@ -14,6 +14,7 @@ from axistwin_conformance.core.session import Envelope, Run, Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK, STX
 from axistwin_conformance.families.msc.family import FAMILY
+from axistwin_conformance.families.msc.options import TWIN_SCRATCH
 from axistwin_conformance.transport.serial import SerialTransport
 
 BYTE_NS = 10_000_000_000 // 9600
@@ -196,7 +197,7 @@ def session_on(port: MscPort, checked: Check | None = None, **how: Any) -> Sessi
             "model": FAMILY.models["msc-250" if port.has_rflags else "msc-generic"],
             "ledger": load_ledger("msc"), "address": port.unit, "neighbours": (),
             "allowed": frozenset({"passive", "stored"}), "envelope": Envelope(0, 0), "seed": 0,
-            "scratch": FAMILY.scratch, **how,
+            "settings": TWIN_SCRATCH, **how,
         }
     )  # fmt: skip
     return Session(run, checked)

@@ -9,9 +9,9 @@ from typing import Any
 from msc_device import BYTE_NS, REPEATS, REPLY_NS, RESPONSE_NS, T2_NS, MscPort
 
 from axistwin_conformance.base.check import Check
-from axistwin_conformance.core.identity import ScratchArea
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK, STX, Packet
+from axistwin_conformance.families.msc.options import ScratchArea
 
 Accepts = Callable[[bytes], bool]
 SCAN_NS = 10_000_000
@@ -462,7 +462,7 @@ class Forgetful(MscPort):
 
 def around(check: Check, port: MscPort) -> dict[str, Any]:
     """What a run needs for a check beside the port."""
-    how: dict[str, Any] = {"grounds": GROUNDS}
+    how: dict[str, Any] = {"settings": GROUNDS}
     if "neighbour" in check.needs:
         how["neighbours"] = (2, 3)
     if any(need in check.needs for need in ("rig:power", "rig:flag")):

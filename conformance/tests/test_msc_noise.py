@@ -7,7 +7,7 @@ import pytest
 from noise_verdict import judge_healthy, passed
 from noisy_line import FATES, NoisyPort, NoisyRun, noisy_run
 
-from axistwin_conformance.families.msc.family import TWIN_SCRATCH
+from axistwin_conformance.families.msc.options import TWIN_SCRATCH
 
 KINDS = {"mixed": FATES, **{one: (one,) for one in FATES}}
 LEAST_PASSED = {2000: 100, 500: 60}  # noise costs certainty, but not everything

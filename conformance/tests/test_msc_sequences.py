@@ -13,7 +13,6 @@ from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.events import Event, FailureStored, StatesCovered
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.base.verdicts import Verdict
-from axistwin_conformance.core.identity import ScratchArea
 from axistwin_conformance.core.session import Session, Stop
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.checks.machines import (
@@ -29,6 +28,7 @@ from axistwin_conformance.families.msc.checks.sequences import (
 from axistwin_conformance.families.msc.codec import ACK, NAK
 from axistwin_conformance.families.msc.driver import Bench
 from axistwin_conformance.families.msc.family import FAMILY
+from axistwin_conformance.families.msc.options import ScratchArea
 from axistwin_conformance.families.msc.sequences.machine import Judged, UnitMachine
 from axistwin_conformance.families.msc.sequences.operations import OPERATIONS, WHAT
 from axistwin_conformance.families.msc.sequences.runner import UnitRunner, runner_of
@@ -142,7 +142,7 @@ def test_what_is_written_is_put_back() -> None:
 def test_places_lie_inside_what_is_named(named: range) -> None:
     """However little that is, and wherever it begins."""
     scratch = ScratchArea(named, range(130, 131))
-    bench = Bench(session_on(MscPort(), many_sequences, scratch=scratch))
+    bench = Bench(session_on(MscPort(), many_sequences, settings=scratch))
     spots, blocks, cover = places(bench)
     assert all(one in named and one % 4 == 0 for one in (*spots, *blocks))
     assert all(one + 31 * 4 in named for one in blocks)
@@ -151,7 +151,7 @@ def test_places_lie_inside_what_is_named(named: range) -> None:
 
 def test_the_smallest_ground_is_enough_to_play_on() -> None:
     """One variable, one flag: what needs more does less."""
-    case = Case(MscPort(), many_sequences, scratch=ScratchArea(range(2000, 2004), range(130, 131)))
+    case = Case(MscPort(), many_sequences, settings=ScratchArea(range(2000, 2004), range(130, 131)))
     case.run()
     assert case.failed == {}
 

@@ -167,7 +167,7 @@ class BenchProgram:
     """The bench program in a unit: its flags, its counters, its block; skips if it does not run."""
 
     def __init__(self, session: Session) -> None:
-        place = session.run.bench_program
+        place = session.run.settings.program
         assert place is not None, "a check that uses the bench program names it as a need"
         self.unit = Controller(session)
         self.session = session

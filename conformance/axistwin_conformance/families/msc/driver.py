@@ -13,6 +13,7 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.client import Exchange, Talk
 from axistwin_conformance.families.msc.codec import Packet
+from axistwin_conformance.families.msc.options import ScratchArea
 from axistwin_conformance.families.msc.safety import may_set, may_write
 
 SAFE_STRIDE: Final = 4  # addresses so far apart are different variables in every reading (§5.2)
@@ -35,12 +36,14 @@ class Bench:
     @property
     def variables(self) -> range:
         """The addresses the operator has named as free; none named: empty."""
-        return self.session.run.variables
+        scratch: ScratchArea = self.session.run.settings
+        return scratch.variables
 
     @property
     def flags_free(self) -> range:
         """The flags the operator has named as free; none named: empty."""
-        return self.session.run.flags
+        scratch: ScratchArea = self.session.run.settings
+        return scratch.flags
 
     def may_write(self, address: int, values: int = 1) -> bool:
         """True if so many values from an address on may be written in this check."""

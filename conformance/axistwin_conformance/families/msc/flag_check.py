@@ -16,6 +16,7 @@ from typing import Final
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.driver import Bench
+from axistwin_conformance.families.msc.options import TWIN_SCRATCH
 from axistwin_conformance.families.msc.safety import MOST_FLAGS, Writing
 
 ROUNDS: Final = 4  # of on and off in which a flag may follow
@@ -30,18 +31,17 @@ MOST_NAMED: Final = 8  # flags in a sentence
 def try_flags(session: Session) -> str:
     """Why no check can be judged by the flags named; empty: they follow what is written, or the
     unit is what keeps them from it.  What it touches is put back by `restore`."""
-    run = session.run
-    own = run.family.scratch
-    if session.target.is_builtin and own is not None and run.flags == own.flags:
+    flags = session.run.settings.flags
+    if session.target.is_builtin and flags == TWIN_SCRATCH.flags:
         return ""  # of which it is known that nothing drives them
     trial = _Trial(session)
-    driven = trial.driven(list(run.flags))
+    driven = trial.driven(list(flags))
     if not driven or trial.goes_elsewhere(driven[0]):
         return ""
     follow, them = ("does", "it") if len(driven) == 1 else ("do", "them")
     return (
         f"{_listed(driven)} {follow} not follow SFLAG and CFLAG"
-        f" (--flags {run.flags[0]}-{run.flags[-1]}): the machine or a program drives {them}, or the"
+        f" (--flags {flags[0]}-{flags[-1]}): the machine or a program drives {them}, or the"
         " unit loses what is written; name only flags that nothing else drives"
     )
 
@@ -99,7 +99,10 @@ class _Trial:
         if self._bench.has_rflags:
             return range(MOST_FLAGS)
         near = {number - 1, number + 1, *(number ^ 1 << bit for bit in range(8))}
-        return {*(one for one in near if one in range(MOST_FLAGS)), *self._session.run.flags}
+        return {
+            *(one for one in near if one in range(MOST_FLAGS)),
+            *self._session.run.settings.flags,
+        }
 
     def _turned(
         self, numbers: list[int], *, on: bool, looked_at: Iterable[int] | None = None

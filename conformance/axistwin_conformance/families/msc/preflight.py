@@ -13,10 +13,10 @@ from collections.abc import Sequence
 from typing import Final
 
 from axistwin_conformance.base.errors import UsageError
-from axistwin_conformance.core.identity import NO_SCRATCH
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.driver import SAFE_BLOCK, SAFE_STRIDE, Bench
+from axistwin_conformance.families.msc.options import NO_SCRATCH, TWIN_SCRATCH, ScratchArea
 
 SAMPLES: Final = 16  # addresses from the first to the last that are looked at
 RUNNING, LOADING = 1, 1 << 10  # of the status word (MSC-AMB-32)
@@ -28,8 +28,8 @@ def survey(session: Session) -> None:
 
     What the built-in twin has of its own is known, and whatever it refuses there is its fault.
     """
-    own = session.run.family.scratch if session.target.is_builtin else None
-    scratch, own = session.run.scratch, own or NO_SCRATCH
+    own = TWIN_SCRATCH if session.target.is_builtin else NO_SCRATCH
+    scratch: ScratchArea = session.run.settings
     spans = [("variables", scratch.variables, scratch.variables == own.variables)]
     spans.append(("bench-program", scratch.of_program[0], scratch.program == own.program))
     for name, span, is_known in spans:

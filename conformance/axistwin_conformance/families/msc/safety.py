@@ -22,10 +22,10 @@ from functools import lru_cache
 from typing import Final
 from weakref import WeakKeyDictionary
 
-from axistwin_conformance.core.identity import PROGRAM_FLAGS
 from axistwin_conformance.core.session import Run, Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK, STX
+from axistwin_conformance.families.msc.options import PROGRAM_FLAGS
 from axistwin_conformance.transport.transport import is_twin_url
 
 TAIL_BYTES: Final = 2 * codec.MAX_PACKET  # of what was sent in pieces
@@ -107,9 +107,9 @@ def may_write(run: Run, address: int, values: int = 1, *, has_program: bool = Fa
     """
     stride = int(run.readings.get("data_address_stride", SAFE_STRIDE))
     extent = (values - 1) * stride
-    scratch = [run.variables]
-    if has_program and run.bench_program is not None:
-        scratch.append(range(*(run.bench_program[1] + at for at in _ends(PROGRAM_BLOCK))))
+    scratch = [run.settings.variables]
+    if has_program and run.settings.program is not None:
+        scratch.append(range(*(run.settings.program[1] + at for at in _ends(PROGRAM_BLOCK))))
     return any(address in one and address + extent in one for one in scratch)
 
 
@@ -119,11 +119,11 @@ def _ends(one: range) -> tuple[int, int]:
 
 def may_set(run: Run, flag: int, *, has_program: bool = False) -> bool:
     """True if a flag is the suite's to set and clear.  `has_program`: so are the program's."""
-    if has_program and run.bench_program is not None:
-        first = run.bench_program[0]
+    if has_program and run.settings.program is not None:
+        first = run.settings.program[0]
         if flag in range(first, first + PROGRAM_FLAGS):
             return True
-    return flag in run.flags
+    return flag in run.settings.flags
 
 
 # --- the guard ------------------------------------------------------------------------------------

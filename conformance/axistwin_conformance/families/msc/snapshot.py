@@ -18,12 +18,13 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from axistwin_conformance.base.errors import TargetError, WrongDevice
-from axistwin_conformance.core.identity import PROGRAM_FLAGS, Identity
+from axistwin_conformance.core.identity import Identity
 from axistwin_conformance.core.session import ATTEMPTS, REPLY_TIMEOUT_S, Run, Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.client import QUIET_S, Exchange
 from axistwin_conformance.families.msc.codec import ACK
 from axistwin_conformance.families.msc.driver import SAFE_BLOCK, SAFE_STRIDE, Bench
+from axistwin_conformance.families.msc.options import PROGRAM_FLAGS, ScratchArea
 from axistwin_conformance.families.msc.safety import PROGRAM_BLOCK, Writing
 from axistwin_conformance.transport.transport import is_twin_url
 
@@ -234,14 +235,15 @@ def remember(session: Session) -> Memory:
     """
     run = session.run
     stride = int(run.readings.get("data_address_stride", 1))
-    scratch, flags, orders = [run.variables], [*run.flags], range(0)
-    if run.bench_program is not None:
-        flag, address = run.bench_program
+    named: ScratchArea = run.settings
+    scratch, flags, orders = [named.variables], [*named.flags], range(0)
+    if run.settings.program is not None:
+        flag, address = run.settings.program
         scratch.append(range(address + PROGRAM_BLOCK.start, address + PROGRAM_BLOCK.stop))
         orders = range(flag, flag + PROGRAM_FLAGS)
     units = {session.address: _held(Bench(session), scratch, [*flags, *orders], stride)}
     if not session.target.is_builtin:
-        _refuse_what_moves(Bench(session), units[session.address], run.flags)
+        _refuse_what_moves(Bench(session), units[session.address], run.settings.flags)
     for unit in session.neighbours:
         with contextlib.suppress(TargetError):  # who does not answer is not there
             units[unit] = _held(Bench(session, unit), scratch, [*flags, *orders], stride)

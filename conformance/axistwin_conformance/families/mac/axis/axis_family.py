@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from axistwin_conformance.core.family import Family
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis import snapshot
+from axistwin_conformance.families.mac.axis.options import OPTIONS
 from axistwin_conformance.families.mac.axis.safety import STORING, objection
 from axistwin_conformance.families.mac.axis.snapshot import Memory
 
@@ -17,6 +18,8 @@ class AxisFamily(Family):
 
     replay_module = "axistwin_conformance.families.mac.axis.checks.sequences"
     operation_bytes = 4
+    options = OPTIONS
+    tidying = "stop the axis or put its parameters back"
 
     @property
     def packages(self) -> tuple[str, ...]:
