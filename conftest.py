@@ -1,12 +1,24 @@
-"""What holds for all tests, of twins and of the suite."""
+"""What holds for all tests, of twins and of the suite: their tiers, signals, what needs a kernel
+with CAN."""
 
 import os
 import signal
+import sys
+from collections.abc import Generator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 VCAN = Path("/sys/class/net/vcan0")
+BY_HAND = frozenset({"soak", "vcan"})
+DEAR = BY_HAND | {"system", "strength"}
+# What a fast test does not do, in the words of Python's audit hooks.
+NOT_FAST = frozenset(
+    {"subprocess.Popen", "os.fork", "os.posix_spawn", "socket.bind", "socket.connect", "openpty"}
+)
+running: list[str] = []
+"""The fast test that is under way, if one is."""
 
 
 def pytest_configure() -> None:
@@ -18,6 +30,55 @@ def pytest_configure() -> None:
     ):
         if signal.getsignal(number) is signal.SIG_IGN:
             signal.signal(number, handler)
+    sys.addaudithook(_refuse_what_is_not_fast)
+    open_pty = os.openpty  # which no audit hook is told of
+
+    def openpty() -> tuple[int, int]:
+        sys.audit("openpty")
+        return open_pty()
+
+    os.openpty = openpty
+
+
+def _refuse_what_is_not_fast(event: str, arguments: tuple[Any, ...]) -> None:
+    if event in NOT_FAST and running:
+        test = running.pop()
+        raise AssertionError(f"{test} is no fast test ({event}): mark it 'system' or 'strength'")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Every test is of a tier; what is marked for none of the dear ones is fast.
+
+    What is run by hand is left out unless it is asked for.  What takes long comes first, so that
+    all processes end together.
+    """
+    left_out = {name for name in BY_HAND if name not in config.option.markexpr}
+    chosen: list[pytest.Item] = []
+    others: list[pytest.Item] = []
+    for item in items:
+        marks = {mark.name for mark in item.iter_markers()}
+        if not DEAR & marks:
+            item.add_marker(pytest.mark.fast)
+        (others if left_out & marks else chosen).append(item)
+    config.hook.pytest_deselected(items=others)
+    items[:] = sorted(chosen, key=_seconds, reverse=True)
+
+
+def _seconds(item: pytest.Item) -> float:
+    """About how long a test takes, where it says so: pytest.mark.strength(seconds=...)."""
+    return max((float(mark.kwargs.get("seconds", 0)) for mark in item.iter_markers()), default=0)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """Let a fast test start no process and open no port."""
+    if item.get_closest_marker("fast") is not None:
+        running.append(item.nodeid)
+    try:
+        return (yield)
+    finally:
+        running.clear()
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

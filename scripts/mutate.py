@@ -85,16 +85,21 @@ class Family:
 TESTS = ROOT / "conformance" / "tests"
 FAMILIES: Mapping[str, Family] = {
     "mac_serial": Family(
-        ("devices/mac/*.py", "devices/switches.py", "motion/*.py"),
-        # Words for people, of which nothing reaches the wire, and the other face of the module.
-        ("devices/mac/decode.py", "devices/mac/can"),
+        (
+            "devices/mac/axis/*.py",
+            "devices/mac/serial/*.py",
+            "devices/switches.py",
+            "motion/*.py",
+        ),
+        # Words for people, of which nothing reaches the wire.
+        ("devices/mac/serial/decode.py", "devices/mac/axis/command_words.py"),
         (("mac23", "quick"), ("mac23", "full"), ("mac34-1", "quick")),
         TESTS / "zoo" / "survivors.toml",
         "",
     ),
     "mac_can": Family(
-        ("devices/mac/can*.py", "devices/mac/module.py"),
-        ("devices/mac/can_decode.py",),
+        ("devices/mac/can/*.py", "devices/mac/axis/module.py"),
+        ("devices/mac/can/decode.py",),
         (("mac23-can", "quick"), ("mac23-can", "full")),
         TESTS / "zoo_can" / "survivors.toml",
         "mac_can-",

@@ -75,8 +75,8 @@ def options_of(model: str, level: str) -> Any:
 
 def judge(stages: Stages) -> None:
     """Run stage after stage until something is said; `passed` if nothing is."""
-    from axistwin.devices.mac.can import MacCan
-    from axistwin.devices.mac.serial import MacSerial
+    from axistwin.devices.mac.can.device import MacCan
+    from axistwin.devices.mac.serial.device import MacSerial
     from axistwin.devices.msc.controller import MscController
     from axistwin.runtime.bus import Bus
     from axistwin.runtime.line import Line

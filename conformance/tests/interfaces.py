@@ -21,6 +21,7 @@ from typing import Any
 
 import pytest
 import serial
+from small_scratch import VARIABLES
 
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
@@ -340,16 +341,16 @@ def judged_behind(
     given: dict[str, Any] = {}
     if model.startswith("msc"):
         given = {
-            "variables": range(1024, 5120), "flags": range(128, 192), "bench_program": (240, 6144)
+            "variables": VARIABLES, "flags": range(128, 192), "bench_program": (240, 6144)
         }  # fmt: skip
     options = make_options(
         model=model, ids=words, level=level, seed=seed, port=interface.url, baud=rate,
         is_detection=detects,
         allow="motion,stored" if given else "motion,stored,destructive", **given,
     )  # fmt: skip
-    options = replace(
-        options, settings=AxisSettings(replace(options.settings.envelope, max_travel=20_000))
-    )
+    if isinstance(settings := options.settings, AxisSettings):
+        settings = replace(settings, envelope=replace(settings.envelope, max_travel=20_000))
+        options = replace(options, settings=settings)
     url = options.family.twin_url(options.model, options.address, ())
     url += query + (f"&baud={rate}" if rate else "")
     ports: list[InterfacePort] = []

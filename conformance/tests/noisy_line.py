@@ -10,6 +10,7 @@ from typing import Any
 
 import serial
 from port_in_front import PortInFront
+from small_scratch import small_scratch
 
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.result import Result
@@ -148,7 +149,7 @@ def noisy_run(
     """Judge the built-in twin behind a noisy line."""
     if TWIN_HANDLER not in serial.protocol_handler_packages:
         serial.protocol_handler_packages.append(TWIN_HANDLER)
-    options = make_options(model=model, ids=words, level=level, seed=seed)
+    options = make_options(model=model, ids=words, level=level, seed=seed, **small_scratch(model))
     ports: list[NoisyPort] = []
 
     def open_noisy(neighbours: tuple[int, ...]) -> SerialTransport:

@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 
 from family_variants import vary
+from small_scratch import small_scratch
 
 from axistwin.catalog import models
 from axistwin_conformance.base.ledger import Ledger, load_ledger
@@ -64,7 +65,9 @@ class QuirkTwins:
     ) -> Engine:
         """An engine for the built-in twin made with these words in its URL; `words`: what to run
         of the suite, all of it without."""
-        options = make_options(model=self.model, ids=words, level=level)
+        options = make_options(
+            model=self.model, ids=words, level=level, **small_scratch(self.model)
+        )
 
         def twin_url(model: str, address: int, neighbours: tuple[int, ...]) -> str:
             devices = ",".join(f"{model}:{one}" for one in (address, *neighbours))

@@ -7,6 +7,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+pytestmark = pytest.mark.strength
+
 SCRIPT = Path(__file__).parents[2] / "scripts" / "bench_suite.py"
 
 

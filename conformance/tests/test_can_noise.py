@@ -8,6 +8,8 @@ from noise_verdict import judge_healthy, passed
 
 from axistwin_conformance.base.verdicts import Verdict
 
+pytestmark = pytest.mark.strength
+
 KINDS = {"mixed": FATES, **{one: (one,) for one in FATES}}
 LEAST_PASSED = {500: 40, 50: 30}  # noise costs certainty, but not everything
 
@@ -17,7 +19,6 @@ def healthy(every: int, seed: int, kind: str, *words: str) -> NoisyRun:
     return judge_healthy(noisy_run(every, seed, *words, fates=KINDS[kind]))
 
 
-@pytest.mark.slow
 def test_a_healthy_twin_never_fails_on_a_bus_that_loses_frames() -> None:
     """One in 500, either way: it costs time and certainty, never a verdict."""
     assert passed(healthy(500, 1, "lost")) >= LEAST_PASSED[500]

@@ -14,6 +14,8 @@ from quirk_twins import QuirkTwins, Readings
 from axistwin_conformance.cli import conform
 from axistwin_conformance.core.profile import load_profile
 
+pytestmark = pytest.mark.strength
+
 TWINS = QuirkTwins(
     model="mac23-can",
     ledger_name="mac_can",

@@ -44,7 +44,7 @@ FOREIGN = (
 )
 NUMBERS = itertools.count()
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.strength
 
 
 def garbage(frame: Frame) -> tuple[Frame, ...]:

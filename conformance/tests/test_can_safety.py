@@ -28,6 +28,8 @@ from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.transport.can import CanTransport
 
+pytestmark = pytest.mark.strength
+
 TRAVEL, SPEED = 2000, 10_000
 STOPPED = partial(judge_interrupted, most=TRAVEL)
 MOVING = ("MACC-CMD-13", "MACC-CMD-15", "MACC-CMD-16")
@@ -37,7 +39,7 @@ UNREACHABLE = (
     "a_factory_reset_brings_the_factory_values",
     "the_address_outlives_the_supply_once_it_holds",
 )
-SLOW, SOAK = pytest.mark.slow, pytest.mark.soak
+SOAK = pytest.mark.soak
 NUMBERS = count()  # a bus of its own for each target
 OPEN: list[Any] = []
 
@@ -82,7 +84,7 @@ def run(
 @pytest.mark.parametrize(
     ("level", "seed"),
     [
-        pytest.param("quick", 0, marks=SLOW),
+        ("quick", 0),
         *(pytest.param("full", seed, marks=SOAK) for seed in range(12)),
     ],
 )
@@ -95,14 +97,12 @@ def test_a_run_never_leaves_the_envelope(level: str, seed: int) -> None:
 # --- trouble at a random moment -------------------------------------------------------------------
 
 
-@SLOW
 def test_an_interrupt_at_any_moment_leaves_the_axis_at_rest_and_its_memory_as_it_was() -> None:
     """Twelve random moments of a run of motions."""
     moving = partial(run, words=MOVING)
     meet(Trouble(moments_of(12, moving, seed=3), interrupt, STOPPED), moving)
 
 
-@SLOW
 def test_an_interrupt_while_a_module_has_another_address_brings_it_back() -> None:
     """A hundred random moments of the probes and checks that give it another one."""
     away = partial(run, words=UNREACHABLE)
@@ -116,7 +116,6 @@ def test_an_interrupt_at_a_hundred_random_moments() -> None:
     meet(Trouble(moments_of(100, full, seed=1), interrupt, STOPPED), full)
 
 
-@SLOW
 def test_a_bus_lost_at_any_moment_ends_the_run_soon() -> None:
     """Nothing can be stopped then; that is said, and it is no crash."""
 

@@ -46,6 +46,8 @@ from axistwin_conformance.sequences.strategies import no_folder
 from axistwin_conformance.transport.can import CanTransport
 from axistwin_conformance.transport.can_frame import Frame
 
+pytestmark = pytest.mark.strength
+
 FAMILY = find_family("mac23-can")
 TWIN = "mac23-can:1,mac23-can:3?time=virtual"
 BUSES = itertools.count()

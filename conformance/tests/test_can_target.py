@@ -531,6 +531,7 @@ def test_a_frame_that_cannot_be_is_the_adapter_s_and_ends_nothing() -> None:
     assert any("identifier 814h is outside" in one.text for one in target.transcript)
 
 
+@pytest.mark.system
 def test_an_adapter_that_another_program_uses_is_not_shared() -> None:
     """Each of two readers would get halves of frames, and a sound module seem a wrong one."""
     far, near = pty.openpty()

@@ -16,6 +16,8 @@ from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.transport.can import CanTransport
 from axistwin_conformance.transport.can_frame import Frame
 
+pytestmark = pytest.mark.strength
+
 FAMILY, LEDGER = find_family("mac23-can"), load_ledger("mac_can")
 TWIN = "axistwin:mac23-can:1,mac23-can:3?time=virtual"
 # 08h and 1Bh, which act on the serial line, are unassigned here (MACC-CMD-XX-01).
@@ -50,7 +52,7 @@ def shared_checks() -> list[Check]:
     return [one for one in FAMILY.checks() if one.shared]
 
 
-@pytest.mark.parametrize("level", ["quick", pytest.param("full", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("level", ["quick", "full"])
 def test_the_built_in_twin_conforms_and_every_check_judges_what_it_names(level: str) -> None:
     """Default readings on both sides: two readings of one manual agree in all that was judged."""
     status, events = run("--level", level)
@@ -157,7 +159,6 @@ def test_the_same_seed_gives_the_same_frames_at_the_same_times(
     assert frames(7) != frames(8)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("travel", "speed"), [(300, 3000), (3000, 10_000)])
 def test_behind_the_fence_the_twin_conforms_in_what_is_left(travel: int, speed: int) -> None:
     """Nothing fails for being held back, all is put back, and what needs more says how much."""

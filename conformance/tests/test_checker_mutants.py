@@ -20,6 +20,8 @@ from axistwin_conformance.families.mac.axis.model.forecast import Forecast, Time
 from axistwin_conformance.families.mac.axis.model.kinematics import Course, Profile, Run
 from axistwin_conformance.families.mac.serial import codec, family
 
+pytestmark = pytest.mark.strength
+
 
 def _cell(patch: Patch, index: int, cells: str) -> None:
     patch.setitem(ACCEPTANCE, index, replace(ACCEPTANCE[index], cells=cells))

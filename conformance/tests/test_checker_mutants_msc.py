@@ -14,6 +14,8 @@ from axistwin_conformance.families.msc.checks import golden, rig
 from axistwin_conformance.families.msc.link import Link, Window
 from axistwin_conformance.families.msc.model import UnitModel
 
+pytestmark = pytest.mark.strength
+
 MODEL = "msc-250"
 
 

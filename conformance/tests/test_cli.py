@@ -249,6 +249,7 @@ def test_a_mistake_points_at_the_help_of_this_command(bench: Any) -> None:
     assert caught.value.ctx.command_path == "axistwin conform"
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", ["hypothesis", "rich", "jinja2"])
 def test_what_is_not_installed_is_named_with_the_remedy(name: str, tmp_path: Path) -> None:
     """In one line, in a Python that lacks it."""

@@ -16,6 +16,8 @@ from axistwin_conformance.cli import conform
 from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.transport.serial import SerialTransport
 
+pytestmark = pytest.mark.strength
+
 TWIN = "axistwin://mac23:0,mac23:1?time=virtual"
 Wire = list[tuple[int, bytes]]
 # How much the motor pulls is not on the wire; a MAC34 warns of no supply and keeps no over-voltage

@@ -17,6 +17,8 @@ from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.families.mac.serial.family import FAMILY
 from axistwin_conformance.report.folder import ReportFolder
 
+pytestmark = pytest.mark.system
+
 RUN = """
 import resource, sys
 limit = int(sys.argv.pop(1))

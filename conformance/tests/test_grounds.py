@@ -177,6 +177,7 @@ def test_the_twin_of_a_controller_is_worked_by_its_handles(target: SerialTranspo
     assert twin.is_powered
 
 
+@pytest.mark.system
 def test_a_command_is_told_what_to_do_with_a_controller(
     tmp_path: Any, target: SerialTransport
 ) -> None:

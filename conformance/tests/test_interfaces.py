@@ -43,6 +43,8 @@ from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.run import Engine
 
+pytestmark = pytest.mark.strength
+
 # What depends on how long an exchange takes: bursts, rows of segments, what must not be answered.
 MAC_WORDS = (
     "the_fifo_has_three_stages", "a_refused_segment_is_accepted_when_a_stage_frees",
@@ -72,7 +74,6 @@ def seldom(value: object) -> Any:
     return pytest.param(value, marks=pytest.mark.soak)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("interface", [PLAIN, LATENCY_TIMER, TERMINAL_SERVER], ids=str)
 @pytest.mark.parametrize("rate", [38400, seldom(9600)])
 def test_a_slow_line_costs_a_module_no_verdict(interface: Interface, rate: int) -> None:
@@ -81,7 +82,6 @@ def test_a_slow_line_costs_a_module_no_verdict(interface: Interface, rate: int) 
     assert run.result.exit_status == 0, run.result.sentence
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "interface",
     [LOADED_HOST, seldom(BUSY_HOST), WORST, DROPPING, seldom(GLITCH), seldom(FAR_AWAY)],
@@ -92,7 +92,6 @@ def test_an_unsteady_line_makes_nothing_up_of_a_module(interface: Interface) -> 
     healthy(judged_behind(interface, *MAC_WORDS, seed=2))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "interface",
     [LATENCY_TIMER, TERMINAL_SERVER, seldom(LOADED_HOST), BUSY_HOST, seldom(DROPPING)],
@@ -117,7 +116,6 @@ REAL_WAYS = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", REAL_WAYS)
 def test_a_real_port_gives_what_the_model_of_it_does(kind: str) -> None:
     """In front of `axistwin run`: whatever this machine does meanwhile, nothing fails."""
@@ -137,7 +135,6 @@ def test_a_real_port_gives_what_the_model_of_it_does(kind: str) -> None:
     assert any(text.startswith("instants are known to within ") for text in told)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("at_s", [seldom(5), 40, seldom(70)])
 @pytest.mark.parametrize(("model", "words"), [("mac23", MAC_WORDS), ("msc-250", MSC_WORDS)])
 def test_a_device_that_restarts_once_does_not_fail_by_it(
@@ -162,7 +159,6 @@ FAULTS = (
 )  # fmt: skip
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
 @pytest.mark.parametrize(
     "interface", [LATENCY_TIMER, TERMINAL_SERVER, seldom(LOADED_HOST)], ids=str
@@ -178,7 +174,6 @@ def test_a_fault_of_tens_of_ms_never_passes(fault: Mutant, interface: Interface)
     assert interface is not LATENCY_TIMER or told == {Verdict.FAIL}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("interface", [PLAIN, LATENCY_TIMER], ids=str)
 def test_a_time_of_the_device_is_not_taken_for_the_way_to_it(interface: Interface) -> None:
     """What passes between two things heard has no way in it: a delay of 40 ms is told as that."""
@@ -198,7 +193,6 @@ SLOWED = (
 )  # fmt: skip
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("fault", SLOWED, ids=lambda fault: fault.name)
 def test_a_motion_is_slowed_until_its_faults_show(fault: Mutant) -> None:
     """Where an exchange takes 80 ms, a motion at the usual speed would be over before it shows."""

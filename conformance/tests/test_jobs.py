@@ -28,6 +28,8 @@ from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.options import make_options
 
+pytestmark = pytest.mark.system
+
 FAMILY = find_family("mac23")
 DRAWN = "some_mixed_sequences_agree_with_the_model"
 WALKED = "some_runs_of_the_machine_agree_with_the_model"
@@ -254,7 +256,6 @@ def workers_of(process: psutil.Process) -> list[int]:
     return [one.pid for one in process.children(recursive=True)]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL], ids=lambda one: one.name)
 def test_nothing_survives_the_run(number: signal.Signals) -> None:
     """Of all processes of a terminal Ctrl-C ends the run's own; workers of one killed find out."""
@@ -280,7 +281,6 @@ def test_nothing_survives_the_run(number: signal.Signals) -> None:
         assert "nothing found" in rest
 
 
-@pytest.mark.slow
 def test_a_soak_finds_the_same_with_any_number_of_processes() -> None:
     """The rounds have the same seeds, and each holds the same, however many are under way."""
     options = make_options(

@@ -30,6 +30,8 @@ from axistwin_conformance.sequences.runner import Mismatch
 from axistwin_conformance.sequences.strategies import no_folder
 from axistwin_conformance.transport.serial import open_target
 
+pytestmark = pytest.mark.strength
+
 # Each needs a state first: a motion under way, one segment being executed and three that wait.
 FOUND_ALONE = (
     "a_move_is_taken_over_in_motion",

@@ -10,6 +10,8 @@ from click.testing import CliRunner
 
 from axistwin_conformance.cli import conform
 
+pytestmark = pytest.mark.strength
+
 ALLOWED = ("--allow", "motion,stored,destructive")
 
 # switch, reading, the check that has to notice

@@ -12,6 +12,8 @@ from axistwin_conformance.families.mac.axis.sequences.operations import ANCHORS,
 from axistwin_conformance.families.mac.axis.sequences.sequence import Sequence
 from axistwin_conformance.sequences.runner import Mismatch
 
+pytestmark = pytest.mark.strength
+
 OPERATION_COUNT = 60
 
 

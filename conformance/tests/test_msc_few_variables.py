@@ -16,6 +16,8 @@ from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families.msc.family import FAMILY
 from axistwin_conformance.families.msc.options import ScratchArea
 
+pytestmark = pytest.mark.strength
+
 DRAWN = "axistwin_conformance.families.msc.checks.random"
 QUICK = tuple(one for one in FAMILY.checks() if one.level == "quick")
 CONCERNED = tuple(one.name for one in QUICK if "variables" in one.needs or one.module == DRAWN)

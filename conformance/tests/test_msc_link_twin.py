@@ -11,6 +11,8 @@ from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
 
+pytestmark = pytest.mark.strength
+
 SHARED = [name for name, one in link_checks().items() if "neighbour" in one.needs]
 WRITTEN = [name for name in link_checks() if name.startswith("the_written_exchanges")]
 

@@ -6,8 +6,9 @@ from __future__ import annotations
 import pytest
 from noise_verdict import judge_healthy, passed
 from noisy_line import FATES, NoisyPort, NoisyRun, noisy_run
+from small_scratch import FLAGS, VARIABLES
 
-from axistwin_conformance.families.msc.options import TWIN_SCRATCH
+pytestmark = pytest.mark.strength
 
 KINDS = {"mixed": FATES, **{one: (one,) for one in FATES}}
 LEAST_PASSED = {2000: 100, 500: 60}  # noise costs certainty, but not everything
@@ -19,8 +20,8 @@ class NoisyMsc(NoisyPort):
     def _stored(self) -> tuple[object, ...]:
         return tuple(
             (
-                tuple(twin.variables[address] for address in TWIN_SCRATCH.variables[::4]),
-                tuple(twin.flags[number] for number in TWIN_SCRATCH.flags),
+                tuple(twin.variables[address] for address in VARIABLES[::4]),
+                tuple(twin.flags[number] for number in FLAGS),
             )
             for twin in self.twins
         )
@@ -32,14 +33,12 @@ def healthy(every: int, seed: int, kind: str, *words: str) -> NoisyRun:
     return judge_healthy(run)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("every", [2000])
 def test_a_healthy_twin_never_fails_behind_a_noisy_line(every: int) -> None:
     """It costs time and certainty, never a verdict."""
     assert passed(healthy(every, 1, "mixed")) >= LEAST_PASSED[every]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_where_many_exchanges_are_spoilt_nothing_is_made_up(kind: str) -> None:
     """One byte in 500: values, blocks, flags, replies refused, packets cut short."""
@@ -63,7 +62,6 @@ def test_whatever_the_noise_a_healthy_twin_never_fails(every: int, kind: str, se
     assert passed(healthy(every, seed, kind)) >= LEAST_PASSED[every]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", [5, 8])
 def test_sequences_on_a_noisy_line_make_nothing_up(seed: int) -> None:
     """One byte in 1000 spoils every seventh block; what comes is believed if it comes again."""

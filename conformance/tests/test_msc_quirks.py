@@ -13,6 +13,8 @@ from quirk_twins import QuirkTwins, Readings
 from axistwin_conformance.cli import conform
 from axistwin_conformance.core.profile import load_profile
 
+pytestmark = pytest.mark.strength
+
 TWINS = QuirkTwins(
     model="msc-250",
     ledger_name="msc",

@@ -24,7 +24,8 @@ from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.family import FAMILY
 from axistwin_conformance.families.msc.safety import is_harmless
 
-SLOW = pytest.mark.slow
+pytestmark = pytest.mark.strength
+
 SOAK = pytest.mark.soak
 DRAWING = ("MSC-PROP", "MSC-PKT", "MSC-LNK")
 PROGRAM_FLAGS = range(PROGRAM[0], PROGRAM[0] + 4)
@@ -62,8 +63,8 @@ def judge_sent(result: Result, watches: list[MscWatch], allow: str) -> None:
     [
         ("passive", "quick", 0),
         ("stored", "quick", 1),
-        pytest.param("stored,motion", "full", 2, marks=SLOW),
-        pytest.param("stored,motion,rig", "full", 3, marks=SLOW),
+        ("stored,motion", "full", 2),
+        ("stored,motion,rig", "full", 3),
         *(pytest.param("stored,motion,rig", "full", seed, marks=SOAK) for seed in range(4, 20)),
     ],
 )
@@ -107,7 +108,6 @@ def judge_interrupted(result: Result, watches: list[MscWatch], met: MscWatch, se
         assert watch.held() == watch.before
 
 
-@SLOW
 def test_an_interrupt_at_any_moment_leaves_variables_and_flags_as_they_were() -> None:
     """Thirty random moments of what writes."""
 
@@ -128,7 +128,6 @@ def _everything(allow: str, at_call: Callable[[Any], None]) -> tuple[Result, lis
     return run_on_a_port(allow=allow, at_call=at_call)
 
 
-@SLOW
 @pytest.mark.parametrize(
     ("number", "moment"),
     [(signal.SIGINT, (3, 1.2)), pytest.param(signal.SIGTERM, (9, 0.7), marks=SOAK)],

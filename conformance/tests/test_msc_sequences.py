@@ -37,6 +37,8 @@ from axistwin_conformance.sequences import machine
 from axistwin_conformance.sequences.runner import Mismatch
 from axistwin_conformance.sequences.strategies import no_folder
 
+pytestmark = pytest.mark.strength
+
 
 def operation(name: str, first: int = 0, second: int = 0, pause: int = 0) -> bytes:
     """An operation by its name."""

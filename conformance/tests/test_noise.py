@@ -18,6 +18,8 @@ from axistwin_conformance.engine import replays
 from axistwin_conformance.engine.replays import Attempt, Replays
 from axistwin_conformance.engine.result import CheckResult
 
+pytestmark = pytest.mark.strength
+
 KINDS = {"mixed": FATES, **{one: (one,) for one in FATES}}
 LEAST_PASSED = {5000: 110, 500: 80, 50: 30}  # of 136: noise costs certainty, but not everything
 # One or two of each family of faults.
@@ -45,7 +47,6 @@ def healthy(every: int, seed: int, kind: str, *words: str) -> NoisyRun:
     return run
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("every", "seed", "kind"), [(5000, 1, "mixed"), (500, 2, "mixed")])
 def test_a_healthy_twin_never_fails_behind_a_noisy_line(every: int, seed: int, kind: str) -> None:
     """Lost, late and corrupted bytes cost time and certainty, never a verdict."""
@@ -105,7 +106,6 @@ def named(*names: str) -> list[Mutant]:
     return found
 
 
-@pytest.mark.slow
 def test_noise_does_not_hide_a_fault() -> None:
     """One byte in 500: most faults are found all the same, none passes for conforming."""
     faults, seeds = named(*MUTANTS[:4]), range(1, 5)

@@ -15,6 +15,8 @@ from axistwin_conformance.cli import conform, make_options
 from axistwin_conformance.core.profile import load_profile, write_profile
 from axistwin_conformance.engine.run import Engine
 
+pytestmark = pytest.mark.strength
+
 # Of a twin, not of a manual: `Ledger.configuration`.  And what no probe can tell, with the reason.
 TWINS = QuirkTwins(
     model="mac23",

@@ -8,6 +8,8 @@ from as_real import judge_as_real, real_options
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.engine.result import Result
 
+pytestmark = pytest.mark.strength
+
 # What ends by 18h and stops, slowly and fast, and what has to come to rest before it.
 STOPPING = (
     "MACS-CMD-18", "MACS-CMD-09-02", "MACS-CMD-00-01", "MACS-CMD-0D-02", "MACS-REPLY-04",
@@ -66,7 +68,6 @@ def test_random_sequences_leave_out_an_axis_that_runs_on(query: str) -> None:
     assert any("no exact rule for an axis that runs on" in one for one in told)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("query", ["", "&quirk.brake_increments=100", "&quirk.plant=inertial"])
 def test_a_healthy_device_on_a_real_line_conforms(query: str) -> None:
     """At level full, with everything allowed that needs no rig."""
@@ -74,7 +75,6 @@ def test_a_healthy_device_on_a_real_line_conforms(query: str) -> None:
     assert (failed(result), result.exit_status) == ([], 0)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("max_speed", [125, 200, 500])
 def test_a_device_that_may_only_move_slowly_is_judged_slowly(max_speed: int) -> None:
     """Everything takes longer; nothing is blamed for that, and little is left out."""

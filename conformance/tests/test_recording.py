@@ -56,6 +56,7 @@ def test_every_recording_can_be_read_back(operations: tuple[bytes, ...], text: s
     assert load_recording(back.hex, "mac23", 4).operations == operations
 
 
+@pytest.mark.strength
 @pytest.mark.parametrize(
     ("model", "fault"),
     [

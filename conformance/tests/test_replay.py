@@ -38,6 +38,7 @@ def failed(result: Result) -> set[str]:
     return set(re.findall(r"^   (MACS-\S+)  fail$", result.output, re.MULTILINE))
 
 
+@pytest.mark.strength
 @pytest.mark.parametrize("with_report", [False, True])
 def test_the_command_printed_with_a_failure_fails_the_same_requirement(
     tmp_path: Path, with_report: bool

@@ -313,7 +313,7 @@ def test_an_unreachable_device_gets_a_page_too(toy: Any) -> None:
     assert "Not judged: device unreachable: nothing answers" in text
 
 
-@pytest.mark.slow
+@pytest.mark.strength
 def test_a_full_run_makes_a_light_page(tmp_path: Path) -> None:
     """Under a megabyte, motion plots included."""
     result = CliRunner().invoke(conform, ["mac23", "--report", str(tmp_path)])
@@ -324,7 +324,7 @@ def test_a_full_run_makes_a_light_page(tmp_path: Path) -> None:
     Page(text)
 
 
-@pytest.mark.slow
+@pytest.mark.strength
 def test_a_device_that_is_wrong_all_over_makes_a_light_page_too(tmp_path: Path) -> None:
     """Every move goes somewhere else, dozens of requirements fail: still under a megabyte."""
     [mutant] = [one for one in ZOO if one.name == "a_move_is_relative"]
@@ -361,7 +361,7 @@ def in_a_browser(page: Path) -> str:
     return told[1]
 
 
-@pytest.mark.slow
+@pytest.mark.strength
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
 def test_on_a_phone_nothing_stands_out_of_the_screen(wrong_mac: Path, tmp_path: Path) -> None:
     """Tables and articles fit 360 pixels: nobody has to push them aside to read the reason."""
@@ -379,7 +379,7 @@ def test_on_a_phone_nothing_stands_out_of_the_screen(wrong_mac: Path, tmp_path: 
     assert in_a_browser(page) == "true"
 
 
-@pytest.mark.slow
+@pytest.mark.strength
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
 def test_a_click_in_a_browser_shows_the_bytes(wrong_mac: Path, tmp_path: Path) -> None:
     """Click the first red requirement: its article comes into view with the exchange open."""

@@ -159,6 +159,7 @@ def relay(tmp_path: Path) -> Relay:
     return Relay(script, log)
 
 
+@pytest.mark.system
 def test_a_command_gets_verb_name_and_value(relay: Relay, target: SerialTransport) -> None:
     """One run per act; reset undoes each, the shaft first and the supply last."""
     rig = CommandRig(target, relay.template, ALL)
@@ -173,6 +174,7 @@ def test_a_command_gets_verb_name_and_value(relay: Relay, target: SerialTranspor
     assert undone[6:] == ["supply volts rest", "power supply on"]
 
 
+@pytest.mark.system
 def test_what_a_command_cannot_do_is_told_by_status_3(
     relay: Relay, target: SerialTransport
 ) -> None:
@@ -183,6 +185,7 @@ def test_what_a_command_cannot_do_is_told_by_status_3(
     assert not rig.is_disturbed
 
 
+@pytest.mark.system
 def test_a_command_that_fails_says_why_in_one_line(relay: Relay, target: SerialTransport) -> None:
     """The last line of its output; what it may have half done is still put back."""
     rig = CommandRig(target, relay.template, ALL)
@@ -193,6 +196,7 @@ def test_a_command_that_fails_says_why_in_one_line(relay: Relay, target: SerialT
     assert relay.said[-1] == "supply volts rest"
 
 
+@pytest.mark.system
 def test_a_command_that_hangs_is_ended(relay: Relay, target: SerialTransport) -> None:
     """After its time-out."""
     rig = CommandRig(target, relay.template, ALL, timeout_s=0.5)
@@ -200,6 +204,7 @@ def test_a_command_that_hangs_is_ended(relay: Relay, target: SerialTransport) ->
         rig.set_supply(14.0)
 
 
+@pytest.mark.system
 def test_what_is_filled_in_stays_one_word(tmp_path: Path) -> None:
     """No shell ever sees it."""
     out = tmp_path / "out"
@@ -208,6 +213,7 @@ def test_what_is_filled_in_stays_one_word(tmp_path: Path) -> None:
     assert out.read_text() == "a b;$(c) `d`"
 
 
+@pytest.mark.system
 def test_reset_puts_back_all_it_can_and_names_the_rest(
     relay: Relay, target: SerialTransport
 ) -> None:
@@ -222,6 +228,7 @@ def test_reset_puts_back_all_it_can_and_names_the_rest(
     assert "power" not in str(caught.value)
 
 
+@pytest.mark.system
 def test_a_command_is_asked_what_it_can_do(relay: Relay) -> None:
     """With the verb `can`; the plan then says exactly what is missing."""
     choice = choose_rig(None, relay.template, "/dev/null", is_allowed=True)
@@ -318,6 +325,7 @@ def test_every_act_has_words_for_a_person() -> None:
 # --- choosing ------------------------------------------------------------------------------------
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     ("kind", "command", "complaint"),
     [

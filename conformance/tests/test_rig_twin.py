@@ -15,6 +15,8 @@ from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.transport.rig import OF_AN_AXIS, Act, Rig, RigChoice, TwinRig
 from axistwin_conformance.transport.transport import Transport
 
+pytestmark = pytest.mark.strength
+
 TWIN = "axistwin://mac23:0,mac23:1?time=virtual"
 RIG_CHECKS = tuple(one.name for one in find_family("mac23").checks() if one.rig_needs)
 

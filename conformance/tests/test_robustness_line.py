@@ -21,7 +21,7 @@ from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.strength
 
 SHORT_S = 1.0  # patience of most of these tests
 LONGEST_S = 20.0  # from the moment of the change to the end of the run

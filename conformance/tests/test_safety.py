@@ -39,6 +39,8 @@ from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.transport.serial import TWIN_HANDLER, SerialTransport
 
+pytestmark = pytest.mark.strength
+
 TRAVEL, SPEED = 2000, 10_000
 STOPPED = partial(judge_interrupted, most=TRAVEL)
 MAC = ("mac23", "--allow", "motion,stored", "--level", "quick", "--max-travel", str(TRAVEL))
@@ -50,7 +52,6 @@ UNREACHABLE = (
     "the_rate_outlives_the_supply",
     "the_address_outlives_the_supply",
 )
-SLOW = pytest.mark.slow
 SOAK = pytest.mark.soak
 NOBODY: Callable[[Watch], None] = lambda watch: None  # noqa: E731 - a default, not a function
 
@@ -100,7 +101,7 @@ def watched(
     ("level", "seed"),
     [
         ("quick", 0),
-        pytest.param("full", 0, marks=SLOW),
+        ("full", 0),
         *(pytest.param("full", seed, marks=SOAK) for seed in range(1, 20)),
     ],
 )
@@ -126,14 +127,12 @@ class Crash(Exception):  # noqa: N818 - no error of anybody's
     """A mistake in a check."""
 
 
-@SLOW
 def test_an_interrupt_at_any_moment_leaves_the_axis_at_rest_and_its_memory_as_it_was() -> None:
     """Forty random moments of a run at level quick."""
     quick = partial(watched, level="quick")
     meet(Trouble(moments_of(40, quick, seed=3), interrupt, STOPPED), quick)
 
 
-@SLOW
 def test_an_interrupt_while_a_module_has_another_address_or_rate_brings_it_back() -> None:
     """Two hundred random moments of the probes and checks that give it another one."""
     away = partial(watched, words=UNREACHABLE)
@@ -147,7 +146,6 @@ def test_an_interrupt_at_two_hundred_random_moments() -> None:
     meet(Trouble(moments_of(200, full, seed=1), interrupt, STOPPED), full)
 
 
-@SLOW
 def test_a_port_lost_at_any_moment_ends_the_run_soon() -> None:
     """Nothing can be stopped then; that is said, and it is no crash."""
 
@@ -159,7 +157,6 @@ def test_a_port_lost_at_any_moment_ends_the_run_soon() -> None:
     meet(Trouble(moments_of(5, moving, seed=5), lost.begin, judge), moving)
 
 
-@SLOW
 def test_a_port_that_fails_once_does_not_keep_the_axis_from_being_stopped() -> None:
     """What was under way is spoilt; then the stop goes out and everything is put back."""
 
@@ -192,7 +189,6 @@ def _gone(*given: Any) -> NoReturn:
     raise serial.SerialException("device reports readiness to read but returned no data")
 
 
-@SLOW
 def test_a_crash_of_a_check_at_any_moment_leaves_the_others_to_be_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -278,7 +274,6 @@ def pty_twin(axistwin: Callable[..., Any]) -> Any:
     return axistwin("mac23", pacing=False)
 
 
-@SLOW
 @pytest.mark.parametrize(
     ("number", "moment", "times"),
     [

@@ -202,6 +202,7 @@ def test_the_same_bad_reply_every_time_is_the_device_s_own(real_toy: Any, noisy:
     assert ask(noisy) == b"#"
 
 
+@pytest.mark.strength
 def test_a_line_that_will_not_settle_is_inconclusive(real_toy: Any, noisy: Session) -> None:
     """Different garbage every time proves nothing about the device."""
     Flaky(real_toy, [b"#", b"%"] * session_module.ATTEMPTS)

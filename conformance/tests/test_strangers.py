@@ -94,7 +94,7 @@ def is_told(result: Result, address: int) -> None:
         assert f"name it (--neighbour {address}) or take it off the" in one.text
 
 
-@pytest.mark.slow
+@pytest.mark.strength
 @pytest.mark.parametrize(("name", "other"), SERIAL.items())
 def test_another_module_on_the_line_is_not_held_against_the_device(name: str, other: int) -> None:
     """It stands elsewhere, so it is another one: inconclusive, with what to do."""
@@ -102,7 +102,7 @@ def test_another_module_on_the_line_is_not_held_against_the_device(name: str, ot
     is_told(on_the_line(name, url, differs), other)
 
 
-@pytest.mark.slow
+@pytest.mark.strength
 @pytest.mark.parametrize(("name", "other"), CAN.items())
 def test_another_module_on_the_bus_is_not_held_against_the_device(name: str, other: int) -> None:
     """It stands elsewhere, so it is another one: inconclusive, with what to do."""
@@ -110,7 +110,7 @@ def test_another_module_on_the_bus_is_not_held_against_the_device(name: str, oth
     is_told(on_the_bus(name, url, differs), other)
 
 
-@pytest.mark.slow
+@pytest.mark.strength
 @pytest.mark.parametrize(
     "name",
     ["module_1_alone_answers_what_all_are_asked", "the_manuals_examples_get_their_replies"],

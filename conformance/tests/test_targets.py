@@ -159,6 +159,7 @@ def test_closing_a_port_that_is_gone_is_fine(toy: Any) -> None:
     toy.open(()).close()
 
 
+@pytest.mark.system
 def test_a_pty_is_a_target(master_and_name: tuple[int, str]) -> None:
     """In real time, with a wait that lasts at least its time."""
     master, name = master_and_name
@@ -179,6 +180,7 @@ def test_a_pty_is_a_target(master_and_name: tuple[int, str]) -> None:
         target.send(b"x")
 
 
+@pytest.mark.system
 def test_a_pty_whose_far_end_closes_is_trouble_not_a_traceback() -> None:
     """As an adapter pulled out of its socket."""
     master, slave = pty.openpty()
@@ -191,6 +193,7 @@ def test_a_pty_whose_far_end_closes_is_trouble_not_a_traceback() -> None:
     target.close()
 
 
+@pytest.mark.system
 def test_a_socket_is_a_target_and_its_end_is_trouble() -> None:
     """`socket://` works, and a peer that hangs up is TargetError."""
     with socket.create_server(("127.0.0.1", 0)) as server:
@@ -217,6 +220,7 @@ def test_a_port_that_cannot_be_opened_says_so_in_one_line(url: str) -> None:
     assert isinstance(caught.value.__cause__, Exception)
 
 
+@pytest.mark.system
 def test_a_port_is_not_shared(master_and_name: tuple[int, str]) -> None:
     """A second program on the port would spoil every verdict."""
     first = open_target(master_and_name[1], 38400)
@@ -348,6 +352,7 @@ def test_whatever_pyserial_may_open_is_let_through(url: str) -> None:
     assert choose_endpoint(LINE, "mac23", {"--port": url, "--can": None}, NO_RATES)[0] == url
 
 
+@pytest.mark.system
 def test_what_is_no_serial_port_and_who_refuses_is_told_in_plain_words(tmp_path: Path) -> None:
     """Neither numbers of the system nor the name twice."""
     (file := tmp_path / "file").write_text("")

@@ -32,7 +32,6 @@ from axistwin_conformance.options import make_options
 from axistwin_conformance.transport.can import Arrival
 from axistwin_conformance.transport.can_frame import Frame
 
-SLOW = pytest.mark.slow
 FAR = 900_000_000  # increments: two days at the speed of the checks
 
 FAR_AWAY = """
@@ -157,7 +156,7 @@ def test_an_axis_that_goes_away_from_home_is_stopped_and_not_sent_again() -> Non
             run.target.close()
 
 
-@SLOW
+@pytest.mark.strength
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda one: one.name)
 def test_a_second_interrupt_stops_an_axis_that_is_driven_back(pty_twin: Any, number: int) -> None:
     """The way back would take a minute; it is told, ended at once, and told again."""

@@ -10,6 +10,8 @@ from zoo.mutant import Mutant
 from axistwin_conformance.base.armed import load_armed
 from axistwin_conformance.base.ledger import load_ledger
 
+pytestmark = pytest.mark.strength
+
 LEDGER = load_ledger("mac_serial")
 # Traps of the ledger's §8 that no twin can fall into: 5 (the host's tty) and 42 (the suite itself)
 # are the other side's; 3, 7 and 23 have parts that are readings of the manual.

@@ -13,6 +13,8 @@ from zoo_can.axis import NOT_CLAIMED, NOT_ON_THE_BUS, alters_the_line
 from axistwin_conformance.base.armed import load_armed
 from axistwin_conformance.base.ledger import load_ledger
 
+pytestmark = pytest.mark.strength
+
 MODEL = "mac23-can"
 LEDGER = load_ledger("mac_can")
 # Traps of the ledger's §8 that no twin can fall into: a float clock (37) is none of a firmware's
@@ -66,8 +68,9 @@ def test_every_mutant_of_the_axis_is_judged_on_the_bus_too() -> None:
 
 def test_what_a_mutant_alters_tells_of_which_face_it_is() -> None:
     """A change of the serial module is seen in its class, table or name, and undone after that."""
-    from axistwin.devices.mac import framing, serial
-    from axistwin.devices.mac.axis import Axis
+    from axistwin.devices.mac.axis.axis import Axis
+    from axistwin.devices.mac.serial import device as serial
+    from axistwin.devices.mac.serial import framing
 
     def of_a_class(patch: MonkeyPatch) -> None:
         patch.setattr(serial.MacSerial, "receive", None)

@@ -11,6 +11,8 @@ from zoo_msc import ZOO
 from axistwin_conformance.base.armed import load_armed
 from axistwin_conformance.base.ledger import load_ledger
 
+pytestmark = pytest.mark.strength
+
 LEDGER = load_ledger("msc")
 # Traps of the ledger's §7 that no controller can fall into: 5 gives the same result on every legal
 # packet; 12, 14, 32, 36 and 38 are the host's; 24, 26 and 34 the suite's own; 39 is what a faithful

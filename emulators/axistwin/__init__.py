@@ -10,7 +10,7 @@ try:  # before anything else is loaded, which takes its time
     from axistwin import _starting
 
     if _starting.is_program():
-        _starting.heed()
+        _starting.install_signal_handler()
 except KeyboardInterrupt:  # amid these very lines
     from axistwin import _starting
 

@@ -6,7 +6,7 @@ that is being imported, or drops it.  So Ctrl-C ends the process by itself, unti
 Then it is KeyboardInterrupt again, except where a module is being imported.
 
 A program that only imports this package keeps its Ctrl-C as it is.  What is imported here is there
-already: ``signal``, which is not, takes time in which Ctrl-C would not be heeded.
+already: ``signal``, which is not, takes time in which Ctrl-C would not work.
 """
 
 import _signal  # type: ignore[import-not-found]
@@ -30,7 +30,7 @@ def is_program() -> bool:
     return name.rpartition("/")[2] in PROGRAMS
 
 
-def heed() -> bool:
+def install_signal_handler() -> bool:
     """Take Ctrl-C over; False if somebody has already, or this is not the main thread."""
     try:
         if _signal.getsignal(_signal.SIGINT) is not _signal.default_int_handler:
@@ -41,8 +41,8 @@ def heed() -> bool:
     return True
 
 
-def give_back() -> None:
-    """Undo ``heed``, for a process that goes on."""
+def restore_signal_handler() -> None:
+    """Undo ``install_signal_handler``, for a process that goes on."""
     _signal.signal(_signal.SIGINT, _signal.default_int_handler)
 
 
@@ -64,7 +64,7 @@ def end() -> None:
 
 
 def _end_or_interrupt(number: int, frame: "FrameType | None") -> None:
-    if _has_begun and not is_importing(frame):
+    if _has_begun and not _is_importing(frame):
         raise KeyboardInterrupt
     try:
         sys.stdout.flush()
@@ -72,7 +72,7 @@ def _end_or_interrupt(number: int, frame: "FrameType | None") -> None:
         end()
 
 
-def is_importing(frame: "FrameType | None") -> bool:
+def _is_importing(frame: "FrameType | None") -> bool:
     """True if a module is being imported there: it takes exceptions for mistakes of its own."""
     while frame is not None:
         if frame.f_code.co_filename.startswith(IMPORTING):

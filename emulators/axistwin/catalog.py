@@ -1,6 +1,6 @@
 """What there is to be run: the models, their switches, profiles, and how lines and buses are built.
 
-The models stand in ``families``.
+Each family declares its models in ``devices/<family>/family.py``.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
+from axistwin import discovery
 from axistwin.devices.base import CanDevice, SerialDevice
+from axistwin.devices.family import Carrier, DeviceOptions, Model, Value
 from axistwin.errors import StateError, UsageError, nearest, suggestion, with_article
-from axistwin.families import DEFAULT_BITRATE, MODELS, Carrier, Family, Model, Quirk, Value
 from axistwin.kernel.seed import derive_seed
 from axistwin.kernel.time import NS_PER_US, Nanos
 from axistwin.programs import Program, ProgramSource, find_program
@@ -19,27 +20,11 @@ from axistwin.runtime.can_network import CanNetwork
 from axistwin.runtime.clock import Clock, PacedClock
 from axistwin.runtime.line import Line
 from axistwin.runtime.network import SerialNetwork
-from axistwin.runtime.owner import Station
+from axistwin.runtime.simulation import Station
 from axistwin.runtime.storage import MemoryStorage, Stores
 
-__all__ = [
-    "BITRATE_MAX",
-    "DEFAULT_BITRATE",
-    "Carrier",
-    "DeviceSpec",
-    "Family",
-    "Model",
-    "Quirk",
-    "Value",
-    "build_bus",
-    "build_line",
-    "find_model",
-    "models",
-    "parse_device",
-    "parse_programs",
-    "parse_settings",
-    "read_profile",
-]
+DEFAULT_BITRATE = 125_000
+"""Of a bus, bits per second."""
 
 BITRATE_MAX = 1_000_000
 """Of a bus, bits per second; the limit of ISO 11898-2."""
@@ -64,19 +49,17 @@ class DeviceSpec:
 
 def models() -> dict[str, Model]:
     """All models by name."""
-    return dict(MODELS)
+    return dict(discovery.models())
 
 
 def find_model(name: str) -> Model:
     """The model called ``name``.  Raises UsageError with the nearest name."""
-    try:
-        return MODELS[name]
-    except KeyError:
-        hint = suggestion(name, MODELS)
-        models_known = f"known: {', '.join(MODELS)}"
-        raise UsageError(
-            f"unknown model {name!r}: {f'{hint} ' if hint else ''}{models_known}"
-        ) from None
+    known = discovery.models()
+    if name in known:
+        return known[name]
+    hint = suggestion(name, known)
+    names = f"known: {', '.join(known)}"
+    raise UsageError(f"unknown model {name!r}: {f'{hint} ' if hint else ''}{names}")
 
 
 def parse_device(text: str) -> DeviceSpec:
@@ -172,7 +155,7 @@ def read_profile(path: str | Path, known_models: Iterable[str]) -> dict[str, Val
         if not isinstance(value, str | int):
             raise UsageError(f"profile {path}: quirk {name} is {value!r}; write a text or a number")
         try:
-            _check_quirk(MODELS[model], name, value)
+            _check_quirk(find_model(model), name, value)
         except UsageError as error:
             raise UsageError(f"profile {path}: {error}") from None
     return quirks
@@ -264,7 +247,8 @@ def _programs_of(
     specs: Sequence[DeviceSpec], programs: Mapping[int | None, ProgramSource]
 ) -> dict[int, Program]:
     """The program of each device that gets one, by its place on the line.  Raises UsageError."""
-    places = [place for place, spec in enumerate(specs) if find_model(spec.model).has_program]
+    tables = [find_model(spec.model).family.controls() for spec in specs]
+    places = [place for place, table in enumerate(tables) if "load_program" in table.attributes()]
     if programs and not places:
         raise UsageError(
             f"{specs[0]} runs no program; leave it out, or name a controller such as msc-250"
@@ -330,7 +314,7 @@ def _station(
     alone: bool,
 ) -> Station:
     """The device of ``spec``, with its memory: what is stored, else what the factory stored."""
-    model = MODELS[spec.model]
+    model = find_model(spec.model)
     slot = storage.slot(f"{spec.model}-{spec.address}", spec.model)
     cells = dict(slot.cells)
     if not cells and baud is not None:
@@ -341,7 +325,7 @@ def _station(
             cells["baud"] = baud
     own = {name: value for name, value in quirks.items() if name in model.quirks}
     skew_ns = _skew_ns(seed, spec, index)
-    device = model.make(spec.address, quirks=own, cells=cells, skew_ns=skew_ns, alone=alone)
+    device = model.make(spec.address, DeviceOptions(own, cells, skew_ns, alone))
     present = device.cells(0)
     strange = sorted(name for name in slot.cells if present.get(name) != slot.cells[name])
     if strange:
@@ -350,7 +334,7 @@ def _station(
             "restore a good copy, or remove it to start with factory values"
         )
     slot.save(present, durable=True)
-    return Station(str(spec), spec.model, device, slot, model.family.handle)
+    return Station(str(spec), spec.model, device, slot, model.family.controls())
 
 
 def _skew_ns(seed: int, spec: DeviceSpec, index: int) -> Nanos:
@@ -377,7 +361,7 @@ def _check_quirk(model: Model, name: str, value: Value) -> None:
     known = model.quirks
     if name not in known:
         lister = f"axistwin models {model.name}"
-        if other := next((one for one in MODELS.values() if name in one.quirks), None):
+        if other := next((one for one in discovery.models().values() if name in one.quirks), None):
             whose = f"{with_article(other.name)} has it, {with_article(model.name)} does not"
             raise UsageError(f"unknown quirk {name!r}: {whose}; see '{lister}'")
         raise UsageError(f"unknown quirk {name!r}: {nearest(name, known, lister)}")

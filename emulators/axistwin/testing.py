@@ -32,6 +32,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypedDict, Unpack, overload
 
 from axistwin import catalog
+from axistwin.devices.family import Carrier
 from axistwin.errors import UsageError, nearest
 from axistwin.kernel.time import NS_PER_S
 from axistwin.runtime.clock import check_advance
@@ -43,9 +44,9 @@ if TYPE_CHECKING:
     from axistwin.canbus import AxistwinBus
     from axistwin.canbus.shared import SharedBus
     from axistwin.programs import ProgramSource
+    from axistwin.runtime.any_twin import AnyTwin
     from axistwin.runtime.bus import Bus
     from axistwin.runtime.line import Line
-    from axistwin.runtime.twin import AnyTwin
 
 Connection: TypeAlias = "Line | Bus"
 """What twins are connected by."""
@@ -326,7 +327,7 @@ def _programs(
     return {None: program}
 
 
-def _carrier(device: str) -> catalog.Carrier:
+def _carrier(device: str) -> Carrier:
     """What ``device`` is reached over.  Raises UsageError."""
     return catalog.find_model(catalog.parse_device(device).model).carrier
 
@@ -342,7 +343,7 @@ def _behind_url(options: LineOptions, name: str, undo: contextlib.ExitStack) -> 
 def _on_pty(options: LineOptions, undo: contextlib.ExitStack) -> tuple[str, "Line"]:
     """The pty's path and the line behind it; ``undo`` closes both."""
     from axistwin.ports.pty import PtyPort
-    from axistwin.runtime.server import Server
+    from axistwin.runtime.serving.line_server import Server
 
     line = lines.build_line(options)
     undo.callback(line.close)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from axistwin.kernel.time import NS_PER_MS, NS_PER_S
-from axistwin.runtime.alarm import Alarm
+from axistwin.runtime.serving.alarm import Alarm
 
 
 @pytest.fixture

@@ -1,4 +1,5 @@
 import ast
+import graphlib
 import re
 import statistics
 import subprocess
@@ -16,12 +17,14 @@ TESTS = [ROOT / "emulators" / "tests", ROOT / "conformance" / "tests"]
 FUNCTION_LINES_MAX = 70
 FUNCTION_LINES_MEDIAN_MAX = 8
 FILE_LINES_MAX = 600
+FOLDER_FILES_MAX = 14
 
 PURE = sorted(
     [
         path
         for layer in ("kernel", "wire", "memory", "motion", "macroprogram", "devices")
         for path in (TWINS / layer).rglob("*.py")
+        if path != TWINS / "devices" / "__init__.py"  # looks where else families are
     ]
     + [TWINS / "errors.py", TWINS / "runtime" / "network.py"]
     + [TWINS / "ports" / name for name in ("dialect.py", "slcan.py", "socketcand.py")]
@@ -87,6 +90,7 @@ def impurities(tree: ast.AST) -> Iterator[tuple[int, str]]:
                 yield node.lineno, name
 
 
+@pytest.mark.system
 def test_the_layers_import_one_another_in_one_direction_only() -> None:
     """The contracts of pyproject.toml hold; twins and suite never import one another."""
     program = Path(sys.executable).with_name("lint-imports")
@@ -120,6 +124,70 @@ def test_pure_code_has_no_clock_no_chance_no_threads_and_no_files(path: Path) ->
 def test_the_search_for_impurities_finds_them(text: str) -> None:
     """Clocks, chance, loops, threads, files and output are seen."""
     assert list(impurities(ast.parse(text)))
+
+
+def imports_of(root: Path) -> dict[str, set[str]]:
+    """What each module of a package imports of it, at the top, in functions and for types."""
+    files = {
+        ".".join(path.relative_to(root.parent).with_suffix("").parts).removesuffix(
+            ".__init__"
+        ): path
+        for path in root.rglob("*.py")
+    }
+    graph: dict[str, set[str]] = {name: set() for name in files}
+    for name, path in files.items():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                wanted = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                inner = [f"{node.module}.{alias.name}" for alias in node.names]
+                wanted = [each if each in files else node.module for each in inner]
+            else:
+                continue
+            graph[name] |= {each for each in wanted if each in files and each != name}
+    return graph
+
+
+def test_no_files_import_one_another_in_a_circle() -> None:
+    """Imports within functions and for types included."""
+    graph = imports_of(TWINS)
+    assert len(graph) > 100
+    list(graphlib.TopologicalSorter(graph).static_order())  # raises CycleError, which names them
+
+
+def test_families_of_devices_never_import_one_another() -> None:
+    """Two of them may stand on one core, such as the axis of the MAC."""
+    graph = imports_of(TWINS)
+    families = [name.removesuffix(".family") for name in graph if name.endswith(".family")]
+    families.remove("axistwin.devices")  # where it says what a family is
+    assert len(families) >= 3
+    crossing = [
+        f"{name} imports {other}"
+        for name, imported in graph.items()
+        for family in families
+        if name.startswith(f"{family}.")
+        for other in imported
+        if any(other.startswith(f"{each}.") for each in families if each != family)
+    ]
+    assert not crossing
+
+
+def test_a_circle_would_be_found(tmp_path: Path) -> None:
+    """One import within a function closes it."""
+    root = tmp_path / "house"
+    root.mkdir()
+    (root / "__init__.py").write_text("")
+    (root / "first.py").write_text("from house import second\n")
+    (root / "second.py").write_text("def late():\n    from house.first import anything\n")
+    with pytest.raises(graphlib.CycleError):
+        list(graphlib.TopologicalSorter(imports_of(root)).static_order())
+
+
+def test_no_folder_of_the_twins_has_more_than_fourteen_files() -> None:
+    """Whoever opens one sees all of it at once."""
+    folders = {path.parent for path in TWINS.rglob("*.py")}
+    sizes = {str(folder): len(list(folder.glob("*.py"))) for folder in folders}
+    assert not {folder: size for folder, size in sizes.items() if size > FOLDER_FILES_MAX}
 
 
 def test_functions_fit_a_screen() -> None:
@@ -159,6 +227,7 @@ def test_every_test_says_in_one_line_what_it_shows() -> None:
     assert not silent
 
 
+@pytest.mark.system
 def test_no_file_speaks_of_a_machine_or_of_work_left_undone() -> None:
     """Neither absolute paths of where it was written, nor markers for later."""
     listed = subprocess.check_output(["git", "ls-files", "-z"], cwd=ROOT, text=True)

@@ -8,8 +8,8 @@ import pytest
 from spy_storage import SpySlot, SpyStorage
 
 from axistwin.catalog import build_bus, parse_device
-from axistwin.devices.mac.can import MacCan
-from axistwin.devices.mac.can_decode import explain_frame
+from axistwin.devices.mac.can.decode import explain_frame
+from axistwin.devices.mac.can.device import MacCan
 from axistwin.errors import StateError
 from axistwin.kernel.effects import Trace
 from axistwin.kernel.time import NS_PER_MS, NS_PER_S
@@ -17,7 +17,7 @@ from axistwin.runtime import can_network
 from axistwin.runtime.bus import TRANSCRIPT_FRAMES, Bus, Passed
 from axistwin.runtime.can_network import MANY_STEPS, CanNetwork
 from axistwin.runtime.clock import PacedClock, VirtualClock
-from axistwin.runtime.owner import Station
+from axistwin.runtime.simulation import Station
 from axistwin.runtime.twin import Twin
 from axistwin.wire.can_frame import CanFrame, wire_bits
 

@@ -22,9 +22,11 @@ from axistwin.errors import PortError, StateError
 from axistwin.ports.can_client import OUTPUT_MAX
 from axistwin.ports.can_hub import MISTAKES_TOLD_MAX, SlcanPtyPort, SlcanTcpPort, SocketcandPort
 from axistwin.ports.tcp import parse_address
-from axistwin.runtime.bus_server import BusPort
+from axistwin.runtime.serving.bus_server import BusPort
 from axistwin.runtime.storage import MemoryStorage
 from axistwin.wire.can_frame import CanFrame
+
+pytestmark = pytest.mark.system
 
 BURST = [CanFrame(0x100 + i % 0x400, i.to_bytes(8, "big")) for i in range(300)]
 

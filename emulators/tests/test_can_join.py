@@ -24,6 +24,8 @@ from axistwin.ports.can_hub import SlcanPtyPort, SlcanTcpPort, SocketcandPort
 from axistwin.ports.can_join import QUEUE_FRAMES, JoinPort
 from axistwin.wire.can_frame import CanFrame
 
+pytestmark = pytest.mark.system
+
 REPLY = CanFrame(0x581, bytes.fromhex("4200200000000000"))
 BITRATE = 125_000
 

@@ -109,6 +109,7 @@ def test_requests_in_a_burst_are_all_answered(bus: AxistwinBus) -> None:
     assert busy_ns < sent + answered + LATENCY_NS
 
 
+@pytest.mark.strength
 def test_lifebeats_of_127_modules_never_drift_apart(bus: AxistwinBus) -> None:
     """Ten minutes of silence: every 10 s each tells one, all in one instant, in order."""
     hear(bus, 127, 3)

@@ -3,7 +3,7 @@
 import pytest
 from mac_bench import MS, S
 
-from axistwin.devices.mac.can import MacCan
+from axistwin.devices.mac.can.device import MacCan
 from axistwin.kernel.effects import Effect, SendFrame, Store
 from axistwin.runtime import can_network
 from axistwin.runtime.can_network import CanNetwork

@@ -228,6 +228,7 @@ def store(client: Client, pair: list[Segment]) -> None:
         assert (message.arbitration_id, message.data[0]) == (0x580 + address, 0x60)
 
 
+@pytest.mark.strength
 def test_real_and_virtual_segments_end_at_the_same_tick_on_both_axes(opened: Opener) -> None:
     """Thousands of them, queues kept filled while they run: no tick is lost (trap 37)."""
     client = opened("mac23-can:1,2", bitrate=1_000_000)

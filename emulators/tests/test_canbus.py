@@ -578,6 +578,7 @@ def test_what_there_is_can_be_detected(opened: Opener) -> None:
         opened(str(config["channel"]), time="virtual")
 
 
+@pytest.mark.system
 def test_python_cans_own_programs_reach_a_twin(tmp_path: Any) -> None:
     """``python -m can.player`` in a process of its own finds the interface by its entry point."""
     log = tmp_path / "requests.log"

@@ -11,7 +11,7 @@ import pytest
 from axistwin import catalog
 from axistwin.canbus import AxistwinBus
 from axistwin.canbus.shared import open_names, sweep
-from axistwin.devices.mac.can import MacCan
+from axistwin.devices.mac.can.device import MacCan
 from axistwin.runtime.bus import Bus
 from axistwin.wire.can_frame import CanFrame
 

@@ -18,6 +18,8 @@ from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from axistwin import testing
 
+pytestmark = pytest.mark.system
+
 PATIENCE_S = 5.0
 
 

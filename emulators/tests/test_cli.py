@@ -19,6 +19,8 @@ from mac_frames import ACCEPTED, answer_value, request
 from axistwin import __version__, catalog
 from axistwin.cli import program
 
+pytestmark = pytest.mark.system
+
 
 def ask(port: serial.SerialBase, frame: bytes, count: int) -> bytes:
     """The reply to ``frame``."""
@@ -314,7 +316,7 @@ def test_a_signal_during_the_start_ends_it_cleanly(
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("module", ["axistwin.cli.run_serial", "axistwin.ports.pty"])
+@pytest.mark.parametrize("module", ["axistwin.cli.run.serial", "axistwin.ports.pty"])
 def test_a_signal_amid_an_import_is_no_mistake_of_the_module(
     tmp_path: Path, number: signal.Signals, module: str
 ) -> None:
@@ -450,7 +452,9 @@ def test_listening_for_other_machines_is_allowed_with_a_warning(
 ) -> None:
     """Whoever can reach the port can drive the twin."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("axistwin.runtime.server.Server.run", lambda self, **_: self.close())
+    monkeypatch.setattr(
+        "axistwin.runtime.serving.line_server.Server.run", lambda self, **_: self.close()
+    )
     result = invoke("run", "mac23", "--tcp", "0.0.0.0:0")
     assert result.exit_code == 0
     assert "0.0.0.0: whoever reaches this address can drive the twin" in result.stderr

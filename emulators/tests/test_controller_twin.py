@@ -15,10 +15,11 @@ import serial
 from msc_bench import rqstat
 
 from axistwin import testing
+from axistwin.devices.snapshot import Snapshot
+from axistwin.devices.traces import ProgramFailed
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import Trace
 from axistwin.macroprogram import Macroprogram, Output, Steps, UserFlag, Variable
-from axistwin.runtime.twin import ControllerTwin, MotionTwin
 from axistwin.testing import StartedTwin
 from axistwin.urlhandler import lines
 from axistwin.urlhandler.protocol_axistwin import Serial
@@ -178,8 +179,8 @@ def test_twins_have_the_handle_of_their_kind(axistwin: Starter) -> None:
     """What the one can, the other says it cannot."""
     controller = axistwin("msc-250", time="virtual").twin
     motor = axistwin("mac23", time="virtual").twin
-    assert isinstance(controller, ControllerTwin)
-    assert isinstance(motor, MotionTwin)
+    assert type(controller) is not type(motor)
+    assert hasattr(controller, "flags")
     assert not hasattr(controller, "inputs")
     with pytest.raises(
         UsageError, match="mac23:0 is a motion device and has no flags: that is for a controller"
@@ -278,8 +279,8 @@ def test_a_script_error_is_told(axistwin: Starter) -> None:
     assert errors[0] is None
     assert re.search(r"test_controller_twin\.py:\d+: out of order$", str(errors[1]))
     assert twin.status == 1 << 12
-    (error,) = [trace for trace in traces if trace.kind == "program_error"]
-    assert (error.time_ns, dict(error.details)["error"]) == (10_000_000, errors[1])
+    (error,) = [trace for trace in traces if isinstance(trace, ProgramFailed)]
+    assert (error.time_ns, error.error) == (10_000_000, errors[1])
 
 
 def test_an_hour_passes_at_once(twin: StartedTwin) -> None:
@@ -293,7 +294,7 @@ def test_an_hour_passes_at_once(twin: StartedTwin) -> None:
 def test_the_same_seed_tells_the_same_story(axistwin: Starter) -> None:
     """Bytes and times of a transcript, states and traces."""
 
-    def story() -> tuple[str, list[Trace], dict[str, Any]]:
+    def story() -> tuple[str, list[Trace], Snapshot]:
         line = axistwin("msc-250:1", "msc-250:2", program="bench", time="virtual", seed=7)
         traces: list[Trace] = []
         line.line.subscribe(lambda _, trace: traces.append(trace))
@@ -423,6 +424,7 @@ def run(folder: Path, *arguments: str) -> "subprocess.Popen[str]":
     )
 
 
+@pytest.mark.system
 def test_the_daemon_runs_programs_and_tells_their_errors(files: Path) -> None:
     """By unit; when one fails, in its first scan or later, in words and as an event."""
     later = TABLE.format(3).replace("        pass\n", "        assert self.time_ms < 20\n")
@@ -459,6 +461,7 @@ def test_the_daemon_runs_programs_and_tells_their_errors(files: Path) -> None:
     assert process.returncode == 0
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -322,6 +322,7 @@ def test_the_session_on_the_page_prints_what_it_says() -> None:
     assert invoke("mac23-can", text=bare).stdout == printed
 
 
+@pytest.mark.system
 def test_a_live_bus_is_told_as_it_speaks() -> None:
     """Each frame at once, though input and output are pipes."""
     command = [sys.executable, "-m", "axistwin", "decode", "mac23-can"]

@@ -11,6 +11,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
+@pytest.mark.system
 def test_the_generated_reference_is_fresh() -> None:
     """docs/reference holds what scripts/reference writes now."""
     result = subprocess.run(
@@ -22,6 +23,7 @@ def test_the_generated_reference_is_fresh() -> None:
     assert result.returncode == 0, result.stderr
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", ["", "run", "models", "conform", "doctor", "decode"])
 def test_the_reference_shows_how_help_is_asked_for(name: str) -> None:
     """As the program shows it: `-h` is known everywhere."""

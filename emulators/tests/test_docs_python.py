@@ -10,6 +10,8 @@ import pytest
 
 from axistwin import testing
 
+pytestmark = pytest.mark.system
+
 ROOT = Path(__file__).parents[2]
 README, PYTEST_PAGE = ROOT / "README.md", ROOT / "docs" / "pytest.md"
 CAN_PAGE = ROOT / "docs" / "can.md"
@@ -96,7 +98,6 @@ def test_the_readmes_url_answers() -> None:
         assert port.read(21) == b"\x06\x13\x020110000000000010\x03\x1a"
 
 
-@pytest.mark.slow
 def test_the_readmes_test_passes_with_any_driver(tmp_path: Path) -> None:
     """The third block, with a driver that waits for the end of a move."""
     run_tests(tmp_path, DRIVER + python_blocks(README)[2], passed=1)
@@ -110,13 +111,11 @@ def test_the_blocks_of_the_can_page_hold(capsys: pytest.CaptureFixture[str]) -> 
     assert "602#23132000FFFFFC18  2013h go to position -1000 -> module 2" in capsys.readouterr().out
 
 
-@pytest.mark.slow
 def test_the_tests_of_the_how_to_pass(tmp_path: Path) -> None:
     """All blocks of docs/pytest.md in one file."""
     run_tests(tmp_path, "\n\n".join(python_blocks(PYTEST_PAGE)), passed=8)
 
 
-@pytest.mark.slow
 def test_the_programs_of_the_page_on_macroprograms_run(tmp_path: Path) -> None:
     """All blocks in one file, the tests among them pass."""
     run_tests(tmp_path, "\n\n".join(python_blocks(PROGRAM_PAGE)), passed=5)

@@ -21,6 +21,7 @@ def refuse() -> NoReturn:
     raise Lack("broken", "mend it")
 
 
+@pytest.mark.system
 def test_every_check_says_ok_or_the_remedy() -> None:
     """No line without a finding, nothing missing without a remedy."""
     findings = doctor.examine()

@@ -15,6 +15,8 @@ from mac_frames import ACCEPTED, ANSWER_LENGTH, answer_value, request
 import axistwin as _axistwin  # noqa: F401  registers the URL scheme
 from axistwin.testing import StartedTwin
 
+pytestmark = pytest.mark.system
+
 HOST_PROGRAM = Path(__file__).parents[2] / "fixtures" / "first-exchange" / "host.py"
 MOVE_NS = 9_920_080 * 125  # 10000 increments, P = 800, AA = 10 (ledger 5.3)
 EXCHANGE_NS = 11_937_500  # 21 bytes there, 1 ms, 21 bytes back, at 38400

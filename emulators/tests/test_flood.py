@@ -12,6 +12,8 @@ from mutated_bytes import mutated
 
 import axistwin as _axistwin  # noqa: F401  registers the URL scheme
 
+pytestmark = pytest.mark.strength
+
 TOTAL_BYTES = 10_000_000
 
 
@@ -58,7 +60,6 @@ def ask_position(port: serial.SerialBase) -> bytes:
     return bytes(port.read(21))
 
 
-@pytest.mark.slow
 def test_ten_million_bytes_of_noise_leave_a_twin_that_answers() -> None:
     """No exception, only whole replies, flat memory, and a good query afterwards is answered."""
     rng = random.Random(2006)

@@ -14,6 +14,8 @@ from daemon_process import Daemon, daemon
 from kill_rounds import Memory, survive_kills
 from mac_frames import ACCEPTED, ANSWER_LENGTH, answer_value, request
 
+pytestmark = pytest.mark.strength
+
 WRITTEN = {0x09: 0x22, 0x0A: 0x23}  # command that stores a 32-bit value: query that reads it
 POSITION = 0x20
 
@@ -50,13 +52,11 @@ def stored(folder: Path) -> Iterator[Memory]:
         )
 
 
-@pytest.mark.slow
 def test_nothing_acknowledged_is_lost_when_the_daemon_is_killed_200_times(tmp_path: Path) -> None:
     """Every value whose write was acknowledged is read back after kill -9 and a restart."""
     survive_kills(partial(stored, tmp_path), WRITTEN, rounds=200, seed=20060612)
 
 
-@pytest.mark.slow
 def test_a_position_that_was_reported_while_moving_is_not_lost_by_a_kill(tmp_path: Path) -> None:
     """After kill -9 in a move the axis stands no further back than the host was last told."""
     with twin(tmp_path) as (process, port):

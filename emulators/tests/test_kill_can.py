@@ -16,6 +16,8 @@ from kill_rounds import Memory, survive_kills
 
 from axistwin.wire.can_frame import CanFrame
 
+pytestmark = pytest.mark.strength
+
 MODULES = (1, 2)
 WRITTEN = {0x09: 0x02, 0x0A: 0x03}  # download that stores a 32-bit value: upload that reads it
 CELLS = [address << 8 | index for address in MODULES for index in WRITTEN]
@@ -75,13 +77,11 @@ def stored(folder: Path) -> Iterator[Memory]:
         yield Memory(process.process.pid, read, write)
 
 
-@pytest.mark.slow
 def test_nothing_acknowledged_is_lost_when_the_daemon_is_killed_60_times(tmp_path: Path) -> None:
     """Every value whose write was acknowledged is read back after kill -9 and a restart."""
     survive_kills(partial(stored, tmp_path), CELLS, rounds=60, seed=20061)
 
 
-@pytest.mark.slow
 def test_a_position_that_was_reported_while_moving_is_not_lost_by_a_kill(tmp_path: Path) -> None:
     """After kill -9 in a move the axis stands no further back than the host was last told."""
     with twins(tmp_path) as (process, bus):

@@ -11,6 +11,8 @@ from daemon_process import daemon
 from kill_rounds import Memory, survive_kills
 from msc_bench import ACK, dread, dwrite
 
+pytestmark = pytest.mark.strength
+
 ADDRESSES = (0, 2008, 0x7FFC)
 QUICK = (
     *("--quirk", "response_delay_ms=0", "--quirk", "reply_delay_ms=0"),
@@ -42,7 +44,6 @@ def stored(folder: Path) -> Iterator[Memory]:
             yield Memory(process.process.pid, partial(read_back, port), partial(write, port))
 
 
-@pytest.mark.slow
 def test_nothing_acknowledged_is_lost_when_the_daemon_is_killed_60_times(tmp_path: Path) -> None:
     """Every value whose write was acknowledged is read back after kill -9 and a restart."""
     survive_kills(partial(stored, tmp_path), ADDRESSES, rounds=60, seed=19961201)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 from spy_storage import SpySlot, SpyStorage
-from toy_device import LATENCY_NS, ToyDevice
+from toy_device import LATENCY_NS, ToyDevice, ToyTrace
 
 from axistwin.errors import StateError
 from axistwin.kernel.effects import Trace
@@ -12,7 +12,7 @@ from axistwin.kernel.time import NS_PER_MS, NS_PER_S, Nanos
 from axistwin.runtime.clock import PacedClock, VirtualClock
 from axistwin.runtime.line import Line
 from axistwin.runtime.network import SerialNetwork
-from axistwin.runtime.owner import Station
+from axistwin.runtime.simulation import Station
 from axistwin.runtime.storage import MemorySlot, MemoryStorage
 from axistwin.runtime.twin import Twin
 from axistwin.wire.framing import LineFormat
@@ -212,7 +212,7 @@ def test_traces_reach_their_subscribers_with_the_twin_they_are_of() -> None:
     seen: list[tuple[Twin, Trace]] = []
     unsubscribe = rig.line.subscribe(lambda twin, trace: seen.append((twin, trace)))
     rig.ask(b"T", 1)
-    assert seen == [(rig.line.twins[0], Trace(BYTE_NS, "toy", (("value", 1),)))]
+    assert seen == [(rig.line.twins[0], ToyTrace(BYTE_NS, "told"))]
     unsubscribe()
     rig.ask(b"T", 1)
     assert len(seen) == 1

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from axistwin.runtime.loop import Loop
+from axistwin.runtime.serving.loop import Loop
 
 
 @pytest.fixture
@@ -188,21 +188,34 @@ def test_the_wake_up_of_another_loop_is_put_back() -> None:
         before = signal.set_wakeup_fd(near.fileno())
         try:
             loop = Loop()
-            loop.on_signal(signal.SIGUSR1, loop.stop)
+            loop.install_signal_handlers([signal.SIGUSR1])
             loop.close()
             assert signal.set_wakeup_fd(before) == near.fileno()
         finally:
             signal.set_wakeup_fd(before)
 
 
-def test_signals_are_heeded_while_it_waits_and_forgotten_when_it_is_closed() -> None:
-    """The callback runs in the loop, and the old handler comes back."""
+def test_signals_are_handled_while_it_waits_and_forgotten_when_it_is_closed() -> None:
+    """The loop ends what it does before, and the old handler comes back."""
     before = signal.getsignal(signal.SIGUSR1)
     called: list[int] = []
     loop = Loop()
     with contextlib.closing(loop):
-        loop.on_signal(signal.SIGUSR1, both(lambda: called.append(1), loop.stop))
+        loop.install_signal_handlers([signal.SIGUSR1])
+        loop.call_soon(called.append, 1)
         threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGUSR1)).start()
         loop.run()
     assert called == [1]
     assert signal.getsignal(signal.SIGUSR1) is before
+
+
+def test_a_second_signal_before_there_is_a_server_breaks_the_start_off() -> None:
+    """The first one waits for it; what is closed afterwards is disturbed by none."""
+    with contextlib.closing(Loop()) as loop:
+        loop.install_signal_handlers([signal.SIGTERM])
+        os.kill(os.getpid(), signal.SIGTERM)
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGTERM)
+        loop.has_server = True
+        os.kill(os.getpid(), signal.SIGTERM)
+        loop.run()

@@ -3,6 +3,9 @@
 import pytest
 from mac_bench import PERIOD, SILENCE, TICK_NS, MacBench, S, moving
 
+from axistwin.devices.mac.axis.faults import FaultLatched
+from axistwin.devices.mac.axis.stops import StopMet
+from axistwin.devices.traces import StateChanged
 from axistwin.kernel.effects import Trace
 
 # ---- faults (§5.9) ----
@@ -112,7 +115,17 @@ def told(bench: MacBench) -> list[tuple[str, int | str]]:
     traces = [effect for effect in bench.effects if isinstance(effect, Trace)]
     times = [trace.time_ns for trace in traces]
     assert times == sorted(times)
-    return [(trace.kind, dict(trace.details)["value"]) for trace in traces]
+    named: list[tuple[str, int | str]] = []
+    for trace in traces:
+        match trace:
+            case StateChanged(state=state):
+                named.append(("state", state))
+            case StopMet(stop=stop):
+                named.append(("stop", stop))
+            case FaultLatched(bits=bits):
+                named.append(("fault", bits))
+    assert len(named) == len(traces)
+    return named
 
 
 def test_states_and_stops_are_told_when_they_change() -> None:

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mac_bench import MS, TICK_NS, S
 
-from axistwin.devices.mac.can import MacCan
+from axistwin.devices.mac.can.device import MacCan
+from axistwin.devices.traces import StateChanged
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import SendFrame, Store, Trace
 from axistwin.wire.can_frame import CanFrame
@@ -331,7 +332,7 @@ def test_states_are_told() -> None:
     bench.do(0x13, 5)
     bench.settle()
     bench.do(0x1A)
-    states = [dict(each.details)["value"] for each in bench.effects if isinstance(each, Trace)]
+    states = [each.state for each in bench.effects if isinstance(each, StateChanged)]
     assert states == ["OF", "PO", "HD", "OF"]
 
 
@@ -382,6 +383,6 @@ def test_what_is_due_happens_before_a_restart() -> None:
     ]
     (boot,) = [each for each in module.sent(reset.frame, 3 * S) if isinstance(each, Trace)]
     assert effects
-    assert boot == Trace(3 * S, "state", (("value", "BT"),))
+    assert boot == StateChanged(3 * S, "BT")
     assert module.next_event() == 5 * S
     assert module.position_at(3 * S) == module.position_at(4 * S) > 500

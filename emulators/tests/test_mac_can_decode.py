@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from axistwin.devices.mac.can_decode import explain_frame
+from axistwin.devices.mac.can.decode import explain_frame
 from axistwin.wire.can_frame import CanFrame
 
 

@@ -5,9 +5,11 @@ import random
 import pytest
 from mac_bench import MS, S
 
-from axistwin.devices.mac.can import MacCan
+from axistwin.devices.mac.can.device import MacCan
 from axistwin.kernel.effects import Effect, SendFrame, Store, Trace
 from axistwin.wire.can_frame import CanFrame
+
+pytestmark = pytest.mark.strength
 
 FRAME_NS = 250_000
 ZEROS = bytes(4)
@@ -161,7 +163,6 @@ def survive(seed: int, count: int) -> None:
     assert int.from_bytes(reply.data[4:], "big", signed=True) == position
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_any_frames_are_survived(seed: int) -> None:
     """25 000 seeded frames each: no exception, only admitted frames, a good upload afterwards."""

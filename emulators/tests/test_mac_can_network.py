@@ -6,7 +6,7 @@ import pytest
 from can_bench import CanBench, emergencies
 from mac_bench import MS, TICK_NS, S
 
-from axistwin.devices.mac.can import MacCan
+from axistwin.devices.mac.can.device import MacCan
 from axistwin.kernel.effects import Effect, SendFrame
 from axistwin.wire.can_frame import CanFrame
 

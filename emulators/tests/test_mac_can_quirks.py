@@ -8,8 +8,8 @@ from can_bench import BIT_NS, CanBench, emergencies
 from mac_bench import ACCEPTED, REFUSED, SILENCE, TICK_NS, S
 from mac_quirk_motion_cases import CASES as SERIAL_CASES
 
-from axistwin.devices.mac.can_quirks import CAN_QUIRKS, MacCanQuirks, parse_can_quirks
-from axistwin.devices.mac.quirks import QUIRKS, MacQuirks
+from axistwin.devices.mac.axis.quirks import QUIRKS, MacQuirks
+from axistwin.devices.mac.can.quirks import CAN_QUIRKS, MacCanQuirks, parse_can_quirks
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import SendFrame, Store
 from axistwin.wire.can_frame import wire_bits

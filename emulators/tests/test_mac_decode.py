@@ -4,8 +4,8 @@ import random
 
 import pytest
 
-from axistwin.devices.mac.decode import explain
-from axistwin.devices.mac.framing import answer, request
+from axistwin.devices.mac.serial.decode import explain
+from axistwin.devices.mac.serial.framing import answer, request
 
 
 @pytest.mark.parametrize(

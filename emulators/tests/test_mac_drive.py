@@ -3,7 +3,7 @@
 import pytest
 from mac_bench import MS, PERIOD, REFUSED, TICK_NS, MacBench, S, moving
 
-from axistwin.devices.mac.framing import request
+from axistwin.devices.mac.serial.framing import request
 from axistwin.wire.framing import Chunk
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from axistwin.devices.mac.framing import answer, checksum, number, request
+from axistwin.devices.mac.serial.framing import answer, checksum, number, request
 
 
 @pytest.mark.parametrize(

@@ -8,13 +8,15 @@ from typing import Any
 import pytest
 from mac_bench import MS, MacBench, S
 
-from axistwin.devices.mac.framing import request
-from axistwin.devices.mac.quirks import QUIRKS
-from axistwin.devices.mac.serial import MacSerial
+from axistwin.devices.mac.axis.quirks import QUIRKS
+from axistwin.devices.mac.serial.device import MacSerial
+from axistwin.devices.mac.serial.framing import request
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import Effect, Transmit
 from axistwin.motion.plant import Load
 from axistwin.wire.framing import Chunk, LineFormat
+
+pytestmark = pytest.mark.strength
 
 # ---- any bytes ----
 
@@ -80,7 +82,6 @@ def test_quiet_prefixes_are_quiet_whatever_the_cut() -> None:
     assert outcomes[0]
 
 
-@pytest.mark.slow
 def test_ten_million_bytes_pass_in_seconds() -> None:
     """Random bytes cost next to nothing."""
     data = random.Random(3).randbytes(10_000_000)
@@ -213,7 +214,7 @@ def look(bench: MacBench) -> None:
     device, now = bench.device, bench.now
     told = device.describe(now)
     cells = dict(device.cells(now))
-    assert -(1 << 30) <= told["position"] < 1 << 30  # type: ignore[operator]
+    assert -(1 << 30) <= told["position"] < 1 << 30
     assert MacSerial(device.model, 0, quirks=device.quirks, cells=cells).cells(0) == cells
     moving = device.is_moving(now)
     assert not (moving and told["state"] in ("off", "HD+AR", "HD") and not told["powered"])
@@ -243,7 +244,6 @@ def test_any_treatment_is_survived(seed: int) -> None:
         lives(f"{seed}/{life}", 60)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(10))
 def test_any_treatment_is_survived_for_long(seed: int) -> None:
     """The same, longer."""

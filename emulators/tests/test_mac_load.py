@@ -3,7 +3,7 @@
 import pytest
 from mac_bench import FREE, HELD, MS, PERIOD, MacBench, S, moving
 
-from axistwin.devices.mac.framing import request
+from axistwin.devices.mac.serial.framing import request
 from axistwin.motion.plant import Load
 from axistwin.wire.framing import Chunk
 

@@ -4,9 +4,9 @@ from fractions import Fraction
 
 import pytest
 
-from axistwin.devices.mac.faults import Faults
-from axistwin.devices.mac.models import MAC23, MAC34_1, MAC34_2, MODELS, MacModel
-from axistwin.devices.mac.quirks import parse_quirks
+from axistwin.devices.mac.axis.faults import Faults
+from axistwin.devices.mac.axis.models import MAC23, MAC34_1, MAC34_2, MODELS, MacModel
+from axistwin.devices.mac.axis.quirks import parse_quirks
 
 SCALES = [
     (MAC23, Fraction(5, 2), -215, Fraction(10, 48)),

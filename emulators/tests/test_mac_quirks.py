@@ -4,7 +4,7 @@ import pytest
 from mac_bench import MacBench
 from mac_quirk_motion_cases import CASES
 
-from axistwin.devices.mac.quirks import QUIRKS, MacQuirks, parse_quirks
+from axistwin.devices.mac.axis.quirks import QUIRKS, MacQuirks, parse_quirks
 from axistwin.errors import UsageError
 
 

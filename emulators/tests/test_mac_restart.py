@@ -3,8 +3,8 @@
 import pytest
 from mac_bench import MS, SILENCE, MacBench, S
 
-from axistwin.devices.mac.framing import checksum
-from axistwin.devices.mac.serial import MacSerial
+from axistwin.devices.mac.serial.device import MacSerial
+from axistwin.devices.mac.serial.framing import checksum
 from axistwin.kernel.effects import Store, Transmit
 from axistwin.runtime.network import SerialNetwork
 from axistwin.wire.framing import LineFormat

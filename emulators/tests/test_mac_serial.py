@@ -3,8 +3,8 @@
 import pytest
 from mac_bench import ACCEPTED, MS, NACK, REFUSED, SILENCE, MacBench, S
 
-from axistwin.devices.mac.framing import checksum, request
-from axistwin.devices.mac.serial import MacSerial
+from axistwin.devices.mac.serial.device import MacSerial
+from axistwin.devices.mac.serial.framing import checksum, request
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import Store, Transmit
 from axistwin.wire.framing import Chunk, LineFormat

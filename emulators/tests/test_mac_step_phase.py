@@ -5,9 +5,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mac_bench import MS, MacBench
 
-from axistwin.devices.mac.axis import Axis
-from axistwin.devices.mac.models import MODELS
-from axistwin.devices.mac.quirks import parse_quirks
+from axistwin.devices.mac.axis.axis import Axis
+from axistwin.devices.mac.axis.models import MODELS
+from axistwin.devices.mac.axis.quirks import parse_quirks
 
 MAC23 = MODELS["mac23"]
 

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from mac_bench import ACCEPTED, FREE, HELD, MS, PERIOD, REFUSED, MacBench, S, moving
 
-from axistwin.devices.mac.framing import request
+from axistwin.devices.mac.serial.framing import request
 from axistwin.wire.framing import Chunk
 
 # ---- stops ----

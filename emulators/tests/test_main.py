@@ -11,6 +11,8 @@ import pytest
 
 import axistwin
 
+pytestmark = pytest.mark.system
+
 OURS = str(Path(axistwin.__file__).parent)
 
 INTERRUPTED = """
@@ -86,7 +88,6 @@ def test_ctrl_c_while_a_module_is_loaded_ends_it_without_a_word(
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "words", [("conform", "mac23", "--level", "quick"), ("run", "mac23"), ("models", "mac23")]
 )

@@ -11,6 +11,8 @@ import pytest
 
 from axistwin.testing import StartedTwin
 
+pytestmark = pytest.mark.system
+
 FOLDER = Path(__file__).parents[2] / "fixtures" / "macroprograms"
 SPEED = 5
 

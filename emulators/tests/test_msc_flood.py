@@ -25,6 +25,8 @@ from mutated_bytes import mutated
 import axistwin as _axistwin  # noqa: F401  registers the URL scheme
 from axistwin.devices.msc.packets import body_length, is_sum_right, packet
 
+pytestmark = pytest.mark.strength
+
 TOTAL_BYTES = 10_000_000
 REPLY_NAMES = (b"BREAD", b"DREAD", b"RFLAG", b"RFLAGS", b"RQSTAT")
 
@@ -93,7 +95,6 @@ class Judge:
         self.rest = data[at:]
 
 
-@pytest.mark.slow
 def test_ten_million_bytes_of_noise_leave_a_controller_that_answers() -> None:
     """No exception, no byte out of turn, flat memory, RQSTAT is answered after the settle time."""
     rng, judge = random.Random(1996), Judge()

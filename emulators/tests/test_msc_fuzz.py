@@ -26,6 +26,8 @@ from axistwin.devices.msc.packets import packet
 from axistwin.devices.msc.quirks import QUIRKS, parse_quirks
 from axistwin.wire.framing import Chunk
 
+pytestmark = pytest.mark.strength
+
 PIECES = st.one_of(
     st.binary(min_size=1, max_size=12),
     st.sampled_from(

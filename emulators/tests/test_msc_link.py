@@ -161,6 +161,7 @@ def test_a_byte_of_the_body_is_a_byte_of_the_body(byte: int) -> None:
     assert bench.value(address) == value
 
 
+@pytest.mark.strength
 def test_a_byte_of_the_checksum_is_a_byte_of_the_checksum() -> None:
     """02h, 06h and 15h in either byte of the sum start and answer nothing."""
     seen = set()

@@ -11,8 +11,9 @@ from axistwin.catalog import build_line, parse_device
 from axistwin.devices.msc.controller import MscController
 from axistwin.devices.msc.data_area import DataArea
 from axistwin.devices.msc.quirks import parse_quirks
+from axistwin.devices.traces import StateChanged
 from axistwin.errors import StateError, UsageError
-from axistwin.kernel.effects import Store, Trace
+from axistwin.kernel.effects import Store
 from axistwin.programs.bench import Bench
 from axistwin.runtime.clock import VirtualClock
 from axistwin.runtime.line import Line
@@ -193,11 +194,7 @@ def test_what_it_is_doing_is_told() -> None:
         device.power_off(30),
         device.power_on(40),
     ):
-        told += [
-            dict(each.details)["value"]
-            for each in effects
-            if isinstance(each, Trace) and each.kind == "state"
-        ]
+        told += [each.state for each in effects if isinstance(each, StateChanged)]
     assert told == [
         *("program stopped", "program running", "program stopped"),
         *("program cleared", "off", "no program"),

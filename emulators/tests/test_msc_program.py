@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from program_bench import BAD_OPCODE, RUNNING, ProgramBench
 
+from axistwin.devices.traces import ProgramFailed, ProgramStarted, ProgramStopped
 from axistwin.errors import UsageError
 from axistwin.kernel.time import NS_PER_MS, NS_PER_S
 from axistwin.macroprogram import (
@@ -321,7 +322,7 @@ def test_an_hour_of_waiting_is_not_run() -> None:
     assert bench.value(2000) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.strength
 def test_an_hour_of_scans_takes_seconds() -> None:
     """Each is done; that is measured generously here, and stands in the page on macroprograms."""
     bench = ProgramBench(Ticks)
@@ -418,8 +419,8 @@ def test_a_start_while_it_runs_begins_anew() -> None:
     bench.runner.start(bench.now)
     assert bench.at(24).value(2000) == 3
     assert bench.at(25).value(2000) == 4
-    kinds = [trace.kind for trace in bench.runner.take_traces()]
-    assert kinds == ["program_started", "program_stopped", "program_started"]
+    kinds = [type(trace) for trace in bench.runner.take_traces()]
+    assert kinds == [ProgramStarted, ProgramStopped, ProgramStarted]
 
 
 def test_timers_hold_while_the_program_is_stopped() -> None:
@@ -509,9 +510,9 @@ def test_the_traces_tell_starts_and_ends() -> None:
 
     bench = ProgramBench(Program).at(1000)
     started, ended = bench.runner.take_traces()
-    assert (started.time_ns, started.kind) == (0, "program_started")
-    assert (ended.time_ns, ended.kind) == (20 * NS_PER_MS, "program_error")
-    assert dict(ended.details) == {"error": bench.runner.error}
+    assert started == ProgramStarted(0)
+    assert bench.runner.error is not None
+    assert ended == ProgramFailed(20 * NS_PER_MS, bench.runner.error)
     assert bench.runner.take_traces() == []
 
 

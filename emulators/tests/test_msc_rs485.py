@@ -214,6 +214,7 @@ def test_a_broken_length_for_one_swallows_what_follows_for_all() -> None:
     assert bench.ask(rqstat(2))[:1] == ACK
 
 
+@pytest.mark.strength
 @pytest.mark.parametrize("paced", [True, False])
 @pytest.mark.parametrize("seed", range(3))
 def test_noise_on_a_shared_line_disturbs_nobody_for_long(seed: int, paced: bool) -> None:

@@ -50,6 +50,7 @@ def stepped(line: Line, data: bytes, size: int, patience_ns: Nanos) -> tuple[Nan
     return line.wait(until_ns, size or None) if patience_ns else line.sync(), line.receive(size)
 
 
+@pytest.mark.strength
 @pytest.mark.parametrize(
     ("devices", "program"),
     [(("msc-250",), ""), (("msc-250",), "bench"), (("msc-250:1", "msc-250:2"), "")],

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from toy_device import ToyTrace
 
 from axistwin.kernel.effects import Effect, Silence, Store, Trace, Transmit
 from axistwin.runtime import network as network_module
@@ -75,17 +76,17 @@ class Echo:
         """Do what is due."""
         assert now == self.due.pop(0)
         self.log.append((now, "woken"))
-        return [Trace(now, "woken"), Transmit(now, b"!")]
+        return [ToyTrace(now, "woken"), Transmit(now, b"!")]
 
     def power_off(self, now: int) -> list[Effect]:
         """Forget all that is under way."""
         self.due.clear()
         self._request.clear()
-        return [Trace(now, "off")]
+        return [ToyTrace(now, "off")]
 
     def power_on(self, now: int) -> list[Effect]:
         """Start up."""
-        return [Trace(now, "on")]
+        return [ToyTrace(now, "on")]
 
     def cells(self, now: int) -> Mapping[str, int]:
         """Nothing is kept."""
@@ -175,7 +176,7 @@ def test_effects_come_in_the_order_of_time() -> None:
     network.host_send(b"b9.a3.")
     network.run_until(10**9)
     kinds = [(index, type(effect)) for index, effect in network.take_effects()]
-    assert kinds == [(1, Store), (0, Store), (0, Trace), (1, Trace)]
+    assert kinds == [(1, Store), (0, Store), (0, ToyTrace), (1, ToyTrace)]
     assert network.take_effects() == []
 
 
@@ -222,9 +223,9 @@ def test_effects_of_a_call_from_outside_are_performed_now() -> None:
     """A transmission in the past begins now."""
     network = SerialNetwork([Echo("a")])
     network.run_until(1000)
-    network.perform(0, [Transmit(0, b"hi"), Trace(1000, "poke")])
+    network.perform(0, [Transmit(0, b"hi"), ToyTrace(1000, "poke")])
     assert network.next_host_byte_ns() == 1000 + BYTE_NS
-    assert network.take_effects() == [(0, Trace(1000, "poke"))]
+    assert network.take_effects() == [(0, ToyTrace(1000, "poke"))]
 
 
 def test_power_cut_in_an_answer_breaks_it_off() -> None:
@@ -242,8 +243,8 @@ def test_power_cut_in_an_answer_breaks_it_off() -> None:
     network.run_until(2 * 10**9)
     assert network.host_take() == b"ab="
     assert [effect for _, effect in network.take_effects()] == [
-        Trace(answer_ns + BYTE_NS + BYTE_NS // 2, "off"),
-        Trace(10**9, "on"),
+        ToyTrace(answer_ns + BYTE_NS + BYTE_NS // 2, "off"),
+        ToyTrace(10**9, "on"),
     ]
 
 
@@ -400,6 +401,7 @@ def drive(
     return [each.log for each in devices], network.host_take(), network.take_effects()
 
 
+@pytest.mark.strength
 @settings(max_examples=150, deadline=None)
 @given(requests, skews, st.lists(st.integers(0, 60 * BYTE_NS), max_size=20), st.booleans())
 def test_where_time_pauses_changes_nothing(
@@ -419,6 +421,7 @@ class SampledLine(SerialLine):
         return False
 
 
+@pytest.mark.strength
 @settings(max_examples=100, deadline=None)
 @given(requests, skews)
 def test_stretches_change_nothing(script: list[tuple[int, bytes]], skew_ns: int) -> None:
@@ -551,6 +554,7 @@ def exchanges(network: SerialNetwork, script: list[Step], gap_ns: int) -> list[o
     return [*seen, network.host_take(), network.take_effects(), devices]
 
 
+@pytest.mark.strength
 @settings(max_examples=200, deadline=None)
 @given(
     steps, st.sampled_from([-LATENCY_NS, 0]), st.sampled_from([0, 1000, LATENCY_NS]), st.booleans()

@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 from mac_frames import request
 from toy_device import LATENCY_NS, ToyDevice
 
-from axistwin.devices.mac.quirks import parse_quirks
-from axistwin.devices.mac.serial import MacSerial
+from axistwin.devices.mac.axis.quirks import parse_quirks
+from axistwin.devices.mac.serial.device import MacSerial
 from axistwin.runtime.network import SerialNetwork
 from axistwin.wire.framing import LineFormat
 

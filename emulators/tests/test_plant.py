@@ -253,6 +253,7 @@ def test_the_shaft_never_passes_its_set_point_and_ends_on_target(
     assert shaft.position_at(settled_ns + 10**12) == direction * target
 
 
+@pytest.mark.strength
 @SETTINGS
 @given(MECHANICS, MOVES, HOLDS, st.data())
 def test_polling_changes_nothing(
@@ -539,6 +540,7 @@ def test_a_pause_between_segments_is_taken_alike_polled_or_not() -> None:
         assert polled.reach_ns(n, 8 * MS) == left_alone.reach_ns(n, 8 * MS)
 
 
+@pytest.mark.strength
 def test_a_long_inertial_run_keeps_its_numbers_small() -> None:
     """Two thousand segments later the exact position is still a fraction of modest size."""
     interpolator, shaft = Interpolator(), plant(MAC23)

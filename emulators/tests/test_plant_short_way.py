@@ -2,12 +2,15 @@
 
 from fractions import Fraction
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from axistwin.motion.inertia import Mechanics
 from axistwin.motion.plant import Load, Plant
 from axistwin.motion.ramp import Ramp, RampedMotion
+
+pytestmark = pytest.mark.strength
 
 MS = 1_000_000
 HELD, FREE = Load(held=True), Load()

@@ -21,6 +21,8 @@ from axistwin.ports.link import Link
 from axistwin.ports.pty import PtyPort
 from axistwin.wire.framing import LineFormat
 
+pytestmark = pytest.mark.system
+
 
 class Bench(Served):
     """An echo line behind a pty at ``link``."""

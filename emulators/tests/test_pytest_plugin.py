@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.system
+
 pytest_plugins = ["pytester"]
 
 ROOT = Path(__file__).parents[2]
@@ -331,7 +333,7 @@ def test_what_is_hidden_of_a_mistake_is_there_on_demand(pytester: pytest.Pyteste
     """As everything is, with --full-trace."""
     pytester.makepyfile(MISTAKES)
     result = run(pytester, "--full-trace", "-k", "test_twin")
-    result.stdout.fnmatch_lines(["*axistwin*twin.py:*: UsageError"])
+    result.stdout.fnmatch_lines(["*axistwin*control_access.py:*: UsageError"])
 
 
 def test_a_bug_of_ours_keeps_its_frames(pytester: pytest.Pytester) -> None:

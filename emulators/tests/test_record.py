@@ -21,6 +21,7 @@ cells = st.dictionaries(st.text(max_size=12), st.integers(-(2**40), 2**40), max_
 sequences = st.integers(1, 2**62)
 
 
+@pytest.mark.strength
 @given(cells, sequences)
 def test_a_record_reads_back_as_it_was_written(values: dict[str, int], sequence: int) -> None:
     """Any cells and any sequence number survive the way through text."""

@@ -15,7 +15,10 @@ from axistwin.ports.tcp import parse_address
 from axistwin.wire.framing import LineFormat
 
 # pyserial's own client does it that way.
-pytestmark = pytest.mark.filterwarnings("ignore:set(Daemon|Name):DeprecationWarning")
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.filterwarnings("ignore:set(Daemon|Name):DeprecationWarning"),
+]
 
 IAC, SB, SE = b"\xff", b"\xfa", b"\xf0"
 XON, XOFF = b"\x11", b"\x13"

@@ -20,13 +20,15 @@ from daemon_process import TIMEOUT_S, Daemon, assert_one_clear_line, daemon, inv
 from served_bus import POSITION, client, receive
 
 from axistwin.catalog import DeviceSpec
-from axistwin.cli.reporter import Reporter
-from axistwin.cli.run_can import BusOptions, CanRun
-from axistwin.cli.serving import Shared
+from axistwin.cli.run.can import BusOptions, CanRun
+from axistwin.cli.run.reporter import Reporter
+from axistwin.cli.run.serving import Shared
 from axistwin.errors import UsageError
 from axistwin.ports import socketcan
 from axistwin.ports.slcan import SlcanPort
 from axistwin.wire.can_frame import CanFrame
+
+pytestmark = pytest.mark.system
 
 REPLY = CanFrame(0x581, bytes.fromhex("4200200000000000"))
 

@@ -7,6 +7,8 @@ import serial
 from daemon_process import TIMEOUT_S, assert_one_clear_line, daemon, invoke
 from msc_bench import ACK, NAK, dread, dwrite, flag, rqstat
 
+pytestmark = pytest.mark.system
+
 COUNTING = """
 from axistwin.macroprogram import Macroprogram, UserFlag, Variable
 

@@ -70,6 +70,7 @@ def test_bytes_arrive_one_character_after_another() -> None:
     ]
 
 
+@pytest.mark.strength
 def test_a_million_bytes_queued_one_by_one_do_not_drift() -> None:
     """A stretch that is continued for ever keeps its exact times, and its past is forgotten."""
     line = SerialLine([F38400, F38400])
@@ -412,6 +413,7 @@ def without_queueing(formats: Sequence[LineFormat], sent: list[Sent]) -> list[Se
     return kept
 
 
+@pytest.mark.strength
 @settings(max_examples=300, deadline=None)
 @given(some_formats, some_sent)
 @example([F38400, F9600], [Sent(0, 0, b"z\0\0\0\x10")])  # samples fall exactly on edges
@@ -478,6 +480,7 @@ def play(line: SerialLine, script: list[tuple[int, Action]], stops: list[int], m
     return sorted(heard + listen(line, at_ns + 10**9, most))
 
 
+@pytest.mark.strength
 @settings(max_examples=400, deadline=None)
 @given(actions, st.lists(st.integers(0, 40 * BYTE_NS), max_size=12), st.integers(1, 5))
 def test_stretches_and_bits_give_the_same_bytes_at_the_same_nanoseconds(
@@ -491,6 +494,7 @@ def test_stretches_and_bits_give_the_same_bytes_at_the_same_nanoseconds(
     assert plain.transmissions_held == 0
 
 
+@pytest.mark.strength
 @settings(max_examples=200, deadline=None)
 @given(actions, st.integers(0, 2), st.lists(st.integers(0, 4 * BYTE_NS), max_size=3))
 def test_the_next_arrival_is_foretold(
@@ -516,6 +520,7 @@ def test_the_next_arrival_is_foretold(
     )
 
 
+@pytest.mark.strength
 def test_memory_stays_flat_while_one_talks_and_another_interrupts_for_ever() -> None:
     """History is dropped as soon as no receiver needs it."""
     line = SerialLine([F38400, F38400, F9600])

@@ -22,10 +22,12 @@ from axistwin.ports.tcp import TcpPort, parse_address
 from axistwin.runtime.clock import PacedClock
 from axistwin.runtime.line import Line
 from axistwin.runtime.network import SerialNetwork
-from axistwin.runtime.owner import Station
-from axistwin.runtime.server import Server
+from axistwin.runtime.serving.line_server import Server
+from axistwin.runtime.simulation import Station
 from axistwin.runtime.storage import MemorySlot, MemoryStorage
 from axistwin.wire.framing import LineFormat
+
+pytestmark = pytest.mark.system
 
 F38400 = LineFormat(38400)
 
@@ -269,6 +271,6 @@ def test_in_the_main_thread_a_signal_ends_it(tmp_path: Path) -> None:
     bench = Bench(tmp_path)
     bench.server.open()
     bench.server.loop.call_later(0.05, os.kill, os.getpid(), signal.SIGTERM)
-    bench.server.heed([signal.SIGTERM])
+    bench.server.loop.install_signal_handlers([signal.SIGTERM])
     bench.server.run()
     assert not os.path.lexists(bench.pty.url)

@@ -26,6 +26,8 @@ from axistwin.ports.slcan import (
 )
 from axistwin.wire.can_frame import CanFrame
 
+pytestmark = pytest.mark.system
+
 SENT = CanFrame(0x601, bytes.fromhex("4000200000000000"))
 SENT_LINE = b"t60184000200000000000"
 ALL_LETTERS = [bytes([letter]) for letter in range(33, 127)]
@@ -432,7 +434,6 @@ def test_slcand_s_lines_are_taken() -> None:
     assert port.channel is Channel.NORMAL
 
 
-@pytest.mark.slow
 @pytest.mark.skipif("AXISTWIN_VM" in os.environ, reason="inside the virtual machine")
 def test_a_kernel_converses() -> None:
     """Linux's slcan driver, attached by slcand, makes a CAN interface of it that loses nothing."""

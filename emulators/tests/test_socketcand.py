@@ -399,6 +399,7 @@ def daemon_bus(port: int) -> can.BusABC:
     return can.Bus(interface="socketcand", channel="vcan0", host="127.0.0.1", port=port)
 
 
+@pytest.mark.system
 def test_python_can_converses() -> None:
     """Its client sends and receives data frames of both kinds, in order."""
     conversation = [
@@ -418,6 +419,7 @@ def test_python_can_converses() -> None:
         assert {one.timestamp for one in received if one} == {1.5}
 
 
+@pytest.mark.system
 def test_python_can_drops_the_remote_flag() -> None:
     """An empty remote frame arrives as a data frame, a longer one not at all, and it is told."""
     session = SocketcandSession(["vcan0"])
@@ -433,6 +435,7 @@ def test_python_can_drops_the_remote_flag() -> None:
     assert "use slcan" in (session.take_trouble() or "")
 
 
+@pytest.mark.system
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
 def test_python_can_learns_the_names_of_the_buses() -> None:
     """Opening another one fails with them in its error."""

@@ -286,6 +286,7 @@ sys.stdin.read()
 """
 
 
+@pytest.mark.system
 def test_the_lock_ends_with_its_process_however_that_ends(folder: Path) -> None:
     """After kill -9 of the owner the folder can be used at once."""
     command = [sys.executable, "-c", HOLD, str(folder)]
@@ -335,6 +336,7 @@ main(["run", "mac23", "--tcp", "127.0.0.1:0", "--state", sys.argv[1]])
 """
 
 
+@pytest.mark.system
 def test_a_folder_without_room_is_told_in_one_line(tmp_path: Path) -> None:
     """Where no file may grow, a run ends at once, with the folder, the reason and what to do."""
     folder = tmp_path / "state"

@@ -13,8 +13,10 @@ from axistwin import catalog
 from axistwin.errors import PortError, UsageError
 from axistwin.ports.rfc2217 import Rfc2217Port
 from axistwin.ports.tcp import CLIENTS_MAX, TcpPort, is_loopback, parse_address
-from axistwin.runtime.server import Server
+from axistwin.runtime.serving.line_server import Server
 from axistwin.wire.framing import LineFormat
+
+pytestmark = pytest.mark.system
 
 
 class Bench(Served):

@@ -13,7 +13,8 @@ from mac_frames import ACCEPTED, ANSWER_LENGTH, REFUSED, answer_value, request
 
 from axistwin import testing
 from axistwin.errors import AxistwinError, PortError, UsageError
-from axistwin.runtime.server import Server
+from axistwin.motion.plant import Load
+from axistwin.runtime.serving.line_server import Server
 
 TIMES = ["virtual", "real", 20]
 
@@ -40,6 +41,7 @@ def open_files() -> set[str]:
     return names
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("time", TIMES)
 def test_a_client_can_connect_when_start_returns(time: str | float) -> None:
     """In every kind of time, and a ``with`` block stops the twin."""
@@ -49,6 +51,7 @@ def test_a_client_can_connect_when_start_returns(time: str | float) -> None:
         opened(twin)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("time", TIMES)
 def test_nothing_is_left_behind(time: str | float) -> None:
     """No thread, no descriptor, no file, however often twins come and go."""
@@ -78,6 +81,7 @@ def test_a_start_that_fails_leaves_nothing_behind(monkeypatch: pytest.MonkeyPatc
     assert open_files() == files
 
 
+@pytest.mark.system
 def test_a_twin_on_a_pty_stops_while_a_client_waits() -> None:
     """The client sees a hang-up; nothing hangs."""
     with testing.start("mac23") as twin:
@@ -89,6 +93,7 @@ def test_a_twin_on_a_pty_stops_while_a_client_waits() -> None:
     port.close()
 
 
+@pytest.mark.system
 def test_stopping_twice_is_stopping_once() -> None:
     """So a test may stop a twin which the fixture stops too."""
     twin = testing.start("mac23")
@@ -96,6 +101,7 @@ def test_stopping_twice_is_stopping_once() -> None:
     twin.stop()
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("time", ["virtual", "real"])
 def test_a_single_twin_forwards_everything(time: str) -> None:
     """Inputs, supply, temperature, load, power and what can be read."""
@@ -103,7 +109,7 @@ def test_a_single_twin_forwards_everything(time: str) -> None:
         twin.inputs.reference = True
         twin.supply_volts = 30.5
         twin.temperature_celsius = 41.0
-        twin.load = twin.twin._load
+        twin.load = Load()
         assert twin.inputs.reference is True
         assert (twin.supply_volts, twin.temperature_celsius) == (30.5, 41.0)
         assert twin.load == twin.twin.load
@@ -166,6 +172,7 @@ def test_several_twins_share_one_line() -> None:
             _ = line["mac34-1:6"]
 
 
+@pytest.mark.system
 def test_time_can_be_moved_only_when_it_is_virtual() -> None:
     """``advance`` says what to do instead."""
     with testing.start("mac23", time="virtual") as twin:
@@ -180,6 +187,7 @@ def test_time_can_be_moved_only_when_it_is_virtual() -> None:
         twin.advance(1)
 
 
+@pytest.mark.system
 def test_scaled_time_runs_faster() -> None:
     """At 100 times, 0.05 s of sleep are 5 s of the twin's."""
     with testing.start("mac23", time=100) as twin:
@@ -188,6 +196,7 @@ def test_scaled_time_runs_faster() -> None:
         assert twin.virtual_time_ns - start > 4_900_000_000
 
 
+@pytest.mark.system
 def test_options_reach_the_twin(tmp_path: Path) -> None:
     """Address, quirks, rate, memory and start-up."""
     with testing.start("mac23", address=7, quirks={"xon_byte": "11h"}, time="virtual") as twin:

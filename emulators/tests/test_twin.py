@@ -2,7 +2,7 @@ from fractions import Fraction
 from typing import Any
 
 import pytest
-from toy_device import ToyDevice
+from toy_device import ToyDevice, ToyTrace
 
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import Trace
@@ -11,7 +11,7 @@ from axistwin.motion.plant import Load
 from axistwin.runtime.clock import PacedClock, VirtualClock
 from axistwin.runtime.line import Line
 from axistwin.runtime.network import SerialNetwork
-from axistwin.runtime.owner import Station
+from axistwin.runtime.simulation import Station
 from axistwin.runtime.storage import MemorySlot, MemoryStorage
 from axistwin.runtime.twin import Twin
 
@@ -110,7 +110,7 @@ def test_effects_of_a_hand_are_performed(rig: Rig) -> None:
     rig.line.subscribe(lambda twin, trace: traces.append((twin, trace)))
     rig.twin.temperature_celsius = 90
     assert rig.slot.cells["writes"] == 1
-    assert traces == [(rig.twin, Trace(0, "hot"))]
+    assert traces == [(rig.twin, ToyTrace(0, "hot"))]
 
 
 def test_the_load_is_set_as_a_whole_or_value_by_value(rig: Rig) -> None:

@@ -12,6 +12,8 @@ from mac_frames import ACCEPTED, ANSWER_LENGTH, request
 import axistwin  # noqa: F401  registers the URL scheme
 from axistwin import testing
 
+pytestmark = pytest.mark.system
+
 QUERY = request(0x20)
 ANSWER = b"\x06\x13\x020110000000000010\x03\x1a"
 assert len(ANSWER) == ANSWER_LENGTH

@@ -101,6 +101,7 @@ STEPS = st.tuples(
 )
 
 
+@pytest.mark.strength
 @settings(max_examples=60, deadline=None)
 @given(st.sampled_from(URLS), st.lists(STEPS, min_size=1, max_size=12), st.booleans())
 def test_an_exchange_is_a_write_and_a_read(

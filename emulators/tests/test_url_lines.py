@@ -443,6 +443,7 @@ def test_state_used_by_somebody_else_is_refused(tmp_path: Path) -> None:
     other.close()
 
 
+@pytest.mark.system
 def test_state_is_saved_when_the_program_ends(tmp_path: Path) -> None:
     """Also by a program that never closes its port."""
     url = f"axistwin://mac23?time=virtual&state={tmp_path}"

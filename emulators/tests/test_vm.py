@@ -14,9 +14,12 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PROGRAM = ROOT / "scripts" / "vm.py"
 
-pytestmark = pytest.mark.skipif(
-    "AXISTWIN_VM" in os.environ, reason="inside the virtual machine there is no other one"
-)
+pytestmark = [
+    pytest.mark.strength,
+    pytest.mark.skipif(
+        "AXISTWIN_VM" in os.environ, reason="inside the virtual machine there is no other one"
+    ),
+]
 
 
 def load_program() -> ModuleType:
@@ -49,7 +52,7 @@ def _uhid_downloads_done() -> None:
 
 def with_machine(test: Callable[..., None]) -> Callable[..., None]:
     """Marks a test that starts machines: seconds each."""
-    marked: Callable[..., None] = pytest.mark.slow(pytest.mark.usefixtures("_downloads_done")(test))
+    marked: Callable[..., None] = pytest.mark.usefixtures("_downloads_done")(test)
     return marked
 
 
@@ -529,7 +532,6 @@ def test_modules_are_loaded_after_what_they_need(tmp_path: Path) -> None:
 # HID
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("_uhid_downloads_done")
 def test_with_uhid_a_program_can_be_a_hid_device() -> None:
     """In QEMU a device made through /dev/uhid is a /dev/hidraw, reports pass both ways, CAN too."""
@@ -562,7 +564,6 @@ os._exit(9)
     assert done.stdout.decode() == f"{bytes(range(64, 0, -1)).hex()}\n3 AF_CAN\n"
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("_uhid_downloads_done")
 def test_with_uhid_streams_folders_and_limits_are_the_same(tmp_path: Path) -> None:
     """Output is byte-exact, --write keeps, a signal is 128 and its number, a time-out 124."""

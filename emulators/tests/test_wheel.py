@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "fixtures" / "example-project"
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.system
 
 
 def run(*command: str | Path, folder: Path) -> subprocess.CompletedProcess[str]:

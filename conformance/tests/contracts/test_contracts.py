@@ -37,6 +37,8 @@ from contracts.golden import (
     steady_text,
 )
 
+pytestmark = pytest.mark.strength
+
 PROGRAM = (str(Path(sys.executable).with_name("axistwin")),)
 # What a terminal or a user's settings would change.
 FOREIGN = ("COLUMNS", "LINES", "NO_COLOR", "FORCE_COLOR", "TERM", "PYTHONPATH")
@@ -222,7 +224,6 @@ def judge_report(run: Run, folder: Path, done: subprocess.CompletedProcess[str])
     assert came == due, f"report.json is not made of its events\n{difference(due, came)}\n{HOW}"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("run", HEALTHY, ids=lambda run: run.name)
 def test_a_healthy_twin_is_judged_as_recorded(run: Run, tmp_path: Path) -> None:
     """Every event and every field of it, their order, the report, the profile, the exit status."""
@@ -232,7 +233,6 @@ def test_a_healthy_twin_is_judged_as_recorded(run: Run, tmp_path: Path) -> None:
         compare(f"{run.name}/profile.toml", steady_text(profile))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("run", FAULTY, ids=lambda run: run.name)
 def test_a_faulty_twin_is_judged_as_recorded(run: Run, tmp_path: Path) -> None:
     """Failures are told as recorded to people, programs and build servers."""
@@ -258,7 +258,6 @@ def converse(lines: tuple[str, ...], folder: Path) -> tuple[str, set[int]]:
     return "".join(said), statuses
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", TALKS)
 def test_what_is_typed_is_answered_as_recorded(name: str, tmp_path: Path) -> None:
     """Help, models, bytes in words, lists and plans; a mistake gets its text and exit status 2."""

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from axistwin.devices.mac.axis import Axis
-from axistwin.devices.mac.drive import Drive
-from axistwin.devices.mac.memory_map import RATES
-from axistwin.devices.mac.module import MacModule
-from axistwin.devices.mac.parameters import Parameters
-from axistwin.devices.mac.serial import MacSerial
+from axistwin.devices.mac.axis.axis import Axis
+from axistwin.devices.mac.axis.drive import Drive
+from axistwin.devices.mac.axis.memory_map import RATES
+from axistwin.devices.mac.axis.module import MacModule
+from axistwin.devices.mac.axis.parameters import Parameters
+from axistwin.devices.mac.serial.device import MacSerial
 from zoo.mutant import MOVING, Any_, MonkeyPatch, State, cells, frames, mutant, on, setter, wrap
 
 EVERY = tuple(State)
@@ -55,7 +55,7 @@ def the_catch_up_speed_is_not_stored(patch: MonkeyPatch) -> None:
         parameters.values["catchup"] = number >> 8 & 0xFF
         return True
 
-    from axistwin.devices.mac import axis
+    from axistwin.devices.mac.axis import axis
 
     patch.setitem(axis._PARAMETERS, 0x0E, (set_catch_up, axis._PARAMETERS[0x0E][1]))
 
@@ -94,7 +94,7 @@ def _boots_in(patch: MonkeyPatch, boot_ns: int) -> None:
 @mutant("MACS-CMD-00-02", traps=(33,))
 def a_starting_module_nacks(patch: MonkeyPatch) -> None:
     """While deaf the module still Nacks wrong sums."""
-    from axistwin.devices.mac.framing import take_apart
+    from axistwin.devices.mac.serial.framing import take_apart
     from axistwin.kernel.effects import Transmit
 
     def act(module: MacSerial, chunk: Any, receive: Any_) -> Any:
@@ -110,7 +110,7 @@ def a_starting_module_nacks(patch: MonkeyPatch) -> None:
 @mutant("MACS-CMD-00-02", traps=(33,))
 def frames_sent_while_it_starts_are_executed_later(patch: MonkeyPatch) -> None:
     """Commands that come while the module is deaf are executed when it wakes."""
-    from axistwin.devices.mac.framing import number, take_apart
+    from axistwin.devices.mac.serial.framing import number, take_apart
 
     def act(module: Any, chunk: Any, receive: Any_) -> Any:
         request = take_apart(bytes(chunk.data), any_case=False)
@@ -227,7 +227,7 @@ def a_factory_reset_keeps_the_rate(patch: MonkeyPatch) -> None:
 @mutant("MACS-CMD-01-01")
 def a_factory_reset_is_not_acknowledged(patch: MonkeyPatch) -> None:
     """01h is obeyed in silence, though 00h is acknowledged."""
-    from axistwin.devices.mac import serial
+    from axistwin.devices.mac.serial import device as serial
 
     restore = serial._FACE_COMMANDS[0x01]
 
@@ -280,7 +280,7 @@ def both_stops_are_software_stops_only(patch: MonkeyPatch) -> None:
 @mutant("MACS-CMD-08-01")
 def a_new_address_is_only_acknowledged(patch: MonkeyPatch) -> None:
     """08h is accepted and never takes effect."""
-    from axistwin.devices.mac import serial
+    from axistwin.devices.mac.serial import device as serial
 
     patch.setitem(serial._FACE_COMMANDS, 0x08, lambda module, n, general: module._accepted)
 
@@ -288,7 +288,7 @@ def a_new_address_is_only_acknowledged(patch: MonkeyPatch) -> None:
 @mutant("MACS-CMD-08-02")
 def a_new_address_is_not_stored(patch: MonkeyPatch) -> None:
     """The address of 08h holds until the next start only."""
-    from axistwin.devices.mac import serial
+    from axistwin.devices.mac.serial import device as serial
 
     program = serial._FACE_COMMANDS[0x08]
 
@@ -304,7 +304,7 @@ def a_new_address_is_not_stored(patch: MonkeyPatch) -> None:
 @mutant("MACS-CMD-08-03")
 def addresses_from_80_up_are_55(patch: MonkeyPatch) -> None:
     """08h with 80h or more is accepted and gives an address nobody asked for."""
-    from axistwin.devices.mac import serial
+    from axistwin.devices.mac.serial import device as serial
 
     program = serial._FACE_COMMANDS[0x08]
     patch.setitem(
@@ -323,7 +323,7 @@ def a_stop_has_24_bits(patch: MonkeyPatch) -> None:
 @mutant("MACS-CMD-0A-01", "MACS-Q-23-01")
 def the_inferior_stop_sets_the_superior_one(patch: MonkeyPatch) -> None:
     """0Ah writes where 09h writes."""
-    from axistwin.devices.mac import axis
+    from axistwin.devices.mac.axis import axis
 
     patch.setitem(axis._PARAMETERS, 0x0A, axis._PARAMETERS[0x09])
 
@@ -365,7 +365,7 @@ def torque_limits_have_no_end(patch: MonkeyPatch) -> None:
     def set_torque(parameters: Parameters, number: int) -> bool:
         return parameters._set("torque", number & 0xFF)
 
-    from axistwin.devices.mac import axis
+    from axistwin.devices.mac.axis import axis
 
     patch.setitem(axis._PARAMETERS, 0x0C, (set_torque, axis._PARAMETERS[0x0C][1]))
 
@@ -415,7 +415,7 @@ def the_ramp_coefficient_has_seven_bits(patch: MonkeyPatch) -> None:
 @mutant("MACS-CMD-1B-01", traps=(37,))
 def a_new_rate_needs_no_restart(patch: MonkeyPatch) -> None:
     """1Bh changes the rate after its reply and goes on at once."""
-    from axistwin.devices.mac import serial
+    from axistwin.devices.mac.serial import device as serial
 
     def set_rate(module: MacSerial, n: int, _: bool) -> Any:
         code = module.axis.parameters.in_printed_set(n & 0xFF, tuple(RATES), 0x03)
@@ -430,7 +430,7 @@ def a_new_rate_needs_no_restart(patch: MonkeyPatch) -> None:
 @mutant("MACS-CMD-1B-01")
 def no_rate_is_ever_changed(patch: MonkeyPatch) -> None:
     """1Bh restarts the module at the rate it had."""
-    from axistwin.devices.mac import serial
+    from axistwin.devices.mac.serial import device as serial
 
     def set_rate(module: MacSerial, n: int, _: bool) -> Any:
         code = module.axis.parameters.in_printed_set(n & 0xFF, tuple(RATES), 0x03)
@@ -465,7 +465,7 @@ def stops_modes_are_bits(patch: MonkeyPatch) -> None:
     def set_stops(parameters: Parameters, number: int) -> bool:
         return parameters._set("stops", number & 0xF)
 
-    from axistwin.devices.mac import axis
+    from axistwin.devices.mac.axis import axis
 
     patch.setitem(axis._PARAMETERS, 0x03, (set_stops, axis._PARAMETERS[0x03][1]))
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from axistwin.devices.mac import models
-from axistwin.devices.mac.axis import Axis
-from axistwin.devices.mac.faults import Faults
-from axistwin.devices.mac.models import MacModel
+from axistwin.devices.mac.axis import models
+from axistwin.devices.mac.axis.axis import Axis
+from axistwin.devices.mac.axis.faults import Faults
+from axistwin.devices.mac.axis.models import MacModel
 from zoo.mutant import Any_, MonkeyPatch, State, answers, cells, mutant, on, wrap
 
 PARAMETERS = (0x02, 0x03, 0x09, 0x0A, 0x0C, 0x0D, 0x0E, 0x0F, 0x1C)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from axistwin.devices.mac import framing
-from axistwin.devices.mac.acceptance import SIGNIFICANT
-from axistwin.devices.mac.framing import ETX, HEX, STX
-from axistwin.devices.mac.serial import MacSerial
+from axistwin.devices.mac.axis.acceptance import SIGNIFICANT
+from axistwin.devices.mac.serial import framing
+from axistwin.devices.mac.serial.device import MacSerial
+from axistwin.devices.mac.serial.framing import ETX, HEX, STX
 from axistwin.runtime.network import SerialNetwork
 from axistwin.wire.framing import LineFormat
 from zoo.mutant import Any_, MonkeyPatch, everywhere, frames, mutant, on, setter, wrap

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from axistwin.devices.mac import drive as drive_module
-from axistwin.devices.mac import stops as stops_module
-from axistwin.devices.mac.acceptance import State
-from axistwin.devices.mac.axis import Axis
-from axistwin.devices.mac.counter import Counter
-from axistwin.devices.mac.drive import Drive
-from axistwin.devices.mac.module import MacModule
-from axistwin.devices.mac.stops import HARDWARE, Stops
+from axistwin.devices.mac.axis import drive as drive_module
+from axistwin.devices.mac.axis import stops as stops_module
+from axistwin.devices.mac.axis.acceptance import State
+from axistwin.devices.mac.axis.axis import Axis
+from axistwin.devices.mac.axis.counter import Counter
+from axistwin.devices.mac.axis.drive import Drive
+from axistwin.devices.mac.axis.module import MacModule
+from axistwin.devices.mac.axis.stops import HARDWARE, Stops
 from axistwin.motion.plant import Plant
 from zoo.mutant import Any_, MonkeyPatch, answers, motion_of, mutant, wrap
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from axistwin.devices.mac.acceptance import State
-from axistwin.devices.mac.axis import Axis
-from axistwin.devices.mac.drive import Drive
+from axistwin.devices.mac.axis.acceptance import State
+from axistwin.devices.mac.axis.axis import Axis
+from axistwin.devices.mac.axis.drive import Drive
 from axistwin.motion.interpolator import Interpolator, Segment
 from zoo.mutant import Any_, MonkeyPatch, mutant, on, wrap
 

@@ -8,6 +8,8 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from types import FrameType
 
+from small_scratch import small_scratch
+
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.events import CheckFinished, Event, Outcome
 from axistwin_conformance.base.ledger import Ledger
@@ -32,7 +34,9 @@ NEVER = frozenset(
     }
 )
 Flaw = tuple[str, str, str | None]
-LIMIT_S = 10.0  # of one check; a twin that never comes to an end is not killed by that
+# Of one check, in processor time, however busy the machine is: many times what any needs.  A twin
+# that never comes to an end is not killed by that.
+LIMIT_S = 60.0
 
 
 class Overrun(BaseException):
@@ -41,18 +45,18 @@ class Overrun(BaseException):
 
 @contextmanager
 def limited(seconds: float) -> Iterator[None]:
-    """Raise Overrun in this (the main) thread after so many seconds."""
+    """Raise Overrun in this (the main) thread after so many seconds of processor time."""
 
     def ring(number: int, frame: FrameType | None) -> None:
         raise Overrun
 
-    before = signal.signal(signal.SIGALRM, ring)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    before = signal.signal(signal.SIGPROF, ring)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, before)
 
 
 @cache
@@ -97,7 +101,7 @@ def _together(mutant: Mutant, checks: Sequence[Check], claims: frozenset[str]) -
     def hear(event: Event) -> None:
         if not isinstance(event, CheckFinished):
             return
-        signal.setitimer(signal.ITIMER_REAL, LIMIT_S)
+        signal.setitimer(signal.ITIMER_PROF, LIMIT_S)
         if event.outcome is Outcome.DONE:
             for finding in event.findings:
                 name = finding.requirement
@@ -108,8 +112,12 @@ def _together(mutant: Mutant, checks: Sequence[Check], claims: frozenset[str]) -
         if found.keys() >= claims:
             raise Settled
 
-    ids = tuple(requirements)
-    options = make_options(model=mutant.model, ids=ids, address=mutant.address)
+    options = make_options(
+        model=mutant.model,
+        ids=tuple(requirements),
+        address=mutant.address,
+        **small_scratch(mutant.model),
+    )
     with suppress(Overrun, Settled), limited(LIMIT_S):
         Engine(options).run(hear)
     return found

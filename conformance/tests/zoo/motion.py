@@ -5,9 +5,9 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import Any
 
-from axistwin.devices.mac.acceptance import State
-from axistwin.devices.mac.axis import Axis
-from axistwin.devices.mac.drive import Drive
+from axistwin.devices.mac.axis.acceptance import State
+from axistwin.devices.mac.axis.axis import Axis
+from axistwin.devices.mac.axis.drive import Drive
 from axistwin.motion import ramp as ramp_module
 from axistwin.motion.interpolator import Segment
 from axistwin.motion.plant import Load, Plant

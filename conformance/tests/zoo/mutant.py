@@ -10,12 +10,12 @@ from typing import Any
 
 import pytest
 
-from axistwin.devices.mac import axis as axis_module
-from axistwin.devices.mac.acceptance import MOVING, State, acceptance_table
-from axistwin.devices.mac.axis import Axis
-from axistwin.devices.mac.drive import Drive
-from axistwin.devices.mac.parameters import Parameters
-from axistwin.devices.mac.serial import MacSerial
+from axistwin.devices.mac.axis import axis as axis_module
+from axistwin.devices.mac.axis.acceptance import MOVING, State, acceptance_table
+from axistwin.devices.mac.axis.axis import Axis
+from axistwin.devices.mac.axis.drive import Drive
+from axistwin.devices.mac.axis.parameters import Parameters
+from axistwin.devices.mac.serial.device import MacSerial
 from axistwin.motion.ramp import RampedMotion
 
 Any_ = Callable[..., Any]
@@ -197,13 +197,13 @@ def setter(patch: MonkeyPatch, index: int, change: Any_) -> None:
 
 def motion_of(drive: Drive) -> RampedMotion | None:
     """The ramped motion that has the shaft; None if something else has."""
-    motion = getattr(drive._owner, "motion", None)
+    motion = getattr(drive._control, "motion", None)
     assert motion is None or isinstance(motion, RampedMotion)
     return motion
 
 
 def target_of(drive: Drive) -> int | None:
     """The number that a move is on its way to; None if no move has the shaft."""
-    number = getattr(drive._owner, "number", None)
+    number = getattr(drive._control, "number", None)
     assert number is None or isinstance(number, int)
     return number

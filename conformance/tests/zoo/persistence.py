@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from axistwin.devices.mac.axis import Axis
-from axistwin.devices.mac.parameters import Parameters
+from axistwin.devices.mac.axis.axis import Axis
+from axistwin.devices.mac.axis.parameters import Parameters
 from zoo.mutant import Any_, MonkeyPatch, mutant, wrap
 
 

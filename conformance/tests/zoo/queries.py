@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from axistwin.devices.mac import serial
-from axistwin.devices.mac.axis import Axis
-from axistwin.devices.mac.memory_map import four_bytes
-from axistwin.devices.mac.serial import MacSerial
+from axistwin.devices.mac.axis.axis import Axis
+from axistwin.devices.mac.axis.memory_map import four_bytes
+from axistwin.devices.mac.serial import device as serial
+from axistwin.devices.mac.serial.device import MacSerial
 from zoo.mutant import Any_, MonkeyPatch, answers, frames, motion_of, mutant, replies, wrap
 
 QUERIES = range(0x20, 0x2A)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from axistwin.devices.mac import serial
-from axistwin.devices.mac.axis import Axis
-from axistwin.devices.mac.framing import HEX, number
-from axistwin.devices.mac.serial import MacSerial
+from axistwin.devices.mac.axis.axis import Axis
+from axistwin.devices.mac.serial import device as serial
+from axistwin.devices.mac.serial.device import MacSerial
+from axistwin.devices.mac.serial.framing import HEX, number
 from axistwin.kernel.effects import Transmit
 from zoo.mutant import Any_, MonkeyPatch, frames, mutant, on, replies, wrap
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from axistwin.devices.mac import stops as stops_module
-from axistwin.devices.mac.acceptance import State
-from axistwin.devices.mac.axis import Axis
-from axistwin.devices.mac.drive import Drive
-from axistwin.devices.mac.stops import SOFTWARE, Stops
+from axistwin.devices.mac.axis import stops as stops_module
+from axistwin.devices.mac.axis.acceptance import State
+from axistwin.devices.mac.axis.axis import Axis
+from axistwin.devices.mac.axis.drive import Drive
+from axistwin.devices.mac.axis.stops import SOFTWARE, Stops
 from zoo.mutant import Any_, MonkeyPatch, mutant, on, wrap
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from axistwin.devices.mac.axis import Axis
+from axistwin.devices.mac.axis.axis import Axis
 from zoo.mutant import MOVING, Any_, MonkeyPatch, State, answers, cells, mutant, on, wrap
 
 ARM, START = 0x10, 0x11

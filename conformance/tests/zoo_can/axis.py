@@ -14,7 +14,8 @@ from typing import Any
 from zoo import ZOO as SERIAL_ZOO
 from zoo.mutant import MonkeyPatch, Mutant
 
-from axistwin.devices.mac import framing, serial
+from axistwin.devices.mac.serial import device as serial
+from axistwin.devices.mac.serial import framing
 from axistwin.runtime import network
 from axistwin_conformance.base.ledger import load_ledger
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from zoo.mutant import Any_, MonkeyPatch
 
-from axistwin.devices.mac.can import MacCan
+from axistwin.devices.mac.can.device import MacCan
 from axistwin.wire.can_frame import CanFrame
 from zoo_can.planting import DOWNLOAD, around, can_mutant, general_replies, hears, sends
 

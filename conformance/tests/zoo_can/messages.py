@@ -6,8 +6,8 @@ from typing import Any
 
 from zoo.mutant import Any_, MonkeyPatch, wrap
 
-from axistwin.devices.mac.can import MacCan
-from axistwin.devices.mac.faults import Faults
+from axistwin.devices.mac.axis.faults import Faults
+from axistwin.devices.mac.can.device import MacCan
 from axistwin.kernel.effects import SendFrame
 from axistwin.kernel.schedule import NEVER
 from axistwin.wire.can_frame import CanFrame

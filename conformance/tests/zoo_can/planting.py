@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from zoo.mutant import Any_, MonkeyPatch, mutant, wrap
 
-from axistwin.devices.mac.can import MacCan
+from axistwin.devices.mac.can.device import MacCan
 from axistwin.wire.can_frame import CanFrame
 
 MODEL: Final = "mac23-can"

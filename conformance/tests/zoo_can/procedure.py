@@ -6,9 +6,9 @@ from typing import Any
 
 from zoo.mutant import Any_, MonkeyPatch, mutant, wrap
 
-from axistwin.devices.mac.axis import Axis
-from axistwin.devices.mac.can import MacCan
-from axistwin.devices.mac.parameters import Parameters
+from axistwin.devices.mac.axis.axis import Axis
+from axistwin.devices.mac.axis.parameters import Parameters
+from axistwin.devices.mac.can.device import MacCan
 from axistwin.wire.can_frame import CanFrame
 from zoo_can.planting import MODEL, UPLOAD, around, can_mutant, sends
 
@@ -321,16 +321,16 @@ def a_reset_is_acknowledged_when_it_is_over(patch: MonkeyPatch) -> None:
 
     def act(go: Any_, module: Any, identifier: int | None, reply: bytes | None) -> None:
         if module._wants_restart and identifier is not None and reply is not None:
-            module.cleanups = identifier, reply
+            module.owed = identifier, reply
             go(None, None)
         else:
             go()
 
     def booted(go: Any_, module: Any, now: int) -> None:
         go()
-        cleanups, module.cleanups = getattr(module, "owed", None), None
-        if cleanups is not None:
-            module._send(*cleanups, now)
+        owed, module.owed = getattr(module, "owed", None), None
+        if owed is not None:
+            module._send(*owed, now)
 
     around(patch, "_answer", act)
     around(patch, "_booted", booted)

@@ -6,8 +6,8 @@ from typing import Any
 
 from zoo.mutant import Any_, MonkeyPatch, wrap
 
-from axistwin.devices.mac.axis import Axis
-from axistwin.devices.mac.can import MacCan
+from axistwin.devices.mac.axis.axis import Axis
+from axistwin.devices.mac.can.device import MacCan
 from zoo_can.planting import around, can_mutant, hears
 
 SYNC = 0x080

@@ -6,8 +6,8 @@ from typing import Any
 
 from zoo.mutant import Any_, MonkeyPatch, answers, mutant, on, setter, wrap
 
-from axistwin.devices.mac.axis import Axis
-from axistwin.devices.mac.can import MacCan
+from axistwin.devices.mac.axis.axis import Axis
+from axistwin.devices.mac.can.device import MacCan
 from axistwin.kernel.effects import SendFrame
 from axistwin.wire.can_frame import CanFrame
 from zoo_can.planting import (

@@ -23,9 +23,9 @@ from axistwin.canbus.shared import abandon, close_bus, open_bus, open_names
 from axistwin.errors import AxistwinError
 from axistwin.kernel.time import NS_PER_S, Nanos
 from axistwin.ports.can_message import frame_of, message_of
+from axistwin.runtime.any_twin import AnyTwin
 from axistwin.runtime.can_network import Arrival, ErrorReport
 from axistwin.runtime.clock import check_advance
-from axistwin.runtime.twin import AnyTwin
 from axistwin.wire.can_bus import ControllerState, Fault
 from axistwin.wire.can_frame import INTERMISSION_BITS
 

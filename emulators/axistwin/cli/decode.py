@@ -22,7 +22,7 @@ from typing import Final, TextIO, TypeAlias
 import click
 
 from axistwin import catalog
-from axistwin.catalog import Carrier, Model
+from axistwin.devices.family import Carrier, Model
 from axistwin.devices.words import missing
 from axistwin.errors import UsageError
 from axistwin.wire.can_frame import CanFrame

@@ -5,7 +5,7 @@ import json
 import click
 
 from axistwin import catalog
-from axistwin.catalog import Model
+from axistwin.devices.family import Model
 
 
 @click.command()

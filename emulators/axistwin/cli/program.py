@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from axistwin import __version__, _starting
-from axistwin.cli.main import EXIT_INTERRUPTED
 from axistwin.cli.output import EXIT_USAGE, discard_stdout, stdout_failure
 from axistwin.errors import AxistwinError, UsageError, nearest
 
@@ -32,7 +31,7 @@ COMMAND_GROUP = "axistwin.commands"
 # Name: where it is, and its line in the list of commands (which then needs no import).
 _OWN = {
     "run": (
-        "axistwin.cli.run",
+        "axistwin.cli.run.command",
         "Run twins on a serial line or a CAN bus that any program can open.",
     ),
     "decode": ("axistwin.cli.decode", "Say what bytes of a line, or frames of a bus, mean."),
@@ -96,7 +95,7 @@ class _Program(click.Group):
             _complain(str(error))
             sys.exit(EXIT_USAGE)
         except (click.Abort, KeyboardInterrupt):
-            sys.exit(EXIT_INTERRUPTED)
+            sys.exit(_starting.EXIT_INTERRUPTED)
         except BrokenPipeError:  # the reader of our output, such as head, has seen enough
             sys.stderr.close()
             sys.exit(0)

@@ -5,8 +5,9 @@ Calls arrive in the order of time.  A device never looks at anything but its arg
 """
 
 from collections.abc import Mapping
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Protocol
 
+from axistwin.devices.snapshot import Snapshot
 from axistwin.kernel.effects import Effect
 from axistwin.kernel.time import Nanos
 from axistwin.motion.plant import Load
@@ -74,7 +75,14 @@ class CanDevice(Device, Protocol):
         """Learn that ``frame``, a ``SendFrame`` of this device, was on the bus until ``end_ns``."""
 
 
-class MotionDevice(Device, Protocol):
+class TwinDevice(Device, Protocol):
+    """What a user can have a handle on; see ``runtime/twin.py``."""
+
+    def describe(self, now: Nanos) -> Snapshot:
+        """Everything worth showing; at least ``address`` and ``state_text``."""
+
+
+class MotionDevice(TwinDevice, Protocol):
     """A device that turns a shaft, with the pins and the surroundings of one."""
 
     def set_input(self, now: Nanos, name: str, active: bool) -> list[Effect]:
@@ -98,18 +106,24 @@ class MotionDevice(Device, Protocol):
     def position_at(self, now: Nanos) -> int:
         """Where the axis is, in increments."""
 
-    def describe(self, now: Nanos) -> Mapping[str, Any]:
-        """Everything worth showing, by name.
+    def describe(self, now: Nanos) -> Snapshot:
+        """Everything worth showing.
 
         At least ``address``, ``state_text``, ``supply_millivolts``, ``temperature_millidegrees``.
         """
 
+    def input_at(self, now: Nanos, name: str) -> bool:
+        """Whether an input is tied to ground."""
 
-class ControllerDevice(Device, Protocol):
+    def load_at(self, now: Nanos) -> Load:
+        """What is coupled to the shaft."""
+
+
+class ControllerDevice(TwinDevice, Protocol):
     """A device with flags, variables and a status word, in which a user's program runs."""
 
-    def describe(self, now: Nanos) -> Mapping[str, Any]:
-        """Everything worth showing, by name.
+    def describe(self, now: Nanos) -> Snapshot:
+        """Everything worth showing.
 
         At least ``address``, ``state_text``, ``battery``, ``program_error``, ``program_names``.
         """
@@ -132,8 +146,10 @@ class ControllerDevice(Device, Protocol):
     def set_status(self, now: Nanos, bit: int, on: bool) -> list[Effect]:
         """Let the condition of a status bit, 0..15, be there or gone.  Raises UsageError."""
 
-    @property
-    def program(self) -> Any:
+    def status_bit_at(self, now: Nanos, bit: int) -> bool:
+        """Whether a bit of the status word, 0..15, is on."""
+
+    def program_at(self, now: Nanos) -> Any:
         """The program's object as it runs, or ran last; None before its first start."""
 
     def load_program(self, now: Nanos, program: Any) -> list[Effect]:
@@ -165,7 +181,3 @@ class MotionCanDevice(MotionDevice, CanDevice, Protocol):
 
 class ControllerSerialDevice(ControllerDevice, SerialDevice, Protocol):
     """A controller with a program in it, on a serial line."""
-
-
-TwinDevice: TypeAlias = MotionDevice | ControllerDevice
-"""What a user can have a handle on; see ``runtime/twin.py``."""

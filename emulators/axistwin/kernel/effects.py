@@ -52,12 +52,11 @@ class Store(NamedTuple):
     durable: bool = True
 
 
-class Trace(NamedTuple):
-    """Something worth telling happened at ``time_ns``; ``details`` are (name, value) pairs."""
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """Something worth telling happened at ``time_ns``; each kind of it is a class of its own."""
 
     time_ns: Nanos
-    kind: str
-    details: tuple[tuple[str, int | str], ...] = ()
 
 
 Effect: TypeAlias = Transmit | SendFrame[Any] | Silence | Store | Trace

@@ -1,14 +1,11 @@
 """What a program names: flags by number, variables and arrays by address."""
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, ClassVar, Final, Generic, Self, TypeVar, overload
+from typing import ClassVar, Final, Generic, Self, TypeVar, overload
 
 from axistwin.errors import UsageError
 from axistwin.kernel.time import NS_PER_MS
-from axistwin.macroprogram.scan import Condition, ProgramError, Scan, wrapped
-
-if TYPE_CHECKING:
-    from axistwin.macroprogram.program import Macroprogram
+from axistwin.macroprogram.scan import Condition, ProgramError, Scan, ScannedProgram, wrapped
 
 FLAGS: Final = 256
 ADDRESSES: Final = 0x10000
@@ -131,8 +128,8 @@ class FlagDeclaration(Generic[_Flag]):
     @overload
     def __get__(self, program: None, owner: type) -> Self: ...
     @overload
-    def __get__(self, program: "Macroprogram", owner: type) -> _Flag: ...
-    def __get__(self, program: "Macroprogram | None", owner: type) -> "Self | _Flag":
+    def __get__(self, program: ScannedProgram, owner: type) -> _Flag: ...
+    def __get__(self, program: ScannedProgram | None, owner: type) -> "Self | _Flag":
         if program is None:
             return self
         known = program._in_use
@@ -140,7 +137,7 @@ class FlagDeclaration(Generic[_Flag]):
             known[self.name] = self._in_use(program._scan, self.number)
         return known[self.name]  # type: ignore[no-any-return]  # it holds all kinds
 
-    def __set__(self, program: "Macroprogram", on: object) -> None:
+    def __set__(self, program: ScannedProgram, on: object) -> None:
         flag = self.__get__(program, type(program))
         if on:
             flag.set()
@@ -204,11 +201,11 @@ class Variable:
     @overload
     def __get__(self, program: None, owner: type) -> Self: ...
     @overload
-    def __get__(self, program: "Macroprogram", owner: type) -> int: ...
-    def __get__(self, program: "Macroprogram | None", owner: type) -> "Self | int":
+    def __get__(self, program: ScannedProgram, owner: type) -> int: ...
+    def __get__(self, program: ScannedProgram | None, owner: type) -> "Self | int":
         return self if program is None else program._scan.read(self.address)
 
-    def __set__(self, program: "Macroprogram", value: int) -> None:
+    def __set__(self, program: ScannedProgram, value: int) -> None:
         program._scan.new_data[self.address] = _whole(self.name, value)
 
 
@@ -278,8 +275,8 @@ class Array:
     @overload
     def __get__(self, program: None, owner: type) -> Self: ...
     @overload
-    def __get__(self, program: "Macroprogram", owner: type) -> ArrayInUse: ...
-    def __get__(self, program: "Macroprogram | None", owner: type) -> "Self | ArrayInUse":
+    def __get__(self, program: ScannedProgram, owner: type) -> ArrayInUse: ...
+    def __get__(self, program: ScannedProgram | None, owner: type) -> "Self | ArrayInUse":
         if program is None:
             return self
         known = program._in_use
@@ -287,7 +284,7 @@ class Array:
             known[self.name] = ArrayInUse(program._scan, self.name, self.address, self.size)
         return known[self.name]  # type: ignore[no-any-return]  # it holds all kinds
 
-    def __set__(self, program: "Macroprogram", values: Sequence[int]) -> None:
+    def __set__(self, program: ScannedProgram, values: Sequence[int]) -> None:
         array = self.__get__(program, type(program))
         if len(values) != self.size:
             raise ProgramError(f"{self.name} has {self.size} elements, not {len(values)}")

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeAlias
 from axistwin.errors import AxistwinError, nearest
 from axistwin.kernel.time import NS_PER_MS
 from axistwin.macroprogram.declarations import Array, FlagDeclaration, Variable
-from axistwin.macroprogram.scan import After, Condition, ProgramError, Scan
+from axistwin.macroprogram.scan import After, Condition, ProgramError, Scan, ScannedProgram
 
 Steps: TypeAlias = Generator[Any, None, None]
 """What ``run`` returns: ``yield`` a condition, a function to be asked, or nothing (one scan)."""
 
 
-class Macroprogram:
+class Macroprogram(ScannedProgram):
     """Base class of all programs: override ``run`` or ``scan``, or both; ``scan`` comes first.
 
     auto_start: whether it starts when the supply is applied (status bit 6); None: as the unit is
@@ -21,9 +21,6 @@ class Macroprogram:
 
     auto_start: ClassVar[bool | None] = None
     scan_ms: ClassVar[float | None] = None
-
-    _scan: Scan
-    _in_use: dict[str, Any]
 
     if not TYPE_CHECKING:  # or else no misspelt name would be found by a type checker
 

@@ -1,6 +1,7 @@
 """What a program sees and does in one scan, and what it can wait for."""
 
 from collections.abc import Callable
+from typing import Any
 
 from axistwin.kernel.time import Nanos
 
@@ -44,6 +45,14 @@ class Scan:
         self.new_flags: dict[int, bool] = {}
         self.new_data: dict[int, int] = {}
         self.new_timers: dict[int, Nanos | None] = {}
+
+
+class ScannedProgram:
+    """What sees and does everything through a scan: the base of ``Macroprogram``."""
+
+    _scan: Scan
+    _in_use: dict[str, Any]
+    """Flags and arrays by the names that the program gives them."""
 
 
 # -- what can be waited for --------------------------------------------------------------------

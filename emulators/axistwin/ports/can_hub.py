@@ -22,7 +22,7 @@ from axistwin.ports.slcan import SlcanPort
 from axistwin.ports.socketcand import SocketcandSession
 from axistwin.ports.stream import Stream
 from axistwin.ports.tcp import REST_S, Farewell, Listener
-from axistwin.runtime.bus_server import BusServer
+from axistwin.runtime.serving.bus_server import BusServer
 
 BUS_NAMES: Final = ("vcan0", "can0")
 """What clients of the socketcand port may call the bus."""
@@ -62,7 +62,7 @@ class CanStream(Stream):
         """Leave the bus, as soon as it has carried what the client sent."""
         self._server.remove_member(self)
         self._client.finish()
-        self._server.see_off(self._client)
+        self._server.drain(self._client)
 
     def input(self, data: bytes) -> None:
         """Perform what the client says."""

@@ -33,7 +33,7 @@ from axistwin.errors import PortError, UsageError, nearest
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.ports import socketcan
 from axistwin.ports.can_message import frame_of, message_of
-from axistwin.runtime.bus_server import BusServer
+from axistwin.runtime.serving.bus_server import BusServer
 from axistwin.wire.can_frame import CanFrame
 
 QUEUE_FRAMES: Final = 1024

@@ -41,8 +41,8 @@ from typing import Any, Generic, TypeVar
 from axistwin.errors import PortError
 from axistwin.ports.link import Link
 from axistwin.ports.stream import SerialStream, Stream
-from axistwin.runtime.base_server import BaseServer
-from axistwin.runtime.server import Server
+from axistwin.runtime.serving.base_server import BaseServer
+from axistwin.runtime.serving.line_server import Server
 from axistwin.wire.framing import LineFormat
 
 # Linux's asm-generic/termbits.h; the termios module knows neither these nor odd rates.

@@ -17,7 +17,7 @@ from serial import rfc2217
 
 from axistwin.ports.stream import Stream
 from axistwin.ports.tcp import TcpPort, TcpStream
-from axistwin.runtime.server import BACKLOG_MAX, Server
+from axistwin.runtime.serving.line_server import BACKLOG_MAX, Server
 from axistwin.wire.framing import PARITIES, LineFormat
 
 _IAC = rfc2217.IAC

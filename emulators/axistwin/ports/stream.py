@@ -13,8 +13,8 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 
-from axistwin.runtime.loop import Loop
-from axistwin.runtime.server import Server
+from axistwin.runtime.serving.line_server import Server
+from axistwin.runtime.serving.loop import Loop
 from axistwin.wire.framing import LineFormat
 
 READ_MAX = 1024

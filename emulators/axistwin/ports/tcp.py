@@ -21,8 +21,8 @@ from typing import Any, Generic, TypeVar
 
 from axistwin.errors import PortError, UsageError
 from axistwin.ports.stream import SerialStream, Stream
-from axistwin.runtime.base_server import BaseServer
-from axistwin.runtime.server import Server
+from axistwin.runtime.serving.base_server import BaseServer
+from axistwin.runtime.serving.line_server import Server
 
 CLIENTS_MAX = 32
 """Connections served at once; further ones are closed at once."""

@@ -1,7 +1,7 @@
-"""One CAN bus in any kind of time: the owner of a network of devices and host ports.
+"""One CAN bus in any kind of time: the simulation of a network of devices and host ports.
 
-What holds for every owner (time, storage, threads) is told in ``owner``; here are the ports, and
-what was on the bus.
+What holds for every simulation (time, storage, threads) is told in ``simulation``; here
+are the ports, and what was on the bus.
 
 - A port hears what is on the bus while it is attached, in one order with everybody else.
 - Lifebeats go on for ever; at a speed at which they come faster than they can be computed, time
@@ -18,7 +18,7 @@ from axistwin.errors import StateError
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.runtime.can_network import Arrival, CanNetwork, ErrorReport
 from axistwin.runtime.clock import Clock
-from axistwin.runtime.owner import Owner, Station, earliest
+from axistwin.runtime.simulation import Simulation, Station, earliest
 from axistwin.runtime.storage import Stores
 from axistwin.wire.can_bus import ControllerState
 from axistwin.wire.can_frame import CanFrame
@@ -37,7 +37,7 @@ class Passed(NamedTuple):
 FrameSubscriber: TypeAlias = Callable[[Passed], None]
 
 
-class Bus(Owner[CanNetwork]):
+class Bus(Simulation[CanNetwork]):
     """The devices of ``stations`` on one bus, which belongs to this object from now on.
 
     explain: turns a frame into words for the transcript.

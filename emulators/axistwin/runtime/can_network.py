@@ -27,6 +27,7 @@ from axistwin.devices.base import CanDevice
 from axistwin.kernel.effects import Effect, SendFrame, Silence, Store, Trace
 from axistwin.kernel.schedule import NEVER, Schedule
 from axistwin.kernel.time import Nanos
+from axistwin.runtime.scheduled_device import ScheduledDevice
 from axistwin.wire.can_bus import CanBus, Change, ControllerState, Fault, Happening, Heard
 from axistwin.wire.can_frame import CanFrame
 
@@ -65,20 +66,6 @@ class _Port:
         self.dropped = 0
 
 
-class _Seat:
-    """A device's place in the schedule."""
-
-    __slots__ = ("_index", "_network", "next_event")
-
-    def __init__(self, network: "CanNetwork", index: int) -> None:
-        self._network = network
-        self._index = index
-        self.next_event = network.devices[index].next_event
-
-    def run(self, now: Nanos) -> None:
-        self._network.apply(self._index, self._network.devices[self._index].wake(now))
-
-
 class CanNetwork:
     """The bus, the devices on it, and the hosts' ports.  Pure: the shell says how late it is.
 
@@ -109,7 +96,8 @@ class CanNetwork:
         self._ports: dict[int, _Port] = {}  # by station
         self._effects: list[tuple[int, Store | Trace]] = []
         self._heard: deque[Heard] = deque(maxlen=HEARD_MAX)
-        self._schedule = Schedule([_Seat(self, i) for i in range(len(self.devices))], start_ns)
+        parts = [ScheduledDevice(each, at, self.apply) for at, each in enumerate(self.devices)]
+        self._schedule = Schedule(parts, start_ns)
         self.settled_ns: Nanos | None = None
 
     @property

@@ -1,6 +1,7 @@
-"""One serial line in any kind of time: the owner of a network, and what went over it.
+"""One serial line in any kind of time: the simulation of a network, and what went over it.
 
-What holds for every owner (time, storage, threads) is told in ``owner``; here is the host's end.
+What holds for every simulation (time, storage, threads) is told in ``simulation``; here
+is the host's end.
 """
 
 from collections.abc import Callable, Sequence
@@ -9,7 +10,7 @@ from axistwin.errors import StateError
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.runtime.clock import Clock
 from axistwin.runtime.network import SerialNetwork
-from axistwin.runtime.owner import Owner, Station, earliest
+from axistwin.runtime.simulation import Simulation, Station, earliest
 from axistwin.runtime.storage import Stores
 from axistwin.runtime.transcript import Transcript
 from axistwin.wire.framing import LineFormat
@@ -17,7 +18,7 @@ from axistwin.wire.framing import LineFormat
 _FOREVER = 1 << 62
 
 
-class Line(Owner[SerialNetwork]):
+class Line(Simulation[SerialNetwork]):
     """The devices of ``stations`` on one line, which belongs to this object from now on.
 
     explain: turns bytes of the line into words for the transcript.

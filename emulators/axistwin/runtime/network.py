@@ -25,6 +25,7 @@ from axistwin.devices.base import SerialDevice
 from axistwin.kernel.effects import Effect, Silence, Store, Trace, Transmit
 from axistwin.kernel.schedule import Schedule
 from axistwin.kernel.time import Nanos
+from axistwin.runtime.scheduled_device import ScheduledDevice
 from axistwin.wire.duplex_line import DuplexLine
 from axistwin.wire.framing import Chunk, LineFormat
 from axistwin.wire.instant_line import InstantLine
@@ -34,21 +35,6 @@ HOST_BUFFER_BYTES: Final = 65536
 
 RATE_TOLERANCE_PARTS: Final = 17
 """Rates may differ by one part in so many: half a bit, when bit 7 is sampled after 8.5 bits."""
-
-
-class _Seat:
-    """A device's place in the schedule."""
-
-    __slots__ = ("_index", "_network", "next_event")
-
-    def __init__(self, network: "SerialNetwork", index: int) -> None:
-        self._network = network
-        self._index = index
-        self.next_event = network.devices[index].next_event
-
-    def run(self, now: Nanos) -> None:
-        device = self._network.devices[self._index]
-        self._network.apply(self._index, device.wake(now))
 
 
 class SerialNetwork:
@@ -87,8 +73,8 @@ class SerialNetwork:
         )
         self._received = bytearray()
         self._effects: list[tuple[int, Store | Trace]] = []
-        seats = [_Seat(self, index) for index in range(len(self.devices))]
-        self._schedule = Schedule(seats, start_ns)
+        parts = [ScheduledDevice(each, at, self.apply) for at, each in enumerate(self.devices)]
+        self._schedule = Schedule(parts, start_ns)
         self.settled_ns: Nanos | None = None
 
     @property
@@ -244,7 +230,7 @@ class SerialNetwork:
                 self._line.switch_off(index + 1)
                 self._line.switch_on(index + 1)
             else:
-                assert type(effect) is Store or type(effect) is Trace, "a line has no frames"
+                assert isinstance(effect, Store | Trace), "a line has no frames"
                 self._effects.append((index, effect))
 
     def _follow_format(self, index: int) -> None:

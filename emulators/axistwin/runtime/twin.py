@@ -1,167 +1,60 @@
-"""A user's handle on one device: what a hand, a supply and a load can do to it.
+"""A user's handle on one device, made from the controls of its family (``devices/controls.py``).
 
-``Twin`` is what every device has, ``MotionTwin`` adds a shaft with its pins, ``ControllerTwin`` the
-flags, variables and program of a controller.
+A control that is read or set is an attribute: ``twin.supply_volts = 30``; one with keys is indexed,
+by number (``twin.flags[200]``) or by name (``twin.inputs.reset``); an action is a method.
+``twin.controls`` has all of them by name: ``twin.controls["inputs.reset"].set(True)``.
 
 Everything here acts at the present time of its line or bus and is over when it returns; from any
 thread.
 """
 
-from collections.abc import Mapping
-from dataclasses import fields, replace
+import inspect
+from collections.abc import Callable
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
+from axistwin import discovery
+from axistwin.devices.controls import Control, ControlTable
+from axistwin.devices.snapshot import Snapshot
 from axistwin.errors import UsageError, nearest
 from axistwin.kernel.time import NS_PER_S
-from axistwin.motion.plant import Load
-
-if TYPE_CHECKING:
-    from axistwin.macroprogram import Macroprogram
-    from axistwin.programs import ProgramSource
-    from axistwin.runtime.owner import Owner, Station
-
-INPUTS = ("reference", "positive_stop", "negative_stop", "reset")
+from axistwin.runtime.control_access import (
+    Controls,
+    DeviceAccess,
+    NamedValues,
+    NumberedValues,
+    Present,
+    RecordValues,
+    Switches,
+)
 
 _PLAIN = ("name", "model")
 """What a twin has besides its properties."""
 
-SUPPLY_MAX_VOLTS = 1000.0
-TEMPERATURE_MIN_CELSIUS, TEMPERATURE_MAX_CELSIUS = -273.0, 1000.0
+_POWER_CYCLE = Control("off_s", "number", "how long the supply is off", unit="s", low=0.0, high=1e6)
+
+
+_EITHER_WAY = inspect.Parameter.POSITIONAL_OR_KEYWORD
 
 
 class _NoSuchAttributeError(UsageError, AttributeError):
     """What is asked for is not there: a user's mistake, and ``hasattr`` understands it."""
 
 
-class Inputs:
-    """The input pins of a device, ``True`` while a contact ties one to ground.
-
-    ``reference``, ``positive_stop``, ``negative_stop``, ``reset``.
-    """
-
-    __slots__ = ("_twin", "_values")
-
-    _twin: "MotionTwin"
-    _values: dict[str, bool]
-
-    def __init__(self, twin: "MotionTwin") -> None:
-        object.__setattr__(self, "_twin", twin)
-        object.__setattr__(self, "_values", dict.fromkeys(INPUTS, False))
-
-    def __getattr__(self, name: str) -> bool:
-        if name.startswith("__"):
-            raise AttributeError(name)
-        return self._values[_checked_name("input", name, self._values)]
-
-    def __setattr__(self, name: str, active: bool) -> None:
-        _checked_name("input", name, self._values)
-        value = _checked_switch(f"input {name}", active)
-        self._twin._set_input(name, value)
-        self._values[name] = value
-
-    def __repr__(self) -> str:
-        return f"Inputs({', '.join(f'{name}={value}' for name, value in self._values.items())})"
-
-
-class LoadHandle:
-    """What is coupled to the shaft; each of its values can be set on its own.
-
-    See ``axistwin.motion.plant.Load`` for names, units and ranges.
-    """
-
-    __slots__ = ("_twin",)
-
-    _twin: "MotionTwin"
-
-    def __init__(self, twin: "MotionTwin") -> None:
-        object.__setattr__(self, "_twin", twin)
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
-            raise AttributeError(name)
-        load = self._twin._load
-        return getattr(load, _checked_name("load", name, _names_of(load)))
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        load = self._twin._load
-        _checked_name("load", name, _names_of(load))
-        self._twin.load = replace(load, **{name: value})
-
-    def __eq__(self, other: object) -> bool:
-        return bool(self._twin._load == (other._twin._load if type(other) is LoadHandle else other))
-
-    __hash__ = None  # type: ignore[assignment]  # it changes
-
-    def __repr__(self) -> str:
-        return repr(self._twin._load)
-
-
-class Flags:
-    """The flags of a controller, by number or by the program's names."""
-
-    __slots__ = ("_twin",)
-    __iter__ = None  # or Python would count up from 0
-
-    def __init__(self, twin: "ControllerTwin") -> None:
-        self._twin = twin
-
-    def __getitem__(self, key: int | str) -> bool:
-        number, twin = self._twin._key("flag", key), self._twin
-        with twin._owner.present() as now:
-            return bool(twin._device.flag_at(now, number))
-
-    def __setitem__(self, key: int | str, on: bool) -> None:
-        number, twin = self._twin._key("flag", key), self._twin
-        value = _checked_switch(f"flag {key}", on)
-        twin._owner.act(twin._index, lambda now: twin._device.set_flag(now, number, value))
-
-    @property
-    def on(self) -> list[int]:
-        """The numbers of all flags that are on, ascending."""
-        with self._twin._owner.present() as now:
-            return [number for number in range(256) if self._twin._device.flag_at(now, number)]
-
-    def __repr__(self) -> str:
-        return f"<Flags on: {', '.join(map(str, self.on)) or 'none'}>"
-
-
-class Variables:
-    """The variables of a controller, by address or by the program's names."""
-
-    __slots__ = ("_twin",)
-    __iter__ = None  # or Python would count up from 0
-
-    def __init__(self, twin: "ControllerTwin") -> None:
-        self._twin = twin
-
-    def __getitem__(self, key: int | str) -> int:
-        address, twin = self._twin._key("variable", key), self._twin
-        with twin._owner.present() as now:
-            return int(twin._device.variable_at(now, address))
-
-    def __setitem__(self, key: int | str, value: int) -> None:
-        address, twin = self._twin._key("variable", key), self._twin
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise UsageError(f"variable {key} = {value!r} is no whole number")
-        twin._owner.act(twin._index, lambda now: twin._device.set_variable(now, address, value))
-
-
 class Twin:
-    """One device of a line or a bus, of any kind.  Made by its owner; see ``Owner.twins``."""
+    """One device, of any kind; its line or bus makes it, by the class of ``handle_class``."""
 
-    _kind = "device"
-    """What messages call it."""
+    _table: ControlTable
 
-    def __init__(self, owner: "Owner[Any]", index: int, station: "Station") -> None:
-        self._owner = owner
-        self._index = index
-        self._device: Any = station.device
-        self._is_powered = True
-        self.name = station.name
-        self.model = station.model
+    def __init__(self, simulation: Present, index: int, name: str, model: str, device: Any) -> None:
+        self._simulation = simulation
+        self._device = device
+        self._access = DeviceAccess(simulation, index, name, device, self._table)
+        self.name = name
+        self.model = model
 
     def __repr__(self) -> str:
-        return f"<Twin {self.name}: {self.state}>"
+        return f"<Twin {self.name}: {self.describe()['state_text']}>"
 
     if not TYPE_CHECKING:  # or else no misspelt name would be found by a type checker
 
@@ -178,273 +71,100 @@ class Twin:
     def _no_such(self, name: str) -> str:
         known = [each for each in dir(self) if not each.startswith("_")]
         remedy = nearest(name, known)
-        for other in Twin.__subclasses__():
-            if hasattr(other, name):
-                remedy = f"that is for a {other._kind}; known: {', '.join(known)}"
-        return f"{self.name} is a {self._kind} and has no {name}: {remedy}"
+        for model in discovery.models().values():
+            table = model.family.controls()
+            if name in table.attributes():
+                remedy = f"that is for a {table.noun}; known: {', '.join(known)}"
+        return f"{self.name} is a {self._table.noun} and has no {name}: {remedy}"
 
-    # -- what can be read ---------------------------------------------------------------------
-
-    @property
-    def address(self) -> int:
-        """The address it answers at now, which a command may have changed."""
-        return int(self.describe()["address"])
-
-    @property
-    def state(self) -> str:
-        """What it is doing now, such as ``at rest, powered``."""
-        return str(self.describe()["state_text"])
-
-    @property
-    def cells(self) -> dict[str, int]:
-        """The nonvolatile cells by name, as they are now."""
-        with self._owner.present() as now:
-            return dict(self._device.cells(now))
-
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> Snapshot:
         """Everything worth showing of it, by name, as it is now."""
-        with self._owner.present() as now:
-            return dict(self._device.describe(now))
+        with self._simulation.present() as now:
+            found: Snapshot = self._device.describe(now)
+            return found
+
+    @property
+    def controls(self) -> Controls:
+        """All that can be worked and seen of it, by name."""
+        return Controls(self._access)
 
     # -- power --------------------------------------------------------------------------------
 
     @property
     def is_powered(self) -> bool:
         """Whether the supply is applied."""
-        return self._is_powered
+        return self._access.is_powered
 
     def power_off(self) -> None:
         """Cut the supply; nothing happens if it is off."""
-        with self._owner.present():
-            if self._is_powered:
-                self._is_powered = False
-                self._owner.set_power(self._index, on=False)
+        self._access.set_power(on=False)
 
     def power_on(self) -> None:
         """Apply the supply; nothing happens if it is on."""
-        with self._owner.present():
-            if not self._is_powered:
-                self._is_powered = True
-                self._owner.set_power(self._index, on=True)
+        self._access.set_power(on=True)
 
     def power_cycle(self, off_s: float = 0.0) -> None:
         """Cut the supply for ``off_s`` seconds of the twin's time, then apply it.
 
         Returns when it is applied; the device then still needs the time it takes to start.
         """
-        seconds = _checked_number("off_s", off_s, 0.0, 1e6, "s")
+        seconds = _POWER_CYCLE.checked(off_s)
         self.power_off()
-        self._owner.advance(round(seconds * NS_PER_S))
+        self._simulation.advance(round(seconds * NS_PER_S))
         self.power_on()
 
 
-class MotionTwin(Twin):
-    """A device that turns a shaft: its pins, supply, load and position."""
-
-    _kind = "motion device"
-
-    def __init__(self, owner: "Owner[Any]", index: int, station: "Station") -> None:
-        super().__init__(owner, index, station)
-        self._load = Load()
-        self._inputs = Inputs(self)
-        self._load_handle = LoadHandle(self)
-
-    @property
-    def position(self) -> int:
-        """Where the axis is now, in increments."""
-        with self._owner.present() as now:
-            return int(self._device.position_at(now))
-
-    @property
-    def is_moving(self) -> bool:
-        """Whether the axis moves now."""
-        with self._owner.present() as now:
-            return bool(self._device.is_moving(now))
-
-    # -- pins, supply, load -------------------------------------------------------------------
-
-    @property
-    def inputs(self) -> Inputs:
-        """The input pins: ``twin.inputs.reference = True``."""
-        return self._inputs
-
-    @property
-    def supply_volts(self) -> float:
-        """Voltage of the supply, 0..1000 V.  Raises UsageError when set out of range."""
-        return float(self.describe()["supply_millivolts"] / 1000)
-
-    @supply_volts.setter
-    def supply_volts(self, volts: float) -> None:
-        value = _checked_number("supply_volts", volts, 0.0, SUPPLY_MAX_VOLTS, "V")
-        self._owner.act(self._index, lambda now: self._device.set_supply(now, round(value * 1000)))
-
-    @property
-    def temperature_celsius(self) -> float:
-        """Temperature of the electronics, °C.  Raises UsageError when set out of range."""
-        return float(self.describe()["temperature_millidegrees"] / 1000)
-
-    @temperature_celsius.setter
-    def temperature_celsius(self, celsius: float) -> None:
-        low, high = TEMPERATURE_MIN_CELSIUS, TEMPERATURE_MAX_CELSIUS
-        value = _checked_number("temperature_celsius", celsius, low, high, "°C")
-        self._owner.act(
-            self._index, lambda now: self._device.set_temperature(now, round(value * 1000))
-        )
-
-    @property
-    def load(self) -> LoadHandle:
-        """What is coupled to the shaft: set as a whole, ``Load(...)``, or value by value."""
-        return self._load_handle
-
-    @load.setter
-    def load(self, load: Load) -> None:
-        if not isinstance(load, Load):
-            raise UsageError(f"load {load!r} is not allowed; set a Load of axistwin.motion.plant")
-        with self._owner.present():
-            self._owner.act(self._index, lambda now: self._device.set_load(now, load))
-            self._load = load
-
-    def push(self, increments: int) -> None:
-        """Turn the shaft by hand, by signed ``increments``."""
-        if isinstance(increments, bool) or not isinstance(increments, int):
-            raise UsageError(f"push {increments!r} is no number of increments; give a whole number")
-        self._owner.act(self._index, lambda now: self._device.push(now, increments))
-
-    def set_fault(self, name: str, present: bool = True) -> None:
-        """Let a fault be there or gone that no measure shows.  Raises UsageError with the names."""
-        self._owner.act(self._index, lambda now: self._device.set_fault(now, name, present))
-
-    def _set_input(self, name: str, active: bool) -> None:
-        self._owner.act(self._index, lambda now: self._device.set_input(now, name, active))
+@cache
+def handle_class(table: ControlTable) -> type[Twin]:
+    """The class of twins with the controls of ``table``."""
+    members: dict[str, Any] = {"_table": table, "__slots__": (), "__doc__": Twin.__doc__}
+    for control in table:
+        if control.python_name:
+            members[control.python_name] = _member(control)
+    return type(f"{table.noun.title().replace(' ', '')}Twin", (Twin,), members)
 
 
-class ControllerTwin(Twin):
-    """A controller in which a user's program runs: its flags, variables, status and program."""
+def _member(control: Control) -> Any:
+    """What a control is on the class of a handle: a method or a property."""
+    if control.parameters is not None:
+        return _method(control, control.parameters)
+    values = _values_class(control)
 
-    _kind = "controller"
+    def read(twin: Twin) -> Any:
+        return values(twin._access, control) if values else twin._access.read(control)
 
-    def __init__(self, owner: "Owner[Any]", index: int, station: "Station") -> None:
-        super().__init__(owner, index, station)
-        self._flags = Flags(self)
-        self._variables = Variables(self)
+    def work(twin: Twin, value: Any) -> None:
+        twin._access.work(control, value)
 
-    # -- flags, variables, status ---------------------------------------------------------------
-
-    @property
-    def flags(self) -> Flags:
-        """Every flag, of any kind, also those that the host cannot set: ``twin.flags[3] = True``.
-
-        By number, or by the name that the program gives it: ``twin.flags["start"]``.
-        """
-        return self._flags
-
-    @property
-    def variables(self) -> Variables:
-        """Every variable: ``twin.variables[2008]``, or by the program's name for it."""
-        return self._variables
-
-    @property
-    def status(self) -> int:
-        """The status word, as RQSTAT gives it; looking at it changes nothing."""
-        with self._owner.present() as now:
-            return int(self._device.status_at(now))
-
-    def set_status(self, bit: int, on: bool) -> None:
-        """Let the condition that ``bit``, 0..15, tells be there or gone.  Raises UsageError."""
-        value = _checked_switch(f"status bit {bit}", on)
-        self._owner.act(self._index, lambda now: self._device.set_status(now, bit, value))
-
-    @property
-    def battery(self) -> str:
-        """The battery of the memory: ``good``, ``low`` or ``flat``.
-
-        When it is flat, what is stored is lost at the next power-up.  Raises UsageError when set
-        to anything else.
-        """
-        return str(self.describe()["battery"])
-
-    @battery.setter
-    def battery(self, level: str) -> None:
-        self._owner.act(self._index, lambda now: self._device.set_battery(now, level))
-
-    # -- program ------------------------------------------------------------------------------
-
-    @property
-    def program(self) -> "Macroprogram | None":
-        """The program's object as it runs, or ran last; None before the first start."""
-        self.describe()  # brings it to the present
-        found: Macroprogram | None = self._device.program
-        return found
-
-    @property
-    def program_error(self) -> str | None:
-        """Where and why the program ended with a script error, if it did."""
-        found: str | None = self.describe()["program_error"]
-        return found
-
-    def load_program(self, program: "ProgramSource") -> None:
-        """Put a program in, in place of the one that is there; ``start_program`` starts it.
-
-        program: a class derived from ``axistwin.macroprogram.Macroprogram``, ``FILE.py``,
-        ``FILE.py:CLASS``, or the name of one that comes with axistwin.  Raises UsageError.
-        """
-        from axistwin.programs import find_program
-
-        found = find_program(program)
-        self._owner.act(self._index, lambda now: self._device.load_program(now, found))
-
-    def start_program(self) -> None:
-        """Start the program from its beginning.  Raises UsageError if there is none."""
-        self._owner.act(self._index, self._device.start_program)
-
-    def stop_program(self) -> None:
-        """Stop the program; flags, outputs and data stay as they are."""
-        self._owner.act(self._index, self._device.stop_program)
-
-    def clear_program(self) -> None:
-        """Reset the system and clear the program, with the data (status bit 3)."""
-        self._owner.act(self._index, self._device.clear_program)
-
-    def _key(self, kind: str, key: int | str) -> int:
-        """The number of a flag, or address of a variable, that ``key`` means."""
-        if isinstance(key, bool) or not isinstance(key, int | str):
-            raise UsageError(f"{kind} {key!r} is no number; give a number, or a name")
-        if isinstance(key, int):
-            return key
-        names: Mapping[str, int] = self.describe()["program_names"]
-        if not names:
-            raise UsageError(f"{kind} {key!r}: {self.name} has no program with names; load one")
-        return names[_checked_name(kind, key, names)]
+    is_set = control.write and control.keys is None
+    return property(read, work if is_set else None, doc=control.doc)
 
 
-if TYPE_CHECKING:
-
-    class AnyTwin(MotionTwin, ControllerTwin):
-        """A twin as a type checker sees it that cannot know the kind: with what any kind has."""
-
-else:
-    AnyTwin = Twin
-
-
-def _names_of(load: Load) -> tuple[str, ...]:
-    return tuple(each.name for each in fields(load))
-
-
-def _checked_switch(name: str, on: object) -> bool:
-    if on not in (False, True):
-        raise UsageError(f"{name}: {on!r} is not allowed; set True or False")
-    return bool(on)
+def _values_class(
+    control: Control,
+) -> Callable[[DeviceAccess, Control], object] | None:
+    """What stands for several values on a handle; None for a control that has one."""
+    if control.members:
+        return RecordValues
+    if control.keys is None:
+        return None
+    if isinstance(control.keys, tuple):
+        return NamedValues
+    return Switches if control.kind == "switch" else NumberedValues
 
 
-def _checked_name(kind: str, name: str, known: "Mapping[str, object] | tuple[str, ...]") -> str:
-    if name not in known:
-        raise UsageError(f"unknown {kind} {name!r}: {nearest(name, known)}")
-    return name
+def _method(control: Control, parameters: tuple[str, ...]) -> Callable[..., None]:
+    """The method that works ``control``."""
+    each = [inspect.Parameter(name, _EITHER_WAY) for name in parameters]
+    if control.default is not None:
+        each[-1] = each[-1].replace(default=control.default)
+    signature = inspect.Signature(each)
 
+    def work(twin: Twin, *positional: Any, **named: Any) -> None:
+        arguments = signature.bind(*positional, **named)
+        arguments.apply_defaults()
+        twin._access.work(control, *arguments.args)
 
-def _checked_number(name: str, value: object, low: float, high: float, unit: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise UsageError(f"{name} = {value!r} is no number; set {low:g}..{high:g} {unit}")
-    if not low <= value <= high:
-        raise UsageError(f"{name} = {value!r} is out of range: {low:g}..{high:g} {unit}")
-    return float(value)
+    work.__name__ = control.python_name
+    work.__doc__ = control.doc
+    return work

@@ -38,9 +38,9 @@ from serial.serialutil import (  # type: ignore[attr-defined]  # the stubs lack 
 
 from axistwin.errors import AxistwinError
 from axistwin.kernel.time import NS_PER_S, Nanos
+from axistwin.runtime.any_twin import AnyTwin
 from axistwin.runtime.clock import check_advance
 from axistwin.runtime.line import Line
-from axistwin.runtime.twin import AnyTwin
 from axistwin.urlhandler.lines import OpenLine, open_line
 from axistwin.urlhandler.url import parse_url
 from axistwin.wire.framing import LineFormat

@@ -9,8 +9,8 @@ from typing import Any
 
 from mac_bench import ACCEPTED, MS, REFUSED, SILENCE, MacBench
 
-from axistwin.devices.mac.can import MacCan
-from axistwin.devices.mac.can_quirks import parse_can_quirks
+from axistwin.devices.mac.can.device import MacCan
+from axistwin.devices.mac.can.quirks import parse_can_quirks
 from axistwin.devices.switches import Value
 from axistwin.kernel.effects import Effect, SendFrame, Silence
 from axistwin.wire.can_frame import CanFrame, wire_bits

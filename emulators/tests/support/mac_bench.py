@@ -1,8 +1,8 @@
 """A MAC module on the bench of a unit test: virtual time, direct calls, a host that behaves."""
 
-from axistwin.devices.mac.framing import request
-from axistwin.devices.mac.quirks import parse_quirks
-from axistwin.devices.mac.serial import MacSerial
+from axistwin.devices.mac.axis.quirks import parse_quirks
+from axistwin.devices.mac.serial.device import MacSerial
+from axistwin.devices.mac.serial.framing import request
 from axistwin.devices.switches import Value
 from axistwin.kernel.effects import Effect, Store, Transmit
 from axistwin.motion.plant import Load

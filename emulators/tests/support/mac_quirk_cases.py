@@ -6,7 +6,7 @@ from typing import Any
 
 from mac_bench import ACCEPTED, MS, NACK, REFUSED, SILENCE, TICK_NS, MacBench, S
 
-from axistwin.devices.mac.framing import checksum, request
+from axistwin.devices.mac.serial.framing import checksum, request
 from axistwin.errors import UsageError
 from axistwin.motion.plant import Load
 from axistwin.wire.framing import Chunk

@@ -7,7 +7,7 @@ from typing import Any, Self, cast
 from echo_line import EchoLine
 
 from axistwin.runtime.line import Line
-from axistwin.runtime.server import Port, Server
+from axistwin.runtime.serving.line_server import Port, Server
 
 TIMEOUT_S = 5.0
 """How long anything may take before a test fails."""

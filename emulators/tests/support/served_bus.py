@@ -9,8 +9,8 @@ import can
 from can.interfaces.slcan import slcanBus
 
 from axistwin.catalog import build_bus, parse_device
-from axistwin.runtime.bus_server import BusPort, BusServer
 from axistwin.runtime.clock import PacedClock
+from axistwin.runtime.serving.bus_server import BusPort, BusServer
 from axistwin.runtime.storage import Stores
 
 TIMEOUT_S = 5.0

@@ -6,8 +6,9 @@ Requests of one byte, answered 1 ms later: ``W`` stores (cell ``writes`` counts)
 """
 
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
 
+from axistwin.devices.snapshot import Snapshot
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import Effect, Store, Trace, Transmit
 from axistwin.kernel.time import NS_PER_MS, Nanos
@@ -15,6 +16,23 @@ from axistwin.motion.plant import Load
 from axistwin.wire.framing import Chunk, LineFormat
 
 LATENCY_NS = NS_PER_MS
+
+
+@dataclass(frozen=True, slots=True)
+class ToyTrace(Trace):
+    """What a toy tells."""
+
+    what: str
+
+
+@dataclass(frozen=True, slots=True)
+class ToySnapshot(Snapshot):
+    """What a toy shows."""
+
+    state_text: str
+    address: int
+    supply_millivolts: int
+    temperature_millidegrees: int
 
 
 class ToyDevice:
@@ -29,6 +47,8 @@ class ToyDevice:
         self.temperature_millidegrees = 25_000
         self.done: list[tuple[Nanos, str, object]] = []
         self.powered = True
+        self.inputs = dict.fromkeys(("reference", "positive_stop", "negative_stop", "reset"), False)
+        self.load = Load()
         self._moving_since: Nanos | None = None
 
     def quiet_prefix(self, data: bytes) -> int:
@@ -54,7 +74,7 @@ class ToyDevice:
             case b"S":
                 self._stop(now)
             case b"T":
-                effects.append(Trace(now, "toy", (("value", 1),)))
+                effects.append(ToyTrace(now, "told"))
                 reply = b"t"
         return [*effects, Transmit(now + LATENCY_NS, reply)] if reply else effects
 
@@ -87,10 +107,19 @@ class ToyDevice:
         """Between G and S."""
         return self._moving_since is not None
 
+    def input_at(self, now: Nanos, name: str) -> bool:
+        """As it was set."""
+        return self.inputs[name]
+
+    def load_at(self, now: Nanos) -> Load:
+        """As it was set."""
+        return self.load
+
     def set_input(self, now: Nanos, name: str, active: bool) -> list[Effect]:
         """Note it."""
-        if name not in ("reference", "positive_stop", "negative_stop", "reset"):
+        if name not in self.inputs:
             raise UsageError(f"unknown input {name}")
+        self.inputs[name] = active
         self.done.append((now, name, active))
         return []
 
@@ -105,10 +134,11 @@ class ToyDevice:
         self.temperature_millidegrees = millidegrees
         self.done.append((now, "temperature", millidegrees))
         self.stored["writes"] += 1
-        return [Store((("writes", self.stored["writes"]),)), Trace(now, "hot")]
+        return [Store((("writes", self.stored["writes"]),)), ToyTrace(now, "hot")]
 
     def set_load(self, now: Nanos, load: Load) -> list[Effect]:
         """Note it."""
+        self.load = load
         self.done.append((now, "load", load))
         return []
 
@@ -127,15 +157,12 @@ class ToyDevice:
         moved = 0 if self._moving_since is None else (now - self._moving_since) // NS_PER_MS
         return self.stored["position"] + moved
 
-    def describe(self, now: Nanos) -> dict[str, Any]:
+    def describe(self, now: Nanos) -> ToySnapshot:
         """State, address and position."""
         state = "moving" if self.is_moving(now) else "at rest"
-        return {
-            "state_text": state,
-            "address": self.stored["address"],
-            "supply_millivolts": self.supply_millivolts,
-            "temperature_millidegrees": self.temperature_millidegrees,
-        }
+        return ToySnapshot(
+            state, self.stored["address"], self.supply_millivolts, self.temperature_millidegrees
+        )
 
     def _stop(self, now: Nanos) -> None:
         self.stored["position"] = self.position_at(now)

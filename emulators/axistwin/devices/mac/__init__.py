@@ -1,1 +1,1 @@
-"""MAC23 and MAC34: one axis core, several faces."""
+"""MAC23 and MAC34 motors with controller: one axis core, and a family for each kind of wire."""

@@ -17,6 +17,7 @@ Rules
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, Final
 
 from axistwin.devices.msc.commands import Commands
@@ -28,8 +29,10 @@ from axistwin.devices.msc.program import ProgramRunner
 from axistwin.devices.msc.quirks import MscQuirks
 from axistwin.devices.msc.receiver import LINE_FORMAT, Receiver, State
 from axistwin.devices.msc.status import Status, StatusBit, status_bit
+from axistwin.devices.snapshot import Snapshot
+from axistwin.devices.traces import StateChanged
 from axistwin.errors import UsageError, nearest
-from axistwin.kernel.effects import Effect, Store, Trace
+from axistwin.kernel.effects import Effect, Store
 from axistwin.kernel.schedule import NEVER
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.macroprogram.program import Macroprogram
@@ -38,6 +41,27 @@ from axistwin.wire.framing import Chunk, LineFormat
 BATTERY_LEVELS: Final = ("good", "low", "flat")
 
 _ALL_BITS: Final = ~StatusBit(0)
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerSnapshot(Snapshot):
+    """A controller at one instant.
+
+    state: of the link layer (ledger §4).  program_error: where and why the program ended with a
+    script error, if it did.  program_names: its names for flags and variables.
+    """
+
+    model: str
+    address: int
+    state: str
+    state_text: str
+    transport: str
+    status: int
+    status_bits: list[str]
+    battery: str
+    flags_on: list[int]
+    program_error: str | None
+    program_names: dict[str, int]
 
 
 class MscController:
@@ -186,7 +210,7 @@ class MscController:
         text = self._state_text()
         if text != self._told:
             self._told = text
-            self._effects.append(Trace(now, "state", (("value", text),)))
+            self._effects.append(StateChanged(now, text))
 
     def _settle(self, now: Nanos) -> list[Effect]:
         """Close a call from outside."""
@@ -271,9 +295,9 @@ class MscController:
         self._store()
         return self._settle(now)
 
-    @property
-    def program(self) -> Macroprogram | None:
+    def program_at(self, now: Nanos) -> Macroprogram | None:
         """The program's object as it runs, or ran last; None before its first start."""
+        self._catch_up(now)
         return self._runner.instance
 
     def start_program(self, now: Nanos) -> list[Effect]:
@@ -341,6 +365,10 @@ class MscController:
         self._catch_up(now)
         return int(self.status.word)
 
+    def status_bit_at(self, now: Nanos, bit: int) -> bool:
+        """Whether status ``bit``, 0..15, is on.  Raises UsageError."""
+        return bool(self.status_at(now) & status_bit(bit))
+
     def set_status(self, now: Nanos, bit: int, on: bool) -> list[Effect]:
         """Let the condition of status ``bit``, 0..15, be there or gone.  Raises UsageError."""
         mask = status_bit(bit)
@@ -393,24 +421,24 @@ class MscController:
             return "program cleared"
         return "program stopped" if self._runner.has_program else "no program"
 
-    def describe(self, now: Nanos) -> dict[str, Any]:
-        """Named state for panels and failing tests."""
+    def describe(self, now: Nanos) -> ControllerSnapshot:
+        """Everything worth showing."""
         if self._powered:
             self._catch_up(now)
         states = self.flags.states(now)
-        return {
-            "model": self.model.name,
-            "address": self._receiver.unit,
-            "state": self._link_text(),
-            "state_text": self._state_text(),
-            "transport": "rs232" if self.is_rs232 else "rs485",
-            "status": int(self.status.word),
-            "status_bits": [bit.name for bit in StatusBit if self.status.has(bit)],
-            "battery": self._battery,
-            "flags_on": [number for number in range(FLAGS) if states >> number & 1],
-            "program_error": self._runner.error,
-            "program_names": dict(self._runner.names),
-        }
+        return ControllerSnapshot(
+            model=self.model.name,
+            address=self._receiver.unit,
+            state=self._link_text(),
+            state_text=self._state_text(),
+            transport="rs232" if self.is_rs232 else "rs485",
+            status=int(self.status.word),
+            status_bits=[str(bit.name) for bit in StatusBit if self.status.has(bit)],
+            battery=self._battery,
+            flags_on=[number for number in range(FLAGS) if states >> number & 1],
+            program_error=self._runner.error,
+            program_names=dict(self._runner.names),
+        )
 
     def _link_text(self) -> str:
         """The state of the link layer, as the ledger's table calls it (§4)."""

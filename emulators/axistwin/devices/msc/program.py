@@ -22,6 +22,7 @@ from axistwin.devices.msc.data_area import DataArea
 from axistwin.devices.msc.flags import FlagKind, Flags
 from axistwin.devices.msc.quirks import MscQuirks
 from axistwin.devices.msc.status import Status, StatusBit
+from axistwin.devices.traces import ProgramFailed, ProgramStarted, ProgramStopped, StrayReturn
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import Trace
 from axistwin.kernel.time import NS_PER_MS, Nanos
@@ -149,7 +150,7 @@ class ProgramRunner:
         self._next_ns = now
         self._due.clear()
         self._awaited = None
-        self._trace(now, "program_started")
+        self._traces.append(ProgramStarted(now))
         try:
             program = self._program()
         except Exception as error:
@@ -164,7 +165,7 @@ class ProgramRunner:
     def stop(self, now: Nanos) -> None:
         """Stop the program, if it runs (MSC-AMB-32)."""
         if self._next_ns is not None:
-            self._end(now, "program_stopped")
+            self._end(now, ProgramStopped(now))
 
     # -- what the host does --
 
@@ -193,10 +194,10 @@ class ProgramRunner:
         else:
             self._apply(scan, now)
             if scan.is_stopping:
-                self._end(now, "program_stopped")
+                self._end(now, ProgramStopped(now))
             elif is_over:
                 self._status.set(StatusBit.SYSTEM_RETURN)
-                self._end(now, "stray_return")
+                self._end(now, StrayReturn(now))
 
     def _step(self, steps: Steps) -> bool:
         """Let ``run`` go on, if what it waits for holds; whether it came to its end."""
@@ -291,9 +292,9 @@ class ProgramRunner:
         """A script error."""
         self.error = located(error)
         self._status.set(StatusBit.BAD_OPCODE)
-        self._end(now, "program_error", ("error", self.error))
+        self._end(now, ProgramFailed(now, self.error))
 
-    def _end(self, now: Nanos, kind: str, *details: tuple[str, str]) -> None:
+    def _end(self, now: Nanos, trace: Trace) -> None:
         """The program runs no more; what it has set and not done is forgotten."""
         self._next_ns = None
         self._awaited = None
@@ -305,10 +306,7 @@ class ProgramRunner:
             self._steps = None
         for wanted in (self._scan.new_data, self._scan.new_flags, self._scan.new_timers):
             wanted.clear()
-        self._trace(now, kind, *details)
-
-    def _trace(self, now: Nanos, kind: str, *details: tuple[str, str]) -> None:
-        self._traces.append(Trace(now, kind, details))
+        self._traces.append(trace)
 
     # -- loading --
 

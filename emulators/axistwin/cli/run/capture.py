@@ -1,0 +1,140 @@
+"""``--capture`` of a serial line: what is said on it, as text.
+
+One line per burst (bytes in one direction without a pause)::
+
+       1520.312 > 02 30 31 34 30 30 32 30 30 30 30 30 30 30 30 30 30 30 41 32 03  0: 20h position?
+       1531.250 < 06 13 02 30 31 31 30 30 30 30 30 30 30 30 30 30 30 31 30 03 1A  0: position 0
+
+Milliseconds of the twin's time, ``>`` from the host or ``<`` to it, all bytes in hex, two spaces,
+and what they mean.  A line that begins with ``#`` is a remark: the date at which a run began.
+
+A recording that cannot begin is a mistake of the user's.  One that cannot go on, because the disk
+is full, ends there and is told of once; what is recorded goes on, since more depends on it.
+"""
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from axistwin.errors import UsageError
+from axistwin.kernel.time import NS_PER_MS, Nanos
+from axistwin.runtime.line import Line
+from axistwin.runtime.serving.loop import Loop
+from axistwin.runtime.transcript import ARROWS, Burst, Direction, Transcript
+
+# A reply may reach us in pieces, late when the machine is busy; the other direction ends it anyway.
+PAUSE_NS: Nanos = 50 * NS_PER_MS
+FLUSH_S = 0.05
+"""How long what was said may wait before it is in the file."""
+
+
+class CaptureFile:
+    """The text file at ``path``, to be written behind what it has.  Raises UsageError.
+
+    heading: written at once.  on_failure: called with the reason, once, when the file cannot be
+    written any more; nothing is written from then on.
+    """
+
+    def __init__(self, path: str, heading: str, on_failure: Callable[[str], None]) -> None:
+        self._on_failure = on_failure
+        self._has_failed = False
+        try:
+            self._file = Path(path).open("a", encoding="utf-8")  # noqa: SIM115
+            try:
+                self._file.write(heading)
+                self._file.flush()
+            except OSError:
+                with contextlib.suppress(OSError):
+                    self._file.close()
+                raise
+        except OSError as error:
+            raise UsageError(
+                f"capture {path}: cannot be written ({error.strerror}); choose another file"
+            ) from None
+
+    def write(self, text: str) -> None:
+        """Write ``text``, to be seen after the next ``flush``."""
+        self._attempt(lambda: self._file.write(text))
+
+    def flush(self) -> None:
+        """Hand over to the disk what waits to be written."""
+        self._attempt(self._file.flush)
+
+    def close(self) -> None:
+        """Flush and close."""
+        self.flush()
+        with contextlib.suppress(OSError):  # told by the flush
+            self._file.close()
+
+    def _attempt(self, action: Callable[[], object]) -> None:
+        if self._has_failed:
+            return
+        try:
+            action()
+        except OSError as error:
+            self._has_failed = True
+            self._on_failure(error.strerror or str(error))
+
+
+class Recorder(Transcript):
+    """A transcript that is also written to ``file``, burst by burst, in ``loop``'s thread."""
+
+    def __init__(self, file: CaptureFile, explain: Callable[[bytes], str], loop: Loop) -> None:
+        super().__init__(pause_ns=PAUSE_NS)
+        self.on_burst = self._write_burst
+        self._file = file
+        self._explain_bytes = explain
+        self._loop = loop
+        self._flushing = False
+        self._added_s = 0.0
+
+    def add(self, time_ns: Nanos, direction: Direction, data: bytes, note: str = "") -> None:
+        """Keep ``data``; it joins the last burst unless that went the other way or is over."""
+        super().add(time_ns, direction, data, note)
+        self._added_s = time.monotonic()
+        if not self._flushing:
+            self._flushing = True
+            self._loop.call_later(FLUSH_S, self._flush_later)
+
+    def _write_burst(self, burst: Burst) -> None:
+        """Write a burst that is over."""
+        data = burst.data
+        text = (
+            f"{burst.time_ns / NS_PER_MS:12.3f} {ARROWS[burst.direction]} {data.hex(' ').upper()}"
+        )
+        self._file.write(f"{text}  {burst.note or self._explain_bytes(data)}".rstrip() + "\n")
+
+    def end(self) -> None:
+        """Write what is left, and close the file."""
+        self.flush()
+        self._file.close()
+
+    def _flush_later(self) -> None:
+        self._flushing = time.monotonic() - self._added_s < FLUSH_S
+        if self._flushing:  # the burst may go on
+            self._loop.call_later(FLUSH_S, self._flush_later)
+        else:
+            self.flush()
+        self._file.flush()
+
+
+@contextlib.contextmanager
+def recording_line(
+    line: Line,
+    path: str,
+    explain: Callable[[bytes], str],
+    loop: Loop,
+    on_failure: Callable[[str], None],
+) -> Iterator[None]:
+    """Append what is said on ``line`` to the file at ``path``.  Raises UsageError.
+
+    on_failure: called with the reason, once, when the recording has to end early.
+    """
+    heading = f"# {time.strftime('%Y-%m-%d %H:%M:%S %z')}\n"
+    recorder = Recorder(CaptureFile(path, heading, on_failure), explain, loop)
+    line.transcript = recorder
+    try:
+        yield
+    finally:
+        recorder.end()

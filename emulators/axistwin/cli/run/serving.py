@@ -1,0 +1,150 @@
+"""A run of twins, whatever carries them: built, served, recorded, until a signal ends it."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from axistwin.cli.output import EXIT_USAGE
+from axistwin.cli.run import systemd
+from axistwin.cli.run.reporter import Reporter, warn
+from axistwin.runtime.serving.loop import Loop
+from axistwin.runtime.simulation import Simulation
+
+if TYPE_CHECKING:
+    from axistwin.catalog import DeviceSpec
+    from axistwin.devices.family import Value
+    from axistwin.runtime.clock import Clock
+    from axistwin.runtime.serving.base_server import BaseServer, Endpoint
+    from axistwin.runtime.storage import Stores
+
+SimulationT = TypeVar("SimulationT", bound=Simulation[Any])
+
+
+@dataclass(frozen=True, slots=True)
+class Shared:
+    """The options that mean the same for every carrier; see ``axistwin run --help``."""
+
+    state: str | None
+    profile: str | None
+    quirks: tuple[str, ...]
+    speed: float
+    no_pacing: bool
+    cold: bool
+    seed: int
+    capture: str | None
+
+    def settings(self, specs: Sequence[DeviceSpec]) -> dict[str, Value]:
+        """The quirks by name, the profile's and those given besides.  Raises UsageError."""
+        from axistwin import catalog
+
+        return catalog.all_settings(specs, self.profile, catalog.parse_settings(self.quirks))
+
+    def clock(self) -> Clock:
+        """Real time, or a multiple of it.  Raises UsageError."""
+        from axistwin.runtime.clock import PacedClock
+
+        return PacedClock(self.speed)
+
+    def storage(self) -> Stores:
+        """Where the modules store.  Raises StateError."""
+        from axistwin.runtime.storage import MemoryStorage, Storage
+
+        return MemoryStorage() if self.state is None else Storage(self.state)
+
+
+class Run(ABC, Generic[SimulationT]):
+    """What differs from one carrier to the next."""
+
+    def __init__(self, specs: Sequence[DeviceSpec], shared: Shared) -> None:
+        self.specs = specs
+        self.shared = shared
+
+    @abstractmethod
+    def build(self) -> SimulationT:
+        """The devices and what connects them.  Raises UsageError and StateError."""
+
+    @abstractmethod
+    def serve(
+        self, simulation: SimulationT, reporter: Reporter, loop: Loop | None = None
+    ) -> BaseServer[SimulationT, Any]:
+        """The server with its ports, not open yet, in ``loop``.  Raises UsageError."""
+
+    @abstractmethod
+    def recording(
+        self, simulation: SimulationT, path: str, loop: Loop, on_failure: Callable[[str], None]
+    ) -> AbstractContextManager[None]:
+        """Append what is said to the file at ``path``.  Raises UsageError.
+
+        on_failure: called with the reason, once, when the recording has to end early.
+        """
+
+    @abstractmethod
+    def warn_of_surprises(self, simulation: SimulationT) -> None:
+        """Say what the user may not expect."""
+
+
+def perform(run: Run[SimulationT], reporter: Reporter) -> int:
+    """Serve until a signal ends it; the exit status.  Raises UsageError, StateError, PortError."""
+    capture = run.shared.capture
+
+    def capture_lost(reason: str) -> None:
+        reporter.lose(
+            f"capture {capture}: cannot be written any more ({reason}); recording has ended, "
+            "the modules go on",
+            {"event": "capture_lost", "file": capture, "reason": reason},
+        )
+
+    with contextlib.closing(Loop()) as loop:
+        loop.install_signal_handlers(_stop_signals())  # during the start: it ends when it can
+        with (
+            run.build() as simulation,
+            contextlib.closing(run.serve(simulation, reporter, loop)) as server,
+            contextlib.ExitStack() as recording,
+        ):
+            if capture is not None:
+                recording.enter_context(run.recording(simulation, capture, loop, capture_lost))
+            server.open()
+            warn_of_listeners(server.ports)
+            run.warn_of_surprises(simulation)
+            if simulation.is_volatile:
+                warn("memory is volatile and ends with this run; --state DIR keeps it")
+
+            def on_ready() -> None:
+                reporter.ready(simulation.twins, server.ports)
+                systemd.notify("READY=1")
+
+            try:
+                server.run(on_ready=on_ready)
+            finally:
+                systemd.notify("STOPPING=1")
+    reporter.event({"event": "stopped"})
+    return EXIT_USAGE if reporter.has_lost else 0
+
+
+def _stop_signals() -> list[signal.Signals]:
+    """Ctrl-C, the polite kill, and the end of the terminal, unless nohup says to outlive that."""
+    signals = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        signals.append(signal.SIGHUP)
+    return signals
+
+
+def warn_of_listeners(ports: Sequence[Endpoint]) -> None:
+    """Say which of the open ports others can reach."""
+    for port in ports:
+        host = getattr(port, "host", None)
+        if host is None:  # no network in between
+            continue
+        from axistwin.ports.tcp import is_loopback
+
+        if not is_loopback(host):
+            warn(
+                f"{port.kind} {host}: whoever reaches this address can drive the twin, "
+                "there is no password"
+            )

@@ -1,0 +1,146 @@
+"""What can be worked and seen of a device from outside, as data: one table per family.
+
+Python handles and the fixture are made from the tables (``runtime/twin.py``), and so is whatever
+else works devices by the names of their controls.
+
+Rules
+-----
+1. Values are plain (bool, int, float, str, None, lists and mappings of them) but for a ``program``.
+2. A control with ``keys`` stands for one value per key: ``inputs.reset``, ``flags.200``.
+   A ``record`` is set as a whole, or one of its ``members``: ``load.held``.
+3. A table checks what does not depend on the device; a device checks what it is told all the same.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Final, Literal, TypeAlias
+
+from axistwin.errors import UsageError, nearest
+
+Kind: TypeAlias = Literal[
+    "switch", "number", "whole", "choice", "text", "data", "record", "program", "nothing"
+]
+"""What a value is; ``data`` is only read, ``nothing`` is what an action without a value takes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Control:
+    """One thing that can be worked or seen.
+
+    field: what its device's snapshot calls it.  read: or else the method of the device that gives
+    it, called with the time and the key, if it has keys.  write: the method that works it, called
+    with the time, the key and the value.  scale: the device's units in one of ours.
+    unit, low, high: of a number.  choices: of a choice.  keys: texts or numbers (rule 2).
+    names: the snapshot's field that has numbers by name.  noun: what messages call it, the name
+    unless given.  record, members: the class of a record and what it consists of.
+    attribute: what Python handles call it, the name unless given; "": they do not have it.
+    parameters: of the Python method that works it; default: of the last one.
+    """
+
+    name: str
+    kind: Kind
+    doc: str
+    field: str = ""
+    read: str = ""
+    write: str = ""
+    scale: int = 1
+    unit: str = ""
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
+    keys: tuple[str, ...] | range | None = None
+    names: str = ""
+    noun: str = ""
+    record: type[Any] | None = None
+    members: "tuple[Control, ...]" = ()
+    attribute: str | None = None
+    parameters: tuple[str, ...] | None = None
+    default: Any = None
+
+    @property
+    def python_name(self) -> str:
+        """What it is called on a handle; empty if it is not there."""
+        return self.name if self.attribute is None else self.attribute
+
+    def label(self, *keys: int | str) -> str:
+        """What messages call it, or the value for a key."""
+        return " ".join((self.noun or self.name, *map(str, keys)))
+
+    def checked(self, value: Any, *keys: int | str) -> Any:
+        """``value`` as the device takes it.  Raises UsageError."""
+        check = _CHECKS.get(self.kind)
+        return value if check is None else check(self, value, self.label(*keys))
+
+
+def _switch(_: Control, value: Any, label: str) -> bool:
+    if value not in (False, True):
+        raise UsageError(f"{label}: {value!r} is not allowed; set True or False")
+    return bool(value)
+
+
+def _number(control: Control, value: Any, label: str) -> float:
+    low, high = control.low, control.high
+    allowed = f"{low:g}..{high:g}" if high is not None else f"at least {low:g}"
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise UsageError(f"{label} = {value!r} is no number; set {allowed} {control.unit}")
+    if not (low is None or low <= value) or not (high is None or value <= high):
+        raise UsageError(f"{label} = {value!r} is out of range: {allowed} {control.unit}")
+    return float(value)
+
+
+def _whole(control: Control, value: Any, label: str) -> int:
+    if isinstance(value, int) and not isinstance(value, bool):
+        return value
+    if control.unit:
+        raise UsageError(f"{label} {value!r} is no number of {control.unit}; give a whole number")
+    raise UsageError(f"{label} = {value!r} is no whole number")
+
+
+def _choice(control: Control, value: Any, label: str) -> str:
+    if value not in control.choices:
+        raise UsageError(f"{label} {value!r}: {nearest(str(value), control.choices)}")
+    return str(value)
+
+
+def _record(control: Control, value: Any, label: str) -> Any:
+    assert control.record is not None, "a record has a class"
+    if isinstance(value, control.record):
+        return value
+    wanted = f"{control.record.__name__} of {control.record.__module__}"
+    raise UsageError(f"{label} {value!r} is not allowed; set a {wanted}")
+
+
+_CHECKS: Final[Mapping[str, Callable[[Control, Any, str], Any]]] = {
+    "switch": _switch,
+    "number": _number,
+    "whole": _whole,
+    "choice": _choice,
+    "record": _record,
+}
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ControlTable:
+    """The controls of a family; ``noun`` is what messages call its devices."""
+
+    noun: str
+    controls: tuple[Control, ...]
+
+    def __iter__(self) -> Iterator[Control]:
+        return iter(self.controls)
+
+    def attributes(self) -> list[str]:
+        """What Python handles have of it."""
+        return [control.python_name for control in self.controls if control.python_name]
+
+
+POWER: Final = Control("power", "switch", "the supply, on or off", attribute="")
+"""Worked by the line or bus, which stops sending too; a device has no way to switch itself."""
+
+COMMON: Final = (
+    POWER,
+    Control("address", "whole", "the address it answers at now", "address"),
+    Control("state", "text", "what it is doing now, in words", "state_text"),
+    Control("cells", "data", "the nonvolatile cells by name, as they are now", read="cells"),
+)
+"""What every device has."""

@@ -1,0 +1,1 @@
+"""What every MAC module is, whatever it talks on: commands, motion, stops, faults, memory."""

@@ -1,0 +1,32 @@
+"""The controls of a MAC module: those of any shaft, and what the module shows of itself."""
+
+from typing import Final
+
+from axistwin.devices.controls import Control, ControlTable, Kind
+from axistwin.devices.motion_controls import MOTION
+
+
+def _shown(field: str, kind: Kind, doc: str, unit: str = "", name: str = "") -> Control:
+    """What the module's snapshot has in ``field``; for those who look on, not on Python handles."""
+    return Control(name or field, kind, doc, field, unit=unit, attribute="")
+
+
+MAC: Final = ControlTable(
+    MOTION.noun,
+    (
+        *MOTION,
+        Control(
+            "velocity", "number", "speed now", read="velocity_at", unit="increments/s", attribute=""
+        ),
+        _shown("state", "text", "the state in the ledger's letters, such as HD+AR", name="mode"),
+        _shown("powered", "switch", "whether the motor has torque"),
+        _shown("busy", "switch", "whether a motion is under way"),
+        _shown("armed", "switch", "whether motions wait for the synchronisation"),
+        _shown("preloaded", "switch", "whether a motion waits for the synchronisation"),
+        _shown("segments_stored", "whole", "length of the interpolator's queue", "segments"),
+        _shown("reference_enabled", "switch", "whether the reference input sets the counter"),
+        _shown("fault_bits", "whole", "warnings and latched faults: the byte dd of 21h"),
+        _shown("stop_bits", "whole", "stops that are met: the low bits of the byte ff of 21h"),
+    ),
+)
+"""For every kind of wire."""

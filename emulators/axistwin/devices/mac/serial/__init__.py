@@ -1,0 +1,1 @@
+"""MAC modules on a serial line: expert frames over the axis core."""

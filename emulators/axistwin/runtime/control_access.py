@@ -1,0 +1,303 @@
+"""How the controls of one device are worked and read: all of them by name, and as values of Python.
+
+Everything acts at the present time of the device's line or bus.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from fractions import Fraction
+from typing import Any, Protocol
+
+from axistwin.devices.controls import POWER, Control, ControlTable
+from axistwin.errors import UsageError, nearest
+from axistwin.kernel.effects import Effect
+from axistwin.kernel.time import Nanos
+
+
+class Present(Protocol):
+    """What a twin acts through: the devices of a line or bus at their present time."""
+
+    def present(self) -> AbstractContextManager[Nanos]:
+        """The present time, which stands still in the block."""
+
+    def advance(self, duration_ns: Nanos) -> Nanos:
+        """Let ``duration_ns`` pass; returns the present time."""
+
+    def act(self, index: int, action: Callable[[Nanos], Sequence[Effect]]) -> None:
+        """Have ``action`` do something to device ``index`` now, and perform its effects."""
+
+    def set_power(self, index: int, on: bool) -> None:
+        """Apply or cut the supply of device ``index`` now."""
+
+
+class DeviceAccess:
+    """Works and reads the controls of device ``index`` of a simulation."""
+
+    def __init__(
+        self, simulation: Present, index: int, name: str, device: Any, table: ControlTable
+    ) -> None:
+        self.simulation = simulation
+        self.name = name
+        self.table = table
+        self.is_powered = True
+        self._index = index
+        self._device = device
+
+    def set_power(self, *, on: bool) -> None:
+        """Apply or cut the supply; nothing happens if it is so already."""
+        with self.simulation.present():
+            if self.is_powered is not on:
+                self.is_powered = on
+                self.simulation.set_power(self._index, on=on)
+
+    def read(self, control: Control, *key: int | str) -> Any:
+        """How ``control`` is now."""
+        if control is POWER:
+            return self.is_powered
+        with self.simulation.present() as now:
+            if not control.field:
+                return getattr(self._device, control.read)(now, *key)
+            value = self._device.describe(now)[control.field]
+            return value if control.scale == 1 else value / control.scale
+
+    def work(self, control: Control, *arguments: Any, shown: int | str | None = None) -> None:
+        """Work ``control``: a key, if it has keys, and a value; ``shown`` is the key as written."""
+        if control.kind != "nothing":
+            *keys, value = arguments
+            names = keys if shown is None else [shown]
+            value = control.checked(value, *names)
+            arguments = (*keys, value if control.scale == 1 else round(value * control.scale))
+        if control is POWER:
+            self.set_power(on=arguments[0])
+            return
+        if control.kind == "program":
+            from axistwin.programs import find_program
+
+            arguments = tuple(map(find_program, arguments))
+        write = getattr(self._device, control.write)
+        self.simulation.act(self._index, lambda now: write(now, *arguments))
+
+    def number(self, control: Control, key: int | str) -> int:
+        """The number of a flag, or address of a variable, that ``key`` means."""
+        label = control.label()
+        if isinstance(key, bool) or not isinstance(key, int | str):
+            raise UsageError(f"{label} {key!r} is no number; give a number, or a name")
+        if isinstance(key, int):
+            return key
+        if not control.names:
+            raise UsageError(f"{label} {key!r} is no number; give a number")
+        with self.simulation.present() as now:
+            names: Mapping[str, int] = self._device.describe(now)[control.names]
+        if not names:
+            raise UsageError(f"{label} {key!r}: {self.name} has no program with names; load one")
+        return names[_checked_name(label, key, names)]
+
+
+# -- what controls with keys, and records, look like -------------------------------------------
+
+
+class NamedValues:
+    """A control with names for keys: ``twin.inputs.reset = True``."""
+
+    __slots__ = ("_access", "_control")
+
+    _control: Control
+    _access: DeviceAccess
+
+    def __init__(self, access: DeviceAccess, control: Control) -> None:
+        object.__setattr__(self, "_access", access)
+        object.__setattr__(self, "_control", control)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return self._access.read(self._control, self._checked_name(name))
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        self._access.work(self._control, self._checked_name(name), value)
+
+    def _checked_name(self, name: str) -> str:
+        return _checked_name(self._control.noun, name, tuple(self._control.keys or ()))
+
+    def __repr__(self) -> str:
+        shown = (f"{name}={getattr(self, str(name))}" for name in self._control.keys or ())
+        return f"{self._control.name.capitalize()}({', '.join(shown)})"
+
+
+class RecordValues:
+    """A record: set as a whole, ``twin.load = Load(...)``, or value by value."""
+
+    __slots__ = ("_access", "_control")
+
+    _control: Control
+    _access: DeviceAccess
+
+    def __init__(self, access: DeviceAccess, control: Control) -> None:
+        object.__setattr__(self, "_access", access)
+        object.__setattr__(self, "_control", control)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(self._whole(), self._checked_name(name))
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        changed = {self._checked_name(name): value}
+        self._access.work(self._control, replace(self._whole(), **changed))
+
+    def _whole(self) -> Any:
+        return self._access.read(self._control)
+
+    def _checked_name(self, name: str) -> str:
+        known = tuple(member.name for member in self._control.members)
+        return _checked_name(self._control.label(), name, known)
+
+    def __eq__(self, other: object) -> bool:
+        return bool(self._whole() == (other._whole() if type(other) is RecordValues else other))
+
+    __hash__ = None  # type: ignore[assignment]  # it changes
+
+    def __repr__(self) -> str:
+        return repr(self._whole())
+
+
+class NumberedValues:
+    """A control with numbers for keys: ``twin.variables[2008]``, or by the program's names."""
+
+    __slots__ = ("_access", "_control")
+    __iter__ = None  # or Python would count up from 0
+
+    def __init__(self, access: DeviceAccess, control: Control) -> None:
+        self._access = access
+        self._control = control
+
+    def __getitem__(self, key: int | str) -> Any:
+        return self._access.read(self._control, self._access.number(self._control, key))
+
+    def __setitem__(self, key: int | str, value: Any) -> None:
+        number = self._access.number(self._control, key)
+        self._access.work(self._control, number, value, shown=key)
+
+
+class Switches(NumberedValues):
+    """Numbered switches: ``twin.flags[200] = True``, or by the program's names."""
+
+    __slots__ = ()
+
+    @property
+    def on(self) -> list[int]:
+        """The numbers of all that are on, ascending."""
+        keys = self._control.keys
+        assert isinstance(keys, range), "numbered"
+        with self._access.simulation.present():
+            return [number for number in keys if self._access.read(self._control, number)]
+
+    def __repr__(self) -> str:
+        on = ", ".join(map(str, self.on)) or "none"
+        return f"<{self._control.name.capitalize()} on: {on}>"
+
+
+# -- all controls by name ----------------------------------------------------------------------
+
+
+class BoundControl:
+    """One control of one twin: ``set`` works it, ``value`` is how it is now."""
+
+    def __init__(self, access: DeviceAccess, control: Control, key: int | str | None) -> None:
+        self._access = access
+        self._control = control
+        self._keys = () if key is None else (key,)
+        self._member = next((each for each in control.members if each.name == key), None)
+        shown = self._member or control
+        self.name = control.name if key is None else f"{control.name}.{key}"
+        self.kind, self.doc, self.unit = shown.kind, shown.doc, shown.unit
+        self.low, self.high, self.choices = shown.low, shown.high, shown.choices
+        self.has_numbers = isinstance(control.keys, range) and key is None
+        self.is_readable = control is POWER or bool(control.read or control.field)
+        self.is_writable = control is POWER or bool(control.write)
+
+    def __repr__(self) -> str:
+        return f"<control {self.name} of {self._access.name}>"
+
+    @property
+    def value(self) -> Any:
+        """How it is now, as a plain value.  Raises UsageError if it is only worked."""
+        self._need_number()
+        if not self.is_readable:
+            raise UsageError(f"control {self.name} of {self._access.name} is only worked, not read")
+        if self._member is None:
+            return self._access.read(self._control, *self._keys)
+        value = getattr(self._access.read(self._control), self._member.name)
+        return float(value) if isinstance(value, Fraction) else value
+
+    def set(self, value: Any = None) -> None:
+        """Work it; an action that takes nothing is given nothing.  Raises UsageError."""
+        self._need_number()
+        if not self.is_writable:
+            raise UsageError(f"control {self.name} of {self._access.name} is only read, not worked")
+        if self._member is None:
+            values = () if self.kind == "nothing" else (value,)
+            self._access.work(self._control, *self._keys, *values)
+            return
+        with self._access.simulation.present():
+            whole = self._access.read(self._control)
+            checked = self._member.checked(value)
+            self._access.work(self._control, replace(whole, **{self._member.name: checked}))
+
+    def _need_number(self) -> None:
+        if self.has_numbers:
+            example = f"{self.name}.{(self._control.keys or [0])[0]}"
+            raise UsageError(
+                f"control {self.name} of {self._access.name} has numbers: name one, "
+                f"such as {example}"
+            )
+
+
+class Controls(Mapping[str, BoundControl]):
+    """The controls of a twin by name.
+
+    Of a control with numbers for keys the name is listed, and each number can be had:
+    ``controls["flags.200"]``; by the names of its program too.
+    """
+
+    def __init__(self, access: DeviceAccess) -> None:
+        self._access = access
+        self._rows = {row.name: row for row in access.table}
+
+    def __iter__(self) -> Iterator[str]:
+        for row in self._rows.values():
+            if row.members:
+                yield from (f"{row.name}.{member.name}" for member in row.members)
+            elif isinstance(row.keys, tuple):
+                yield from (f"{row.name}.{key}" for key in row.keys)
+            elif row.kind != "program" or row.write:
+                yield row.name
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+    def __getitem__(self, name: str) -> BoundControl:
+        if name in iter(self):
+            row, _, key = name.partition(".")
+            return BoundControl(self._access, self._rows[row], key or None)
+        row, _, key = name.partition(".")
+        control = self._rows.get(row)
+        if control is None or not isinstance(control.keys, range) or not key:
+            raise _NoSuchControlError(
+                f"{self._access.name} has no control {name!r}: {nearest(name, self)}"
+            )
+        number = int(key) if key.isascii() and key.isdigit() else key
+        return BoundControl(self._access, control, self._access.number(control, number))
+
+
+class _NoSuchControlError(UsageError, KeyError):
+    """A user's mistake, and a mapping's."""
+
+    __str__ = UsageError.__str__
+
+
+def _checked_name(kind: str, name: str, known: "Mapping[str, object] | tuple[Any, ...]") -> str:
+    if name not in known:
+        raise UsageError(f"unknown {kind} {name!r}: {nearest(name, known)}")
+    return name

@@ -1,0 +1,327 @@
+"""What owns a network in any kind of time: its clock, its storage, its twins and who looks on.
+
+Rules
+-----
+1. Whoever looks, pushes time first: every method runs the network up to the clock's present time.
+2. What the devices want stored is written, in their order, before anything that came after it can
+   be read.  When it cannot be written, nothing can be read any more: the error is raised, again and
+   again, since an acknowledgement would be a lie.
+3. Before a host is given anything while an axis moves, its position is saved too: whatever the host
+   was told outlives a kill.
+4. Any thread may call anything.  ``on_change`` tells the one that keeps an alarm when the next
+   event may have come nearer.
+"""
+
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Generic, Protocol, Self, TypeAlias, TypeVar, cast
+
+from axistwin.devices.base import TwinDevice
+from axistwin.devices.controls import ControlTable
+from axistwin.devices.motion_controls import MOTION
+from axistwin.errors import StateError
+from axistwin.kernel.effects import Effect, Store, Trace
+from axistwin.kernel.time import Nanos
+from axistwin.runtime.any_twin import AnyTwin
+from axistwin.runtime.clock import Clock
+from axistwin.runtime.storage import Slot, Stores
+from axistwin.runtime.twin import handle_class
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+Subscriber: TypeAlias = Callable[[AnyTwin, Trace], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Station:
+    """A device of a network: what it is called (``mac23:0``), its model, and its memory.
+
+    controls: what a user can work and see of it.
+    """
+
+    name: str
+    model: str
+    device: TwinDevice
+    slot: Slot
+    controls: ControlTable = MOTION
+
+
+class Network(Protocol):
+    """Devices and what connects them; see ``SerialNetwork`` and ``CanNetwork``."""
+
+    settled_ns: Nanos | None
+
+    @property
+    def now_ns(self) -> Nanos:
+        """The time up to which everything has happened."""
+
+    @property
+    def has_effects(self) -> bool:
+        """Whether there is something to take."""
+
+    def run_until(self, now: Nanos) -> None:
+        """Let everything happen that is due by ``now``."""
+
+    def take_effects(self) -> list[tuple[int, Store | Trace]]:
+        """The stores and traces since last time."""
+
+    def perform(self, index: int, effects: Sequence[Effect]) -> None:
+        """Perform the effects of a method of a device called from outside."""
+
+    def power_off(self, index: int) -> None:
+        """Cut a device's supply."""
+
+    def power_on(self, index: int) -> None:
+        """Apply a device's supply."""
+
+
+Net = TypeVar("Net", bound=Network)
+
+
+class Simulation(ABC, Generic[Net]):
+    """The devices of ``stations`` on ``network``, which belongs to this object from now on.
+
+    Every method raises StateError once the storage has failed.
+    """
+
+    def __init__(
+        self, network: Net, clock: Clock, storage: Stores, stations: Sequence[Station]
+    ) -> None:
+        self.clock = clock
+        self._network = network
+        self._storage = storage
+        self._stations = tuple(stations)
+        self._lock = threading.RLock()
+        self._changed = threading.Condition(self._lock)
+        self._on_change: Callable[[], None] | None = None
+        self._subscribers: list[Subscriber] = []
+        self._failure: StateError | None = None
+        self._wakes = 0
+        self._sleepers = 0
+        self._is_closed = False
+        self.twins: list[AnyTwin] = []
+        for index, station in enumerate(self._stations):
+            make = handle_class(station.controls)
+            twin = make(self, index, station.name, station.model, station.device)
+            self.twins.append(cast(AnyTwin, twin))
+
+    # -- time ---------------------------------------------------------------------------------
+
+    @property
+    def is_virtual(self) -> bool:
+        """Whether time passes only by ``advance`` and by waiting."""
+        return self.clock.is_virtual
+
+    @property
+    def is_volatile(self) -> bool:
+        """Whether the cells are forgotten at the end of the process."""
+        return self._storage.is_volatile
+
+    def sync(self) -> Nanos:
+        """Do all that is due by the clock's present time; returns that time."""
+        now = self.clock.now_ns()
+        if now == self._network.settled_ns and self._failure is None:
+            return now  # by far the most common, and no reason to wait for another thread
+        with self._lock:
+            return self._sync()
+
+    def _sync(self) -> Nanos:
+        """``sync`` by who has the lock."""
+        if self._failure is not None:
+            raise self._failure
+        now = self._now_ns()
+        if now != self._network.settled_ns:
+            self._network.run_until(now)
+            self._settle()
+        return now
+
+    def _now_ns(self) -> Nanos:
+        """The clock's present time, which the network may be ahead of."""
+        now = self.clock.now_ns()
+        if now == self._network.settled_ns:
+            return now
+        reached = self._network.now_ns
+        return now if now > reached else reached
+
+    def _settle(self) -> None:
+        """Perform what the network's parts want done, before anything is readable (rules 2, 3)."""
+        network = self._network
+        if network.has_effects:
+            self._perform(network.take_effects())
+        if self._note_readable() and not self._storage.is_volatile:
+            self.save_moving()
+
+    @abstractmethod
+    def _note_readable(self) -> bool:
+        """Whether there is more to read than last time."""
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether an axis moves: ``save_moving`` is then worth calling from time to time."""
+        with self._lock:
+            now = self._network.now_ns
+            return any(station.device.is_moving(now) for station in self._stations)
+
+    @abstractmethod
+    def next_event_ns(self) -> Nanos | None:
+        """When ``sync`` should be called next; None: not before something changes."""
+
+    def advance(self, duration_ns: Nanos) -> Nanos:
+        """Let ``duration_ns`` pass, which takes real time unless it is virtual."""
+        return self.advance_to(self.sync() + duration_ns)
+
+    def advance_to(self, until_ns: Nanos) -> Nanos:
+        """Let time pass until ``until_ns``; returns the present time, which may be later."""
+        while True:
+            now = self._pass_time(until_ns)
+            if now >= until_ns:
+                return now
+
+    @abstractmethod
+    def _pass_time(self, until_ns: Nanos) -> Nanos:
+        """Let time pass until then at most, whatever can be read; returns the time reached."""
+
+    def _sleep(self, due: Nanos | None) -> None:
+        """Wait for ``due``, or for a change."""
+        self._sleepers += 1
+        try:
+            self._changed.wait(None if due is None else self.clock.delay_s(due))
+        finally:
+            self._sleepers -= 1
+
+    def wake(self) -> None:
+        """Make every wait under way return; from any thread."""
+        with self._changed:
+            self._wakes += 1
+            self._changed.notify_all()
+
+    # -- others who take part -----------------------------------------------------------------
+
+    def on_change(self, callback: Callable[[], None] | None) -> None:
+        """Call ``callback`` from now on whenever ``next_event_ns`` may have come nearer.
+
+        It is called in the thread that caused the change and must not wait.
+        """
+        self._on_change = callback
+
+    def subscribe(self, subscriber: Subscriber) -> Callable[[], None]:
+        """Give every trace of a device to ``subscriber``; call what is returned to end that."""
+        with self._lock:
+            self._subscribers.append(subscriber)
+
+        def unsubscribe() -> None:
+            with self._lock:
+                self._subscribers.remove(subscriber)
+
+        return unsubscribe
+
+    def save_moving(self) -> None:
+        """Save, not durably, what has changed by itself: the positions of axes that move."""
+        with self._lock:
+            now = self._network.now_ns
+            for station in self._stations:
+                if station.device.is_moving(now):
+                    self._save_changed(station, now, durable=False)
+
+    def close(self) -> None:
+        """Save everything and let go of the storage.  Raises StateError if that fails."""
+        with self._lock:
+            if self._is_closed:
+                return
+            self._is_closed = True
+            try:
+                if self._failure is None:
+                    now = self.sync()
+                    for station in self._stations:
+                        self._save_changed(station, now, durable=True)
+            finally:
+                self._storage.close()
+                if self._failure is None:
+                    self._failure = self._closed_error()
+            self.wake()
+
+    @abstractmethod
+    def _closed_error(self) -> StateError:
+        """What is raised by whoever uses it after ``close``."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: "TracebackType | None",
+    ) -> None:
+        self.close()
+
+    # -- for the twins ------------------------------------------------------------------------
+
+    @contextmanager
+    def present(self) -> Iterator[Nanos]:
+        """The network at its present time, which stands still in the block."""
+        with self._lock:
+            yield self.sync()
+
+    @contextmanager
+    def changing(self) -> Iterator[Nanos]:
+        """The network at its present time, to be changed from outside by what is in the block."""
+        with self._changed:
+            yield self.sync()
+            self.sync()
+            self._tell()
+
+    def act(self, index: int, action: Callable[[Nanos], Sequence[Effect]]) -> None:
+        """Have ``action`` do something to device ``index`` now, and perform its effects."""
+        with self.changing() as now:
+            self._network.perform(index, action(now))
+            self._save_changed(self._stations[index], now, durable=False)  # a hand moves shafts
+
+    def set_power(self, index: int, on: bool) -> None:
+        """Apply or cut the supply of device ``index`` now; what it kept by itself is on disk."""
+        with self.changing() as now:
+            if on:
+                self._network.power_on(index)
+            else:
+                self._network.power_off(index)
+                self._save_changed(self._stations[index], now, durable=False)
+
+    def _tell(self) -> None:
+        """Something new may be due: tell those who wait for time or keep an alarm."""
+        if self._sleepers:
+            self._changed.notify_all()
+        if self._on_change is not None:
+            self._on_change()
+
+    def _perform(self, effects: Sequence[tuple[int, Store | Trace]]) -> None:
+        for index, effect in effects:
+            if isinstance(effect, Store):
+                self._save(self._stations[index], dict(effect.cells), durable=effect.durable)
+            else:
+                for subscriber in tuple(self._subscribers):
+                    subscriber(self.twins[index], effect)
+
+    def _save_changed(self, station: Station, now: Nanos, *, durable: bool) -> None:
+        saved = station.slot.cells
+        cells = station.device.cells(now)
+        changed = {name: value for name, value in cells.items() if saved.get(name) != value}
+        if changed or durable:
+            self._save(station, changed, durable=durable)
+
+    def _save(self, station: Station, cells: Mapping[str, int], *, durable: bool) -> None:
+        try:
+            station.slot.save(cells, durable=durable)
+        except StateError as error:
+            self._failure = error
+            raise
+
+
+def earliest(first: Nanos | None, second: Nanos | None) -> Nanos | None:
+    """The earlier of two times that may never come."""
+    if first is None or second is None:
+        return first if second is None else second
+    return min(first, second)
