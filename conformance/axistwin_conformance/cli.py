@@ -15,18 +15,18 @@ import os
 import re
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from axistwin_conformance.base import interrupts
 from axistwin_conformance.base.classes import FULL, LEVELS
 from axistwin_conformance.base.errors import UsageError, with_article
-from axistwin_conformance.base.write_budget import DEFAULT_BUDGET
 from axistwin_conformance.cli_types import Word, WordPath, refuse_lost
-from axistwin_conformance.families.catalog import families
+from axistwin_conformance.core.option_types import Address, Count
+from axistwin_conformance.families.catalog import families, family_options
 from axistwin_conformance.options import make_options as make_options
 from axistwin_conformance.options import parse_allowed as parse_allowed
 from axistwin_conformance.options import usable_cores
@@ -40,45 +40,9 @@ VERDICTS = (0, 1, 4)
 UNWRITTEN = 2  # a verdict that is missing where it was asked for is none
 UNWRITABLE = (errno.EPIPE, errno.ENOSPC, errno.EIO, errno.EFBIG, errno.EDQUOT)
 UNHEARD = 141  # what a shell tells of a program that a closed pipe has ended: 128 + SIGPIPE
-MOST_TRAVEL = 1 << 31  # increments: from one end of an axis's counter to the other
-MOST_SPEED = 8_000_000  # increments per second: the shortest period there is, of one tick
 MOST_BAUD = 16_000_000  # beyond what any adapter does
 MOST_JOBS = 1024
 MOST_SOAK_S = 366 * 24 * 3600.0
-
-
-class Address(click.ParamType[int]):
-    """An address: decimal, 0x7F or 7Fh."""
-
-    name = "address"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        """Read the number; the family checks the range."""
-        text = str(value).strip().lower()
-        try:
-            return int(text[:-1], 16) if text.endswith("h") else int(text, 0)
-        except ValueError:
-            self.fail(f"{value!r} is no address: write 5, 0x05 or 05h", param, ctx)
-
-
-class Count(click.ParamType[int]):
-    """A whole number between two bounds, both meant."""
-
-    name = "count"
-
-    def __init__(self, lowest: int, highest: int) -> None:
-        self.lowest, self.highest = lowest, highest
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        """Read it; whatever else was written is a mistake."""
-        bounds = f"{self.lowest} to {self.highest}"
-        try:
-            number = int(value)
-        except ValueError:
-            self.fail(f"{value!r} is no whole number: choose one of {bounds}", param, ctx)
-        if not self.lowest <= number <= self.highest:
-            self.fail(f"{value} is out of range: choose {bounds}", param, ctx)
-        return number
 
 
 class Duration(click.ParamType[float]):
@@ -99,48 +63,6 @@ class Duration(click.ParamType[float]):
         return seconds
 
 
-class Span(click.ParamType[range]):
-    """FIRST-LAST, both meant; one number alone is a span of its own."""
-
-    name = "span"
-
-    def __init__(self, highest: int) -> None:
-        self.highest = highest
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> range:
-        """Read it; the highest number there can be is known here."""
-        first, dash, last = str(value).partition("-")
-        if not first or (dash and not last):
-            self.fail(f"{value!r} is no span: write FIRST-LAST within 0-{self.highest}", param, ctx)
-        low = Address().convert(first, param, ctx)
-        high = Address().convert(last, param, ctx) if dash else low
-        if low > high:
-            self.fail(f"{value!r} runs backwards: write {last}-{first}", param, ctx)
-        if not 0 <= low <= high <= self.highest:
-            self.fail(f"{value!r} is no span: write FIRST-LAST within 0-{self.highest}", param, ctx)
-        return range(low, high + 1)
-
-
-class ProgramPlace(click.ParamType[tuple[int, int]]):
-    """FLAG:ADDRESS, where the bench program begins."""
-
-    name = "place"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, int]:
-        """Read it; the program has four flags, and variables behind its address."""
-        flag, colon, address = str(value).partition(":")
-        if not colon:
-            self.fail(f"{value!r} is no FLAG:ADDRESS, such as 240:6144", param, ctx)
-        first, place = (Address().convert(one, param, ctx) for one in (flag, address))
-        if not (0 <= first <= 252 and 0 <= place <= 0xFFFF):
-            self.fail(f"{value!r} is out of range: 0-252 and 0-65535", param, ctx)
-        return first, place
-
-
 class Mistake(click.ClickException):
     """A wrong word on the command line, told in one line; `ctx` tells whose help to look at."""
 
@@ -157,6 +79,19 @@ class OutputLost(BaseException):
     def __init__(self, error: OSError) -> None:
         super().__init__(error)
         self.error = error
+
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def _family_options(function: Function) -> Function:
+    """The options that belong to families, those of all of them in one order."""
+    for option in reversed(family_options()):
+        named = click.option(
+            f"--{option.name}", type=option.kind, metavar=option.metavar, help=option.help
+        )
+        function = named(function)
+    return function
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
@@ -196,44 +131,7 @@ class OutputLost(BaseException):
     help="What may be done beside passive tests: motion, stored, rig, destructive. "
     "Default: nothing on a port or a bus, everything on the built-in twin.",
 )
-@click.option(
-    "--max-travel",
-    type=Count(1, MOST_TRAVEL),
-    metavar="STEPS",
-    help=f"Never move further than this from where the axis is found; up to {MOST_TRAVEL}.",
-)
-@click.option(
-    "--max-speed",
-    type=Count(1, MOST_SPEED),
-    metavar="STEPS/S",
-    help=f"Never move faster than this; up to {MOST_SPEED}.",
-)
-@click.option(
-    "--variables",
-    type=Span(0xFFFF),
-    metavar="FIRST-LAST",
-    help="Of an MSC: addresses of its data area that nobody else uses; written only with --allow"
-    " stored, and put back.",
-)
-@click.option(
-    "--flags",
-    type=Span(0xFF),
-    metavar="FIRST-LAST",
-    help="Of an MSC: user flags that nobody else uses; set only with --allow stored, and put back.",
-)
-@click.option(
-    "--bench-program",
-    type=ProgramPlace(),
-    metavar="FLAG:ADDRESS",
-    help="Of an MSC: the bench program runs in it, with its flags and variables there.",
-)
-@click.option(
-    "--eeprom-budget",
-    type=click.IntRange(min=0),
-    metavar="N",
-    help=f"Ask for no more than N EEPROM writes. Default: {DEFAULT_BUDGET}; any number"
-    " on a twin; what has to be put back is written all the same.",
-)
+@_family_options
 @click.option(
     "--rig",
     type=click.Choice(("twin", "prompt", "command")),

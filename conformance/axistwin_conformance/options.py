@@ -11,25 +11,16 @@ from typing import TYPE_CHECKING, Any
 
 from axistwin_conformance.base.classes import FULL, SAFETY_CLASSES, SOAK
 from axistwin_conformance.base.errors import UsageError, with_article
-from axistwin_conformance.base.write_budget import DEFAULT_BUDGET
 from axistwin_conformance.core.family import Family
-from axistwin_conformance.core.identity import NO_SCRATCH, ScratchArea
-from axistwin_conformance.families.catalog import find_family
+from axistwin_conformance.families.catalog import family_options, find_family
 from axistwin_conformance.transport.kinds import choose_endpoint
 from axistwin_conformance.transport.transport import is_twin_url
 
 if TYPE_CHECKING:
     from axistwin_conformance.base.recording import Recording
-    from axistwin_conformance.core.session import Envelope
     from axistwin_conformance.engine.plan import Options
 
-BENCH_TRAVEL = 2000  # increments: one turn of a MAC23, a fifth of a MAC34
-BENCH_SPEED = 10_000  # increments per second: 300 rpm on a MAC23
-TWIN_TRAVEL = 1_000_000
-TWIN_SPEED = 1_000_000
 DEFAULT_SOAK_S = 2 * 3600.0
-ADDRESSES = 1 << 16  # of a controller
-PROGRAM_STEP = 128  # addresses: where blocks begin that are apart in every reading
 
 
 def usable_cores() -> int:
@@ -48,12 +39,6 @@ def make_options(
     baud: int | None = None,
     bitrate: int | None = None,
     allow: str | None = None,
-    max_travel: int | None = None,
-    max_speed: int | None = None,
-    variables: range | None = None,
-    flags: range | None = None,
-    bench_program: tuple[int, int] | None = None,
-    eeprom_budget: int | None = None,
     rig: str | None = None,
     rig_command: str | None = None,
     level: str | None = None,
@@ -65,8 +50,12 @@ def make_options(
     replay: str | None = None,
     report: str = "",
     jobs: int = 1,
+    **of_families: Any,
 ) -> Options:
-    """Turn what was typed into options; raises UsageError in one line for what cannot be meant."""
+    """Turn what was typed into options; raises UsageError in one line for what cannot be meant.
+
+    `of_families`: the options that families have declared, by `FamilyOption.parameter`.
+    """
     from axistwin_conformance.engine.plan import Options
 
     family = find_family(model)
@@ -81,8 +70,7 @@ def make_options(
     if is_builtin and rate is not None:
         _check_rate(family, model, rate)
     _check_duration(duration, level)
-    _refuse_bounds(family, model, {"--max-travel": max_travel, "--max-speed": max_speed})
-    granted = {"--variables": variables, "--flags": flags, "--bench-program": bench_program}
+    _refuse_foreign(family, model, of_families)
     others = {"an ID": ids, "--level": level, "--detect": is_detection}
     allowed = parse_allowed(allow, is_builtin=is_builtin)
     options = Options(
@@ -93,8 +81,7 @@ def make_options(
         neighbours=neighbours,
         rate=rate or family.default_rate,
         allowed=allowed,
-        envelope=_envelope(max_travel, max_speed, is_builtin=is_builtin, is_twin=is_twin),
-        scratch=_grounds(family, model, granted, is_builtin=is_builtin),
+        settings=family.options.settings(of_families, is_builtin=is_builtin, is_twin=is_twin),
         level=level or FULL,
         seed=seed,
         words=ids,
@@ -108,19 +95,15 @@ def make_options(
         replay_word=replay or "",
         report=report,
         jobs=jobs,
-        eeprom_budget=_writes(family, model, eeprom_budget, is_twin=is_twin),
     )
     return _with_rig(options, rig, rig_command)
 
 
 def _with_rig(options: Options, kind: str | None, command: str | None) -> Options:
-    """The options with the rig that was chosen.  A program that nobody has named may be the one
-    that works the machine: no rig stops or starts it."""
+    """The options with the rig that was chosen."""
     from axistwin_conformance.transport.rig import choose_rig
 
-    able = options.family.capabilities
-    if options.scratch.program is None:
-        able -= {"program"}
+    able = options.family.capabilities - options.settings.withheld.keys()
     choice = choose_rig(
         kind,
         command,
@@ -141,76 +124,16 @@ def _check_rate(family: Family, model: str, rate: int) -> None:
         )
 
 
-def _refuse_bounds(family: Family, model: str, bounds: Mapping[str, int | None]) -> None:
-    """Raise UsageError for bounds of motion where the suite moves nothing."""
-    for option, bound in bounds.items():
-        if bound is not None and not family.has_axis:
-            raise UsageError(f"{option} {bound}: the suite drives no axis of {with_article(model)}")
-
-
-def _grounds(
-    family: Family, model: str, given: Mapping[str, Any], *, is_builtin: bool
-) -> ScratchArea:
-    """What of a controller is the suite's to use: as named, else what the built-in twin has."""
-    named = {option: ground for option, ground in given.items() if ground is not None}
-    if family.scratch is None:
-        for option in named:
-            raise UsageError(
-                f"{option}: {with_article(model)} has no variables and no flags to be named"
-            )
-        return NO_SCRATCH
-    own = family.scratch if is_builtin else NO_SCRATCH
-    scratch = ScratchArea(
-        named.get("--variables", own.variables),
-        named.get("--flags", own.flags),
-        named.get("--bench-program", own.program),
-    )
-    _check_program(scratch)
-    return scratch
-
-
-def _check_program(scratch: ScratchArea) -> None:
-    """Raise UsageError for a bench program that cannot be there, or that shares what it has."""
-    if scratch.program is None:
-        return
-    flag, address = scratch.program
-    told = f"--bench-program {flag}:{address}"
-    if address % PROGRAM_STEP:
-        raise UsageError(f"{told}: its ADDRESS is a multiple of {PROGRAM_STEP}")
-    variables, flags = scratch.of_program
-    if variables[-1] >= ADDRESSES:
-        raise UsageError(
-            f"{told} has {len(variables)} addresses, the last of them {variables[-1]}: its ADDRESS"
-            f" is {ADDRESSES - len(variables)} at most"
-        )
-    for option, own, named in (
-        ("--variables", variables, scratch.variables), ("--flags", flags, scratch.flags)
-    ):  # fmt: skip
-        if named and own.start < named.stop and named.start < own.stop:
-            raise UsageError(
-                f"{told} has {own[0]}-{own[-1]} to itself: {option} {named[0]}-{named[-1]} must"
-                " not reach into it"
-            )
-
-
-def _writes(family: Family, model: str, budget: int | None, *, is_twin: bool) -> int | None:
-    """How many writes to an EEPROM may be asked for; None: any number, or there is none."""
-    if budget is not None and not family.has_axis:
-        raise UsageError(f"--eeprom-budget {budget}: {model} has no EEPROM that the suite writes")
-    return DEFAULT_BUDGET if budget is None and not is_twin and family.has_axis else budget
-
-
-def _envelope(
-    max_travel: int | None, max_speed: int | None, *, is_builtin: bool, is_twin: bool
-) -> Envelope:
-    """The bounds of motion; enforced unless nobody has asked for any and a twin is moved."""
-    from axistwin_conformance.core.session import Envelope
-
-    return Envelope(
-        max_travel or (TWIN_TRAVEL if is_builtin else BENCH_TRAVEL),
-        max_speed or (TWIN_SPEED if is_builtin else BENCH_SPEED),
-        is_guarded=bool(max_travel or max_speed) or not is_twin,
-    )
+def _refuse_foreign(family: Family, model: str, given: Mapping[str, Any]) -> None:
+    """Raise UsageError for an option of another family, TypeError for one of no family."""
+    known = {option.parameter: option for option in family_options()}
+    for name, value in given.items():
+        option = known.get(name)
+        if option is None:
+            raise TypeError(f"no family has an option {name}")
+        if value is not None and option not in family.options.declared:
+            why = option.refusal.format(value=value, model=model, a_model=with_article(model))
+            raise UsageError(f"--{option.name}{why}")
 
 
 def _recording(family: Family, model: str, word: str, others: Mapping[str, object]) -> Recording:

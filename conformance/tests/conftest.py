@@ -28,6 +28,7 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.engine import device_guard
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine, Envelope, Options
+from axistwin_conformance.families.mac.axis.options import OPTIONS, AxisSettings
 from axistwin_conformance.report import json
 from axistwin_conformance.transport.serial import SerialTransport, open_target
 from axistwin_conformance.transport.transport import Transport
@@ -112,6 +113,8 @@ class ToyFamily(Family):
     addresses = range(8)
     default_address = 0
     default_rate = 9600
+    options = OPTIONS
+    tidying = "stop the axis or put its parameters back"
 
     def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> Transport:
         """Open a port."""
@@ -193,7 +196,7 @@ class Toy:
             "neighbours": (1,),
             "rate": 9600,
             "allowed": frozenset(SAFETY_CLASSES),
-            "envelope": Envelope(1000, 1000),
+            "settings": AxisSettings(Envelope(1000, 1000), changes.pop("eeprom_budget", None)),
             "level": "full",
             "seed": 5,
         } | changes

@@ -28,6 +28,7 @@ from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
+from axistwin_conformance.families.mac.axis.options import AxisSettings
 from axistwin_conformance.transport import serial as serial_transport
 from axistwin_conformance.transport import transport
 from axistwin_conformance.transport.serial import TWIN_HANDLER, SerialTransport
@@ -347,7 +348,9 @@ def judged_behind(
         is_detection=detects,
         allow="motion,stored" if given else "motion,stored,destructive", **given,
     )  # fmt: skip
-    options = replace(options, envelope=replace(options.envelope, max_travel=20_000))
+    if isinstance(settings := options.settings, AxisSettings):
+        settings = replace(settings, envelope=replace(settings.envelope, max_travel=20_000))
+        options = replace(options, settings=settings)
     url = options.family.twin_url(options.model, options.address, ())
     url += query + (f"&baud={rate}" if rate else "")
     ports: list[InterfacePort] = []

@@ -17,11 +17,12 @@ from axistwin_conformance.core.session import Session, Stop
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import Packet
 from axistwin_conformance.families.msc.family import FAMILY
+from axistwin_conformance.families.msc.options import TWIN_SCRATCH
 from axistwin_conformance.transport.rig import OF_A_CONTROLLER, Act, Rig
 
 SCAN_NS = 10_000_000
 AREA = 32768
-FLAG, VARIABLES = FAMILY.scratch.program or (0, 0)
+FLAG, VARIABLES = TWIN_SCRATCH.program or (0, 0)
 COUNT, PULSE, HALT, TIMED = range(FLAG, FLAG + 4)
 COUNTER, TICKS, PULSES, TORN = range(VARIABLES, VARIABLES + 16, 4)
 BLOCK, BLOCK_LAST = VARIABLES + 128, VARIABLES + 128 + 31 * 4

@@ -11,9 +11,9 @@ from zoo_msc.planting import alarms, around
 
 from axistwin.devices.msc.receiver import Receiver, Whom
 from axistwin_conformance.base.check import Check
-from axistwin_conformance.core.identity import ScratchArea
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, STX
+from axistwin_conformance.families.msc.options import ScratchArea
 
 Make = Callable[[MonkeyPatch], TwinPort]
 Turn = Callable[[bytes], bytes]

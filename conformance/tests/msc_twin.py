@@ -20,6 +20,7 @@ from axistwin_conformance.core.session import Envelope, Run, Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK
 from axistwin_conformance.families.msc.family import FAMILY
+from axistwin_conformance.families.msc.options import TWIN_SCRATCH
 from axistwin_conformance.transport.serial import TWIN_HANDLER, SerialTransport
 
 BYTE_NS: Final = 10_000_000_000 // 9600
@@ -177,7 +178,7 @@ def session_on(port: Any, checked: Check | None = None, **how: Any) -> Session:
         "allowed": frozenset({"passive", "stored"}),
         "envelope": Envelope(0, 0),
         "seed": 0,
-        "scratch": FAMILY.scratch,
+        "settings": TWIN_SCRATCH,
     }
     return Session(Run(**(fields | how)), checked)
 

@@ -13,6 +13,6 @@ FLAGS = range(128, 192)  # all that the built-in twin has
 
 def small_scratch(model: str) -> dict[str, Any]:
     """What `make_options` is told of a model beside its name; nothing if it has no variables."""
-    if find_family(model).scratch is None:
-        return {}
-    return {"variables": VARIABLES, "flags": FLAGS}
+    named = {"variables": VARIABLES, "flags": FLAGS}
+    known = {option.parameter for option in find_family(model).options.declared}
+    return named if named.keys() <= known else {}

@@ -69,7 +69,7 @@ def make_client(module: Module, toy: Any, *, is_lossless: bool = True, **words: 
     run = Run(
         target=target, family=toy.family, model=toy.family.models["toy"],
         ledger=load_ledger("mac_can"), address=1, neighbours=(), allowed=options.allowed,
-        envelope=options.envelope, seed=5,
+        envelope=options.settings.envelope, seed=5,
     )  # fmt: skip
     return CanClient(Session(run, check("MACC-SDO-03", "MACC-SDO-06")(sample_check)))
 

@@ -11,11 +11,10 @@ from click.testing import CliRunner
 from axistwin_conformance.base.check import check
 from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.cli import conform, make_options
-from axistwin_conformance.core.identity import NO_SCRATCH, ScratchArea
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.engine.plan import Options
 from axistwin_conformance.engine.run import Engine
-from axistwin_conformance.families.catalog import find_family
+from axistwin_conformance.families.msc.options import NO_SCRATCH, TWIN_SCRATCH, ScratchArea
 from axistwin_conformance.transport.rig import OF_A_CONTROLLER, CommandRig, TwinRig, in_words
 from axistwin_conformance.transport.serial import SerialTransport, open_target
 
@@ -32,18 +31,18 @@ def options(**given: Any) -> Options:
 
 def test_a_real_controller_grants_nothing_by_itself() -> None:
     """Whatever the built-in twin has, of a device on a port nothing is the suite's to use."""
-    assert options().scratch == NO_SCRATCH
-    assert not options().scratch.met
+    assert options().settings == NO_SCRATCH
+    assert not options().settings.met
     assert not {"variables", "flags", "program", "bench"} & options().provided
     builtin = make_options(model="msc-250")
-    assert builtin.scratch == find_family("msc-250").scratch
+    assert builtin.settings == TWIN_SCRATCH
     assert {"variables", "flags", "program", "bench"} <= builtin.provided
 
 
 def test_what_is_named_is_granted() -> None:
     """Each option meets the need of its name."""
     named = options(variables=range(2048, 2304), flags=range(200, 204), bench_program=(240, 6144))
-    assert named.scratch == ScratchArea(range(2048, 2304), range(200, 204), (240, 6144))
+    assert named.settings == ScratchArea(range(2048, 2304), range(200, 204), (240, 6144))
     assert {"variables", "flags", "program"} <= named.provided
     assert "bench" not in named.provided
     assert "bench" in options(allow="rig").provided
@@ -64,7 +63,7 @@ def test_what_is_named_on_a_port_is_named_again_even_if_a_twin_has_just_that() -
         model="msc-250", port=PORT, variables=range(1024, 5120), flags=range(128, 192),
         bench_program=(240, 6144),
     )  # fmt: skip
-    assert named.scratch == find_family("msc-250").scratch
+    assert named.settings == TWIN_SCRATCH
     assert "--variables 1024-5119 --flags 128-191 --bench-program 240:6144" in named.command
 
 

@@ -140,7 +140,7 @@ class Case:
             address=0,
             neighbours=(1,),
             allowed=options.allowed,
-            envelope=options.envelope,
+            envelope=options.settings.envelope,
             seed=3,
             emit=self.events.append,
         )

@@ -11,10 +11,10 @@ from msc_judging import failed, troubles
 
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.verdicts import Verdict
-from axistwin_conformance.core.identity import NO_SCRATCH, ScratchArea
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import Packet
 from axistwin_conformance.families.msc.family import FAMILY
+from axistwin_conformance.families.msc.options import NO_SCRATCH, TWIN_SCRATCH, ScratchArea
 
 REPLY_NS = 10_000_000
 MODULES = tuple(
@@ -55,9 +55,9 @@ def test_what_the_operator_has_named_is_enough(
     check: Check, variables: range, flags: range
 ) -> None:
     """With little named, wherever it begins, nothing fails and nothing else is written to."""
-    place = FAMILY.scratch.program
+    place = TWIN_SCRATCH.program
     scratch = ScratchArea(variables, flags, place)
-    found = judge(check.name, Controller(), is_twin=False, scratch=scratch)
+    found = judge(check.name, Controller(), is_twin=False, settings=scratch)
     assert not failed(found), troubles(found)
 
 
@@ -66,7 +66,7 @@ def test_what_the_operator_has_named_is_enough(
 )
 def test_nothing_needs_be_named_for_what_only_reads(check: Check) -> None:
     """The checks without needs hold on a controller of which nothing is known."""
-    found = judge(check.name, Controller(), is_twin=False, scratch=NO_SCRATCH)
+    found = judge(check.name, Controller(), is_twin=False, settings=NO_SCRATCH)
     assert not failed(found), troubles(found)
 
 

@@ -13,12 +13,12 @@ from axistwin_conformance.base.errors import TargetError, WrongDevice
 from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.cli import conform
 from axistwin_conformance.core.family import Violation
-from axistwin_conformance.core.identity import ScratchArea
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK
 from axistwin_conformance.families.msc.driver import MscDriver
 from axistwin_conformance.families.msc.family import FAMILY
+from axistwin_conformance.families.msc.options import ScratchArea
 from axistwin_conformance.families.msc.snapshot import layout
 
 GROUNDS = ScratchArea(range(1024, 1400), range(128, 132))
@@ -26,7 +26,7 @@ GROUNDS = ScratchArea(range(1024, 1400), range(128, 132))
 
 def session_of(port: TwinPort, **how: Any) -> Session:
     """A session between checks."""
-    return session_on(port, **{"scratch": GROUNDS, **how})
+    return session_on(port, **{"settings": GROUNDS, **how})
 
 
 # --- who is there ---------------------------------------------------------------------------------
@@ -229,14 +229,14 @@ def test_what_a_program_uses_is_not_the_suites_to_write(ground: ScratchArea, tol
 
     port.served = counting
     with pytest.raises(TargetError, match=told):
-        FAMILY.remember(session_of(port, scratch=ground))
+        FAMILY.remember(session_of(port, settings=ground))
 
 
 def test_the_programs_flags_are_put_back_to_off_only() -> None:
     """Turned on, they are orders to it."""
     port = TwinPort()
     port.flags = {240}
-    session = session_of(port, scratch=ScratchArea(range(0), range(0), (240, 6144)))
+    session = session_of(port, settings=ScratchArea(range(0), range(0), (240, 6144)))
     run = session.run
     run.memory = FAMILY.remember(session)
     moving = Session(run, check_of("motion", needs=("program",)))
@@ -250,7 +250,7 @@ def test_the_programs_flags_are_put_back_to_off_only() -> None:
 def test_variables_that_cannot_be_read_keep_a_run_from_writing() -> None:
     """Nothing may be put back as 0."""
     with pytest.raises(TargetError, match="a DREAD reply of 18 bytes"):
-        FAMILY.remember(session_of(TwinPort(), scratch=ScratchArea(range(40000, 40008))))
+        FAMILY.remember(session_of(TwinPort(), settings=ScratchArea(range(40000, 40008))))
 
 
 # --- what no unit says ----------------------------------------------------------------------------

@@ -14,7 +14,6 @@ from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.events import Event, FailureStored, StatesCovered
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.base.verdicts import Verdict
-from axistwin_conformance.core.identity import ScratchArea
 from axistwin_conformance.core.session import Session, Stop
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.checks.machines import (
@@ -30,6 +29,7 @@ from axistwin_conformance.families.msc.checks.sequences import (
 from axistwin_conformance.families.msc.codec import ACK, NAK
 from axistwin_conformance.families.msc.driver import MscDriver
 from axistwin_conformance.families.msc.family import FAMILY
+from axistwin_conformance.families.msc.options import ScratchArea
 from axistwin_conformance.families.msc.sequences.machine import ModelledUnit, UnitMachine
 from axistwin_conformance.families.msc.sequences.operations import OPERATIONS, WHAT
 from axistwin_conformance.families.msc.sequences.runner import MscRunner, runner_of
@@ -145,7 +145,7 @@ def test_what_is_written_is_put_back() -> None:
 def test_places_lie_inside_what_is_named(named: range) -> None:
     """However little that is, and wherever it begins."""
     scratch = ScratchArea(named, range(130, 131))
-    driver = MscDriver(session_on(TwinPort(), many_sequences, scratch=scratch))
+    driver = MscDriver(session_on(TwinPort(), many_sequences, settings=scratch))
     spots, blocks, cover = places(driver)
     assert all(one in named and one % 4 == 0 for one in (*spots, *blocks))
     assert all(one + 31 * 4 in named for one in blocks)
@@ -154,7 +154,8 @@ def test_places_lie_inside_what_is_named(named: range) -> None:
 
 def test_the_smallest_ground_is_enough_to_play_on() -> None:
     """One variable, one flag: what needs more does less."""
-    case = Case(TwinPort(), many_sequences, scratch=ScratchArea(range(2000, 2004), range(130, 131)))
+    scratch = ScratchArea(range(2000, 2004), range(130, 131))
+    case = Case(TwinPort(), many_sequences, settings=scratch)
     case.run()
     assert case.failed == {}
 

@@ -13,11 +13,11 @@ from msc_twin import TwinPort, session_on, target_of
 
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import conform, make_options
-from axistwin_conformance.core.identity import ScratchArea
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.family import FAMILY
+from axistwin_conformance.families.msc.options import ScratchArea
 from axistwin_conformance.families.msc.preflight.flag_check import try_flags
 
 PORT = "axistwin://msc-250?time=virtual"
@@ -29,7 +29,7 @@ REMEDY = "name only flags that nothing else drives"
 def tried(port: TwinPort, flags: range = NAMED, *, is_lossless: bool = True) -> str:
     """What the trial says of these flags; all that it has touched is put back."""
     target = target_of(port, is_lossless=is_lossless)
-    session = session_on(port, target=target, scratch=ScratchArea(range(0), flags))
+    session = session_on(port, target=target, settings=ScratchArea(range(0), flags))
     session.run.memory = FAMILY.remember(session)
     told = try_flags(session)
     assert FAMILY.restore(session, session.run.memory) == ()

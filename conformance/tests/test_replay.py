@@ -95,7 +95,7 @@ def test_on_a_port_a_replay_moves_only_if_that_is_allowed() -> None:
         conform, ("mac23", "--replay", FAILING, "--port", "/dev/ttyX", "--dry-run")
     )
     assert "left out: the_recorded_operations: not allowed: motion, stored" in result.output
-    assert options.envelope.is_guarded
+    assert options.settings.envelope.is_guarded
 
 
 def test_what_is_different_from_then_is_told(tmp_path: Path) -> None:

@@ -32,7 +32,7 @@ def make_run(toy: Any) -> Run:
         address=0,
         neighbours=(),
         allowed=options.allowed,
-        envelope=options.envelope,
+        envelope=options.settings.envelope,
         seed=5,
     )
 

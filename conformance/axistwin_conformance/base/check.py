@@ -42,17 +42,24 @@ CAPABILITIES: Final[Mapping[str, str]] = {
     "battery": "takes the battery of the memory away",
 }
 
-# What a check may need beside the device itself, and what to tell who does not have it.
-NEEDS: Mapping[str, str] = {
+# What a check may need beside the device itself, and what to tell who does not have it.  Families
+# add what only their options meet (`declare_needs`).
+NEEDS: dict[str, str] = {
     "neighbour": "needs a second module beside it (--neighbour ADDRESS)",
     "alone": "needs the module alone (no --neighbour)",
     "virtual": "needs virtual time: only the built-in twin can show it",
-    "variables": "needs variables to use as it likes (--variables FIRST-LAST)",
-    "flags": "needs user flags to use as it likes (--flags FIRST-LAST)",
-    "program": "needs the bench program in the controller (--bench-program FLAG:ADDRESS)",
     "bench": "may disturb a controller that is in use: only on a bench (--allow rig)",
     **{f"{RIG}{name}": f"needs a rig that {words} (--rig)" for name, words in CAPABILITIES.items()},
 }
+
+
+def declare_needs(needs: Mapping[str, str]) -> None:
+    """Let checks have these needs, too: name → what to tell who does not have it.  Raises
+    ValueError for a name that means something else already."""
+    for name, text in needs.items():
+        if NEEDS.setdefault(name, text) != text:
+            raise ValueError(f"two families have a need {name}: call one of them otherwise")
+
 
 CheckFunction = Callable[[Any], None]  # of a `Session`, which knows checks and is not known here
 

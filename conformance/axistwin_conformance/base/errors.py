@@ -87,14 +87,21 @@ def interrupts_first() -> Iterator[None]:
         raise
 
 
+VOWELS = frozenset("aeiou")
+SPOKEN_WITH_A_VOWEL = frozenset("aefhilmnorsx")  # letters whose names begin with one
+
+
 def counted(count: int, word: str) -> str:
     """``1 check``, ``2 checks``."""
     return f"{count} {word}{'s'[: count != 1]}"
 
 
 def with_article(model: object) -> str:
-    """``a mac23``, ``an msc-250``: the one is read as a word, the other letter by letter."""
-    return f"{'an' if str(model).startswith('msc') else 'a'} {model}"
+    """``a mac23``, ``an msc-250``: read as a word if it has a vowel, else letter by letter."""
+    name = str(model)
+    word = name.partition("-")[0].rstrip("0123456789").lower()
+    first_vowels = VOWELS if VOWELS & {*word} else SPOKEN_WITH_A_VOWEL
+    return f"{'an' if word[:1] in first_vowels else 'a'} {name}"
 
 
 def time_left(seconds: float) -> str:

@@ -20,9 +20,10 @@ from axistwin_conformance.base.errors import UsageError, with_article
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.base.transcript import Record
-from axistwin_conformance.core.identity import Identity, Model, ScratchArea
+from axistwin_conformance.core.identity import Identity, Model
 from axistwin_conformance.core.probing import Probe
 from axistwin_conformance.core.session import Run, Session
+from axistwin_conformance.core.settings import FamilyOptions
 from axistwin_conformance.transport.kinds import LINE, TransportKind
 from axistwin_conformance.transport.rig import OF_AN_AXIS
 from axistwin_conformance.transport.transport import Transport, TravelLimiter
@@ -45,9 +46,9 @@ class Family(ABC):
     `name`: of the family and of its ledger.  `addresses`: those a device can have.
     `default_rate`: of the line or bus; None: as the interface is set.  `rates`: the ones it can
     have; none named: any.  `transport_kind`: how the devices are reached, and what that is called.
-    `capabilities`: what of a rig serves such a device.  `scratch`: of the built-in twin; None: the
-    family has no variables or flags to be named.  `has_axis`: an envelope of motion means something
-    to it.  `impact`: safety class → what its checks do to a device, in words, for `--dry-run`.
+    `capabilities`: what of a rig serves such a device.  `options`: of the command line
+    that are its own.  `tidying`: what is done to a device at the end of a run, in words.
+    `impact`: safety class → what its checks do to a device, in words, for `--dry-run`.
     `tried_needs`: those needs of checks that `unusable` tries before a check relies on them.
     `operation_bytes`: of one recorded operation; 0: nothing of it is recorded.
     """
@@ -60,8 +61,8 @@ class Family(ABC):
     rates: tuple[int, ...] = ()
     transport_kind: TransportKind = LINE
     capabilities: frozenset[str] = OF_AN_AXIS
-    scratch: ScratchArea | None = None
-    has_axis: bool = True
+    options: FamilyOptions = FamilyOptions()
+    tidying: str = "put back what it held"
     impact: ClassVar[Mapping[str, str]] = {}
     tried_needs: frozenset[str] = frozenset()
     replay_module: str = ""

@@ -24,8 +24,9 @@ from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.base.write_budget import WriteBudget
-from axistwin_conformance.core.identity import NO_SCRATCH, Identity, Model, ScratchArea
+from axistwin_conformance.core.identity import Identity, Model
 from axistwin_conformance.core.profile import Detection
+from axistwin_conformance.core.settings import Envelope as Envelope
 from axistwin_conformance.transport.kinds import TransportKind
 from axistwin_conformance.transport.rig import Rig
 from axistwin_conformance.transport.serial import SerialTransport
@@ -59,16 +60,6 @@ class Stop(Exception):  # noqa: N818 - control flow of a check, not an error
     """Ends a check whose findings are recorded already; its text is for whoever has no findings."""
 
 
-@dataclass(frozen=True, slots=True)
-class Envelope:
-    """The bounds of motion on this device: `max_travel` increments either way from where the run
-    found the axis, `max_speed` increments per second."""
-
-    max_travel: int
-    max_speed: int
-    is_guarded: bool = True  # False: nobody holds back what asks for more (built-in twin)
-
-
 class DeviceFamily(Protocol):
     """What a session, a check or a sequence may ask of the family; see `family.Family`."""
 
@@ -91,10 +82,6 @@ class DeviceFamily(Protocol):
     @property
     def transport_kind(self) -> TransportKind:
         """How the devices are reached."""
-
-    @property
-    def scratch(self) -> ScratchArea | None:
-        """What the built-in twin has for the suite to use."""
 
     def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> Transport:
         """Open the way to a device; raises TargetError."""
@@ -145,22 +132,7 @@ class Run:
     shrunk: set[str] = field(default_factory=set)  # requirements of which a short failure is known
     shrinks: bool = True  # False: what fails here is shrunk elsewhere
     is_interrupted: bool = False  # a check has told what it knew first: now the run is to end
-    scratch: ScratchArea = NO_SCRATCH
-
-    @property
-    def variables(self) -> range:
-        """The addresses that the suite may use as it likes."""
-        return self.scratch.variables
-
-    @property
-    def flags(self) -> range:
-        """The user flags that the suite may use as it likes."""
-        return self.scratch.flags
-
-    @property
-    def bench_program(self) -> tuple[int, int] | None:
-        """The first flag and the first address of the bench program, if it is there."""
-        return self.scratch.program
+    settings: Any = None  # what the family's options have been set to, beside the envelope
 
 
 class Session:

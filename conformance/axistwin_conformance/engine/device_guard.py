@@ -94,8 +94,8 @@ class DeviceGuard:
             address=options.address,
             neighbours=neighbours,
             allowed=options.allowed,
-            envelope=options.envelope,
-            scratch=options.scratch,
+            envelope=options.settings.envelope,
+            settings=options.settings,
             seed=options.seed,
             budget=self.budget,
             emit=self.emit,
@@ -122,25 +122,24 @@ class DeviceGuard:
         """Stop and put back on the way out, whichever it is, once anything but passive has run."""
         if run.memory is None or run.target.crash:
             return
-        has_axis = self.options.family.has_axis
-        deed = "stop the axis or put its parameters back" if has_axis else "put back what it held"
+        tidying = self.options.family.tidying
         try:
             self.restore(run, is_leaving=True)
         except interrupts.CutShort:
-            self._leave(run, deed)
+            self._leave(run, tidying)
         except TargetError as error:
-            self.trouble(f"could not {deed}: {error}")
+            self.trouble(f"could not {tidying}: {error}")
         except Exception as error:  # nothing may keep the port from being closed
-            self.trouble(f"could not {deed}: {describe(error)}")
+            self.trouble(f"could not {tidying}: {describe(error)}")
 
-    def _leave(self, run: Run, deed: str) -> None:
+    def _leave(self, run: Run, tidying: str) -> None:
         """Stop at once, and tell what may not be as it was: nobody waits any longer."""
         try:
             with contextlib.suppress(Exception):
                 self.options.family.stop(Session(run))
         finally:  # this is cut short as well
             held = "; ".join([str(run.memory), *(one.what for one in run.cleanups)])
-            self.trouble(f"interrupted again, could not {deed}; it held: {held}")
+            self.trouble(f"interrupted again, could not {tidying}; it held: {held}")
 
     # --- between checks --------------------------------------------------------------------------
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.errors import counted, with_article
-from axistwin_conformance.core.identity import ScratchArea
 from axistwin_conformance.engine.plan import Options, Plan
 
 
@@ -67,36 +66,9 @@ def _does(check: Check, safety: str) -> bool:
 
 def _within(safety: str, options: Options) -> str:
     """The bounds that are kept to, whatever a check is about."""
-    if not options.family.has_axis and safety in ("motion", "stored"):
-        return _grounds(safety, options.scratch)
-    if safety == "motion":
-        envelope = options.envelope
-        bounds = (
-            f"not further than {envelope.max_travel} increments from where the axis is found"
-            f" (--max-travel), not faster than {envelope.max_speed} per second (--max-speed)"
-        )
-        return bounds if envelope.is_guarded else "without bounds: a twin cannot be harmed"
-    if safety == "stored":
-        budget = options.eeprom_budget
-        most = "any number of" if budget is None else f"at most {budget}"
-        return (
-            f"read first and put back; {most} EEPROM writes (--eeprom-budget), but what puts back"
-            " is always written"
-        )
-    if safety == "rig":
-        return f"by --rig {options.rig.kind}, brought to rest after each check"
-    if safety == "destructive":
-        return "last; not all of it can be put back"
-    return "nothing is changed"
-
-
-def _grounds(safety: str, scratch: ScratchArea) -> str:
-    """What of a controller is used, where no axis is driven and no EEPROM written."""
-    if safety == "motion":
-        at = (
-            "nothing" if scratch.program is None else "flag {}, address {}".format(*scratch.program)
-        )
-        return f"no axis is driven; the bench program works at {at} (--bench-program)"
-    named = {"variables": scratch.variables, "flags": scratch.flags}
-    told = [f"{name} {one[0]} to {one[-1]} (--{name})" for name, one in named.items() if one]
-    return f"read first and put back; {', '.join(told) or 'no variables and no flags'}"
+    known = {
+        "rig": f"by --rig {options.rig.kind}, brought to rest after each check",
+        "destructive": "last; not all of it can be put back",
+        "passive": "nothing is changed",
+    }
+    return known[safety] if safety in known else options.settings.within(safety)

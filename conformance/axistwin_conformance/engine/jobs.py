@@ -25,6 +25,7 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
+from typing import Any
 
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.events import Event, FailureStored, Outcome
@@ -33,7 +34,7 @@ from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.base.write_budget import WriteBudget
 from axistwin_conformance.core.family import Family
-from axistwin_conformance.core.identity import Identity, ScratchArea
+from axistwin_conformance.core.identity import Identity
 from axistwin_conformance.core.profile import Detection
 from axistwin_conformance.core.session import Envelope, Run, Session
 from axistwin_conformance.engine.attempts import Attempts, describe
@@ -61,7 +62,7 @@ class RunSetup:
     round_trip: RoundTrip
     readings: Mapping[str, str]
     detections: Mapping[str, Detection]
-    scratch: ScratchArea
+    settings: Any
 
     @classmethod
     def of(cls, run: Run) -> RunSetup:
@@ -69,7 +70,7 @@ class RunSetup:
         return cls(
             run.model.name, run.target.description, run.target.rate, run.address, run.neighbours,
             run.allowed, run.envelope, run.identity, run.target.round_trip, dict(run.readings),
-            dict(run.detections), run.scratch,
+            dict(run.detections), run.settings,
         )  # fmt: skip
 
 
@@ -135,7 +136,7 @@ def judge(setup: RunSetup, name: str, seed: int) -> WorkerResult:
             ledger=load_ledger(family.name), address=setup.address, neighbours=setup.neighbours,
             allowed=setup.allowed, envelope=setup.envelope, seed=seed, identity=setup.identity,
             readings=dict(setup.readings), detections=dict(setup.detections),
-            budget=WriteBudget(), emit=events.append, shrinks=False, scratch=setup.scratch,
+            budget=WriteBudget(), emit=events.append, shrinks=False, settings=setup.settings,
         )  # fmt: skip
         target.meter = lambda data: run.budget.note(family.stored_writes(data))
         if run.envelope.is_guarded:

@@ -16,9 +16,8 @@ from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.base.ledger import Ledger
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.core.family import Family
-from axistwin_conformance.core.identity import NO_SCRATCH, ScratchArea
 from axistwin_conformance.core.probing import Probe
-from axistwin_conformance.core.session import Envelope
+from axistwin_conformance.core.settings import Settings
 from axistwin_conformance.transport.rig import RigChoice
 from axistwin_conformance.transport.transport import is_twin_url
 
@@ -33,7 +32,8 @@ class Options:
     profile with all that is allowed; `is_only_detection`: and judge nothing else.  `expected`: the
     readings of a profile file, None without one.  `duration_s`: of a soak.  `recording`: play just
     that, given as `replay_word`.  `report`: the folder of the report, empty without one.
-    `jobs`: processes that play random sequences on built-in twins.
+    `jobs`: processes that run random sequences on built-in twins.  `settings`: what the options of
+    the family have been set to.
     """
 
     family: Family
@@ -43,11 +43,9 @@ class Options:
     neighbours: tuple[int, ...]
     rate: int | None
     allowed: frozenset[str]
-    envelope: Envelope
     level: str
     seed: int
     words: tuple[str, ...] = ()
-    eeprom_budget: int | None = None
     rig: RigChoice = field(default_factory=RigChoice)
     is_detection: bool = False
     is_only_detection: bool = False
@@ -59,7 +57,7 @@ class Options:
     replay_word: str = ""
     report: str = ""
     jobs: int = 1
-    scratch: ScratchArea = NO_SCRATCH
+    settings: Settings = field(default_factory=Settings)
 
     @property
     def is_builtin(self) -> bool:
@@ -83,7 +81,7 @@ class Options:
 
     @property
     def provided(self) -> frozenset[str]:
-        """The needs (of `registry.NEEDS`) that this run can meet."""
+        """The needs (of `NEEDS`) that this run can meet."""
         met = {"neighbour"} if self.neighbours else {"alone"}
         if self.is_builtin:
             met.add("alone")  # a second line, with one module, costs nothing there
@@ -91,7 +89,7 @@ class Options:
             met.add("virtual")
         if self.is_twin or "rig" in self.allowed:
             met.add(BENCH)
-        met.update(self.scratch.met)
+        met.update(self.settings.met)
         met.update(f"{RIG}{name}" for name in self.rig.capabilities)
         return frozenset(met)
 
@@ -122,14 +120,9 @@ class Options:
         if self.endpoint is not None:
             granted = sorted(self.allowed - {"passive"})
             words += ["--allow", ",".join(granted)] if granted else []
-            if self.family.has_axis:
-                words += ["--max-travel", str(self.envelope.max_travel)]
-                words += ["--max-speed", str(self.envelope.max_speed)]
-            if self.eeprom_budget is not None:
-                words += ["--eeprom-budget", str(self.eeprom_budget)]
-            words += [text for one in self.neighbours for text in ("--neighbour", str(one))]
-        own = self.family.scratch if self.endpoint is None else NO_SCRATCH
-        words += grounds_words(self.scratch) if self.scratch != own else []
+        words += self.settings.words(is_builtin=self.is_builtin)
+        if self.endpoint is not None:
+            words += [text for other in self.neighbours for text in ("--neighbour", str(other))]
         words += self.rig.words(is_default=is_twin_url(self.url))
         if self.address != self.family.default_address:
             words += ["--address", str(self.address)]
@@ -139,11 +132,6 @@ class Options:
             words += ["--duration", duration_word(self.duration_s)]
         words += ["--replay", replay] if replay else []
         return shlex.join([*words, "--seed", str(self.seed), *selected])
-
-
-def grounds_words(scratch: ScratchArea) -> list[str]:
-    """The options that name them again."""
-    return [word for name, text in scratch.named.items() for word in (f"--{name}", text)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,7 +180,6 @@ def _nothing_to_soak(reasons: Sequence[tuple[Check, str]]) -> str:
     return f"--level {SOAK} repeats the random sequences, and none will run: {told}"
 
 
-RIG_PROGRAM = f"{RIG}program"  # of a program that is known: see asked
 UNITS = {"h": 3600.0, "m": 60.0, "s": 1.0}
 
 
@@ -228,8 +215,9 @@ def _obstacle(check: Check, options: Options) -> str:
     if "destructive" in check.safety and not options.is_twin and not _is_named(check, options):
         return "destructive: only if named, by its name or by the whole ID of a requirement"
     missing = [name for name in check.needs if name not in options.provided]
-    if RIG_PROGRAM in missing and options.scratch.program is None:
-        missing = ["program", *(name for name in missing if name not in (RIG_PROGRAM, "program"))]
+    for capability, need in options.settings.withheld.items():
+        if (of_rig := f"{RIG}{capability}") in missing:
+            missing = [need, *(name for name in missing if name not in (of_rig, need))]
     reasons = [NEEDS[name] for name in missing if not name.startswith(RIG)]
     rig = [CAPABILITIES[name.removeprefix(RIG)] for name in missing if name.startswith(RIG)]
     if rig:

@@ -68,14 +68,14 @@ class Engine:
         self.family = options.family
         self.ledger = load_ledger(options.family.name)
         self._emit: Listener = lambda event: None
-        self._budget = WriteBudget(options.eeprom_budget)
+        self._budget = WriteBudget(options.settings.eeprom_budget)
         self._guard = DeviceGuard(
             options, self.ledger, opener or self._open, self._tell, self._budget
         )
         self._is_identified = False
         self._attempts = Attempts(self._tell, self._guard)
         # A worker opens what this run opens, and has its word for the writes it may ask for.
-        is_shared = opener is None and options.is_builtin and options.eeprom_budget is None
+        is_shared = opener is None and options.is_builtin and options.settings.eeprom_budget is None
         self._cores = options.jobs if is_shared else 1
         self._jobs = Jobs(self._cores - 1, self._note)  # on one of them, this process is busy
         self._result = Result(options, self.plan(), problems=self._guard.problems)
@@ -132,8 +132,7 @@ class Engine:
 
     def _announce(self) -> None:
         options, plan = self.options, self._result.plan
-        bounds = options.envelope
-        has_axis = self.family.has_axis
+        bounds = options.settings.envelope
         self._emit(
             events.RunStarted(
                 suite_version=metadata.version("axistwin"),
@@ -149,11 +148,11 @@ class Engine:
                 allowed=tuple(sorted(options.allowed)),
                 level=options.level,
                 seed=options.seed,
-                max_travel=bounds.max_travel if has_axis else None,
-                max_speed=bounds.max_speed if has_axis else None,
+                max_travel=bounds.max_travel or None,
+                max_speed=bounds.max_speed or None,
                 checks=tuple(check.name for check in plan.to_run),
                 left_out={check.name: reason for check, reason in plan.left_out},
-                grounds=options.scratch.named,
+                grounds=options.settings.named,
             )
         )
         if in_vain := allowed_in_vain(options):

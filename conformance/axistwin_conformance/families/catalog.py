@@ -4,21 +4,39 @@ from __future__ import annotations
 
 import difflib
 import importlib
-import pkgutil
 from functools import cache
+from pathlib import Path
 
 from axistwin_conformance import families as packages
 from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.core.family import Family
+from axistwin_conformance.core.settings import FamilyOption
+
+
+def _modules(name: str) -> list[str]:
+    """The modules of that name in the folders of families, sorted; nothing is imported."""
+    found = set()
+    for folder in map(Path, packages.__path__):
+        for path in (*folder.glob(f"*/{name}.py"), *folder.glob(f"*/*/{name}.py")):
+            found.add(
+                ".".join([packages.__name__, *path.relative_to(folder).with_suffix("").parts])
+            )
+    return sorted(found)
 
 
 @cache
 def families() -> tuple[Family, ...]:
     """Every family the suite knows: the `FAMILY` of each module `family` below this package, by the
     names of its folders."""
-    found = pkgutil.walk_packages(packages.__path__, f"{packages.__name__}.")
-    names = sorted(module.name for module in found if module.name.endswith(".family"))
-    return tuple(importlib.import_module(name).FAMILY for name in names)
+    return tuple(importlib.import_module(name).FAMILY for name in _modules("family"))
+
+
+@cache
+def family_options() -> tuple[FamilyOption, ...]:
+    """The options of the command line that belong to families: what the `OPTIONS` of each module
+    `options` below this package has declared, in the order of `--help`."""
+    declared = (importlib.import_module(name).OPTIONS.declared for name in _modules("options"))
+    return tuple(sorted(sum(declared, ()), key=lambda option: option.order))
 
 
 def find_family(model: str) -> Family:

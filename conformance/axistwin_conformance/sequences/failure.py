@@ -293,7 +293,7 @@ def twin_session(session: Session, twin: Transport) -> Session:
     other = Run(
         target=twin, family=run.family, model=run.model, ledger=run.ledger, address=run.address,
         neighbours=run.neighbours, allowed=frozenset(SAFETY_CLASSES), envelope=run.envelope,
-        scratch=run.scratch,
+        settings=run.settings,
         seed=run.seed, readings=dict(run.readings), detections=dict(run.detections),
     )  # fmt: skip
     if run.envelope.is_guarded:

@@ -8,12 +8,13 @@ from typing import Final
 
 from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.core.family import Family, Violation
-from axistwin_conformance.core.identity import Identity, Model, ScratchArea
+from axistwin_conformance.core.identity import Identity, Model
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec, snapshot
 from axistwin_conformance.families.msc.diagnosis import diagnose
 from axistwin_conformance.families.msc.driver import MscDriver
 from axistwin_conformance.families.msc.link import SHOUTING
+from axistwin_conformance.families.msc.options import OPTIONS
 from axistwin_conformance.families.msc.preflight.data_area import check_spans
 from axistwin_conformance.families.msc.preflight.flag_check import try_flags
 from axistwin_conformance.families.msc.safety import IMPACT, objection
@@ -22,7 +23,6 @@ from axistwin_conformance.transport.rig import OF_A_CONTROLLER
 from axistwin_conformance.transport.serial import SerialTransport, open_target
 
 BAUD: Final = 9600  # MSC-PHY-01
-TWIN_SCRATCH: Final = ScratchArea(range(1024, 5120), range(128, 192), (240, 6144))
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,8 +53,7 @@ class Msc(Family):
     default_rate = BAUD
     rates = (BAUD,)
     capabilities = OF_A_CONTROLLER
-    scratch = TWIN_SCRATCH
-    has_axis = False
+    options = OPTIONS
     impact = IMPACT
     tried_needs = frozenset({"flags"})
     replay_module = "axistwin_conformance.families.msc.checks.sequences"

@@ -10,9 +10,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from axistwin_conformance.core.identity import NO_SCRATCH, PROGRAM_FLAGS, ScratchArea
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc.codec import BLOCK_VALUES
+from axistwin_conformance.families.msc.options import (
+    NO_SCRATCH,
+    PROGRAM_FLAGS,
+    TWIN_SCRATCH,
+    ScratchArea,
+)
 
 SAFE_STRIDE: Final = 4  # addresses so far apart are different variables in every reading (§5.2)
 SAFE_BLOCK: Final = 128  # and so are blocks
@@ -24,12 +29,13 @@ NEEDS_A_VARIABLE: Final = (
 
 def scratch_of(session: Session) -> ScratchArea:
     """What the operator has named for this run."""
-    return session.run.scratch
+    scratch: ScratchArea = session.run.settings
+    return scratch
 
 
 def known_scratch(session: Session) -> ScratchArea:
     """What is known to be free, because the built-in twin has it of its own; nothing elsewhere."""
-    return (session.run.family.scratch if session.target.is_builtin else None) or NO_SCRATCH
+    return TWIN_SCRATCH if session.target.is_builtin else NO_SCRATCH
 
 
 def may_write(session: Session, address: int, values: int = 1) -> bool:

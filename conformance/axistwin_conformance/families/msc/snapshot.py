@@ -18,12 +18,13 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from axistwin_conformance.base.errors import TargetError, WrongDevice
-from axistwin_conformance.core.identity import PROGRAM_FLAGS, Identity
+from axistwin_conformance.core.identity import Identity
 from axistwin_conformance.core.session import ATTEMPTS, REPLY_TIMEOUT_S, Run, Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.client import QUIET_S, MscExchange
 from axistwin_conformance.families.msc.codec import ACK
 from axistwin_conformance.families.msc.driver import MscDriver
+from axistwin_conformance.families.msc.options import PROGRAM_FLAGS
 from axistwin_conformance.families.msc.safety import Writing
 from axistwin_conformance.families.msc.scratch import (
     PROGRAM_BLOCK,

@@ -13,6 +13,7 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis import snapshot
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.exchanges import AxisReply, ReplyKind
+from axistwin_conformance.families.mac.axis.options import OPTIONS
 from axistwin_conformance.families.mac.axis.safety import STORING, objection
 from axistwin_conformance.families.mac.axis.snapshot import AxisSnapshot
 
@@ -22,6 +23,8 @@ class AxisFamily(Family):
 
     replay_module = "axistwin_conformance.families.mac.axis.checks.sequences"
     operation_bytes = 4
+    options = OPTIONS
+    tidying = "stop the axis or put its parameters back"
 
     @property
     def packages(self) -> tuple[str, ...]:

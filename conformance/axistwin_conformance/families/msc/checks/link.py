@@ -505,7 +505,7 @@ def a_repeat_carries_the_data_of_the_first_reply(session: Session) -> None:
     """DREAD of a variable that grows in every scan is repeated byte for byte, or with fresh data if
     this device reads it so."""
     driver = MscDriver(session)
-    program = session.run.bench_program
+    program = session.run.settings.program
     assert program is not None, "the check needs it"
     body = codec.dread(program[1] + TICKS_AT)
     before = driver.read(program[1] + TICKS_AT)
@@ -534,7 +534,7 @@ def a_repeated_write_is_carried_out_again(session: Session) -> None:
     """The same SFLAG sent twice counts twice in a program that uses the flag up, and the same
     DWRITE writes again: nothing marks a repeat."""
     driver = MscDriver(session)
-    program = session.run.bench_program
+    program = session.run.settings.program
     assert program is not None, "the check needs it"
     BenchProgram(session).must_run()
     flag, counter = program[0], program[1] + COUNTER_AT
