@@ -32,7 +32,7 @@ def judge(name: str, port: TwinPort, **how: Any) -> tuple[Finding, ...]:
     check = next(one for one in FAMILY.checks() if one.name == name)
     usual = {
         "allowed": frozenset(SAFETY_CLASSES),
-        "scratch": SCRATCH,
+        "settings": SCRATCH,
         "neighbours": port.others,
     }
     session = session_on(port, check, **(usual | how))
