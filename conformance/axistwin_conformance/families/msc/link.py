@@ -26,8 +26,10 @@ RS232_UNIT: Final = 1  # MSC-PKT-04
 LIMITS: Final = {"5_repeats": 5, "5_total": 4}  # MSC-AMB-01: how many repeats there are
 # Readings in which the idle units of a shared line answer what one of them says, or junk for it.
 SHOUTING: Final = (
-    ("stray_nak", "resend_last"), ("noise_in_idle", "nak"), ("other_unit_framing", "hunt_stx"),
-)  # fmt: skip
+    ("stray_nak", "resend_last"),
+    ("noise_in_idle", "nak"),
+    ("other_unit_framing", "hunt_stx"),
+)
 WAITS_AT_MOST: Final = 1.5  # times the time-out of a unit until it counts as not coming
 
 Names = str | tuple[str, ...]
@@ -195,9 +197,8 @@ class MscLink:
         """True if a packet repeats another in this device's reading (MSC-AMB-35)."""
         if self.session.reading("retransmit_content") == "snapshot":
             return again.raw == first.raw
-        return (again.is_sound, again.name, again.unit, len(again.raw)) == (
-            True, first.name, first.unit, len(first.raw),
-        )  # fmt: skip
+        is_alike = (again.name, again.unit) == (first.name, first.unit)
+        return again.is_sound and is_alike and len(again.raw) == len(first.raw)
 
     # --- when -------------------------------------------------------------------------------------
 

@@ -44,12 +44,23 @@ RESTORE_ATTEMPTS: Final = 4
 VALUE_ADDRESSES: Final = 4  # what one value takes up in the widest reading
 WITH_RFLAGS: Final = "msc-250 or msc-850-32"
 STATUS_WORDS: Final = (
-    "program running", "battery low", "memory not reliable", "reset, program cleared",
-    "system return met", "system fault met", "auto start", "self-test in progress",
-    "error: loaded over a running program", "error: checksum", "program load in progress",
-    "error: load out of sequence", "error: bad opcode", "error: stack overflow",
-    "error: stack underflow", "error: interrupt table full",
-)  # fmt: skip
+    "program running",
+    "battery low",
+    "memory not reliable",
+    "reset, program cleared",
+    "system return met",
+    "system fault met",
+    "auto start",
+    "self-test in progress",
+    "error: loaded over a running program",
+    "error: checksum",
+    "program load in progress",
+    "error: load out of sequence",
+    "error: bad opcode",
+    "error: stack overflow",
+    "error: stack underflow",
+    "error: interrupt table full",
+)
 
 
 # --- who is there ---------------------------------------------------------------------------------

@@ -340,9 +340,10 @@ def _judge_overrun(driver: MscDriver, start: int, beyond: int, values: Sequence[
     behind = list(values[there:])
     around = list(driver.read_block(0))[:beyond]
     readings = [
-        reading for reading, expected in (("partial", [0] * beyond), ("wrap", around))
+        reading
+        for reading, expected in (("partial", [0] * beyond), ("wrap", around))
         if behind in (expected, [])
-    ]  # fmt: skip
+    ]
     if not readings:
         driver.session.fail(None, ["zeros", f"what is at 0: {around}"], behind)
     driver.reading("block_overrun", tuple(readings))

@@ -76,9 +76,14 @@ def _golden(row: Mapping[str, Any]) -> Golden:
     variables = tuple((address, value) for address, value in row.get("variables", ()))
     flags = frozenset(row["flags"]) if "flags" in row else None
     return Golden(
-        row["name"], row.get("unit", 1), said, tuple(row["uses"]), variables, flags,
+        row["name"],
+        row.get("unit", 1),
+        said,
+        tuple(row["uses"]),
+        variables,
+        flags,
         row.get("status"),
-    )  # fmt: skip
+    )
 
 
 @check(
@@ -172,9 +177,10 @@ def _play(driver: MscDriver, golden: Golden) -> None:
 def _judge(driver: MscDriver, golden: Golden, expected: bytes, received: bytes) -> None:
     text = codec.explain(expected) or "nothing more"
     driver.session.step(
-        received == expected, f"{text} ({golden.name}): {expected.hex(' ')}",
+        received == expected,
+        f"{text} ({golden.name}): {expected.hex(' ')}",
         f"{codec.explain(received) or 'nothing'}: {received.hex(' ')}",
-    )  # fmt: skip
+    )
 
 
 def _as_read(driver: MscDriver, received: bytes, written: bytes) -> tuple[bytes, bytes]:

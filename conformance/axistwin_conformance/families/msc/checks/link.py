@@ -97,9 +97,11 @@ def a_refused_write_stores_nothing(session: Session) -> None:
             raw = codec.with_wrong_checksum(driver.client.request(body), offset)
             driver.link.sign(raw, NAK, "MSC-LNK-06", codec.explain_request(raw))
         session.expect(
-            driver.read(spot) == 100 and list(driver.read_block(spot)) == before, None,
-            "the variables as before", "a value of the refused packet",
-        )  # fmt: skip
+            driver.read(spot) == 100 and list(driver.read_block(spot)) == before,
+            None,
+            "the variables as before",
+            "a value of the refused packet",
+        )
 
 
 @check("MSC-LNK-06", safety="stored", needs=("flags",))
@@ -141,9 +143,11 @@ def refusals(driver: MscDriver, count: int) -> tuple[Packet, int]:
         if again is None:
             return first, repeats
         driver.session.expect(
-            driver.link.is_same(again, first), "MSC-LNK-10", f"{first.raw.hex(' ')} again",
+            driver.link.is_same(again, first),
+            "MSC-LNK-10",
+            f"{first.raw.hex(' ')} again",
             again.raw.hex(" "),
-        )  # fmt: skip
+        )
         repeats += 1
     driver.target.send(ACK)
     return first, repeats
@@ -214,9 +218,10 @@ def signs_outside_an_exchange_are_ignored(session: Session) -> None:
         )
         if NAK not in signs or not is_last:
             session.fail(
-                ("MSC-LNK-15", "MSC-LNK-11"), f"nothing to {codec.explain(signs)}",
+                ("MSC-LNK-15", "MSC-LNK-11"),
+                f"nothing to {codec.explain(signs)}",
                 codec.explain(strays + (again.raw if again else b"")),
-            )  # fmt: skip
+            )
         driver.reading("stray_nak", "resend_last", "MSC-LNK-15")
         session.target.send(ACK)
         driver.client.wait_until_quiet()
@@ -524,9 +529,11 @@ def a_repeat_carries_the_data_of_the_first_reply(session: Session) -> None:
         return
     driver.reading("retransmit_content", "snapshot", "MSC-LNK-21")
     session.expect(
-        again.raw == first.raw, ("MSC-LNK-10", "MSC-LNK-21"), first.raw.hex(" "),
+        again.raw == first.raw,
+        ("MSC-LNK-10", "MSC-LNK-21"),
+        first.raw.hex(" "),
         again.raw.hex(" "),
-    )  # fmt: skip
+    )
 
 
 @check("MSC-LNK-18", safety=("stored", "motion"), needs=("program", "variables"))

@@ -73,9 +73,11 @@ def judge_reply(driver: MscDriver, exchange: MscExchange) -> Packet:
     is_swapped = packet.checksum == swapped != right
     session.expect(not is_swapped, "MSC-PKT-11", order, f"{packet.checksum:04X}")
     session.expect(
-        packet.checksum == right, "MSC-PKT-12", f"{right:04X}, the sum of what stands between",
+        packet.checksum == right,
+        "MSC-PKT-12",
+        f"{right:04X}, the sum of what stands between",
         f"{packet.checksum:04X}",
-    )  # fmt: skip
+    )
     return packet
 
 

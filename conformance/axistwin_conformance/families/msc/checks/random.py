@@ -58,9 +58,13 @@ def any_reply_is_sound_and_fits_its_request(session: Session) -> None:
         size = driver.client.reply_bytes(name)
         text = f"a sound {name} reply of unit {driver.unit} with {size} bytes"
         is_right = (
-            exchange.is_acked and reply is not None and reply.is_sound
-            and reply.unit == driver.unit and reply.name == name and len(reply.raw) == size
-        )  # fmt: skip
+            exchange.is_acked
+            and reply is not None
+            and reply.is_sound
+            and reply.unit == driver.unit
+            and reply.name == name
+            and len(reply.raw) == size
+        )
         session.expect(is_right, None, text, exchange)
 
 

@@ -48,9 +48,11 @@ def a_character_takes_ten_bits_of_9600_baud(session: Session) -> None:
     due_ns = count * driver.link.byte_ns
     spare_ns = due_ns * WRONG_SPACING + driver.link.spare_ns
     session.expect(
-        abs(took_ns - due_ns) <= spare_ns, None, f"{count} bytes in {due_ns / MS:.1f} ms",
+        abs(took_ns - due_ns) <= spare_ns,
+        None,
+        f"{count} bytes in {due_ns / MS:.1f} ms",
         f"{took_ns / MS:.1f} ms",
-    )  # fmt: skip
+    )
 
 
 @check("MSC-PHY-03")
@@ -78,9 +80,11 @@ def judge_broken_off(driver: MscDriver, count: int) -> None:
         return
     due = driver.link.sign_window(sent_ns, count)
     session.expect(
-        came_ns in due, "MSC-LNK-03", f"NAK to {text} {due.since(sent_ns)}",
+        came_ns in due,
+        "MSC-LNK-03",
+        f"NAK to {text} {due.since(sent_ns)}",
         f"after {(came_ns - sent_ns) / MS:.1f} ms",
-    )  # fmt: skip
+    )
     driver.link.nothing_more("MSC-LNK-03", f"the NAK to {text}")
 
 
@@ -200,8 +204,10 @@ def the_time_limit_is_for_the_whole_packet(session: Session) -> None:
     raw = driver.client.request(RQSTAT, SIGNS)
     seen: list[str] = []
     # In parts of T1: both end 1.2 behind their beginning; the first 0.8 behind its header.
-    for places in (((0, 0, 1), (0.4, 1, 6), (0.8, 6, 14), (1.2, 14, 15)),
-                   ((0, 0, 6), (0.6, 6, 14), (1.2, 14, 15))):  # fmt: skip
+    for places in (
+        ((0, 0, 1), (0.4, 1, 6), (0.8, 6, 14), (1.2, 14, 15)),
+        ((0, 0, 6), (0.6, 6, 14), (1.2, 14, 15)),
+    ):
         parts = [(at * driver.client.packet_timeout_s, raw[start:end]) for at, start, end in places]
         received, _ = send_in_parts(driver, parts)
         if received not in (ACK, NAK):
@@ -238,8 +244,10 @@ def the_longest_packet_has_time_enough(session: Session) -> None:
             session.not_run(name, f"{slowest}: too long to come just before a time-out is over")
             continue
         last_s = span_s - driver.link.byte_ns / 1e9
-        each = [(last_s * number / (len(raw) - 1), raw[number : number + 1])
-                for number in range(len(raw))]  # fmt: skip
+        each = [
+            (last_s * number / (len(raw) - 1), raw[number : number + 1])
+            for number in range(len(raw))
+        ]
         received, took_ns = send_in_parts(driver, each)
         text = f"ACK to RQSTAT within {span_s * 1000:.1f} ms"
         got = f"{codec.explain(received) or 'nothing'} after {took_ns / MS:.1f} ms"
@@ -311,9 +319,11 @@ def _repeats_by_time_out(driver: MscDriver, first: codec.Packet, repeats: int = 
         session.expect(is_same, "MSC-LNK-10", text, again or strays.hex(" "))
         due, came_ns = driver.link.repeat_window(last_ns, len(first.raw)), session.target.now_ns
         session.expect(
-            came_ns in due, "MSC-LNK-12", f"the repeat {due.since(last_ns)}",
+            came_ns in due,
+            "MSC-LNK-12",
+            f"the repeat {due.since(last_ns)}",
             f"after {(came_ns - last_ns) / MS:.1f} ms",
-        )  # fmt: skip
+        )
         last_ns, repeats = came_ns, repeats + 1
     return repeats
 

@@ -50,9 +50,11 @@ def a_header_that_announces_too_much_is_refused(session: Session) -> None:
         is_late = came_ns in driver.link.sign_window(sent_ns, codec.HEADER_BYTES)
         is_early = came_ns < driver.link.sign_window(sent_ns, codec.HEADER_BYTES).earliest_ns
         session.expect(
-            is_late or is_early, "MSC-LNK-20", "NAK at once or at T1",
+            is_late or is_early,
+            "MSC-LNK-20",
+            "NAK at once or at T1",
             f"after {(came_ns - sent_ns) / MS:.1f} ms",
-        )  # fmt: skip
+        )
         seen.add("at T1" if is_late else "at once")
         driver.link.alive("MSC-LNK-20")
     session.expect(len(seen) == 1, "MSC-LNK-20", "one of the two", " and ".join(sorted(seen)))

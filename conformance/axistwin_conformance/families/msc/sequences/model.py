@@ -107,8 +107,8 @@ class UnitModel:
         fitting = []
         for stride, memory in self.memories.items():
             places = [address + number * stride for number in range(BLOCK_VALUES)]
-            off = [at for at, value in zip(places, values, strict=True)
-                   if not self._agrees(memory, at, value)]  # fmt: skip
+            pairs = zip(places, values, strict=True)
+            off = [at for at, value in pairs if not self._agrees(memory, at, value)]
             if not off:
                 fitting.append(stride)
             elif wrong is None:

@@ -226,10 +226,7 @@ class UnitSequence(Steps):
         exchange = self.exchange(self.client.request(body), answer)
         reply, name = exchange.reply, body.partition(codec.COMMA)[0].decode()
         size = self.client.reply_bytes(name)
-        is_right = (
-            reply is not None and not exchange.extra and reply.is_sound and reply.name == name
-            and reply.unit == self.driver.unit and len(reply.raw) == size
-        )  # fmt: skip
+        is_right = self.client.is_right(exchange, name)
         self.judge(REPLY, is_right, f"a {name} reply of {size} bytes", exchange)
         assert reply is not None, "judged above"
         return reply
@@ -418,10 +415,12 @@ def places(driver: MscDriver) -> tuple[tuple[int, ...], tuple[int, ...], tuple[i
     named = driver.scratch.variables
     first = -(-named.start // SAFE_STRIDE) * SAFE_STRIDE
     window = range(first, min(named.stop, first + WINDOW), SAFE_STRIDE)
-    cover = tuple(at for at in window[:: SAFE_BLOCK // SAFE_STRIDE]
-                  if driver.scratch.may_write(at, codec.BLOCK_VALUES))  # fmt: skip
-    beside = (at for at in _spread(list(window), 2 * FLAGS)
-              if driver.scratch.may_write(at, codec.BLOCK_VALUES))  # fmt: skip
+
+    def has_room(address: int) -> bool:
+        return driver.scratch.may_write(address, codec.BLOCK_VALUES)
+
+    cover = tuple(filter(has_room, window[:: SAFE_BLOCK // SAFE_STRIDE]))
+    beside = filter(has_room, _spread(list(window), 2 * FLAGS))
     blocks = tuple(dict.fromkeys((*cover, *beside)))
     near = [
         address
