@@ -262,7 +262,7 @@ def test_a_device_of_the_other_order_is_kept_inside_too() -> None:
     assert bus.refuses(0x16, 0x0001_031F)
     assert not bus.refuses(0x16, 0x0001_0320)
     bus.say(0x15, F6 | 0x1000)
-    assert bus.travel_guard.axes[OWN].ways == (-1, 0)
+    assert bus.travel_guard.axes[OWN].directions == (-1, 0)
 
 
 def test_the_fence_stops_each_axis_by_itself(bus: Bus) -> None:

@@ -72,8 +72,8 @@ class Axis:
     `reach`: where it is or may still go.  `counter`: what the counter was at `seen_ns`.  `tip`:
     where the last stored segment ends.  `target`: the counter a lone move goes to.  `speed`: of an
     endless motion (increments per second, 0: none) that may be running since `since_ns`, in the
-    directions `ways`.  `held`: an endless motion that waits for 11h.  `may_move`: something may
-    still be under way or stored; `segment_speed`: of the fastest segment among it.  `edge`: the
+    directions `directions`.  `held`: an endless motion that waits for 11h.  `may_move`: something
+    may still be under way or stored; `segment_speed`: of the fastest segment among it.  `edge`: the
     counter where the reference contact was worked since it was read; `is_cut`: the supply was cut
     since then.  `begun_ns`: when a motion was last asked for.
     """
@@ -89,7 +89,7 @@ class Axis:
     speed: int = 0
     since_ns: int = 0
     begun_ns: int = 0
-    ways: Interval = (0, 0)
+    directions: Interval = (0, 0)
     held: tuple[int, Interval] | None = None
     is_armed: bool = False
     may_move: bool = False
@@ -103,12 +103,12 @@ class Axis:
         if not self.speed:
             return self
         far = self.speed * max(0, now_ns - self.since_ns) // 1_000_000_000 + 1
-        reach = (self.reach[0] + self.ways[0] * far, self.reach[1] + self.ways[1] * far)
+        reach = (self.reach[0] + self.directions[0] * far, self.reach[1] + self.directions[1] * far)
         return replace(self, reach=reach, since_ns=now_ns)
 
     def joined(self, other: Axis) -> Axis:
         """Either of two; nobody knows which."""
-        ways = join(self.ways, other.ways)
+        directions = join(self.directions, other.directions)
         return replace(
             other,
             reach=join(self.reach, other.reach),
@@ -121,7 +121,7 @@ class Axis:
             coefficient=max(self.coefficient, other.coefficient),
             speed=max(self.speed, other.speed),
             since_ns=min(self.since_ns, other.since_ns) if self.speed else other.since_ns,
-            ways=ways,
+            directions=directions,
             held=self.held or other.held,
             is_armed=self.is_armed or other.is_armed,
             may_move=self.may_move or other.may_move,
@@ -248,7 +248,7 @@ class AxisTravelGuard:
                 "--max-travel",
                 max(-low, high),
             )
-        is_begun = after.speed > before.speed or after.ways != before.ways
+        is_begun = after.speed > before.speed or after.directions != before.directions
         if after.speed and is_begun and self._deadline_of(after) <= now_ns:
             room = _braking(after.speed) + after.speed * 2 * MARGIN_NS // 1_000_000_000 + 2
             self._refuse(
@@ -277,9 +277,15 @@ class AxisTravelGuard:
         if index == 0x16 and half:
             return self._stepped(axis, parameter >> 16, half, frame)
         if index == 0x11 and axis.held is not None:
-            speed, ways = axis.held
+            speed, directions = axis.held
             return replace(
-                axis, speed=speed, ways=ways, since_ns=now_ns, held=None, may_move=True, target=None
+                axis,
+                speed=speed,
+                directions=directions,
+                since_ns=now_ns,
+                held=None,
+                may_move=True,
+                target=None,
             )
         if index == 0x17:
             return replace(self._run_out(axis), held=None, is_armed=False)
@@ -320,8 +326,11 @@ class AxisTravelGuard:
         speed, left = TICKS_PER_SECOND // axis.period, (axis.target or here) - here
         if axis.segment_speed:
             speed, left = axis.segment_speed - 1, axis.tip[0] - axis.offset[0] - here
-        elif axis.target is None and axis.ways != (-1, 1):
-            speed, left = axis.speed - 1, (axis.ways[0] + axis.ways[1]) * self.max_travel
+        elif axis.target is None and axis.directions != (-1, 1):
+            speed, left = (
+                axis.speed - 1,
+                (axis.directions[0] + axis.directions[1]) * self.max_travel,
+            )
         moving_ns = now_ns - max(axis.seen_ns, axis.begun_ns) - 2 * MARGIN_NS
         least = min(abs(left), max(0, speed * moving_ns // 1_000_000_000 - ZERO_SLACK))
         return (here + least, high) if left > 0 else (low, here - least)
@@ -347,7 +356,9 @@ class AxisTravelGuard:
             return replace(moved, held=(TICKS_PER_SECOND // axis.period + 1, (0, 1)))
         # Cleared on the way, the counter has as far to go again from there.
         speed = max(axis.speed, TICKS_PER_SECOND // axis.period + 1)
-        return replace(moved, speed=speed, ways=join(axis.ways, (0, 1)), since_ns=now_ns)
+        return replace(
+            moved, speed=speed, directions=join(axis.directions, (0, 1)), since_ns=now_ns
+        )
 
     def _stepped(self, axis: Axis, digits: int, period: int, frame: bytes) -> Axis:
         self._judge_period(period, frame)
@@ -371,25 +382,29 @@ class AxisTravelGuard:
         if axis.may_move:  # a move may be taken over at its own speed, in its own direction
             speed = max(speed, TICKS_PER_SECOND // axis.period + 1)
         is_known = "vel_f6_direction" in self.readings and not axis.may_move
-        way = -1 if selector == 0xF6 and self.readings.get("vel_f6_direction") == F6_TURNS else 1
-        ways = (min(way, 0), max(way, 0)) if is_known else (-1, 1)
+        direction = (
+            -1 if selector == 0xF6 and self.readings.get("vel_f6_direction") == F6_TURNS else 1
+        )
+        directions = (min(direction, 0), max(direction, 0)) if is_known else (-1, 1)
         if axis.is_armed:
-            return replace(axis, held=(speed, ways))
-        return replace(axis, speed=speed, ways=ways, since_ns=now_ns, may_move=True, target=None)
+            return replace(axis, held=(speed, directions))
+        return replace(
+            axis, speed=speed, directions=directions, since_ns=now_ns, may_move=True, target=None
+        )
 
     def _run_out(self, axis: Axis) -> Axis:
         """17h, or 15h with period 0: what is left is the ramp."""
         if not axis.speed:
             return axis
         far = ramp_increments(axis.coefficient) + _braking(axis.speed)
-        reach = (axis.reach[0] + axis.ways[0] * far, axis.reach[1] + axis.ways[1] * far)
-        return replace(axis, reach=reach, speed=0, ways=(0, 0), target=None)
+        reach = (axis.reach[0] + axis.directions[0] * far, axis.reach[1] + axis.directions[1] * far)
+        return replace(axis, reach=reach, speed=0, directions=(0, 0), target=None)
 
     def _halted(self, axis: Axis, index: int, now_ns: int) -> Axis:
         """18h, 1Ah, 00h, 01h: at rest at once, nothing stored; unless the device reads it else."""
         counter = self._counter_at(axis, now_ns + 2 * MARGIN_NS)  # at rest, until it is read
         far = _braking(axis.speed) if axis.speed else 0
-        reach = (axis.reach[0] + axis.ways[0] * far, axis.reach[1] + axis.ways[1] * far)
+        reach = (axis.reach[0] + axis.directions[0] * far, axis.reach[1] + axis.directions[1] * far)
         is_factory = index == 0x01
         keeps = index in (0x18, 0x1A) and (
             self.readings.get("abort_flush", FLUSHES) != FLUSHES
@@ -401,7 +416,7 @@ class AxisTravelGuard:
             tip=axis.tip if keeps else reach,
             counter=counter,
             speed=0,
-            ways=(0, 0),
+            directions=(0, 0),
             target=None,
             held=axis.held if keeps else None,
             is_armed=axis.is_armed and keeps,
@@ -488,7 +503,7 @@ class AxisTravelGuard:
         here = shift(axis.offset, (counter, counter))
         axis = replace(axis, counter=(counter, counter), seen_ns=self._last_ns)
         if axis.speed and counter == axis.target:  # a move that the reference could have prolonged
-            axis = replace(axis, speed=0, ways=(0, 0), may_move=False, target=None)
+            axis = replace(axis, speed=0, directions=(0, 0), may_move=False, target=None)
         if axis.speed:
             return replace(axis, reach=here, since_ns=self._last_ns)
         if not axis.may_move:
@@ -528,9 +543,9 @@ class AxisTravelGuard:
 
     def _deadline_of(self, axis: Axis) -> int:
         rooms = []
-        if axis.ways[0] < 0:
+        if axis.directions[0] < 0:
             rooms.append(self.max_travel + axis.reach[0])
-        if axis.ways[1] > 0:
+        if axis.directions[1] > 0:
             rooms.append(self.max_travel - axis.reach[1])
         room = min(rooms) - _braking(axis.speed) - 1
         return axis.since_ns + room * 1_000_000_000 // axis.speed - MARGIN_NS

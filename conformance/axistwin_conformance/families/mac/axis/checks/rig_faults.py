@@ -272,15 +272,15 @@ def a_fault_in_motion_cuts_the_power(session: Session) -> None:
     """A fault under any motion ends it; the position stays valid, nothing resumes after 00h."""
     driver = driver_of(session)
     for cause in _causes(driver):
-        for way in driver.rig.ways:
+        for command in driver.rig.motion_commands:
             with suppress(CannotDo):  # of the causes one suffices
-                _cut_down(driver, cause, way)
+                _cut_down(driver, cause, command)
 
 
-def _cut_down(driver: AxisDriver, cause: Cause, way: MotionCommand) -> None:
+def _cut_down(driver: AxisDriver, cause: Cause, command: MotionCommand) -> None:
     session = driver.session
     start = driver.rig.begin()
-    moving = way.begin(driver.rig, start, driver.rig.reach)
+    moving = command.begin(driver.rig, start, driver.rig.reach)
     driver.client.wait(0.08)
     act = TimeWindow(*cause.begin(driver.session.rig))
     driver.rig.in_time(moving, act)
@@ -406,9 +406,9 @@ def warnings_follow_the_supply_and_refuse_nothing(session: Session) -> None:
 def _judge_moves(driver: AxisDriver) -> None:
     """Every kind of motion is accepted and runs to its end."""
     start = driver.client.position()
-    for way in driver.rig.ways:
-        moving = way.begin(driver.rig, start, 20)
-        if way.is_endless:
+    for command in driver.rig.motion_commands:
+        moving = command.begin(driver.rig, start, 20)
+        if command.is_endless:
             driver.client.wait(0.02)
             driver.judge.accepted(0x18)
         else:

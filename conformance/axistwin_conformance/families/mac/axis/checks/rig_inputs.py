@@ -79,30 +79,30 @@ def a_hardware_stop_ends_motion_of_its_sign(session: Session) -> None:
     """Any motion ends where the stop becomes active; it is told, and the way back is free."""
     driver = driver_of(session)
     for side in SIDES:
-        for mode, way in zip((1, 9, 1), driver.rig.ways, strict=False):
-            if driver.rig.can_go(way, side.direction):
-                _trip(driver, side, way, mode)
+        for mode, command in zip((1, 9, 1), driver.rig.motion_commands, strict=False):
+            if driver.rig.can_go(command, side.direction):
+                _trip(driver, side, command, mode)
 
 
-def _trip(driver: AxisDriver, side: HardwareStop, way: MotionCommand, mode: int) -> None:
+def _trip(driver: AxisDriver, side: HardwareStop, command: MotionCommand, mode: int) -> None:
     session = driver.session
     start = driver.rig.begin()
     driver.judge.accepted(0x03, mode)
-    moving = way.begin(driver.rig, start, side.direction * driver.rig.reach)
+    moving = command.begin(driver.rig, start, side.direction * driver.rig.reach)
     driver.client.wait(0.08)
     act = driver.rig.contact(side.name, True)
     driver.rig.in_time(moving, act)
     place = driver.rig.rest()
     driver.rig.judge_place(place, moving.halted(act), side.direction, "MACS-STOP-01")
     driver.rig.judge_stop_bit(side.bit, "MACS-STOP-01")
-    if way.name == "13h":  # the others have no target to be away from
+    if command.name == "13h":  # the others have no target to be away from
         driver.judge.reading("busy_after_abort", int(driver.status.is_busy()), "MACS-STOP-01")
     driver.judge.accepted(0x03, mode, requirement="MACS-STOP-01")  # and so no longer running
     driver.motion.finish(driver.motion.go(start), "MACS-STOP-01")
     returned = driver.status.stopped_on()
     driver.rig.contact(side.name, False)
     # On the way back the bit goes, unless it lives as long as the stop, or for ever.
-    if returned and way.name == "13h":
+    if returned and command.name == "13h":
         driver.judge.reading("ff_lifetime", 2 if driver.status.stopped_on() else 1, "MACS-STOP-01")
     again = driver.rig.rest()
     session.expect(again == start, "MACS-STOP-01", "nothing resumes", f"at {again}, not {start}")
@@ -139,20 +139,24 @@ def toward_an_active_hardware_stop_nothing_moves(session: Session) -> None:
     """A command toward an active stop is accepted, or refused, but makes no step."""
     driver = driver_of(session)
     for side in SIDES:
-        for way in driver.rig.ways:
-            if not driver.rig.can_go(way, side.direction):
+        for command in driver.rig.motion_commands:
+            if not driver.rig.can_go(command, side.direction):
                 continue
             start = driver.rig.begin()
             driver.judge.accepted(0x03, 1)
             driver.rig.contact(side.name, True)
-            kind = _toward(driver, way, start + side.direction * 40)
+            kind = _toward(driver, command, start + side.direction * 40)
             moved = (driver.rig.rest() - start) * side.direction
             limit = driver.limits.braking(driver.motion.period)
             session.expect(
-                0 <= moved <= limit, None, f"{way.name}: no step toward the stop", f"{moved} steps"
+                0 <= moved <= limit,
+                None,
+                f"{command.name}: no step toward the stop",
+                f"{moved} steps",
             )
             driver.judge.reading(
-                "hard_stop_command", ACCEPTED_OR_REFUSED.get(kind, f"{kind.value} to {way.name}")
+                "hard_stop_command",
+                ACCEPTED_OR_REFUSED.get(kind, f"{kind.value} to {command.name}"),
             )
             if kind is ReplyKind.ACCEPTED:
                 driver.rig.judge_stop_bit(side.bit, None)
@@ -162,15 +166,15 @@ def toward_an_active_hardware_stop_nothing_moves(session: Session) -> None:
             session.expect(again == start + moved * side.direction, None, "nothing resumes", again)
 
 
-def _toward(driver: AxisDriver, way: MotionCommand, target: int) -> ReplyKind:
+def _toward(driver: AxisDriver, command: MotionCommand, target: int) -> ReplyKind:
     """Send the command of a way without asking for a reply of one kind."""
     steps = target - driver.rig.start
     parameter = {
         "13h": target,
         "16h": (steps & 0xFFFF) << 16 | driver.motion.period,
         "15h": (0xF60000 if steps < 0 else 0) | driver.motion.period,
-    }[way.name]
-    return driver.client.command(int(way.name[:2], 16), parameter).kind
+    }[command.name]
+    return driver.client.command(int(command.name[:2], 16), parameter).kind
 
 
 @check("MACS-STOP-01", safety=WORKED, needs=STOP_INPUTS, level="full")
@@ -252,10 +256,10 @@ def opening_the_reference_contact_zeroes_the_counter(session: Session) -> None:
     """In positive motion each opening of the contact makes the counter 0; motion goes on."""
     driver = driver_of(session)
     distance = min(driver.limits.room(), 2 * driver.rig.reach)
-    for way in driver.rig.ways:
+    for command in driver.rig.motion_commands:
         driver.rig.begin(driver.rig.lasting(distance, EDGES_S))
         with driver.rig.own_origin() as origin, driver.rig.reference_enabled():
-            moving = way.begin(driver.rig, 0, distance)
+            moving = command.begin(driver.rig, 0, distance)
             edges = (True, False, True, False) if driver.session.rig.is_exact else (True, False)
             zeroed = [_edge(driver, moving, origin, active) for active in edges]
             half = len(edges) // 2
@@ -263,18 +267,20 @@ def opening_the_reference_contact_zeroes_the_counter(session: Session) -> None:
             if zeroed in ([False, True] * half, [True, False] * half):
                 outcome = int(zeroed[0])
             driver.judge.reading("ref_edge", outcome, ("MACS-REF-01", "MACS-CMD-07-01"))
-            if way.is_endless:
+            if command.is_endless:
                 driver.judge.accepted(0x18)
                 driver.rig.rest()
                 continue
-            _judge_end(driver, moving, way, origin)
+            _judge_end(driver, moving, command, origin)
 
 
-def _judge_end(driver: AxisDriver, moving: Forecast, way: MotionCommand, origin: Origin) -> None:
+def _judge_end(
+    driver: AxisDriver, moving: Forecast, command: MotionCommand, origin: Origin
+) -> None:
     """A segment is relative: its end tells exactly how far the counter was shifted."""
     end = moving.end
     assert end is not None
-    if way.name != "16h":
+    if command.name != "16h":
         driver.motion.at_rest()  # what a zeroed move then does is judged elsewhere
         return
     driver.client.wait_until(end.latest_ns)
@@ -317,12 +323,12 @@ def negative_motion_ignores_the_reference(session: Session) -> None:
     """In negative motion neither edge of the contact changes the counter."""
     driver = driver_of(session)
     distance = min(driver.limits.room(), 2 * driver.rig.reach)
-    for way in driver.rig.ways:
-        if not driver.rig.can_go(way, -1):
+    for command in driver.rig.motion_commands:
+        if not driver.rig.can_go(command, -1):
             continue
         driver.rig.begin(driver.rig.lasting(distance, EDGES_S))
         with driver.rig.own_origin() as origin, driver.rig.reference_enabled():
-            moving = way.begin(driver.rig, 0, -distance)
+            moving = command.begin(driver.rig, 0, -distance)
             for active in (True, False):
                 driver.client.wait(0.06)
                 driver.rig.in_time(moving, driver.rig.contact("reference", active))

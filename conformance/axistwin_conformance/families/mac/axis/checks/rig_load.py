@@ -165,13 +165,13 @@ def _follow_catch_up(
 ) -> None:
     """Read the counter until the end is due, each reading within the increment of the phase."""
     step_ns = _catch_up_ns(catch_up)
-    way = 1 if target > begin else -1
+    direction = 1 if target > begin else -1
     slack = 0 if driver.session.rig.is_exact else 1 + driver.limits.allowance(driver.motion.period)
     end_ns = since.latest_ns + (abs(target - begin) + 2) * step_ns
     while driver.client.target.now_ns < end_ns:
         sample = driver.client.sample()
         least, most = _caught_up(sample, since, step_ns, abs(target - begin))
-        done = (sample.position - begin) * way
+        done = (sample.position - begin) * direction
         driver.session.expect(
             least - slack <= done <= most + slack,
             requirement,
@@ -332,20 +332,20 @@ def _sent_again_under_way(driver: AxisDriver) -> None:
 def endless_motion_and_segments_are_busy_while_held(session: Session) -> None:
     """By 15h and 16h the axis is busy only while something keeps it from following."""
     driver = driver_of(session)
-    for way in driver.rig.ways:
-        if way.name == "13h":
+    for command in driver.rig.motion_commands:
+        if command.name == "13h":
             continue
         distance = min(
             LONGEST_SEGMENT,
             driver.limits.room() if driver.session.rig.is_exact else driver.rig.reach,
         )
         start = driver.rig.begin(driver.rig.lasting(distance, 0.2 + 2 * LAG_SHOWS_S))
-        moving = way.begin(driver.rig, start, distance)
+        moving = command.begin(driver.rig, start, distance)
         driver.client.wait(0.1)
         session.expect(
             not driver.status.is_busy(),
             ("MACS-BUSY-02", "MACS-Q-27-03"),
-            f"{way.name}: following, not busy",
+            f"{command.name}: following, not busy",
             "busy",
         )
         held = TimeWindow(*driver.session.rig.hold_shaft(True))
@@ -354,12 +354,12 @@ def endless_motion_and_segments_are_busy_while_held(session: Session) -> None:
         session.expect(
             driver.status.is_busy(),
             ("MACS-BUSY-02", "MACS-Q-27-03"),
-            f"{way.name}: held, busy",
+            f"{command.name}: held, busy",
             "not busy",
         )
         free = TimeWindow(*driver.session.rig.hold_shaft(False))
         driver.rig.in_time(moving, free)
-        if way.is_endless:
+        if command.is_endless:
             driver.client.wait(LAG_SHOWS_S)
             before = driver.client.position()
             driver.client.wait(0.1)

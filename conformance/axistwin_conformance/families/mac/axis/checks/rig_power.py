@@ -58,15 +58,15 @@ def the_position_outlives_the_supply(session: Session) -> None:
 def a_power_cut_ends_a_motion_for_good(session: Session) -> None:
     """Cut in motion, the position is where the axis then was; nothing resumes, nothing is said."""
     driver = driver_of(session)
-    for way in driver.rig.ways:
+    for command in driver.rig.motion_commands:
         # Nothing tells the envelope that an endless motion has ended with the supply.
         slow = (
             driver.limits.gentle(driver.rig.slow_period, driver.rig.away_s + LISTEN_S)
-            if way.is_endless
+            if command.is_endless
             else None
         )
         start = driver.rig.begin(slow)
-        moving = way.begin(driver.rig, start, driver.rig.reach)
+        moving = command.begin(driver.rig, start, driver.rig.reach)
         driver.client.wait(0.08)
         cut = driver.rig.power_cycle("MACS-PERS-03")
         driver.rig.in_time(moving, cut)

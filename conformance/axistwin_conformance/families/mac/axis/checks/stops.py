@@ -42,12 +42,12 @@ SIDES: Final = (
 
 # Every command that moves the axis, so that it would pass the stop by 40 increments or more.
 MOTION_COMMANDS: Final[Mapping[str, Callable[[AxisDriver, int, int], None]]] = {
-    "13h": lambda driver, start, way: _send(driver, 0x13, start + 140 * way),
-    "15h": lambda driver, start, way: _send(driver, 0x15, velocity(way, driver.motion.period)),
-    "16h": lambda driver, start, way: _send(
-        driver, 0x16, segment_parameter(140 * way, driver.motion.period)
+    "13h": lambda driver, start, sign: _send(driver, 0x13, start + 140 * sign),
+    "15h": lambda driver, start, sign: _send(driver, 0x15, velocity(sign, driver.motion.period)),
+    "16h": lambda driver, start, sign: _send(
+        driver, 0x16, segment_parameter(140 * sign, driver.motion.period)
     ),
-    "10h 13h 11h": lambda driver, start, way: _synchronised(driver, start + 140 * way),
+    "10h 13h 11h": lambda driver, start, sign: _synchronised(driver, start + 140 * sign),
 }
 
 
@@ -191,15 +191,15 @@ def segments_that_turn_round_end_on_the_stop_they_meet_first(session: Session) -
     if _cannot_go_down(driver, "16h"):
         session.skip("DDDD has no sign on this device: segments do not turn round")
     for side, other in (SIDES, SIDES[::-1]):
-        start, way = enable_stop(driver, side, 20), side.direction
-        driver.judge.accepted(other.index, start - 30 * way)
+        start, sign = enable_stop(driver, side, 20), side.direction
+        driver.judge.accepted(other.index, start - 30 * sign)
         period = driver.limits.outlasting(20, driver.motion.period)
-        first = driver.motion.put(Segment(40 * way, period))
-        second = driver.motion.put(Segment(-120 * way, period))
+        first = driver.motion.put(Segment(40 * sign, period))
+        second = driver.motion.put(Segment(-120 * sign, period))
         met_ns = first.taken.earliest_ns + 20 * period * TICK_NS
         driver.motion.taken_in_time(second, met_ns, "the way to the first stop")
         driver.client.wait(driver.motion.lasting_s(40 + 120, period))
-        place = (_rest(driver) - start) * way
+        place = (_rest(driver) - start) * sign
         most = 21 + driver.limits.braking(period)
         session.expect(
             20 <= place <= most, side.requirements, f"at rest 20..{most} increments on", place

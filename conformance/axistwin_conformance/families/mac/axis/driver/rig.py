@@ -94,15 +94,17 @@ class AxisRig:
         )
 
     @property
-    def ways(self) -> tuple[MotionCommand, ...]:
+    def motion_commands(self) -> tuple[MotionCommand, ...]:
         """The commands to move by; without end only where the rig acts at once."""
         return tuple(
-            way for way in MOTION_COMMANDS if self._session.rig.is_exact or not way.is_endless
+            command
+            for command in MOTION_COMMANDS
+            if self._session.rig.is_exact or not command.is_endless
         )
 
-    def can_go(self, way: MotionCommand, direction: int) -> bool:
+    def can_go(self, command: MotionCommand, direction: int) -> bool:
         """False where the device's readings of AMB-07 and -38 leave no way to count down."""
-        counting = COUNTING_DOWN.get(way.name)
+        counting = COUNTING_DOWN.get(command.name)
         if direction > 0 or counting is None:
             return True
         switch, index, parameter = counting

@@ -268,7 +268,7 @@ class AxisModel:
     def _is_reversal(self, now: Timeline, state: str, parameter: int) -> bool:
         """True for a 15h against the motion on a device that refuses those (MACS-AMB-28)."""
         is_refused = self.readings.get("vel_reverse_cmd") == 1 and state == "VE"
-        return is_refused and bool(parameter & 0xFFFF) and now.direction != _way(parameter)
+        return is_refused and bool(parameter & 0xFFFF) and now.direction != _direction_of(parameter)
 
     def _is_full(self, now: Timeline, edge: int) -> bool:
         mode = now.mode_at(edge)
@@ -323,7 +323,7 @@ class AxisModel:
             period = parameter & 0xFFFF
             if not period:
                 return [now, now.described(0)]
-            direction = _way(parameter)
+            direction = _direction_of(parameter)
             courses = [Course.endless(period, parameters.coefficient, law) for law in laws]
         else:
             target = 0 if index == 0x14 else signed(parameter)
@@ -427,6 +427,6 @@ def _steps_left(timeline: Timeline, edge: int) -> tuple[int, ...]:
     return left, left - 1
 
 
-def _way(parameter: int) -> int:
+def _direction_of(parameter: int) -> int:
     """The direction a 15h asks for (MACS-CMD-15-01)."""
     return -1 if parameter >> 16 & 0xFF == 0xF6 else 1

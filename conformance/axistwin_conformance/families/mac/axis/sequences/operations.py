@@ -55,7 +55,7 @@ UNASSIGNED: Final = (0x04, 0x05, 0x06, 0x12, 0x1D, 0x1F, 0x2A, 0x2F)  # on every
 TO_COMMANDS: Final = (ReplyKind.ACCEPTED, ReplyKind.REFUSED)
 
 
-def _way(run: AxisSequence, byte: int) -> int:
+def _direction(run: AxisSequence, byte: int) -> int:
     """A direction, among those the device has."""
     return 1 if run.known("vel_f6_direction") else -1 if byte & 1 else 1
 
@@ -118,7 +118,7 @@ def _turn_at(run: AxisSequence, first: int, period: int) -> None:
     if not run.may_change() or not run.has_room(period):
         run.command(0x18)
         return
-    run.command(0x15, velocity(_way(run, first), period))
+    run.command(0x15, velocity(_direction(run, first), period))
 
 
 def _turn_off(run: AxisSequence, first: int, second: int) -> None:
@@ -126,7 +126,7 @@ def _turn_off(run: AxisSequence, first: int, second: int) -> None:
     if run.has_segments or run.is_held or not is_ruled or not run.may_change():
         run.command(0x18)
         return
-    run.command(0x15, velocity(_way(run, first), 0))
+    run.command(0x15, velocity(_direction(run, first), 0))
 
 
 def _ramped_stop(run: AxisSequence, first: int, second: int) -> None:
@@ -246,12 +246,12 @@ def _wait_for_instant(run: AxisSequence, first: int, second: int) -> None:
     run.pause_until_taken(first, OFFSETS_NS[second % len(OFFSETS_NS)])
 
 
-def _stop_near(index: int, way: int) -> Act:
+def _stop_near(index: int, sign: int) -> Act:
     def send(run: AxisSequence, first: int, second: int) -> None:
         if not run.is_resting and not run.follows("motion_lock_set"):
             run.query(0x20)
             return
-        run.command(index, run.here() + way * (first % 0x40))
+        run.command(index, run.here() + sign * (first % 0x40))
 
     return send
 
