@@ -42,7 +42,7 @@ from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.sequences import failure, machine
 from axistwin_conformance.sequences.failure import Failure
 from axistwin_conformance.sequences.runner import Mismatch
-from axistwin_conformance.sequences.strategies import no_folder
+from axistwin_conformance.sequences.strategies import reproducible
 from axistwin_conformance.transport.can import CanTransport
 from axistwin_conformance.transport.can_frame import Frame
 
@@ -227,7 +227,7 @@ def test_what_modules_say_unasked_disturbs_nothing(seconds: int) -> None:
 # --- the machine ----------------------------------------------------------------------------------
 
 
-@no_folder()
+@reproducible()
 def test_the_machine_synchronises_by_the_frame_too() -> None:
     """Among its rules are all of the axis."""
     case = Case(some_runs)

@@ -36,7 +36,7 @@ from axistwin_conformance.families.msc.sequences.runner import MscRunner, runner
 from axistwin_conformance.families.msc.sequences.sequence import places
 from axistwin_conformance.sequences import machine
 from axistwin_conformance.sequences.runner import Mismatch
-from axistwin_conformance.sequences.strategies import no_folder
+from axistwin_conformance.sequences.strategies import reproducible
 
 pytestmark = pytest.mark.strength
 
@@ -113,7 +113,7 @@ def test_every_operation_is_met_idle_and_waiting() -> None:
     assert len(covered.counts["waiting"]) > len(names) // 2
 
 
-@no_folder()
+@reproducible()
 def test_the_machine_does_every_operation() -> None:
     """Its rules reach all of the table but the wait, which is a pause there."""
     runner, missing = Case(TwinPort(), some_runs).runner, {one.name for one in OPERATIONS}
