@@ -22,7 +22,7 @@ BUSY_NS: Final = 20 * MS  # what they may add on a busy host, or by an adapter t
 COARSE_MS: Final = 20  # a time measured on a real line is told in steps of so many
 
 
-class ReplyKind(StrEnum):
+class MscReplyKind(StrEnum):
     """What one packet has drawn, all told."""
 
     SILENCE = "nothing"
@@ -32,7 +32,7 @@ class ReplyKind(StrEnum):
     OTHER = "something else"
 
 
-Answer = tuple[ReplyKind, Packet | None]  # what came, and the reply if that was one
+Answer = tuple[MscReplyKind, Packet | None]  # what came, and the reply if that was one
 
 
 def answer_to(driver: MscDriver, raw: bytes, timeout_s: float | None = None) -> Answer:
@@ -53,19 +53,19 @@ def answer_now(driver: MscDriver, timeout_s: float) -> Answer:
         if reply is not None or strays:
             driver.client.send(ACK)
             return (
-                (ReplyKind.REPLY, reply)
+                (MscReplyKind.REPLY, reply)
                 if reply is not None and not strays
-                else (ReplyKind.OTHER, None)
+                else (MscReplyKind.OTHER, None)
             )
-        return ReplyKind.ACK, None
+        return MscReplyKind.ACK, None
     if sign in (b"", NAK):
-        return ReplyKind.NAK if sign else ReplyKind.SILENCE, None
+        return MscReplyKind.NAK if sign else MscReplyKind.SILENCE, None
     driver.client.listen(glance_s(driver))
     driver.client.send(ACK)
-    return ReplyKind.OTHER, None
+    return MscReplyKind.OTHER, None
 
 
-def reply_kind_of(driver: MscDriver, raw: bytes) -> ReplyKind:
+def reply_kind_of(driver: MscDriver, raw: bytes) -> MscReplyKind:
     """What a packet draws that this unit need not serve."""
     return answer_to(driver, raw)[0]
 

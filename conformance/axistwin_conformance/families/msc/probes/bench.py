@@ -21,7 +21,7 @@ from axistwin_conformance.families.msc.probes.link import lone_stx
 from axistwin_conformance.families.msc.probes.writes import MARK, OTHER
 from axistwin_conformance.families.msc.probing import (
     Answer,
-    ReplyKind,
+    MscReplyKind,
     answer_now,
     answer_to,
     glance_s,
@@ -45,7 +45,11 @@ STOPLESS: Final = b"\xf0"
 INPUT: Final = 0  # in the twin's flag map
 ERROR_BIT: Final = 12
 LOADING_BIT: Final = 10
-UNKNOWN: Final = {"nak": ReplyKind.NAK, "ack_ignore": ReplyKind.ACK, "silent": ReplyKind.SILENCE}
+UNKNOWN: Final = {
+    "nak": MscReplyKind.NAK,
+    "ack_ignore": MscReplyKind.ACK,
+    "silent": MscReplyKind.SILENCE,
+}
 
 
 # --- bodies ---------------------------------------------------------------------------------------
@@ -59,7 +63,7 @@ def unknown_command(driver: MscDriver) -> Outcome:
     return readings.index(drawn) if drawn in readings else drawn.value
 
 
-def _as_unknown(driver: MscDriver) -> ReplyKind:
+def _as_unknown(driver: MscDriver) -> MscReplyKind:
     return UNKNOWN[driver.session.reading("unknown_command")]
 
 
@@ -79,8 +83,8 @@ def empty_body(driver: MscDriver) -> Outcome:
 
 def _unknown_or_acked(driver: MscDriver, body: bytes) -> Outcome:
     drawn, usual = reply_kind_of(driver, odd_packet(driver, body)), _as_unknown(driver)
-    if drawn is ReplyKind.ACK:
-        return (0, 1) if usual is ReplyKind.ACK else 1
+    if drawn is MscReplyKind.ACK:
+        return (0, 1) if usual is MscReplyKind.ACK else 1
     return 0 if drawn is usual else drawn.value
 
 
@@ -88,7 +92,7 @@ def _unknown_or_acked(driver: MscDriver, body: bytes) -> Outcome:
 def malformed_body(driver: MscDriver) -> Outcome:
     """RQSTAT with one byte too many."""
     drawn = reply_kind_of(driver, odd_packet(driver, RQSTAT + b"\x00"))
-    return {ReplyKind.NAK: 0, ReplyKind.ACK: 1, ReplyKind.REPLY: 2}.get(drawn, drawn.value)
+    return {MscReplyKind.NAK: 0, MscReplyKind.ACK: 1, MscReplyKind.REPLY: 2}.get(drawn, drawn.value)
 
 
 @probe(safety="rig", needs=BENCH)
@@ -105,7 +109,7 @@ def case_sensitive(driver: MscDriver) -> Outcome:
 
 def _refused_or_served(driver: MscDriver, body: bytes) -> Outcome:
     drawn = reply_kind_of(driver, odd_packet(driver, body))
-    if drawn is ReplyKind.REPLY:
+    if drawn is MscReplyKind.REPLY:
         return 1
     return 0 if drawn is _as_unknown(driver) else drawn.value
 
@@ -129,21 +133,21 @@ def overlength(driver: MscDriver) -> Outcome:
     rest = whole[codec.HEADER_BYTES :]
     driver.client.send(rest)
     drawn, _ = answer_now(driver, len(rest) * driver.target.byte_ns / 1e9 + at_once_s)
-    if drawn is ReplyKind.SILENCE:
+    if drawn is MscReplyKind.SILENCE:
         if driver.client.receive(1, driver.client.packet_timeout_s + glance_s(driver)) == NAK:
             return 2
-        return 3 if received_as is ReplyKind.SILENCE else "no NAK at all"
-    if drawn is ReplyKind.NAK:
-        return (0, 3) if received_as is ReplyKind.NAK else 0
+        return 3 if received_as is MscReplyKind.SILENCE else "no NAK at all"
+    if drawn is MscReplyKind.NAK:
+        return (0, 3) if received_as is MscReplyKind.NAK else 0
     return 3 if drawn is received_as else drawn.value
 
 
-def _too_long(driver: MscDriver) -> tuple[bytes, ReplyKind]:
+def _too_long(driver: MscDriver) -> tuple[bytes, MscReplyKind]:
     """The beginning of a body, and what a unit that takes too long a one draws it for: something
     else than a NAK, if there is any."""
     malformed = driver.session.reading("malformed_body")
     if malformed != "nak":
-        return RQSTAT, ReplyKind.REPLY if malformed == "lenient" else ReplyKind.ACK
+        return RQSTAT, MscReplyKind.REPLY if malformed == "lenient" else MscReplyKind.ACK
     return codec.body(IMPOSSIBLE_NAME), _as_unknown(driver)
 
 
@@ -202,7 +206,7 @@ def data_misaligned(driver: MscDriver) -> Outcome:
         driver.write(address + number * driver.scratch.stride, value)
     drawn, reply = _ask(driver, codec.dread(address + 1))
     if reply is None:
-        return 1 if drawn is ReplyKind.NAK else drawn.value
+        return 1 if drawn is MscReplyKind.NAK else drawn.value
     within = VALUE_BYTES // driver.scratch.stride  # of the bytes of both: where A+1 begins
     overlapping = b"".join(map(codec.i32, values))[within : within + VALUE_BYTES]
     value = reply.values[0]
@@ -214,7 +218,7 @@ def data_out_of_range(driver: MscDriver) -> Outcome:
     """DREAD of FFFCh, and of where a named variable would be found again."""
     drawn, reply = _ask(driver, codec.dread(LAST))
     if reply is None:
-        return 0 if drawn is ReplyKind.NAK else drawn.value
+        return 0 if drawn is MscReplyKind.NAK else drawn.value
     if _wrapped_size(driver):
         return 2
     if reply.values[0]:
@@ -243,7 +247,7 @@ def _has(driver: MscDriver, address: int, value: int) -> bool:
 
 
 def _is_refused(driver: MscDriver, address: int) -> bool:
-    return _ask(driver, codec.dread(address))[0] is ReplyKind.NAK
+    return _ask(driver, codec.dread(address))[0] is MscReplyKind.NAK
 
 
 def _end(driver: MscDriver) -> int:
@@ -274,7 +278,7 @@ def block_overrun(driver: MscDriver) -> Outcome:
         driver.session.skip("the end of the data area does not show")
     drawn, reply = _ask(driver, codec.bread(end - SAFE_STRIDE))
     if reply is None:
-        return 0 if drawn is ReplyKind.NAK else drawn.value
+        return 0 if drawn is MscReplyKind.NAK else drawn.value
     values = reply.values
     inside = SAFE_STRIDE // driver.scratch.stride
     if len(values) < BLOCK_VALUES:
@@ -312,7 +316,7 @@ def flag_out_of_range_of_a_set_flag(driver: MscDriver) -> Outcome:
 def _beyond(driver: MscDriver, on: int | None) -> Outcome:
     drawn, reply = _ask(driver, codec.rflag(BEYOND + (on or 0)))
     if reply is None:
-        return 0 if drawn is ReplyKind.NAK else drawn.value
+        return 0 if drawn is MscReplyKind.NAK else drawn.value
     if reply.numbers == (1,):
         return 2
     return (1, 2) if on is None else 1
@@ -332,9 +336,9 @@ def flag_write_readonly(driver: MscDriver) -> Outcome:
             _ask(driver, codec.cflag(INPUT))
     finally:
         rig.run_program(True)
-    if drawn is ReplyKind.NAK:
+    if drawn is MscReplyKind.NAK:
         return 1
-    return drawn.value if drawn is ReplyKind.SILENCE else 2 * is_on
+    return drawn.value if drawn is MscReplyKind.SILENCE else 2 * is_on
 
 
 # --- states ---------------------------------------------------------------------------------------
@@ -374,4 +378,4 @@ def _read_or_refused(driver: MscDriver) -> Outcome:
         (address for address in driver.scratch.variables if address % SAFE_STRIDE == 0), 0
     )
     drawn, _ = _ask(driver, codec.dread(address))
-    return {ReplyKind.REPLY: 0, ReplyKind.NAK: 1}.get(drawn, drawn.value)
+    return {MscReplyKind.REPLY: 0, MscReplyKind.NAK: 1}.get(drawn, drawn.value)

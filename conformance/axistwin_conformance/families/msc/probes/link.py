@@ -24,7 +24,7 @@ from axistwin_conformance.families.msc.probing import (
     LINE_SLACK_NS,
     LONGEST_S,
     MS,
-    ReplyKind,
+    MscReplyKind,
     answer_to,
     block_of_variables,
     default_of,
@@ -328,7 +328,9 @@ def rs232_unit_check(driver: MscDriver) -> Outcome:
     """RQSTAT with unit 2 on RS-232."""
     _only_on_rs232(driver)
     drawn = reply_kind_of(driver, codec.packet(2, RQSTAT))
-    return {ReplyKind.SILENCE: 0, ReplyKind.NAK: 1, ReplyKind.REPLY: 2}.get(drawn, drawn.value)
+    return {MscReplyKind.SILENCE: 0, MscReplyKind.NAK: 1, MscReplyKind.REPLY: 2}.get(
+        drawn, drawn.value
+    )
 
 
 @probe(needs=("alone",), switch="junk_while_waiting")
@@ -382,9 +384,9 @@ def invalid_unit(driver: MscDriver) -> Outcome:
         return " or ".join(sorted(drawn))
     # One that obeys does so without a word.  Where several refuse at once, that may be garbled.
     kind = drawn.pop()
-    if kind is ReplyKind.SILENCE:
+    if kind is MscReplyKind.SILENCE:
         return 0, 2
-    return 1 if kind in (ReplyKind.NAK, ReplyKind.OTHER) else kind.value
+    return 1 if kind in (MscReplyKind.NAK, MscReplyKind.OTHER) else kind.value
 
 
 @probe()
@@ -399,7 +401,7 @@ def other_unit_framing(driver: MscDriver) -> Outcome:
     )  # nobody's, should it be there
     drawn = reply_kind_of(driver, transport)
     driver.client.wait_until_quiet()
-    return int(drawn is not ReplyKind.SILENCE)
+    return int(drawn is not MscReplyKind.SILENCE)
 
 
 def _only_where_units_are_told_apart(driver: MscDriver) -> None:

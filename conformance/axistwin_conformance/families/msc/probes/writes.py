@@ -10,7 +10,7 @@ from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK
 from axistwin_conformance.families.msc.driver import MscDriver
 from axistwin_conformance.families.msc.probing import (
-    ReplyKind,
+    MscReplyKind,
     block_of_variables,
     glance_s,
     reply_kind_of,
@@ -73,6 +73,6 @@ def invalid_unit_obeyed(driver: MscDriver) -> Outcome:
         other.write(address, value)
     if others:  # one that hunts for packets in others' (MSC-AMB-14) may have begun to read one
         driver.client.wait_until_quiet()
-    if drawn is not ReplyKind.SILENCE:
+    if drawn is not MscReplyKind.SILENCE:
         driver.session.skip(f"on this line unit 0 draws {drawn.value}")
     return 2 if is_written else 0
