@@ -103,7 +103,7 @@ class AxisSequence(Steps):
         driver, envelope = self.driver, self.driver.session.envelope
         self.client, self.target = driver.client, driver.client.target
         self._may_be_silent = driver.client.face.may_be_silent
-        self._is_guarded, self._max_travel = envelope.is_guarded, envelope.max_travel
+        self.is_guarded, self._max_travel = envelope.is_guarded, envelope.max_travel
         self.room, self.fastest = driver.limits.room(), driver.limits.fastest
         self._slack = driver.limits.allowance(PERIODS[0])
         self._timeout_s = driver.session.reply_timeout_s
@@ -399,7 +399,7 @@ class AxisSequence(Steps):
         lowest, highest = self.model.forecast.bounds(TimeWindow(later_ns, later_ns))
         gone = max(self.home - self.shaft(lowest), self.shaft(highest) - self.home)
         room = self._max_travel - RAMP_MARGIN
-        if not self._is_guarded and 0 <= gone < room:
+        if not self.is_guarded and 0 <= gone < room:
             # Whatever it is told: no motion here is faster than the shortest period.
             time_ns = (room - gone) * PERIODS[0] * TICK_NS
             self._inside_until_ns = self.target.now_ns + time_ns // 2 - AHEAD_NS
@@ -407,7 +407,7 @@ class AxisSequence(Steps):
 
     def has_room(self, period: int) -> bool:
         """True if endless motion can go on until after the next operation."""
-        if not self._is_guarded:
+        if not self.is_guarded:
             return True
         lowest, highest = self.model.forecast.bounds(self._now())
         gone = max(abs(self.shaft(lowest) - self.home), abs(self.shaft(highest) - self.home))
