@@ -147,7 +147,7 @@ def test_a_wake_up_lies_between_the_bytes_where_its_time_lies() -> None:
     first, second = Echo("a"), Echo("b")
     network = SerialNetwork([first, second])
     first.due = [3 * BYTE_NS + 5]
-    network.touch(0)
+    network.perform(0, ())
     network.host_send(b"........")
     network.run_until(10**9)
     times = [time for time, _ in first.log]
@@ -161,7 +161,7 @@ def test_a_byte_is_heard_before_a_wake_up_at_the_same_nanosecond() -> None:
     network = SerialNetwork(devices)
     for index, device in enumerate(devices):
         device.due = [BYTE_NS]
-        network.touch(index)
+        network.perform(index, ())
     network.host_send(b"x")
     network.run_until(BYTE_NS)
     assert devices[0].log == devices[1].log == [(BYTE_NS, "x"), (BYTE_NS, "woken")]
@@ -212,7 +212,7 @@ def test_a_device_that_changes_its_rate_is_followed() -> None:
     device = Echo("a")
     network = SerialNetwork([device])
     device.line_format = F9600
-    network.touch(0)
+    network.perform(0, ())
     network.host_format = F9600
     network.host_send(b"ab.")
     network.run_until(10**9)

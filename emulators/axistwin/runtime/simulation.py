@@ -17,7 +17,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Generic, Protocol, Self, TypeAlias, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Generic, Self, TypeAlias, TypeVar, cast
 
 from axistwin.devices.base import TwinDevice
 from axistwin.devices.controls import ControlTable
@@ -27,6 +27,7 @@ from axistwin.kernel.effects import Effect, Store, Trace
 from axistwin.kernel.time import Nanos
 from axistwin.runtime.any_twin import AnyTwin
 from axistwin.runtime.clock import Clock
+from axistwin.runtime.device_network import DeviceNetwork
 from axistwin.runtime.storage import Slot, Stores
 from axistwin.runtime.twin import handle_class
 
@@ -50,36 +51,7 @@ class Station:
     controls: ControlTable = MOTION
 
 
-class Network(Protocol):
-    """Devices and what connects them; see ``SerialNetwork`` and ``CanNetwork``."""
-
-    settled_ns: Nanos | None
-
-    @property
-    def now_ns(self) -> Nanos:
-        """The time up to which everything has happened."""
-
-    @property
-    def has_effects(self) -> bool:
-        """Whether there is something to take."""
-
-    def run_until(self, now: Nanos) -> None:
-        """Let everything happen that is due by ``now``."""
-
-    def take_effects(self) -> list[tuple[int, Store | Trace]]:
-        """The stores and traces since last time."""
-
-    def perform(self, index: int, effects: Sequence[Effect]) -> None:
-        """Perform the effects of a method of a device called from outside."""
-
-    def power_off(self, index: int) -> None:
-        """Cut a device's supply."""
-
-    def power_on(self, index: int) -> None:
-        """Apply a device's supply."""
-
-
-Net = TypeVar("Net", bound=Network)
+Net = TypeVar("Net", bound=DeviceNetwork[Any])
 
 
 class Simulation(ABC, Generic[Net]):
