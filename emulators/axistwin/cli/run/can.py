@@ -25,7 +25,7 @@ DEFAULT_INTERFACE: Final = "vcan0"
 
 
 @dataclass(frozen=True, slots=True)
-class BusOptions:
+class CanEndpoints:
     """The endpoints and the rate; see ``axistwin run --help``."""
 
     can: tuple[str, ...]
@@ -42,7 +42,7 @@ class CanRun(Run[Bus]):
     ``./MODEL``.
     """
 
-    def __init__(self, specs: Sequence[DeviceSpec], shared: Shared, options: BusOptions) -> None:
+    def __init__(self, specs: Sequence[DeviceSpec], shared: Shared, options: CanEndpoints) -> None:
         super().__init__(specs, shared)
         self._slcan, self._can = options.slcan, options.can
         self._slcan_tcp, self._socketcand = options.slcan_tcp, options.socketcand
@@ -64,16 +64,10 @@ class CanRun(Run[Bus]):
 
     def build(self) -> Bus:
         """The bus with its modules; on a bus that is joined, time is that bus' own affair."""
-        shared = self.shared
         return catalog.build_bus(
             self.specs,
-            quirks=shared.settings(self.specs),
-            seed=shared.seed,
-            clock=shared.clock(),
-            paced=not (shared.no_pacing or self._can),
-            storage=shared.storage(),
+            **self.shared.arguments(self.specs, paced=not self._can),
             bitrate=self._bitrate,
-            cold=shared.cold,
         )
 
     def serve(self, simulation: Bus, reporter: Reporter, loop: Loop | None = None) -> BusServer:

@@ -31,7 +31,6 @@ from axistwin.errors import UsageError, nearest
 from axistwin.kernel.effects import Effect
 from axistwin.kernel.time import Nanos
 from axistwin.motion.interpolator import Segment
-from axistwin.motion.plant import Load
 
 INPUTS: Final = ("positive_stop", "negative_stop", "reference")
 
@@ -150,7 +149,7 @@ class Axis:
     def _apply_parameters(self, now: Nanos) -> None:
         self.drive.apply_catch_up(now)
         self.drive.apply_torque(now)
-        self.drive.replan(now)
+        self.drive.plan(now)
 
     def _reference(self, _: Nanos, number: int, __: Nanos) -> bool:
         """07h (MACS-CMD-07-01, -02)."""
@@ -431,13 +430,13 @@ class Axis:
     def power_on(self, now: Nanos) -> None:
         """The supply is there: the counter is what was saved (MACS-Q-20-02)."""
         self.drive.counter.thaw(now)
-        self.drive.replan(now)
+        self.drive.plan(now)
 
     def power_off(self, now: Nanos) -> None:
         """The supply goes: the position is saved, all else volatile is lost (MACS-PERS-01, -03)."""
         self.shut_down(now)
         self.drive.counter.freeze(now)
-        self.drive.replan(now)
+        self.drive.plan(now)
 
     def shut_down(self, now: Nanos) -> None:
         """Back to the state before start-up (MACS-CMD-00-01)."""
@@ -469,7 +468,7 @@ class Axis:
                 self._reference_edge(now)
             return
         self.drive.stops.inputs[1 if name == "positive_stop" else -1] = active
-        self.drive.replan(now)
+        self.drive.plan(now)
 
     def _reference_edge(self, now: Nanos) -> None:
         """Zero the counter in a positive motion (MACS-REF-01)."""
@@ -514,26 +513,6 @@ class Axis:
             self.drive.power_off(now)
             self._save_counter(now)
 
-    def set_load(self, now: Nanos, load: Load) -> None:
-        """What hangs on the shaft."""
-        self.drive.set_load(now, load)
-
-    def push(self, now: Nanos, increments: int) -> None:
-        """Turn the shaft by hand."""
-        self.drive.push(now, increments)
-
-    def counter_at(self, now: Nanos) -> int:
-        """The position counter, as a power failure would save it."""
-        return self.drive.counter.at(now)
-
-    def reading_at(self, now: Nanos) -> int:
-        """The position counter, as 20h reads it."""
-        return self.drive.reading_at(now)
-
-    def is_moving(self, now: Nanos) -> bool:
-        """Whether the counter changes by itself."""
-        return self.drive.is_moving(now)
-
     def facts(self, now: Nanos) -> dict[str, Any]:
         """What the module's snapshot has of the axis."""
         drive, faults = self.drive, self.faults
@@ -558,14 +537,14 @@ _Handler = Callable[[Axis, Nanos, int, Nanos], bool]
 
 _PARAMETERS: Final[dict[int, tuple[Setter, Callable[[Drive, Nanos], None]]]] = {
     0x02: (Parameters.set_standby, Drive.torque_changed),
-    0x03: (Parameters.set_stops, Drive.replan),
-    0x09: (Parameters.set_superior_stop, Drive.replan),
-    0x0A: (Parameters.set_inferior_stop, Drive.replan),
+    0x03: (Parameters.set_stops, Drive.plan),
+    0x09: (Parameters.set_superior_stop, Drive.plan),
+    0x0A: (Parameters.set_inferior_stop, Drive.plan),
     0x0C: (Parameters.set_torque, Drive.torque_changed),
-    0x0D: (Parameters.set_period, Drive.replan),
+    0x0D: (Parameters.set_period, Drive.plan),
     0x0E: (Parameters.set_catch_up, Drive.apply_catch_up),
-    0x0F: (Parameters.set_ramp, Drive.replan),
-    0x1C: (Parameters.set_tolerance, Drive.replan),
+    0x0F: (Parameters.set_ramp, Drive.plan),
+    0x1C: (Parameters.set_tolerance, Drive.plan),
 }
 """Commands that set a parameter: what takes the value, and what the drive does about it."""
 
