@@ -225,11 +225,9 @@ def test_sync_starts_what_is_preloaded_at_the_end_of_its_frame() -> None:
     assert bench.position() == 0
     assert bench.say(0x080) == []
     assert bench.position_at(bench.etx_ns + 800 * TICK_NS) == 1
-    bench.settle()
-    assert bench.position() == 4
+    assert bench.settled_position() == 4
     bench.do(0x13, 8)
-    bench.settle()
-    assert bench.position() == 8
+    assert bench.settled_position() == 8
 
 
 def test_sync_takes_data_and_ignores_it() -> None:

@@ -68,16 +68,14 @@ def test_14h_goes_back_to_zero() -> None:
     """MACS-CMD-14-01."""
     bench = MacBench(cells={"position": -300})
     bench.do(0x14, 0x12345678)
-    bench.settle()
-    assert bench.position() == 0
+    assert bench.settled_position() == 0
 
 
 def test_targets_are_absolute_and_signed() -> None:
     """13h FFFFFFFF goes to -1 (MACS-FRAME-05)."""
     bench = MacBench(cells={"position": 5})
     bench.do(0x13, 0xFFFFFFFF)
-    bench.settle()
-    assert bench.position() == -1
+    assert bench.settled_position() == -1
 
 
 @pytest.mark.parametrize("number", [0x40000000, 0xBFFFFFFF, 0x80000000, 0x7FFFFFFF])
@@ -179,8 +177,7 @@ def test_a_ramped_stop_in_mid_ramp_descends_what_was_climbed() -> None:
     probe = MacBench(factory_ramp=10)
     probe.do(0x15, 0x1000)
     running = probe.position_at(bench.etx_ns)
-    bench.settle()
-    assert bench.position() == 2 * (running + 1)
+    assert bench.settled_position() == 2 * (running + 1)
 
 
 def test_a_ramped_stop_gives_up_the_target_of_a_position_motion() -> None:
@@ -227,8 +224,7 @@ def test_15h_0000_stops_the_segments_whatever_17h_does(aa: int, way: int, readin
     bench.do(0x16, 0x03E80400)
     bench.do(0x15)
     begun = (bench.etx_ns - start_ns) // (0x400 * TICK_NS) + 1
-    bench.settle()
-    assert bench.position() == begun + way
+    assert bench.settled_position() == begun + way
     assert bench.state() == "HD"
     bench.advance(S)
     assert bench.position() == begun + way
@@ -404,8 +400,7 @@ def test_the_most_negative_segment_has_32768_steps() -> None:
     """DDDD = 8000h (§5.6)."""
     bench = MacBench()
     bench.do(0x16, 0x80000100)
-    bench.settle()
-    assert bench.position() == -32768
+    assert bench.settled_position() == -32768
 
 
 def test_a_ramped_stop_does_not_interrupt_segments() -> None:
@@ -413,8 +408,7 @@ def test_a_ramped_stop_does_not_interrupt_segments() -> None:
     bench = MacBench()
     bench.do(0x16, 0x03E80400)
     bench.do(0x17)
-    bench.settle()
-    assert bench.position() == 1000
+    assert bench.settled_position() == 1000
 
 
 def test_a_hard_stop_empties_the_fifo() -> None:
@@ -427,8 +421,7 @@ def test_a_hard_stop_empties_the_fifo() -> None:
     bench.advance(S)
     assert bench.position() == rest < 1000
     bench.do(0x16, 0x00010400)
-    bench.settle()
-    assert bench.position() == rest + 1
+    assert bench.settled_position() == rest + 1
 
 
 def test_segments_sent_during_a_move_run_after_it() -> None:
@@ -438,8 +431,7 @@ def test_segments_sent_during_a_move_run_after_it() -> None:
         bench.do(0x16, 0x00640400)
     bench.refuse(0x16, 0x00640400)
     end = bench.etx_ns
-    bench.settle()
-    assert bench.position() == 800
+    assert bench.settled_position() == 800
     assert bench.now > end
 
 
@@ -452,8 +444,7 @@ def test_a_segment_refused_after_an_underrun_leaves_the_motion_alone(during: str
     bench.do(0x13, 1000)
     bench.refuse(0x16, 0x000A0400)
     assert bench.state() == "PO"
-    bench.settle()
-    assert bench.position() == 1000
+    assert bench.settled_position() == 1000
     assert bench.state() == "HD"
 
 
@@ -471,12 +462,10 @@ def test_an_armed_motion_starts_on_11h() -> None:
     assert bench.position() == 0
     bench.do(0x11)
     start = bench.etx_ns
-    bench.settle()
-    assert bench.position() == 100
+    assert bench.settled_position() == 100
     assert bench.now > start
     bench.do(0x13, 0)
-    bench.settle()
-    assert bench.position() == 0
+    assert bench.settled_position() == 0
 
 
 def test_the_second_preload_replaces_the_first() -> None:
@@ -484,8 +473,7 @@ def test_the_second_preload_replaces_the_first() -> None:
     bench = MacBench()
     for index, parameters in ((0x10, 0), (0x13, 100), (0x13, 200), (0x11, 0)):
         bench.do(index, parameters)
-    bench.settle()
-    assert bench.position() == 200
+    assert bench.settled_position() == 200
 
 
 @pytest.mark.parametrize("stop", [0x17, 0x18, 0x1A])
@@ -498,8 +486,7 @@ def test_stops_drop_arm_and_preload(stop: int) -> None:
     bench.do(0x10)
     bench.do(stop)
     bench.do(0x13, 50)
-    bench.settle()
-    assert bench.position() == 50
+    assert bench.settled_position() == 50
 
 
 def test_segments_are_not_held_and_leave_the_arm() -> None:
@@ -507,8 +494,7 @@ def test_segments_are_not_held_and_leave_the_arm() -> None:
     bench = MacBench()
     bench.do(0x10)
     bench.do(0x16, 0x00640400)
-    bench.settle()
-    assert bench.position() == 100
+    assert bench.settled_position() == 100
     bench.do(0x13, 0)
     assert bench.state() == "HD+PL"
 
@@ -525,8 +511,7 @@ def synchronised_behind_segments(**quirks: str | int) -> MacBench:
 def test_a_synchronised_motion_waits_for_the_end_of_the_segments_once() -> None:
     """MACS-AMB-69, MACS-CMD-10-02."""
     bench = synchronised_behind_segments()
-    bench.settle()
-    assert bench.position() == 5000
+    assert bench.settled_position() == 5000
     bench.do(0x16, 0x000A0400)
     bench.settle()
     bench.advance(S)

@@ -21,12 +21,6 @@ def verdict(reply: bytes) -> str:
     return names.get(reply) or ("Q" if len(reply) == 21 else reply.hex())
 
 
-def final(bench: MacBench) -> int:
-    """The position when all motion is over."""
-    bench.settle()
-    return bench.position()
-
-
 def run_ticks(bench: MacBench) -> int:
     """Let the motion end; its duration in ticks from the last Etx on."""
     start = bench.etx_ns
