@@ -17,7 +17,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Generic, Self, TypeAlias, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeAlias, TypeVar, cast
 
 from axistwin.devices.base import TwinDevice
 from axistwin.devices.controls import ControlTable
@@ -51,6 +51,7 @@ class Station:
     controls: ControlTable = MOTION
 
 
+Told = TypeVar("Told", bound=Callable[..., None])
 Net = TypeVar("Net", bound=DeviceNetwork[Any])
 
 
@@ -59,6 +60,9 @@ class Simulation(ABC, Generic[Net]):
 
     Every method raises StateError once the storage has failed.
     """
+
+    _noun: ClassVar[str]
+    """What messages call it."""
 
     def __init__(
         self, network: Net, clock: Clock, storage: Stores, stations: Sequence[Station]
@@ -182,12 +186,16 @@ class Simulation(ABC, Generic[Net]):
 
     def subscribe(self, subscriber: Subscriber) -> Callable[[], None]:
         """Give every trace of a device to ``subscriber``; call what is returned to end that."""
+        return self._added(self._subscribers, subscriber)
+
+    def _added(self, subscribers: list[Told], subscriber: Told) -> Callable[[], None]:
+        """Add ``subscriber``; what is returned takes it away again."""
         with self._lock:
-            self._subscribers.append(subscriber)
+            subscribers.append(subscriber)
 
         def unsubscribe() -> None:
             with self._lock:
-                self._subscribers.remove(subscriber)
+                subscribers.remove(subscriber)
 
         return unsubscribe
 
@@ -213,12 +221,8 @@ class Simulation(ABC, Generic[Net]):
             finally:
                 self._storage.close()
                 if self._failure is None:
-                    self._failure = self._closed_error()
+                    self._failure = StateError(f"the {self._noun} is closed; build a new one")
             self.wake()
-
-    @abstractmethod
-    def _closed_error(self) -> StateError:
-        """What is raised by whoever uses it after ``close``."""
 
     def __enter__(self) -> Self:
         return self
