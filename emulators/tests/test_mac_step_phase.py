@@ -86,7 +86,7 @@ def test_a_motion_that_a_stop_bars_before_it_sets_out_makes_no_step(
     assert axis.execute(MS, index, parameters, 3 * MS)
     axis.set_input(2 * MS, "positive_stop", True)
     run_until(axis, 10 * MS)
-    assert (axis.drive.counter.at(10 * MS), axis.query(10 * MS, 0x21)) == (0, 0x00080000)
+    assert (axis.counter_at(10 * MS), axis.query(10 * MS, 0x21)) == (0, 0x00080000)
 
 
 @PHASES
@@ -134,12 +134,12 @@ def test_a_velocity_takes_over_the_step_of_a_segment_once(phase: str, late_ns: i
     assert axis.execute(0, 0x16, 0x00641F40, 0)  # 100 steps of 1 ms
     now = 30 * MS + late_ns
     run_until(axis, now)
-    before = axis.drive.counter.at(now)
+    before = axis.counter_at(now)
     assert axis.execute(now, 0x15, 0x1F40, now)
-    places = [before, axis.drive.counter.at(now)]
+    places = [before, axis.counter_at(now)]
     for time in range(now, now + 3 * MS, MS // 4):
         run_until(axis, time)
-        places.append(axis.drive.counter.at(time))
+        places.append(axis.counter_at(time))
     assert places[0] == places[1] == 30 - (late_ns < 0) + (phase == "start")
     assert places == sorted(places)
-    assert axis.drive.counter.at(now + 4 * MS) == places[0] + 4
+    assert axis.counter_at(now + 4 * MS) == places[0] + 4

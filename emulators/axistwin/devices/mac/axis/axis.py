@@ -513,6 +513,10 @@ class Axis:
             self.drive.power_off(now)
             self._save_counter(now)
 
+    def counter_at(self, now: Nanos) -> int:
+        """The position counter, as a power failure would save it."""
+        return self.drive.counter.at(now)
+
     def facts(self, now: Nanos) -> dict[str, Any]:
         """What the module's snapshot has of the axis."""
         drive, faults = self.drive, self.faults

@@ -280,7 +280,7 @@ class MacModule:
     def cells(self, now: Nanos) -> Mapping[str, int]:
         """All nonvolatile cells; the position is the one a power failure would save at ``now``."""
         self._run_until(now)
-        return {**self.axis.stored, "position": self.axis.drive.counter.at(now)}
+        return {**self.axis.stored, "position": self.axis.counter_at(now)}
 
     def is_moving(self, now: Nanos) -> bool:
         """Whether the position changes by itself."""
