@@ -431,19 +431,12 @@ def test_stretches_change_nothing(script: list[tuple[int, bytes]], skew_ns: int)
     assert bits == stretches
 
 
-class Sink:
+class Sink(Echo):
     """A device that counts, and answers one request in a thousand."""
 
-    line_format = F38400
-    is_full_duplex = False
-
     def __init__(self) -> None:
+        super().__init__("s")
         self.count = 0
-
-    def quiet_prefix(self, data: bytes) -> int:
-        """A reaction takes a full stop."""
-        end = data.find(END)
-        return len(data) if end < 0 else end
 
     def receive(self, chunk: Chunk) -> list[Effect]:
         """Note the bytes; a full stop ends a request."""
@@ -451,29 +444,6 @@ class Sink:
         if chunk.data[-1] != END:
             return []
         return [Transmit(chunk.arrival_ns(len(chunk.data) - 1) + LATENCY_NS, b"answer")]
-
-    next_event = Echo.next_event
-    due: tuple[int, ...] = ()
-
-    def wake(self, now: int) -> list[Effect]:
-        """Do what is due."""
-        raise AssertionError(now)
-
-    def power_off(self, now: int) -> list[Effect]:
-        """Forget all that is under way."""
-        return []
-
-    def power_on(self, now: int) -> list[Effect]:
-        """Start up."""
-        return []
-
-    def cells(self, now: int) -> Mapping[str, int]:
-        """Nothing is kept."""
-        return {}
-
-    def is_moving(self, now: int) -> bool:
-        """Nothing moves."""
-        return False
 
 
 def held(network: SerialNetwork) -> int:

@@ -149,7 +149,7 @@ class Axis:
     def _apply_parameters(self, now: Nanos) -> None:
         self.drive.apply_catch_up(now)
         self.drive.apply_torque(now)
-        self.drive.plan(now)
+        self.drive.replan(now)
 
     def _reference(self, _: Nanos, number: int, __: Nanos) -> bool:
         """07h (MACS-CMD-07-01, -02)."""
@@ -430,13 +430,13 @@ class Axis:
     def power_on(self, now: Nanos) -> None:
         """The supply is there: the counter is what was saved (MACS-Q-20-02)."""
         self.drive.counter.thaw(now)
-        self.drive.plan(now)
+        self.drive.replan(now)
 
     def power_off(self, now: Nanos) -> None:
         """The supply goes: the position is saved, all else volatile is lost (MACS-PERS-01, -03)."""
         self.shut_down(now)
         self.drive.counter.freeze(now)
-        self.drive.plan(now)
+        self.drive.replan(now)
 
     def shut_down(self, now: Nanos) -> None:
         """Back to the state before start-up (MACS-CMD-00-01)."""
@@ -468,7 +468,7 @@ class Axis:
                 self._reference_edge(now)
             return
         self.drive.stops.inputs[1 if name == "positive_stop" else -1] = active
-        self.drive.plan(now)
+        self.drive.replan(now)
 
     def _reference_edge(self, now: Nanos) -> None:
         """Zero the counter in a positive motion (MACS-REF-01)."""
@@ -541,14 +541,14 @@ _Handler = Callable[[Axis, Nanos, int, Nanos], bool]
 
 _PARAMETERS: Final[dict[int, tuple[Setter, Callable[[Drive, Nanos], None]]]] = {
     0x02: (Parameters.set_standby, Drive.torque_changed),
-    0x03: (Parameters.set_stops, Drive.plan),
-    0x09: (Parameters.set_superior_stop, Drive.plan),
-    0x0A: (Parameters.set_inferior_stop, Drive.plan),
+    0x03: (Parameters.set_stops, Drive.replan),
+    0x09: (Parameters.set_superior_stop, Drive.replan),
+    0x0A: (Parameters.set_inferior_stop, Drive.replan),
     0x0C: (Parameters.set_torque, Drive.torque_changed),
-    0x0D: (Parameters.set_period, Drive.plan),
+    0x0D: (Parameters.set_period, Drive.replan),
     0x0E: (Parameters.set_catch_up, Drive.apply_catch_up),
-    0x0F: (Parameters.set_ramp, Drive.plan),
-    0x1C: (Parameters.set_tolerance, Drive.plan),
+    0x0F: (Parameters.set_ramp, Drive.replan),
+    0x1C: (Parameters.set_tolerance, Drive.replan),
 }
 """Commands that set a parameter: what takes the value, and what the drive does about it."""
 
