@@ -17,7 +17,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeAlias, TypeVar, cast
+from typing import Any, ClassVar, Generic, Self, TypeAlias, TypeVar, cast
 
 from axistwin.devices.base import TwinDevice
 from axistwin.devices.controls import ControlTable
@@ -30,9 +30,6 @@ from axistwin.runtime.clock import Clock
 from axistwin.runtime.device_network import DeviceNetwork
 from axistwin.runtime.storage import Slot, Stores
 from axistwin.runtime.twin import handle_class
-
-if TYPE_CHECKING:
-    from types import TracebackType
 
 Subscriber: TypeAlias = Callable[[AnyTwin, Trace], None]
 
@@ -227,12 +224,7 @@ class Simulation(ABC, Generic[Net]):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: "TracebackType | None",
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     # -- for the twins ------------------------------------------------------------------------
