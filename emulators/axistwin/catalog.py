@@ -295,46 +295,31 @@ def _stations(
     storage: Stores,
     baud: int | None,
 ) -> list[Station]:
-    """The devices of ``specs`` with their memories."""
-    alone = len(specs) == 1
-    return [
-        _station(spec, index, quirks, seed, storage, baud, alone=alone)
-        for index, spec in enumerate(specs)
-    ]
-
-
-def _station(
-    spec: DeviceSpec,
-    index: int,
-    quirks: Mapping[str, Value],
-    seed: int,
-    storage: Stores,
-    baud: int | None,
-    *,
-    alone: bool,
-) -> Station:
-    """The device of ``spec``, with its memory: what is stored, else what the factory stored."""
-    model = find_model(spec.model)
-    slot = storage.slot(f"{spec.model}-{spec.address}", spec.model)
-    cells = dict(slot.cells)
-    if not cells and baud is not None:
-        if baud not in model.bauds:
-            rates = ", ".join(map(str, model.bauds))
-            raise UsageError(f"baud {baud} is no rate of {spec.model}: {rates}")
-        if len(model.bauds) > 1:  # or else there is nothing to remember
-            cells["baud"] = baud
-    own = {name: value for name, value in quirks.items() if name in model.quirks}
-    skew_ns = _skew_ns(seed, spec, index)
-    device = model.make(spec.address, DeviceOptions(own, cells, skew_ns, alone))
-    present = device.cells(0)
-    strange = sorted(name for name in slot.cells if present.get(name) != slot.cells[name])
-    if strange:
-        raise StateError(
-            f"state of {spec}: cell {strange[0]} cannot be {slot.cells[strange[0]]}; "
-            "restore a good copy, or remove it to start with factory values"
-        )
-    slot.save(present, durable=True)
-    return Station(str(spec), spec.model, device, slot, model.family.controls())
+    """The devices of ``specs``, each with its memory: what is stored, else the factory's values."""
+    stations = []
+    for index, spec in enumerate(specs):
+        model = find_model(spec.model)
+        slot = storage.slot(f"{spec.model}-{spec.address}", spec.model)
+        cells = dict(slot.cells)
+        if not cells and baud is not None:
+            if baud not in model.bauds:
+                rates = ", ".join(map(str, model.bauds))
+                raise UsageError(f"baud {baud} is no rate of {spec.model}: {rates}")
+            if len(model.bauds) > 1:  # or else there is nothing to remember
+                cells["baud"] = baud
+        own = {name: value for name, value in quirks.items() if name in model.quirks}
+        options = DeviceOptions(own, cells, _skew_ns(seed, spec, index), alone=len(specs) == 1)
+        device = model.make(spec.address, options)
+        present = device.cells(0)
+        strange = sorted(name for name in slot.cells if present.get(name) != slot.cells[name])
+        if strange:
+            raise StateError(
+                f"state of {spec}: cell {strange[0]} cannot be {slot.cells[strange[0]]}; "
+                "restore a good copy, or remove it to start with factory values"
+            )
+        slot.save(present, durable=True)
+        stations.append(Station(str(spec), spec.model, device, slot, model.family.controls()))
+    return stations
 
 
 def _skew_ns(seed: int, spec: DeviceSpec, index: int) -> Nanos:

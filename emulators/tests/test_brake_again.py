@@ -97,13 +97,11 @@ def test_a_segment_sent_while_the_shaft_runs_out_is_run_when_it_rests() -> None:
         bench.do(0x18)
         place = bench.device.position_at(bench.etx_ns)
         bench.do(0x16, 0x00640320)
-        bench.settle()
-        assert bench.position() == place + 400
+        assert bench.settled_position() == place + 400
         bench.do(index, parameters)
         bench.advance(50 * MS)
         bench.do(0x18)
         place = bench.device.position_at(bench.etx_ns)
         bench.do(0x16, 0x00640320)
         bench.do(0x18)
-        bench.settle()
-        assert bench.position() == place + 300
+        assert bench.settled_position() == place + 300

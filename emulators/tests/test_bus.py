@@ -52,9 +52,14 @@ class Rig:
         return str(arrival.frame)
 
 
-def test_time_stands_still_while_nobody_waits() -> None:
+@pytest.fixture
+def rig() -> Rig:
+    """With the defaults."""
+    return Rig()
+
+
+def test_time_stands_still_while_nobody_waits(rig: Rig) -> None:
     """Sending and receiving move none; waiting ends when something is complete."""
-    rig = Rig()
     port = rig.bus.attach()
     rig.bus.send(port, READ)
     assert rig.bus.receive(port) == []
@@ -67,9 +72,8 @@ def test_time_stands_still_while_nobody_waits() -> None:
     assert rig.bus.backlog(port) == 0
 
 
-def test_waiting_for_ever_ends_when_nothing_will_happen() -> None:
+def test_waiting_for_ever_ends_when_nothing_will_happen(rig: Rig) -> None:
     """As long as something will, it is waited for."""
-    rig = Rig()
     port = rig.bus.attach()
     assert rig.bus.wait(None, port) == 10 * NS_PER_S + wire_bits(CanFrame(0x81, bytes(8))) * BIT_NS
     assert len(rig.bus.receive(port)) == 1
@@ -79,9 +83,8 @@ def test_waiting_for_ever_ends_when_nothing_will_happen() -> None:
     assert rig.bus.wait(None, port) == before
 
 
-def test_what_is_stored_is_on_disk_before_its_reply_can_be_read() -> None:
+def test_what_is_stored_is_on_disk_before_its_reply_can_be_read(rig: Rig) -> None:
     """The write happens when the request is complete; the reply comes later."""
-    rig = Rig()
     port = rig.bus.attach()
     rig.bus.send(port, download(0x0D, 0x1234))
     rig.bus.advance(wire_bits(download(0x0D, 0x1234)) * BIT_NS)
@@ -93,9 +96,8 @@ def test_what_is_stored_is_on_disk_before_its_reply_can_be_read() -> None:
     assert [str(each.frame) for each in rig.bus.receive(port)] == ["581#600D200000000000"]
 
 
-def test_what_cannot_be_stored_is_never_acknowledged() -> None:
+def test_what_cannot_be_stored_is_never_acknowledged(rig: Rig) -> None:
     """The error is raised again and again; nothing can be read."""
-    rig = Rig()
     port = rig.bus.attach()
     rig.slots[0].fail = True
     rig.bus.send(port, download(0x0D, 0x1234))
@@ -106,9 +108,8 @@ def test_what_cannot_be_stored_is_never_acknowledged() -> None:
             rig.bus.receive(port)
 
 
-def test_what_a_host_is_told_of_a_moving_axis_outlives_a_kill() -> None:
+def test_what_a_host_is_told_of_a_moving_axis_outlives_a_kill(rig: Rig) -> None:
     """The position is saved before a frame can be read."""
-    rig = Rig()
     port = rig.bus.attach()
     assert rig.ask(port, download(0x15, 0x0320)).startswith("581#60")
     rig.bus.advance(NS_PER_S)
@@ -123,9 +124,8 @@ def test_what_a_host_is_told_of_a_moving_axis_outlives_a_kill() -> None:
     assert rig.slots[0].writes[-1][1]
 
 
-def test_ports_come_and_go() -> None:
+def test_ports_come_and_go(rig: Rig) -> None:
     """Each hears what happens while it is there; the counters of a lone one tell."""
-    rig = Rig()
     first = rig.bus.attach(hears_own=True, hears_errors=True)
     rig.ask(first, READ)
     assert rig.bus.dropped(first) == 0
@@ -205,9 +205,8 @@ def test_twins_work_on_a_bus_as_on_a_line() -> None:
     assert {twin for twin, _ in traces} <= {rig.bus.twins[1]}
 
 
-def test_the_transcript_has_the_last_frames_in_words() -> None:
+def test_the_transcript_has_the_last_frames_in_words(rig: Rig) -> None:
     """With who sent them; a recording gets all of them."""
-    rig = Rig()
     recorded: list[Passed] = []
     end = rig.bus.subscribe_frames(recorded.append)
     port = rig.bus.attach()
@@ -238,9 +237,8 @@ def test_a_long_stretch_of_virtual_time_loses_no_record(monkeypatch: pytest.Monk
     assert len(rig.bus.transcript) == TRANSCRIPT_FRAMES
 
 
-def test_who_keeps_an_alarm_is_told_of_changes() -> None:
+def test_who_keeps_an_alarm_is_told_of_changes(rig: Rig) -> None:
     """Sending, coming and going bring the next event nearer."""
-    rig = Rig()
     told: list[int] = []
     rig.bus.on_change(lambda: told.append(1))
     port = rig.bus.attach()
@@ -275,9 +273,8 @@ def test_a_bus_in_real_time_wakes_who_waits() -> None:
     assert rig.bus.wait(None, first, stop=lambda: True) > 0
 
 
-def test_a_closed_bus_says_so() -> None:
+def test_a_closed_bus_says_so(rig: Rig) -> None:
     """Closing twice is once."""
-    rig = Rig()
     with rig.bus:
         port = rig.bus.attach()
     rig.bus.close()

@@ -17,13 +17,13 @@ import pytest
 from can_clients import frame_of, message
 from served import eventually
 from served_bus import POSITION, TIMEOUT_S, ServedBus, client, receive
+from spy_storage import Disk
 
 from axistwin.errors import PortError, StateError
 from axistwin.ports.can_client import OUTPUT_MAX
 from axistwin.ports.can_hub import MISTAKES_TOLD_MAX, SlcanPtyPort, SlcanTcpPort, SocketcandPort
 from axistwin.ports.tcp import parse_address
 from axistwin.runtime.serving.bus_server import BusPort
-from axistwin.runtime.storage import MemoryStorage
 from axistwin.wire.can_frame import CanFrame
 
 pytestmark = pytest.mark.system
@@ -59,16 +59,6 @@ def connect(port: SlcanTcpPort | SocketcandPort) -> socket.socket:
     """A bare client of a TCP port."""
     address = parse_address(port.url.partition("//")[2])
     return socket.create_connection(address, timeout=TIMEOUT_S)
-
-
-def read_until(connection: socket.socket, end: bytes) -> bytes:
-    """What comes up to and with ``end``."""
-    data = b""
-    while not data.endswith(end):
-        more = connection.recv(4096)
-        assert more, f"closed behind {data!r}"
-        data += more
-    return data
 
 
 def converse(bus: can.BusABC) -> None:
@@ -374,11 +364,6 @@ def test_a_bus_at_rest_costs_nothing(hub: Hub, monkeypatch: pytest.MonkeyPatch) 
 def test_an_axis_that_moves_is_saved(tmp_path: Path) -> None:
     """Also while nobody asks; a kill may come at any time."""
 
-    class Disk(MemoryStorage):
-        """Counts as lasting."""
-
-        is_volatile = False
-
     storage = Disk()
     with Hub(tmp_path, storage=storage) as hub, client(hub.tcp.client_line) as bus:
         slot = hub.bus._stations[0].slot
@@ -391,12 +376,7 @@ def test_an_axis_that_moves_is_saved(tmp_path: Path) -> None:
 def test_a_full_disk_ends_the_server_and_leaves_nothing(tmp_path: Path) -> None:
     """One clear error; the link is gone, clients see the end."""
 
-    class FullDisk(MemoryStorage):
-        """Takes no second write of parameters."""
-
-        is_volatile = False
-
-    hub = Hub(tmp_path, storage=FullDisk())
+    hub = Hub(tmp_path, storage=Disk())
 
     def fail(*_: object, **__: object) -> None:
         raise StateError("state: no room; make room")

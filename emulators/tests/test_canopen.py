@@ -15,6 +15,7 @@ import canopen
 import pytest
 from canopen.lss import LssError
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
+from canopen_talk import until
 
 from axistwin import testing
 
@@ -66,14 +67,6 @@ def talk() -> Iterator[Conversation]:
     """Modules 1 and 2."""
     with conversation("mac23-can:1", "mac23-can:2") as talk:
         yield talk
-
-
-def until(condition: Callable[[], object]) -> None:
-    """Wait for something that another thread brings about."""
-    end = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < end, "it never came true"
-        time.sleep(0.001)
 
 
 # ---- objects -------------------------------------------------------------------------------------

@@ -46,9 +46,14 @@ class Rig:
         return self.line.receive(count)
 
 
-def test_time_stands_still_while_nobody_waits() -> None:
+@pytest.fixture
+def rig() -> Rig:
+    """With the defaults."""
+    return Rig()
+
+
+def test_time_stands_still_while_nobody_waits(rig: Rig) -> None:
     """Sending and receiving move no virtual time; without time nothing is answered."""
-    rig = Rig()
     rig.line.send(b"W")
     assert rig.line.receive() == b""
     assert rig.line.available == 0
@@ -56,9 +61,8 @@ def test_time_stands_still_while_nobody_waits() -> None:
     assert rig.line.host_backlog <= 1
 
 
-def test_waiting_for_bytes_ends_when_they_are_complete() -> None:
+def test_waiting_for_bytes_ends_when_they_are_complete(rig: Rig) -> None:
     """The answer is there after byte, latency, byte; not a nanosecond later."""
-    rig = Rig()
     rig.line.send(b"W")
     now = rig.line.wait(NS_PER_S)
     assert now == rig.clock.now_ns() == 2 * BYTE_NS + LATENCY_NS
@@ -67,9 +71,8 @@ def test_waiting_for_bytes_ends_when_they_are_complete() -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
-def test_waiting_for_several_bytes_ends_with_the_last_of_them(count: int) -> None:
+def test_waiting_for_several_bytes_ends_with_the_last_of_them(rig: Rig, count: int) -> None:
     """Of an answer of four bytes exactly the wanted ones have arrived."""
-    rig = Rig()
     rig.line.send(b"P")
     now = rig.line.wait(NS_PER_S, count)
     answer_ns = BYTE_NS + LATENCY_NS
@@ -77,34 +80,30 @@ def test_waiting_for_several_bytes_ends_with_the_last_of_them(count: int) -> Non
     assert rig.line.available == count
 
 
-def test_waiting_in_vain_ends_at_its_time() -> None:
+def test_waiting_in_vain_ends_at_its_time(rig: Rig) -> None:
     """A short answer does not end the wait for more; the limit does."""
-    rig = Rig()
     rig.line.send(b"W")
     assert rig.line.wait(NS_PER_S, 2) == NS_PER_S
     assert rig.line.receive() == b"K"
 
 
-def test_waiting_for_ever_in_virtual_time_ends_when_nothing_will_happen() -> None:
+def test_waiting_for_ever_in_virtual_time_ends_when_nothing_will_happen(rig: Rig) -> None:
     """A blocking read of a silent line returns instead of hanging the test."""
-    rig = Rig()
     assert rig.line.wait(None) == 0
     rig.line.send(b"W")
     assert rig.line.wait(None, 5) == 2 * BYTE_NS + LATENCY_NS
 
 
-def test_advance_moves_time_by_the_given_span() -> None:
+def test_advance_moves_time_by_the_given_span(rig: Rig) -> None:
     """Whatever happens in between, advance ends where it was told to."""
-    rig = Rig()
     rig.line.send(b"GP")
     assert rig.line.advance(3600 * NS_PER_S) == 3600 * NS_PER_S
     assert rig.line.twins[0].position == (3600 * NS_PER_S - BYTE_NS) // NS_PER_MS
     assert rig.line.advance_to(5) == 3600 * NS_PER_S
 
 
-def test_what_a_device_stores_is_written_before_its_acknowledgement_can_be_read() -> None:
+def test_what_a_device_stores_is_written_before_its_acknowledgement_can_be_read(rig: Rig) -> None:
     """The write happens at or before the sync that shows the first byte."""
-    rig = Rig()
     rig.line.send(b"W")
     rig.line.advance(BYTE_NS)
     assert rig.slots[0].writes == [({"writes": 1}, True)]
@@ -113,9 +112,8 @@ def test_what_a_device_stores_is_written_before_its_acknowledgement_can_be_read(
     assert rig.line.receive() == b"K"
 
 
-def test_a_failed_write_is_raised_and_nothing_can_be_read_any_more() -> None:
+def test_a_failed_write_is_raised_and_nothing_can_be_read_any_more(rig: Rig) -> None:
     """The acknowledgement of what was not stored never reaches the host."""
-    rig = Rig()
     rig.slots[0].fail = True
     rig.line.send(b"W")
     with pytest.raises(StateError, match="disk full"):
@@ -131,9 +129,8 @@ def test_a_failed_write_is_raised_and_nothing_can_be_read_any_more() -> None:
     assert rig.storage.closed == 1
 
 
-def test_a_moving_position_that_cannot_be_saved_is_not_told_either() -> None:
+def test_a_moving_position_that_cannot_be_saved_is_not_told_either(rig: Rig) -> None:
     """Any failed write ends the line, not only that of a parameter."""
-    rig = Rig()
     rig.line.send(b"G")
     rig.line.advance(NS_PER_S)
     rig.slots[0].fail = True
@@ -144,9 +141,8 @@ def test_a_moving_position_that_cannot_be_saved_is_not_told_either() -> None:
         rig.line.receive()
 
 
-def test_the_host_is_never_told_a_position_that_a_kill_would_take_back() -> None:
+def test_the_host_is_never_told_a_position_that_a_kill_would_take_back(rig: Rig) -> None:
     """When bytes become readable while an axis moves, its position is saved first."""
-    rig = Rig()
     rig.line.send(b"G")
     rig.line.advance(100 * NS_PER_MS)
     rig.slots[0].writes.clear()
@@ -157,9 +153,8 @@ def test_the_host_is_never_told_a_position_that_a_kill_would_take_back() -> None
     assert rig.slots[0].cells["position"] >= told
 
 
-def test_an_axis_at_rest_is_not_saved_again_and_again() -> None:
+def test_an_axis_at_rest_is_not_saved_again_and_again(rig: Rig) -> None:
     """Queries alone write nothing."""
-    rig = Rig()
     rig.ask(b"P", 4)
     rig.line.save_moving()
     assert rig.slots[0].writes == []
@@ -176,9 +171,8 @@ def test_save_moving_writes_what_has_changed_by_itself() -> None:
     assert rig.slots[0].writes == [({"position": 50}, False)]
 
 
-def test_the_servers_alarm_is_set_for_the_end_of_an_answer() -> None:
+def test_the_servers_alarm_is_set_for_the_end_of_an_answer(rig: Rig) -> None:
     """Not for every byte of it, and not for nothing."""
-    rig = Rig()
     assert rig.line.next_event_ns() is None
     rig.line.send(b"P")
     assert rig.line.next_event_ns() == BYTE_NS
@@ -186,9 +180,8 @@ def test_the_servers_alarm_is_set_for_the_end_of_an_answer() -> None:
     assert rig.line.next_event_ns() == BYTE_NS + LATENCY_NS + LineFormat(38400).span_ns(4)
 
 
-def test_everybody_is_told_of_changes_from_outside() -> None:
+def test_everybody_is_told_of_changes_from_outside(rig: Rig) -> None:
     """Sending, inputs and rates may bring the next event nearer; looking does not."""
-    rig = Rig()
     calls: list[int] = []
     rig.line.on_change(lambda: calls.append(1))
     rig.line.sync()
@@ -206,9 +199,8 @@ def test_everybody_is_told_of_changes_from_outside() -> None:
     assert len(calls) == 3
 
 
-def test_traces_reach_their_subscribers_with_the_twin_they_are_of() -> None:
+def test_traces_reach_their_subscribers_with_the_twin_they_are_of(rig: Rig) -> None:
     """Until they unsubscribe."""
-    rig = Rig()
     seen: list[tuple[Twin, Trace]] = []
     unsubscribe = rig.line.subscribe(lambda twin, trace: seen.append((twin, trace)))
     rig.ask(b"T", 1)
@@ -218,9 +210,8 @@ def test_traces_reach_their_subscribers_with_the_twin_they_are_of() -> None:
     assert len(seen) == 1
 
 
-def test_the_transcript_shows_both_directions_with_times_and_words() -> None:
+def test_the_transcript_shows_both_directions_with_times_and_words(rig: Rig) -> None:
     """One line per burst."""
-    rig = Rig()
     rig.ask(b"W", 1)
     rig.ask(b"P", 4)
     assert rig.line.render_transcript().splitlines() == [
@@ -231,9 +222,8 @@ def test_the_transcript_shows_both_directions_with_times_and_words() -> None:
     ]
 
 
-def test_a_transcript_is_bounded() -> None:
+def test_a_transcript_is_bounded(rig: Rig) -> None:
     """A flood of bytes is shown cut, and only its end is kept."""
-    rig = Rig()
     for _ in range(220):
         rig.line.send(b"." * 300)
         rig.line.advance(NS_PER_S)
@@ -244,9 +234,8 @@ def test_a_transcript_is_bounded() -> None:
     assert rest.endswith("… 44 bytes  44 B")
 
 
-def test_purging_drops_what_has_not_left_the_host() -> None:
+def test_purging_drops_what_has_not_left_the_host(rig: Rig) -> None:
     """The byte on the line is finished."""
-    rig = Rig()
     rig.line.send(b"W" * 10)
     rig.line.advance(BYTE_NS // 2)
     assert rig.line.host_backlog == 9
@@ -257,9 +246,8 @@ def test_purging_drops_what_has_not_left_the_host() -> None:
     assert rig.line.receive() == b"K"
 
 
-def test_closing_saves_everything_durably_and_lets_go_once() -> None:
+def test_closing_saves_everything_durably_and_lets_go_once(rig: Rig) -> None:
     """The position under way is in the record; the line cannot be used any more."""
-    rig = Rig()
     rig.line.send(b"G")
     rig.line.advance(BYTE_NS + 7 * NS_PER_MS)
     rig.line.close()
@@ -270,9 +258,8 @@ def test_closing_saves_everything_durably_and_lets_go_once() -> None:
         rig.line.send(b"P")
 
 
-def test_a_line_is_closed_at_the_end_of_its_with_block() -> None:
+def test_a_line_is_closed_at_the_end_of_its_with_block(rig: Rig) -> None:
     """As files are."""
-    rig = Rig()
     with rig.line as line:
         assert line.is_virtual
         assert line.is_volatile == SpyStorage.is_volatile

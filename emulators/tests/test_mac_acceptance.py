@@ -4,66 +4,21 @@ from typing import Any
 
 import pytest
 from mac_bench import ACCEPTED, REFUSED, SILENCE, MacBench
+from mac_states import SHARED_VALUES, brought
 
 # Typed from the ledger, independently of the device's own table.  A accepted, R refused,
 # - no reply, Q answered.  16h and 1Eh in IN: accepted as long as the FIFO has room.
 STATES = ("BT", "RI", "OF", "HD", "PO", "VE", "IN", "AR", "PL", "DJ")
+FREE, LOCKED, NOBODY, MOTION = "--AAAAAAAA", "--AARRRAAA", "--RRRRRRRR", "--AAAAAAAR"
 LEDGER = {
-    0x00: "--AAAAAAAA",
-    0x01: "--AAAAAAAA",
-    0x02: "--AARRRAAA",
-    0x03: "--AARRRAAA",
-    0x04: "--RRRRRRRR",
-    0x05: "--RRRRRRRR",
-    0x06: "--RRRRRRRR",
-    0x07: "--AAAAAAAA",
-    0x08: "--AAAAAAAA",
-    0x09: "--AARRRAAA",
-    0x0A: "--AARRRAAA",
-    0x0B: "--AAAAAAAA",
-    0x0C: "--AAAAAAAA",
-    0x0D: "--AARRRAAA",
-    0x0E: "--AAAAAAAA",
-    0x0F: "--AARRRAAA",
-    0x10: "--AAAAAAAR",
-    0x11: "--AAAAAAAR",
-    0x12: "--RRRRRRRR",
-    0x13: "--AARRRAAR",
-    0x14: "--AARRRAAR",
-    0x15: "--AAAAAAAR",
-    0x16: "--AAAAAAAR",
-    0x17: "--AAAAAAAR",
-    0x18: "--AAAAAAAR",
-    0x19: "--AAAAAAAR",
-    0x1A: "--AAAAAAAR",
-    0x1B: "--AAAAAAAA",
-    0x1C: "--AAAAAAAA",
-    0x1D: "--RRRRRRRR",
-    0x1E: "--AAAAAAAR",
-    0x1F: "--RRRRRRRR",
+    **dict.fromkeys((0x00, 0x01, 0x07, 0x08, 0x0B, 0x0C, 0x0E, 0x1B, 0x1C), FREE),
+    **dict.fromkeys((0x02, 0x03, 0x09, 0x0A, 0x0D, 0x0F), LOCKED),
+    **dict.fromkeys((0x04, 0x05, 0x06, 0x12, 0x1D, 0x1F, *range(0x2A, 0x31), 0xFF), NOBODY),
+    **dict.fromkeys((0x10, 0x11, 0x15, 0x16, 0x17, 0x18, 0x19, 0x1A, 0x1E), MOTION),
+    **dict.fromkeys((0x13, 0x14), "--AARRRAAR"),
     **dict.fromkeys(range(0x20, 0x2A), "--QQQQQQQQ"),
-    **dict.fromkeys(range(0x2A, 0x30), "--RRRRRRRR"),
-    0x30: "--RRRRRRRR",
-    0xFF: "--RRRRRRRR",
 }
-VALUES = {
-    0x03: 1,
-    0x07: 1,
-    0x08: 7,
-    0x09: 0x1000,
-    0x0A: 0xFFFFF000,
-    0x0C: 0x40,
-    0x0D: 0x400,
-    0x0E: 0x0600,
-    0x0F: 2,
-    0x13: 500,
-    0x15: 0x320,
-    0x16: 0x00640400,
-    0x1B: 2,
-    0x1C: 3,
-    0x1E: 0x00640400,
-}
-LONG_SEGMENT = 0x7FFF0400
+VALUES = {**SHARED_VALUES, 0x08: 7, 0x1B: 2}
 
 # What the other readings change: quirk, value, indexes, states, reply.
 OTHER_READINGS = [
@@ -98,32 +53,7 @@ OTHER_READINGS = [
 
 def bench_in(state: str, **quirks: Any) -> MacBench:
     """A module brought into ``state`` over the wire (or by its inputs)."""
-    bench = MacBench(**quirks)
-    steps: dict[str, list[tuple[int, int]]] = {
-        "BT": [(0x00, 0)],
-        "HD": [(0x19, 0)],
-        "PO": [(0x13, 1_000_000)],
-        "VE": [(0x15, 0x320)],
-        "IN": [(0x16, LONG_SEGMENT)],
-        "AR": [(0x10, 0)],
-        "PL": [(0x10, 0), (0x13, 1000)],
-        "powered AR": [(0x19, 0), (0x10, 0)],
-        "powered PL": [(0x19, 0), (0x10, 0), (0x13, 1000)],
-    }
-    for index, parameters in steps.get(state, []):
-        bench.do(index, parameters)
-    if state == "RI":
-        bench.input("reset", True)
-    if state == "DJ":
-        bench.take(bench.device.set_temperature(bench.now, 100_000))
-    expected = {
-        "AR": "OF+AR",
-        "PL": "OF+PL",
-        "powered AR": "HD+AR",
-        "powered PL": "HD+PL",
-    }.get(state, state)
-    assert bench.state() == expected
-    return bench
+    return brought(MacBench(**quirks), state)
 
 
 def outcome(bench: MacBench, index: int) -> str:

@@ -12,6 +12,13 @@ from axistwin.errors import UsageError
 from axistwin.kernel.effects import SendFrame, Store, Trace
 from axistwin.wire.can_frame import CanFrame
 
+
+@pytest.fixture
+def bench() -> CanBench:
+    """A module at rest, with the defaults."""
+    return CanBench()
+
+
 # ---- identifiers ----
 
 
@@ -41,9 +48,8 @@ def test_681h_is_nobody() -> None:
         CanFrame(0x7E5, bytes.fromhex("0401"), is_extended=True),
     ],
 )
-def test_remote_and_extended_frames_are_ignored(frame: CanFrame) -> None:
+def test_remote_and_extended_frames_are_ignored(bench: CanBench, frame: CanFrame) -> None:
     """MACC-ID-03."""
-    bench = CanBench()
     bench.do(0x10)
     bench.do(0x13, 500)
     count = len(bench.frames)
@@ -98,17 +104,15 @@ def test_requests_and_their_replies(request_: str, reply: str) -> None:
 
 
 @pytest.mark.parametrize("length", range(8))
-def test_short_requests_are_ignored(length: int) -> None:
+def test_short_requests_are_ignored(bench: CanBench, length: int) -> None:
     """MACC-SDO-11, own and general."""
-    bench = CanBench()
     for identifier in (0x601, 0x600):
         assert bench.say(identifier, bytes.fromhex("2300200000000000")[:length]) == []
     assert bench.state() == "OF"
 
 
-def test_parameters_travel_most_significant_byte_first() -> None:
+def test_parameters_travel_most_significant_byte_first(bench: CanBench) -> None:
     """The manual's example: 1000 steps of 4096 ticks take 512 ms (MACC-SDO-04, trap 1)."""
-    bench = CanBench()
     assert bench.ask_raw("23 16 20 00 03 E8 10 00")[0] == 0x60
     start = bench.etx_ns
     assert bench.position_at(start + 1000 * 4096 * TICK_NS - 1) == 999
@@ -117,17 +121,15 @@ def test_parameters_travel_most_significant_byte_first() -> None:
     assert bench.read(0x20) == 1000
 
 
-def test_a_motion_starts_at_the_end_of_its_frame() -> None:
+def test_a_motion_starts_at_the_end_of_its_frame(bench: CanBench) -> None:
     """Ledger §5 item 10: the reply's latency has nothing to do with it."""
-    bench = CanBench()
     bench.put(CanFrame(0x601, bytes.fromhex("2316200000016000")))
     assert bench.position_at(bench.etx_ns + 0x6000 * TICK_NS - 1) == 0
     assert bench.position_at(bench.etx_ns + 0x6000 * TICK_NS) == 1
 
 
-def test_replies_come_a_fixed_latency_after_their_requests() -> None:
+def test_replies_come_a_fixed_latency_after_their_requests(bench: CanBench) -> None:
     """One per request, in their order (MACC-SDO-06, -13)."""
-    bench = CanBench()
     bench.put(CanFrame(0x601, bytes.fromhex("2313200000100000")))
     first = bench.etx_ns
     bench.put(CanFrame(0x601, bytes.fromhex("4000200000000000")))
@@ -137,9 +139,8 @@ def test_replies_come_a_fixed_latency_after_their_requests() -> None:
     assert bench.told()[1].startswith("581#42002000")
 
 
-def test_the_two_meanings_of_an_index_do_not_touch_one_another() -> None:
+def test_the_two_meanings_of_an_index_do_not_touch_one_another(bench: CanBench) -> None:
     """Reading 2001h resets nothing; writing 2002h leaves the stop alone (MACC-SDO-05, trap 5)."""
-    bench = CanBench()
     bench.do(0x09, 0x1234)
     bench.do(0x0A, 0xFFFFEDCC)
     bench.do(0x0D, 0x1000)
@@ -154,9 +155,8 @@ def test_the_two_meanings_of_an_index_do_not_touch_one_another() -> None:
     assert bench.state() == "OF"
 
 
-def test_what_is_stored_is_on_disk_before_the_reply_leaves() -> None:
+def test_what_is_stored_is_on_disk_before_the_reply_leaves(bench: CanBench) -> None:
     """The store stands in front of the frame among the effects."""
-    bench = CanBench()
     bench.do(0x0C, 0x33)
     kinds = [type(effect) for effect in bench.effects]
     assert kinds.index(Store) < kinds.index(SendFrame)
@@ -190,9 +190,10 @@ def test_what_is_refused_changes_nothing(downloads: list[tuple[int, int]]) -> No
 # ---- restart, factory reset, power ----
 
 
-def test_2000h_is_answered_then_the_module_is_deaf_for_two_seconds_then_boots() -> None:
+def test_2000h_is_answered_then_the_module_is_deaf_for_two_seconds_then_boots(
+    bench: CanBench,
+) -> None:
     """60h, silence, 701h 00 exactly 2 s after the reply has left (MACC-CMD-00-01, -02)."""
-    bench = CanBench()
     bench.do(0x0D, 0x1000)
     bench.do(0x10)
     bench.do(0x15, 0x320)
@@ -210,9 +211,8 @@ def test_2000h_is_answered_then_the_module_is_deaf_for_two_seconds_then_boots() 
     assert bench.state() == "OF"
 
 
-def test_requests_between_2000h_and_its_reply_are_lost() -> None:
+def test_requests_between_2000h_and_its_reply_are_lost(bench: CanBench) -> None:
     """From the accepted restart on nothing is heard (trap 20)."""
-    bench = CanBench()
     bench.put(CanFrame(0x601, bytes.fromhex("2300200000000000")))
     bench.put(CanFrame(0x601, bytes.fromhex("230C200000000011")))
     bench.put(CanFrame(0x080))
@@ -233,9 +233,8 @@ def test_a_request_is_served_right_after_the_boot_up() -> None:
         assert bench.told() == expected
 
 
-def test_the_position_survives_a_restart_and_an_armed_mode_does_not() -> None:
+def test_the_position_survives_a_restart_and_an_armed_mode_does_not(bench: CanBench) -> None:
     """MACC-CMD-00-01, MACC-PERS-01, trap 33."""
-    bench = CanBench()
     bench.do(0x15, 0x320)
     bench.advance(S)
     bench.reset()
@@ -295,9 +294,8 @@ def test_the_cells_of_a_module_on_can_hold_no_rate() -> None:
     assert MacCan(3, cells={"address": 0}).address == 1
 
 
-def test_the_reset_input_silences_and_its_release_boots() -> None:
+def test_the_reset_input_silences_and_its_release_boots(bench: CanBench) -> None:
     """No dialogue while low, boot-up 2 s after the release (MACC-STATE-02, MACC-AMB-30)."""
-    bench = CanBench()
     bench.do(0x15, 0x320)
     count = len(bench.frames)
     bench.input("reset", True)
@@ -312,9 +310,8 @@ def test_the_reset_input_silences_and_its_release_boots() -> None:
     assert bench.frames[count:] == [(released + 2 * S, CanFrame(0x701, b"\0"))]
 
 
-def test_a_reset_input_between_a_request_and_its_reply_forgets_the_restart() -> None:
+def test_a_reset_input_between_a_request_and_its_reply_forgets_the_restart(bench: CanBench) -> None:
     """Held, the module sends nothing, and starts once when it is released."""
-    bench = CanBench()
     bench.put(CanFrame(0x601, bytes.fromhex("2300200000000000")))
     bench.input("reset", True)
     bench.advance(5 * S)
@@ -336,9 +333,8 @@ def test_states_are_told() -> None:
     assert states == ["OF", "PO", "HD", "OF"]
 
 
-def test_a_module_that_is_off_hears_and_sends_nothing() -> None:
+def test_a_module_that_is_off_hears_and_sends_nothing(bench: CanBench) -> None:
     """Until it has power and has started."""
-    bench = CanBench()
     bench.take(bench.device.power_off(bench.now))
     assert bench.ask(0x20) == b""
     bench.advance(100 * S)

@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 from can_bench import CanBench
 from mac_bench import ACCEPTED, REFUSED, SILENCE, S
+from mac_states import SHARED_VALUES, brought
 
 # Typed from the ledger, independently of the device's own table.  A 60h, R 80h, - no reply,
 # Q 42h.  2016h and 201Eh in IN: accepted as long as the FIFO has room.
@@ -21,22 +22,6 @@ UPLOADS = {
     **dict.fromkeys(range(8), "--QQQQQQQQ"),
     **dict.fromkeys((*range(8, 0x10), 0x10, 0x20, 0xFF), NOBODY),
 }
-VALUES = {
-    0x03: 1,
-    0x07: 1,
-    0x09: 0x1000,
-    0x0A: 0xFFFFF000,
-    0x0C: 0x40,
-    0x0D: 0x400,
-    0x0E: 0x0600,
-    0x0F: 2,
-    0x13: 500,
-    0x15: 0x320,
-    0x16: 0x00640400,
-    0x1C: 3,
-    0x1E: 0x00640400,
-}
-
 # What the other readings change: quirk, value, download indexes, states, reply.
 OTHER_READINGS = [
     ("motion_lock_set", "serial_list", (0x09, 0x0A, 0x0D, 0x0F, 0x14), ("PO", "VE", "IN"), "A"),
@@ -58,28 +43,7 @@ OTHER_READINGS = [
 
 def bench_in(state: str, **quirks: Any) -> CanBench:
     """A module brought into ``state`` over the bus (or by its surroundings)."""
-    bench = CanBench(**quirks)
-    steps: dict[str, list[tuple[int, int]]] = {
-        "BT": [(0x00, 0)],
-        "HD": [(0x19, 0)],
-        "PO": [(0x13, 1_000_000)],
-        "VE": [(0x15, 0x320)],
-        "IN": [(0x16, 0x7FFF0400)],
-        "AR": [(0x10, 0)],
-        "PL": [(0x10, 0), (0x13, 1000)],
-        "powered AR": [(0x19, 0), (0x10, 0)],
-        "powered PL": [(0x19, 0), (0x10, 0), (0x13, 1000)],
-    }
-    for index, parameters in steps.get(state, []):
-        bench.do(index, parameters)
-    if state == "RI":
-        bench.input("reset", True)
-    if state == "DJ":
-        bench.take(bench.device.set_temperature(bench.now, 100_000))
-        bench.advance(S // 1000)
-    expected = {"AR": "OF+AR", "PL": "OF+PL", "powered AR": "HD+AR", "powered PL": "HD+PL"}
-    assert bench.state() == expected.get(state, state)
-    return bench
+    return brought(CanBench(**quirks), state)
 
 
 def outcome(bench: CanBench, command: int, index: int, parameters: int = 0) -> str:
@@ -99,7 +63,7 @@ def test_every_download_in_every_state(state: str) -> None:
     """Index by index, each on a module of its own."""
     column = STATES.index(state.removeprefix("powered "))
     for index, cells in DOWNLOADS.items():
-        got = outcome(bench_in(state), 0x23, index, VALUES.get(index, 0))
+        got = outcome(bench_in(state), 0x23, index, SHARED_VALUES.get(index, 0))
         assert got == cells[column], f"20{index:02X}h in {state}"
 
 
@@ -121,7 +85,9 @@ def test_the_other_readings_of_the_table(
     """Each changes its own cells."""
     for state in states:
         for index in indexes:
-            got = outcome(bench_in(state, **{quirk: value}), 0x23, index, VALUES.get(index, 0))
+            got = outcome(
+                bench_in(state, **{quirk: value}), 0x23, index, SHARED_VALUES.get(index, 0)
+            )
             assert got == reply, f"20{index:02X}h in {state}"
 
 
@@ -135,18 +101,7 @@ def test_the_fifo_takes_three_segments_beyond_the_executing_one(index: int) -> N
     assert bench.ask(index, 0x03E80400) == ACCEPTED
 
 
-SYNC = {
-    "BT": "BT",
-    "RI": "RI",
-    "OF": "OF",
-    "HD": "HD",
-    "PO": "PO",
-    "VE": "VE",
-    "IN": "IN",
-    "AR": "OF+AR",
-    "PL": "PO",
-    "DJ": "DJ",
-}
+SYNC = {**{state: state for state in STATES}, "AR": "OF+AR", "PL": "PO"}
 
 
 @pytest.mark.parametrize("state", STATES)

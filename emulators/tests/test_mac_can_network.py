@@ -26,6 +26,12 @@ def temperature(bench: CanBench, millidegrees: int) -> None:
     bench.take(bench.device.set_temperature(bench.now, millidegrees))
 
 
+@pytest.fixture
+def bench() -> CanBench:
+    """A module at rest, with the defaults."""
+    return CanBench()
+
+
 # ---- boot-up ----
 
 
@@ -38,9 +44,8 @@ def test_power_up_ends_in_one_boot_up_after_exactly_two_seconds(address: int) ->
     assert bench.frames == [(2 * S, CanFrame(0x700 + address, b"\0"))]
 
 
-def test_a_started_module_has_its_boot_up_behind_it() -> None:
+def test_a_started_module_has_its_boot_up_behind_it(bench: CanBench) -> None:
     """Its first lifebeat is 10 s after time 0."""
-    bench = CanBench()
     bench.run_until(10 * S)
     assert emergencies(bench) == [(10 * S, HEALTHY)]
     assert len(bench.frames) == 1
@@ -67,9 +72,8 @@ def test_an_own_request_restarts_the_ten_seconds() -> None:
         assert [at for at, _ in emergencies(bench)] == [asked + 10 * S, asked + 20 * S]
 
 
-def test_a_poll_per_second_keeps_the_module_quiet() -> None:
+def test_a_poll_per_second_keeps_the_module_quiet(bench: CanBench) -> None:
     """15 s of requests: no spontaneous message (MACC-AMB-06)."""
-    bench = CanBench()
     for _ in range(15):
         bench.say(0x601, READ)
         bench.advance(S)
@@ -88,18 +92,18 @@ def test_a_poll_per_second_keeps_the_module_quiet() -> None:
         (0x601, "40 00 20 00"),  # too short: ignored entirely
     ],
 )
-def test_other_traffic_does_not_restart_the_ten_seconds(identifier: int, data: str) -> None:
+def test_other_traffic_does_not_restart_the_ten_seconds(
+    bench: CanBench, identifier: int, data: str
+) -> None:
     """General, SYNC, LMT, foreign and malformed frames (MACC-EMCY-05, trap 14)."""
-    bench = CanBench()
     for _ in range(12):
         bench.say(identifier, data)
         bench.advance(S)
     assert [at for at, _ in emergencies(bench)] == [10 * S]
 
 
-def test_no_lifebeat_while_the_module_starts_or_is_held() -> None:
+def test_no_lifebeat_while_the_module_starts_or_is_held(bench: CanBench) -> None:
     """Trap 38; the boot-up starts the 10 s anew."""
-    bench = CanBench()
     bench.run_until(9 * S)
     bench.do(0x00)
     restarted = bench.now
@@ -147,9 +151,8 @@ def test_every_error_is_told_when_it_appears(act: Any, dd: str, head: str) -> No
     ]
 
 
-def test_a_warning_that_goes_is_told_as_code_zero() -> None:
+def test_a_warning_that_goes_is_told_as_code_zero(bench: CanBench) -> None:
     """And the 10 s count from each message (MACC-EMCY-02, MACC-AMB-28)."""
-    bench = CanBench()
     supply(bench, UNDER)
     appeared = bench.now
     bench.advance(3 * S)
@@ -163,9 +166,8 @@ def test_a_warning_that_goes_is_told_as_code_zero() -> None:
     ]
 
 
-def test_every_change_of_dd_is_told_even_if_the_code_stays() -> None:
+def test_every_change_of_dd_is_told_even_if_the_code_stays(bench: CanBench) -> None:
     """The thermal fault hides the warning, but dd tells both (ledger §6.3)."""
-    bench = CanBench()
     temperature(bench, HOT)
     supply(bench, UNDER)
     supply(bench, UNDER - 100)
@@ -176,9 +178,8 @@ def test_every_change_of_dd_is_told_even_if_the_code_stays() -> None:
     ]
 
 
-def test_codes_follow_their_priority() -> None:
+def test_codes_follow_their_priority(bench: CanBench) -> None:
     """dd.4, dd.0, dd.6, dd.5."""
-    bench = CanBench()
     supply(bench, OVER)
     bench.take(bench.device.set_fault(bench.now, "micro_cut", True))
     temperature(bench, HOT)
@@ -186,9 +187,8 @@ def test_codes_follow_their_priority() -> None:
     assert codes == ["10 32 05", "00 31 05", "00 42 09"]
 
 
-def test_an_error_that_outlasts_the_restart_is_told_after_the_boot_up() -> None:
+def test_an_error_that_outlasts_the_restart_is_told_after_the_boot_up(bench: CanBench) -> None:
     """Boot-up first, then the emergency, both at the end of the boot; nothing during it."""
-    bench = CanBench()
     temperature(bench, HOT)
     count = len(bench.frames)
     bench.do(0x00)
@@ -200,9 +200,8 @@ def test_an_error_that_outlasts_the_restart_is_told_after_the_boot_up() -> None:
     ]
 
 
-def test_a_restart_acknowledges_what_has_gone() -> None:
+def test_a_restart_acknowledges_what_has_gone(bench: CanBench) -> None:
     """The boot-up is the only message (MACC-CMD-00-01)."""
-    bench = CanBench()
     temperature(bench, HOT)
     temperature(bench, COOL)
     assert bench.state() == "DJ"
@@ -215,9 +214,8 @@ def test_a_restart_acknowledges_what_has_gone() -> None:
 # ---- SYNC ----
 
 
-def test_sync_starts_what_is_preloaded_at_the_end_of_its_frame() -> None:
+def test_sync_starts_what_is_preloaded_at_the_end_of_its_frame(bench: CanBench) -> None:
     """As 2011h, without an answer; the arm is spent (MACC-SYNC-01..03, trap 12)."""
-    bench = CanBench()
     bench.do(0x0F, 0)
     bench.do(0x10)
     bench.do(0x13, 4)
@@ -225,25 +223,21 @@ def test_sync_starts_what_is_preloaded_at_the_end_of_its_frame() -> None:
     assert bench.position() == 0
     assert bench.say(0x080) == []
     assert bench.position_at(bench.etx_ns + 800 * TICK_NS) == 1
-    bench.settle()
-    assert bench.position() == 4
+    assert bench.settled_position() == 4
     bench.do(0x13, 8)
-    bench.settle()
-    assert bench.position() == 8
+    assert bench.settled_position() == 8
 
 
-def test_sync_takes_data_and_ignores_it() -> None:
+def test_sync_takes_data_and_ignores_it(bench: CanBench) -> None:
     """MACC-SYNC-05."""
-    bench = CanBench()
     bench.do(0x10)
     bench.do(0x13, 4)
     assert bench.say(0x080, "11") == []
     assert bench.state() == "PO"
 
 
-def test_sync_without_a_preload_does_nothing() -> None:
+def test_sync_without_a_preload_does_nothing(bench: CanBench) -> None:
     """Armed or not, and it does not arm (MACC-SYNC-04)."""
-    bench = CanBench()
     bench.say(0x080)
     bench.do(0x10)
     bench.say(0x080)
@@ -331,9 +325,8 @@ def test_frames_of_the_procedure_out_of_order_do_nothing() -> None:
 
 
 @pytest.mark.parametrize("data", ["13 00 02", "15 00", "17 00", "40 01", "5A 00", "5E 00", "4C 01"])
-def test_other_services_are_ignored(data: str) -> None:
+def test_other_services_are_ignored(bench: CanBench, data: str) -> None:
     """In configuration mode and outside it (MACC-LMT-09)."""
-    bench = CanBench()
     assert bench.say(0x7E5, data) == []
     bench.say(0x7E5, "04 01")
     assert bench.say(0x7E5, data) == []
@@ -417,9 +410,8 @@ def test_real_and_virtual_segments_on_two_modules_end_at_the_same_tick() -> None
 # ---- what a node ignores ----
 
 
-def test_nmt_guarding_and_other_protocols_are_ignored() -> None:
+def test_nmt_guarding_and_other_protocols_are_ignored(bench: CanBench) -> None:
     """000h, time stamp, PDOs, heartbeat of others (MACC-AMB-24)."""
-    bench = CanBench()
     frames = [(0x000, "02 01"), (0x000, "81 00"), (0x100, "00" * 6), (0x181, "00"), (0x702, "05")]
     for identifier, data in frames:
         assert bench.say(identifier, data) == []

@@ -1,12 +1,12 @@
 """Every switch of the MAC23 on CAN: for each value, what a host on the bus sees (ledger §7)."""
 
-from collections.abc import Callable, Mapping
 from typing import Any
 
 import pytest
 from can_bench import BIT_NS, CanBench, emergencies
 from mac_bench import ACCEPTED, REFUSED, SILENCE, TICK_NS, S
 from mac_quirk_motion_cases import CASES as SERIAL_CASES
+from quirk_cases import Cases
 
 from axistwin.devices.mac.axis.quirks import QUIRKS, MacQuirks
 from axistwin.devices.mac.can.quirks import CAN_QUIRKS, MacCanQuirks, parse_can_quirks
@@ -14,21 +14,10 @@ from axistwin.errors import UsageError
 from axistwin.kernel.effects import SendFrame, Store
 from axistwin.wire.can_frame import wire_bits
 
-Scenario = Callable[[CanBench], object]
-CASES: dict[str, tuple[Scenario, dict[str, object], dict[str, Any]]] = {}
+CASES: Cases[CanBench] = Cases()
+case = CASES.case
 
 READ = "40 00 20 00 00 00 00 00"
-
-
-def case(name: str, seen: Mapping[str, object], **base: Any) -> Callable[[Scenario], Scenario]:
-    """Register what is seen under each value of quirk ``name``, over the ``base`` settings."""
-
-    def register(scenario: Scenario) -> Scenario:
-        assert name not in CASES
-        CASES[name] = (scenario, dict(seen), base)
-        return scenario
-
-    return register
 
 
 def verdict(reply: bytes) -> str:
@@ -491,9 +480,7 @@ def test_little_endian_motions(data: str, position: int) -> None:
 SHARED = sorted(CAN_QUIRKS.keys() - CASES.keys())
 
 
-@pytest.mark.parametrize(
-    ("name", "value"), [(name, value) for name, (_, seen, _) in CASES.items() for value in seen]
-)
+@pytest.mark.parametrize(("name", "value"), CASES.played())
 def test_each_value_of_each_switch_of_can_shows_on_the_bus(name: str, value: str) -> None:
     """The scenario of the switch ends as the reading says."""
     scenario, seen, base = CASES[name]

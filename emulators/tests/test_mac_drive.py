@@ -14,6 +14,12 @@ def ticks_since_etx(bench: MacBench) -> int:
     return ticks
 
 
+@pytest.fixture
+def bench() -> MacBench:
+    """A MAC23 at rest, with the defaults."""
+    return MacBench()
+
+
 # ---- position mode (§5.3) ----
 
 EXAMPLES = [
@@ -68,16 +74,14 @@ def test_14h_goes_back_to_zero() -> None:
     """MACS-CMD-14-01."""
     bench = MacBench(cells={"position": -300})
     bench.do(0x14, 0x12345678)
-    bench.settle()
-    assert bench.position() == 0
+    assert bench.settled_position() == 0
 
 
 def test_targets_are_absolute_and_signed() -> None:
     """13h FFFFFFFF goes to -1 (MACS-FRAME-05)."""
     bench = MacBench(cells={"position": 5})
     bench.do(0x13, 0xFFFFFFFF)
-    bench.settle()
-    assert bench.position() == -1
+    assert bench.settled_position() == -1
 
 
 @pytest.mark.parametrize("number", [0x40000000, 0xBFFFFFFF, 0x80000000, 0x7FFFFFFF])
@@ -114,9 +118,8 @@ def test_a_velocity_motion_climbs_and_stays() -> None:
 
 
 @pytest.mark.parametrize(("ss", "sign"), [(0xF6, -1), (0, 1), (0x6F, 1), (0xF7, 1), (0x01, 1)])
-def test_only_f6_turns_counter_clockwise(ss: int, sign: int) -> None:
+def test_only_f6_turns_counter_clockwise(bench: MacBench, ss: int, sign: int) -> None:
     """Every other SS is clockwise; the first byte is without effect (MACS-CMD-15-01, -06)."""
-    bench = MacBench()
     bench.do(0x15, 0xAB000000 | ss << 16 | PERIOD)
     bench.advance(S)
     assert bench.position() * sign > 0
@@ -179,8 +182,7 @@ def test_a_ramped_stop_in_mid_ramp_descends_what_was_climbed() -> None:
     probe = MacBench(factory_ramp=10)
     probe.do(0x15, 0x1000)
     running = probe.position_at(bench.etx_ns)
-    bench.settle()
-    assert bench.position() == 2 * (running + 1)
+    assert bench.settled_position() == 2 * (running + 1)
 
 
 def test_a_ramped_stop_gives_up_the_target_of_a_position_motion() -> None:
@@ -227,16 +229,14 @@ def test_15h_0000_stops_the_segments_whatever_17h_does(aa: int, way: int, readin
     bench.do(0x16, 0x03E80400)
     bench.do(0x15)
     begun = (bench.etx_ns - start_ns) // (0x400 * TICK_NS) + 1
-    bench.settle()
-    assert bench.position() == begun + way
+    assert bench.settled_position() == begun + way
     assert bench.state() == "HD"
     bench.advance(S)
     assert bench.position() == begun + way
 
 
-def test_15h_0000_ends_a_virtual_segment_at_once() -> None:
+def test_15h_0000_ends_a_virtual_segment_at_once(bench: MacBench) -> None:
     """No step is in progress, nothing follows (MACS-AMB-30)."""
-    bench = MacBench()
     bench.do(0x1E, 0x03E80400)
     bench.do(0x16, 0x03E80400)
     bench.do(0x15)
@@ -319,9 +319,8 @@ def test_the_place_of_a_finished_move_is_held() -> None:
     assert bench.position() == 100
 
 
-def test_without_power_the_shaft_turns_freely_and_is_counted() -> None:
+def test_without_power_the_shaft_turns_freely_and_is_counted(bench: MacBench) -> None:
     """MACS-CMD-1A-01, -02."""
-    bench = MacBench()
     bench.do(0x13, 100)
     bench.settle()
     bench.do(0x1A)
@@ -347,9 +346,8 @@ def test_motor_off_in_motion_is_accepted_and_a_motion_powers_it_again() -> None:
 # ---- segments (§5.6) ----
 
 
-def test_segments_run_back_to_back_to_the_tick() -> None:
+def test_segments_run_back_to_back_to_the_tick(bench: MacBench) -> None:
     """No gap, no rounding; virtual ones take their time (MACS-CMD-16-01, -1E-01)."""
-    bench = MacBench()
     bench.do(0x16, 0x00C80400)
     start = bench.etx_ns
     bench.do(0x1E, 0x00C80400)
@@ -363,9 +361,8 @@ def test_segments_run_back_to_back_to_the_tick() -> None:
     assert bench.state() == "HD"
 
 
-def test_the_fifth_segment_of_a_burst_is_refused_until_a_stage_frees() -> None:
+def test_the_fifth_segment_of_a_burst_is_refused_until_a_stage_frees(bench: MacBench) -> None:
     """Three stages in front of the one in execution (MACS-CMD-16-02)."""
-    bench = MacBench()
     for _ in range(4):
         bench.do(0x1E, 0x03E81000)
     start = bench.late[0].start_ns - MS
@@ -378,9 +375,10 @@ def test_the_fifth_segment_of_a_burst_is_refused_until_a_stage_frees() -> None:
     bench.do(0x1E, 0x03E81000)
 
 
-def test_an_underrun_rests_at_the_last_step_and_a_later_segment_starts_afresh() -> None:
+def test_an_underrun_rests_at_the_last_step_and_a_later_segment_starts_afresh(
+    bench: MacBench,
+) -> None:
     """MACS-AMB-40."""
-    bench = MacBench()
     bench.do(0x16, 0x000A1000)
     bench.settle()
     assert bench.state() == "HD"
@@ -400,26 +398,21 @@ def test_segments_know_neither_ramp_nor_maximum_speed() -> None:
     assert bench.position() == 1000
 
 
-def test_the_most_negative_segment_has_32768_steps() -> None:
+def test_the_most_negative_segment_has_32768_steps(bench: MacBench) -> None:
     """DDDD = 8000h (§5.6)."""
-    bench = MacBench()
     bench.do(0x16, 0x80000100)
-    bench.settle()
-    assert bench.position() == -32768
+    assert bench.settled_position() == -32768
 
 
-def test_a_ramped_stop_does_not_interrupt_segments() -> None:
+def test_a_ramped_stop_does_not_interrupt_segments(bench: MacBench) -> None:
     """MACS-CMD-17-02."""
-    bench = MacBench()
     bench.do(0x16, 0x03E80400)
     bench.do(0x17)
-    bench.settle()
-    assert bench.position() == 1000
+    assert bench.settled_position() == 1000
 
 
-def test_a_hard_stop_empties_the_fifo() -> None:
+def test_a_hard_stop_empties_the_fifo(bench: MacBench) -> None:
     """Nothing resumes (MACS-CMD-18-03)."""
-    bench = MacBench()
     bench.do(0x16, 0x03E80400)
     bench.do(0x16, 0x03E80400)
     bench.do(0x18)
@@ -427,8 +420,7 @@ def test_a_hard_stop_empties_the_fifo() -> None:
     bench.advance(S)
     assert bench.position() == rest < 1000
     bench.do(0x16, 0x00010400)
-    bench.settle()
-    assert bench.position() == rest + 1
+    assert bench.settled_position() == rest + 1
 
 
 def test_segments_sent_during_a_move_run_after_it() -> None:
@@ -438,8 +430,7 @@ def test_segments_sent_during_a_move_run_after_it() -> None:
         bench.do(0x16, 0x00640400)
     bench.refuse(0x16, 0x00640400)
     end = bench.etx_ns
-    bench.settle()
-    assert bench.position() == 800
+    assert bench.settled_position() == 800
     assert bench.now > end
 
 
@@ -452,17 +443,15 @@ def test_a_segment_refused_after_an_underrun_leaves_the_motion_alone(during: str
     bench.do(0x13, 1000)
     bench.refuse(0x16, 0x000A0400)
     assert bench.state() == "PO"
-    bench.settle()
-    assert bench.position() == 1000
+    assert bench.settled_position() == 1000
     assert bench.state() == "HD"
 
 
 # ---- synchronous mode ----
 
 
-def test_an_armed_motion_starts_on_11h() -> None:
+def test_an_armed_motion_starts_on_11h(bench: MacBench) -> None:
     """Acknowledged, held, started (MACS-CMD-10-01, -11-01)."""
-    bench = MacBench()
     bench.do(0x10)
     assert bench.state() == "OF+AR"
     bench.do(0x13, 100)
@@ -471,44 +460,36 @@ def test_an_armed_motion_starts_on_11h() -> None:
     assert bench.position() == 0
     bench.do(0x11)
     start = bench.etx_ns
-    bench.settle()
-    assert bench.position() == 100
+    assert bench.settled_position() == 100
     assert bench.now > start
     bench.do(0x13, 0)
-    bench.settle()
-    assert bench.position() == 0
+    assert bench.settled_position() == 0
 
 
-def test_the_second_preload_replaces_the_first() -> None:
+def test_the_second_preload_replaces_the_first(bench: MacBench) -> None:
     """MACS-AMB-36."""
-    bench = MacBench()
     for index, parameters in ((0x10, 0), (0x13, 100), (0x13, 200), (0x11, 0)):
         bench.do(index, parameters)
-    bench.settle()
-    assert bench.position() == 200
+    assert bench.settled_position() == 200
 
 
 @pytest.mark.parametrize("stop", [0x17, 0x18, 0x1A])
-def test_stops_drop_arm_and_preload(stop: int) -> None:
+def test_stops_drop_arm_and_preload(bench: MacBench, stop: int) -> None:
     """MACS-AMB-36, MACS-AMB-51."""
-    bench = MacBench()
     for index, parameters in ((0x10, 0), (0x13, 100), (stop, 0), (0x11, 0)):
         bench.do(index, parameters)
     assert bench.state() == "OF"
     bench.do(0x10)
     bench.do(stop)
     bench.do(0x13, 50)
-    bench.settle()
-    assert bench.position() == 50
+    assert bench.settled_position() == 50
 
 
-def test_segments_are_not_held_and_leave_the_arm() -> None:
+def test_segments_are_not_held_and_leave_the_arm(bench: MacBench) -> None:
     """MACS-CMD-10-03, MACS-AMB-35."""
-    bench = MacBench()
     bench.do(0x10)
     bench.do(0x16, 0x00640400)
-    bench.settle()
-    assert bench.position() == 100
+    assert bench.settled_position() == 100
     bench.do(0x13, 0)
     assert bench.state() == "HD+PL"
 
@@ -525,8 +506,7 @@ def synchronised_behind_segments(**quirks: str | int) -> MacBench:
 def test_a_synchronised_motion_waits_for_the_end_of_the_segments_once() -> None:
     """MACS-AMB-69, MACS-CMD-10-02."""
     bench = synchronised_behind_segments()
-    bench.settle()
-    assert bench.position() == 5000
+    assert bench.settled_position() == 5000
     bench.do(0x16, 0x000A0400)
     bench.settle()
     bench.advance(S)

@@ -112,8 +112,7 @@ def test_a_ramped_stop_in_catch_up_rests_where_the_shaft_is(stop: tuple[int, int
     bench.advance(S)
     assert bench.position() == rest
     bench.do(0x13, 1000)
-    bench.settle()
-    assert bench.position() == 1000
+    assert bench.settled_position() == 1000
 
 
 @pytest.mark.parametrize("stop", STOPS)
@@ -275,5 +274,4 @@ def test_the_real_position_is_where_a_new_motion_starts() -> None:
     bench.do(0x19)
     bench.take(bench.device.push(bench.now, 30))
     bench.do(0x13, 0)
-    bench.settle()
-    assert bench.position() == 0
+    assert bench.settled_position() == 0

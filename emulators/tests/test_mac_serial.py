@@ -20,6 +20,12 @@ def with_sum(body: bytes) -> bytes:
     return b"\x02014" + body + checksum(body) + b"\x03"
 
 
+@pytest.fixture
+def bench() -> MacBench:
+    """A MAC23 at rest, with the defaults."""
+    return MacBench()
+
+
 # ---- worked examples (§2.5) ----
 
 
@@ -73,16 +79,16 @@ def test_noise_and_half_frames_before_a_frame_do_not_disturb_it(noise: bytes) ->
     ],
     ids=["length field", "no Etx", "short", "no Stx"],
 )
-def test_a_malformed_frame_gets_no_reply_and_the_next_one_does(frame: bytes) -> None:
+def test_a_malformed_frame_gets_no_reply_and_the_next_one_does(
+    bench: MacBench, frame: bytes
+) -> None:
     """Dropped without a byte (MACS-FRAME-12)."""
-    bench = MacBench()
     assert bench.send(frame) == SILENCE
     assert bench.send(EXAMPLE_20H) == ANSWER_20H
 
 
-def test_characters_may_come_hours_apart() -> None:
+def test_characters_may_come_hours_apart(bench: MacBench) -> None:
     """There is no inter-character time limit (MACS-FRAME-14)."""
-    bench = MacBench()
     for byte in EXAMPLE_20H[:-1]:
         assert bench.send(bytes((byte,))) == SILENCE
         bench.advance(3600 * S)
@@ -110,9 +116,8 @@ def test_a_character_that_is_no_digit_counts_only_where_digits_count(
     assert MacBench().send(with_sum(body)) == reply
 
 
-def test_dont_care_digits_have_no_effect() -> None:
+def test_dont_care_digits_have_no_effect(bench: MacBench) -> None:
     """0Ch with ABCDEF40 reads back 40 (MACS-FRAME-06)."""
-    bench = MacBench()
     bench.do(0x0C, 0xABCDEF40)
     assert bench.read(0x26) >> 16 & 0xFF == 0x40
 
@@ -121,9 +126,8 @@ def test_dont_care_digits_have_no_effect() -> None:
 
 
 @pytest.mark.parametrize("index", [0x13, 0x20, 0x12, 0x00])
-def test_a_wrong_sum_is_nacked_before_anything_else_is_judged(index: int) -> None:
+def test_a_wrong_sum_is_nacked_before_anything_else_is_judged(bench: MacBench, index: int) -> None:
     """One byte 15h and no effect, for queries and commands alike (MACS-REPLY-02, -04, -06)."""
-    bench = MacBench()
     bench.do(0x15, 0x320)
     frame = request(0, index, 100)
     wrong = frame[:18] + checksum(frame[4:17] + b"~") + frame[20:]
@@ -147,9 +151,8 @@ def test_every_query_answers_with_its_last_digit_and_its_address() -> None:
         assert reply[19:] == b"\x03\x1a"
 
 
-def test_a_motion_is_acknowledged_when_taken_over() -> None:
+def test_a_motion_is_acknowledged_when_taken_over(bench: MacBench) -> None:
     """The reply to a ten second move comes after the latency (MACS-REPLY-14)."""
-    bench = MacBench()
     bench.do(0x13, 100_000)
     assert bench.late[-1].start_ns == bench.etx_ns + MS
     assert bench.state() == "PO"
@@ -172,9 +175,8 @@ def test_frames_for_other_modules_have_no_effect() -> None:
     assert bench.state() == "OF"
 
 
-def test_bytes_during_the_reply_are_lost() -> None:
+def test_bytes_during_the_reply_are_lost(bench: MacBench) -> None:
     """A frame sent without waiting for the reply loses its beginning (MACS-REPLY-15)."""
-    bench = MacBench()
     assert bench.send(EXAMPLE_20H + EXAMPLE_20H) == ANSWER_20H
     assert bench.send(EXAMPLE_20H) == ANSWER_20H
 
@@ -227,9 +229,8 @@ def test_a_wrong_sum_to_all_is_nacked_by_module_00_only() -> None:
 # ---- address and rate (08h, 1Bh) ----
 
 
-def test_a_programmed_address_is_used_from_the_next_frame_on_and_kept() -> None:
+def test_a_programmed_address_is_used_from_the_next_frame_on_and_kept(bench: MacBench) -> None:
     """MACS-CMD-08-01, -02: stored before the acknowledgement."""
-    bench = MacBench()
     assert bench.ask(0x08, 0x2A, address=0xFF) == ACCEPTED
     assert bench.effects[-2] == Store((("address", 0x2A),))
     assert bench.ask(0x20) == SILENCE
@@ -239,9 +240,8 @@ def test_a_programmed_address_is_used_from_the_next_frame_on_and_kept() -> None:
 
 
 @pytest.mark.parametrize("address", [0x80, 0xFF])
-def test_addresses_beyond_7f_are_refused(address: int) -> None:
+def test_addresses_beyond_7f_are_refused(bench: MacBench, address: int) -> None:
     """MACS-CMD-08-03."""
-    bench = MacBench()
     assert bench.ask(0x08, address, address=0xFF) == REFUSED
     assert bench.read(0x20) == 0
 
@@ -254,9 +254,10 @@ def test_a_module_that_is_not_00_takes_its_new_address_mutely() -> None:
 
 
 @pytest.mark.parametrize(("code", "baud"), [(1, 9600), (2, 19200), (3, 38400)])
-def test_a_new_rate_holds_after_its_own_reply_and_two_seconds(code: int, baud: int) -> None:
+def test_a_new_rate_holds_after_its_own_reply_and_two_seconds(
+    bench: MacBench, code: int, baud: int
+) -> None:
     """MACS-CMD-1B-01: acknowledged at the old rate, then restart, kept over power-off."""
-    bench = MacBench()
     old = bench.device.line_format
     bench.do(0x1B, code)
     assert bench.late[-1].start_ns + old.span_ns(3) == bench.now
@@ -270,9 +271,8 @@ def test_a_new_rate_holds_after_its_own_reply_and_two_seconds(code: int, baud: i
     assert bench.send(EXAMPLE_20H) == ANSWER_20H
 
 
-def test_the_rate_changes_with_the_end_of_the_reply_not_before() -> None:
+def test_the_rate_changes_with_the_end_of_the_reply_not_before(bench: MacBench) -> None:
     """Between Etx and the end of the reply the line still runs at the old rate."""
-    bench = MacBench()
     chunk = Chunk(bench.now, request(0, 0x1B, 1), LineFormat(38400))
     effects = bench.device.receive(chunk)
     assert [type(effect) for effect in effects] == [Store, Transmit]
@@ -284,9 +284,8 @@ def test_the_rate_changes_with_the_end_of_the_reply_not_before() -> None:
 
 
 @pytest.mark.parametrize("code", [0, 4, 0xFF])
-def test_other_rate_codes_are_refused(code: int) -> None:
+def test_other_rate_codes_are_refused(bench: MacBench, code: int) -> None:
     """MACS-CMD-XX-02."""
-    bench = MacBench()
     bench.refuse(0x1B, code)
     assert bench.state() == "OF"
 
@@ -295,9 +294,8 @@ def test_other_rate_codes_are_refused(code: int) -> None:
 
 
 @pytest.mark.parametrize("name", ["encoder", "amplifier"])
-def test_a_fault_that_the_model_does_not_have_cannot_be_made(name: str) -> None:
+def test_a_fault_that_the_model_does_not_have_cannot_be_made(bench: MacBench, name: str) -> None:
     """dd of a MAC23 has no bit for it (ledger §5.9)."""
-    bench = MacBench()
     with pytest.raises(UsageError, match=f"a mac23 has no fault '{name}'; it has: micro_cut"):
         bench.device.set_fault(bench.now, name, True)
     assert bench.read(0x21) == 0

@@ -52,8 +52,7 @@ def test_segments_end_on_the_sum_of_their_steps(
         expected += steps if index == 0x16 else 0
         if waits:
             bench.settle()
-    bench.settle()
-    assert bench.position() == expected
+    assert bench.settled_position() == expected
 
 
 @PHASES
@@ -74,8 +73,7 @@ def test_a_segment_toward_an_active_hardware_stop_makes_no_step(
     bench.settle()
     assert (bench.position(), bench.read(0x21)) == (0, 0x00080000)
     segment(bench, 0x16, -14)
-    bench.settle()
-    assert bench.position() == -14
+    assert bench.settled_position() == -14
 
 
 @PHASES
@@ -110,8 +108,7 @@ def test_a_software_stop_is_met_one_beyond_between_segments_too(phase: str, step
     bench = MacBench(step_phase=phase, factory_stops=8, factory_superior_stop=steps)
     segment(bench, 0x16, 5, 0xFFFF)
     segment(bench, 0x16, 5, 0xFFFF)
-    bench.settle()
-    assert bench.position() == steps + 1
+    assert bench.settled_position() == steps + 1
 
 
 @PHASES
@@ -125,8 +122,7 @@ def test_a_motion_out_of_a_software_stop_itself_makes_one_step(
         step_phase=phase, factory_stops=8, factory_superior_stop=0, brake_increments=brake
     )
     bench.do(index, parameters)
-    bench.settle()
-    assert bench.position() == (8 if brake == "7" else 1)
+    assert bench.settled_position() == (8 if brake == "7" else 1)
     assert bench.read(0x21) == 0x00020000
 
 

@@ -15,13 +15,11 @@ def test_a_software_stop_ends_the_motion_one_increment_beyond() -> None:
     """Strict: rests at sup + 1, bit 1 of ff (MACS-CMD-09-02)."""
     bench = MacBench(factory_stops=8, factory_superior_stop=500, factory_inferior_stop=-500)
     bench.do(0x13, 10_000)
-    bench.settle()
-    assert bench.position() == 501
+    assert bench.settled_position() == 501
     assert bench.read(0x21) == 0x00020000
     bench.do(0x15, 0x00F60000 | PERIOD)
     assert bench.read(0x21) == 0
-    bench.settle()
-    assert bench.position() == -501
+    assert bench.settled_position() == -501
     assert bench.read(0x21) == 0x00010000
 
 
@@ -29,8 +27,7 @@ def test_a_position_equal_to_the_stop_is_legal() -> None:
     """It sets no bit (ledger §8.21)."""
     bench = MacBench(factory_stops=8, factory_superior_stop=500)
     bench.do(0x13, 500)
-    bench.settle()
-    assert bench.position() == 500
+    assert bench.settled_position() == 500
     assert bench.read(0x21) == 0
 
 
@@ -43,8 +40,7 @@ def test_a_command_further_out_is_accepted_and_ends_at_once(index: int) -> None:
     assert bench.state() == "HD"
     assert bench.read(0x21) == 0x00020000
     bench.do(0x13, 550)
-    bench.settle()
-    assert bench.position() == 550
+    assert bench.settled_position() == 550
 
 
 def test_segments_meet_the_software_stop_too_and_the_fifo_is_emptied() -> None:
@@ -53,8 +49,7 @@ def test_segments_meet_the_software_stop_too_and_the_fifo_is_emptied() -> None:
     bench.do(0x16, 0xFFCE0400)
     bench.do(0x16, 0x00640400)
     bench.do(0x16, 0x00640400)
-    bench.settle()
-    assert bench.position() == 51
+    assert bench.settled_position() == 51
     assert bench.read(0x21) == 0x00020000
 
 
@@ -77,8 +72,7 @@ def test_segments_that_a_stop_leaves_stored_wait_for_the_next_one(counts_executi
     if counts_executing:
         assert (reply, bench.position()) == (REFUSED, rest)
         bench.do(0x14)
-        bench.settle()
-        assert bench.position() == -30
+        assert bench.settled_position() == -30
     else:
         assert (reply, bench.position()) == (ACCEPTED, rest - 40)
 
@@ -148,8 +142,7 @@ def test_disabled_stops_stop_nothing() -> None:
     bench = MacBench(factory_superior_stop=50)
     bench.input("positive_stop", True)
     bench.do(0x13, 100)
-    bench.settle()
-    assert bench.position() == 100
+    assert bench.settled_position() == 100
 
 
 @pytest.mark.parametrize(
@@ -171,8 +164,7 @@ def test_a_hardware_stop_ends_motion_of_its_sign_and_frees_the_other(
     assert bench.position() == rest
     assert bench.read(0x21) == ff << 16
     bench.do(0x14)
-    bench.settle()
-    assert bench.position() == 0
+    assert bench.settled_position() == 0
     assert bench.read(0x21) == 0
 
 
@@ -218,8 +210,7 @@ def test_a_stop_ends_a_catch_up_too(hardware: bool) -> None:
         ff = 0x08
     else:
         at, ff = 501, 0x02
-    bench.settle()
-    assert bench.position() == at
+    assert bench.settled_position() == at
     assert bench.state() == "HD"
     assert bench.read(0x21) == ff << 16
     bench.advance(S)
@@ -246,8 +237,7 @@ def test_the_counter_is_zeroed_when_the_contact_opens_in_a_positive_move() -> No
     assert bench.device.position_at(bench.now) > 1000
     bench.input("reference", False)
     assert bench.device.position_at(bench.now) == 0
-    bench.settle()
-    assert bench.position() == 20_000
+    assert bench.settled_position() == 20_000
 
 
 def test_the_reference_is_ignored_in_a_negative_move_at_rest_and_when_disabled() -> None:
@@ -283,8 +273,7 @@ def test_the_counter_can_be_zeroed_at_rest_and_under_way() -> None:
     before = bench.device.position_at(bench.now)
     assert before > 100
     bench.do(0x0B)
-    bench.settle()
-    assert bench.position() == 2000
+    assert bench.settled_position() == 2000
 
 
 def test_a_target_that_falls_behind_is_reached_in_catch_up() -> None:
@@ -293,8 +282,7 @@ def test_a_target_that_falls_behind_is_reached_in_catch_up() -> None:
     bench.do(0x13, 100)
     bench.advance(300 * MS)
     bench.do(0x0B)
-    bench.settle()
-    assert bench.position() == 100
+    assert bench.settled_position() == 100
 
 
 @pytest.mark.parametrize(
@@ -317,8 +305,7 @@ def test_zeroing_in_a_catch_up_keeps_what_it_keeps_under_way(
         bench.advance(MS // 10)
     bench.take(bench.device.receive(Chunk(bench.now, request(0, 0x0B), None)))
     assert bench.device.position_at(bench.now) == 0
-    bench.settle()
-    assert bench.position() == end
+    assert bench.settled_position() == end
 
 
 def test_zeroing_after_a_ramped_stop_does_not_bring_the_target_back() -> None:
@@ -342,16 +329,14 @@ def test_zeroing_shifts_the_software_stops_in_space() -> None:
     bench.settle()
     bench.do(0x0B)
     bench.do(0x15, PERIOD)
-    bench.settle()
-    assert bench.position() == 501
+    assert bench.settled_position() == 501
 
 
 def test_the_counter_wraps_at_31_bits() -> None:
     """MACS-AMB-54."""
     bench = MacBench(cells={"position": 0x3FFFFFF0})
     bench.do(0x16, 0x00200400)
-    bench.settle()
-    assert bench.position() == -0x40000000 + 0x0F + 1
+    assert bench.settled_position() == -0x40000000 + 0x0F + 1
 
 
 # ---- a stop that is met by the last increment of a motion ----
@@ -437,8 +422,7 @@ def test_a_stop_met_by_the_last_increment_leaves_what_is_stored_where_it_is_kept
     bench.advance(S)
     assert (bench.position(), bench.read(0x21)) == (24, 0x00020000)
     bench.do(0x16, IN << 16 | 0x0800)
-    bench.settle()
-    assert bench.position() == 24 - 64
+    assert bench.settled_position() == 24 - 64
 
 
 @pytest.mark.parametrize("increments", ["0", "7"])

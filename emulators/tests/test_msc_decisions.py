@@ -22,13 +22,19 @@ from msc_bench import (
 from axistwin.devices.msc.packets import packet
 from axistwin.kernel.time import NS_PER_MS
 
+
+@pytest.fixture
+def bench() -> MscBench:
+    """A controller alone on its line, with the defaults."""
+    return MscBench()
+
+
 # ---- rows of §4.2 --------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("length", [1, 7, 100, 239, 240])
-def test_any_length_up_to_240_is_a_packet(length: int) -> None:
+def test_any_length_up_to_240_is_a_packet(bench: MscBench, length: int) -> None:
     """Judged when its sum is there: here no command (MSC-PKT-10)."""
-    bench = MscBench()
     heard_ns = bench.send(packet(1, b"Q" * length))
     bench.wait(400)
     assert bench.sent == [(heard_ns + 5 * NS_PER_MS, NAK)]
@@ -41,9 +47,8 @@ def test_length_0_is_a_packet_without_a_command() -> None:
 
 
 @pytest.mark.parametrize("length", [241, 255, 256, 512])
-def test_a_longer_packet_is_swallowed_and_refused(length: int) -> None:
+def test_a_longer_packet_is_swallowed_and_refused(bench: MscBench, length: int) -> None:
     """NAK behind its last byte (MSC-LNK-20); nothing in it is looked at."""
-    bench = MscBench()
     inside = rqstat() * 40
     heard_ns = bench.send(packet(1, inside[:length]))
     bench.wait(700)
@@ -124,9 +129,8 @@ def test_rflags_is_answered_where_it_is_known(model: str) -> None:
         b"CFLAG,",
     ],
 )
-def test_a_body_of_the_wrong_size_is_refused(content: bytes) -> None:
+def test_a_body_of_the_wrong_size_is_refused(bench: MscBench, content: bytes) -> None:
     """MSC-CMD-11."""
-    bench = MscBench()
     assert bench.tell(packet(1, content), 3000) == NAK
     assert set(bench.device.cells(bench.now)) == {"battery", "memory_lost"}
 
@@ -145,17 +149,15 @@ def test_a_body_of_the_wrong_size_is_refused(content: bytes) -> None:
         flag("CFLAG", 0xFFFF),
     ],
 )
-def test_what_does_not_exist_is_refused(raw: bytes) -> None:
+def test_what_does_not_exist_is_refused(bench: MscBench, raw: bytes) -> None:
     """Address, block or flag out of range: NAK, and nothing has changed."""
-    bench = MscBench()
     before = bench.device.cells(bench.now), bench.device.flags.states(bench.now)
     assert bench.tell(raw, 3000) == NAK
     assert (bench.device.cells(bench.now), bench.device.flags.states(bench.now)) == before
 
 
-def test_a_good_write_draws_the_ack_and_nothing_else() -> None:
+def test_a_good_write_draws_the_ack_and_nothing_else(bench: MscBench) -> None:
     """It is carried out when the ACK has left, before the next packet is looked at (MSC-LNK-14)."""
-    bench = MscBench()
     bench.send(dwrite(8, 7))
     bench.wait(27)
     assert len(bench.sent) == 1
@@ -169,9 +171,8 @@ def test_a_good_write_draws_the_ack_and_nothing_else() -> None:
 
 
 @pytest.mark.parametrize("number", [0, 15, 32, 39, 40, 71, 72, 127])
-def test_writing_a_flag_that_is_not_the_hosts_has_no_effect(number: int) -> None:
+def test_writing_a_flag_that_is_not_the_hosts_has_no_effect(bench: MscBench, number: int) -> None:
     """Inputs, timers, motor status, unassigned: ACK (MSC-SFLAG-03, MSC-CFLAG-03)."""
-    bench = MscBench()
     assert bench.tell(flag("SFLAG", number)) == ACK
     assert not bench.is_on(number)
     bench.perform(bench.device.set_flag(bench.now, number, on=True))
@@ -193,18 +194,16 @@ def test_a_read_looks_at_the_data_when_its_ack_has_left() -> None:
 # ---- rows of §4.3 --------------------------------------------------------------------------------
 
 
-def test_a_request_damaged_with_its_length_intact() -> None:
+def test_a_request_damaged_with_its_length_intact(bench: MscBench) -> None:
     """NAK behind the last byte; the repeat is served."""
-    bench = MscBench()
     heard_ns = bench.send(rqstat().replace(b"Q", b"P"))
     bench.wait(100)
     assert bench.sent == [(heard_ns + 5 * NS_PER_MS, NAK)]
     assert bench.ask(rqstat()) == ACK + STATUS
 
 
-def test_a_request_with_too_large_a_length_swallows_an_early_repeat() -> None:
+def test_a_request_with_too_large_a_length_swallows_an_early_repeat(bench: MscBench) -> None:
     """And is refused at T1; a repeat after that is served."""
-    bench = MscBench()
     damaged = bytearray(rqstat())
     damaged[3] = 100
     bench.send(bytes(damaged))
@@ -215,9 +214,8 @@ def test_a_request_with_too_large_a_length_swallows_an_early_repeat() -> None:
     assert bench.ask(rqstat()) == ACK + STATUS
 
 
-def test_a_request_with_too_small_a_length_may_draw_a_second_nak() -> None:
+def test_a_request_with_too_small_a_length_may_draw_a_second_nak(bench: MscBench) -> None:
     """Its tail holds 02h, which starts a phantom packet, here for this very unit (trap 2)."""
-    bench = MscBench()
     damaged = bytearray(dread(0x0201))
     damaged[3] = 1
     bench.send(bytes(damaged))
@@ -226,9 +224,8 @@ def test_a_request_with_too_small_a_length_may_draw_a_second_nak() -> None:
     assert bench.ask(rqstat()) == ACK + STATUS
 
 
-def test_a_request_damaged_in_the_unit_byte_is_silent() -> None:
+def test_a_request_damaged_in_the_unit_byte_is_silent(bench: MscBench) -> None:
     """It looks like another unit's."""
-    bench = MscBench()
     assert bench.tell(rqstat(9), 3000) == b""
     assert bench.ask(rqstat()) == ACK + STATUS
 
@@ -243,63 +240,55 @@ def test_a_lost_byte_is_refused_at_the_time_limit(lost: int) -> None:
     assert bench.ask(raw) == ACK + STATUS
 
 
-def test_a_write_whose_ack_was_lost_has_been_carried_out() -> None:
+def test_a_write_whose_ack_was_lost_has_been_carried_out(bench: MscBench) -> None:
     """The repeat is carried out again: nothing marks it (MSC-LNK-18)."""
-    bench = MscBench()
     assert bench.tell(flag("SFLAG", 200)) == ACK
     bench.perform(bench.device.set_flag(bench.now, 200, on=False))  # the program takes it
     assert bench.tell(flag("SFLAG", 200)) == ACK
     assert bench.is_on(200)
 
 
-def test_a_nak_that_was_lost_leaves_the_unit_idle() -> None:
+def test_a_nak_that_was_lost_leaves_the_unit_idle(bench: MscBench) -> None:
     """The host's repeat is served."""
-    bench = MscBench()
     bench.tell(broken(rqstat()), 2000)
     assert bench.device.next_event() is None
     assert bench.ask(rqstat()) == ACK + STATUS
 
 
-def test_a_reply_that_was_damaged_waits_for_the_host() -> None:
+def test_a_reply_that_was_damaged_waits_for_the_host(bench: MscBench) -> None:
     """NAK repeats it, however late within T2."""
-    bench = MscBench()
     bench.tell(dread(8), 1000)
     assert bench.tell(NAK, 100) == REPLY
 
 
-def test_a_nak_garbled_into_another_byte_is_ignored_and_t2_repeats() -> None:
+def test_a_nak_garbled_into_another_byte_is_ignored_and_t2_repeats(bench: MscBench) -> None:
     """As if nothing had come."""
-    bench = MscBench()
     bench.tell(dread(8), 100)
     assert bench.tell(b"\x95", 500) == b""
     assert bench.wait(600) == REPLY
 
 
-def test_two_acks_are_one() -> None:
+def test_two_acks_are_one(bench: MscBench) -> None:
     """The second is a stray."""
-    bench = MscBench()
     bench.tell(dread(8), 100)
     assert bench.tell(ACK + ACK, 20_000) == b""
 
 
-def test_a_nak_behind_the_own_ack_is_ignored() -> None:
+def test_a_nak_behind_the_own_ack_is_ignored(bench: MscBench) -> None:
     """The reply is gone; ask again."""
-    bench = MscBench()
     bench.tell(dread(8), 100)
     assert bench.tell(ACK + NAK, 20_000) == b""
 
 
-def test_packets_back_to_back_are_served_in_order() -> None:
+def test_packets_back_to_back_are_served_in_order(bench: MscBench) -> None:
     """From the receive buffer (MSC-AMB-39): writes one after the other."""
-    bench = MscBench()
     heard = bench.tell(dwrite(8, 1) + dwrite(12, 2) + broken(rqstat()) + dwrite(8, 3), 500)
     assert heard == ACK + ACK + NAK + ACK
     assert (bench.value(8), bench.value(12)) == (3, 2)
 
 
-def test_a_read_behind_a_read_takes_the_place_of_its_answer() -> None:
+def test_a_read_behind_a_read_takes_the_place_of_its_answer(bench: MscBench) -> None:
     """Both are answered: the second packet is there when the first reply has left."""
-    bench = MscBench()
     assert bench.tell(dread(8) + rqstat(), 300) == ACK + REPLY + ACK + STATUS
     assert bench.settle() == 5 * STATUS
 

@@ -24,6 +24,13 @@ from axistwin.wire.framing import Chunk
 OTHER = dread(8, unit=2)
 """A packet for another unit."""
 
+
+@pytest.fixture
+def bench() -> MscBench:
+    """A controller alone on its line, with the defaults."""
+    return MscBench()
+
+
 # ---- how each state of the table is reached, and what a byte then must lead to -------------------
 
 
@@ -79,16 +86,14 @@ STATE_NAMES: dict[Callable[[MscBench], None], str] = {
 
 
 @pytest.mark.parametrize("reach", STATE_NAMES)
-def test_the_states_are_told(reach: Callable[[MscBench], None]) -> None:
+def test_the_states_are_told(bench: MscBench, reach: Callable[[MscBench], None]) -> None:
     """For panels and failing tests."""
-    bench = MscBench()
     reach(bench)
     assert bench.device.describe(bench.now)["state"] == STATE_NAMES[reach]
 
 
-def test_waiting_is_told() -> None:
+def test_waiting_is_told(bench: MscBench) -> None:
     """WAIT, and IDLE behind the host's ACK."""
-    bench = MscBench()
     wait(bench)
     assert bench.device.describe(bench.now)["state"] == "WAIT"
     bench.tell(ACK)
@@ -98,9 +103,8 @@ def test_waiting_is_told() -> None:
 # -- column IDLE --
 
 
-def test_idle_takes_02h_for_the_start_of_a_packet() -> None:
+def test_idle_takes_02h_for_the_start_of_a_packet(bench: MscBench) -> None:
     """And T1 starts: alone on RS-232 it is refused when it runs out."""
-    bench = MscBench()
     heard_ns = bench.send(b"\x02")
     assert bench.wait(999) == b""
     bench.settle()
@@ -108,9 +112,8 @@ def test_idle_takes_02h_for_the_start_of_a_packet() -> None:
 
 
 @pytest.mark.parametrize("byte", [0x06, 0x15, 0x00, 0x01, 0x41, 0xFF])
-def test_idle_ignores_every_other_byte(byte: int) -> None:
+def test_idle_ignores_every_other_byte(bench: MscBench, byte: int) -> None:
     """ACK, NAK and noise (MSC-LNK-15, MSC-PKT-20); the next packet is served."""
-    bench = MscBench()
     assert bench.tell(bytes((byte,)) * 3, 20_000) == b""
     assert bench.ask(rqstat()) == ACK + STATUS
 
@@ -152,9 +155,8 @@ def test_a_byte_of_the_header_is_a_byte_of_the_header(place: int, byte: int) -> 
 
 
 @pytest.mark.parametrize("byte", [0x02, 0x06, 0x15, 0x11, 0x13, 0x2C])
-def test_a_byte_of_the_body_is_a_byte_of_the_body(byte: int) -> None:
+def test_a_byte_of_the_body_is_a_byte_of_the_body(bench: MscBench, byte: int) -> None:
     """The values of a body are data, whatever they are (MSC-PKT-15, MSC-PHY-05, MSC-CMD-08)."""
-    bench = MscBench()
     value = int.from_bytes(bytes((byte,)) * 4, "big")
     address = byte << 8 | byte & 0xFC
     assert bench.tell(dwrite(address, value)) == ACK
@@ -189,9 +191,8 @@ def test_a_byte_of_a_packet_for_another_unit_is_counted(byte: int) -> None:
 
 
 @pytest.mark.parametrize("byte", [0x02, 0x41, 0x00])
-def test_bytes_in_exec_are_kept_for_later(byte: int) -> None:
+def test_bytes_in_exec_are_kept_for_later(bench: MscBench, byte: int) -> None:
     """They are looked at when the reply has left: 02h starts a packet then, others are noise."""
-    bench = MscBench()
     execute(bench)
     rest = bytes((byte,)) + (rqstat()[1:] if byte == 0x02 else b"")
     heard = bench.tell(rest, 200)
@@ -199,9 +200,8 @@ def test_bytes_in_exec_are_kept_for_later(byte: int) -> None:
 
 
 @pytest.mark.parametrize("byte", [ACK, NAK])
-def test_an_answer_in_exec_is_taken_when_the_reply_has_left(byte: bytes) -> None:
+def test_an_answer_in_exec_is_taken_when_the_reply_has_left(bench: MscBench, byte: bytes) -> None:
     """Too early an ACK counts; so does a NAK (ledger §4.3)."""
-    bench = MscBench()
     execute(bench)
     heard = bench.tell(byte, 900)
     assert heard == ACK + REPLY + (REPLY if byte == NAK else b"")
@@ -222,25 +222,22 @@ def test_the_receive_buffer_has_256_bytes() -> None:
 # -- column WAIT --
 
 
-def test_waiting_takes_02h_for_a_new_packet() -> None:
+def test_waiting_takes_02h_for_a_new_packet(bench: MscBench) -> None:
     """The reply is dropped, the new packet served (MSC-LNK-16)."""
-    bench = MscBench()
     wait(bench)
     assert bench.tell(rqstat()) == ACK + STATUS
     assert bench.tell(ACK, 20_000) == b""
 
 
-def test_waiting_takes_06h_for_the_end() -> None:
+def test_waiting_takes_06h_for_the_end(bench: MscBench) -> None:
     """Nothing answers it (MSC-LNK-11)."""
-    bench = MscBench()
     wait(bench)
     assert bench.tell(ACK, 20_000) == b""
     assert bench.device.next_event() is None
 
 
-def test_waiting_takes_15h_for_a_wish_to_hear_it_again() -> None:
+def test_waiting_takes_15h_for_a_wish_to_hear_it_again(bench: MscBench) -> None:
     """Five times; the sixth ends it (MSC-LNK-09, MSC-LNK-13)."""
-    bench = MscBench()
     wait(bench)
     for _ in range(5):
         assert bench.tell(NAK, 100) == REPLY
@@ -249,9 +246,8 @@ def test_waiting_takes_15h_for_a_wish_to_hear_it_again() -> None:
 
 
 @pytest.mark.parametrize("byte", [0x00, 0x07, 0x41, 0xFF])
-def test_waiting_ignores_other_bytes_and_goes_on_waiting(byte: int) -> None:
+def test_waiting_ignores_other_bytes_and_goes_on_waiting(bench: MscBench, byte: int) -> None:
     """T2 is neither stopped nor started anew."""
-    bench = MscBench()
     wait(bench)
     left_ns = bench.sent[-1][0] + len(REPLY) * 10 * 10**9 // 9600
     assert bench.tell(bytes((byte,)), 100) == b""
@@ -271,9 +267,10 @@ def test_waiting_ignores_other_bytes_and_goes_on_waiting(byte: int) -> None:
         (b"A", REPLY),
     ],
 )
-def test_bytes_during_a_repeat_act_as_in_wait_once_it_has_left(data: bytes, then: bytes) -> None:
+def test_bytes_during_a_repeat_act_as_in_wait_once_it_has_left(
+    bench: MscBench, data: bytes, then: bytes
+) -> None:
     """A packet is served, an ACK ends it, a NAK repeats, the rest is ignored."""
-    bench = MscBench()
     repeating(bench)
     assert bench.tell(data, 300) == then
     assert (bench.device.next_event() is None) is (data == ACK)
@@ -314,17 +311,15 @@ def test_a_bad_character_in_a_packet_makes_it_bad(place: int) -> None:
     assert bench.ask(raw) == ACK + STATUS
 
 
-def test_a_bad_character_in_a_packet_for_another_unit_is_counted() -> None:
+def test_a_bad_character_in_a_packet_for_another_unit_is_counted(bench: MscBench) -> None:
     """The packet ends where it says."""
-    bench = MscBench()
     bench.tell(OTHER[:10], 20)
     bad(bench)
     assert bench.tell(OTHER[11:] + rqstat()) == ACK + STATUS
 
 
-def test_a_break_in_a_packet_makes_it_bad() -> None:
+def test_a_break_in_a_packet_makes_it_bad(bench: MscBench) -> None:
     """A long space is one bad character: here it takes the place of the last one."""
-    bench = MscBench()
     bench.send(rqstat()[:-1])
     bench.network.send_break(20 * NS_PER_MS)
     assert bench.wait(100) == NAK
@@ -334,9 +329,10 @@ def test_a_break_in_a_packet_makes_it_bad() -> None:
 
 
 @pytest.mark.parametrize("count", range(1, 15))
-def test_a_packet_that_breaks_off_is_refused_at_the_time_limit_and_not_before(count: int) -> None:
+def test_a_packet_that_breaks_off_is_refused_at_the_time_limit_and_not_before(
+    bench: MscBench, count: int
+) -> None:
     """One NAK, T1 behind the arrival of the STX to the nanosecond, wherever it broke off."""
-    bench = MscBench()
     bench.send(rqstat()[:count])
     bench.run_until(CHARACTER_NS + 1000 * NS_PER_MS - 1)
     assert bench.sent == []
@@ -346,9 +342,10 @@ def test_a_packet_that_breaks_off_is_refused_at_the_time_limit_and_not_before(co
 
 
 @pytest.mark.parametrize("count", range(2, 16))
-def test_a_packet_for_another_unit_that_breaks_off_is_forgotten(count: int) -> None:
+def test_a_packet_for_another_unit_that_breaks_off_is_forgotten(
+    bench: MscBench, count: int
+) -> None:
     """Silently, at the same time: the next packet begins anew."""
-    bench = MscBench()
     bench.send(OTHER[:count])
     bench.run_until(CHARACTER_NS + 1000 * NS_PER_MS)
     assert bench.device.describe(bench.now)["state"] == "IDLE"
@@ -376,9 +373,10 @@ def test_a_byte_that_comes_just_in_time_counts() -> None:
 
 
 @pytest.mark.parametrize("reach", [header, body, checksum, skip, execute, wait, repeating])
-def test_a_power_cycle_forgets_everything(reach: Callable[[MscBench], None]) -> None:
+def test_a_power_cycle_forgets_everything(
+    bench: MscBench, reach: Callable[[MscBench], None]
+) -> None:
     """IDLE, R = 0, nothing sent (MSC-PHY-04)."""
-    bench = MscBench()
     reach(bench)
     count = len(bench.sent)
     bench.network.power_off(0)

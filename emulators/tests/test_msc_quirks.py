@@ -8,9 +8,7 @@ from axistwin.devices.msc.quirks import QUIRKS, MscQuirks, parse_quirks
 from axistwin.errors import UsageError
 
 
-@pytest.mark.parametrize(
-    ("name", "value"), [(name, value) for name, (_, seen, _) in CASES.items() for value in seen]
-)
+@pytest.mark.parametrize(("name", "value"), CASES.played())
 def test_each_value_of_each_quirk_shows_on_the_wire(name: str, value: str) -> None:
     """The scenario of the quirk ends as the reading says."""
     scenario, seen, base = CASES[name]

@@ -147,7 +147,7 @@ def test_a_wake_up_lies_between_the_bytes_where_its_time_lies() -> None:
     first, second = Echo("a"), Echo("b")
     network = SerialNetwork([first, second])
     first.due = [3 * BYTE_NS + 5]
-    network.touch(0)
+    network.perform(0, ())
     network.host_send(b"........")
     network.run_until(10**9)
     times = [time for time, _ in first.log]
@@ -161,7 +161,7 @@ def test_a_byte_is_heard_before_a_wake_up_at_the_same_nanosecond() -> None:
     network = SerialNetwork(devices)
     for index, device in enumerate(devices):
         device.due = [BYTE_NS]
-        network.touch(index)
+        network.perform(index, ())
     network.host_send(b"x")
     network.run_until(BYTE_NS)
     assert devices[0].log == devices[1].log == [(BYTE_NS, "x"), (BYTE_NS, "woken")]
@@ -212,7 +212,7 @@ def test_a_device_that_changes_its_rate_is_followed() -> None:
     device = Echo("a")
     network = SerialNetwork([device])
     device.line_format = F9600
-    network.touch(0)
+    network.perform(0, ())
     network.host_format = F9600
     network.host_send(b"ab.")
     network.run_until(10**9)
@@ -433,19 +433,12 @@ def test_stretches_change_nothing(script: list[tuple[int, bytes]], skew_ns: int)
     assert bits == stretches
 
 
-class Sink:
+class Sink(Echo):
     """A device that counts, and answers one request in a thousand."""
 
-    line_format = F38400
-    is_full_duplex = False
-
     def __init__(self) -> None:
+        super().__init__("s")
         self.count = 0
-
-    def quiet_prefix(self, data: bytes) -> int:
-        """A reaction takes a full stop."""
-        end = data.find(END)
-        return len(data) if end < 0 else end
 
     def receive(self, chunk: Chunk) -> list[Effect]:
         """Note the bytes; a full stop ends a request."""
@@ -453,29 +446,6 @@ class Sink:
         if chunk.data[-1] != END:
             return []
         return [Transmit(chunk.arrival_ns(len(chunk.data) - 1) + LATENCY_NS, b"answer")]
-
-    next_event = Echo.next_event
-    due: tuple[int, ...] = ()
-
-    def wake(self, now: int) -> list[Effect]:
-        """Do what is due."""
-        raise AssertionError(now)
-
-    def power_off(self, now: int) -> list[Effect]:
-        """Forget all that is under way."""
-        return []
-
-    def power_on(self, now: int) -> list[Effect]:
-        """Start up."""
-        return []
-
-    def cells(self, now: int) -> Mapping[str, int]:
-        """Nothing is kept."""
-        return {}
-
-    def is_moving(self, now: int) -> bool:
-        """Nothing moves."""
-        return False
 
 
 def held(network: SerialNetwork) -> int:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 import serial
-from served import EVERY_BYTE, TIMEOUT_S, Served, eventually
+from served import EVERY_BYTE, TIMEOUT_S, Served, eventually, receive_until
 
 from axistwin.kernel.time import NS_PER_MS
 from axistwin.ports.rfc2217 import Rfc2217Port
@@ -62,16 +62,6 @@ def bench() -> Iterator[Bench]:
     """A running bench."""
     with Bench() as bench:
         yield bench
-
-
-def receive_until(client: socket.socket, end: bytes) -> bytes:
-    """What comes up to and including ``end``."""
-    data = b""
-    while not data.endswith(end):
-        more = client.recv(1024)
-        assert more, "disconnected"
-        data += more
-    return data
 
 
 def test_every_byte_value_passes_unchanged(bench: Bench) -> None:

@@ -20,7 +20,7 @@ from daemon_process import TIMEOUT_S, Daemon, assert_one_clear_line, daemon, inv
 from served_bus import POSITION, client, receive
 
 from axistwin.catalog import DeviceSpec
-from axistwin.cli.run.can import BusOptions, CanRun
+from axistwin.cli.run.can import CanRun
 from axistwin.cli.run.reporter import Reporter
 from axistwin.cli.run.serving import Shared
 from axistwin.errors import UsageError
@@ -209,7 +209,7 @@ def chosen(capsys: pytest.CaptureFixture[str], **options: Any) -> tuple[list[str
     """The urls of the ports for these options, and what was said."""
     shared = Shared(None, None, (), 1.0, False, False, 0, None)
     given: dict[str, Any] = dict.fromkeys(("can", "slcan", "slcan_tcp", "socketcand"), ())
-    run = CanRun([DeviceSpec("mac23-can", 1)], shared, BusOptions(**given, bitrate=None))
+    run = CanRun([DeviceSpec("mac23-can", 1)], shared, **given, bitrate=None)
     with run.build() as bus, contextlib.closing(run.serve(bus, Reporter(False))) as server:
         assert bus.is_paced is not any(port.kind == "can" for port in server.ports)
         return [port.url for port in server.ports], capsys.readouterr().err
@@ -437,17 +437,15 @@ def test_two_modules_with_one_address_are_warned_of(tmp_path: Path) -> None:
 
 def test_one_bus_only_is_joined() -> None:
     """A second one would be another run's."""
-    shared = Shared(None, None, (), 1.0, False, False, 0, None)
-    options = BusOptions(("virtual:a", "virtual:b"), (), (), (), None)
     with pytest.raises(UsageError, match="one bus only"):
-        CanRun([DeviceSpec("mac23-can", 1)], shared, options)
+        with_rate(125_000, can=("virtual:a", "virtual:b"))
 
 
 def with_rate(bitrate: int, **places: tuple[str, ...]) -> None:
     """A run on a bus of that rate, not started."""
     shared = Shared(None, None, (), 1.0, False, False, 0, None)
     given = {**dict.fromkeys(("can", "slcan", "slcan_tcp", "socketcand"), ()), **places}
-    CanRun([DeviceSpec("mac23-can", 1)], shared, BusOptions(**given, bitrate=bitrate))
+    CanRun([DeviceSpec("mac23-can", 1)], shared, **given, bitrate=bitrate)
 
 
 def test_a_rate_that_no_slcan_client_can_be_set_to_is_refused() -> None:

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 import serial
 from served import TIMEOUT_S, eventually
+from spy_storage import Disk
 from toy_device import LATENCY_NS, ToyDevice
 
 from axistwin.errors import PortError, StateError
@@ -24,18 +25,12 @@ from axistwin.runtime.line import Line
 from axistwin.runtime.network import SerialNetwork
 from axistwin.runtime.serving.line_server import Server
 from axistwin.runtime.simulation import Station
-from axistwin.runtime.storage import MemorySlot, MemoryStorage
+from axistwin.runtime.storage import MemorySlot
 from axistwin.wire.framing import LineFormat
 
 pytestmark = pytest.mark.system
 
 F38400 = LineFormat(38400)
-
-
-class Disk(MemoryStorage):
-    """Storage that counts as lasting, so that moving positions are saved."""
-
-    is_volatile = False
 
 
 class FullDisk(MemorySlot):

@@ -9,7 +9,7 @@ from typing import Any
 import can
 import pytest
 import serial
-from mac_frames import ACCEPTED, ANSWER_LENGTH, REFUSED, answer_value, request
+from mac_frames import ACCEPTED, REFUSED, ask, request
 
 from axistwin import testing
 from axistwin.errors import AxistwinError, PortError, UsageError
@@ -17,12 +17,6 @@ from axistwin.motion.plant import Load
 from axistwin.runtime.serving.line_server import Server
 
 TIMES = ["virtual", "real", 20]
-
-
-def ask(port: Any, index: int, parameter: int = 0, address: int = 0) -> int:
-    """The value that a query is answered with."""
-    port.write(request(index, parameter, address))
-    return answer_value(port.read(ANSWER_LENGTH))
 
 
 def opened(twin: testing.StartedLine, **settings: Any) -> Any:

@@ -3,7 +3,7 @@
 import pytest
 
 from axistwin.wire.framing import LineFormat
-from axistwin.wire.uart import Receiver
+from axistwin.wire.uart import UartReceiver
 from axistwin.wire.waveform import Transmission, make_break
 
 F1000 = LineFormat(1000)  # one bit is 1 ms
@@ -14,7 +14,7 @@ def hear(
     line: list[Transmission], line_format: LineFormat = F1000, *, is_host: bool = False
 ) -> list[tuple[int, int]]:
     """All (done_ns, value) that a receiver gets from ``line``; at a device only the good ones."""
-    receiver = Receiver(0, line_format, is_host=is_host)
+    receiver = UartReceiver(0, line_format, is_host=is_host)
     heard = []
     while (character := receiver.next_character(line)) is not None:
         if character.value is not None and (is_host or not character.is_bad):
@@ -72,7 +72,7 @@ def test_a_bad_character_is_handed_to_a_device_as_sampled() -> None:
         Transmission(1, 0, LineFormat(1000, 8, "E"), b"\x03"),  # parity 0, where 8N1 wants a stop
         Transmission(1, 50 * MS, F1000, b"a"),
     ]
-    receiver = Receiver(0, F1000, is_host=False)
+    receiver = UartReceiver(0, F1000, is_host=False)
     heard = []
     while (character := receiver.next_character(line)) is not None:
         heard.append((character.done_ns, character.value, character.is_bad))
@@ -90,7 +90,7 @@ def test_bad_parity_is_bad_or_nul() -> None:
 
 def test_a_restarted_receiver_takes_the_next_edge_for_a_start_bit() -> None:
     """In the middle of a character that is some data bit."""
-    receiver = Receiver(0, F1000, is_host=False)
+    receiver = UartReceiver(0, F1000, is_host=False)
     receiver.search_from(5 * MS << 40)
     character = receiver.next_character([Transmission(1, 0, F1000, b"\x5f")])
     assert character is not None

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 import serial
-from mac_frames import ACCEPTED, ANSWER_LENGTH, answer_value, request
+from mac_frames import ACCEPTED, ANSWER_LENGTH, ask, request
 
 import axistwin
 from axistwin.errors import UsageError
@@ -29,12 +29,6 @@ EXCHANGE_NS = 11_937_500
 def open_url(url: str, **settings: Any) -> Any:
     """``url`` opened at the module's rate, with half a second of patience."""
     return serial.serial_for_url(url, **{"baudrate": 38400, "timeout": 0.5, **settings})
-
-
-def ask(port: Any, index: int, parameter: int = 0, address: int = 0) -> int:
-    """The value that a query is answered with."""
-    port.write(request(index, parameter, address))
-    return answer_value(port.read(ANSWER_LENGTH))
 
 
 def command(port: Any, index: int, parameter: int = 0, address: int = 0) -> bytes:

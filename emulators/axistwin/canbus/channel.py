@@ -3,37 +3,26 @@
 The parameters are told at the head of ``axistwin.canbus``.
 """
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from axistwin import catalog
 from axistwin.errors import UsageError, nearest
 from axistwin.urlhandler.url import (
+    COMMON_PARAMETERS,
     QUIRK_PREFIX,
-    parse_speed,
+    TwinOptions,
     split_query,
     whole_number,
-    yes_or_no,
 )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BusOptions:
-    """The devices on a bus and how they live.
+class BusOptions(TwinOptions):
+    """The devices on a bus and how they live; ``bitrate``: bits per second."""
 
-    speed: seconds of the devices' time per real second, > 0, or None for virtual time.
-    """
-
-    devices: tuple[str, ...]
-    speed: float | None = 1.0
-    quirks: Mapping[str, Any] = field(default_factory=dict)
-    profile: str | None = None
-    state: str | None = None
-    seed: int = 0
-    pacing: bool = True
     bitrate: int = catalog.DEFAULT_BITRATE
-    cold: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,16 +34,7 @@ class ChannelRequest:
     given: frozenset[str]
 
 
-# Name in the channel -> (field of BusOptions, parser).
-_PARAMETERS: Mapping[str, tuple[str, Callable[[str], Any]]] = {
-    "time": ("speed", parse_speed),
-    "profile": ("profile", str),
-    "state": ("state", str),
-    "seed": ("seed", whole_number("seed", 0)),
-    "pacing": ("pacing", yes_or_no("pacing")),
-    "bitrate": ("bitrate", whole_number("bitrate", 1)),
-    "cold": ("cold", yes_or_no("cold")),
-}
+_PARAMETERS = {**COMMON_PARAMETERS, "bitrate": ("bitrate", whole_number("bitrate", 1))}
 _KNOWN = (*_PARAMETERS, "bus")
 _ARGUMENTS = {**{name: name for name in _KNOWN if name != "state"}, "state_dir": "state"}
 """Keyword argument -> parameter; ``can.Bus`` keeps the word ``state`` for itself."""

@@ -188,7 +188,7 @@ class AxistwinBus(can.BusABC):
     def _patience_ns(self, timeout: float) -> Nanos:
         if timeout <= 0 and self._bus.is_virtual:
             return self._shared.bits_ns(SHORTEST_BITS)
-        return self._shared.span_ns(max(0.0, timeout))
+        return self._shared.options.span_ns(max(0.0, timeout))
 
     def _is_at_end(self) -> bool:
         return self._bus.is_virtual and self._bus.next_event_ns() is None and not self._has_news()
@@ -276,7 +276,7 @@ class AxistwinBus(can.BusABC):
 
     def _wait_for_room(self, timeout: float | None) -> None:
         now = self._bus.sync()
-        until_ns = None if timeout is None else now + self._shared.span_ns(timeout)
+        until_ns = None if timeout is None else now + self._shared.options.span_ns(timeout)
         while self._bus.backlog(self._port) >= SEND_QUEUE_FRAMES:
             if until_ns is not None and now >= until_ns:
                 raise can.CanTimeoutError(
@@ -381,7 +381,7 @@ class AxistwinBus(can.BusABC):
         self._check_open()
         check_advance(seconds)
         with self._translated():
-            self._shared.advance(self._shared.span_ns(seconds), self._is_closed)
+            self._shared.advance(self._shared.options.span_ns(seconds), self._is_closed)
             self._check_open()
 
     def render_transcript(self) -> str:

@@ -14,8 +14,6 @@ from axistwin.canbus.channel import ChannelRequest
 from axistwin.errors import AxistwinError, UsageError
 from axistwin.kernel.time import NS_PER_S, Nanos
 from axistwin.runtime.bus import Bus
-from axistwin.runtime.clock import PacedClock, VirtualClock
-from axistwin.runtime.storage import MemoryStorage, Storage
 
 
 class Task(Protocol):
@@ -36,25 +34,11 @@ class SharedBus:
         self.users = 0
         self._tasks: list[Task] = []
         self._tasks_lock = threading.RLock()
-        specs = [catalog.parse_device(device) for device in options.devices]
-        self.bus: Bus = catalog.build_bus(
-            specs,
-            quirks=catalog.all_settings(specs, options.profile, options.quirks),
-            seed=options.seed,
-            clock=VirtualClock() if options.speed is None else PacedClock(options.speed),
-            paced=options.pacing,
-            storage=MemoryStorage() if options.state is None else Storage(options.state),
-            bitrate=options.bitrate,
-            cold=options.cold,
-        )
+        self.bus: Bus = catalog.build_bus(**options.arguments(), bitrate=options.bitrate)
         _known.add(self)
         self.epoch_ns = 0
         if not self.bus.is_virtual:
             self.epoch_ns = time.time_ns() - self.bus.sync()
-
-    def span_ns(self, seconds: float) -> Nanos:
-        """``seconds`` of the host's own time in the bus' time."""
-        return round(seconds * (self.options.speed or 1.0) * NS_PER_S)
 
     def bits_ns(self, bits: int) -> Nanos:
         """How long ``bits`` take."""

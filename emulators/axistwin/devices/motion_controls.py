@@ -81,4 +81,4 @@ MOTION: Final = ControlTable(
         ),
     ),
 )
-"""Of whatever keeps to ``MotionDevice``; a family may add what it alone has."""
+"""Of whatever turns a shaft; a family may add what it alone has."""

@@ -14,7 +14,6 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple, TypeAlias
 
-from axistwin.errors import StateError
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.runtime.can_network import Arrival, CanNetwork, ErrorReport
 from axistwin.runtime.clock import Clock
@@ -43,6 +42,8 @@ class Bus(Simulation[CanNetwork]):
     explain: turns a frame into words for the transcript.
     Every method raises StateError once the storage has failed.
     """
+
+    _noun = "bus"
 
     def __init__(
         self,
@@ -214,14 +215,7 @@ class Bus(Simulation[CanNetwork]):
 
         It is called in any thread, with the bus locked, and must not wait.
         """
-        with self._lock:
-            self._frame_subscribers.append(subscriber)
-
-        def unsubscribe() -> None:
-            with self._lock:
-                self._frame_subscribers.remove(subscriber)
-
-        return unsubscribe
+        return self._added(self._frame_subscribers, subscriber)
 
     def render_transcript(self) -> str:
         """The last frames: time in ms, ``>`` from a host or ``<`` to it, frame, meaning."""
@@ -233,6 +227,3 @@ class Bus(Simulation[CanNetwork]):
         meaning = self._explain(passed.frame) if self._explain else ""
         time_ms = passed.end_ns / NS_PER_MS
         return f"{time_ms:12.3f} ms {arrow} {passed.frame!s:20}  {meaning}".rstrip()
-
-    def _closed_error(self) -> StateError:
-        return StateError("the bus is closed; build a new one")

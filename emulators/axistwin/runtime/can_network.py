@@ -25,9 +25,9 @@ from typing import Final, NamedTuple, TypeAlias
 
 from axistwin.devices.base import CanDevice
 from axistwin.kernel.effects import Effect, SendFrame, Silence, Store, Trace
-from axistwin.kernel.schedule import NEVER, Schedule
+from axistwin.kernel.schedule import NEVER
 from axistwin.kernel.time import Nanos
-from axistwin.runtime.scheduled_device import ScheduledDevice
+from axistwin.runtime.device_network import DeviceNetwork
 from axistwin.wire.can_bus import CanBus, Change, ControllerState, Fault, Happening, Heard
 from axistwin.wire.can_frame import CanFrame
 
@@ -66,11 +66,10 @@ class _Port:
         self.dropped = 0
 
 
-class CanNetwork:
-    """The bus, the devices on it, and the hosts' ports.  Pure: the shell says how late it is.
+class CanNetwork(DeviceNetwork[CanDevice]):
+    """The bus, the devices on it, and the hosts' ports.
 
     bitrate: bits per second, > 0.  paced: frames take their time; otherwise none.
-    ``settled_ns``: the time at which nothing is left to be done, until something else is done.
     ``arrivals_count``: how many frames have ever been put into ports.
     ``long_span_ns``: the time over which ``run_until`` went last if that was much work, else 0.
     """
@@ -83,8 +82,7 @@ class CanNetwork:
         start_ns: Nanos = 0,
         paced: bool = True,
     ) -> None:
-        assert devices, "a bus has at least one device"
-        self.devices = tuple(devices)
+        super().__init__(devices, start_ns)
         self.bitrate = bitrate
         self.is_paced = paced
         self.arrivals_count = 0
@@ -94,16 +92,7 @@ class CanNetwork:
             station = self._bus.attach(start_ns)
             assert station == index
         self._ports: dict[int, _Port] = {}  # by station
-        self._effects: list[tuple[int, Store | Trace]] = []
         self._heard: deque[Heard] = deque(maxlen=HEARD_MAX)
-        parts = [ScheduledDevice(each, at, self.apply) for at, each in enumerate(self.devices)]
-        self._schedule = Schedule(parts, start_ns)
-        self.settled_ns: Nanos | None = None
-
-    @property
-    def now_ns(self) -> Nanos:
-        """The time up to which everything has happened."""
-        return self._schedule.now
 
     # -- time --
 
@@ -212,16 +201,6 @@ class CanNetwork:
 
     # -- the devices --
 
-    def touch(self, index: int) -> None:
-        """Look at device ``index`` again: its state was changed from outside."""
-        self.settled_ns = None
-        self._schedule.touch(index)
-
-    def perform(self, index: int, effects: Iterable[Effect]) -> None:
-        """Perform the effects of a method of device ``index`` called from outside at ``now_ns``."""
-        self.apply(index, effects)
-        self._schedule.touch(index)
-
     def apply(self, index: int, effects: Iterable[Effect]) -> None:
         """Put ``effects`` on the bus or in the queue; the caller sees to the next event."""
         self.settled_ns = None
@@ -235,25 +214,8 @@ class CanNetwork:
                 assert isinstance(effect, Store | Trace)
                 self._effects.append((index, effect))
 
-    @property
-    def has_effects(self) -> bool:
-        """Whether there is something to take."""
-        return bool(self._effects)
-
-    def take_effects(self) -> list[tuple[int, Store | Trace]]:
-        """The stores and traces since last time with their device's index, in order."""
-        effects, self._effects = self._effects, []
-        return effects
-
-    def power_off(self, index: int) -> None:
-        """Cut the supply of device ``index`` now; a frame it is sending breaks off."""
-        self._bus.leave(index, self.now_ns)
-        self.perform(index, self.devices[index].power_off(self.now_ns))
-
-    def power_on(self, index: int) -> None:
-        """Supply device ``index`` from now on."""
-        self._bus.join(index, self.now_ns)
-        self.perform(index, self.devices[index].power_on(self.now_ns))
+    def _switch(self, index: int, *, on: bool) -> None:
+        (self._bus.join if on else self._bus.leave)(index, self.now_ns)
 
     # -- the hosts' ports --
 

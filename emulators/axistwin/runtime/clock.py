@@ -7,7 +7,7 @@ is never given twice: it stands or goes on, but never goes back.
 import math
 import time
 from collections.abc import Callable
-from typing import Protocol
+from typing import TypeAlias
 
 from axistwin.errors import UsageError
 from axistwin.kernel.time import NS_PER_S, Nanos
@@ -24,34 +24,11 @@ def check_advance(seconds: float, mistake: type[Exception] = ValueError) -> None
         raise mistake(f"advance: {seconds} s is out of range: 0..{ADVANCE_MAX_S:g} s")
 
 
-class Clock(Protocol):
-    """Tells the time of a line."""
-
-    @property
-    def is_virtual(self) -> bool:
-        """Whether time passes only when ``advance_to`` says so."""
-
-    def now_ns(self) -> Nanos:
-        """The present time; never less than what was told before."""
-
-    def advance_to(self, until_ns: Nanos) -> None:
-        """Move the time to ``until_ns`` (virtual clocks only); a time already past is no error."""
-
-    def delay_s(self, until_ns: Nanos) -> float:
-        """Seconds a program has to sleep until it is ``until_ns``; 0.0 if it is by now."""
-
-    def keep_up(self, reached_ns: Nanos, span_ns: Nanos) -> None:
-        """It took until now to compute the ``span_ns`` before ``reached_ns``.
-
-        If that was longer than the span, time goes on from there, and so never runs away from
-        whoever computes it.
-        """
-
-
 class VirtualClock:
     """Stands still until it is moved."""
 
     is_virtual = True
+    """Whether time passes only when ``advance_to`` says so."""
 
     def __init__(self, start_ns: Nanos = 0) -> None:
         self._now_ns = start_ns
@@ -66,7 +43,7 @@ class VirtualClock:
             self._now_ns = until_ns
 
     def delay_s(self, until_ns: Nanos) -> float:
-        """Nobody needs to sleep for virtual time: 0.0."""
+        """Seconds to sleep until it is ``until_ns``: nobody needs to for virtual time."""
         return 0.0
 
     def keep_up(self, reached_ns: Nanos, span_ns: Nanos) -> None:
@@ -121,7 +98,10 @@ class PacedClock:
         return base_ns + passed
 
     def keep_up(self, reached_ns: Nanos, span_ns: Nanos) -> None:
-        """Go on from ``reached_ns`` if more than ``span_ns`` has passed since."""
+        """Go on from ``reached_ns`` if more than ``span_ns`` has passed since.
+
+        It took until now to compute that span: so time never runs away from whoever computes it.
+        """
         if self._untold_ns() - reached_ns > span_ns:
             self._base = (max(reached_ns, self._last_ns), self._source())
 
@@ -133,6 +113,10 @@ class PacedClock:
         """Seconds of ``source`` until ``until_ns``."""
         missing = until_ns - self.now_ns()
         return missing / self._speed / NS_PER_S if missing > 0 else 0.0
+
+
+Clock: TypeAlias = VirtualClock | PacedClock
+"""Tells the time of a line or bus."""
 
 
 def _checked_speed(speed: float) -> float:

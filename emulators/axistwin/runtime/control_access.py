@@ -97,8 +97,8 @@ class DeviceAccess:
 # -- what controls with keys, and records, look like -------------------------------------------
 
 
-class NamedValues:
-    """A control with names for keys: ``twin.inputs.reset = True``."""
+class _Values:
+    """What stands for ``control`` on a handle."""
 
     __slots__ = ("_access", "_control")
 
@@ -106,8 +106,14 @@ class NamedValues:
     _access: DeviceAccess
 
     def __init__(self, access: DeviceAccess, control: Control) -> None:
-        object.__setattr__(self, "_access", access)
+        object.__setattr__(self, "_access", access)  # past the setters of the kinds below
         object.__setattr__(self, "_control", control)
+
+
+class NamedValues(_Values):
+    """A control with names for keys: ``twin.inputs.reset = True``."""
+
+    __slots__ = ()
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
@@ -125,17 +131,10 @@ class NamedValues:
         return f"{self._control.name.capitalize()}({', '.join(shown)})"
 
 
-class RecordValues:
+class RecordValues(_Values):
     """A record: set as a whole, ``twin.load = Load(...)``, or value by value."""
 
-    __slots__ = ("_access", "_control")
-
-    _control: Control
-    _access: DeviceAccess
-
-    def __init__(self, access: DeviceAccess, control: Control) -> None:
-        object.__setattr__(self, "_access", access)
-        object.__setattr__(self, "_control", control)
+    __slots__ = ()
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
@@ -162,15 +161,11 @@ class RecordValues:
         return repr(self._whole())
 
 
-class NumberedValues:
+class NumberedValues(_Values):
     """A control with numbers for keys: ``twin.variables[2008]``, or by the program's names."""
 
-    __slots__ = ("_access", "_control")
+    __slots__ = ()
     __iter__ = None  # or Python would count up from 0
-
-    def __init__(self, access: DeviceAccess, control: Control) -> None:
-        self._access = access
-        self._control = control
 
     def __getitem__(self, key: int | str) -> Any:
         return self._access.read(self._control, self._access.number(self._control, key))

@@ -6,7 +6,6 @@ is the host's end.
 
 from collections.abc import Callable, Sequence
 
-from axistwin.errors import StateError
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.runtime.clock import Clock
 from axistwin.runtime.network import SerialNetwork
@@ -24,6 +23,8 @@ class Line(Simulation[SerialNetwork]):
     explain: turns bytes of the line into words for the transcript.
     Every method raises StateError once the storage has failed.
     """
+
+    _noun = "line"
 
     GRANULARITY_NS: Nanos = 20 * NS_PER_MS
     """How long bytes of an endless stretch may wait before a server is woken for them."""
@@ -243,9 +244,6 @@ class Line(Simulation[SerialNetwork]):
         """The transcript with every frame in words."""
         with self._lock:
             return self.transcript.render(self._explain)
-
-    def _closed_error(self) -> StateError:
-        return StateError("the line is closed; build a new one")
 
 
 def listening(bauds: Sequence[int]) -> str:

@@ -23,9 +23,8 @@ from typing import Final
 
 from axistwin.devices.base import SerialDevice
 from axistwin.kernel.effects import Effect, Silence, Store, Trace, Transmit
-from axistwin.kernel.schedule import Schedule
 from axistwin.kernel.time import Nanos
-from axistwin.runtime.scheduled_device import ScheduledDevice
+from axistwin.runtime.device_network import DeviceNetwork
 from axistwin.wire.duplex_line import DuplexLine
 from axistwin.wire.framing import Chunk, LineFormat
 from axistwin.wire.instant_line import InstantLine
@@ -37,14 +36,13 @@ RATE_TOLERANCE_PARTS: Final = 17
 """Rates may differ by one part in so many: half a bit, when bit 7 is sampled after 8.5 bits."""
 
 
-class SerialNetwork:
-    """The pair, the devices on it, and the host's end.  Pure: the shell says how late it is.
+class SerialNetwork(DeviceNetwork[SerialDevice]):
+    """The pair, the devices on it, and the host's end.
 
     paced: bytes take their time; otherwise none (see ``wire/instant_line.py``).  Each direction has
     wires of its own if all devices are made for that.
     host_format: the host's format; by default that of the first device.
     ``host_overruns`` counts the bytes lost because the host's buffer was full.
-    ``settled_ns``: the time at which nothing is left to be done, until something else is done.
     """
 
     def __init__(
@@ -55,8 +53,7 @@ class SerialNetwork:
         paced: bool = True,
         host_format: LineFormat | None = None,
     ) -> None:
-        assert devices, "a line has at least one device"
-        self.devices = tuple(devices)
+        super().__init__(devices, start_ns)
         self.host_overruns = 0
         formats = [each.line_format for each in self.devices]
         all_formats = [host_format or formats[0], *formats]
@@ -72,15 +69,6 @@ class SerialNetwork:
             for place in places
         )
         self._received = bytearray()
-        self._effects: list[tuple[int, Store | Trace]] = []
-        parts = [ScheduledDevice(each, at, self.apply) for at, each in enumerate(self.devices)]
-        self._schedule = Schedule(parts, start_ns)
-        self.settled_ns: Nanos | None = None
-
-    @property
-    def now_ns(self) -> Nanos:
-        """The time up to which everything has happened."""
-        return self._schedule.now
 
     # -- time --
 
@@ -208,17 +196,6 @@ class SerialNetwork:
 
     # -- the devices --
 
-    def touch(self, index: int) -> None:
-        """Look at device ``index`` again: its state was changed from outside."""
-        self.settled_ns = None
-        self._follow_format(index)
-        self._schedule.touch(index)
-
-    def perform(self, index: int, effects: Iterable[Effect]) -> None:
-        """Perform the effects of a method of device ``index`` called from outside at ``now_ns``."""
-        self.apply(index, effects)
-        self._schedule.touch(index)
-
     def apply(self, index: int, effects: Iterable[Effect]) -> None:
         """Put ``effects`` on the line or in the queue; the caller sees to the next event."""
         self.settled_ns = None
@@ -239,27 +216,8 @@ class SerialNetwork:
             self._formats[index] = line_format
             self._line.set_format(index + 1, line_format)
 
-    @property
-    def has_effects(self) -> bool:
-        """Whether there is something to take."""
-        return bool(self._effects)
-
-    def take_effects(self) -> list[tuple[int, Store | Trace]]:
-        """The stores and traces since last time with their device's index, in order."""
-        effects, self._effects = self._effects, []
-        return effects
-
-    def power_off(self, index: int) -> None:
-        """Cut the supply of device ``index`` now; a byte it is sending breaks off."""
-        self.settled_ns = None
-        self._line.switch_off(index + 1)
-        self.perform(index, self.devices[index].power_off(self.now_ns))
-
-    def power_on(self, index: int) -> None:
-        """Supply device ``index`` from now on."""
-        self.settled_ns = None
-        self._line.switch_on(index + 1)
-        self.perform(index, self.devices[index].power_on(self.now_ns))
+    def _switch(self, index: int, *, on: bool) -> None:
+        (self._line.switch_on if on else self._line.switch_off)(index + 1)
 
     # -- the host's end --
 

@@ -17,7 +17,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Generic, Protocol, Self, TypeAlias, TypeVar, cast
+from typing import Any, ClassVar, Generic, Self, TypeAlias, TypeVar, cast
 
 from axistwin.devices.base import TwinDevice
 from axistwin.devices.controls import ControlTable
@@ -27,11 +27,9 @@ from axistwin.kernel.effects import Effect, Store, Trace
 from axistwin.kernel.time import Nanos
 from axistwin.runtime.any_twin import AnyTwin
 from axistwin.runtime.clock import Clock
+from axistwin.runtime.device_network import DeviceNetwork
 from axistwin.runtime.storage import Slot, Stores
 from axistwin.runtime.twin import handle_class
-
-if TYPE_CHECKING:
-    from types import TracebackType
 
 Subscriber: TypeAlias = Callable[[AnyTwin, Trace], None]
 
@@ -50,36 +48,8 @@ class Station:
     controls: ControlTable = MOTION
 
 
-class Network(Protocol):
-    """Devices and what connects them; see ``SerialNetwork`` and ``CanNetwork``."""
-
-    settled_ns: Nanos | None
-
-    @property
-    def now_ns(self) -> Nanos:
-        """The time up to which everything has happened."""
-
-    @property
-    def has_effects(self) -> bool:
-        """Whether there is something to take."""
-
-    def run_until(self, now: Nanos) -> None:
-        """Let everything happen that is due by ``now``."""
-
-    def take_effects(self) -> list[tuple[int, Store | Trace]]:
-        """The stores and traces since last time."""
-
-    def perform(self, index: int, effects: Sequence[Effect]) -> None:
-        """Perform the effects of a method of a device called from outside."""
-
-    def power_off(self, index: int) -> None:
-        """Cut a device's supply."""
-
-    def power_on(self, index: int) -> None:
-        """Apply a device's supply."""
-
-
-Net = TypeVar("Net", bound=Network)
+Told = TypeVar("Told", bound=Callable[..., None])
+Net = TypeVar("Net", bound=DeviceNetwork[Any])
 
 
 class Simulation(ABC, Generic[Net]):
@@ -87,6 +57,9 @@ class Simulation(ABC, Generic[Net]):
 
     Every method raises StateError once the storage has failed.
     """
+
+    _noun: ClassVar[str]
+    """What messages call it."""
 
     def __init__(
         self, network: Net, clock: Clock, storage: Stores, stations: Sequence[Station]
@@ -210,12 +183,16 @@ class Simulation(ABC, Generic[Net]):
 
     def subscribe(self, subscriber: Subscriber) -> Callable[[], None]:
         """Give every trace of a device to ``subscriber``; call what is returned to end that."""
+        return self._added(self._subscribers, subscriber)
+
+    def _added(self, subscribers: list[Told], subscriber: Told) -> Callable[[], None]:
+        """Add ``subscriber``; what is returned takes it away again."""
         with self._lock:
-            self._subscribers.append(subscriber)
+            subscribers.append(subscriber)
 
         def unsubscribe() -> None:
             with self._lock:
-                self._subscribers.remove(subscriber)
+                subscribers.remove(subscriber)
 
         return unsubscribe
 
@@ -241,22 +218,13 @@ class Simulation(ABC, Generic[Net]):
             finally:
                 self._storage.close()
                 if self._failure is None:
-                    self._failure = self._closed_error()
+                    self._failure = StateError(f"the {self._noun} is closed; build a new one")
             self.wake()
-
-    @abstractmethod
-    def _closed_error(self) -> StateError:
-        """What is raised by whoever uses it after ``close``."""
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: "TracebackType | None",
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     # -- for the twins ------------------------------------------------------------------------

@@ -22,7 +22,7 @@ import fcntl
 import os
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import TypeAlias, TypeVar
 
 from axistwin.errors import StateError
 from axistwin.memory.record import (
@@ -39,38 +39,11 @@ _TEMPORARY = ".new"
 _Result = TypeVar("_Result")
 
 
-class Slot(Protocol):
-    """The memory of one device."""
-
-    @property
-    def cells(self) -> Mapping[str, int]:
-        """All cells as written last; empty for a device that was never stored."""
-
-    def save(self, cells: Mapping[str, int], *, durable: bool) -> None:
-        """Write ``cells``; a durable write is on disk when this returns.  Raises StateError."""
-
-
-class Stores(Protocol):
-    """Where slots come from."""
-
-    @property
-    def is_volatile(self) -> bool:
-        """Whether everything is forgotten at the end of the process."""
-
-    def slot(self, name: str, model: str) -> Slot:
-        """The memory of a device of ``model``; a name given twice gets two slots.
-
-        Raises StateError when there is one which cannot be read or belongs to something else.
-        """
-
-    def close(self) -> None:
-        """Let go of everything; the slots are not used any more."""
-
-
 class MemoryStorage:
     """No disk: the cells live as long as the process."""
 
     is_volatile = True
+    """Whether everything is forgotten at the end of the process."""
 
     def slot(self, name: str, model: str) -> "MemorySlot":
         """A new, empty slot."""
@@ -119,7 +92,10 @@ class Storage:
             raise
 
     def slot(self, name: str, model: str) -> "FileSlot":
-        """The memory kept under ``name``, or ``name-2``, ``name-3`` … when given before."""
+        """The memory kept under ``name``, or ``name-2``, ``name-3`` … when given before.
+
+        Raises StateError when there is one which cannot be read or belongs to something else.
+        """
         stem, count = name, 1
         while stem in self._slots:
             count += 1
@@ -164,7 +140,10 @@ class Storage:
 
 
 class FileSlot:
-    """The files ``stem``.state and ``stem``.live; see the rules above."""
+    """The files ``stem``.state and ``stem``.live; see the rules above.
+
+    ``cells``: all as written last; empty for a device that was never stored.
+    """
 
     def __init__(self, stem: Path, model: str, folder: int) -> None:
         self._model = model
@@ -188,7 +167,10 @@ class FileSlot:
             self.cells.update(live.cells)
 
     def save(self, cells: Mapping[str, int], *, durable: bool) -> None:
-        """Write ``cells``: durable ones, or the first ever, with all others as a new record."""
+        """Write ``cells``: durable ones, or the first ever, with all others as a new record.
+
+        A durable write is on disk when this returns.  Raises StateError.
+        """
         self.cells.update(cells)
         if durable or not self._stored:
             if self._is_live_newer or self._stored != self.cells:
@@ -282,6 +264,13 @@ class FileSlot:
             assert reason is not None
             raise reason
         return max(records, key=lambda record: record.sequence)
+
+
+Slot: TypeAlias = MemorySlot | FileSlot
+"""The memory of one device."""
+
+Stores: TypeAlias = MemoryStorage | Storage
+"""Where slots come from."""
 
 
 @contextlib.contextmanager

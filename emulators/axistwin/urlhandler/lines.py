@@ -13,10 +13,7 @@ from pathlib import Path
 
 from axistwin import catalog
 from axistwin.errors import UsageError
-from axistwin.kernel.time import NS_PER_S, Nanos
-from axistwin.runtime.clock import PacedClock, VirtualClock
 from axistwin.runtime.line import Line
-from axistwin.runtime.storage import MemoryStorage, Storage
 from axistwin.urlhandler.url import LineOptions, TwinUrl
 
 _living: "weakref.WeakSet[OpenLine]" = weakref.WeakSet()
@@ -31,15 +28,10 @@ class OpenLine:
 
     def __init__(self, options: LineOptions) -> None:
         self.options = options
-        self._speed = options.speed or 1.0
         self.line = build_line(options)
         self.exclusive_owner: weakref.ref[object] | None = None
         self._finalizer = weakref.finalize(self, self.line.close)
         _living.add(self)
-
-    def span_ns(self, seconds: float) -> Nanos:
-        """``seconds`` of the host's own time in the line's time."""
-        return round(seconds * self._speed * NS_PER_S)
 
     @property
     def is_closed(self) -> bool:
@@ -54,19 +46,7 @@ class OpenLine:
 
 def build_line(options: LineOptions) -> Line:
     """A new line, as ``options`` say.  Raises UsageError and StateError."""
-    specs = [catalog.parse_device(device) for device in options.devices]
-    clock = VirtualClock() if options.speed is None else PacedClock(options.speed)
-    return catalog.build_line(
-        specs,
-        quirks=catalog.all_settings(specs, options.profile, options.quirks),
-        seed=options.seed,
-        clock=clock,
-        paced=options.pacing,
-        storage=MemoryStorage() if options.state is None else Storage(options.state),
-        baud=options.baud,
-        cold=options.cold,
-        programs=options.programs,
-    )
+    return catalog.build_line(**options.arguments(), baud=options.baud, programs=options.programs)
 
 
 _registry_lock = threading.Lock()

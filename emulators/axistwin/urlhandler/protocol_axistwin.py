@@ -154,7 +154,7 @@ class Serial(SerialBase):
         ):
             return None
         assert shared is not None, "an open port has a line"
-        outcome = shared.line.ask(data, size, shared.span_ns(timeout_s))
+        outcome = shared.line.ask(data, size, shared.options.span_ns(timeout_s))
         if outcome is None:
             return None
         began_ns, heard, reached_ns = outcome
@@ -522,7 +522,7 @@ class Serial(SerialBase):
     def _span_ns(self, seconds: float) -> Nanos:
         """``seconds`` of the client's in the line's time."""
         assert self._shared is not None
-        return self._shared.span_ns(seconds)
+        return self._shared.options.span_ns(seconds)
 
     def _deadline(self, timeout_s: float | None) -> Nanos | None:
         """When a call that starts now and may take ``timeout_s`` has to return."""

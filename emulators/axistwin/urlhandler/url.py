@@ -23,12 +23,15 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, Final
 from urllib.parse import unquote
 
 from axistwin import catalog
 from axistwin.errors import UsageError, nearest
+from axistwin.kernel.time import NS_PER_S, Nanos
 from axistwin.programs import ProgramSource
+from axistwin.runtime.clock import PacedClock, VirtualClock
+from axistwin.runtime.storage import MemoryStorage, Storage
 
 SCHEME = "axistwin://"
 QUIRK_PREFIX = "quirk."
@@ -42,24 +45,50 @@ SPEED = "speed"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LineOptions:
-    """The devices on a line and how they live.
+class TwinOptions:
+    """The devices on a line or bus and how they live.
 
     devices: ``MODEL`` or ``MODEL:ADDRESS`` each.  speed: seconds of the devices' time per real
-    second, > 0, or None for virtual time.  baud: the devices' factory rate, None for the model's
-    own.  cold: start the devices up now instead of finding them ready.  programs: what runs in the
-    controllers, by unit, None for all.
+    second, > 0, or None for virtual time.  cold: start the devices up now instead of finding them
+    ready.
     """
 
     devices: tuple[str, ...]
     speed: float | None = 1.0
-    quirks: Mapping[str, str] = field(default_factory=dict)
+    quirks: Mapping[str, Any] = field(default_factory=dict)
     profile: str | None = None
     state: str | None = None
     seed: int = 0
     pacing: bool = True
-    baud: int | None = None
     cold: bool = False
+
+    def span_ns(self, seconds: float) -> Nanos:
+        """``seconds`` of the host's own time in the devices' time."""
+        return round(seconds * (self.speed or 1.0) * NS_PER_S)
+
+    def arguments(self) -> dict[str, Any]:
+        """For ``build_line`` or ``build_bus`` of the catalog.  Raises UsageError and StateError."""
+        specs = [catalog.parse_device(device) for device in self.devices]
+        return {
+            "specs": specs,
+            "quirks": catalog.all_settings(specs, self.profile, self.quirks),
+            "seed": self.seed,
+            "clock": VirtualClock() if self.speed is None else PacedClock(self.speed),
+            "paced": self.pacing,
+            "storage": MemoryStorage() if self.state is None else Storage(self.state),
+            "cold": self.cold,
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LineOptions(TwinOptions):
+    """The devices on a line and how they live.
+
+    baud: the devices' factory rate, None for the model's own.  programs: what runs in the
+    controllers, by unit, None for all.
+    """
+
+    baud: int | None = None
     programs: Mapping[int | None, ProgramSource] = field(default_factory=dict)
 
 
@@ -126,7 +155,7 @@ def parse_url(url: str) -> TwinUrl:
         elif name.startswith(PROGRAM_PREFIX):
             programs.append(f"{_unit(name)}={value}")
         elif name == "line":
-            line = _name(value)
+            line = value
         elif name == "address":
             devices = addressed(devices, value)
         else:
@@ -186,10 +215,6 @@ def _unit(name: str) -> str:
     return unit
 
 
-def _name(text: str) -> str:
-    return text
-
-
 def whole_number(name: str, minimum: int) -> Callable[[str], int]:
     """A parser for whole numbers from ``minimum`` upward."""
 
@@ -221,14 +246,15 @@ def _shown(value: object) -> str:
     return str(value)
 
 
-# Name in the URL -> (field of LineOptions, parser).
-_PARAMETERS: Mapping[str, tuple[str, Callable[[str], Any]]] = {
+COMMON_PARAMETERS: Final[Mapping[str, tuple[str, Callable[[str], Any]]]] = {
     "time": ("speed", parse_speed),
-    "profile": ("profile", _name),
-    "state": ("state", _name),
+    "profile": ("profile", str),
+    "state": ("state", str),
     "seed": ("seed", whole_number("seed", 0)),
     "pacing": ("pacing", yes_or_no("pacing")),
-    "baud": ("baud", whole_number("baud", 1)),
     "cold": ("cold", yes_or_no("cold")),
 }
+"""Name of a parameter -> field of ``TwinOptions``, parser."""
+
+_PARAMETERS = {**COMMON_PARAMETERS, "baud": ("baud", whole_number("baud", 1))}
 assert {entry for entry, _ in _PARAMETERS.values()} <= {entry.name for entry in fields(LineOptions)}

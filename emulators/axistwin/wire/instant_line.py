@@ -23,7 +23,7 @@ from collections.abc import Sequence
 from axistwin.kernel.time import Nanos
 from axistwin.wire.framing import Chunk, LineFormat
 from axistwin.wire.serial_line import HOST, STRETCH_BYTES
-from axistwin.wire.uart import Receiver
+from axistwin.wire.uart import UartReceiver
 from axistwin.wire.waveform import FINE_BITS, Transmission
 
 
@@ -252,7 +252,7 @@ def _sample_all(
     group: Sequence[Transmission], station: int, line_format: LineFormat
 ) -> tuple[bytes, list[int]]:
     """All that the receiver of ``station`` makes of ``group`` at its true rate, and what is bad."""
-    receiver = Receiver(station, line_format, is_host=station == HOST)
+    receiver = UartReceiver(station, line_format, is_host=station == HOST)
     receiver.search_from(group[0].start_ns << FINE_BITS)
     data, errors = bytearray(), []
     while (character := receiver.next_character(group)) is not None:

@@ -36,7 +36,7 @@ from collections.abc import Sequence
 
 from axistwin.kernel.time import Nanos
 from axistwin.wire.framing import Chunk, LineFormat
-from axistwin.wire.uart import Character, Receiver
+from axistwin.wire.uart import Character, UartReceiver
 from axistwin.wire.waveform import FINE_BITS, Transmission, make_break
 
 HOST = 0
@@ -59,7 +59,8 @@ class SerialLine:
     def __init__(self, formats: Sequence[LineFormat], now_ns: Nanos = 0) -> None:
         self.now_ns = now_ns
         self._receivers = [
-            Receiver(station, each, is_host=station == HOST) for station, each in enumerate(formats)
+            UartReceiver(station, each, is_host=station == HOST)
+            for station, each in enumerate(formats)
         ]
         self._is_on = [True] * len(formats)
         self._transmissions: list[Transmission] = []
@@ -67,7 +68,7 @@ class SerialLine:
         self._listeners = self._find_listeners()
         self._agreed: Transmission | None = None  # known to be in every listener's format
         self._is_common = self._find_common()
-        self._sampled: tuple[Receiver, Character] | None = None
+        self._sampled: tuple[UartReceiver, Character] | None = None
 
     def _find_listeners(self) -> tuple[tuple[int, ...], ...]:
         """Who listens while station n drives."""
@@ -252,10 +253,10 @@ class SerialLine:
                 and self._undisturbed_until(current, arrival_ns) == arrival_ns
             ):
                 return arrival_ns
-            ahead = Receiver(station, receiver.format, is_host=receiver.is_host)
+            ahead = UartReceiver(station, receiver.format, is_host=receiver.is_host)
             ahead.search_from(current.last_sample(current.heard))
         else:
-            ahead = Receiver(station, receiver.format, is_host=receiver.is_host)
+            ahead = UartReceiver(station, receiver.format, is_host=receiver.is_host)
             ahead.search_from(receiver.searched)
         while (character := ahead.next_character(line)) is not None:
             if character.value is not None:
@@ -338,9 +339,9 @@ class SerialLine:
             self._stand_at(character.done_ns)
         return None
 
-    def _earliest_character(self, limit_ns: Nanos) -> tuple[Receiver, Character] | None:
+    def _earliest_character(self, limit_ns: Nanos) -> tuple[UartReceiver, Character] | None:
         """The first character done by ``limit_ns``; of equals, that of the first station."""
-        earliest: tuple[Receiver, Character] | None = None
+        earliest: tuple[UartReceiver, Character] | None = None
         for receiver in self._active():
             character = receiver.next_character(self._transmissions)
             if character is not None and character.done_ns <= limit_ns:
@@ -396,7 +397,7 @@ class SerialLine:
                 return False
         return True
 
-    def _active(self) -> list[Receiver]:
+    def _active(self) -> list[UartReceiver]:
         """The receivers under supply, in the order of stations."""
         return [each for each in self._receivers if self._is_on[each.station]]
 

@@ -65,7 +65,7 @@ def _character_span(line_format: LineFormat) -> int:
     return -(-line_format.half_bits_per_byte * FINE_PER_S // (2 * line_format.baud))
 
 
-class Receiver:
+class UartReceiver:
     """One station's receiver.  It has consumed the line up to the fine time ``searched``."""
 
     __slots__ = ("_character", "_is_known", "format", "is_host", "searched", "station")

@@ -132,12 +132,6 @@ class CanBench(MacBench):
             return b"000000000" + reply[4:].hex().upper().encode() + b"0000"
         return {0x60: ACCEPTED, 0x80: REFUSED}[reply[0]]
 
-    def read(self, index: int, sub_index: int = 0) -> int:
-        """The unsigned data of an upload, by the index of the serial query."""
-        reply = self.ask(index, sub_index=sub_index)
-        assert len(reply) == 21, f"{index:02X}h answered {reply.hex(' ')}"
-        return int(reply[9:17], 16)
-
 
 def emergencies(bench: CanBench) -> list[tuple[int, str]]:
     """Times and payloads of all emergency and lifebeat messages so far."""

@@ -151,6 +151,11 @@ class MacBench:
             self.run_until(due)
         return self.now
 
+    def settled_position(self) -> int:
+        """Let the motion end; what 20h reads then, signed."""
+        self.settle()
+        return self.position()
+
     @property
     def stores(self) -> dict[str, int]:
         """Every cell stored so far, with its last value."""

@@ -1,5 +1,7 @@
 """Frames of the MAC's serial line, built by hand: tests share nothing with the code they test."""
 
+from typing import Any
+
 ACCEPTED = b"\x06\x13\x1a"
 REFUSED = b"\x06\x13\x17"
 NACK = b"\x15"
@@ -16,3 +18,9 @@ def answer_value(answer: bytes) -> int:
     """The signed 32-bit data of a 21-byte answer."""
     assert len(answer) == ANSWER_LENGTH, answer
     return int.from_bytes(bytes.fromhex(answer[9:17].decode()), "big", signed=True)
+
+
+def ask(port: Any, index: int, parameter: int = 0, address: int = 0) -> int:
+    """The value that a query is answered with."""
+    port.write(request(index, parameter, address))
+    return answer_value(port.read(ANSWER_LENGTH))

@@ -1,41 +1,24 @@
 """What a host sees under each value of each quirk: the registry, and frames, addresses, storage."""
 
 import contextlib
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Mapping
 
 from mac_bench import ACCEPTED, MS, NACK, REFUSED, SILENCE, TICK_NS, MacBench, S
+from quirk_cases import Cases
 
 from axistwin.devices.mac.serial.framing import checksum, request
 from axistwin.errors import UsageError
 from axistwin.motion.plant import Load
 from axistwin.wire.framing import Chunk
 
-Scenario = Callable[[MacBench], object]
-CASES: dict[str, tuple[Scenario, dict[str, object], dict[str, Any]]] = {}
-
-
-def case(name: str, seen: Mapping[str, object], **base: Any) -> Callable[[Scenario], Scenario]:
-    """Register what is seen under each value of quirk ``name``, over the ``base`` settings."""
-
-    def register(scenario: Scenario) -> Scenario:
-        assert name not in CASES
-        CASES[name] = (scenario, dict(seen), base)
-        return scenario
-
-    return register
+CASES: Cases[MacBench] = Cases()
+case = CASES.case
 
 
 def verdict(reply: bytes) -> str:
     """A, R, N, Q or - for a reply."""
     names = {ACCEPTED: "A", REFUSED: "R", SILENCE: "-", NACK: "N"}
     return names.get(reply) or ("Q" if len(reply) == 21 else reply.hex())
-
-
-def final(bench: MacBench) -> int:
-    """The position when all motion is over."""
-    bench.settle()
-    return bench.position()
 
 
 def run_ticks(bench: MacBench) -> int:

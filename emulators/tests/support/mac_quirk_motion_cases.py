@@ -3,7 +3,7 @@
 from bisect import bisect_left
 
 from mac_bench import MS, TICK_NS, MacBench, S
-from mac_quirk_cases import CASES, case, final, run_ticks, verdict
+from mac_quirk_cases import CASES, case, run_ticks, verdict
 
 from axistwin.motion.plant import Load
 
@@ -114,7 +114,7 @@ def _(bench: MacBench) -> object:
     bench.advance(300 * MS)
     bench.do(0x17)
     here = bench.device.position_at(bench.now)
-    rest = final(bench)
+    rest = bench.settled_position()
     assert rest - here < 400 or rest - here > 1190
     return int(rest < 3 * here)
 
@@ -132,7 +132,7 @@ def _(bench: MacBench) -> object:
     bench.advance(300 * MS)
     bench.do(0x0B)
     start = bench.now
-    return final(bench), bench.now - start > S
+    return bench.settled_position(), bench.now - start > S
 
 
 @case("plant", {"ideal": True, "inertial": False}, factory_ramp=0)
@@ -160,7 +160,7 @@ def _(bench: MacBench) -> object:
     bench.do(0x18)
     rest = bench.position()
     bench.do(0x16, 0x00010400)
-    return final(bench) - rest
+    return bench.settled_position() - rest
 
 
 # ---- synchronous mode ----
@@ -191,11 +191,11 @@ def _(bench: MacBench) -> object:
     bench.do(0x13, 100)
     told = verdict(bench.ask(0x13, 200))
     bench.do(0x11)
-    place = final(bench)
+    place = bench.settled_position()
     bench.do(0x0B)
     for index, parameters in ((0x10, 0), (0x13, 50), (0x17, 0), (0x11, 0)):
         bench.do(index, parameters)
-    return told, place, final(bench)
+    return told, place, bench.settled_position()
 
 
 @case("armed_zero_velocity", {"keep": ("A", 0), "spend": ("A", 50), "refuse": ("R", 0)})
@@ -203,7 +203,7 @@ def _(bench: MacBench) -> object:
     bench.do(0x10)
     told = verdict(bench.ask(0x15, 0))
     bench.do(0x13, 50)
-    return told, final(bench)
+    return told, bench.settled_position()
 
 
 @case("sync_during_interp", {"after": (200, -50), "now": (False, -50), "drop": (200, 200)})
@@ -231,7 +231,7 @@ def _(bench: MacBench) -> object:
 @case("segment_signed", {"true": -1, "false": 65535})
 def _(bench: MacBench) -> object:
     bench.do(0x16, 0xFFFF0010)
-    return final(bench)
+    return bench.settled_position()
 
 
 @case(
@@ -261,7 +261,7 @@ def _(bench: MacBench) -> object:
 def _(bench: MacBench) -> object:
     """Where an underrun leaves the axis, and what becomes of the next segment."""
     bench.do(0x16, 0x00640320)
-    place = final(bench)
+    place = bench.settled_position()
     told = verdict(bench.ask(0x16, 0x00640320))
     bench.do(0x18)
     bench.do(0x16, 0x00640320)
@@ -275,7 +275,7 @@ def _(bench: MacBench) -> object:
 def _(bench: MacBench) -> object:
     bench.do(0x13, 1000)
     told = verdict(bench.ask(0x16, 0x00640400))
-    place = final(bench)
+    place = bench.settled_position()
     return told, place if place >= 1000 else False
 
 
@@ -294,7 +294,7 @@ def _(bench: MacBench) -> object:
     bench.do(0x16, 0x00C80800)
     told = verdict(bench.ask(0x17))
     here = bench.device.position_at(bench.now)
-    place = final(bench)
+    place = bench.settled_position()
     return told, "ramped" if 100 < place - here <= 121 and place < 200 else place
 
 
@@ -306,7 +306,7 @@ def _(bench: MacBench) -> object:
 )
 def _(bench: MacBench) -> object:
     bench.do(0x15, 0x320)
-    return final(bench)
+    return bench.settled_position()
 
 
 @case(
@@ -318,7 +318,7 @@ def _(bench: MacBench) -> object:
 )
 def _(bench: MacBench) -> object:
     bench.do(0x13, 550)
-    return final(bench)
+    return bench.settled_position()
 
 
 @case("hard_stop_command", {"accept": "AAA", "refuse": "RRR"}, factory_stops=1)
@@ -339,7 +339,7 @@ def _(bench: MacBench) -> object:
 )
 def _(bench: MacBench) -> object:
     bench.do(0x15, 0x320)
-    return final(bench)
+    return bench.settled_position()
 
 
 @case(
@@ -401,7 +401,7 @@ def _(bench: MacBench) -> object:
     bench.advance(S)
     passed = bench.device.position_at(bench.now)
     bench.input("reference", False)
-    place = final(bench)
+    place = bench.settled_position()
     assert place in (20_000, 20_000 - passed)
     return place == 20_000
 
@@ -411,7 +411,7 @@ def _(bench: MacBench) -> object:
     bench.do(0x13, 20_000)
     bench.advance(S)
     bench.do(0x0B)
-    return final(bench) == 20_000
+    return bench.settled_position() == 20_000
 
 
 @case(
@@ -421,9 +421,9 @@ def _(bench: MacBench) -> object:
 )
 def _(bench: MacBench) -> object:
     bench.do(0x16, 0x00640400)
-    over = final(bench)
+    over = bench.settled_position()
     bench.do(0x16, 0xFFFF0400)
-    return over, final(bench)
+    return over, bench.settled_position()
 
 
 @case("target_range", {"refuse": "R", "accept": "A"})

@@ -1,8 +1,5 @@
 """What a host sees under each value of each quirk of a controller."""
 
-from collections.abc import Callable, Mapping
-from typing import Any
-
 from msc_bench import (
     ACK,
     CHARACTER_NS,
@@ -22,6 +19,7 @@ from msc_bench import (
     rflags,
     rqstat,
 )
+from quirk_cases import Cases
 
 from axistwin.devices.msc.packets import packet
 from axistwin.kernel.time import NS_PER_MS
@@ -29,19 +27,8 @@ from axistwin.macroprogram import Macroprogram, UserFlag, Variable
 from axistwin.programs.bench import Bench
 from axistwin.wire.framing import Chunk
 
-Scenario = Callable[[MscBench], object]
-CASES: dict[str, tuple[Scenario, dict[str, object], dict[str, Any]]] = {}
-
-
-def case(name: str, seen: Mapping[str, object], **base: Any) -> Callable[[Scenario], Scenario]:
-    """Register what is seen under each value of quirk ``name``, over the ``base`` settings."""
-
-    def register(scenario: Scenario) -> Scenario:
-        assert name not in CASES
-        CASES[name] = (scenario, dict(seen), base)
-        return scenario
-
-    return register
+CASES: Cases[MscBench] = Cases()
+case = CASES.case
 
 
 def verdict(heard: bytes) -> str:

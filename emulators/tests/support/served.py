@@ -1,5 +1,6 @@
 """A server around an echo line, for tests of ports."""
 
+import socket
 import time
 from collections.abc import Callable
 from typing import Any, Self, cast
@@ -46,3 +47,13 @@ def eventually(condition: Callable[[], bool]) -> bool:
             return False
         time.sleep(0.002)
     return True
+
+
+def receive_until(client: socket.socket, end: bytes) -> bytes:
+    """What comes up to and including ``end``."""
+    data = b""
+    while not data.endswith(end):
+        more = client.recv(4096)
+        assert more, f"closed behind {data!r}"
+        data += more
+    return data

@@ -6,6 +6,12 @@ from axistwin.errors import StateError
 from axistwin.runtime.storage import MemorySlot, MemoryStorage
 
 
+class Disk(MemoryStorage):
+    """Counts as lasting, so that moving positions are saved."""
+
+    is_volatile = False
+
+
 class SpySlot(MemorySlot):
     """Remembers every write; ``fail`` makes the next ones fail."""
 

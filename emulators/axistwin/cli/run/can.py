@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from axistwin import catalog
@@ -24,17 +23,6 @@ if TYPE_CHECKING:
 DEFAULT_INTERFACE: Final = "vcan0"
 
 
-@dataclass(frozen=True, slots=True)
-class BusOptions:
-    """The endpoints and the rate; see ``axistwin run --help``."""
-
-    can: tuple[str, ...]
-    slcan: tuple[str, ...]
-    slcan_tcp: tuple[str, ...]
-    socketcand: tuple[str, ...]
-    bitrate: int | None
-
-
 class CanRun(Run[Bus]):
     """Modules on one bus: this process is the bus, or joins one.
 
@@ -42,12 +30,26 @@ class CanRun(Run[Bus]):
     ``./MODEL``.
     """
 
-    def __init__(self, specs: Sequence[DeviceSpec], shared: Shared, options: BusOptions) -> None:
+    def __init__(
+        self,
+        specs: Sequence[DeviceSpec],
+        shared: Shared,
+        *,
+        can: tuple[str, ...],
+        slcan: tuple[str, ...],
+        slcan_tcp: tuple[str, ...],
+        socketcand: tuple[str, ...],
+        bitrate: int | None,
+    ) -> None:
         super().__init__(specs, shared)
-        self._slcan, self._can = options.slcan, options.can
-        self._slcan_tcp, self._socketcand = options.slcan_tcp, options.socketcand
+        self._can, self._slcan, self._slcan_tcp, self._socketcand = (
+            can,
+            slcan,
+            slcan_tcp,
+            socketcand,
+        )
         own_bitrate = catalog.find_model(specs[0].model).default_baud
-        self._bitrate = own_bitrate if options.bitrate is None else options.bitrate
+        self._bitrate = own_bitrate if bitrate is None else bitrate
         self._chosen = not (self._can or self._slcan or self._slcan_tcp or self._socketcand)
         self._epoch_ns: Nanos = 0
         if len(self._can) > 1:
@@ -64,16 +66,10 @@ class CanRun(Run[Bus]):
 
     def build(self) -> Bus:
         """The bus with its modules; on a bus that is joined, time is that bus' own affair."""
-        shared = self.shared
         return catalog.build_bus(
             self.specs,
-            quirks=shared.settings(self.specs),
-            seed=shared.seed,
-            clock=shared.clock(),
-            paced=not (shared.no_pacing or self._can),
-            storage=shared.storage(),
+            **self.shared.arguments(self.specs, paced=not self._can),
             bitrate=self._bitrate,
-            cold=shared.cold,
         )
 
     def serve(self, simulation: Bus, reporter: Reporter, loop: Loop | None = None) -> BusServer:

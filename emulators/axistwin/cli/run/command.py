@@ -156,9 +156,9 @@ def run(devices: tuple[str, ...], as_json: bool, **options: Any) -> int:
     own = _own_options(carrier, str(specs[0]), options)
     shared, reporter = Shared(**options), Reporter(as_json)
     if carrier == "can":
-        from axistwin.cli.run.can import BusOptions, CanRun
+        from axistwin.cli.run.can import CanRun
 
-        return perform(CanRun(specs, shared, BusOptions(**own)), reporter)
+        return perform(CanRun(specs, shared, **own), reporter)
     from axistwin.cli.run.serial import SerialRun
 
     return perform(SerialRun(specs, shared, **own), reporter)

@@ -45,16 +45,10 @@ class SerialRun(Run[Line]):
 
     def build(self) -> Line:
         """The line with its modules."""
-        shared = self.shared
         return catalog.build_line(
             self.specs,
-            quirks=shared.settings(self.specs),
-            seed=shared.seed,
-            clock=shared.clock(),
-            paced=not shared.no_pacing,
-            storage=shared.storage(),
+            **self.shared.arguments(self.specs),
             baud=self._baud,
-            cold=shared.cold,
             programs=catalog.parse_programs(self._programs),
         )
 

@@ -18,10 +18,7 @@ from axistwin.runtime.simulation import Simulation
 
 if TYPE_CHECKING:
     from axistwin.catalog import DeviceSpec
-    from axistwin.devices.family import Value
-    from axistwin.runtime.clock import Clock
     from axistwin.runtime.serving.base_server import BaseServer, Endpoint
-    from axistwin.runtime.storage import Stores
 
 SimulationT = TypeVar("SimulationT", bound=Simulation[Any])
 
@@ -39,23 +36,25 @@ class Shared:
     seed: int
     capture: str | None
 
-    def settings(self, specs: Sequence[DeviceSpec]) -> dict[str, Value]:
-        """The quirks by name, the profile's and those given besides.  Raises UsageError."""
+    def arguments(self, specs: Sequence[DeviceSpec], *, paced: bool = True) -> dict[str, Any]:
+        """For ``build_line`` or ``build_bus`` of the catalog; ``paced``: what may take time does.
+
+        Raises UsageError and StateError.
+        """
         from axistwin import catalog
-
-        return catalog.all_settings(specs, self.profile, catalog.parse_settings(self.quirks))
-
-    def clock(self) -> Clock:
-        """Real time, or a multiple of it.  Raises UsageError."""
         from axistwin.runtime.clock import PacedClock
-
-        return PacedClock(self.speed)
-
-    def storage(self) -> Stores:
-        """Where the modules store.  Raises StateError."""
         from axistwin.runtime.storage import MemoryStorage, Storage
 
-        return MemoryStorage() if self.state is None else Storage(self.state)
+        return {
+            "quirks": catalog.all_settings(
+                specs, self.profile, catalog.parse_settings(self.quirks)
+            ),
+            "seed": self.seed,
+            "clock": PacedClock(self.speed),
+            "paced": paced and not self.no_pacing,
+            "storage": MemoryStorage() if self.state is None else Storage(self.state),
+            "cold": self.cold,
+        }
 
 
 class Run(ABC, Generic[SimulationT]):

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Final
 from axistwin.devices.family import DeviceOptions, Family, Model
 
 if TYPE_CHECKING:
-    from axistwin.devices.base import ControllerSerialDevice
     from axistwin.devices.controls import ControlTable
+    from axistwin.devices.msc.controller import MscController
     from axistwin.devices.switches import Quirk
 
 
@@ -20,7 +20,7 @@ class MscFamily(Family):
 
         return QUIRKS
 
-    def make(self, model: str, address: int, options: DeviceOptions) -> "ControllerSerialDevice":
+    def make(self, model: str, address: int, options: DeviceOptions) -> "MscController":
         """A controller; the address is the setting of its switch."""
         from axistwin.devices.msc.controller import MscController
         from axistwin.devices.msc.quirks import parse_quirks

@@ -31,7 +31,6 @@ from axistwin.errors import UsageError, nearest
 from axistwin.kernel.effects import Effect
 from axistwin.kernel.time import Nanos
 from axistwin.motion.interpolator import Segment
-from axistwin.motion.plant import Load
 
 INPUTS: Final = ("positive_stop", "negative_stop", "reference")
 
@@ -514,25 +513,9 @@ class Axis:
             self.drive.power_off(now)
             self._save_counter(now)
 
-    def set_load(self, now: Nanos, load: Load) -> None:
-        """What hangs on the shaft."""
-        self.drive.set_load(now, load)
-
-    def push(self, now: Nanos, increments: int) -> None:
-        """Turn the shaft by hand."""
-        self.drive.push(now, increments)
-
     def counter_at(self, now: Nanos) -> int:
         """The position counter, as a power failure would save it."""
         return self.drive.counter.at(now)
-
-    def reading_at(self, now: Nanos) -> int:
-        """The position counter, as 20h reads it."""
-        return self.drive.reading_at(now)
-
-    def is_moving(self, now: Nanos) -> bool:
-        """Whether the counter changes by itself."""
-        return self.drive.is_moving(now)
 
     def facts(self, now: Nanos) -> dict[str, Any]:
         """What the module's snapshot has of the axis."""

@@ -145,7 +145,7 @@ class Drive:
             else:
                 remaining = direction * (shaft.number - set_number)
                 self._replan(now, shaft, motion.retarget(now, remaining))
-        self._plan(now)
+        self.replan(now)
 
     def _aim_anew(self, now: Nanos, shaft: Profile, number: int) -> None:
         """The target of a profile that is over has moved (ledger §5.3)."""
@@ -206,7 +206,7 @@ class Drive:
         elif isinstance(shaft, Profile) and not shaft.motion.is_over(now):
             shaft.number, self._position_mode = None, False
             self._replan(now, shaft, shaft.motion.change_speed(now, period_ticks))
-            self._plan(now)
+            self.replan(now)
         else:
             self._begin(now, Profile(RampedMotion.endless(start_ns, direction, ramp), None))
 
@@ -232,7 +232,7 @@ class Drive:
         accepted = interpolator.offer(start_ns, segment, descent)
         assert accepted, "there was room"
         self._accepted.append((segment, descent))
-        self._plan(now)
+        self.replan(now)
         return True
 
     def _descent(self, segment: Segment) -> tuple[Piece, ...]:
@@ -257,7 +257,7 @@ class Drive:
         elif shaft.number is not None:
             shaft.motion = RampedMotion.at_rest(now, motion.trajectory.direction, motion.ramp)
             self.plant.hold(now)
-        self._plan(now)
+        self.replan(now)
 
     def drop_segments(self, now: Nanos) -> None:
         """Give up all segments at once; the next motion takes the shaft where it is."""
@@ -272,7 +272,7 @@ class Drive:
         self._control = Segments()  # and nothing after them
         if after_this_one:
             self.interpolator.drop_stored(now)
-            self._plan(now)
+            self.replan(now)
             return
         step = self._end_segments(now)
         if step is None:
@@ -299,7 +299,7 @@ class Drive:
         self._take_segments(now, keeps_segments=keeps_segments)
         if kind is not None:
             self._control = Brake(kind)
-        self._plan(now)
+        self.replan(now)
 
     def power_on(self, now: Nanos) -> None:
         """19h: holding torque (MACS-CMD-19-01); a coasting shaft is braked by it."""
@@ -308,7 +308,7 @@ class Drive:
         self.apply_torque(now)
         if self._control == Rest(coasting=True):
             self.plant.brake(now)
-        self._plan(now)
+        self.replan(now)
 
     def power_off(self, now: Nanos) -> None:
         """1Ah, a disjunction: no torque; the shaft coasts and is still counted (MACS-CMD-1A-01)."""
@@ -317,7 +317,7 @@ class Drive:
         self.powered = False
         self.counter.settled = True
         self._control = Rest(coasting=True)
-        self._plan(now)
+        self.replan(now)
 
     def flush_waiting(self, now: Nanos) -> None:
         """Drop segments that wait for the end of a profile (MACS-AMB-51)."""
@@ -368,7 +368,7 @@ class Drive:
             self._stop_on(now, bit)
             return
         self.plant.follow(now, trajectory, shaft.signed_target, counted)
-        self._plan(now)
+        self.replan(now)
 
     def _begin_segments(self, now: Nanos) -> None:
         """Give the shaft to the interpolator, with what waited; to be planned yet."""
@@ -405,7 +405,7 @@ class Drive:
         if self.kind is None:
             self._control = Rest()
             self.counter.settled = True
-            self._plan(now)
+            self.replan(now)
             return
         if self.stops.are_enabled and self._is_stopped(now):
             return
@@ -413,7 +413,7 @@ class Drive:
         if end_ns is not None and end_ns <= now:
             self._finish(now)
         else:
-            self._plan(now)
+            self.replan(now)
 
     def _is_stopped(self, now: Nanos) -> bool:
         """Whether there is a stop that ends the motion at ``now``; it has, then."""
@@ -426,8 +426,8 @@ class Drive:
             self._stop_on(now, bit, is_standing=self._has_turned(now))
         return bool(bit)
 
-    def _plan(self, now: Nanos) -> None:
-        """Find the next event, now that something has changed."""
+    def replan(self, now: Nanos) -> None:
+        """Find the next event, now that an input, a parameter or a motion has changed."""
         self.counter.look_again()
         self._next = self._meeting = None
         if self.counter.is_frozen:
@@ -469,7 +469,7 @@ class Drive:
             if back is not None:
                 shaft.motion = back
                 self.plant.follow(now, back.trajectory, shaft.signed_target)
-                self._plan(now)
+                self.replan(now)
                 return
         self._rest(now)
         number = shaft.number_after if isinstance(shaft, Segments | Brake) else None
@@ -477,7 +477,7 @@ class Drive:
             self.go_to(now, number, now)
         elif self._segments_wait and (not isinstance(shaft, Brake) or shaft.segments_follow):
             self._begin_segments(now)
-            self._plan(now)
+            self.replan(now)
 
     def _rest(self, now: Nanos) -> None:
         self.plant.advance(now)
@@ -485,7 +485,7 @@ class Drive:
         self._control = Rest()
         self.counter.settle(now)
         self.apply_torque(now)
-        self._plan(now)
+        self.replan(now)
 
     # ---- stops ---------------------------------------------------------------------------------
 
@@ -535,7 +535,7 @@ class Drive:
         place = plant.position_at(now) - (0 if plant.is_held_back(now) else begun)
         self._stop_on(now, bit, is_standing=True)
         plant.push(now, place - plant.position_at(now))
-        self._plan(now)
+        self.replan(now)
 
     # ---- torque, load, busy --------------------------------------------------------------------
 
@@ -548,7 +548,7 @@ class Drive:
     def torque_changed(self, now: Nanos) -> None:
         """0Ch, 02h: effective at once (MACS-CMD-0C-03)."""
         self.apply_torque(now)
-        self._plan(now)
+        self.replan(now)
 
     @property
     def torque_nm(self) -> Fraction:
@@ -562,23 +562,19 @@ class Drive:
     def apply_catch_up(self, now: Nanos) -> None:
         """0Eh: from the next catch-up increment on (MACS-CMD-0E-02); 0 acts as 1."""
         self.plant.set_catch_up(now, max(1, self._values["catchup"]) * CATCH_UP_TICKS)
-        self._plan(now)
+        self.replan(now)
 
     def set_load(self, now: Nanos, load: Load) -> None:
         """What hangs on the shaft."""
         self._loaded = self._inertial or load != Load()
         self.plant.set_torque(now, self.torque_nm)
         self.plant.set_load(now, load)
-        self._plan(now)
+        self.replan(now)
 
     def push(self, now: Nanos, increments: int) -> None:
         """Turn the shaft by hand."""
         self.plant.push(now, increments)
-        self._plan(now)
-
-    def replan(self, now: Nanos) -> None:
-        """An input, or a parameter that decides when a motion is over, has changed."""
-        self._plan(now)
+        self.replan(now)
 
     def is_busy(self, now: Nanos) -> bool:
         """Whether the axis does not follow (MACS-BUSY-01, -02)."""
@@ -597,4 +593,4 @@ class Drive:
         """Whether the counter changes by itself from ``now`` on."""
         if self.kind is not None:
             return True
-        return self._next is not None and self._next > now  # when it comes to rest (``_plan``)
+        return self._next is not None and self._next > now  # when it comes to rest (``replan``)

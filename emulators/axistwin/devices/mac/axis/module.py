@@ -265,14 +265,14 @@ class MacModule:
     def set_load(self, now: Nanos, load: Load) -> list[Effect]:
         """What hangs on the shaft from now on."""
         self._run_until(now)
-        self.axis.set_load(now, load)
+        self.axis.drive.set_load(now, load)
         self._load = load
         return self._settle(now)
 
     def push(self, now: Nanos, increments: int) -> list[Effect]:
         """Turn the shaft by hand, by signed ``increments``, against nothing but the regulation."""
         self._run_until(now)
-        self.axis.push(now, increments)
+        self.axis.drive.push(now, increments)
         return self._settle(now)
 
     # ---- for whoever looks on --------------------------------------------------------------------
@@ -285,12 +285,12 @@ class MacModule:
     def is_moving(self, now: Nanos) -> bool:
         """Whether the position changes by itself."""
         self._run_until(now)
-        return self.axis.is_moving(now)
+        return self.axis.drive.is_moving(now)
 
     def position_at(self, now: Nanos) -> int:
         """The position counter, as 20h would read it."""
         self._run_until(now)
-        return self.axis.reading_at(now)
+        return self.axis.drive.reading_at(now)
 
     def state_code(self, now: Nanos) -> str:
         """The state of ledger §4.1: BT RI OF HD PO VE IN DJ, with +AR or +PL where it applies."""

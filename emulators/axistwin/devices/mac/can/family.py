@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, ClassVar, Final
 from axistwin.devices.family import Carrier, DeviceOptions, Family, Model
 
 if TYPE_CHECKING:
-    from axistwin.devices.base import MotionCanDevice
     from axistwin.devices.controls import ControlTable
+    from axistwin.devices.mac.can.device import MacCan
     from axistwin.devices.switches import Quirk
     from axistwin.wire.can_frame import CanFrame
 
@@ -23,7 +23,7 @@ class MacCanFamily(Family):
 
         return CAN_QUIRKS
 
-    def make(self, model: str, address: int, options: DeviceOptions) -> "MotionCanDevice":
+    def make(self, model: str, address: int, options: DeviceOptions) -> "MacCan":
         """A module."""
         from axistwin.devices.mac.can.device import MacCan
         from axistwin.devices.mac.can.quirks import parse_can_quirks

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Final
 from axistwin.devices.family import DeviceOptions, Family, Model
 
 if TYPE_CHECKING:
-    from axistwin.devices.base import MotionSerialDevice
     from axistwin.devices.controls import ControlTable
+    from axistwin.devices.mac.serial.device import MacSerial
     from axistwin.devices.switches import Quirk
 
 
@@ -20,7 +20,7 @@ class MacSerialFamily(Family):
 
         return QUIRKS
 
-    def make(self, model: str, address: int, options: DeviceOptions) -> "MotionSerialDevice":
+    def make(self, model: str, address: int, options: DeviceOptions) -> "MacSerial":
         """A module."""
         from axistwin.devices.mac.axis.quirks import parse_quirks
         from axistwin.devices.mac.serial.device import MacSerial
