@@ -143,6 +143,8 @@ def _recording(family: Family, model: str, word: str, others: Mapping[str, objec
     for name, other in others.items():
         if other:
             raise UsageError(f"--replay plays its operations and nothing else: leave out {name}")
+    if not family.operation_bytes:
+        raise UsageError(f"--replay: nothing records operations of {with_article(model)}")
     return load_recording(word, model, family.operation_bytes)
 
 
@@ -177,9 +179,10 @@ def _check_duration(duration: float | None, level: str | None) -> None:
 def _addresses(
     family: Family, address: int | None, neighbours: tuple[int, ...], *, is_builtin: bool
 ) -> tuple[int, tuple[int, ...]]:
-    """The address to judge and those of further modules, of which the built-in twin has one."""
+    """The address to judge and those of further modules, of which the built-in twin has one where
+    there is an address for it."""
     address = family.default_address if address is None else address
-    if is_builtin and not neighbours:
+    if is_builtin and not neighbours and len(family.addresses) > 1:
         neighbours = (_other_address(family, address),)
     for one in (address, *neighbours):
         if one not in family.addresses:
