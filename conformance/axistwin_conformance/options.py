@@ -59,20 +59,14 @@ def make_options(
     from axistwin_conformance.engine.plan import Options
 
     family = find_family(model)
-    endpoint, rate = choose_endpoint(
-        family.transport_kind,
-        model,
-        {"--port": port, "--can": can},
-        {"--baud": baud, "--bitrate": bitrate},
-    )
+    endpoints, rates = {"--port": port, "--can": can}, {"--baud": baud, "--bitrate": bitrate}
+    endpoint, rate = choose_endpoint(family.transport_kind, model, endpoints, rates)
     is_builtin, is_twin = endpoint is None, endpoint is None or is_twin_url(endpoint)
     address, neighbours = _addresses(family, address, neighbours, is_builtin=is_builtin)
-    if is_builtin and rate is not None:
-        _check_rate(family, model, rate)
+    _check_rate(family, model, rate if is_builtin else None)
     _check_duration(duration, level)
     _refuse_foreign(family, model, of_families)
     others = {"an ID": ids, "--level": level, "--detect": is_detection}
-    allowed = parse_allowed(allow, is_builtin=is_builtin)
     options = Options(
         family=family,
         model=model,
@@ -80,7 +74,7 @@ def make_options(
         address=address,
         neighbours=neighbours,
         rate=rate or family.default_rate,
-        allowed=allowed,
+        allowed=parse_allowed(allow, is_builtin=is_builtin),
         settings=family.options.settings(of_families, is_builtin=is_builtin, is_twin=is_twin),
         level=level or FULL,
         seed=seed,
@@ -115,9 +109,9 @@ def _with_rig(options: Options, kind: str | None, command: str | None) -> Option
     return replace(options, rig=choice)
 
 
-def _check_rate(family: Family, model: str, rate: int) -> None:
+def _check_rate(family: Family, model: str, rate: int | None) -> None:
     """Raise UsageError for a rate that no device of the family has."""
-    if rate not in (family.rates or (rate,)):
+    if rate is not None and rate not in (family.rates or (rate,)):
         known = ", ".join(map(str, family.rates))
         raise UsageError(
             f"{family.transport_kind.rate_option} {rate}: {with_article(model)} knows {known}"

@@ -70,7 +70,7 @@ class Bench:
     @property
     def has_rflags(self) -> bool:
         """True for the models that the manual gives RFLAGS (MSC-MOD-01)."""
-        return bool(self.session.model.facts.has_rflags)
+        return bool(self.session.run.model.facts.has_rflags)
 
     @property
     def packet_timeout_s(self) -> float:

@@ -59,7 +59,7 @@ def identify(session: Session) -> Identity:
         values |= climate(session, measures)
     told = [f"release {values['release']}"]
     told += [values[name] for name in ("temperature", "supply") if name in values]
-    return Identity(f"{session.model.title} at {bench.address}, {', '.join(told)}", values)
+    return Identity(f"{session.run.model.title} at {bench.address}, {', '.join(told)}", values)
 
 
 def _know_the_others(session: Session) -> None:

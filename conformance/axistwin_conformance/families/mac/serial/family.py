@@ -67,7 +67,7 @@ def identify(session: Session) -> Identity:
         values["imax"] = f"{imax.data_bytes()[0]:02X}h"
     told = [f"release {values['release']}"]
     told += [values[name] for name in ("temperature", "supply") if name in values]
-    return Identity(f"{session.model.title} at {bench.address:02X}h, {', '.join(told)}", values)
+    return Identity(f"{session.run.model.title} at {bench.address:02X}h, {', '.join(told)}", values)
 
 
 def _insisted(bench: RigBench, index: int) -> Reply:

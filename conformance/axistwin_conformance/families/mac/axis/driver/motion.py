@@ -512,7 +512,7 @@ class Bench(Talk):
         margin_ns = taken.latest_ns - middle_ns
         is_new = self._plotted is None or self._plotted[0] != start_ns
         if self._plotted is None or is_new:
-            number = self.session.motion_count + 1
+            number = self.session.motions.count + 1
             self._plotted = start_ns, f"{MOTION_NAMES[first.mode]} {number}", start_ns
         _, name, since_ns = self._plotted
         self._plotted = start_ns, name, middle_ns
@@ -523,7 +523,7 @@ class Bench(Talk):
             window = Window(now_ns - margin_ns, now_ns + margin_ns)
             lowest, highest = forecast.bounds(self._widened(window, forecast))
             band.append((now_ns, lowest - allowance, highest + allowance))
-        self.session.sample(name, [(middle_ns, sample.position)], band)
+        self.session.motions.sample(name, [(middle_ns, sample.position)], band)
 
     def watch(self, forecast: Forecast, requirement: Part = None, samples: int = 6) -> int:
         """Judge the whole motion: some places on its way, and its end.  Give the final place."""
