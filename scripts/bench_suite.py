@@ -43,7 +43,7 @@ from axistwin_conformance.engine.result import CheckResult
 from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.families.mac.axis.checks import machines, sequences
 from axistwin_conformance.families.mac.axis.sequences.machine import AxisMachine
-from axistwin_conformance.families.mac.axis.sequences.machine_devices import Judged, Trivial
+from axistwin_conformance.families.mac.axis.sequences.machine_devices import JudgedAxis, Trivial
 from axistwin_conformance.families.mac.axis.sequences.runner import AxisRunner
 from axistwin_conformance.families.mac.axis.sequences.sequence import BYTES_PER_OPERATION
 from axistwin_conformance.families.mac.serial import codec
@@ -219,8 +219,8 @@ class CannedSlice:
         return self.ports[-1]
 
     def _play(self, number: int) -> int:
-        self.runner.bench.target.drain()  # so that the clock is looked at anew
-        return sequence_slice(AxisRunner(self.runner.bench, self.runner.home), number)
+        self.runner.driver.client.target.drain()  # so that the clock is looked at anew
+        return sequence_slice(AxisRunner(self.runner.driver, self.runner.home), number)
 
     def prepare(self, number: int) -> None:
         """Note the replies."""
@@ -239,7 +239,7 @@ class SharedSlice:
 
     def __init__(self, count: int) -> None:
         self.count, self._told = count, list[Event]()
-        self._run = open_runner().bench.session.run
+        self._run = open_runner().session.run
         self._run.emit = self._told.append
         self._check = next(one for one in find_family(MODEL).checks() if one.name == DRAWN)
         self._jobs = Jobs(count, self._lost)
@@ -295,7 +295,7 @@ def _measured(seconds: float, shared: SharedSlice) -> dict[str, Rates]:
     contestants = {
         "machine, trivial device": Contestant(lambda number: machine_slice(Trivial, number)),
         "machine, built-in twin": Contestant(
-            lambda number: machine_slice(lambda: Judged(runner.begin()), number)
+            lambda number: machine_slice(lambda: JudgedAxis(runner.begin()), number)
         ),
         "one-draw, built-in twin": Contestant(lambda number: sequence_slice(runner, number)),
         "one-draw, canned replies": Contestant(canned.run, canned.prepare),

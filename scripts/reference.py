@@ -1,4 +1,4 @@
-"""Writes docs/reference and the protocol page from the code; ``--check`` only compares."""
+"""Writes docs/reference from the code; ``--check`` only compares."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import click
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from scripts import reference_msc  # noqa: E402
+from scripts import reference_mac_pages, reference_msc  # noqa: E402
 from scripts.reference_tables import table  # noqa: E402
 
 from axistwin import catalog  # noqa: E402
@@ -40,8 +40,9 @@ def quirks() -> str:
     return quirks_of(
         "mac23",
         "# Quirks of the MAC twins\n\n"
-        "Where the manual can be read in several ways, a switch chooses: `--quirk NAME=VALUE`, a\n"
-        "profile's `[quirks]`, `quirk.NAME=VALUE` in a URL, or `quirks={...}` of the fixture.\n\n",
+        "The manual can be read in several ways. A switch chooses one: `--quirk NAME=VALUE`,\n"
+        "`[quirks]` of a profile, `quirk.NAME=VALUE` in a URL, or `quirks={...}` of the\n"
+        "fixture.\n\n",
     )
 
 
@@ -50,9 +51,9 @@ def can_quirks() -> str:
     return quirks_of(
         "mac23-can",
         "# Quirks of the MAC23 on CAN\n\n"
-        "Where the manual can be read in several ways, a switch chooses: a profile's `[quirks]`,\n"
-        "`quirk.NAME=VALUE` in a channel's name, or `quirks={...}` of `can.Bus`. Entries `MACS-`\n"
-        "concern the axis, which this module shares with the serial one.\n\n",
+        "The manual can be read in several ways. A switch chooses one: `--quirk NAME=VALUE`,\n"
+        "`[quirks]` of a profile, `quirk.NAME=VALUE` in a channel's name, or `quirks={...}` of\n"
+        "`can.Bus`. Entries `MACS-` concern the axis, which is the same as on the serial line.\n\n",
     )
 
 
@@ -61,9 +62,9 @@ def msc_quirks() -> str:
     return quirks_of(
         "msc-250",
         "# Quirks of the MSC controllers\n\n"
-        "Where the manual can be read in several ways, a switch chooses: `--quirk NAME=VALUE`, a\n"
-        "profile's `[quirks]`, `quirk.NAME=VALUE` in a URL, or `quirks={...}` of the fixture. The\n"
-        "last ones, from `data_size` on, are no doubts: each unit is set up in its own way.\n\n",
+        "The manual can be read in several ways. A switch chooses one: `--quirk NAME=VALUE`,\n"
+        "`[quirks]` of a profile, `quirk.NAME=VALUE` in a URL, or `quirks={...}` of the fixture.\n"
+        "The switches from `data_size` on are settings: each unit has its own.\n\n",
     )
 
 
@@ -87,8 +88,8 @@ def can_requirements() -> str:
     return requirements_of(
         "mac_can",
         "# Requirements of the MAC23 on CAN\n\n"
-        "What concerns the axis is judged by the checks of the serial interface: the last column\n"
-        "names [its requirements](mac-serial-requirements.md) that come with one here.\n\n",
+        "The checks of the serial interface judge the axis of this module too. The last column\n"
+        "names [their requirements](mac-serial-requirements.md).\n\n",
     )
 
 
@@ -126,12 +127,14 @@ def requirements_of(name: str, head: str) -> str:
 
 
 PAGES = {
-    "msc-protocol.md": reference_msc.page,
     "reference/commands.md": commands,
+    "reference/mac-can-commands.md": reference_mac_pages.can_page,
     "reference/mac-can-quirks.md": can_quirks,
     "reference/mac-can-requirements.md": can_requirements,
+    "reference/mac-serial-commands.md": reference_mac_pages.serial_page,
     "reference/mac-serial-quirks.md": quirks,
     "reference/mac-serial-requirements.md": requirements,
+    "reference/msc-protocol.md": reference_msc.page,
     "reference/msc-quirks.md": msc_quirks,
     "reference/msc-requirements.md": msc_requirements,
 }

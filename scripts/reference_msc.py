@@ -1,13 +1,12 @@
-"""The protocol page of the MSC: its tables are the twin's, its transcripts what the twin says."""
+"""The protocol page of the MSC: tables and transcripts of the twin."""
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from scripts.reference_tables import table
+from scripts.reference_tables import prose, table
 
 from axistwin import catalog
 from axistwin.devices.msc.commands import COMMANDS
@@ -35,7 +34,6 @@ MODEL: Final = "msc-250"
 BYTE_NS: Final[Nanos] = LINE_FORMAT.span_ns(1)
 QUIET_NS: Final[Nanos] = 20 * NS_PER_MS  # longer than from the ACK to the reply
 BYTES_A_LINE: Final = 24
-WIDTH: Final = 100
 MARGIN: Final = " " * 14
 ACKNOWLEDGED: Final = bytes((ACK,))
 REFUSED: Final = bytes((NAK,))
@@ -46,18 +44,18 @@ VALUES: Final = range(1, BLOCK_VALUES + 1)
 HEAD: Final = """\
 # The MSC executive port
 
-What goes over the executive port of an MSC controller, for those who write a host: the tables are
-those of the twin, the transcripts are what it says in virtual time, byte for byte. Requirements are
-[listed apart](reference/msc-requirements.md), and so are the
-[switches](reference/msc-quirks.md) for what the manual leaves open; this page shows their defaults.
+This page describes the executive port of an MSC controller for those who write a host. The tables
+are those of the twin. The transcripts show what the twin sends in virtual time, byte for byte, with
+the default of every quirk. The [requirements](msc-requirements.md) and the [quirks](msc-quirks.md)
+have pages of their own.
 
-The controller is passive. A host asks, with one packet; the controller answers the packet with one
-bare character, ACK or NAK. What writes gets nothing else. What reads gets a packet of the same form
-behind the ACK, and that is for the host to answer, with ACK or NAK.
+The controller is passive. The host sends one packet as a request; the controller answers it with a
+bare character, ACK or NAK. A command that writes gets nothing else. A command that reads gets a
+packet of the same form after the ACK, and the host answers that packet with ACK or NAK.
 
 """
 
-# What each command is for: its effect, the values of the request and of the reply.
+# Each command: its effect, the values of the request and of the reply.
 MEANINGS: Final = {
     "BREAD": ("read 32 values", "address", "32 values"),
     "BWRITE": ("write 32 values; shorter arrays are padded", "address, 32 values", ""),
@@ -138,7 +136,7 @@ class Burst:
 
 
 class Host:
-    """A host on a line of twins, in virtual time, and what was said there."""
+    """A host on a line of twins, in virtual time, with its transcript."""
 
     def __init__(self, *devices: str, program: str | None = None) -> None:
         specs = [catalog.parse_device(device) for device in devices or (MODEL,)]
@@ -148,49 +146,49 @@ class Host:
             quirks={} if program is None else {"auto_start": True},
             programs={} if program is None else {None: program},
         )
-        self._said: list[Burst] = []
+        self._bursts: list[Burst] = []
 
     def send(self, data: bytes) -> None:
         """Send, and wait until it is on the line."""
         now = self.line.sync()
         span_ns = len(data) * BYTE_NS
-        self._said.append(Burst(now, ">", data, now + span_ns))
+        self._bursts.append(Burst(now, ">", data, now + span_ns))
         self.line.send(data)
-        self.hear(span_ns)
+        self.receive(span_ns)
 
-    def hear(self, patience_ns: Nanos = QUIET_NS) -> bytes:
-        """Hear what comes until nothing more has come for so long, and return it."""
-        heard = b""
-        until_ns = self.line.sync() + patience_ns
+    def receive(self, silence_ns: Nanos = QUIET_NS) -> bytes:
+        """Receive until the line has been silent for so long; return the bytes."""
+        received = b""
+        until_ns = self.line.sync() + silence_ns
         while (now := self.line.wait(until_ns, count=1)) < until_ns or self.line.available:
             data = self.line.receive(1)
             if data:
-                heard += data
+                received += data
                 self._note(now, data)
-                until_ns = now + patience_ns
-        return heard
+                until_ns = now + silence_ns
+        return received
 
     def _note(self, now: Nanos, data: bytes) -> None:
-        last = self._said[-1]
+        last = self._bursts[-1]
         if last.arrow == "<" and now - last.end_ns < 2 * BYTE_NS:
             last.data += data
             last.end_ns = now
         else:
-            self._said.append(Burst(now - BYTE_NS, "<", data, now))
+            self._bursts.append(Burst(now - BYTE_NS, "<", data, now))
 
-    def ask(self, data: bytes) -> bytes:
-        """A whole exchange: the request, what comes, and the ACK if that was a packet."""
+    def exchange(self, data: bytes) -> bytes:
+        """The request, the reply, and the ACK of the host if the reply was a packet."""
         self.send(data)
-        heard = self.hear()
-        if len(heard) > len(ACKNOWLEDGED):
+        received = self.receive()
+        if len(received) > len(ACKNOWLEDGED):
             self.send(ACKNOWLEDGED)
-        return heard
+        return received
 
-    def told(self) -> str:
-        """What was said since the last time, in hex and in words; times from the first byte on."""
-        began_ns = self._said[0].begin_ns
-        lines = [line for burst in self._said for line in shown(burst, began_ns)]
-        self._said.clear()
+    def transcript(self) -> str:
+        """The bursts since the last call, in hex and in words; times count from the first byte."""
+        began_ns = self._bursts[0].begin_ns
+        lines = [line for burst in self._bursts for line in shown(burst, began_ns)]
+        self._bursts.clear()
         return "```text\n" + "".join(f"{line}\n" for line in lines) + "```\n"
 
 
@@ -207,11 +205,6 @@ def shown(burst: Burst, began_ns: Nanos) -> Iterator[str]:
 
 
 # --- tables ---------------------------------------------------------------------------------------
-
-
-def prose(text: str) -> str:
-    """A paragraph, in lines of the usual length."""
-    return textwrap.fill(" ".join(text.split()), WIDTH) + "\n\n"
 
 
 def line_and_packet() -> str:
@@ -258,11 +251,11 @@ def commands() -> str:
         does, asked, answered = MEANINGS[name]
         request_bytes = FRAME_BYTES + len(name) + 1 + command.value_bytes
         assert request_bytes == len(EXCHANGES[name])
-        reply_bytes = len(host.ask(EXCHANGES[name])) - len(ACKNOWLEDGED)
+        reply_bytes = len(host.exchange(EXCHANGES[name])) - len(ACKNOWLEDGED)
         sizes = f"{request_bytes} / {reply_bytes or '-'}"
         time = f"{reply_bytes * BYTE_NS / NS_PER_MS:.1f} ms" if reply_bytes else "-"
         rows.append((f"`{name}`", does, asked, answered or "ACK only", sizes, time))
-    head = ["command", "what it does", "request", "reply", "bytes of the packets", "reply takes"]
+    head = ["command", "what it does", "request", "reply", "bytes of the packets", "reply time"]
     having, lacking = (
         " and ".join(f"`{each.name}`" for each in MODELS.values() if each.has_rflags is has)
         for has in (True, False)
@@ -270,15 +263,15 @@ def commands() -> str:
     return (
         "## Commands\n\n"
         + prose(
-            """The name is what stands before the first comma, in upper case; the comma is there
-            without values, too."""
+            """The name stands before the first comma, in upper case. The comma is there also if no
+            value follows."""
         )
         + table(head, rows)
         + f"\n`RFLAGS` is known to {having}; to {lacking} it is an unknown command.\n\n"
         + prose(
-            f"""Refused with NAK, and nothing done: a wrong checksum, an unknown name, a body of the
-            wrong size, a flag above {FLAGS - 1}, an address outside the data area, a block that
-            runs over its end."""
+            f"""The controller answers with NAK, and does nothing, to a wrong checksum, an unknown
+            name, a body of the wrong size, a flag above {FLAGS - 1}, an address outside the data
+            area, and a block that runs over its end."""
         )
     )
 
@@ -293,16 +286,17 @@ def behind_the_packets() -> str:
         for bit in StatusBit
     )
     return (
-        "## What is behind the packets\n\n"
+        "## Data area, flags and status\n\n"
         + prose(
-            f"""*Data area.* Addresses 0 to {data.size - 1}, a value every {data.stride}: where its
-            values are, the listing of the program tells. Nothing protects what is behind an array:
-            `BWRITE` always stores {BLOCK_VALUES} values. The battery keeps it all."""
+            f"""*Data area.* Addresses 0 to {data.size - 1}, a value every {data.stride}. The
+            listing of the program gives the addresses of its values. `BWRITE` always stores
+            {BLOCK_VALUES} values: nothing protects the values behind a shorter array. The battery
+            keeps the whole area."""
         )
         + prose(
-            """*Flags.* What a number stands for the manual does not tell; this map is the twin's
-            own, and the switch `flag_map` makes another. `SFLAG` and `CFLAG` of other kinds than
-            outputs and user flags get an ACK, and have no effect."""
+            """*Flags.* The manual does not say what each number stands for. This map is the twin's
+            own; the quirk `flag_map` replaces it. `SFLAG` and `CFLAG` change only outputs and user
+            flags; for flags of another kind they get an ACK and have no effect."""
         )
         + table(["flags", "numbers", "turned on and off by"], flags)
         + "\n*Status word.* 65 is 64 + 1: a program is running, and starts at power-up.\n\n"
@@ -317,8 +311,8 @@ def times() -> str:
     return (
         "## Times\n\n"
         + prose(
-            """The manual gives none of these; they are switches. A host waits for an answer longer
-            than the packet time limit before it sends again."""
+            """The manual gives none of these times; each is a quirk. A host waits longer than the
+            packet time limit for an answer before it sends again."""
         )
         + table(["switch", "default", "what it is"], rows)
     )
@@ -331,76 +325,77 @@ def each_command() -> str:
     """One exchange of each command."""
     host = Host(program="bench")
     page = "\n## Each command once\n\n" + prose(
-        f"""`>` is the host, `<` the controller, unit 1; the time is that of a burst's first byte,
-        at {LINE_FORMAT.baud} baud, from the beginning of the exchange. A program is running. The
-        direction is not in the bytes: asking for flag 1 looks like the answer "on"."""
+        f"""`>` is the host, `<` the controller, unit 1. The time is that of the first byte of a
+        burst, from the beginning of the exchange, at {LINE_FORMAT.baud} baud. A program is running.
+        The bytes do not show their direction: a request for flag 1 looks like the answer "on"."""
     ).rstrip("\n")
     for name, data in EXCHANGES.items():
-        host.ask(data)
-        page += f"\n\n### {name}\n\n{host.told()}".rstrip("\n")
+        host.exchange(data)
+        page += f"\n\n### {name}\n\n{host.transcript()}".rstrip("\n")
     return page + "\n"
 
 
 def what_goes_wrong() -> str:
     """Refused packets and replies, silence, several units."""
     host = Host()
-    host.ask(EXCHANGES["DWRITE"])
-    host.told()
+    host.exchange(EXCHANGES["DWRITE"])
+    host.transcript()
     page = "\n## When something goes wrong\n"
     for title, words, happens in MISHAPS:
         happens(host)
-        page += f"\n### {title}\n\n{prose(words)}{host.told()}"
+        page += f"\n### {title}\n\n{prose(words)}{host.transcript()}"
     return page + shared_line()
 
 
 def damaged_request(host: Host) -> None:
     """Refused, and sent again."""
-    host.ask(spoilt(EXCHANGES["DREAD"]))
-    host.ask(EXCHANGES["DREAD"])
+    host.exchange(corrupted(EXCHANGES["DREAD"]))
+    host.exchange(EXCHANGES["DREAD"])
 
 
 def refused_reply(host: Host) -> None:
     """Refused once, then acknowledged."""
     host.send(EXCHANGES["DREAD"])
-    host.hear()
+    host.receive()
     host.send(REFUSED)
-    host.hear()
+    host.receive()
     host.send(ACKNOWLEDGED)
 
 
 def no_acknowledgement(host: Host) -> None:
     """The host says nothing."""
     host.send(EXCHANGES["DREAD"])
-    host.hear(8 * NS_PER_S)
+    host.receive(8 * NS_PER_S)
 
 
 def broken_off(host: Host) -> None:
     """Half a request."""
     host.send(EXCHANGES["DREAD"][: HEADER_BYTES + 4])
-    host.hear(2 * NS_PER_S)
+    host.receive(2 * NS_PER_S)
 
 
 MISHAPS: Final = (
     (
         "A damaged request",
-        "It gets NAK, and the host sends it again. Here the checksum is one too high.",
+        "The controller sends NAK; the host sends the request again. The checksum is one too high.",
         damaged_request,
     ),
     (
         "A reply that the host refuses",
-        "The same packet comes again, without another ACK before it; five times at most.",
+        "The controller sends the same packet again, without another ACK; five times at most.",
         refused_reply,
     ),
     (
         "A host that does not acknowledge",
-        """The reply comes again when the time limit for the host's answer is over. After five
-        repeats the controller gives up, and is ready for the next packet.""",
+        """The controller sends the reply again when the time limit for the host's answer is over.
+        After five repeats it gives up and is ready for the next packet.""",
         no_acknowledgement,
     ),
     (
         "A request that breaks off",
-        """It gets NAK when the packet time limit is over, which runs from the first byte. A host
-        that sends again before that has its packet swallowed as the rest of the first.""",
+        """The packet time limit runs from the first byte. When it is over, the controller sends
+        NAK. If a host sends again before that, the controller takes the new packet for the rest
+        of the first one.""",
         broken_off,
     ),
 )
@@ -409,17 +404,17 @@ MISHAPS: Final = (
 def shared_line() -> str:
     """Units on RS-485."""
     host = Host(f"{MODEL}:1", f"{MODEL}:6")
-    host.ask(request("DREAD", word(ADDRESS), unit=6))
-    host.ask(spoilt(request("DREAD", word(ADDRESS), unit=3)))
+    host.exchange(request("DREAD", word(ADDRESS), unit=6))
+    host.exchange(corrupted(request("DREAD", word(ADDRESS), unit=3)))
     words = prose(
-        """On RS-485 each unit follows every packet and answers its own. What is for a unit that is
-        not there nobody answers, damaged or not: here units 1 and 6 are on the line, and the second
-        packet is for unit 3."""
+        """On RS-485 each unit follows every packet and answers its own. Packets to an absent unit
+        get no answer, damaged or not. Here units 1 and 6 are on the line, and the second packet is
+        for unit 3."""
     )
-    return f"\n### Several units on one line\n\n{words}{host.told()}"
+    return f"\n### Several units on one line\n\n{words}{host.transcript()}"
 
 
-def spoilt(data: bytes) -> bytes:
+def corrupted(data: bytes) -> bytes:
     """The packet with a checksum one too high."""
     return data[:-1] + bytes((data[-1] + 1 & 0xFF,))
 

@@ -1,8 +1,17 @@
-"""Tables of generated pages."""
+"""Paragraphs and tables of generated pages."""
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterable
+from typing import Final
+
+WIDTH: Final = 100
+
+
+def prose(text: str) -> str:
+    """A paragraph, in lines of the usual length."""
+    return textwrap.fill(" ".join(text.split()), WIDTH, break_on_hyphens=False) + "\n\n"
 
 
 def cell(text: object) -> str:

@@ -11,14 +11,13 @@ from collections.abc import Mapping
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-SUITE = ROOT / "conformance" / "axistwin_conformance"
 sys.path.insert(0, str(ROOT / "conformance" / "tests"))
 
 from zoo import armed_by  # noqa: E402
 from zoo.judge import kills  # noqa: E402
 from zoo.mutant import Mutant  # noqa: E402
 
-from axistwin_conformance.base.ledger import load_ledger  # noqa: E402
+from axistwin_conformance.base.ledger import family_folder, load_ledger  # noqa: E402
 
 # Family → package of its mutants.
 ZOOS = {"mac_serial": "zoo", "mac_can": "zoo_can", "msc": "zoo_msc"}
@@ -94,7 +93,7 @@ def main() -> int:
         print(f"  {line}", file=sys.stderr)
     if survivors or names:
         return int(bool(survivors))
-    path, armed = SUITE / family / "armed.toml", armed_by(zoo)
+    path, armed = Path(str(family_folder(family) / "armed.toml")), armed_by(zoo)
     path.write_text(as_toml(armed), encoding="utf-8")
     print(f"{path.relative_to(ROOT)} written\n{summary(family, armed)}")
     return 0

@@ -21,7 +21,7 @@ from axistwin_conformance.transport.can import CanTransport, split_words
 from axistwin_conformance.transport.can_frame import Frame
 from axistwin_conformance.transport.rig import TwinRig
 
-OWN_MODULES = tuple(name for name in FAMILY.modules if ".mac_can." in name)
+OWN_MODULES = tuple(name for name in FAMILY.modules if ".mac.can." in name)
 LEDGER = load_ledger(FAMILY.name)
 Turn = Callable[[Frame], Iterable[Frame]]
 

@@ -1,4 +1,4 @@
-"""A small controller behind the small MSC of the tests: a data area of bytes, flags by kind, the
+"""A small controller behind the link of the built-in twin: a data area of bytes, flags by kind, the
 bench program in its scans, and the hands of a rig.  Faulty ones override a line or two."""
 
 from __future__ import annotations
@@ -6,15 +6,16 @@ from __future__ import annotations
 import contextlib
 from collections import Counter
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
-from msc_device import REPLY_NS, RESPONSE_NS, T2_NS, MscPort, session_on
+from msc_twin import TwinPort, session_on
 
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.verdicts import Finding
 from axistwin_conformance.core.session import Session, Stop
 from axistwin_conformance.families.msc import codec
-from axistwin_conformance.families.msc.codec import ACK, NAK, Packet
+from axistwin_conformance.families.msc.codec import Packet
 from axistwin_conformance.families.msc.family import FAMILY
 from axistwin_conformance.families.msc.options import TWIN_SCRATCH
 from axistwin_conformance.transport.rig import OF_A_CONTROLLER, Act, Rig
@@ -30,8 +31,9 @@ USER = (*range(16, 32), *range(128, 256))
 RUNNING, LOW, LOST, AUTO = 1, 2, 4, 64
 
 
-class Controller(MscPort):
-    """A unit with all that the checks of data, flags, status, program and rig ask for."""
+class Controller(TwinPort):
+    """The link of the twin, and behind it all that the checks of data, flags, status, program and
+    rig ask for."""
 
     def __init__(self, *, has_rflags: bool = True) -> None:
         super().__init__(has_rflags=has_rflags)
@@ -45,27 +47,23 @@ class Controller(MscPort):
         self._was_on = False
         self._timer_ends_ns = 0
         self.notes: Counter[str] = Counter()  # what faulty ones keep
+        self.served = self._scan_and_serve
+        self.receiver.receive = partial(self._receive, self.receiver.receive)
+
+    @property
+    def clock_ns(self) -> int:
+        """Now, as the unit knows it."""
+        return max(self._now, self.virtual_time_ns)
 
     # --- packets ----------------------------------------------------------------------------------
 
-    def _hear(self, byte: bytes) -> None:
+    def _receive(self, receive: Callable[[Any], None], chunk: Any) -> None:
         if self.is_powered:
-            super()._hear(byte)
+            receive(chunk)
 
-    def _serve(self, raw: bytes) -> None:
-        one = codec.parse(raw)
-        assert one is not None
+    def _scan_and_serve(self, one: Packet) -> bytes | None:
         self.scan()
-        served = self.serve(one)
-        self._say(NAK if served is None else ACK, RESPONSE_NS)
-        if served:
-            self._reply = self.reply(one, served)
-            self._repeats = 0
-            self._arm(self._say(self._reply, REPLY_NS) + T2_NS, self._again)
-
-    def reply(self, one: Packet, served: bytes) -> bytes:
-        """The packet with what is behind the comma."""
-        return codec.packet(self.unit, codec.body(one.name, served))
+        return self.serve(one)
 
     def serve(self, one: Packet) -> bytes | None:
         """What is behind the comma of the reply; empty: there is none; None: refused."""
@@ -119,7 +117,7 @@ class Controller(MscPort):
 
     def states(self) -> frozenset[int]:
         """All flags that are on."""
-        timer = {TIMER} if self.virtual_time_ns < self._timer_ends_ns else set()
+        timer = {TIMER} if self.clock_ns < self._timer_ends_ns else set()
         return frozenset(self.on | self.machine | timer)
 
     def rflag(self, one: Packet) -> bytes | None:
@@ -156,7 +154,7 @@ class Controller(MscPort):
 
     def scan(self) -> None:
         """Make up for the scans that have been since."""
-        scans = self.virtual_time_ns // SCAN_NS
+        scans = self.clock_ns // SCAN_NS
         for number in range(self._scanned, scans) if self.status & RUNNING else ():
             self.pass_by(number * SCAN_NS)
             if not self.status & RUNNING:
@@ -201,8 +199,7 @@ class Controller(MscPort):
     def power(self, on: bool) -> None:
         """The supply."""
         self.is_powered = on
-        self._packet = self._reply = b""
-        self._timer += 1
+        self.receiver.reset()
         if not on:
             return
         self.on.clear()

@@ -6,16 +6,18 @@ import contextlib
 from collections.abc import Iterable
 from typing import Any
 
-from msc_device import MscPort, session_on
+from msc_faults import SCRATCH
+from msc_twin import TwinPort, session_on
 
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.core.session import Stop
 from axistwin_conformance.families.msc.family import FAMILY
+from axistwin_conformance.transport.rig import OF_A_CONTROLLER, TwinRig
 
 LINK_MODULES = tuple(
-    f"axistwin_conformance.msc.checks_{name}"
+    f"axistwin_conformance.families.msc.checks.{name}"
     for name in ("packets", "link", "time", "line", "wire", "random", "golden")
 )
 
@@ -25,11 +27,17 @@ def link_checks() -> dict[str, Check]:
     return {one.name: one for one in FAMILY.checks() if one.module in LINK_MODULES}
 
 
-def judge(name: str, port: MscPort, **how: Any) -> tuple[Finding, ...]:
+def judge(name: str, port: TwinPort, **how: Any) -> tuple[Finding, ...]:
     """Run one check on that unit; nothing it may not send is sent."""
     check = next(one for one in FAMILY.checks() if one.name == name)
-    how = {"allowed": frozenset(SAFETY_CLASSES), **how}
-    session = session_on(port, check, **how)
+    usual = {
+        "allowed": frozenset(SAFETY_CLASSES),
+        "settings": SCRATCH,
+        "neighbours": port.others,
+    }
+    session = session_on(port, check, **(usual | how))
+    rig = TwinRig(session.target, port.unit, OF_A_CONTROLLER)
+    session.run.rig, rig.is_exact = rig, True
     if "rig" not in check.safety:  # or the guard would let everything pass
         session.target.description = "axistwin://a-small-one?time=virtual"
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import replace
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +11,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from axistwin_conformance.base.ledger import load_ledger
-from axistwin_conformance.families.mac.axis.snapshot import Facts
+from axistwin_conformance.base.ledger import family_folder, load_ledger
+from axistwin_conformance.families.mac.axis.snapshot import MacFacts
 from axistwin_conformance.families.mac.can import codec
-from axistwin_conformance.families.mac.can.codec import Kind
+from axistwin_conformance.families.mac.can.codec import ReplyKind
 from axistwin_conformance.families.mac.serial.family import MODELS
 from axistwin_conformance.transport.can_frame import Frame
 
 FIXTURES = Path(__file__).parents[2] / "fixtures" / "mac_can"
-GOLDEN = resources.files("axistwin_conformance.mac_can") / "golden" / "exchanges.toml"
+GOLDEN = family_folder("mac_can") / "golden" / "exchanges.toml"
 DATA = tomllib.loads(GOLDEN.read_text(encoding="utf-8"))
 
 
@@ -54,7 +53,7 @@ def test_golden_replies_are_understood_and_belong_to_their_requests(golden: dict
     request, reply = frame(golden["request"]), frame(golden["reply"])
     told = codec.parse(reply)
     assert (told.kind, told.index) in (
-        (Kind.ACCEPTED, golden["index"]), (Kind.ANSWER, golden["index"]),
+        (ReplyKind.ACCEPTED, golden["index"]), (ReplyKind.ANSWER, golden["index"]),
     )  # fmt: skip
     built = codec.request(request.identifier & 0x7F, golden["index"])
     assert codec.mismatch(built, reply) == ""
@@ -92,7 +91,7 @@ def test_the_address_procedure_is_what_the_golden_file_says() -> None:
 def test_the_printed_scalings_give_the_printed_values(golden: dict[str, Any]) -> None:
     """The raw value of each threshold is the last one before it, or the first one at it."""
     facts = MODELS["mac23"].facts
-    assert isinstance(facts, Facts)
+    assert isinstance(facts, MacFacts)
     scale = {"torque": lambda raw: raw / 128, "thermal threshold": facts.celsius}
     measure = scale.get(golden["name"], facts.volts)
     value, step = measure(golden["raw"]), measure(1) - measure(0)
@@ -190,43 +189,43 @@ def test_the_layouts_fill_four_bytes_and_cover_every_assigned_index() -> None:
 @pytest.mark.parametrize(
     ("text", "kind", "index"),
     [
-        ("581 60 0C 20 00 00 00 00 00", Kind.ACCEPTED, 0x0C),
-        ("581 60 0C 20 00 00 00 00 01", Kind.GARBAGE, 0x0C),
-        ("581 80 13 20 00 00 00 00 00", Kind.REFUSED, 0x13),
-        ("581 80 00 10 00 00 00 00 00", Kind.REFUSED, None),
-        ("581 42 06 20 00 01 02 03 04", Kind.ANSWER, 0x26),
-        ("581 43 06 20 00 01 02 03 04", Kind.ANSWER, 0x26),
-        ("581 43 00 10 00 01 02 03 04", Kind.ANSWER, None),
-        ("581 4B 06 20 00 01 02 00 00", Kind.GARBAGE, 0x06),
-        ("581 42 06 20 00", Kind.GARBAGE, None),
-        ("581", Kind.GARBAGE, None),
+        ("581 60 0C 20 00 00 00 00 00", ReplyKind.ACCEPTED, 0x0C),
+        ("581 60 0C 20 00 00 00 00 01", ReplyKind.GARBAGE, 0x0C),
+        ("581 80 13 20 00 00 00 00 00", ReplyKind.REFUSED, 0x13),
+        ("581 80 00 10 00 00 00 00 00", ReplyKind.REFUSED, None),
+        ("581 42 06 20 00 01 02 03 04", ReplyKind.ANSWER, 0x26),
+        ("581 43 06 20 00 01 02 03 04", ReplyKind.ANSWER, 0x26),
+        ("581 43 00 10 00 01 02 03 04", ReplyKind.ANSWER, None),
+        ("581 4B 06 20 00 01 02 00 00", ReplyKind.GARBAGE, 0x06),
+        ("581 42 06 20 00", ReplyKind.GARBAGE, None),
+        ("581", ReplyKind.GARBAGE, None),
     ],
 )
-def test_replies_are_told_apart(text: str, kind: Kind, index: int | None) -> None:
+def test_replies_are_told_apart(text: str, kind: ReplyKind, index: int | None) -> None:
     """By the first byte; what fits none of the forms is garbage and says why."""
     reply = codec.parse(frame(text))
     assert (reply.kind, reply.index) == (kind, index)
-    assert bool(reply.flaws) is (kind is Kind.GARBAGE)
+    assert bool(reply.flaws) is (kind is ReplyKind.GARBAGE)
     assert reply.raw == frame(text).pack()
 
 
 def test_no_frame_is_silence() -> None:
     """And has no bytes."""
-    assert codec.parse(None).kind is Kind.SILENCE
+    assert codec.parse(None).kind is ReplyKind.SILENCE
     assert codec.parse(None).raw == b""
 
 
 def test_an_extended_or_remote_frame_is_no_reply() -> None:
     """It is garbage, whatever it holds."""
-    assert codec.parse(Frame(0x581, bytes(8), is_extended=True)).kind is Kind.GARBAGE
-    assert codec.parse(Frame(0x581, is_remote=True)).kind is Kind.GARBAGE
+    assert codec.parse(Frame(0x581, bytes(8), is_extended=True)).kind is ReplyKind.GARBAGE
+    assert codec.parse(Frame(0x581, is_remote=True)).kind is ReplyKind.GARBAGE
 
 
 def test_the_readings_a_reply_shows_are_told() -> None:
     """42h or 43h, and the reason that the standard wants in a refusal."""
     assert codec.parse(frame("581 43 00 20 00 00 00 00 00")).answer_spelling == "43h"
     refused = codec.parse(frame("581 80 13 20 00 22 00 00 08"))
-    assert (refused.kind, refused.abort_code) == (Kind.REFUSED, 0x0800_0022)
+    assert (refused.kind, refused.abort_code) == (ReplyKind.REFUSED, 0x0800_0022)
     assert refused.answer_spelling is None
 
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 
 from axistwin_conformance.base.errors import OutsideEnvelope
-from axistwin_conformance.families.mac.axis.travel_guard import TravelGuard
+from axistwin_conformance.families.mac.axis.travel_guard import AxisTravelGuard
 from axistwin_conformance.families.mac.can import codec
-from axistwin_conformance.families.mac.can.codec import Request
+from axistwin_conformance.families.mac.can.codec import CanRequest
 from axistwin_conformance.families.mac.can.reader import BusReader
 from axistwin_conformance.transport.can_frame import Frame
 
@@ -20,7 +20,9 @@ KNOWN = {"can_byte_order": "big", "vel_f6_direction": "negative", "segment_signe
 BOOT_UP, LIFEBEAT = Frame(0x701, b"\0"), Frame(0x081, bytes(8))
 
 
-def reply(one: Request, command: int, data: bytes = bytes(4), address: int | None = None) -> Frame:
+def reply(
+    one: CanRequest, command: int, data: bytes = bytes(4), address: int | None = None
+) -> Frame:
     """What a module says to a request."""
     head = bytes([command, one.index_low, one.index_high, one.sub_index])
     return Frame(codec.REPLY + (one.address if address is None else address), head + data)
@@ -31,10 +33,10 @@ class Bus:
 
     def __init__(self, **readings: str) -> None:
         self.readings = readings
-        self.travel_guard = TravelGuard(BusReader(readings), 2000, 10_000, OWN, readings)
+        self.travel_guard = AxisTravelGuard(BusReader(readings), 2000, 10_000, OWN, readings)
         self.now_ns = 0
 
-    def request(self, index: int, parameter: int = 0, address: int = OWN) -> Request:
+    def request(self, index: int, parameter: int = 0, address: int = OWN) -> CanRequest:
         """A request as the suite builds it."""
         order = self.readings.get("can_byte_order", "big")
         return codec.request(address, index, parameter, byte_order=order)
@@ -226,7 +228,7 @@ def test_a_late_reply_does_not_tell_what_became_of_another_request(bus: Bus) -> 
     bus.say(0x18)
     answer = bus.request(0x22)  # 2002h, as the download 02h
     bus.send(bus.request(0x02).frame(), reply(answer, 0x42, bytes(4)))
-    assert bus.travel_guard._asked is not None, "the reply is still to come"
+    assert bus.travel_guard._last is not None, "the reply is still to come"
 
 
 def test_a_garbled_reply_leaves_it_open_what_was_done(bus: Bus) -> None:
@@ -234,7 +236,7 @@ def test_a_garbled_reply_leaves_it_open_what_was_done(bus: Bus) -> None:
     one = bus.request(0x15, 0x1000)
     bus.send(one.frame(), reply(one, codec.ACCEPTED, b"\0\0\0\1"), Frame(0x581, bytes(5)))
     assert bus.has_deadline()
-    assert bus.travel_guard._asked is not None
+    assert bus.travel_guard._last is not None
 
 
 def test_while_nobody_knows_the_order_of_bytes_both_count() -> None:
@@ -260,7 +262,7 @@ def test_a_device_of_the_other_order_is_kept_inside_too() -> None:
     assert bus.refuses(0x16, 0x0001_031F)
     assert not bus.refuses(0x16, 0x0001_0320)
     bus.say(0x15, F6 | 0x1000)
-    assert bus.travel_guard.axes[OWN].ways == (-1, 0)
+    assert bus.travel_guard.axes[OWN].directions == (-1, 0)
 
 
 def test_the_fence_stops_each_axis_by_itself(bus: Bus) -> None:

@@ -73,7 +73,7 @@ SCRIPTS: dict[str, Script] = {
 
 @pytest.fixture(autouse=True)
 def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(line_quality, "PATIENCE_S", SHORT_S)
+    monkeypatch.setattr(line_quality, "SILENCE_LIMIT_S", SHORT_S)
 
 
 @pytest.fixture

@@ -30,19 +30,19 @@ from axistwin_conformance.families.mac.axis.checks.machines import (
 from axistwin_conformance.families.mac.axis.checks.sequences import (
     many_mixed_sequences_agree_with_the_model as many_sequences,
 )
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.sequences.machine import AxisMachine
-from axistwin_conformance.families.mac.axis.sequences.machine_devices import Judged
+from axistwin_conformance.families.mac.axis.sequences.machine_devices import JudgedAxis
 from axistwin_conformance.families.mac.axis.sequences.machine_sync import SyncMachine
 from axistwin_conformance.families.mac.axis.sequences.operations import OPERATIONS, WHAT, WITH_SYNC
 from axistwin_conformance.families.mac.axis.sequences.runner import AxisRunner
-from axistwin_conformance.families.mac.axis.sequences.sequence import Sequence
+from axistwin_conformance.families.mac.axis.sequences.sequence import AxisSequence
 from axistwin_conformance.families.mac.can import codec
-from axistwin_conformance.families.mac.can.driver import Bench
+from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.sequences import failure, machine
 from axistwin_conformance.sequences.failure import Failure
 from axistwin_conformance.sequences.runner import Mismatch
-from axistwin_conformance.sequences.strategies import no_folder
+from axistwin_conformance.sequences.strategies import reproducible
 from axistwin_conformance.transport.can import CanTransport
 from axistwin_conformance.transport.can_frame import Frame
 
@@ -101,10 +101,10 @@ class Case:
         )  # fmt: skip
         self.run.memory = FAMILY.remember(Session(self.run))
         self.session = Session(self.run, own(check.name))
-        bench = Bench(self.session)
-        self.runner = AxisRunner(bench, bench.ready())
+        driver = CanDriver(self.session)
+        self.runner = AxisRunner(driver, driver.motion.ready())
 
-    def performed(self, data: bytes) -> Sequence:
+    def performed(self, data: bytes) -> AxisSequence:
         """A sequence that has been played."""
         run = self.runner.begin()
         run.perform(data)
@@ -227,12 +227,12 @@ def test_what_modules_say_unasked_disturbs_nothing(seconds: int) -> None:
 # --- the machine ----------------------------------------------------------------------------------
 
 
-@no_folder()
+@reproducible()
 def test_the_machine_synchronises_by_the_frame_too() -> None:
     """Among its rules are all of the axis."""
     case = Case(some_runs)
     begin = case.runner.begin
-    sequences, failing = machine.search(begin, Judged, 6, 60, random.Random(5), SyncMachine)
+    sequences, failing = machine.search(begin, JudgedAxis, 6, 60, random.Random(5), SyncMachine)
     assert failing is None
     names = {name for run in sequences for _, name in run.operated}
     assert "trigger by SYNC" in names
@@ -370,10 +370,10 @@ def test_recorded_operations_of_the_line_mean_the_same_on_the_bus() -> None:
 def test_a_reply_to_sync_is_none_of_the_exchange() -> None:
     """The frame alone is told, with silence; the upload behind it bounds when it was heard."""
     case = Case()
-    exchange = case.runner.bench.synchronise()
+    exchange = case.runner.driver.client.synchronise()
     assert exchange is not None
     assert exchange.request == Frame(codec.SYNC).pack()
-    assert exchange.kind is Kind.SILENCE
+    assert exchange.kind is ReplyKind.SILENCE
     assert 0 < exchange.taken.latest_ns - exchange.taken.earliest_ns < 5_000_000
 
 

@@ -11,11 +11,14 @@ from scripted_bus import VirtualBus
 from axistwin_conformance.base.check import check
 from axistwin_conformance.base.errors import AttemptVoid
 from axistwin_conformance.base.ledger import load_ledger
+from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.base.verdicts import Verdict
-from axistwin_conformance.core.session import ATTEMPTS, Run, Session, Stop
+from axistwin_conformance.core.session import Run, Session, Stop
+from axistwin_conformance.families.mac.axis.driver.judge import AxisJudge
+from axistwin_conformance.families.mac.axis.driver.status import AxisStatus
 from axistwin_conformance.families.mac.can import codec
-from axistwin_conformance.families.mac.can.client import Talk
-from axistwin_conformance.families.mac.can.codec import Kind
+from axistwin_conformance.families.mac.can.client import CanClient
+from axistwin_conformance.families.mac.can.codec import ReplyKind
 from axistwin_conformance.transport.can import CanTransport
 from axistwin_conformance.transport.can_frame import Frame
 
@@ -57,8 +60,8 @@ def sample_check(session: Session) -> None:
     """It behaves."""
 
 
-def make_talk(module: Module, toy: Any, *, is_lossless: bool = True, **words: Any) -> Talk:
-    """A talk with it, in a session that judges two requirements."""
+def make_client(module: Module, toy: Any, *, is_lossless: bool = True, **words: Any) -> CanClient:
+    """A client of it, in a session that judges two requirements."""
     target = CanTransport(
         module.bus, "toy", is_spontaneous=codec.is_spontaneous, is_lossless=is_lossless, **words
     )
@@ -68,7 +71,7 @@ def make_talk(module: Module, toy: Any, *, is_lossless: bool = True, **words: An
         ledger=load_ledger("mac_can"), address=1, neighbours=(), allowed=options.allowed,
         envelope=options.settings.envelope, seed=5,
     )  # fmt: skip
-    return Talk(Session(run, check("MACC-SDO-03", "MACC-SDO-06")(sample_check)))
+    return CanClient(Session(run, check("MACC-SDO-03", "MACC-SDO-06")(sample_check)))
 
 
 @pytest.fixture
@@ -78,9 +81,9 @@ def module() -> Module:
 
 
 @pytest.fixture
-def talk(module: Module, toy: Any) -> Talk:
-    """The way to talk with it, in virtual time and without noise."""
-    return make_talk(module, toy)
+def client(module: Module, toy: Any) -> CanClient:
+    """The client of it, in virtual time and without noise."""
+    return make_client(module, toy)
 
 
 def reply(text: str) -> Frame:
@@ -91,11 +94,11 @@ def reply(text: str) -> Frame:
 # --- replies --------------------------------------------------------------------------------------
 
 
-def test_queries_are_uploads_and_commands_downloads(talk: Talk, module: Module) -> None:
+def test_queries_are_uploads_and_commands_downloads(client: CanClient, module: Module) -> None:
     """By the numbers they have on the serial line."""
-    assert talk.position() == -7
-    assert talk.command(0x0B).kind is Kind.ACCEPTED
-    assert talk.command(0x12).kind is Kind.REFUSED
+    assert client.position() == -7
+    assert client.command(0x0B).kind is ReplyKind.ACCEPTED
+    assert client.command(0x12).kind is ReplyKind.REFUSED
     assert [str(one) for one in module.bus.sent] == [
         "601h [8] 40 00 20 00 00 00 00 00",
         "601h [8] 23 0B 20 00 00 00 00 00",
@@ -103,27 +106,31 @@ def test_queries_are_uploads_and_commands_downloads(talk: Talk, module: Module) 
     ]
 
 
-def test_what_is_said_unasked_is_never_taken_for_the_reply(talk: Talk, module: Module) -> None:
+def test_what_is_said_unasked_is_never_taken_for_the_reply(
+    client: CanClient, module: Module
+) -> None:
     """Boot-up and lifebeat between request and reply are skipped, and kept."""
     module.before = (codec.boot_up(1), Frame(0x081, bytes(8)))
-    assert talk.position() == -7
-    assert len(talk.target.take_spontaneous()) == 2
+    assert client.position() == -7
+    assert len(client.target.take_spontaneous()) == 2
 
 
 @pytest.mark.parametrize(
     "stray",
     ["42 01 20 00 00 00 00 01", "60 00 20 00 00 00 00 00", "42 00 20 01 00 00 00 01"],
 )
-def test_a_reply_to_something_else_is_waited_past(talk: Talk, module: Module, stray: str) -> None:
+def test_a_reply_to_something_else_is_waited_past(
+    client: CanClient, module: Module, stray: str
+) -> None:
     """Another index, direction or sub-index."""
     module.before = (reply(stray),)
-    assert talk.position() == -7
+    assert client.position() == -7
 
 
-def test_another_modules_reply_is_none_of_ours(talk: Talk, module: Module) -> None:
+def test_another_modules_reply_is_none_of_ours(client: CanClient, module: Module) -> None:
     """Its identifier is."""
     module.instead = [(Frame(0x582, bytes.fromhex("42 00 20 00 00 00 00 01")),)]
-    assert talk.ask(0x20).kind is Kind.SILENCE
+    assert client.ask(0x20).kind is ReplyKind.SILENCE
 
 
 @pytest.mark.parametrize(
@@ -136,137 +143,143 @@ def test_another_modules_reply_is_none_of_ours(talk: Talk, module: Module) -> No
     ],
 )
 def test_a_reply_that_is_wrong_and_alone_is_garbage_with_its_flaw(
-    talk: Talk, module: Module, wrong: str, flaw: str
+    client: CanClient, module: Module, wrong: str, flaw: str
 ) -> None:
     """The module has to be blamed, not the wire."""
     module.instead = [(reply(wrong),)]
-    exchange = talk.ask(0x20)
-    assert exchange.kind is Kind.GARBAGE
+    exchange = client.ask(0x20)
+    assert exchange.kind is ReplyKind.GARBAGE
     assert flaw in str(exchange.reply)
 
 
-def test_silence_lasts_as_long_as_a_reply_is_waited_for(talk: Talk, module: Module) -> None:
+def test_silence_lasts_as_long_as_a_reply_is_waited_for(client: CanClient, module: Module) -> None:
     """And is no answer."""
     module.instead = [()]
-    exchange = talk.ask(0x20)
-    assert exchange.kind is Kind.SILENCE
-    assert talk.target.now_ns == 500_000_000
+    exchange = client.ask(0x20)
+    assert exchange.kind is ReplyKind.SILENCE
+    assert client.target.now_ns == 500_000_000
     module.instead = [()]
     with pytest.raises(Stop, match="an answer to upload 2000h"):
-        talk.position()
+        client.position()
 
 
-def test_a_late_reply_is_not_taken_for_the_next_one(talk: Talk, module: Module) -> None:
+def test_a_late_reply_is_not_taken_for_the_next_one(client: CanClient, module: Module) -> None:
     """What has come meanwhile is set aside before anything is asked."""
     module.bus.schedule(600_000_000, reply("42 00 20 00 00 00 00 63"))
     module.instead = [()]
-    assert talk.ask(0x20).kind is Kind.SILENCE
-    talk.target.wait(0.2)
-    assert talk.position() == -7
+    assert client.ask(0x20).kind is ReplyKind.SILENCE
+    client.target.wait(0.2)
+    assert client.position() == -7
 
 
-def test_a_request_to_all_is_answered_where_module_1_answers(talk: Talk, module: Module) -> None:
+def test_a_request_to_all_is_answered_where_module_1_answers(
+    client: CanClient, module: Module
+) -> None:
     """581h, or what the device has shown."""
-    assert talk.send(talk.to_all(0x0B)).kind is Kind.ACCEPTED
+    assert client.send(client.to_all(0x0B)).kind is ReplyKind.ACCEPTED
     module.general_reply = 0x601
-    assert talk.send(talk.to_all(0x0B)).kind is Kind.SILENCE
-    talk.session.run.readings["general_reply_id"] = "601h"
-    assert talk.send(talk.to_all(0x0B)).kind is Kind.ACCEPTED
+    assert client.send(client.to_all(0x0B)).kind is ReplyKind.SILENCE
+    client.session.run.readings["general_reply_id"] = "601h"
+    assert client.send(client.to_all(0x0B)).kind is ReplyKind.ACCEPTED
 
 
-def test_parameters_travel_in_the_order_the_device_has_shown(talk: Talk, module: Module) -> None:
+def test_parameters_travel_in_the_order_the_device_has_shown(
+    client: CanClient, module: Module
+) -> None:
     """Both ways."""
     module.byte_order = "little"
-    talk.session.run.readings["can_byte_order"] = "little"
-    assert talk.position() == -7
-    talk.command(0x16, 0x03E8_1000)
+    client.session.run.readings["can_byte_order"] = "little"
+    assert client.position() == -7
+    client.command(0x16, 0x03E8_1000)
     assert module.bus.sent[-1].data == bytes.fromhex("23 16 20 00 E8 03 00 10")
 
 
-def test_values_are_read_from_their_bytes(talk: Talk) -> None:
+def test_values_are_read_from_their_bytes(client: CanClient) -> None:
     """Busy is inverted, ff is the second byte of the status."""
-    assert not talk.is_busy()
-    assert talk.stopped_on() == 0x02
-    assert talk.data_bytes(0x27) == (0x60, 0x73, 0x08, 0x00)
+    assert not AxisStatus(client).is_busy()
+    assert AxisStatus(client).stopped_on() == 0x02
+    assert client.data_bytes(0x27) == (0x60, 0x73, 0x08, 0x00)
 
 
 # --- when ----------------------------------------------------------------------------------------
 
 
-def test_a_request_is_taken_over_between_its_sending_and_its_reply(talk: Talk) -> None:
+def test_a_request_is_taken_over_between_its_sending_and_its_reply(client: CanClient) -> None:
     """Nothing narrower is known without the bit rate."""
-    talk.target.wait(1.0)
-    assert talk.sample().taken == (1_000_000_000, 1_000_000_000 + REPLY_NS)
+    client.target.wait(1.0)
+    assert client.sample().taken == (1_000_000_000, 1_000_000_000 + REPLY_NS)
 
 
 def test_the_bit_rate_narrows_when_it_was_taken_over(module: Module, toy: Any) -> None:
     """By the shortest times of the request and of the reply; a restart comes after its reply."""
-    talk = make_talk(module, toy, bitrate=1_000_000)
+    client = make_client(module, toy, bitrate=1_000_000)
     frame_ns = (44 + 64) * 1000
-    assert talk.sample().taken == (frame_ns, REPLY_NS - frame_ns)
-    begun_ns = talk.target.now_ns
-    assert talk.command(0x19).taken == (begun_ns + frame_ns, begun_ns + REPLY_NS - frame_ns)
-    begun_ns = talk.target.now_ns
-    assert talk.command(0x00).taken == (begun_ns + frame_ns, begun_ns + REPLY_NS)
-    slow = make_talk(Module(), toy, bitrate=10_000)  # frames as long as that were never sent
+    assert client.sample().taken == (frame_ns, REPLY_NS - frame_ns)
+    begun_ns = client.target.now_ns
+    assert client.command(0x19).taken == (begun_ns + frame_ns, begun_ns + REPLY_NS - frame_ns)
+    begun_ns = client.target.now_ns
+    assert client.command(0x00).taken == (begun_ns + frame_ns, begun_ns + REPLY_NS)
+    slow = make_client(Module(), toy, bitrate=10_000)  # frames as long as that were never sent
     assert slow.sample().taken == (0, REPLY_NS)
 
 
-def test_a_frame_without_a_reply_is_bounded_by_the_upload_behind_it(talk: Talk) -> None:
+def test_a_frame_without_a_reply_is_bounded_by_the_upload_behind_it(client: CanClient) -> None:
     """The bus has one order."""
-    assert talk.say(codec.sync()) == (0, REPLY_NS)
-    assert talk.target.now_ns == REPLY_NS
+    assert client.broadcast(codec.sync()) == (0, REPLY_NS)
+    assert client.target.now_ns == REPLY_NS
 
 
 # --- unasked --------------------------------------------------------------------------------------
 
 
-def test_a_reset_is_waited_for_until_the_boot_up_message(talk: Talk) -> None:
+def test_a_reset_is_waited_for_until_the_boot_up_message(client: CanClient) -> None:
     """Its time is exact."""
-    assert talk.command(0x00).kind is Kind.ACCEPTED
-    arrival = talk.wait_awake()
+    assert client.command(0x00).kind is ReplyKind.ACCEPTED
+    arrival = client.boot_up(3.0)
     assert arrival == (codec.boot_up(1), 2_000_000_000)
 
 
-def test_a_boot_up_message_that_does_not_come_is_not_waited_for_for_ever(talk: Talk) -> None:
+def test_a_boot_up_message_that_does_not_come_is_not_waited_for_for_ever(client: CanClient) -> None:
     """The rest may be judged all the same."""
-    assert talk.wait_awake() is None
-    assert talk.target.now_ns == 3_000_000_000
+    assert client.boot_up(3.0) is None
+    assert client.target.now_ns == 3_000_000_000
 
 
-def test_another_modules_boot_up_is_not_ours(talk: Talk, module: Module) -> None:
+def test_another_modules_boot_up_is_not_ours(client: CanClient, module: Module) -> None:
     """Unless its address is asked for."""
     module.bus.schedule(1_000_000, codec.boot_up(5))
-    assert talk.boot_up(0.1) is None
-    assert talk.boot_up(0.0, address=5) is not None
+    assert client.boot_up(0.1) is None
+    assert client.boot_up(0.0, address=5) is not None
 
 
-def test_the_lifebeat_can_be_waited_for(talk: Talk, module: Module) -> None:
+def test_the_lifebeat_can_be_waited_for(client: CanClient, module: Module) -> None:
     """A boot-up message in the form of old is none."""
     module.bus.schedule(1_000_000, codec.boot_up(1, "emergency_empty"))
     module.bus.schedule(10_000_000_000, Frame(0x081, bytes(8)))
-    assert talk.emergency(11.0) == (Frame(0x081, bytes(8)), 10_000_000_000)
+    assert client.emergency(11.0) == (Frame(0x081, bytes(8)), 10_000_000_000)
 
 
 # --- judging --------------------------------------------------------------------------------------
 
 
-def test_a_reply_of_another_kind_fails_what_is_judged(talk: Talk) -> None:
+def test_a_reply_of_another_kind_fails_what_is_judged(client: CanClient) -> None:
     """With the request in words."""
-    talk.accepted(0x0B, requirement="MACC-SDO-06")
+    AxisJudge(client).accepted(0x0B, requirement="MACC-SDO-06")
     with pytest.raises(Stop):
-        talk.refused(0x0B, requirement="MACC-SDO-03")
-    failed = [one for one in talk.session.findings if one.verdict is Verdict.FAIL]
+        AxisJudge(client).refused(0x0B, requirement="MACC-SDO-03")
+    failed = [one for one in client.session.findings if one.verdict is Verdict.FAIL]
     assert failed[0].requirement == "MACC-SDO-03"
     assert failed[0].expected == ("refused (to module 1: download 200Bh counter reset 00000000)",)
 
 
-def test_silence_is_judged_and_the_module_still_has_to_answer(talk: Talk, module: Module) -> None:
+def test_silence_is_judged_and_the_module_still_has_to_answer(
+    client: CanClient, module: Module
+) -> None:
     """A reply to anything but a request to us would be one too many."""
-    talk.silent(Frame(0x601, b"\x40"), "MACC-SDO-06")
+    AxisJudge(client).silent(Frame(0x601, b"\x40"), "MACC-SDO-06")
     module.instead = [(Frame(0x7E4, b"\x11\0\0"),)]
     with pytest.raises(Stop, match="silence after LMT: enter configuration"):
-        talk.silent(codec.lmt_enter(), "MACC-SDO-06")
+        AxisJudge(client).silent(codec.lmt_enter(), "MACC-SDO-06")
 
 
 # --- noise ----------------------------------------------------------------------------------------
@@ -274,49 +287,49 @@ def test_silence_is_judged_and_the_module_still_has_to_answer(talk: Talk, module
 
 def test_what_got_lost_is_asked_again(module: Module, toy: Any) -> None:
     """An upload, or a setting; what was asked again is recorded."""
-    talk = make_talk(module, toy, is_lossless=False)
+    client = make_client(module, toy, is_lossless=False)
     module.instead = [()]
-    assert talk.position() == -7
-    assert len(talk.session.retries) == 1
+    assert client.position() == -7
+    assert len(client.session.retries) == 1
     module.instead = [()]
-    before_ns = talk.target.now_ns
-    taken = talk.command(0x0C, 0x40).taken
+    before_ns = client.target.now_ns
+    taken = client.command(0x0C, 0x40).taken
     assert taken.earliest_ns == before_ns, "the lost one may have been obeyed"
-    assert taken.latest_ns == talk.target.now_ns
+    assert taken.latest_ns == client.target.now_ns
 
 
 def test_what_must_not_be_said_twice_voids_the_attempt(module: Module, toy: Any) -> None:
     """The module may have obeyed."""
-    talk = make_talk(module, toy, is_lossless=False)
+    client = make_client(module, toy, is_lossless=False)
     module.instead = [()]
     with pytest.raises(AttemptVoid, match="download 2016h"):
-        talk.command(0x16, 0x0001_1000)
+        client.command(0x16, 0x0001_1000)
 
 
 def test_the_same_wrong_reply_every_time_is_the_modules_own(module: Module, toy: Any) -> None:
     """It is handed on to be judged."""
-    talk = make_talk(module, toy, is_lossless=False)
-    module.instead = [(reply("4F 00 20 00 00 00 00 00"),)] * ATTEMPTS
-    assert talk.ask(0x20).kind is Kind.GARBAGE
+    client = make_client(module, toy, is_lossless=False)
+    module.instead = [(reply("4F 00 20 00 00 00 00 00"),)] * RETRY.exchange
+    assert client.ask(0x20).kind is ReplyKind.GARBAGE
 
 
 def test_a_reply_that_comes_late_counts_as_spoilt(module: Module, toy: Any) -> None:
     """Nothing else shows that a bus holds up messages, and the unasked ones with them."""
-    talk = make_talk(module, toy, is_lossless=False)
-    quality = talk.session.run.quality
-    talk.target.measure_round_trip(lambda: talk.position() == -7, 3)
+    client = make_client(module, toy, is_lossless=False)
+    quality = client.session.run.quality
+    client.target.measure_round_trip(lambda: client.position() == -7, 3)
     before = quality.corrupted
     module.bus.delay_ns = 50_000_000
-    talk.position()
+    client.position()
     module.bus.delay_ns = REPLY_NS
-    talk.position()
+    client.position()
     assert quality.corrupted == before + 1
-    assert len(talk.target.late) == 1
+    assert len(client.target.late) == 1
 
 
 def test_a_malformed_request_is_sent_once(module: Module, toy: Any) -> None:
     """Its silence says nothing about noise."""
-    talk = make_talk(module, toy, is_lossless=False)
-    odd = codec.Request(1, 0x40, 0x00, length=4)
-    assert talk.send(odd).kind is Kind.SILENCE
+    client = make_client(module, toy, is_lossless=False)
+    odd = codec.CanRequest(1, 0x40, 0x00, length=4)
+    assert client.send(odd).kind is ReplyKind.SILENCE
     assert module.bus.sent == [odd.frame()]

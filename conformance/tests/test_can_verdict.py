@@ -90,11 +90,11 @@ def test_a_twin_with_three_other_readings_of_the_axis_conforms_with_them_named()
 def test_what_the_axis_is_judged_by_on_the_line_judges_it_on_the_bus_too() -> None:
     """Every shared check is taken over, and every probe of a question that both ask."""
     serial = find_family("mac23")
-    on_axis = {one.name for one in serial.checks() if ".mac_axis." in one.module}
+    on_axis = {one.name for one in serial.checks() if ".mac.axis." in one.module}
     assert {one.name for one in shared_checks()} == on_axis
     asked = {one.switch for one in serial.probes() if LEDGER.asks(one.switch)}
     assert {one.switch for one in serial.probes()} - asked
-    shared = {one.switch for one in serial.probes() if ".mac_axis." in one.check.module}
+    shared = {one.switch for one in serial.probes() if ".mac.axis." in one.check.module}
     assert shared & asked <= {one.switch for one in FAMILY.probes()}
     assert all(LEDGER.asks(one.switch) for one in FAMILY.probes())
 
@@ -159,6 +159,7 @@ def test_the_same_seed_gives_the_same_frames_at_the_same_times(
     assert frames(7) != frames(8)
 
 
+@pytest.mark.strength(seconds=15)
 @pytest.mark.parametrize(("travel", "speed"), [(300, 3000), (3000, 10_000)])
 def test_behind_the_fence_the_twin_conforms_in_what_is_left(travel: int, speed: int) -> None:
     """Nothing fails for being held back, all is put back, and what needs more says how much."""

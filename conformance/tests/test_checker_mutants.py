@@ -16,8 +16,8 @@ from checker_faults import Patch, fault, faults_in, judge_red
 from axistwin_conformance.families.mac.axis import snapshot
 from axistwin_conformance.families.mac.axis.model import forecast, kinematics
 from axistwin_conformance.families.mac.axis.model.acceptance import ACCEPTANCE
-from axistwin_conformance.families.mac.axis.model.forecast import Forecast, Timeline, Window
-from axistwin_conformance.families.mac.axis.model.kinematics import Course, Profile, Run
+from axistwin_conformance.families.mac.axis.model.forecast import Forecast, Timeline, TimeWindow
+from axistwin_conformance.families.mac.axis.model.kinematics import Course, EvenRun, Profile
 from axistwin_conformance.families.mac.serial import codec, family
 
 pytestmark = pytest.mark.strength
@@ -62,13 +62,13 @@ def the_sum_of_answers_is_off_by_one(patch: Patch) -> None:
 @fault("every_other_checksum_is_nacked", "MACS-FRAME-03")
 def a_wrong_sum_is_sent_right(patch: Patch) -> None:
     """What the suite sends as a wrong checksum is right."""
-    patch.setattr(codec.Request, "with_wrong_checksum", lambda request, offset=1: request)
+    patch.setattr(codec.SerialRequest, "with_wrong_checksum", lambda request, offset=1: request)
 
 
-def _ramp(patch: Patch, change: Callable[[tuple[Run, ...]], Iterable[Run]]) -> None:
+def _ramp(patch: Patch, change: Callable[[tuple[EvenRun, ...]], Iterable[EvenRun]]) -> None:
     ramp = kinematics.ramp
 
-    def made(*args: Any) -> tuple[Run, ...]:
+    def made(*args: Any) -> tuple[EvenRun, ...]:
         runs = ramp(*args)
         return tuple(change(runs)) if runs else ()
 
@@ -85,7 +85,7 @@ def the_first_level_of_the_ramp_is_one_too_long(patch: Patch) -> None:
 def the_ramp_has_levels_of_equal_length(patch: Patch) -> None:
     """The ramp table shares its increments equally."""
 
-    def shared(runs: tuple[Run, ...]) -> list[Run]:
+    def shared(runs: tuple[EvenRun, ...]) -> list[EvenRun]:
         length = sum(run.count or 0 for run in runs)
         return [replace(run, count=length // 15) for run in runs]
 
@@ -116,8 +116,8 @@ def windows_end_early(patch: Patch) -> None:
     """What may be read in a window is what may be read two periods before it."""
     bounds = Forecast.bounds
 
-    def shifted(one: Forecast, window: Window) -> tuple[int, int]:
-        return bounds(one, Window(window.earliest_ns - 9_000_000, window.latest_ns - 9_000_000))
+    def shifted(one: Forecast, window: TimeWindow) -> tuple[int, int]:
+        return bounds(one, TimeWindow(window.earliest_ns - 9_000_000, window.latest_ns - 9_000_000))
 
     patch.setattr(Forecast, "bounds", shifted)
 
@@ -167,8 +167,8 @@ def the_bits_of_both_stops_are_exchanged(patch: Patch) -> None:
 @fault("supply_and_temperature_have_the_model_s_scale", "MACS-Q-27-01")
 def the_supply_has_another_scale(patch: Patch) -> None:
     """27h is read with half of the model's volts per count."""
-    facts = snapshot.Facts.volts
-    patch.setattr(snapshot.Facts, "volts", lambda one, vv: facts(one, vv) * 0.9)
+    facts = snapshot.MacFacts.volts
+    patch.setattr(snapshot.MacFacts, "volts", lambda one, vv: facts(one, vv) * 0.9)
 
 
 FAULTS = faults_in(globals())

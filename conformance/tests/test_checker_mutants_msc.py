@@ -9,10 +9,11 @@ from typing import Any
 import pytest
 from checker_faults import Patch, fault, faults_in, judge_red
 
-from axistwin_conformance.families.msc import codec, driver, link, model
+from axistwin_conformance.families.msc import codec, link, scratch
 from axistwin_conformance.families.msc.checks import golden, rig
-from axistwin_conformance.families.msc.link import Link, Window
-from axistwin_conformance.families.msc.model import UnitModel
+from axistwin_conformance.families.msc.link import MscLink, ReplyWindow
+from axistwin_conformance.families.msc.sequences import model
+from axistwin_conformance.families.msc.sequences.model import UnitModel
 
 pytestmark = pytest.mark.strength
 
@@ -69,19 +70,21 @@ def four_repeats_are_expected(patch: Patch) -> None:
 @fault("a_packet_broken_off_is_refused_when_its_time_is_over", "MSC-LNK-03")
 def a_time_limit_is_expected_from_the_last_byte(patch: Patch) -> None:
     """T1 counts from the last byte of what was sent."""
-    window = Link.sign_window
+    window = MscLink.sign_window
 
-    def late(one: Link, sent_ns: int, count: int) -> Window:
+    def late(one: MscLink, sent_ns: int, count: int) -> ReplyWindow:
         return window(one, sent_ns + count * one.byte_ns, count)
 
-    patch.setattr(Link, "sign_window", late)
+    patch.setattr(MscLink, "sign_window", late)
 
 
 @fault("a_reply_without_answer_comes_again", "MSC-LNK-12")
 def a_repeat_is_expected_with_the_old_one(patch: Patch) -> None:
     """T2 counts from the first byte of a reply."""
-    window = Link.repeat_window
-    patch.setattr(Link, "repeat_window", lambda one, replied_ns, size: window(one, replied_ns, 0))
+    window = MscLink.repeat_window
+    patch.setattr(
+        MscLink, "repeat_window", lambda one, replied_ns, size: window(one, replied_ns, 0)
+    )
 
 
 # --- data, flags and status ----------------------------------------------------------------------
@@ -90,7 +93,7 @@ def a_repeat_is_expected_with_the_old_one(patch: Patch) -> None:
 @fault("a_block_written_is_the_block_read", "MSC-BREAD-03")
 def neighbours_are_expected_two_apart(patch: Patch) -> None:
     """The suite believes in words where the unit has bytes."""
-    patch.setattr(driver.Bench, "stride", property(lambda one: 2))
+    patch.setattr(scratch.ScratchPlaces, "stride", property(lambda one: 2))
 
 
 @fault("flag_f_is_bit_f_mod_8_of_byte_f_div_8", "MSC-RFLAGS-02")
@@ -152,4 +155,4 @@ FAULTS = faults_in(globals())
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_wrong_checker_turns_a_healthy_twin_red(name: str) -> None:
     """The prediction that was tampered with no longer holds, and the check says so."""
-    judge_red(FAULTS[name], MODEL, (driver, golden, codec, link, model))
+    judge_red(FAULTS[name], MODEL, (scratch, golden, codec, link, model))

@@ -281,6 +281,7 @@ def test_nothing_survives_the_run(number: signal.Signals) -> None:
         assert "nothing found" in rest
 
 
+@pytest.mark.strength(seconds=40)
 def test_a_soak_finds_the_same_with_any_number_of_processes() -> None:
     """The rounds have the same seeds, and each holds the same, however many are under way."""
     options = make_options(

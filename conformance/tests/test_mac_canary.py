@@ -10,45 +10,45 @@ import pytest
 from click.testing import CliRunner
 
 from axistwin_conformance.cli import conform
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.serial import codec
-from axistwin_conformance.families.mac.serial.codec import Reply
+from axistwin_conformance.families.mac.serial.codec import SerialReply
 
-Lie = Callable[[Reply], Reply]
+Lie = Callable[[SerialReply], SerialReply]
 
 
-def refusals_as_acceptance(reply: Reply) -> Reply:
+def refusals_as_acceptance(reply: SerialReply) -> SerialReply:
     """A module that locks nothing."""
-    return replace(reply, kind=Kind.ACCEPTED) if reply.kind is Kind.REFUSED else reply
+    return replace(reply, kind=ReplyKind.ACCEPTED) if reply.kind is ReplyKind.REFUSED else reply
 
 
-def acceptance_as_refusal(reply: Reply) -> Reply:
+def acceptance_as_refusal(reply: SerialReply) -> SerialReply:
     """A module that refuses everything, and does it all the same."""
-    return replace(reply, kind=Kind.REFUSED) if reply.kind is Kind.ACCEPTED else reply
+    return replace(reply, kind=ReplyKind.REFUSED) if reply.kind is ReplyKind.ACCEPTED else reply
 
 
-def positions_doubled(reply: Reply) -> Reply:
+def positions_doubled(reply: SerialReply) -> SerialReply:
     """A module that counts two for one."""
     if reply.digit != 0 or reply.data is None:
         return reply
     return replace(reply, data=reply.data * 2 & 0xFFFFFFFF)
 
 
-def busy_not_inverted(reply: Reply) -> Reply:
+def busy_not_inverted(reply: SerialReply) -> SerialReply:
     """A module whose busy bit is 1 while busy."""
     if reply.digit != 7 or reply.data is None:
         return reply
     return replace(reply, data=reply.data ^ 0x0800)
 
 
-def stops_one_bit_off_in_26h(reply: Reply) -> Reply:
+def stops_one_bit_off_in_26h(reply: SerialReply) -> SerialReply:
     """A module that shows the wrong tolerance."""
     if reply.digit != 6 or reply.data is None:
         return reply
     return replace(reply, data=reply.data ^ 0x01)
 
 
-def little_endian_stops(reply: Reply) -> Reply:
+def little_endian_stops(reply: SerialReply) -> SerialReply:
     """A module that sends its superior stop the wrong way round."""
     if reply.digit != 2 or reply.data is None:
         return reply
@@ -59,7 +59,7 @@ def ramp_kept_by_a_factory_reset() -> Lie:
     """A module whose 01h writes everything but the ramp: 26h goes on showing the one before."""
     kept = [0x0A]
 
-    def lie(reply: Reply) -> Reply:
+    def lie(reply: SerialReply) -> SerialReply:
         if reply.digit != 6 or reply.data is None:
             return reply
         if reply.data >> 24 != 0x0A:  # the twin's factory value

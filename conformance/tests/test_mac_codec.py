@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from dataclasses import replace
-from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.base.ledger import family_folder
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.serial import codec
-from axistwin_conformance.families.mac.serial.checks.replies import golden_exchanges, readdressed
+from axistwin_conformance.families.mac.serial.checks.replies import readdressed
+from axistwin_conformance.sequences.golden import golden_rows
 
 FIXTURES = Path(__file__).parents[2] / "fixtures" / "mac_serial"
-GOLDEN = resources.files("axistwin_conformance.mac_serial") / "golden" / "exchanges.toml"
+GOLDEN = family_folder("mac_serial") / "golden" / "exchanges.toml"
 
 
 def test_the_manuals_first_example_is_built_byte_for_byte() -> None:
@@ -25,22 +28,21 @@ def test_the_manuals_first_example_is_built_byte_for_byte() -> None:
     assert frame == bytes.fromhex("02 303134 3030 3135 3030 3030303030333230 4142 03")
 
 
-@pytest.mark.parametrize("golden", golden_exchanges(), ids=lambda golden: golden.name)
-def test_golden_requests_are_what_the_codec_builds(golden: object) -> None:
+@pytest.mark.parametrize("golden", golden_rows("mac_serial"), ids=lambda golden: golden["name"])
+def test_golden_requests_are_what_the_codec_builds(golden: Mapping[str, Any]) -> None:
     """Every golden request has 21 bytes and the sum written beside it."""
-    exchange = next(one for one in golden_exchanges() if one is golden)
-    frame = exchange.request
-    fields = codec.Request(frame[4:6], frame[6:8], frame[8:10], frame[10:18])
+    frame = bytes.fromhex(golden["request"])
+    fields = codec.SerialRequest(frame[4:6], frame[6:8], frame[8:10], frame[10:18])
     assert fields.encode() == frame
-    assert sum(frame[4:18]) == exchange.sum
+    assert sum(frame[4:18]) == int(golden["sum"], 16)
     assert readdressed(frame, int(frame[4:6], 16)) == frame
 
 
-@pytest.mark.parametrize("golden", golden_exchanges(), ids=lambda golden: golden.name)
-def test_golden_replies_are_understood(golden: object) -> None:
+@pytest.mark.parametrize("golden", golden_rows("mac_serial"), ids=lambda golden: golden["name"])
+def test_golden_replies_are_understood(golden: Mapping[str, Any]) -> None:
     """Every golden reply is accepted or an answer, and complete exactly at its last byte."""
-    reply = next(one for one in golden_exchanges() if one is golden).reply
-    assert codec.parse(reply).kind in (Kind.ACCEPTED, Kind.ANSWER)
+    reply = bytes.fromhex(golden["reply"])
+    assert codec.parse(reply).kind in (ReplyKind.ACCEPTED, ReplyKind.ANSWER)
     for length in range(len(reply)):
         assert 0 < codec.missing_bytes(reply[:length]) <= len(reply) - length
     assert codec.missing_bytes(reply) == 0
@@ -79,19 +81,19 @@ def test_lower_case_frames_carry_their_own_sum() -> None:
 @pytest.mark.parametrize(
     ("received", "kind"),
     [
-        ("", Kind.SILENCE),
-        ("15", Kind.NACK),
-        ("06 13 1A", Kind.ACCEPTED),
-        ("06 13 11", Kind.ACCEPTED),
-        ("06 13 17", Kind.REFUSED),
-        ("06 13 18", Kind.REFUSED),
-        ("06 13 00", Kind.GARBAGE),
-        ("06 13", Kind.GARBAGE),
-        ("15 15", Kind.GARBAGE),
-        ("1A", Kind.GARBAGE),
+        ("", ReplyKind.SILENCE),
+        ("15", ReplyKind.NACK),
+        ("06 13 1A", ReplyKind.ACCEPTED),
+        ("06 13 11", ReplyKind.ACCEPTED),
+        ("06 13 17", ReplyKind.REFUSED),
+        ("06 13 18", ReplyKind.REFUSED),
+        ("06 13 00", ReplyKind.GARBAGE),
+        ("06 13", ReplyKind.GARBAGE),
+        ("15 15", ReplyKind.GARBAGE),
+        ("1A", ReplyKind.GARBAGE),
     ],
 )
-def test_short_replies_are_told_apart(received: str, kind: Kind) -> None:
+def test_short_replies_are_told_apart(received: str, kind: ReplyKind) -> None:
     """Each short reply has its kind; both spellings of Xon and Xonerror are understood."""
     assert codec.parse(bytes.fromhex(received)).kind is kind
 
@@ -120,14 +122,14 @@ ANSWER = bytes.fromhex("06 13 02 303131 3030 30 3030303030303030 3130 03 1A")
 def test_each_flaw_of_an_answer_is_named(offset: int, byte: int, flaw: str) -> None:
     """An answer with one wrong byte is garbage that says what is wrong."""
     reply = codec.parse(ANSWER[:offset] + bytes([byte]) + ANSWER[offset + 1 :])
-    assert reply.kind is Kind.GARBAGE
+    assert reply.kind is ReplyKind.GARBAGE
     assert flaw in str(reply)
 
 
 def test_an_answer_of_28h_may_say_014() -> None:
     """The length printed for 28h is understood and told."""
     reply = codec.parse(ANSWER.replace(b"011", b"014"))
-    assert (reply.kind, reply.length) == (Kind.ANSWER, b"014")
+    assert (reply.kind, reply.length) == (ReplyKind.ANSWER, b"014")
 
 
 @given(st.binary(max_size=40))

@@ -24,7 +24,7 @@ from axistwin_conformance.families.mac.axis.checks.sequences import (
 )
 from axistwin_conformance.families.mac.axis.sequences.operations import OPERATIONS, WHAT
 from axistwin_conformance.families.mac.axis.sequences.runner import AxisRunner, split
-from axistwin_conformance.families.mac.serial.driver import Bench
+from axistwin_conformance.families.mac.serial.driver import SerialDriver
 from axistwin_conformance.sequences import failure
 from axistwin_conformance.sequences.failure import Failure
 from axistwin_conformance.sequences.runner import Mismatch
@@ -148,8 +148,8 @@ class Case:
             self.run.target.travel_guard = options.family.travel_guard(self.run)
         self.run.memory = options.family.remember(Session(self.run))
         self.session = Session(self.run, many_mixed_sequences_agree_with_the_model)
-        bench = Bench(self.session)
-        self.runner = AxisRunner(bench, bench.ready())
+        driver = SerialDriver(self.session)
+        self.runner = AxisRunner(driver, driver.motion.ready())
 
     def settle(self, operations: tuple[bytes, ...] = LONG) -> None:
         """Play a list that fails, and let the failure be settled."""
@@ -360,7 +360,7 @@ def test_the_same_requirement_is_not_shrunk_twice_in_a_run() -> None:
     case = Case(Device(always()), is_lossless=True)
     case.settle()
     case.session = Session(case.run, many_mixed_sequences_agree_with_the_model)
-    case.runner = AxisRunner(Bench(case.session), 0)
+    case.runner = AxisRunner(SerialDriver(case.session), 0)
     case.settle()
     assert "not shrunk" in case.text
     assert case.stored[-1].operations == LONG[:13]

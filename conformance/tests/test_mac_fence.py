@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from axistwin_conformance.base.errors import OutsideEnvelope
-from axistwin_conformance.families.mac.axis.travel_guard import TravelGuard
+from axistwin_conformance.families.mac.axis.travel_guard import AxisTravelGuard
 from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.families.mac.serial.reader import LineReader
 
@@ -27,7 +27,7 @@ class Line:
     """A host and a module that says what the test tells it to, behind the fence."""
 
     def __init__(self, **readings: str) -> None:
-        self.travel_guard = TravelGuard(LineReader(), 2000, 10_000, 0, readings)
+        self.travel_guard = AxisTravelGuard(LineReader(), 2000, 10_000, 0, readings)
         self.now_ns = 0
 
     def say(

@@ -20,14 +20,14 @@ from axistwin_conformance.families.mac.axis.checks.machines import (
 )
 from axistwin_conformance.families.mac.axis.checks.sequences import runner_of
 from axistwin_conformance.families.mac.axis.sequences.machine import AxisMachine
-from axistwin_conformance.families.mac.axis.sequences.machine_devices import Judged, Trivial
+from axistwin_conformance.families.mac.axis.sequences.machine_devices import JudgedAxis, Trivial
 from axistwin_conformance.families.mac.axis.sequences.operations import OPERATIONS, WHAT
 from axistwin_conformance.families.mac.axis.sequences.runner import AxisRunner
 from axistwin_conformance.families.mac.axis.sequences.sequence import BYTES_PER_OPERATION
 from axistwin_conformance.sequences import machine
 from axistwin_conformance.sequences.machine import Device
 from axistwin_conformance.sequences.runner import Mismatch
-from axistwin_conformance.sequences.strategies import no_folder
+from axistwin_conformance.sequences.strategies import reproducible
 from axistwin_conformance.transport.serial import open_target
 
 pytestmark = pytest.mark.strength
@@ -67,12 +67,12 @@ def planted(name: str) -> Mutant:
     return mutant
 
 
-@no_folder()
+@reproducible()
 def found_in(mutant: Mutant) -> tuple[bytes, Mismatch]:
     """The operations and the mismatch with which the machine finds a mutant, on its own."""
     with mutant.plant():
         _, failing = machine.search(
-            new_runner().begin, Judged, 15, 100, random.Random(1), AxisMachine
+            new_runner().begin, JudgedAxis, 15, 100, random.Random(1), AxisMachine
         )
     assert failing is not None, mutant.description
     return failing[:2]
@@ -105,12 +105,12 @@ def test_a_failing_run_is_played_again_from_its_bytes() -> None:
     assert again.value.requirement == mismatch.requirement
 
 
-@no_folder()
+@reproducible()
 def test_every_rule_is_reached_and_every_state_is_met() -> None:
     """On the twin no rule waits for a state that never comes."""
     runner, reached = new_runner(), Counter[str]()
 
-    class Counted(Judged):
+    class Counted(JudgedAxis):
         """Notes what is done."""
 
         def operate(self, what: int, first: int, second: int, pause: int) -> None:
@@ -151,7 +151,7 @@ def test_a_trivial_device_meets_every_precondition() -> None:
     assert allowed == rules()
 
 
-@no_folder()
+@reproducible()
 def test_the_same_seed_draws_the_same_run() -> None:
     """A replayed check does what it did before."""
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from axistwin_conformance.families.mac.axis.driver.motion import segment, velocity
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.acceptance import (
     ACCEPTANCE,
     LOCKED_IN_MOTION,
@@ -14,7 +14,7 @@ from axistwin_conformance.families.mac.axis.model.forecast import (
     Forecast,
     Segment,
     Timeline,
-    Window,
+    TimeWindow,
 )
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 
@@ -31,12 +31,12 @@ def model(**changes: int) -> AxisModel:
     return AxisModel(Parameters(**values), Forecast.rest(0))
 
 
-def at(ms: float, spread_ms: float = 0) -> Window:
+def at(ms: float, spread_ms: float = 0) -> TimeWindow:
     """A window that begins at a time."""
-    return Window(round(ms * MS), round((ms + spread_ms) * MS))
+    return TimeWindow(round(ms * MS), round((ms + spread_ms) * MS))
 
 
-def tell(axis: AxisModel, index: int, parameter: int, when: Window) -> Kind:
+def tell(axis: AxisModel, index: int, parameter: int, when: TimeWindow) -> ReplyKind:
     """Send a command to which one reply only is admissible, and take it over."""
     outcomes = axis.outcomes(index, parameter & 0xFFFFFFFF, when)
     (kind,) = outcomes
@@ -56,9 +56,9 @@ def test_the_table_has_every_index_and_state() -> None:
 def test_a_move_locks_until_its_last_increment() -> None:
     """13h is refused during a move and accepted on the tick after it."""
     axis = model()
-    assert tell(axis, 0x13, 100, at(0)) is Kind.ACCEPTED
-    assert tell(axis, 0x13, 50, at(9.9)) is Kind.REFUSED
-    assert tell(axis, 0x13, 50, at(10)) is Kind.ACCEPTED
+    assert tell(axis, 0x13, 100, at(0)) is ReplyKind.ACCEPTED
+    assert tell(axis, 0x13, 50, at(9.9)) is ReplyKind.REFUSED
+    assert tell(axis, 0x13, 50, at(10)) is ReplyKind.ACCEPTED
 
 
 def test_around_the_end_of_a_move_both_replies_are_admissible_and_one_is_learnt() -> None:
@@ -66,10 +66,10 @@ def test_around_the_end_of_a_move_both_replies_are_admissible_and_one_is_learnt(
     axis = model()
     tell(axis, 0x13, 100, at(0))
     outcomes = axis.outcomes(0x0F, 3, at(9.5, 1))
-    assert set(outcomes) == {Kind.ACCEPTED, Kind.REFUSED}
-    axis.learn(0x0F, 3, Kind.REFUSED, outcomes[Kind.REFUSED])
+    assert set(outcomes) == {ReplyKind.ACCEPTED, ReplyKind.REFUSED}
+    axis.learn(0x0F, 3, ReplyKind.REFUSED, outcomes[ReplyKind.REFUSED])
     assert axis.parameters.coefficient == 0
-    axis.learn(0x0F, 3, Kind.ACCEPTED, outcomes[Kind.ACCEPTED])
+    axis.learn(0x0F, 3, ReplyKind.ACCEPTED, outcomes[ReplyKind.ACCEPTED])
     assert axis.parameters.coefficient == 3
 
 
@@ -96,9 +96,9 @@ def test_a_software_stop_ends_one_increment_beyond() -> None:
 def test_the_fifth_segment_of_a_burst_is_refused() -> None:
     """One executes, three wait; when the first ends, one more is accepted."""
     axis = model()
-    kinds = [tell(axis, 0x1E, segment(100, PERIOD), at(number)) for number in range(5)]
-    assert kinds == [Kind.ACCEPTED] * 4 + [Kind.REFUSED]
-    assert tell(axis, 0x16, segment(-100, PERIOD), at(10)) is Kind.ACCEPTED
+    kinds = [tell(axis, 0x1E, segment_parameter(100, PERIOD), at(number)) for number in range(5)]
+    assert kinds == [ReplyKind.ACCEPTED] * 4 + [ReplyKind.REFUSED]
+    assert tell(axis, 0x16, segment_parameter(-100, PERIOD), at(10)) is ReplyKind.ACCEPTED
     assert axis.bounds(at(100)) == (-100, -100)
 
 
@@ -106,8 +106,8 @@ def test_a_fifo_that_counts_the_executing_segment_is_one_shorter() -> None:
     """The other reading of AMB-37."""
     axis = model()
     axis.readings = {"fifo_counts_executing": 1}
-    kinds = [tell(axis, 0x1E, segment(100, PERIOD), at(number)) for number in range(4)]
-    assert kinds == [Kind.ACCEPTED] * 3 + [Kind.REFUSED]
+    kinds = [tell(axis, 0x1E, segment_parameter(100, PERIOD), at(number)) for number in range(4)]
+    assert kinds == [ReplyKind.ACCEPTED] * 3 + [ReplyKind.REFUSED]
 
 
 def test_a_preloaded_move_starts_on_11h() -> None:
@@ -139,7 +139,7 @@ def test_values_outside_their_sets_are_refused() -> None:
     for index, parameter in (
         (0x0C, 0x81), (0x0D, 0), (0x03, 2), (0x02, 2), (0x13, 0x40000000), (0x1E, 0x00100000),
     ):  # fmt: skip
-        assert set(axis.outcomes(index, parameter, at(0))) == {Kind.REFUSED}, hex(index)
+        assert set(axis.outcomes(index, parameter, at(0))) == {ReplyKind.REFUSED}, hex(index)
 
 
 def test_segments_follow_on_the_very_tick() -> None:
@@ -177,7 +177,7 @@ def test_the_ends_of_stages_are_foretold() -> None:
     """Each segment of a row ends on its tick; what is over is not named."""
     axis = model()
     for _ in range(2):
-        tell(axis, 0x16, segment(10, PERIOD), at(0))
+        tell(axis, 0x16, segment_parameter(10, PERIOD), at(0))
     assert axis.forecast.ends_after(0) == [1 * MS, 2 * MS]
     assert axis.forecast.ends_after(1 * MS) == [2 * MS]
 
@@ -197,13 +197,13 @@ def test_an_axis_abandoned_in_a_window_may_stand_where_it_turned_round_in_it() -
     """Two segments there and back, dropped at nobody knows what time: the turning place counts."""
     for index in (0x00, 0x18, 0x1A):
         axis = model()
-        tell(axis, 0x16, segment(20, PERIOD), at(0))
-        tell(axis, 0x16, segment(-30, PERIOD), at(0.1))
+        tell(axis, 0x16, segment_parameter(20, PERIOD), at(0))
+        tell(axis, 0x16, segment_parameter(-30, PERIOD), at(0.1))
         tell(axis, index, 0, at(1, 3.5))  # between +10 and -5, over +20
         lowest, highest = axis.bounds(at(100))
         assert (lowest, highest) == (-5, 20), f"{index:02X}h"
         axis = model()
-        tell(axis, 0x16, segment(20, PERIOD), at(0))
-        tell(axis, 0x16, segment(-30, PERIOD), at(0.1))
+        tell(axis, 0x16, segment_parameter(20, PERIOD), at(0))
+        tell(axis, 0x16, segment_parameter(-30, PERIOD), at(0.1))
         tell(axis, index, 0, at(1, 500))  # or when all is over
         assert axis.bounds(at(1000)) == (-10, 20), f"{index:02X}h"

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from axistwin_conformance.families.mac.axis.model.kinematics import (
     Course,
+    EvenRun,
     Law,
     Profile,
-    Run,
     divide,
     move,
     ramp,
@@ -157,7 +157,7 @@ def test_a_speed_change_goes_on_for_ever_at_the_new_period() -> None:
 
 def test_an_endless_profile_has_neither_end_nor_length() -> None:
     """An endless run is the last one and has no total."""
-    profile = Profile((Run(3, 10), Run(None, 5)))
+    profile = Profile((EvenRun(3, 10), EvenRun(None, 5)))
     assert (profile.steps, profile.ticks) == (None, None)
     assert profile.steps_by(30) == 3
     assert profile.steps_by(1030) == 203

@@ -7,9 +7,9 @@ import random
 import pytest
 from test_mac_machines import new_runner
 
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.sequences.operations import ANCHORS, OPERATIONS, WHAT
-from axistwin_conformance.families.mac.axis.sequences.sequence import Sequence
+from axistwin_conformance.families.mac.axis.sequences.sequence import AxisSequence
 from axistwin_conformance.sequences.runner import Mismatch
 
 pytestmark = pytest.mark.strength
@@ -22,7 +22,7 @@ def operation(name: str, first: int = 0, second: int = 0, pause: int = 0) -> byt
     return bytes([WHAT[name], first, second, pause])
 
 
-def performed(data: bytes, *, is_direct: bool = True) -> Sequence:
+def performed(data: bytes, *, is_direct: bool = True) -> AxisSequence:
     """A sequence that has been played on a fresh twin, by the short way or by the long one."""
     run = new_runner().begin()
     assert run._is_direct
@@ -63,8 +63,8 @@ def test_a_reply_that_may_be_either_proves_nothing() -> None:
     """Where both replies are admissible, neither counts as a judgement."""
     run = new_runner().begin()
     run.model.outcomes = lambda *_: {  # type: ignore[method-assign]
-        Kind.ACCEPTED: run.model.forecast,
-        Kind.REFUSED: run.model.forecast,
+        ReplyKind.ACCEPTED: run.model.forecast,
+        ReplyKind.REFUSED: run.model.forecast,
     }
     run.command(0x19)
     assert not run.judged
@@ -96,7 +96,7 @@ def test_a_wait_for_an_instant_ends_about_the_end_of_the_motion() -> None:
     end = run.model.forecast.end
     assert end is not None
     run.operate(*operation("wait for an instant", 0xFE, 0))
-    aimed_ns = run.target.now_ns + run.bench.frame_ns
+    aimed_ns = run.target.now_ns + run.driver.client.frame_ns
     assert end.earliest_ns <= aimed_ns <= end.latest_ns
     run.conclude()
     run.leave()
@@ -113,7 +113,7 @@ def test_a_sequence_behind_another_one_asks_nothing_that_is_known() -> None:
     """Only what differs is set back; the module is then as a beginning from nothing leaves it."""
     runner = new_runner()
     runner.begin().perform(operation("set the ramp", 4) + operation("enable the stops", 1))
-    target = runner.bench.target
+    target = runner.driver.client.target
     before = target.transcript.position
     known = runner.begin().model
     said = [one.data[6:8] for one in target.transcript.since(before) if one.direction == "host"]
@@ -138,8 +138,8 @@ def test_a_counter_that_was_cleared_is_put_back_by_what_is_known() -> None:
     """The next sequence begins at the same place of the shaft."""
     runner = new_runner()
     runner.begin().perform(operation("move", 0xA0, 0, 0xFF) * 4 + operation("clear the counter"))
-    assert runner.begin().home == runner.bench.position() == runner.home
-    (twin,) = runner.bench.target.twins
+    assert runner.begin().home == runner.driver.client.position() == runner.home
+    (twin,) = runner.driver.client.target.twins
     assert twin.position == runner.home
 
 

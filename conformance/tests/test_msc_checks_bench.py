@@ -338,10 +338,10 @@ def test_writes_that_are_wrong_on_purpose_reach_no_real_controller() -> None:
         port = Controller()
         found = judge(name, port, is_twin=False)
         assert {one.verdict for one in found} == {Verdict.NOT_RUN}
-        assert b"WRITE" not in port.heard
+        assert b"WRITE" not in port.received
 
 
 def test_every_check_for_a_bench_has_a_fault_here() -> None:
     """No check of that module goes without one that it finds."""
-    names = {one.name for one in FAMILY.checks() if one.module.endswith("checks_bench")}
+    names = {one.name for one in FAMILY.checks() if one.module.endswith("checks.bench")}
     assert names == {name for name, _, _ in FAULTS}

@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 from msc_controller import Controller, Turn, answers, judge, refuses, twisted
-from msc_device import REPLY_NS
 from msc_judging import failed, troubles
 
 from axistwin_conformance.base.check import Check
@@ -17,8 +16,9 @@ from axistwin_conformance.families.msc.codec import Packet
 from axistwin_conformance.families.msc.family import FAMILY
 from axistwin_conformance.families.msc.options import NO_SCRATCH, TWIN_SCRATCH, ScratchArea
 
+REPLY_NS = 10_000_000
 MODULES = tuple(
-    f"axistwin_conformance.msc.checks_{name}"
+    f"axistwin_conformance.families.msc.checks.{name}"
     for name in ("commands", "data", "flags", "status", "program", "bench", "rig")
 )
 CHECKS = [one for one in FAMILY.checks() if one.module in MODULES]
@@ -76,12 +76,12 @@ def test_nothing_needs_be_named_for_what_only_reads(check: Check) -> None:
 def renamed(self: Controller, one: Packet, served: bytes) -> bytes:
     """The reply under another command's name."""
     name = {"DREAD": "BREAD"}.get(one.name, one.name)
-    return codec.packet(self.unit, codec.body(name, served))
+    return codec.body(name, served)
 
 
 def with_address(self: Controller, one: Packet, served: bytes) -> bytes:
     """The reply with the address or flag number in front of its values."""
-    return codec.packet(self.unit, codec.body(one.name, one.payload[:2], served))
+    return codec.body(one.name, one.payload[:2], served)
 
 
 def with_value(self: Controller, one: Packet) -> bytes | None:
@@ -185,8 +185,8 @@ def backwards(served: bytes) -> bytes:
 
 
 FAULTS: list[tuple[str, Callable[[], Controller], str]] = [
-    ("a_read_is_answered_under_its_own_name", twisted(reply=renamed), "MSC-CMD-04"),
-    ("a_read_is_answered_under_its_own_name", twisted(reply=with_address), "MSC-CMD-12"),
+    ("a_read_is_answered_under_its_own_name", twisted(body=renamed), "MSC-CMD-04"),
+    ("a_read_is_answered_under_its_own_name", twisted(body=with_address), "MSC-CMD-12"),
     ("a_read_is_answered_under_its_own_name", answers("RFLAG", lambda _: b""), "MSC-CMD-05"),
     ("a_read_is_answered_under_its_own_name", refuses("RFLAG"), "MSC-CMD-06"),
     ("a_write_draws_its_ack_and_nothing_else", twisted(dwrite=with_value), "MSC-DWRITE-03"),
@@ -271,14 +271,15 @@ def test_what_moves_by_itself_may_be_a_programs(twist: dict[str, Any]) -> None:
 class Uncounted(Controller):
     """Takes a checksum with or without the comma."""
 
-    def _serve(self, raw: bytes) -> None:
-        one = codec.parse(raw)
-        assert one is not None
-        right = codec.checksum(raw[1:-2])
-        if one.checksum in (right, right - 0x2C):
-            super()._serve(raw[:-2] + codec.u16(right))
-        else:
-            super()._serve(raw)
+    def __init__(self) -> None:
+        super().__init__()
+        judge = self.receiver._judge
+        self.receiver._judge = lambda raw, now: judge(self._counted(raw), now)
+
+    @staticmethod
+    def _counted(raw: bytes) -> bytes:
+        right = codec.u16(codec.checksum(raw[1:-2]))
+        return raw[:-2] + right if raw[-2:] == codec.u16(codec.checksum(raw[1:-2]) - 0x2C) else raw
 
 
 def test_a_checksum_without_the_comma_is_not_taken() -> None:
@@ -289,14 +290,18 @@ def test_a_checksum_without_the_comma_is_not_taken() -> None:
 class Unhurried(Controller):
     """Refuses what is under a wrong checksum, and serves it all the same."""
 
-    def serve(self, one: Packet) -> bytes | None:
-        """Serves whatever the sum is."""
-        if one.is_sound:
-            return super().serve(one)
-        served = super().serve(made_sound(one))
-        if served:
-            self._say(self.reply(one, served), REPLY_NS)
-        return None
+    def __init__(self) -> None:
+        super().__init__()
+        self._judge, self.receiver._judge = self.receiver._judge, self._judge_and_serve
+
+    def _judge_and_serve(self, raw: bytes, now: int) -> None:
+        """Sends the reply behind the NAK."""
+        self._judge(raw, now)
+        one, unit = codec.parse(raw), self.receiver
+        assert one is not None
+        if not one.is_sound and (served := self.serve(made_sound(one))):
+            reply = codec.packet(self.unit, self.body(one, served))
+            unit._send(unit._busy_until + REPLY_NS, reply)
 
 
 def made_sound(one: Packet) -> Packet:

@@ -419,7 +419,7 @@ def test_a_program_that_does_not_run_proves_nothing() -> None:
 
 def test_every_check_of_flags_status_program_and_rig_has_a_fault_here() -> None:
     """No check of these modules goes without one that it finds."""
-    modules = ("checks_flags", "checks_status", "checks_program", "checks_rig")
+    modules = ("flags", "status", "program", "rig")
     names = {one.name for one in FAMILY.checks() if one.module.rpartition(".")[2] in modules}
     elsewhere = {  # what finds them is in the zoo
         "reading_the_status_leaves_its_errors_as_they_are",

@@ -4,34 +4,32 @@ what it is there to see."""
 from __future__ import annotations
 
 import pytest
-from msc_device import BYTE_NS, MscPort
-from msc_faulty import (
-    Answering,
-    Confused,
-    Forgetful,
-    Hunting,
-    Impatient,
-    Line,
+from msc_faults import (
     Make,
-    Powered,
-    Programmed,
-    Refusing,
-    Repeating,
-    Restarting,
-    Storing,
-    Summing,
-    Timing,
-    Uart,
-    around,
+    answering,
+    answering_for,
+    at_bad_characters,
+    confused,
+    dropping_repeated_writes,
     packets_spoilt,
+    refusing,
+    repeating_what_is_over,
+    repeats_differ,
     resummed,
     signs_spoilt,
     sound,
+    summing,
     sums_to,
     swapped_sum,
+    talking,
+    twin,
     with_byte,
+    with_fault,
 )
 from msc_judging import failed, judge, link_checks, troubles
+from msc_twin import TwinPort
+from zoo_msc import line, link, packets
+from zoo_msc.planting import Receiver, State, hears
 
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.families.msc import codec
@@ -44,8 +42,7 @@ from axistwin_conformance.families.msc.codec import ACK, NAK, STX
 def test_a_sound_unit_is_not_accused(name: str) -> None:
     """Every requirement that the check names is judged and holds."""
     check = link_checks()[name]
-    port = sound(check)
-    findings = judge(name, port, **around(check, port))
+    findings = judge(name, sound(check))
     assert not troubles(findings)
     assert {one.requirement for one in findings} >= set(check.requirements)
 
@@ -55,8 +52,7 @@ def test_a_sound_unit_is_not_accused(name: str) -> None:
 def test_no_seed_accuses_a_sound_unit(name: str, seed: int) -> None:
     """Whatever is drawn."""
     check = link_checks()[name]
-    port = sound(check)
-    assert not troubles(judge(name, port, seed=seed, **around(check, port)))
+    assert not troubles(judge(name, sound(check), seed=seed))
 
 
 @pytest.mark.parametrize("name", link_checks())
@@ -65,9 +61,7 @@ def test_a_dead_unit_passes_nothing_but_silence(name: str) -> None:
     check = link_checks()[name]
     port = sound(check)
     port.spoil = lambda data: b""
-    for one in getattr(port, "others", ()):
-        one.spoil = lambda data: b""
-    findings = judge(name, port, **around(check, port))
+    findings = judge(name, port)
     assert any(one.verdict is Verdict.FAIL for one in findings), findings
 
 
@@ -108,36 +102,23 @@ def flags_reversed(raw: bytes) -> bytes:
     return resummed(raw[:13] + raw[-3:12:-1] + raw[-2:]) if is_flags else raw
 
 
-def reversed_flags() -> MscPort:
-    """A unit with a rig whose RFLAGS goes the other way."""
-    port = Powered()
-    port.spoil = flags_reversed
-    return port
-
-
-class Swift(MscPort):
-    """Sends its replies at twice the rate."""
-
-    def _say(self, data: bytes, delay_ns: int) -> int:
-        at_ns = max(self.virtual_time_ns, self._free_ns) + delay_ns
-        for one in data:
-            at_ns += BYTE_NS // 2
-            self._at(at_ns, lambda byte=bytes([one]): self._ready.append(byte))  # type: ignore[misc]
-        self._free_ns = at_ns
-        return at_ns
-
-
-class Chatting(MscPort):
-    """Says something by itself after some time."""
-
-    def __init__(self, after_ns: int) -> None:
-        super().__init__()
-        self._at(after_ns, lambda: self._ready.append(STX))
-
-
 def for_block_0(raw: bytes) -> bool:
     """True for a packet whose block number is not 0."""
     return raw[4:6] != b"\x00\x00"
+
+
+def restarting(patch: pytest.MonkeyPatch) -> TwinPort:
+    """A unit that begins anew at any 02h (trap 2)."""
+    states = (State.HEADER, State.BODY)
+
+    def takes(receiver: Receiver, byte: int, now: int) -> bool:
+        is_start = byte == STX[0] and receiver.state in states
+        if is_start:
+            receiver._begin_packet(now)
+        return is_start
+
+    hears(patch, takes)
+    return TwinPort()
 
 
 def summed_wrongly(how: str) -> Make:
@@ -148,7 +129,7 @@ def summed_wrongly(how: str) -> Make:
         right = sums_to(raw, codec.checksum(raw[1:-2]))
         return right or sums_to(raw, wrong(raw[1:6], raw[6:-2]))
 
-    return lambda: Summing(accepts)
+    return summing(accepts)
 
 
 # What is wrong with the unit, the check that must see it, the requirement it breaks.
@@ -192,38 +173,40 @@ LIES: dict[str, tuple[str, Make, str]] = {
     ),
     "odd lengths are refused": (
         "bodies_of_odd_and_of_even_length_are_served",
-        lambda: Refusing(has_odd_body), "MSC-PKT-07",
+        refusing(has_odd_body), "MSC-PKT-07",
     ),
     "137 bytes are too many for it": (
         "the_longest_body_is_served_and_its_reply_tells_134",
-        lambda: Refusing(lambda raw: len(raw) > 136), "MSC-PKT-07",
+        refusing(lambda raw: len(raw) > 136), "MSC-PKT-07",
     ),
     "it looks at block numbers": (
-        "any_block_number_is_served_alike", lambda: Refusing(for_block_0), "MSC-PKT-09",
+        "any_block_number_is_served_alike", refusing(for_block_0), "MSC-PKT-09",
     ),
     "its block numbers follow nothing": (
         "any_block_number_is_served_alike",
         packets_spoilt(lambda raw: with_byte(raw, 5, raw[-1])), "MSC-PKT-19",
     ),
     "it restarts at 02h in a header": (
-        "any_block_number_is_served_alike", Restarting, "MSC-PKT-15",
+        "any_block_number_is_served_alike",
+        with_fault(packets.a_02h_in_a_block_number_starts_a_packet), "MSC-PKT-15",
     ),
     "it restarts at 02h in a checksum": (
-        "bytes_02h_06h_and_15h_of_body_and_checksum_are_no_signs", Restarting, "MSC-PKT-15",
+        "bytes_02h_06h_and_15h_of_body_and_checksum_are_no_signs",
+        restarting, "MSC-PKT-15",
     ),
     "it answers for unit 3 as well": (
         "on_rs232_other_unit_numbers_are_not_its_own",
-        lambda: Line((), answers_for=(3,)), "MSC-PKT-04",
+        answering_for(3), "MSC-PKT-04",
     ),
     "it answers for unit 16 as well": (
         "on_rs232_other_unit_numbers_are_not_its_own",
-        lambda: Line((), answers_for=(16,)), "MSC-PKT-03",
+        answering_for(16), "MSC-PKT-03",
     ),
     "it obeys unit 0 and tells": (
-        "unit_0_is_no_broadcast", lambda: Line((), answers_for=(0,)), "MSC-PKT-03",
+        "unit_0_is_no_broadcast", answering_for(0), "MSC-PKT-03",
     ),
     "the low byte of a sum is enough": (
-        "every_other_checksum_is_refused", lambda: Summing(only_low), "MSC-PKT-12",
+        "every_other_checksum_is_refused", summing(only_low), "MSC-PKT-12",
     ),
     **{
         f"its sum has {how}": (
@@ -236,7 +219,7 @@ LIES: dict[str, tuple[str, Make, str]] = {
     ),
     "its sum is signed": (
         "sums_above_32767_are_still_sums",
-        lambda: Refusing(lambda raw: codec.checksum(raw[1:-2]) > 0x7FFF), "MSC-PKT-12",
+        refusing(lambda raw: codec.checksum(raw[1:-2]) > 0x7FFF), "MSC-PKT-12",
     ),
     "values go low byte first": (
         "numbers_go_high_byte_first", packets_spoilt(values_reversed), "MSC-PKT-14",
@@ -245,17 +228,18 @@ LIES: dict[str, tuple[str, Make, str]] = {
         "no_byte_of_a_value_is_special", packets_spoilt(no_xoff), "MSC-PHY-05",
     ),
     "a packet in a value is served": (
-        "a_packet_inside_a_packet_is_data", Hunting, "MSC-PKT-15",
+        "a_packet_inside_a_packet_is_data",
+        with_fault(packets.a_packet_inside_a_packet_is_served_too), "MSC-PKT-15",
     ),
     "noise draws an ACK": (
-        "bytes_that_start_no_packet_are_ignored", lambda: Answering({b"\xff": ACK}), "MSC-PKT-20",
+        "bytes_that_start_no_packet_are_ignored", answering({b"\xff": ACK}), "MSC-PKT-20",
     ),
     "some noise draws a NAK": (
-        "bytes_that_start_no_packet_are_ignored", lambda: Answering({b"R": NAK}), "MSC-PKT-20",
+        "bytes_that_start_no_packet_are_ignored", answering({b"R": NAK}), "MSC-PKT-20",
     ),
     "the manual's example is refused": (
         "the_manuals_example_is_a_valid_packet",
-        lambda: Refusing(lambda raw: b"DWRITE" in raw), "MSC-PKT-21",
+        refusing(lambda raw: b"DWRITE" in raw), "MSC-PKT-21",
     ),
     "a written reply has a block number": (
         "the_written_exchanges_of_variables_come_byte_for_byte",
@@ -263,7 +247,7 @@ LIES: dict[str, tuple[str, Make, str]] = {
     ),
     "RFLAGS is one big number": (
         "the_written_exchanges_of_flags_and_status_come_byte_for_byte",
-        reversed_flags,
+        packets_spoilt(flags_reversed),
         "MSC-PKT-12",
     ),
     # link
@@ -273,185 +257,218 @@ LIES: dict[str, tuple[str, Make, str]] = {
     ),
     "no ACK before a reply": ("each_packet_draws_one_sign", signs_spoilt(ACK, b""), "MSC-LNK-01"),
     "ACK to everything": (
-        "each_packet_draws_one_sign", lambda: Summing(lambda raw: True), "MSC-LNK-02",
+        "each_packet_draws_one_sign", summing(lambda raw: True), "MSC-LNK-02",
     ),
     "two ACKs to a write": (
         "a_write_draws_the_ack_and_nothing_else", signs_spoilt(ACK, ACK + ACK), "MSC-LNK-14",
     ),
     "a stray ACK is answered": (
-        "a_write_draws_the_ack_and_nothing_else", lambda: Answering({ACK: NAK}), "MSC-LNK-14",
+        "a_write_draws_the_ack_and_nothing_else", answering({ACK: NAK}), "MSC-LNK-14",
     ),
-    "a refused write is stored": ("a_refused_write_stores_nothing", Storing, "MSC-LNK-06"),
-    "a refused SFLAG is carried out": ("a_refused_sflag_turns_nothing_on", Storing, "MSC-LNK-06"),
+    "a refused write is stored": ("a_refused_write_stores_nothing",
+        with_fault(link.a_refused_value_is_stored), "MSC-LNK-06"),
+    "a refused SFLAG is carried out": ("a_refused_sflag_turns_nothing_on",
+        with_fault(link.a_refused_flag_is_turned), "MSC-LNK-06"),
     "a refused packet is searched": (
-        "bytes_of_a_refused_packet_are_not_looked_at_again", Hunting, "MSC-LNK-24",
+        "bytes_of_a_refused_packet_are_not_looked_at_again",
+        with_fault(link.a_refused_packet_is_searched_for_another), "MSC-LNK-24",
     ),
     "six repeats": (
-        "a_refused_reply_comes_again_up_to_five_times", lambda: Repeating(6), "MSC-LNK-09",
+        "a_refused_reply_comes_again_up_to_five_times",
+        with_fault(link.a_reply_is_repeated_six_times), "MSC-LNK-09",
     ),
     "three repeats": (
-        "a_refused_reply_comes_again_up_to_five_times", lambda: Repeating(3), "MSC-LNK-09",
+        "a_refused_reply_comes_again_up_to_five_times",
+        with_fault(link.a_reply_is_repeated_three_times), "MSC-LNK-09",
     ),
     "a count that is not reset": (
         "a_refused_reply_comes_again_up_to_five_times",
-        lambda: Repeating(5, resets=False), "MSC-LNK-09",
+        with_fault(link.the_count_of_repeats_is_kept), "MSC-LNK-09",
     ),
     "an ACK before a repeat": (
         "a_refused_reply_comes_again_up_to_five_times",
-        lambda: Repeating(ack=True), "MSC-LNK-10",
+        with_fault(link.an_ack_is_said_before_a_repeat), "MSC-LNK-10",
     ),
     "a repeat with other bytes": (
         "a_refused_reply_comes_again_up_to_five_times",
-        lambda: Repeating(turn=True), "MSC-LNK-10",
+        repeats_differ(), "MSC-LNK-10",
     ),
-    "T2 outlives the ACK": ("no_time_out_outlives_its_exchange", Impatient, "MSC-LNK-11"),
+    "T2 outlives the ACK": (
+        "no_time_out_outlives_its_exchange",
+        with_fault(link.the_hosts_ack_stops_no_timer), "MSC-LNK-11",
+    ),
     "an idle unit answers ACK": (
-        "signs_outside_an_exchange_are_ignored", lambda: Answering({ACK: NAK}), "MSC-LNK-15",
+        "signs_outside_an_exchange_are_ignored", answering({ACK: NAK}), "MSC-LNK-15",
     ),
     "an idle unit answers NAK with a sign": (
-        "signs_outside_an_exchange_are_ignored", lambda: Answering({NAK: ACK}), "MSC-LNK-15",
+        "signs_outside_an_exchange_are_ignored", answering({NAK: ACK}), "MSC-LNK-15",
     ),
     "the old reply comes behind the new one": (
-        "a_new_packet_ends_the_wait_for_the_hosts_sign", Impatient, "MSC-LNK-16",
+        "a_new_packet_ends_the_wait_for_the_hosts_sign",
+        with_fault(link.the_hosts_ack_stops_no_timer), "MSC-LNK-16",
     ),
-    "another byte draws a sign": ("another_byte_is_no_sign", Confused, "MSC-LNK-08"),
+    "another byte draws a sign": ("another_byte_is_no_sign", confused(), "MSC-LNK-08"),
     "signs are lost while it talks": (
-        "a_sign_that_comes_while_it_talks_counts_when_it_ends", Forgetful, "MSC-LNK-08",
+        "a_sign_that_comes_while_it_talks_counts_when_it_ends",
+        twin(rx_while_busy="drop"), "MSC-LNK-08",
     ),
     "three signs for two packets": (
         "packets_behind_one_another_are_each_served", signs_spoilt(NAK, NAK + NAK), "MSC-LNK-04",
     ),
     "a packet during a repeat is lost": (
-        "a_packet_that_comes_during_a_repeat_is_served_after_it", Forgetful, "MSC-LNK-16",
+        "a_packet_that_comes_during_a_repeat_is_served_after_it",
+        twin(rx_while_busy="drop"), "MSC-LNK-16",
     ),
     "a repeat is neither old nor new": (
         "a_repeat_carries_the_data_of_the_first_reply",
-        lambda: Repeating(turn=True), "MSC-LNK-10",
+        repeats_differ(), "MSC-LNK-10",
     ),
     "the old reply comes behind the NAK to a bad packet": (
-        "a_bad_packet_ends_the_wait_for_the_hosts_sign_as_well", Impatient, "MSC-LNK-16",
+        "a_bad_packet_ends_the_wait_for_the_hosts_sign_as_well",
+        repeating_what_is_over(), "MSC-LNK-16",
     ),
     "the old reply comes behind the ACK to a write": (
-        "a_write_ends_the_wait_for_the_hosts_sign", Impatient, "MSC-LNK-16",
+        "a_write_ends_the_wait_for_the_hosts_sign", repeating_what_is_over(), "MSC-LNK-16",
     ),
     "the reply that takes its place is repeated four times": (
-        "a_reply_served_amid_a_wait_has_repeats_of_its_own", lambda: Repeating(4), "MSC-LNK-09",
+        "a_reply_served_amid_a_wait_has_repeats_of_its_own",
+        twin(retransmit_limit="5_total"), "MSC-LNK-09",
     ),
     "each write draws two ACKs": (
         "a_packet_right_behind_a_write_is_served", signs_spoilt(ACK, ACK + ACK), "MSC-LNK-04",
     ),
     "a repeated SFLAG is dropped": (
-        "a_repeated_write_is_carried_out_again", lambda: Programmed(once=True), "MSC-LNK-18",
+        "a_repeated_write_is_carried_out_again", dropping_repeated_writes(), "MSC-LNK-18",
     ),
     # time
-    "characters come at 19200 baud": (
-        "a_character_takes_ten_bits_of_9600_baud", Swift, "MSC-PHY-01",
+    "characters have a second stop bit": (
+        "a_character_takes_ten_bits_of_9600_baud",
+        with_fault(line.a_second_stop_bit_is_sent), "MSC-PHY-01",
     ),
     "it talks by itself": (
-        "an_idle_unit_says_nothing", lambda: Chatting(40_000_000_000), "MSC-PHY-03",
+        "an_idle_unit_says_nothing", talking(40_000_000_000), "MSC-PHY-03",
     ),
     "T1 is short": (
         "a_packet_broken_off_is_refused_when_its_time_is_over",
-        lambda: Timing(990_000_000), "MSC-LNK-03",
+        twin(packet_timeout_ms=990), "MSC-LNK-03",
     ),
     "T1 is long": (
         "a_packet_broken_off_is_refused_when_its_time_is_over",
-        lambda: Timing(1_015_000_000), "MSC-LNK-03",
+        twin(packet_timeout_ms=1015), "MSC-LNK-03",
     ),
     "two NAKs to what broke off": (
         "a_packet_broken_off_is_refused_when_its_time_is_over",
-        lambda: Timing(twice=True), "MSC-LNK-03",
+        with_fault(line.a_packet_broken_off_is_refused_twice), "MSC-LNK-03",
     ),
     "a lone 02h draws an ACK": (
         "a_lone_start_is_refused_on_rs232", signs_spoilt(NAK, ACK), "MSC-LNK-03",
     ),
     "everybody refuses a lone 02h, and then again": (
-        "a_lone_start_is_nobodys_on_rs485", lambda: Chatting(1_100_000_000), "MSC-LNK-03",
+        "a_lone_start_is_nobodys_on_rs485",
+        talking(1_120_000_000, others=(2, 3), timeout_before_unit="nak"),
+        "MSC-LNK-03",
     ),
     "T1 is far too short for the longest packet": (
-        "the_longest_packet_has_time_enough", lambda: Timing(200_000_000), "MSC-LNK-17",
+        "the_longest_packet_has_time_enough", twin(packet_timeout_ms=200), "MSC-LNK-17",
     ),
     "T1 ends a little early": (
-        "the_longest_packet_has_time_enough", lambda: Timing(990_000_000), "MSC-LNK-03",
+        "the_longest_packet_has_time_enough", twin(packet_timeout_ms=990), "MSC-LNK-03",
     ),
     "T1 begins with noise": (
-        "the_time_limit_begins_with_each_packet", lambda: Timing(from_noise=True), "MSC-LNK-03",
+        "the_time_limit_begins_with_each_packet",
+        with_fault(line.the_time_limit_begins_with_noise), "MSC-LNK-03",
     ),
     "T2 is long": (
-        "a_reply_without_answer_comes_again", lambda: Timing(t2_ns=1_040_000_000), "MSC-LNK-12",
+        "a_reply_without_answer_comes_again", twin(ack_timeout_ms=1040), "MSC-LNK-12",
     ),
     "T2 is short": (
-        "a_reply_without_answer_comes_again", lambda: Timing(t2_ns=980_000_000), "MSC-LNK-12",
+        "a_reply_without_answer_comes_again", twin(ack_timeout_ms=980), "MSC-LNK-12",
     ),
     "six repeats by time-out": (
-        "a_reply_without_answer_comes_again", lambda: Repeating(6), "MSC-LNK-09",
+        "a_reply_without_answer_comes_again",
+        with_fault(link.a_reply_is_repeated_six_times), "MSC-LNK-09",
     ),
     "time-outs count apart from NAKs": (
-        "refusals_and_time_outs_share_one_limit", lambda: Repeating(6), "MSC-LNK-09",
+        "refusals_and_time_outs_share_one_limit",
+        with_fault(link.a_reply_is_repeated_six_times), "MSC-LNK-09",
     ),
     "what is refused at T1 by a pause is served": (
         "the_time_limit_is_for_the_whole_packet",
-        lambda: Timing(is_gap=True),
+        twin(packet_timeout_mode="interbyte"),
         "MSC-LNK-03",
     ),
     "what a wrong length leaves over is served": (
-        "a_length_that_is_wrong_is_found_at_t1_at_the_latest", Hunting, "MSC-LNK-04",
+        "a_length_that_is_wrong_is_found_at_t1_at_the_latest",
+        with_fault(link.a_refused_packet_is_searched_for_another), "MSC-LNK-04",
     ),
     "a wrong length is found too late": (
         "a_length_that_is_wrong_is_found_at_t1_at_the_latest",
-        lambda: Timing(1_500_000_000), "MSC-LNK-03",
+        twin(packet_timeout_ms=1500), "MSC-LNK-03",
     ),
     # line
     "it refuses packets for others": (
         "packets_for_others_are_followed_by_their_length",
-        lambda: Line((), answers_for=(15,)), "MSC-PKT-15",
+        answering_for(15), "MSC-PKT-15",
     ),
     "it refuses what breaks off for others": (
-        "what_breaks_off_for_others_draws_nothing", lambda: Line((), nosy=True), "MSC-LNK-19",
+        "what_breaks_off_for_others_draws_nothing",
+        with_fault(line.what_breaks_off_for_others_is_refused), "MSC-LNK-19",
     ),
     "it answers inside another unit's packet": (
         "the_rest_of_another_units_packet_is_counted_off",
-        lambda: Line((), hunts=True, answers_for=(15,)), "MSC-LNK-19",
+        twin(other_unit_framing="hunt_stx"), "MSC-LNK-19",
     ),
     "it answers for an absent unit": (
-        "each_unit_answers_its_own_number_only", lambda: Line(answers_for=(9,)), "MSC-PKT-05",
+        "each_unit_answers_its_own_number_only", answering_for(9, others=(2, 3)), "MSC-PKT-05",
     ),
     "it answers for its neighbour": (
-        "each_unit_answers_its_own_number_only", lambda: Line(answers_for=(3,)), "MSC-PKT-05",
+        "each_unit_answers_its_own_number_only", answering_for(3, others=(2, 3)), "MSC-PKT-05",
     ),
     "it refuses what is broken for its neighbour": (
-        "broken_packets_for_one_unit_concern_it_alone", lambda: Line(nosy=True), "MSC-LNK-19",
+        "broken_packets_for_one_unit_concern_it_alone",
+        with_fault(line.a_wrong_sum_for_others_is_refused, others=(2, 3)), "MSC-LNK-19",
     ),
     "it meddles among units": (
-        "each_unit_behaves_as_if_alone", lambda: Line(nosy=True), "MSC-PROP-14",
+        "each_unit_behaves_as_if_alone",
+        with_fault(line.a_wrong_sum_for_others_is_refused, others=(2, 3)), "MSC-PROP-14",
     ),
     "it hunts among units": (
-        "each_unit_behaves_as_if_alone", lambda: Line(hunts=True), "MSC-PROP-14",
+        "each_unit_behaves_as_if_alone",
+        twin(others=(2, 3), other_unit_framing="hunt_stx"), "MSC-PROP-14",
     ),
     # on a bench
     "a length above 240 draws two NAKs": (
-        "a_header_that_announces_too_much_is_refused", lambda: Timing(twice=True), "MSC-LNK-20",
+        "a_header_that_announces_too_much_is_refused",
+        with_fault(line.a_packet_broken_off_is_refused_twice), "MSC-LNK-20",
     ),
     "an empty body draws two NAKs": (
         "an_empty_body_is_no_command", signs_spoilt(NAK, NAK + NAK), "MSC-LNK-04",
     ),
     "it is deaf after a framing error": (
-        "a_character_without_its_stop_bit_spoils_its_packet", lambda: Uart("deaf"), "MSC-LNK-02",
+        "a_character_without_its_stop_bit_spoils_its_packet", at_bad_characters(
+            lambda unit, now: setattr(unit, "receive", lambda chunk: None)
+        ), "MSC-LNK-02",
     ),
     "it answers a framing error": (
-        "a_character_without_its_stop_bit_spoils_its_packet", lambda: Uart("answers"), "MSC-LNK-02",
+        "a_character_without_its_stop_bit_spoils_its_packet", at_bad_characters(
+            lambda unit, now: unit._sign(now, now, NAK, unit._rest)
+        ), "MSC-LNK-02",
     ),
     "another unit's packet ends where a character is spoilt": (
-        "a_spoilt_character_for_another_unit_is_counted", lambda: Uart("drop_byte"), "MSC-LNK-19",
+        "a_spoilt_character_for_another_unit_is_counted",
+        twin(uart_error="drop_byte"), "MSC-LNK-19",
     ),
     "a spoilt character ends its reply": (
-        "a_spoilt_character_while_it_talks_is_ignored", lambda: Uart("forgets"), "MSC-LNK-10",
+        "a_spoilt_character_while_it_talks_is_ignored", at_bad_characters(
+            lambda unit, now: setattr(unit, "_repeats", unit._repeats_max)
+        ), "MSC-LNK-10",
     ),
     "power-up greets": (
-        "power_up_says_nothing", lambda: Powered(greets=b"MSC"), "MSC-PHY-04",
+        "power_up_says_nothing", with_fault(line.it_says_nak_at_power_up), "MSC-PHY-04",
     ),
     "a reply outlives the power": (
-        "power_up_says_nothing", lambda: Powered(keeps=True), "MSC-PHY-04",
+        "power_up_says_nothing",
+        with_fault(line.a_power_cut_leaves_a_reply_to_be_acknowledged), "MSC-PHY-04",
     ),
     # drawn
     "every reply comes twice": (
@@ -459,32 +476,34 @@ LIES: dict[str, tuple[str, Make, str]] = {
         packets_spoilt(lambda raw: raw[:-1] + b"\x00"), "MSC-PROP-01",
     ),
     "a block number changes the reply": (
-        "block_numbers_change_no_reply", lambda: Refusing(for_block_0), "MSC-PROP-02",
+        "block_numbers_change_no_reply", refusing(for_block_0), "MSC-PROP-02",
     ),
     "a pause of 0.5 s ends a packet": (
-        "packets_may_come_in_pieces", lambda: Timing(500_000_000), "MSC-PROP-03",
+        "packets_may_come_in_pieces", twin(packet_timeout_ms=500), "MSC-PROP-03",
     ),
     "some bits are not summed": (
-        "any_bit_turned_is_found", lambda: Summing(only_low), "MSC-PROP-04",
+        "any_bit_turned_is_found", summing(only_low), "MSC-PROP-04",
     ),
     "the sum knows places": (
         "the_sum_does_not_see_bytes_exchanged",
-        lambda: Refusing(lambda raw: raw[4] > raw[5]), "MSC-PROP-05",
+        refusing(lambda raw: raw[4] > raw[5]), "MSC-PROP-05",
     ),
     "a beginning draws two NAKs": (
-        "any_beginning_of_a_read_draws_one_nak", lambda: Timing(twice=True), "MSC-PROP-06",
+        "any_beginning_of_a_read_draws_one_nak",
+        with_fault(line.a_packet_broken_off_is_refused_twice), "MSC-PROP-06",
     ),
     "a beginning is refused before it is over": (
-        "any_beginning_of_a_read_draws_one_nak", lambda: Timing(3_000_000), "MSC-PROP-06",
+        "any_beginning_of_a_read_draws_one_nak", twin(packet_timeout_ms=3), "MSC-PROP-06",
     ),
     "three repeats at most": (
-        "each_nak_draws_one_repeat_up_to_the_limit", lambda: Repeating(3), "MSC-PROP-07",
+        "each_nak_draws_one_repeat_up_to_the_limit",
+        with_fault(link.a_reply_is_repeated_three_times), "MSC-PROP-07",
     ),
     "some byte draws an ACK": (
-        "bytes_without_02h_draw_nothing", lambda: Answering({b"\x41": ACK}), "MSC-PROP-15",
+        "bytes_without_02h_draw_nothing", answering({b"\x41": ACK}), "MSC-PROP-15",
     ),
     "junk makes it restart for ever": (
-        "after_any_junk_it_serves_again", Restarting, "MSC-PROP-16",
+        "after_any_junk_it_serves_again", restarting, "MSC-PROP-16",
     ),
 }  # fmt: skip
 
@@ -495,12 +514,10 @@ HELD: dict[str, dict[str, str]] = {
 
 
 @pytest.mark.parametrize("what", LIES)
-def test_what_is_wrong_is_seen(what: str) -> None:
+def test_what_is_wrong_is_seen(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The check that is there for it fails the requirement that is broken."""
     name, make, requirement = LIES[what]
-    port = make()
-    readings = dict(HELD.get(what, {}))
-    findings = judge(name, port, readings=readings, **around(link_checks()[name], port))
+    findings = judge(name, make(monkeypatch), readings=dict(HELD.get(what, {})))
     assert requirement in failed(findings), troubles(findings)
 
 
@@ -512,8 +529,8 @@ def test_every_check_has_a_unit_that_fails_it() -> None:
 def test_a_program_that_ran_before_the_power_was_cut_runs_after_it() -> None:
     """Power-up does not start it."""
     check = link_checks()["power_up_says_nothing"]
-    port = Powered()
-    judge(check.name, port, **around(check, port))
+    port = sound(check)
+    judge(check.name, port)
     assert port.status & 1
 
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import msc_device
 import pytest
 from click.testing import CliRunner
-from msc_device import MscPort, check_of, session_on, target_of
+from msc_twin import TwinPort, check_of, session_on, target_of
 
 from axistwin_conformance.base.errors import TargetError, WrongDevice
 from axistwin_conformance.base.transcript import Direction, Record, last_exchange
@@ -17,7 +16,7 @@ from axistwin_conformance.core.family import Violation
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK
-from axistwin_conformance.families.msc.driver import Bench
+from axistwin_conformance.families.msc.driver import MscDriver
 from axistwin_conformance.families.msc.family import FAMILY
 from axistwin_conformance.families.msc.options import ScratchArea
 from axistwin_conformance.families.msc.snapshot import layout
@@ -25,7 +24,7 @@ from axistwin_conformance.families.msc.snapshot import layout
 GROUNDS = ScratchArea(range(1024, 1400), range(128, 132))
 
 
-def session_of(port: MscPort, **how: Any) -> Session:
+def session_of(port: TwinPort, **how: Any) -> Session:
     """A session between checks."""
     return session_on(port, **{"settings": GROUNDS, **how})
 
@@ -35,7 +34,7 @@ def session_of(port: MscPort, **how: Any) -> Session:
 
 def test_a_unit_is_known_by_its_status_and_its_model() -> None:
     """In words for people, and as a number."""
-    port = MscPort()
+    port = TwinPort()
     port.status = 65 | 2
     identity = FAMILY.identify(session_of(port))
     assert identity.summary == (
@@ -47,7 +46,7 @@ def test_a_unit_is_known_by_its_status_and_its_model() -> None:
 @pytest.mark.parametrize("has_rflags", [True, False])
 def test_another_model_than_the_one_named_is_the_wrong_device(has_rflags: bool) -> None:
     """RFLAGS tells them apart, either way; the operator is told what to try."""
-    port = MscPort(has_rflags=has_rflags)
+    port = TwinPort(has_rflags=has_rflags)
     other = FAMILY.models["msc-generic" if has_rflags else "msc-250"]
     session = session_of(port, model=other, allowed=frozenset({"passive", "rig"}))
     words = "has RFLAGS; try msc-250" if has_rflags else "refuses RFLAGS; try msc-850"
@@ -57,14 +56,14 @@ def test_another_model_than_the_one_named_is_the_wrong_device(has_rflags: bool) 
 
 def test_to_a_machine_an_unknown_name_is_not_tried() -> None:
     """Named as a model without RFLAGS, it is not asked for them without a bench."""
-    port = MscPort()
+    port = TwinPort()
     FAMILY.identify(session_of(port, model=FAMILY.models["msc-generic"]))
-    assert b"RFLAGS" not in port.heard
+    assert b"RFLAGS" not in port.received
 
 
 def test_nobody_there_is_told_with_the_remedy() -> None:
     """Another unit number is not answered."""
-    port = MscPort(unit=3)
+    port = TwinPort(unit=3)
     session = session_of(port, address=4)
     with pytest.raises(TargetError, match="as unit 4 at 9600 baud: nothing comes; try another"):
         FAMILY.identify(session)
@@ -72,12 +71,9 @@ def test_nobody_there_is_told_with_the_remedy() -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 6, 9, 134, 136])
-def test_a_unit_that_waits_for_the_rest_of_a_packet_is_there(
-    monkeypatch: pytest.MonkeyPatch, count: int
-) -> None:
+def test_a_unit_that_waits_for_the_rest_of_a_packet_is_there(count: int) -> None:
     """However long it waits, whatever somebody else has begun, and it carries nothing out."""
-    monkeypatch.setattr(msc_device, "T1_NS", 60_000_000_000)
-    port = MscPort()
+    port = TwinPort(packet_timeout_ms=60_000)
     session = session_of(port)
     session.target.send(codec.packet(1, codec.bwrite(1024, range(1, 33)))[:count])
     session.target.wait(0.5)
@@ -87,19 +83,18 @@ def test_a_unit_that_waits_for_the_rest_of_a_packet_is_there(
 
 
 @pytest.mark.parametrize("late_s", [0.6, 1.5, 2.5, 4.0])
-def test_a_unit_that_answers_late_is_not_taken_for_nobody(
-    monkeypatch: pytest.MonkeyPatch, late_s: float
-) -> None:
+def test_a_unit_that_answers_late_is_not_taken_for_nobody(late_s: float) -> None:
     """What comes, comes from somebody."""
-    monkeypatch.setattr(msc_device, "RESPONSE_NS", round(late_s * 1e9))
-    session = session_of(MscPort())
+    port = TwinPort()
+    port.receiver._delay_ns = round(late_s * 1e9)
+    session = session_of(port)
     with pytest.raises(TargetError, match=r"ACK.* comes, but later than 0.5 s, or now and then"):
         FAMILY.identify(session)
 
 
 def test_nobody_there_at_another_rate_is_told_the_right_one() -> None:
     """There is but one, and no address helps at any other."""
-    session = session_of(MscPort(unit=3), address=4)
+    session = session_of(TwinPort(unit=3), address=4)
     session.target.baud = 19_200
     with pytest.raises(TargetError, match="at 19200 baud: nothing comes; try --baud 9600, and"):
         FAMILY.identify(session)
@@ -115,7 +110,7 @@ def test_a_neighbour_that_is_not_there_is_not_held_against_the_unit() -> None:
 
 def test_another_protocol_shows_its_face() -> None:
     """What talks there instead is told as it came."""
-    port = MscPort()
+    port = TwinPort()
     port.spoil = lambda data: b"ERROR 7\r\n"
     with pytest.raises(TargetError, match=r"something else talks there: 45 52 .*\(ERROR 7"):
         FAMILY.identify(session_of(port))
@@ -126,12 +121,12 @@ def test_another_protocol_shows_its_face() -> None:
 
 def test_a_unit_is_sane_if_it_answers_any_known_good_question() -> None:
     """Also after a packet was cut short, whose NAK is still to come."""
-    port = MscPort()
+    port = TwinPort()
     session = session_of(port)
     session.target.send(codec.packet(1, codec.RQSTAT)[:7])
     assert FAMILY.is_alive(session)
-    served = port._served
-    port._served = lambda one: None if one.name == "RQSTAT" else served(one)  # type: ignore[method-assign]
+    served = port.served
+    port.served = lambda one: None if one.name == "RQSTAT" else served(one)
     assert FAMILY.is_alive(session)
     port.spoil = lambda data: b""
     assert not FAMILY.is_alive(session)
@@ -139,12 +134,12 @@ def test_a_unit_is_sane_if_it_answers_any_known_good_question() -> None:
 
 def test_a_reply_nobody_has_acknowledged_is_ended_between_checks() -> None:
     """Or it would be taken for the next one."""
-    port = MscPort()
+    port = TwinPort()
     session = session_of(port)
-    Bench(session).ask(codec.RQSTAT, answer=None)
+    MscDriver(session).ask(codec.RQSTAT, answer=None)
     FAMILY.stop(session)
-    assert Bench(session).talk.listen(10.0) == b""
-    assert port.heard.endswith(ACK)
+    assert MscDriver(session).client.listen(10.0) == b""
+    assert port.received.endswith(ACK)
 
 
 # --- what is put back -----------------------------------------------------------------------------
@@ -164,7 +159,7 @@ def test_what_is_remembered_covers_what_may_be_written(ground: range, stride: in
 @pytest.mark.parametrize("is_lossless", [True, False])
 def test_what_was_written_is_put_back_and_nothing_else_is_touched(is_lossless: bool) -> None:
     """Values alone, blocks, flags; of what nobody has written nothing is even read."""
-    port = MscPort()
+    port = TwinPort()
     port.data = {at: at * 3 for at in range(0, 4096, 4)}
     port.flags = {129, 130}
     before = dict(port.data), set(port.flags)
@@ -172,32 +167,32 @@ def test_what_was_written_is_put_back_and_nothing_else_is_touched(is_lossless: b
     run = session.run
     run.memory = FAMILY.remember(session)
     writing = Session(run, check_of("stored"))
-    bench = Bench(writing)
+    driver = MscDriver(writing)
     for body in (codec.dwrite(1396, 7), codec.dwrite(1028, 8), codec.sflag(131),
                  codec.cflag(129), codec.bwrite(1100, range(32))):  # fmt: skip
-        assert FAMILY.forbid(writing, bench.talk.request(body)) is None
-        bench.command(body)
+        assert FAMILY.forbid(writing, driver.client.request(body)) is None
+        driver.command(body)
     assert (port.data, port.flags) != before
     assert FAMILY.restore(session, run.memory) == ()
     assert (port.data, port.flags) == before
-    heard = port.heard
+    heard = port.received
     assert FAMILY.restore(session, run.memory) == ()
-    assert port.heard == heard
+    assert port.received == heard
 
 
 def test_what_cannot_be_put_back_is_told() -> None:
     """A value that changes by itself, or that the unit does not take any more."""
-    port = MscPort()
+    port = TwinPort()
     session = session_of(port)
     run = session.run
     run.memory = FAMILY.remember(session)
     writing = Session(run, check_of("stored"))
     for body in (codec.dwrite(1396, 7), codec.sflag(131)):
         assert FAMILY.forbid(writing, codec.packet(1, body)) is None
-        Bench(writing).command(body)
+        MscDriver(writing).command(body)
     assert str(run.memory) == "unit 1 at 1396: 0; unit 1 flag 131: off"  # for who gives up waiting
-    served = port._served
-    port._served = lambda one: b"" if one.name in codec.WRITES else served(one)  # type: ignore[method-assign]
+    served = port.served
+    port.served = lambda one: b"" if one.name in codec.WRITES else served(one)
     told = FAMILY.restore(session, run.memory)
     assert told == ("the value at 1396 was 0", "flag 131 was off")
 
@@ -224,22 +219,22 @@ def test_a_run_does_not_write_to_what_a_program_uses() -> None:
 )
 def test_what_a_program_uses_is_not_the_suites_to_write(ground: ScratchArea, told: str) -> None:
     """Named by mistake, it keeps a run from writing, and is named."""
-    port = MscPort()
-    served = port._served
+    port = TwinPort()
+    served = port.served
 
     def counting(one: codec.Packet) -> bytes | None:
         port.data[1028] = port.data.get(1028, 0) + 1
         port.flags ^= {130}
         return served(one)
 
-    port._served = counting  # type: ignore[method-assign]
+    port.served = counting
     with pytest.raises(TargetError, match=told):
         FAMILY.remember(session_of(port, settings=ground))
 
 
 def test_the_programs_flags_are_put_back_to_off_only() -> None:
     """Turned on, they are orders to it."""
-    port = MscPort()
+    port = TwinPort()
     port.flags = {240}
     session = session_of(port, settings=ScratchArea(range(0), range(0), (240, 6144)))
     run = session.run
@@ -247,7 +242,7 @@ def test_the_programs_flags_are_put_back_to_off_only() -> None:
     moving = Session(run, check_of("motion", needs=("program",)))
     for body in (codec.cflag(240), codec.sflag(241)):
         assert FAMILY.forbid(moving, codec.packet(1, body)) is None
-        Bench(moving).command(body)
+        MscDriver(moving).command(body)
     assert FAMILY.restore(session, run.memory) == ()
     assert port.flags == set()
 
@@ -255,7 +250,7 @@ def test_the_programs_flags_are_put_back_to_off_only() -> None:
 def test_variables_that_cannot_be_read_keep_a_run_from_writing() -> None:
     """Nothing may be put back as 0."""
     with pytest.raises(TargetError, match="a DREAD reply of 18 bytes"):
-        FAMILY.remember(session_of(MscPort(), settings=ScratchArea(range(40000, 40008))))
+        FAMILY.remember(session_of(TwinPort(), settings=ScratchArea(range(40000, 40008))))
 
 
 # --- what no unit says ----------------------------------------------------------------------------
@@ -293,16 +288,16 @@ def test_a_reply_that_no_unit_gives_is_blamed_on_what_it_breaks(
     asked: bytes, came: bytes, requirement: str | None
 ) -> None:
     """To the engine's own questions; what a reading of the manual admits is nobody's fault."""
-    breach = FAMILY.diagnose(session_of(MscPort()), codec.packet(1, asked), came)
+    breach = FAMILY.diagnose(session_of(TwinPort()), codec.packet(1, asked), came)
     assert (breach.requirement if breach else None) == requirement
 
 
 def test_what_came_before_our_sign_is_what_is_blamed() -> None:
     """The last thing sent is the ACK to a reply that was wrong."""
-    port = MscPort()
+    port = TwinPort()
     session = session_of(port)
     port.spoil = lambda data: codec.with_wrong_checksum(data) if len(data) > 1 else data
-    Bench(session).ask(codec.RQSTAT)
+    MscDriver(session).ask(codec.RQSTAT)
     request, came = last_exchange(session.records())
     assert (request, came) == (ACK, b"")
     breach = FAMILY.diagnose(session, request, came)
@@ -312,7 +307,7 @@ def test_what_came_before_our_sign_is_what_is_blamed() -> None:
 
 def test_broken_requests_and_other_units_blame_nobody() -> None:
     """What comes of them is for checks to say."""
-    session = session_of(MscPort())
+    session = session_of(TwinPort())
     for raw in (codec.packet(2, codec.RQSTAT), codec.packet(1, codec.RQSTAT)[:9], b"xx"):
         assert FAMILY.diagnose(session, raw, NAK) is None
     assert FAMILY.diagnose(session, codec.packet(1, codec.RQSTAT), None) is not None

@@ -6,8 +6,8 @@ from __future__ import annotations
 import re
 
 import pytest
-from msc_device import MscPort
 from msc_judging import judge
+from msc_twin import TwinPort
 
 from axistwin_conformance.base.events import Outcome
 from axistwin_conformance.base.verdicts import Verdict
@@ -38,7 +38,7 @@ def test_a_check_that_needs_more_variables_than_are_named_says_how_many(first: i
     for count in range(25):
         scratch = ScratchArea(range(first, first + count), range(128, 136))
         for name in ON_A_SMALL_UNIT:
-            for one in judge(name, MscPort(), settings=scratch) if count else ():
+            for one in judge(name, TwinPort(), settings=scratch) if count else ():
                 assert one.verdict in (Verdict.PASS, Verdict.NOT_RUN), (count, name, one)
                 if one.verdict is Verdict.NOT_RUN:
                     assert TOLD.search(one.text), one.text

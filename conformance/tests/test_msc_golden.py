@@ -12,7 +12,7 @@ import pytest
 from axistwin_conformance.families.msc import codec
 
 FIXTURES = Path(__file__).parents[2] / "fixtures" / "msc"
-GOLDEN = resources.files("axistwin_conformance.msc") / "golden" / "exchanges.toml"
+GOLDEN = resources.files("axistwin_conformance.families.msc") / "golden" / "exchanges.toml"
 EXCHANGES = tomllib.loads(GOLDEN.read_text(encoding="utf-8"))["exchange"]
 
 

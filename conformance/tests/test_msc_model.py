@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from axistwin_conformance.families.msc.model import UnitModel
+from axistwin_conformance.families.msc.sequences.model import UnitModel
 
 BLOCK = tuple(range(100, 132))
 Step = Callable[[UnitModel], object]

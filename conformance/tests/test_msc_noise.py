@@ -33,12 +33,14 @@ def healthy(every: int, seed: int, kind: str, *words: str) -> NoisyRun:
     return judge_healthy(run)
 
 
+@pytest.mark.strength(seconds=30)
 @pytest.mark.parametrize("every", [2000])
 def test_a_healthy_twin_never_fails_behind_a_noisy_line(every: int) -> None:
     """It costs time and certainty, never a verdict."""
     assert passed(healthy(every, 1, "mixed")) >= LEAST_PASSED[every]
 
 
+@pytest.mark.strength(seconds=15)
 @pytest.mark.parametrize("kind", KINDS)
 def test_where_many_exchanges_are_spoilt_nothing_is_made_up(kind: str) -> None:
     """One byte in 500: values, blocks, flags, replies refused, packets cut short."""

@@ -13,7 +13,7 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from msc_device import MscPort, check_of, session_on
+from msc_twin import TwinPort, check_of, session_on
 from msc_watch import FLAGS, PROGRAM, VARIABLES, MscWatch, run_on_a_port
 from test_safety import signalled
 from trouble import Trouble, interrupt, meet, moments_of
@@ -162,7 +162,7 @@ def _held(twin: Any) -> tuple[list[int], list[bool]]:
 
 def refusal(data: bytes, *safety: str, needs: tuple[str, ...] = ()) -> str | None:
     """Why a check of these classes may not send that to a real controller."""
-    session = session_on(MscPort(), check_of(*safety, needs=needs))
+    session = session_on(TwinPort(), check_of(*safety, needs=needs))
     return FAMILY.forbid(session, data)
 
 
@@ -218,7 +218,7 @@ def test_the_bench_program_is_for_checks_that_need_it() -> None:
 def test_a_write_in_pieces_is_held_back_before_it_is_whole(places: tuple[int, ...]) -> None:
     """Wherever it is cut."""
     raw = codec.packet(1, codec.dwrite(64, 1))
-    session = session_on(MscPort(), check_of("stored"))
+    session = session_on(TwinPort(), check_of("stored"))
     edges = (0, *places, len(raw))
     told = [FAMILY.forbid(session, raw[a:b]) for a, b in pairwise(edges)]
     assert any(told)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
-from msc_device import MscPort, session_on, target_of
+from msc_twin import REPEATS, TwinPort, session_on, target_of
 
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.events import Event, FailureStored, StatesCovered
@@ -26,16 +27,16 @@ from axistwin_conformance.families.msc.checks.sequences import (
     some_mixed_sequences_agree_with_the_model as some_sequences,
 )
 from axistwin_conformance.families.msc.codec import ACK, NAK
-from axistwin_conformance.families.msc.driver import Bench
+from axistwin_conformance.families.msc.driver import MscDriver
 from axistwin_conformance.families.msc.family import FAMILY
 from axistwin_conformance.families.msc.options import ScratchArea
-from axistwin_conformance.families.msc.sequences.machine import Judged, UnitMachine
+from axistwin_conformance.families.msc.sequences.machine import ModelledUnit, UnitMachine
 from axistwin_conformance.families.msc.sequences.operations import OPERATIONS, WHAT
-from axistwin_conformance.families.msc.sequences.runner import UnitRunner, runner_of
+from axistwin_conformance.families.msc.sequences.runner import MscRunner, runner_of
 from axistwin_conformance.families.msc.sequences.sequence import places
 from axistwin_conformance.sequences import machine
 from axistwin_conformance.sequences.runner import Mismatch
-from axistwin_conformance.sequences.strategies import no_folder
+from axistwin_conformance.sequences.strategies import reproducible
 
 pytestmark = pytest.mark.strength
 
@@ -48,7 +49,7 @@ def operation(name: str, first: int = 0, second: int = 0, pause: int = 0) -> byt
 class Case:
     """A check on a unit in virtual time, and what it tells."""
 
-    def __init__(self, port: MscPort, check: Check = some_sequences, **how: Any) -> None:
+    def __init__(self, port: TwinPort, check: Check = some_sequences, **how: Any) -> None:
         self.port, self.events = port, list[Event]()
         self.session = session_on(port, check, emit=self.events.append, **how)
         self.session.run.memory = FAMILY.remember(Session(self.session.run))
@@ -69,7 +70,7 @@ class Case:
             return
 
     @property
-    def runner(self) -> UnitRunner:
+    def runner(self) -> MscRunner:
         """Somebody who plays on it."""
         return runner_of(self.session)
 
@@ -96,7 +97,7 @@ class Case:
 @pytest.mark.parametrize("has_rflags", [True, False])
 def test_a_sound_unit_is_found_sound(check: Check, has_rflags: bool) -> None:
     """Whatever is drawn; on models with and without RFLAGS."""
-    case = Case(MscPort(has_rflags=has_rflags), check)
+    case = Case(TwinPort(has_rflags=has_rflags), check)
     case.run()
     assert case.failed == {}
     assert {"MSC-PROP-08", "MSC-PROP-09", "MSC-PROP-10", "MSC-PROP-13"} <= set(case.session.passed)
@@ -104,7 +105,7 @@ def test_a_sound_unit_is_found_sound(check: Check, has_rflags: bool) -> None:
 
 def test_every_operation_is_met_idle_and_waiting() -> None:
     """The state in which each was done is told."""
-    case = Case(MscPort(), many_sequences)
+    case = Case(TwinPort(), many_sequences)
     case.run()
     (covered,) = [one for one in case.events if isinstance(one, StatesCovered)]
     names = {one.name for one in OPERATIONS}
@@ -112,13 +113,13 @@ def test_every_operation_is_met_idle_and_waiting() -> None:
     assert len(covered.counts["waiting"]) > len(names) // 2
 
 
-@no_folder()
+@reproducible()
 def test_the_machine_does_every_operation() -> None:
     """Its rules reach all of the table but the wait, which is a pause there."""
-    runner, missing = Case(MscPort(), some_runs).runner, {one.name for one in OPERATIONS}
+    runner, missing = Case(TwinPort(), some_runs).runner, {one.name for one in OPERATIONS}
     for number in range(8):  # what one seed draws depends on the modules that are loaded
         begun, failing = machine.search(
-            runner.begin, Judged, 20, 60, random.Random(number), UnitMachine
+            runner.begin, ModelledUnit, 20, 60, random.Random(number), UnitMachine
         )
         assert failing is None
         missing -= {name for run in begun for _, name in run.operated}
@@ -129,7 +130,7 @@ def test_the_machine_does_every_operation() -> None:
 
 def test_what_is_written_is_put_back() -> None:
     """Values and flags hold what they held before the check."""
-    port = MscPort()
+    port = TwinPort()
     port.data = {address: address * 31 for address in range(1024, 5120, 4)}
     port.flags = {130, 150, 180}
     before = dict(port.data), set(port.flags)
@@ -144,8 +145,8 @@ def test_what_is_written_is_put_back() -> None:
 def test_places_lie_inside_what_is_named(named: range) -> None:
     """However little that is, and wherever it begins."""
     scratch = ScratchArea(named, range(130, 131))
-    bench = Bench(session_on(MscPort(), many_sequences, settings=scratch))
-    spots, blocks, cover = places(bench)
+    driver = MscDriver(session_on(TwinPort(), many_sequences, settings=scratch))
+    spots, blocks, cover = places(driver)
     assert all(one in named and one % 4 == 0 for one in (*spots, *blocks))
     assert all(one + 31 * 4 in named for one in blocks)
     assert set(cover) <= set(blocks)
@@ -153,14 +154,15 @@ def test_places_lie_inside_what_is_named(named: range) -> None:
 
 def test_the_smallest_ground_is_enough_to_play_on() -> None:
     """One variable, one flag: what needs more does less."""
-    case = Case(MscPort(), many_sequences, settings=ScratchArea(range(2000, 2004), range(130, 131)))
+    scratch = ScratchArea(range(2000, 2004), range(130, 131))
+    case = Case(TwinPort(), many_sequences, settings=scratch)
     case.run()
     assert case.failed == {}
 
 
 def test_on_a_line_that_may_lose_bytes_the_lists_are_few_and_short() -> None:
     """Nothing there is sent twice that must not be."""
-    port = MscPort()
+    port = TwinPort()
     case = Case(port, many_sequences, target=target_of(port, is_lossless=False))
     case.run()
     assert case.failed == {}
@@ -171,31 +173,31 @@ def test_on_a_line_that_may_lose_bytes_the_lists_are_few_and_short() -> None:
 # --- faulty ones ----------------------------------------------------------------------------------
 
 
-def _lets_go_of(port: MscPort, name: str) -> None:
+def _lets_go_of(port: TwinPort, name: str) -> None:
     """The unit acknowledges that command and does nothing."""
-    served = port._served
+    served = port.served
 
     def fault(one: codec.Packet) -> bytes | None:
         return b"" if one.name == name else served(one)
 
-    port._served = fault  # type: ignore[method-assign]
+    port.served = fault
 
 
-def _clobbers(port: MscPort) -> None:
+def _clobbers(port: TwinPort) -> None:
     """DWRITE takes the next value with it."""
-    served = port._served
+    served = port.served
 
     def fault(one: codec.Packet) -> bytes | None:
         if one.name == "DWRITE":
             port.data[one.numbers[0] + 4] = 0
         return served(one)
 
-    port._served = fault  # type: ignore[method-assign]
+    port.served = fault
 
 
-def _reads_change(port: MscPort) -> None:
+def _reads_change(port: TwinPort) -> None:
     """BREAD clears what it has read."""
-    served = port._served
+    served = port.served
 
     def fault(one: codec.Packet) -> bytes | None:
         told = served(one)
@@ -203,62 +205,48 @@ def _reads_change(port: MscPort) -> None:
             port.data.update(dict.fromkeys(range(one.numbers[0], one.numbers[0] + 128, 4), 0))
         return told
 
-    port._served = fault  # type: ignore[method-assign]
+    port.served = fault
 
 
-def _repeats_with_an_ack(port: MscPort) -> None:
+def _repeats_with_an_ack(port: TwinPort) -> None:
     """A repeated reply has an ACK before it."""
-    again = port._again
+    unit = port.receiver
+    again = unit._repeat
 
-    def fault() -> None:
-        if port._repeats < 5:
-            port._say(ACK, 0)
-        again()
+    def fault(now: int, start_ns: int) -> None:
+        again(now, unit._send(start_ns, ACK) if unit._repeats < REPEATS else start_ns)
 
-    port._again = fault  # type: ignore[method-assign]
+    unit._repeat = fault
 
 
-def _repeats_six_times(port: MscPort) -> None:
+def _repeats_six_times(port: TwinPort) -> None:
     """One repeat too many."""
-    again = port._again
-
-    def fault() -> None:
-        if port._repeats == 5 and port._reply:
-            port._repeats = 4
-        again()
-
-    port._again = fault  # type: ignore[method-assign]
+    port.receiver._repeats_max = REPEATS + 1
 
 
-def _forgets_the_time(port: MscPort) -> None:
+def _forgets_the_time(port: TwinPort) -> None:
     """A packet that breaks off is waited for for ever."""
-    port._broken_off = lambda: None  # type: ignore[method-assign]
+    port.receiver._packet_ns = 10**18
 
 
-def _answers_signs(port: MscPort) -> None:
+def _answers_signs(port: TwinPort) -> None:
     """A sign that nobody waits for draws a NAK."""
-    idle = port._hear_idle
+    unit = port.receiver
 
-    def fault(byte: bytes) -> None:
-        if not port._reply and byte in (ACK, NAK) and byte == NAK:
-            port._say(NAK, 0)
-        idle(byte)
+    def fault(byte: int, now: int) -> None:
+        if bytes([byte]) == NAK:
+            unit._sign(now, now, NAK, unit._rest)
 
-    port._hear_idle = fault  # type: ignore[method-assign]
+    unit._heeds_noise, unit._take_noise = True, fault
 
 
-def _keeps_the_wait(port: MscPort) -> None:
+def _keeps_the_wait(port: TwinPort) -> None:
     """A new packet does not end the wait: it is not taken for one."""
-    idle = port._hear_idle
-
-    def fault(byte: bytes) -> None:
-        if not port._reply or byte in (ACK, NAK):
-            idle(byte)
-
-    port._hear_idle = fault  # type: ignore[method-assign]
+    port.receiver._serves_when_waiting = False
+    port.receiver._quirks = replace(port.receiver._quirks, stx_while_waiting="ignore")
 
 
-Plant = Callable[[MscPort], None]
+Plant = Callable[[TwinPort], None]
 
 
 @pytest.mark.parametrize("check", [some_sequences, some_runs], ids=lambda check: check.name)
@@ -285,7 +273,7 @@ def test_a_faulty_unit_fails_what_it_breaks(
 ) -> None:
     """By a few sequences, and by a few runs of the machine, each alone; some seeds are enough."""
     for seed in range(4):
-        port = MscPort()
+        port = TwinPort()
         case = Case(port, check, seed=seed)
         plant(port)
         case.run()
@@ -297,7 +285,7 @@ def test_a_faulty_unit_fails_what_it_breaks(
 
 def test_a_failure_is_shrunk_stored_and_plays_again() -> None:
     """To the one write whose neighbour it takes, in words and as bytes."""
-    port = MscPort()
+    port = TwinPort()
     case = Case(port)
     _clobbers(port)
     case.run()
@@ -309,14 +297,14 @@ def test_a_failure_is_shrunk_stored_and_plays_again() -> None:
     again = Case(port, replay_check(last))
     again.run()
     assert set(again.failed) == {last.requirement}
-    sound = Case(MscPort(), replay_check(last))
+    sound = Case(TwinPort(), replay_check(last))
     sound.run()
     assert sound.failed == {}
 
 
 def test_a_mismatch_tells_what_was_said_before_it() -> None:
     """Request and answer of every step, the last one included."""
-    port = MscPort()
+    port = TwinPort()
     case = Case(port)
     _lets_go_of(port, "DWRITE")
     run = case.runner.begin()
@@ -331,7 +319,7 @@ def test_a_mismatch_tells_what_was_said_before_it() -> None:
 
 def test_units_that_hunt_for_starts_are_not_played_among_others() -> None:
     """What they say there is no answer to what was asked."""
-    case = Case(MscPort(), neighbours=(2,))
+    case = Case(TwinPort(), neighbours=(2,))
     case.session.run.readings["other_unit_framing"] = "hunt_stx"
     case.run()
     assert {one.verdict for one in case.session.findings} == {Verdict.NOT_RUN}

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 from click.testing import CliRunner
-from msc_device import MscPort, target_of
+from msc_twin import TwinPort, target_of
 
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import conform, make_options
@@ -19,20 +19,20 @@ SIZE = 32768  # of the data areas here
 IDS = ("MSC-DREAD", "MSC-BREAD", "MSC-PKT-06", "MSC-PROP-01", "MSC-PROP-02")
 
 
-class Refusing(MscPort):
+def refusing(refuses: Callable[[str, int], bool], status: int = 65) -> TwinPort:
     """A unit that refuses reads of some addresses within its data area, too."""
+    port = TwinPort()
+    port.status, served = status, port.served
 
-    def __init__(self, refuses: Callable[[str, int], bool], status: int = 65) -> None:
-        super().__init__()
-        self.refuses, self.status = refuses, status
+    def fault(one: codec.Packet) -> bytes | None:
+        is_refused = one.name in ("DREAD", "BREAD") and refuses(one.name, one.numbers[0])
+        return None if is_refused else served(one)
 
-    def _served(self, one: codec.Packet) -> bytes | None:
-        if one.name in ("DREAD", "BREAD") and self.refuses(one.name, one.numbers[0]):
-            return None
-        return super()._served(one)
+    port.served = fault
+    return port
 
 
-def judged(port: MscPort, first: int, last: int, *, is_lossless: bool = True) -> Result:
+def judged(port: TwinPort, first: int, last: int, *, is_lossless: bool = True) -> Result:
     """A passive run over a line with that unit, with those variables named."""
     options = make_options(
         model="msc-250", port="/dev/ttyUSB0", variables=range(first, last + 1), ids=IDS,
@@ -61,7 +61,7 @@ def test_a_span_beyond_the_data_area_is_told_and_blamed_on_nobody(
     first: int, last: int, told: str, is_lossless: bool
 ) -> None:
     """Exit 2, nothing judged, and the span is named with what the unit has of it."""
-    result = judged(MscPort(), first, last, is_lossless=is_lossless)
+    result = judged(TwinPort(), first, last, is_lossless=is_lossless)
     assert result.exit_status == 2
     assert result.sentence.startswith(f"Not judged: --variables {first}-{last}: this unit ")
     assert told in result.sentence
@@ -71,21 +71,21 @@ def test_a_span_beyond_the_data_area_is_told_and_blamed_on_nobody(
 
 def test_an_area_that_begins_later_is_told_by_both_its_ends() -> None:
     """Where the ends of a span are refused and something between is served."""
-    result = judged(Refusing(lambda name, at: not 4096 <= at < 8192), 2048, 16383)
+    result = judged(refusing(lambda name, at: not 4096 <= at < 8192), 2048, 16383)
     assert "refuses 2048 and 16380 (NAK)" in result.sentence
     assert "its data area has of these 4096-8191 alone" in result.sentence
 
 
 def test_a_span_up_to_the_very_end_is_judged() -> None:
     """The last value of the data area is the last one named."""
-    result = judged(MscPort(), SIZE - 256, SIZE - 1)
+    result = judged(TwinPort(), SIZE - 256, SIZE - 1)
     assert result.exit_status == 0
     assert verdicts(result) == {Verdict.PASS, Verdict.NOT_RUN}
 
 
 def test_a_unit_that_serves_no_data_without_its_program_is_told_with_its_status() -> None:
     """It may refuse them all because nothing runs in it (MSC-AMB-32)."""
-    result = judged(Refusing(lambda name, at: True, status=64), 2048, 3071)
+    result = judged(refusing(lambda name, at: True, status=64), 2048, 3071)
     assert result.exit_status == 2
     assert "perhaps because no program runs in it (status 64)" in result.sentence
 
@@ -103,7 +103,7 @@ def test_a_unit_that_refuses_what_it_has_is_still_found(
     refuses: Callable[[str, int], bool], is_lossless: bool
 ) -> None:
     """An address between others that it serves; DREAD where BREAD is served; both ends and more."""
-    result = judged(Refusing(refuses), 2048, 3071, is_lossless=is_lossless)
+    result = judged(refusing(refuses), 2048, 3071, is_lossless=is_lossless)
     assert result.exit_status == 1
     assert Verdict.FAIL in verdicts(result)
 
@@ -113,7 +113,7 @@ def test_a_bench_program_beyond_the_data_area_is_told_likewise() -> None:
     options = make_options(
         model="msc-250", port="/dev/ttyUSB0", bench_program=(240, 40064), ids=IDS, level="quick"
     )
-    result = Engine(options, lambda neighbours: target_of(MscPort())).run(lambda event: None)
+    result = Engine(options, lambda neighbours: target_of(TwinPort())).run(lambda event: None)
     assert result.exit_status == 2
     assert "--bench-program 240:40064: this unit refuses 40064" in result.sentence
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import pytest
 from click.testing import CliRunner
 from msc_controller import Controller, refuses, twisted
-from msc_device import MscPort, session_on, target_of
+from msc_twin import TwinPort, session_on, target_of
 
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import conform, make_options
@@ -17,8 +17,8 @@ from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.family import FAMILY
-from axistwin_conformance.families.msc.flag_check import try_flags
 from axistwin_conformance.families.msc.options import ScratchArea
+from axistwin_conformance.families.msc.preflight.flag_check import try_flags
 
 PORT = "axistwin://msc-250?time=virtual"
 INPUTS = "0-7"
@@ -26,7 +26,7 @@ NAMED = range(128, 136)
 REMEDY = "name only flags that nothing else drives"
 
 
-def tried(port: MscPort, flags: range = NAMED, *, is_lossless: bool = True) -> str:
+def tried(port: TwinPort, flags: range = NAMED, *, is_lossless: bool = True) -> str:
     """What the trial says of these flags; all that it has touched is put back."""
     target = target_of(port, is_lossless=is_lossless)
     session = session_on(port, target=target, settings=ScratchArea(range(0), flags))

@@ -47,6 +47,7 @@ def healthy(every: int, seed: int, kind: str, *words: str) -> NoisyRun:
     return run
 
 
+@pytest.mark.strength(seconds=15)
 @pytest.mark.parametrize(("every", "seed", "kind"), [(5000, 1, "mixed"), (500, 2, "mixed")])
 def test_a_healthy_twin_never_fails_behind_a_noisy_line(every: int, seed: int, kind: str) -> None:
     """Lost, late and corrupted bytes cost time and certainty, never a verdict."""
@@ -106,6 +107,7 @@ def named(*names: str) -> list[Mutant]:
     return found
 
 
+@pytest.mark.strength(seconds=30)
 def test_noise_does_not_hide_a_fault() -> None:
     """One byte in 500: most faults are found all the same, none passes for conforming."""
     faults, seeds = named(*MUTANTS[:4]), range(1, 5)

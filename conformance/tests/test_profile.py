@@ -87,6 +87,7 @@ def test_a_sample_conforms_at_full_too(readings: Readings) -> None:
     TWINS.conforms_with(readings, "full")
 
 
+@pytest.mark.strength(seconds=25)
 @pytest.mark.parametrize("readings", [{"brake_increments": "100"}, {"nack_scope": "any"}], ids=str)
 def test_what_lasts_longer_than_its_reply_is_waited_for(readings: Readings) -> None:
     """An axis that runs on after 18h, and Nacks of all modules, one behind the other: at full."""

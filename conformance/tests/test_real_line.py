@@ -68,6 +68,7 @@ def test_random_sequences_leave_out_an_axis_that_runs_on(query: str) -> None:
     assert any("no exact rule for an axis that runs on" in one for one in told)
 
 
+@pytest.mark.strength(seconds=15)
 @pytest.mark.parametrize("query", ["", "&quirk.brake_increments=100", "&quirk.plant=inertial"])
 def test_a_healthy_device_on_a_real_line_conforms(query: str) -> None:
     """At level full, with everything allowed that needs no rig."""

@@ -20,7 +20,7 @@ from axistwin_conformance.cli import conform
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.exchanges import signed
 from axistwin_conformance.families.mac.serial import codec
-from axistwin_conformance.families.mac.serial.codec import Reply
+from axistwin_conformance.families.mac.serial.codec import SerialReply
 from axistwin_conformance.report import json
 from axistwin_conformance.report.html import WHOLE_CHECKS, duration, render
 from axistwin_conformance.report.json import Report, fold, load
@@ -94,7 +94,7 @@ def report(wrong_run: list[dict[str, Any]]) -> Report:
 def wrong_mac(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a run over a MAC23 that counts one increment too many beyond 50."""
 
-    def parse(data: bytes) -> Reply:
+    def parse(data: bytes) -> SerialReply:
         reply = sound(data)
         if reply.digit != 0 or reply.data is None or signed(reply.data) <= 50:
             return reply
@@ -313,7 +313,7 @@ def test_an_unreachable_device_gets_a_page_too(toy: Any) -> None:
     assert "Not judged: device unreachable: nothing answers" in text
 
 
-@pytest.mark.strength
+@pytest.mark.strength(seconds=20)
 def test_a_full_run_makes_a_light_page(tmp_path: Path) -> None:
     """Under a megabyte, motion plots included."""
     result = CliRunner().invoke(conform, ["mac23", "--report", str(tmp_path)])

@@ -72,9 +72,9 @@ def test_bytes_are_told_in_hex_and_decoded(wrong_run: Told) -> None:
 
 @pytest.mark.parametrize("kind", get_args(events.Event))
 def test_the_schema_is_documented_field_by_field(kind: type[Any]) -> None:
-    """docs/conformance-report.md has a row for each event with all of its fields."""
+    """docs/reference/reports.md has a row for each event with all of its fields."""
     name = "_".join(re.findall("[A-Z][a-z]+", kind.__name__)).lower()
-    lines = (DOCS / "conformance-report.md").read_text().splitlines()
+    lines = (DOCS / "reference" / "reports.md").read_text().splitlines()
     [row] = [line for line in lines if line.startswith(f"| `{name}` |")]
     assert [one.name for one in fields(kind) if f"`{one.name}`" not in row] == []
 

@@ -14,7 +14,7 @@ from click.testing import CliRunner, Result
 from axistwin_conformance.cli import conform
 from axistwin_conformance.families.mac.axis.exchanges import signed
 from axistwin_conformance.families.mac.serial import codec
-from axistwin_conformance.families.mac.serial.codec import Reply
+from axistwin_conformance.families.mac.serial.codec import SerialReply
 from axistwin_conformance.report.json import Report, load
 from axistwin_conformance.report.junit import PROFILE_CASE, junit
 
@@ -170,7 +170,7 @@ def test_failed_requirements_do_not_hide_the_profile(
 ) -> None:
     """A device that is wrong in both ways is told so in one sentence."""
 
-    def parse(data: bytes) -> Reply:
+    def parse(data: bytes) -> SerialReply:
         reply = sound(data)
         if reply.digit != 0 or reply.data is None or signed(reply.data) <= 50:
             return reply

@@ -97,6 +97,7 @@ def watched(
 # --- the envelope --------------------------------------------------------------------------------
 
 
+@pytest.mark.strength(seconds=40)
 @pytest.mark.parametrize(
     ("level", "seed"),
     [
@@ -127,6 +128,7 @@ class Crash(Exception):  # noqa: N818 - no error of anybody's
     """A mistake in a check."""
 
 
+@pytest.mark.strength(seconds=20)
 def test_an_interrupt_at_any_moment_leaves_the_axis_at_rest_and_its_memory_as_it_was() -> None:
     """Forty random moments of a run at level quick."""
     quick = partial(watched, level="quick")

@@ -15,6 +15,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from family_variants import vary
 from zoo.motion import a_move_is_relative
 
 from axistwin_conformance.base import interrupts
@@ -24,7 +25,7 @@ from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.core.session import Envelope, Run, Session
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families.mac.axis.checks import interpolation
-from axistwin_conformance.families.mac.axis.driver.motion import bench_of
+from axistwin_conformance.families.mac.axis.driver.driver import driver_of
 from axistwin_conformance.families.mac.axis.probes import sync
 from axistwin_conformance.families.mac.can import collect_replies
 from axistwin_conformance.families.mac.serial import codec
@@ -36,31 +37,31 @@ FAR = 900_000_000  # increments: two days at the speed of the checks
 
 FAR_AWAY = """
 import sys
-from dataclasses import replace
 
-from axistwin_conformance.asked import make_options
-from axistwin_conformance.engine import Engine
-from axistwin_conformance.interrupts import heeded
-from axistwin_conformance.mac_axis.bench import bench_of
-from axistwin_conformance.registry import Check
+from axistwin_conformance.base.check import Check
+from axistwin_conformance.base.interrupts import heeded
+from axistwin_conformance.engine.run import Engine
+from axistwin_conformance.families.mac.axis.driver.driver import driver_of
+from axistwin_conformance.options import make_options
 
 def goes_far(session):
-    bench = bench_of(session)
-    start = bench.ready()
-    bench.command(0x0D, 8)
-    bench.accepted(0x13, start + 300_000)
-    bench.wait(1)
+    driver = driver_of(session)
+    start = driver.motion.ready()
+    driver.client.command(0x0D, 8)
+    driver.judge.accepted(0x13, start + 300_000)
+    driver.client.wait(1)
     print("far", flush=True)
-    bench.wait(60)
+    driver.client.wait(60)
 
 check = Check("goes_far", goes_far, ("MACS-CMD-13-01",), ("motion", "stored"), "quick", (), "", "")
 options = make_options(
     model="mac23", port=sys.argv[1], allow="motion,stored", max_travel=10**6, max_speed=10**6,
 )
-family = replace(options.family, modules=(), probe_modules=())
+family = options.family
+family.modules = family.probe_modules = ()
 family.__class__.checks = lambda self: (check,)
 with heeded():
-    result = Engine(replace(options, family=family)).run(
+    result = Engine(options).run(
         lambda event: print(getattr(event, "text", ""), flush=True)
     )
 print(*result.problems, sep="\\n")
@@ -91,14 +92,14 @@ def test_in_virtual_time_the_longest_way_back_takes_a_few_exchanges() -> None:
     try:
         memory = family.remember(Session(run))
         run.memory = memory
-        bench = bench_of(Session(run))
-        bench.ready(1)
-        bench.accepted(0x13, FAR)
-        bench.wait(FAR / 8_000_000 + 1)
-        assert bench.position() == FAR
+        driver = driver_of(Session(run))
+        driver.motion.ready(1)
+        driver.judge.accepted(0x13, FAR)
+        driver.client.wait(FAR / 8_000_000 + 1)
+        assert driver.client.position() == FAR
         before = run.target.transcript.position
         assert family.restore(Session(run), memory) == ()
-        assert bench.position() == memory.position
+        assert driver.client.position() == memory.position
         assert run.target.transcript.position - before < 100
     finally:
         run.target.close()
@@ -110,18 +111,18 @@ def test_an_axis_that_does_not_move_is_not_waited_for() -> None:
     family = run.family
     try:
         memory = family.remember(Session(run))
-        bench = bench_of(Session(run))
-        bench.ready(1)
-        bench.accepted(0x13, FAR)
-        bench.wait(1)
-        bench.command(0x18)
+        driver = driver_of(Session(run))
+        driver.motion.ready(1)
+        driver.judge.accepted(0x13, FAR)
+        driver.client.wait(1)
+        driver.client.command(0x18)
         run.target.twins[0].load.held = True
-        place = bench.position()
+        place = driver.client.position()
         began_ns = run.target.now_ns
         (told,) = family.restore(Session(run), memory)
         assert place > 1_000_000
-        assert told == f"position is {bench.position():X}h, was 0h"
-        assert abs(bench.position() - place) < 100
+        assert told == f"position is {driver.client.position():X}h, was 0h"
+        assert abs(driver.client.position() - place) < 100
         assert run.target.now_ns - began_ns < 60_000_000_000
     finally:
         run.target.close()
@@ -132,26 +133,26 @@ def test_an_axis_that_goes_away_from_home_is_stopped_and_not_sent_again() -> Non
     with a_move_is_relative.plant():
         run = run_on_a_twin()
         try:
-            bench = bench_of(Session(run))
-            bench.ready(1)
-            bench.accepted(0x13, 3_000)
-            bench.wait(1)
+            driver = driver_of(Session(run))
+            driver.motion.ready(1)
+            driver.judge.accepted(0x13, 3_000)
+            driver.client.wait(1)
             run.envelope = Envelope(500, 5000)
             run.memory = run.family.remember(Session(run))
-            start = bench.ready()
-            bench.accepted(0x13, start + 200)
-            bench.wait(3)
-            away = bench.position()
+            start = driver.motion.ready()
+            driver.judge.accepted(0x13, start + 200)
+            driver.client.wait(3)
+            away = driver.client.position()
             assert away == 2 * start + 200
             with pytest.raises(TargetError, match=f"sent from {away} to {start}, the axis was at"):
-                bench.ready()
-            place = bench.position()
+                driver.motion.ready()
+            place = driver.client.position()
             assert 0 < place - away < 1200, "it was seen within 0.1 s"
             with pytest.raises(TargetError, match="it is moved no more"):
-                bench.ready()
+                driver.motion.ready()
             assert any("position is" in one for one in run.family.restore(Session(run), run.memory))
-            bench.wait(1)
-            assert bench.position() == place
+            driver.client.wait(1)
+            assert driver.client.position() == place
         finally:
             run.target.close()
 
@@ -207,7 +208,7 @@ def test_what_never_ends_is_cut_short(
         time.sleep(1)
 
     toy.add(interrupted, "MACS-CMD-13-01", safety=("motion", "stored"))
-    toy.family = replace(toy.family, restore=endless)
+    toy.family = vary(toy.family, restore=endless)
     began_s = time.monotonic()
     with interrupts.heeded():
         result = toy.run()
@@ -232,21 +233,22 @@ def test_a_bus_that_never_falls_silent_is_not_listened_to_for_ever() -> None:
         def receive(self, wanted: object, timeout_s: float) -> Arrival:
             return Arrival(frame, 0)
 
-    bench: Any = SimpleNamespace(
-        target=Babble(), session=SimpleNamespace(reply_timeout_s=0.1), address=1
+    driver: Any = SimpleNamespace(
+        client=SimpleNamespace(target=Babble(), address=1),
+        session=SimpleNamespace(reply_timeout_s=0.1),
     )
-    assert 2 < len(collect_replies.replies(bench, frame)) < 1000
+    assert 2 < len(collect_replies.replies(driver, frame)) < 1000
 
 
 def test_a_module_that_refuses_segments_for_ever_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     """It is at rest, the FIFO is empty, and it goes on refusing: nobody waits for the end."""
     put, count = sync.put, itertools.count()
 
-    def refused(bench: Any, one: Any) -> Any:
+    def refused(driver: Any, one: Any) -> Any:
         if next(count) < 5:
-            return put(bench, one)
+            return put(driver, one)
         assert next(count) < 5000
-        exchange = bench.ask(0x20)
+        exchange = driver.client.ask(0x20)
         return replace(exchange, reply=codec.parse(b"\x06\x13\x17"))
 
     monkeypatch.setattr(interpolation, "put", refused)

@@ -313,8 +313,8 @@ def test_a_mistake_is_one_clear_line(arguments: list[str], message: str) -> None
 
 
 def test_the_session_on_the_page_prints_what_it_says() -> None:
-    """docs/decoding.md: the frames there are decoded as printed."""
-    page = (ROOT / "docs" / "decoding.md").read_text(encoding="utf-8")
+    """docs/how-to/decode-bytes.md: the frames there are decoded as printed."""
+    page = (ROOT / "docs" / "how-to" / "decode-bytes.md").read_text(encoding="utf-8")
     _, _, block = page.partition("$ axistwin decode mac23-can monday.log\n")
     printed = block.partition("```")[0]
     bare = "".join(line.partition("  ")[0] + "\n" for line in printed.splitlines())

@@ -1,14 +1,58 @@
 """The documentation tells what the code does."""
 
 import re
+import shlex
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
+import click
 import pytest
 
+from axistwin.cli.program import main as program
+
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = sorted(
+    [
+        *ROOT.glob("*.md"),
+        *(ROOT / "docs").rglob("*.md"),
+        *(ROOT / "fixtures").rglob("*.md"),
+    ]
+)
+SOURCES = sorted(
+    path
+    for folder in ("emulators", "conformance", "scripts")
+    for path in (ROOT / folder).rglob("*.py")
+)
+
+
+def name_of(path: Path) -> str:
+    """The path of a page, as a test's name."""
+    return str(path.relative_to(ROOT))
+
+
+def anchors_of(page: Path) -> set[str]:
+    """The headings of a page as GitHub links to them."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.M)
+    headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", each.lower()).replace(" ", "-") for each in headings}
+
+
+def commands_of(page: Path) -> Iterator[list[str]]:
+    """The words of every command that a page lets its reader type."""
+    blocks = re.findall(r"```console\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    for block in blocks:
+        for line in re.findall(r"^\$ (.*)$", block.replace("\\\n", " "), re.MULTILINE):
+            lexer = shlex.shlex(line, posix=True, punctuation_chars="|&;")
+            lexer.whitespace_split = True
+            words: list[str] = []
+            for word in [*lexer, "|"]:
+                if set(word) <= set("|&;"):
+                    yield words
+                    words = []
+                else:
+                    words.append(word)
 
 
 @pytest.mark.system
@@ -37,12 +81,53 @@ def test_the_reference_shows_how_help_is_asked_for(name: str) -> None:
         assert all(line.startswith("  -h, --help  ") for line in options), options
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_every_link_inside_the_documentation_leads_somewhere(page: Path) -> None:
-    """Relative links of the pages point to files that exist."""
-    targets = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
-    missing = [target for target in targets if not (page.parent / target).exists()]
-    assert not missing, f"{page.name}: {missing}"
+    """Relative links of the pages point to files that exist, and to headings in them."""
+    text = page.read_text(encoding="utf-8")
+    missing = []
+    for target, anchor in re.findall(r"\]\(([^)#:]*)(?:#([^):]*))?\)", text):
+        path = (page.parent / target) if target else page
+        if not path.exists() or (anchor and anchor not in anchors_of(path)):
+            missing.append(f"{target}#{anchor}" if anchor else target)
+    assert not missing, f"{name_of(page)}: {missing}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_every_command_in_the_documentation_can_be_typed(page: Path) -> None:
+    """Commands of the program, with options that they have, and scripts that exist."""
+    context = click.Context(program)
+    for words in commands_of(page):
+        if words and words[0].startswith("scripts/"):
+            assert (ROOT / words[0]).exists(), words
+        if not words or words[0] != "axistwin":
+            continue
+        command = program.get_command(context, words[1])
+        assert command is not None, words
+        known = {name for option in command.params for name in option.opts} | {"-h", "--help"}
+        unknown = {word for word in words if re.match(r"--?[a-z]", word)} - known
+        assert not unknown, f"{shlex.join(words)}: {unknown}"
+
+
+def test_every_page_is_in_the_index() -> None:
+    """docs/README.md leads to each page of the documentation."""
+    index = ROOT / "docs" / "README.md"
+    links = re.findall(r"\]\(([^)#:]+)\)", index.read_text(encoding="utf-8"))
+    linked = {(index.parent / link).resolve() for link in links}
+    pages = {page for page in PAGES if page.is_relative_to(index.parent)} - {index}
+    assert not {name_of(page) for page in pages - linked}
+
+
+def test_the_pages_that_the_source_names_exist() -> None:
+    """A docstring that leads to docs/... leads to a page."""
+    named = {
+        (path, found)
+        for path in SOURCES
+        for found in re.findall(r"\bdocs/[\w/-]+\.md\b", path.read_text(encoding="utf-8"))
+    }
+    assert named
+    missing = [f"{name_of(path)}: {page}" for path, page in named if not (ROOT / page).exists()]
+    assert not missing
 
 
 def test_the_readme_names_every_command_and_both_scripts() -> None:

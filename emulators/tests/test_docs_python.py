@@ -13,12 +13,12 @@ from axistwin import testing
 pytestmark = pytest.mark.system
 
 ROOT = Path(__file__).parents[2]
-README, PYTEST_PAGE = ROOT / "README.md", ROOT / "docs" / "pytest.md"
-CAN_PAGE = ROOT / "docs" / "can.md"
-PROGRAM_PAGE = ROOT / "docs" / "macroprograms.md"
+README, PYTEST_PAGE = ROOT / "README.md", ROOT / "docs" / "how-to" / "use-pytest.md"
+CAN_PAGE = ROOT / "docs" / "how-to" / "use-python-can.md"
+PROGRAM_PAGE = ROOT / "docs" / "how-to" / "write-a-macroprogram.md"
 RUN_ELSEWHERE = {
-    ROOT / "docs" / "pyserial-url.md": 2,  # blocks, by test_url_lines.py
-    ROOT / "docs" / "can-daemon.md": 1,  # by test_run_can.py
+    ROOT / "docs" / "how-to" / "use-pyserial.md": 2,  # blocks, by test_url_lines.py
+    ROOT / "docs" / "how-to" / "run-on-can.md": 1,  # by test_run_can.py
 }
 
 DRIVER = '''
@@ -112,7 +112,7 @@ def test_the_blocks_of_the_can_page_hold(capsys: pytest.CaptureFixture[str]) -> 
 
 
 def test_the_tests_of_the_how_to_pass(tmp_path: Path) -> None:
-    """All blocks of docs/pytest.md in one file."""
+    """All blocks of docs/how-to/use-pytest.md in one file."""
     run_tests(tmp_path, "\n\n".join(python_blocks(PYTEST_PAGE)), passed=8)
 
 

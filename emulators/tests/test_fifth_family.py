@@ -79,7 +79,7 @@ def test_a_fifth_family_is_behind_the_url(tmp_path: Path) -> None:
     assert done.stdout.splitlines() == ["b'K' 3 on", "b'0\\n'"], done.stderr
 
 
-@pytest.mark.slow
+@pytest.mark.system
 def test_a_fifth_family_works_in_the_fixture(tmp_path: Path) -> None:
     """Attributes, controls, mistakes, power, and what a failing test is told."""
     (tmp_path / "test_lamp.py").write_text(

@@ -52,6 +52,7 @@ def stored(folder: Path) -> Iterator[Memory]:
         )
 
 
+@pytest.mark.strength(seconds=70)
 def test_nothing_acknowledged_is_lost_when_the_daemon_is_killed_200_times(tmp_path: Path) -> None:
     """Every value whose write was acknowledged is read back after kill -9 and a restart."""
     survive_kills(partial(stored, tmp_path), WRITTEN, rounds=200, seed=20060612)

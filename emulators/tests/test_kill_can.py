@@ -77,6 +77,7 @@ def stored(folder: Path) -> Iterator[Memory]:
         yield Memory(process.process.pid, read, write)
 
 
+@pytest.mark.strength(seconds=30)
 def test_nothing_acknowledged_is_lost_when_the_daemon_is_killed_60_times(tmp_path: Path) -> None:
     """Every value whose write was acknowledged is read back after kill -9 and a restart."""
     survive_kills(partial(stored, tmp_path), CELLS, rounds=60, seed=20061)

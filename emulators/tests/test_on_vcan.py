@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[2]
 TIME_S = 1500
 
 pytestmark = [
-    pytest.mark.strength,
+    pytest.mark.strength(seconds=500),
     pytest.mark.skipif("AXISTWIN_VM" in os.environ, reason="this is the virtual machine"),
 ]
 

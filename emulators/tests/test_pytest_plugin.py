@@ -375,7 +375,7 @@ def test_an_installed_plugin_that_nobody_uses_costs_nothing() -> None:
 
 def test_the_how_to_runs_as_printed(pytester: pytest.Pytester) -> None:
     """Every block of Python in the page is a test file that passes."""
-    page = (DOCS / "pytest.md").read_text(encoding="utf-8")
+    page = (DOCS / "how-to" / "use-pytest.md").read_text(encoding="utf-8")
     for number, block in enumerate(re.findall(r"```python\n(.*?)```", page, re.DOTALL)):
         pytester.makepyfile(**{f"test_{number}": block})
     run(pytester).assert_outcomes(passed=8)

@@ -186,8 +186,8 @@ def test_systemd_is_told(tmp_path: Path) -> None:
 
 
 def test_the_how_to_s_canopen_program_converses(tmp_path: Path) -> None:
-    """docs/can-daemon.md, as printed, from its own process."""
-    page = Path(__file__).parents[2] / "docs" / "can-daemon.md"
+    """docs/how-to/run-on-can.md, as printed, from its own process."""
+    page = Path(__file__).parents[2] / "docs" / "how-to" / "run-on-can.md"
     (program,) = re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), re.DOTALL)
     with daemon(tmp_path, "mac23-can", "--slcan", "./mac23-can") as process:
         process.line()

@@ -473,10 +473,12 @@ def test_a_line_is_freed_with_its_port() -> None:
 
 # -- the how-to -----------------------------------------------------------------------------------
 
+HOW_TO = Path(__file__).parents[2] / "docs" / "how-to" / "use-pyserial.md"
+
 
 def test_the_how_to_runs_as_printed(capsys: pytest.CaptureFixture[str]) -> None:
     """The blocks of Python in the page, one after another."""
-    page = Path(__file__).parents[2] / "docs" / "pyserial-url.md"
+    page = HOW_TO
     blocks = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
     names: dict[str, Any] = {}
     for block in blocks:
@@ -487,6 +489,6 @@ def test_the_how_to_runs_as_printed(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_the_how_to_names_every_parameter() -> None:
     """None is missing from the table."""
-    page = (Path(__file__).parents[2] / "docs" / "pyserial-url.md").read_text(encoding="utf-8")
+    page = HOW_TO.read_text(encoding="utf-8")
     told = set(re.findall(r"^\| `([a-z.A-Z]+)=", page, re.MULTILINE))
     assert told == {*_PARAMETERS, "address", "line", "quirk.NAME", "program", "program.UNIT"}

@@ -1,7 +1,7 @@
 """The machine-readable side of a run: one JSON object per event, and a report folded from them.
 
 The stream of events is the one truth; `report.json`, and everything made from it, holds nothing
-that the stream does not.  The schema is told in docs/conformance-report.md.
+that the stream does not.  The schema is told in docs/reference/reports.md.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from axistwin_conformance.sequences import machine
 from axistwin_conformance.sequences.failure import REPLAYS, Failure
 from axistwin_conformance.sequences.machine import Device, Machine
 from axistwin_conformance.sequences.runner import Mismatch, Runner
-from axistwin_conformance.sequences.strategies import no_folder
+from axistwin_conformance.sequences.strategies import reproducible
 
 RunnerOf = Callable[[Session], Runner]
 
@@ -48,7 +48,7 @@ def run_lists(runner: Runner, examples: int, operations: int) -> None:
     runner.credit()
 
 
-@no_folder()
+@reproducible()
 def run_machine(
     runner: Runner,
     judged: Callable[[Any], Device],

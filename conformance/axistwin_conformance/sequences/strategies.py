@@ -6,8 +6,10 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
+from unittest import mock
 
 from hypothesis import HealthCheck, Phase, configuration, settings
+from hypothesis.internal.conjecture import providers
 
 STEPS: Final = 50
 
@@ -31,12 +33,20 @@ def generate_only(examples: int, steps: int = STEPS) -> settings:
 
 
 @contextmanager
-def no_folder() -> Iterator[None]:
-    """Hypothesis keeps notes in a folder where it is started: not in the user's."""
+def reproducible() -> Iterator[None]:
+    """Have one seed draw the same on every machine and for every version of this source.
+
+    Hypothesis draws, now and then, a constant that it has found in the source of the modules that
+    are loaded: any change of a line would change what a seed plays.  And it keeps notes in a folder
+    where it is started: not in the user's.
+    """
     before = vars(configuration)["__hypothesis_home_directory"]
     with tempfile.TemporaryDirectory() as folder:
         configuration.set_hypothesis_home_dir(folder)
+        providers.CONSTANTS_CACHE.cache.clear()
         try:
-            yield
+            with mock.patch.object(providers, "_get_local_constants", providers.Constants):
+                yield
         finally:
+            providers.CONSTANTS_CACHE.cache.clear()
             configuration.set_hypothesis_home_dir(before)

@@ -65,7 +65,7 @@ def as_lines(told: list[dict[str, Any]]) -> str:
 
 
 def folded(told: list[dict[str, Any]]) -> dict[str, Any]:
-    """The report that docs/conformance-report.md promises for these events."""
+    """The report that docs/reference/reports.md promises for these events."""
     bodies = [(one["event"], {k: v for k, v in one.items() if k != "event"}) for one in told]
 
     def one_of(kind: str) -> dict[str, Any]:

@@ -16,6 +16,10 @@ pytestmark = pytest.mark.vcan
 
 START_S = 30.0
 JUDGEMENT_S = 900.0
+CONFORMS, UNSETTLED = 0, 4
+SETTLED = ("pass", "fail", "quirk", "inconclusive")
+LEAST_JUDGED = 70  # of 93; the others need a rig, or more than is allowed
+ATTEMPTS = 5
 
 
 @contextmanager
@@ -38,18 +42,37 @@ def twins(folder: Path) -> Iterator[None]:
             daemon.wait(START_S)
 
 
-def test_the_twin_on_vcan0_conforms_in_full(tmp_path: Path) -> None:
-    """Everything that the wire shows and nobody has to work a rig for, in real time."""
+def judged(folder: Path, *ids: str) -> dict[str, str]:
+    """Requirement → verdict of a run by those, or by all."""
     command = [sys.executable, "-m", "axistwin", "conform", "mac23-can", "--can", "socketcan:vcan0"]
     command += ["--address", "1", "--neighbour", "2", "--allow", "motion,stored", "--level", "full"]
+    ran = subprocess.run(
+        [*command, "--report", "report", *ids],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=JUDGEMENT_S,
+        check=False,
+    )
+    told = ran.stdout[-8000:] + ran.stderr
+    assert ran.returncode in (CONFORMS, UNSETTLED), told
+    assert ran.returncode == UNSETTLED or "The device conforms to mac23-can" in ran.stdout, told
+    report = json.loads((folder / "report" / "report.json").read_text("utf-8"))
+    return {
+        one["id"]: one["verdict"] for one in report["requirements"] if one["verdict"] in SETTLED
+    }
+
+
+def test_the_twin_on_vcan0_conforms_in_full(tmp_path: Path) -> None:
+    """Everything that the wire shows without a rig conforms, in real time."""
+    # On a busy machine an exchange takes too long now and then for a motion to be told apart: then
+    # nothing is said of it, and it is asked again.
     with twins(tmp_path):
-        judged = subprocess.run(
-            command,
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            timeout=JUDGEMENT_S,
-            check=False,
-        )
-    assert judged.returncode == 0, judged.stdout[-8000:] + judged.stderr
-    assert "The device conforms to mac23-can" in judged.stdout
+        verdicts = judged(tmp_path)
+        assert len(verdicts) > LEAST_JUDGED
+        for _ in range(ATTEMPTS):
+            open_ones = [name for name, verdict in verdicts.items() if verdict == "inconclusive"]
+            if not open_ones:
+                break
+            verdicts |= judged(tmp_path, *open_ones)
+    assert set(verdicts.values()) == {"pass"}, verdicts

@@ -109,8 +109,8 @@ def test_vcan0_is_chosen_where_it_is_up(tmp_path: Path) -> None:
 
 
 def test_cansend_and_candump_say_what_is_printed(tmp_path: Path) -> None:
-    """docs/can-daemon.md: a position is read, a move is made, a mistake is refused."""
-    page = (Path(__file__).parents[3] / "docs" / "can-daemon.md").read_text("utf-8")
+    """docs/how-to/run-on-can.md: a position is read, a move is made, a mistake is refused."""
+    page = (Path(__file__).parents[3] / "docs" / "how-to" / "run-on-can.md").read_text("utf-8")
     requests = re.findall(r"^\$ cansend vcan0 (\S+)", page, re.MULTILINE)
     printed = [
         f"{identifier}#{data.replace(' ', '')}"

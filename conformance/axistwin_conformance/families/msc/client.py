@@ -4,8 +4,8 @@ Rules.
 
 1. A NAK for a packet that broke off comes long after it (MSC-LNK-03), and a reply nobody has
    acknowledged comes again (MSC-LNK-12).  Neither must be taken for the answer to what is asked
-   next: whoever sends something broken, or leaves a reply unanswered, calls `settle` before he asks
-   anything else.
+   next: after sending something broken, or leaving a reply unanswered, a caller waits until the
+   unit is quiet (`wait_until_quiet`) before he asks anything else.
 2. Where bytes may get lost, a sound packet that may be carried out twice is sent again, below the
    checks: the reads, and the writes of values.  SFLAG and CFLAG are not: the macroprogram may have
    used the flag up in between, and a second one is a second cycle of the machine (MSC-LNK-18).
@@ -24,18 +24,18 @@ from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK, STX, Packet
 from axistwin_conformance.transport.serial import SerialTransport
 
-HEARD_AT_ONCE: Final = 4096
+RECEIVED_AT_ONCE: Final = 4096
 QUIET_S: Final = 0.1  # after which a unit that is talking has ended
 MARGIN_S: Final = 0.2  # on top of a measured time-out: one reply, and the way
 REPEATS: Final = 5  # MSC-LNK-09
 REPEAT_S: Final = 0.15  # the longest reply (§2.4)
 MOST_STRAYS: Final = 32  # bytes before a reply that are worth reading
-MOST_HEARD: Final = 24  # repeats and signs that are waited out before a unit counts as babbling
-SPOILS_NOTHING: Final = frozenset({*codec.READS, "DWRITE", "BWRITE"})  # rule 2
+MOST_RECEIVED: Final = 24  # repeats and signs that are waited out before a unit counts as babbling
+REPEATABLE: Final = frozenset({*codec.READS, "DWRITE", "BWRITE"})  # rule 2
 
 
 @dataclass(frozen=True, slots=True)
-class Exchange:
+class MscExchange:
     """A packet and what came of it.
 
     `sign`: ACK, NAK or nothing; `reply`: the packet behind it; `extra`: what belongs to neither.
@@ -75,7 +75,7 @@ class Exchange:
         return codec.explain(self.raw) or "nothing"
 
 
-class Talk:
+class MscClient:
     """One unit on the line: what is said to it and what it says."""
 
     def __init__(self, session: Session, unit: int | None = None) -> None:
@@ -93,15 +93,15 @@ class Talk:
         """Send the bytes as they are; return when that began (ns)."""
         return self.target.send(raw)
 
-    def hear(self, count: int, timeout_s: float | None = None) -> bytes:
+    def receive(self, count: int, timeout_s: float | None = None) -> bytes:
         """Up to `count` bytes; fewer if the time-out (s, for all of them) passes first."""
         return self.target.receive(count, self.limit_s(count) if timeout_s is None else timeout_s)
 
     def listen(self, seconds: float) -> bytes:
         """All that comes within so long."""
-        return self.target.receive(HEARD_AT_ONCE, seconds)
+        return self.target.receive(RECEIVED_AT_ONCE, seconds)
 
-    def hear_packet(self, timeout_s: float | None = None) -> tuple[Packet | None, bytes]:
+    def receive_packet(self, timeout_s: float | None = None) -> tuple[Packet | None, bytes]:
         """The next packet the unit sends, and what came before it or instead of it.
 
         `timeout_s`: until its first byte; the rest has the time it takes on the line beside that.
@@ -115,10 +115,10 @@ class Talk:
 
     def _next_packet(self, timeout_s: float | None = None) -> tuple[Packet | None, bytes]:
         limit_s = self.limit_s(0) if timeout_s is None else timeout_s
-        strays, received = b"", self.hear(1, limit_s)
+        strays, received = b"", self.receive(1, limit_s)
         while received and received != STX and len(strays) < MOST_STRAYS:
             strays += received
-            received = self.hear(1, limit_s)
+            received = self.receive(1, limit_s)
         if received != STX:
             return None, strays + received
         return self.rest_of_packet(strays)
@@ -127,7 +127,7 @@ class Talk:
         """The packet whose first byte has been heard, behind these bytes."""
         received = STX
         while count := codec.missing_bytes(received):
-            more = self.hear(count)
+            more = self.receive(count)
             received += more
             if len(more) < count:
                 return None, strays + received
@@ -150,30 +150,30 @@ class Talk:
         return int(self.session.reading("ack_timeout_ms")) / 1000
 
     @property
-    def settle_s(self) -> float:
+    def quiet_limit_s(self) -> float:
         """For how long nothing must come before nothing will (§5.6)."""
         known = self.session.readings
         if {"packet_timeout_ms", "ack_timeout_ms"} <= set(known):
             return max(self.packet_timeout_s, self.ack_timeout_s) + MARGIN_S
         return self.packet_timeout_s + (REPEATS + 1) * (self.ack_timeout_s + REPEAT_S)
 
-    def settle(self, *, after: Exchange | None = None) -> bytes:
+    def wait_until_quiet(self, *, after: MscExchange | None = None) -> bytes:
         """Wait until nothing is left over of what was said before; return what still came.
 
         A reply that comes again is acknowledged and thrown away (§4.3).  `after`: what was said
         last; where that drew nothing at all, no reply is waiting to be acknowledged.
         """
-        heard, quiet_s = b"", self.settle_s
+        received, quiet_s = b"", self.quiet_limit_s
         if after is not None and after.is_silence:
             quiet_s = min(quiet_s, self.packet_timeout_s + MARGIN_S)
-        for _ in range(MOST_HEARD):
-            one, strays = self._next_packet(quiet_s)
-            if one is None and not strays:
+        for _ in range(MOST_RECEIVED):
+            packet, strays = self._next_packet(quiet_s)
+            if packet is None and not strays:
                 break
-            heard += strays + (one.raw if one else b"")
-            if one is not None or STX in strays:
+            received += strays + (packet.raw if packet else b"")
+            if packet is not None or STX in strays:
                 self.target.send(ACK)
-        return heard
+        return received
 
     # --- both ways --------------------------------------------------------------------------------
 
@@ -184,16 +184,16 @@ class Talk:
         answer: bytes | None = ACK,
         is_read: bool | None = None,
         timeout_s: float | None = None,
-    ) -> Exchange:
+    ) -> MscExchange:
         """Send a packet and take what comes of it (rules 2 and 3).
 
         `answer`: our sign after a reply, None to keep it back.  `is_read`: a packet is awaited
         after the ACK; None: if this is a sound one of the commands that have a reply.
         `timeout_s`: until the sign comes.
         """
-        one = codec.parse(raw)
-        is_sound = one is not None and one.is_request and one.unit == self.unit
-        name = one.name if one is not None and is_sound else ""
+        packet = codec.parse(raw)
+        is_sound = packet is not None and packet.is_request and packet.unit == self.unit
+        name = packet.name if packet is not None and is_sound else ""
         awaits = name in codec.READS if is_read is None else is_read
         exchange = self._once(raw, awaits, answer, timeout_s)
         if self.target.is_lossless or not is_sound:
@@ -203,8 +203,13 @@ class Talk:
         return self._undisturbed(exchange, name, awaits, answer, timeout_s)
 
     def _undisturbed(
-        self, exchange: Exchange, name: str, awaits: bool, answer: bytes | None, limit: float | None
-    ) -> Exchange:
+        self,
+        exchange: MscExchange,
+        name: str,
+        awaits: bool,
+        answer: bytes | None,
+        limit: float | None,
+    ) -> MscExchange:
         """Send again until noise is not the reason for what came (rule 2).
 
         A NAK, time after time, is no sign of a device that is lost: it may refuse an address.
@@ -220,17 +225,17 @@ class Talk:
                     break
             refused = refused + 1 if exchange.is_naked else 0
             words = f"{codec.explain_request(exchange.request)}: {exchange}"
-            if name not in SPOILS_NOTHING:
+            if name not in REPEATABLE:
                 if self.session.check is not None:
                     self.session.void_attempt(words)
                 break
             self.session.record_retry(words)
             if not exchange.is_naked:  # part of the packet may wait for its end, or a reply for us
-                self.settle(after=exchange)
+                self.wait_until_quiet(after=exchange)
             exchange = self._once(exchange.request, awaits, answer, limit)
         return exchange
 
-    def _is_refusal(self, exchange: Exchange, refused: int) -> bool:
+    def _is_refusal(self, exchange: MscExchange, refused: int) -> bool:
         """True for a NAK that has come too often before for noise."""
         quality = self.session.run.quality
         is_settled = exchange.is_naked and refused + 1 >= quality.alike_needed
@@ -239,10 +244,12 @@ class Talk:
             self.session.is_reproduced = True
         return is_settled
 
-    def _is_good(self, exchange: Exchange, name: str, awaits: bool) -> bool:
+    def _is_good(self, exchange: MscExchange, name: str, awaits: bool) -> bool:
         """True if a unit could say that to a sound packet, as far as is known of this one."""
-        if not awaits:
-            return exchange.is_acked
+        return self.is_right(exchange, name) if awaits else exchange.is_acked
+
+    def is_right(self, exchange: MscExchange, name: str) -> bool:
+        """True for what must come of a read, in the reading of this device."""
         reply = exchange.reply
         return (
             exchange.is_acked
@@ -260,11 +267,11 @@ class Talk:
 
     def _once(
         self, raw: bytes, awaits: bool, answer: bytes | None, timeout_s: float | None
-    ) -> Exchange:
+    ) -> MscExchange:
         self.target.drain()
         asked_ns = self.target.send(raw)
         limit_s = self.limit_s(len(raw)) if timeout_s is None else timeout_s
-        first = self.hear(1, limit_s)
+        first = self.receive(1, limit_s)
         signed_ns = replied_ns = self.target.now_ns
         sign = first if first in (ACK, NAK) else b""
         reply, extra = None, b""
@@ -278,4 +285,4 @@ class Talk:
         elif sign == ACK and self.session.reading("write_reply") == "empty_packet":
             reply, extra = self._next_packet()
             self.target.send(ACK)
-        return Exchange(raw, sign, reply, extra, asked_ns, signed_ns, replied_ns)
+        return MscExchange(raw, sign, reply, extra, asked_ns, signed_ns, replied_ns)

@@ -185,13 +185,13 @@ class Packet:
     def flaws(self) -> tuple[str, ...]:
         """What is wrong with it as a packet, whatever its body means."""
         right = checksum(self.raw[1:-CHECKSUM_BYTES])
-        told = {
+        flaws = {
             f"unit {self.unit}": self.unit not in UNITS,
             f"length {self.length} over {len(self.body)} bytes": self.length != len(self.body),
             f"a body of {len(self.body)} bytes": len(self.body) > MAX_BODY,
             f"checksum {self.checksum:04X}, should be {right:04X}": self.checksum != right,
         }
-        return tuple(text for text, is_wrong in told.items() if is_wrong)
+        return tuple(text for text, is_wrong in flaws.items() if is_wrong)
 
     @property
     def is_sound(self) -> bool:
@@ -238,7 +238,10 @@ def flags_on(states: bytes) -> frozenset[int]:
     """The flags that the 32 bytes of an RFLAGS reply show on: flag f is bit f mod 8 of byte f / 8
     (MSC-RFLAGS-02)."""
     return frozenset(
-        8 * index + bit for index, one in enumerate(states) for bit in range(8) if one >> bit & 1
+        8 * index + bit
+        for index, state in enumerate(states)
+        for bit in range(8)
+        if state >> bit & 1
     )
 
 
@@ -247,32 +250,32 @@ def flags_on(states: bytes) -> frozenset[int]:
 _SIGNS: Final = {ACK: "ACK", NAK: "NAK"}
 
 
-def explain_packet(one: Packet) -> str:
+def explain_packet(packet: Packet) -> str:
     """A packet in words: ``1: DREAD, 1234``."""
-    words = f"{one.unit}: {one.name if one.name.isprintable() else one.body.hex(' ')}"
-    if told := _values(one):
-        words += f", {told}"
-    if one.block:
-        words += f", block {one.block:04X}h"
-    return "; ".join((words, *one.flaws))
+    words = f"{packet.unit}: {packet.name if packet.name.isprintable() else packet.body.hex(' ')}"
+    if text := _values(packet):
+        words += f", {text}"
+    if packet.block:
+        words += f", block {packet.block:04X}h"
+    return "; ".join((words, *packet.flaws))
 
 
-def _values(one: Packet) -> str:
+def _values(packet: Packet) -> str:
     """What is behind the comma, as far as its size tells what it is."""
-    name, payload, size = one.name, one.payload, len(one.payload)
+    name, payload, size = packet.name, packet.payload, len(packet.payload)
     if name in ("BREAD", "BWRITE") and size == REQUEST_PAYLOADS["BWRITE"]:
-        return f"{one.numbers[0]} = {listed(struct.unpack('>32i', payload[2:]))}"
+        return f"{packet.numbers[0]} = {listed(struct.unpack('>32i', payload[2:]))}"
     if name == "BREAD" and size == REPLY_PAYLOADS["BREAD"]:
-        return listed(one.values)
+        return listed(packet.values)
     if name == "DWRITE" and size == REQUEST_PAYLOADS["DWRITE"]:
-        return f"{one.numbers[0]} = {int.from_bytes(payload[2:], 'big', signed=True)}"
+        return f"{packet.numbers[0]} = {int.from_bytes(payload[2:], 'big', signed=True)}"
     if name == "DREAD" and size == VALUE_BYTES:
-        return str(one.values[0])
+        return str(packet.values[0])
     if name == "RFLAGS" and size == REPLY_PAYLOADS["RFLAGS"]:
         return f"on: {listed(sorted(flags_on(payload))) or 'none'}"
     if name == "RQSTAT" and size >= 2:
-        return f"status {one.numbers[0]}, then {payload[2:].hex(' ')}"
-    return str(one.numbers[0]) if size == 2 else payload.hex(" ").upper()
+        return f"status {packet.numbers[0]}, then {payload[2:].hex(' ')}"
+    return str(packet.numbers[0]) if size == 2 else payload.hex(" ").upper()
 
 
 def listed(values: Iterable[int]) -> str:
@@ -292,9 +295,9 @@ def explain(data: bytes) -> str:
         if not size:
             words.append(f"{len(data)} bytes: {data.hex(' ').upper()}")
             break
-        one = parse(data[:size])
-        assert one is not None, "a whole packet can be taken apart"
-        words.append(str(one))
+        packet = parse(data[:size])
+        assert packet is not None, "a whole packet can be taken apart"
+        words.append(str(packet))
         data = data[size:]
     return ", ".join(words)
 
@@ -312,5 +315,5 @@ def explain_request(data: bytes) -> str:
         return "nothing sent"
     if data in _SIGNS:
         return _SIGNS[data]
-    one = parse(data)
-    return f"{len(data)} bytes: {data.hex(' ').upper()}" if one is None else str(one)
+    packet = parse(data)
+    return f"{len(data)} bytes: {data.hex(' ').upper()}" if packet is None else str(packet)

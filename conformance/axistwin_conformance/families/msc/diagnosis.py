@@ -23,56 +23,56 @@ def diagnose(session: Session, request: bytes, reply: bytes | None) -> Violation
     """
     if request in (ACK, NAK) and reply is not None:
         request, reply = _before_the_sign(session)
-    asked = codec.parse(request)
-    if asked is None or not asked.is_request or asked.unit != session.address:
+    question = codec.parse(request)
+    if question is None or not question.is_request or question.unit != session.address:
         return None
-    awaited = "ACK" if asked.name in codec.WRITES else f"ACK and a {asked.name} packet"
+    awaited = "ACK" if question.name in codec.WRITES else f"ACK and a {question.name} packet"
     if reply is None:
         return Violation("MSC-LNK-01", awaited, "the twin crashed")
     came = codec.explain(reply) or "nothing"
-    if reply[:1] == NAK and asked.name not in ALWAYS_SERVED:
+    if reply[:1] == NAK and question.name not in ALWAYS_SERVED:
         return None
     if reply[:1] != ACK:
         return Violation("MSC-LNK-01", awaited, came)
-    if asked.name in codec.WRITES:
+    if question.name in codec.WRITES:
         return None  # what may follow is left open (MSC-AMB-36)
-    if asked.name == "RFLAGS" and not session.run.model.facts.has_rflags:
+    if question.name == "RFLAGS" and not session.run.model.facts.has_rflags:
         return None
     answer = codec.parse(reply[1:])
     if answer is None:
         return Violation("MSC-CMD-05", awaited, came)
-    return _judged(session, asked, answer, came)
+    return _judged(session, question, answer, came)
 
 
 def _before_the_sign(session: Session) -> tuple[bytes, bytes]:
     """The last packet we have sent, and what came before we acknowledged or refused it."""
     request, reply, is_over = b"", b"", False
-    for one in session.records():
-        if one.direction is Direction.HOST and one.data in (ACK, NAK):
+    for record in session.records():
+        if record.direction is Direction.HOST and record.data in (ACK, NAK):
             is_over = True
-        elif one.direction is Direction.HOST:
-            request, reply, is_over = one.data, b"", False
-        elif one.direction is Direction.DEVICE and not is_over:
-            reply += one.data
+        elif record.direction is Direction.HOST:
+            request, reply, is_over = record.data, b"", False
+        elif record.direction is Direction.DEVICE and not is_over:
+            reply += record.data
     return request, reply
 
 
-def _judged(session: Session, asked: Packet, answer: Packet, came: str) -> Violation | None:
+def _judged(session: Session, question: Packet, answer: Packet, came: str) -> Violation | None:
     """What is wrong with a reply, the most telling first."""
-    size = codec.REPLY_BYTES[asked.name]
-    sizes = (size, size - 2) if asked.name == "RQSTAT" else (size,)  # MSC-AMB-38
+    size = codec.REPLY_BYTES[question.name]
+    sizes = (size, size - 2) if question.name == "RQSTAT" else (size,)  # MSC-AMB-38
     right = codec.checksum(answer.raw[1:-2])
     if answer.length != len(answer.body):
         return Violation("MSC-PKT-06", f"length {len(answer.body)}", came)
     if answer.checksum != right:
         return Violation("MSC-PKT-12", f"checksum {right:04X}", came)
-    if answer.unit != asked.unit:
-        return Violation("MSC-PKT-18", f"unit {asked.unit}", came)
-    if answer.name != asked.name or codec.COMMA not in answer.body:
-        return Violation("MSC-CMD-04", f"the name {asked.name} and a comma", came)
+    if answer.unit != question.unit:
+        return Violation("MSC-PKT-18", f"unit {question.unit}", came)
+    if answer.name != question.name or codec.COMMA not in answer.body:
+        return Violation("MSC-CMD-04", f"the name {question.name} and a comma", came)
     if len(answer.raw) not in sizes:
-        return Violation(f"MSC-{asked.name}-{_SIZE_ROW[asked.name]}", f"{size} bytes", came)
-    if asked.name == "RFLAG" and answer.numbers[0] not in (0, 1):
+        return Violation(f"MSC-{question.name}-{_SIZE_ROW[question.name]}", f"{size} bytes", came)
+    if question.name == "RFLAG" and answer.numbers[0] not in (0, 1):
         return Violation("MSC-RFLAG-02", "0 or 1", came)
     return None
 

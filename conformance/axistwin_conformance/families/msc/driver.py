@@ -1,86 +1,53 @@
-"""One MSC unit as checks handle it: typed hands over `talk`, and what the operator has named.
+"""One MSC unit as checks handle it: typed questions and orders, and what its answers must be.
 
-`read`, `status` and the other typed questions go on only with the answer they ask for; a check that
-is about the answer itself asks `talk` and judges the `Exchange`.
+`client` asks as checks of the answer itself do; `link` judges signs, repeats and times; `scratch`
+has the places that may be used.  `read`, `status` and the other typed questions go on only with the
+answer they ask for.  What is written is put back by the family after each check.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
-from axistwin_conformance.families.msc.client import Exchange, Talk
-from axistwin_conformance.families.msc.codec import Packet
-from axistwin_conformance.families.msc.options import ScratchArea
-from axistwin_conformance.families.msc.safety import may_set, may_write
+from axistwin_conformance.families.msc.client import MscClient, MscExchange
+from axistwin_conformance.families.msc.codec import RQSTAT, Packet
+from axistwin_conformance.families.msc.link import MscLink, Names
+from axistwin_conformance.families.msc.scratch import SAFE_BLOCK, ScratchPlaces
 
-SAFE_STRIDE: Final = 4  # addresses so far apart are different variables in every reading (§5.2)
-SAFE_BLOCK: Final = 128  # and so are blocks
 HOOK_ATTEMPTS: Final = 3  # between checks
-RS232_UNIT: Final = 1  # MSC-PKT-04
+
+Readings = Mapping[str, str | tuple[str, ...]]
+
+# What a packet may draw, in words.
+ACKED: Final = "ACK and nothing more"
+SERVED: Final = "ACK and a reply"
+NAKED: Final = "NAK"
+SILENCE: Final = "silence"
+
+# What an unknown command draws, and what that says of MSC-AMB-04.
+AS_UNKNOWN: Final[Readings] = {NAKED: "nak", ACKED: "ack_ignore", SILENCE: "silent"}
 
 
-class Bench:
+class MscDriver:
     """A unit of the MSC family, and the session in which it is asked."""
 
     def __init__(self, session: Session, unit: int | None = None) -> None:
         self.session = session
-        self.talk = Talk(session, unit)
-        self.unit = self.talk.unit
+        self.client = MscClient(session, unit)
+        self.link = MscLink(self.client)
+        self.scratch = ScratchPlaces(session)
+        self.unit = self.client.unit
         self.target = session.target
 
-    # --- what is known of the unit and of what may be changed -------------------------------------
-
-    @property
-    def variables(self) -> range:
-        """The addresses the operator has named as free; none named: empty."""
-        scratch: ScratchArea = self.session.run.settings
-        return scratch.variables
-
-    @property
-    def flags_free(self) -> range:
-        """The flags the operator has named as free; none named: empty."""
-        scratch: ScratchArea = self.session.run.settings
-        return scratch.flags
-
-    def may_write(self, address: int, values: int = 1) -> bool:
-        """True if so many values from an address on may be written in this check."""
-        return may_write(self.session.run, address, values, has_program=self._has_program)
-
-    def may_set(self, number: int) -> bool:
-        """True if a flag may be set and cleared in this check."""
-        return may_set(self.session.run, number, has_program=self._has_program)
-
-    @property
-    def _has_program(self) -> bool:
-        return self.session.check is not None and "program" in self.session.check.needs
-
-    @property
-    def stride(self) -> int:
-        """How far apart the values of a block are, in this device's reading (MSC-AMB-18)."""
-        return int(self.session.reading("data_address_stride"))
-
-    @property
-    def is_rs485(self) -> bool:
-        """True if the unit can only be on RS-485: not number 1, or not alone (MSC-PKT-04)."""
-        return self.unit != RS232_UNIT or bool(self.session.neighbours)
+    # --- what is known of the unit ----------------------------------------------------------------
 
     @property
     def has_rflags(self) -> bool:
         """True for the models that the manual gives RFLAGS (MSC-MOD-01)."""
         return bool(self.session.run.model.facts.has_rflags)
-
-    @property
-    def packet_timeout_s(self) -> float:
-        """T1, as measured in this run or by default (MSC-AMB-03)."""
-        return self.talk.packet_timeout_s
-
-    @property
-    def ack_timeout_s(self) -> float:
-        """T2, as measured in this run or by default (MSC-AMB-02)."""
-        return self.talk.ack_timeout_s
 
     def reading(
         self, switch: str, seen: str | Sequence[str], requirement: str | Sequence[str] | None = None
@@ -90,9 +57,9 @@ class Bench:
 
     # --- asking -----------------------------------------------------------------------------------
 
-    def ask(self, body: bytes, block: int = 0, **how: Any) -> Exchange:
-        """Send a sound packet with that body; `how` is as `Talk.ask` takes it."""
-        return self.talk.ask(self.talk.request(body, block), **how)
+    def ask(self, body: bytes, block: int = 0, **how: Any) -> MscExchange:
+        """Send a sound packet with that body; `how` is as `MscClient.ask` takes it."""
+        return self.client.ask(self.client.request(body, block), **how)
 
     def query(self, body: bytes, block: int = 0) -> Packet:
         """Ask one of the reading commands; go on only with the reply it must have.
@@ -102,29 +69,21 @@ class Bench:
         name = body.partition(codec.COMMA)[0].decode()
         exchange = self.ask(body, block)
         for _ in range(0 if self.session.check is not None else HOOK_ATTEMPTS - 1):
-            if self._is_right(exchange, name):
+            if self.client.is_right(exchange, name):
                 break
-            self.talk.settle()
+            self.client.wait_until_quiet()
             exchange = self.ask(body, block)
-        size = self.talk.reply_bytes(name)
-        is_right = self._is_right(exchange, name)
+        size = self.client.reply_bytes(name)
+        is_right = self.client.is_right(exchange, name)
         self.session.step(is_right, f"ACK and a {name} reply of {size} bytes", exchange)
         assert exchange.reply is not None, "the step above has seen to it"
         return exchange.reply
 
-    def _is_right(self, exchange: Exchange, name: str) -> bool:
-        """True for what must come of a read, in the reading of this device."""
-        reply = exchange.reply
-        return (
-            exchange.is_acked and reply is not None and reply.is_sound and reply.name == name
-            and reply.unit == self.unit and len(reply.raw) == self.talk.reply_bytes(name)
-        )  # fmt: skip
-
-    def command(self, body: bytes) -> Exchange:
+    def command(self, body: bytes) -> MscExchange:
         """Send one of the writing commands and go on with its ACK."""
         exchange = self.ask(body)
-        told = codec.explain_request(exchange.request)
-        self.session.step(exchange.sign == codec.ACK, f"ACK to {told}", exchange)
+        text = codec.explain_request(exchange.request)
+        self.session.step(exchange.sign == codec.ACK, f"ACK to {text}", exchange)
         return exchange
 
     def read(self, address: int) -> int:
@@ -135,11 +94,11 @@ class Bench:
         """The 32 values from an address on."""
         return self.query(codec.bread(address)).values
 
-    def write(self, address: int, value: int) -> Exchange:
+    def write(self, address: int, value: int) -> MscExchange:
         """Write a value."""
         return self.command(codec.dwrite(address, value))
 
-    def write_block(self, address: int, values: Iterable[int]) -> Exchange:
+    def write_block(self, address: int, values: Iterable[int]) -> MscExchange:
         """Write 32 values from an address on."""
         return self.command(codec.bwrite(address, values))
 
@@ -166,10 +125,91 @@ class Bench:
                 f" {passed_s * 1000:.0f}: this line or this host is too slow"
             )
 
-    def set_flag(self, number: int) -> Exchange:
+    def set_flag(self, number: int) -> MscExchange:
         """Turn a flag on; never sent twice."""
         return self.command(codec.sflag(number))
 
-    def clear_flag(self, number: int) -> Exchange:
+    def clear_flag(self, number: int) -> MscExchange:
         """Turn a flag off; never sent twice."""
         return self.command(codec.cflag(number))
+
+    def values(self, count: int) -> list[int]:
+        """So many different values, none of them 0, in all four bytes of each something else."""
+        drawn: set[int] = set()
+        while len(drawn) < count:
+            value = bytes(self.session.random.sample(range(1, 256), 4))
+            drawn.add(int.from_bytes(value, "big", signed=True))
+        return self.session.random.sample(sorted(drawn), count)
+
+    def reads(self) -> list[bytes]:
+        """The bodies of all reading commands that this unit has and that need nothing named, and
+        those of the named variables."""
+        bodies = [RQSTAT, codec.rflag(0), codec.rflag(255)]
+        bodies += [codec.RFLAGS] if self.has_rflags else []
+        for address in self.scratch.spots(1):
+            bodies.append(codec.dread(address))
+            if address + SAFE_BLOCK - 1 in self.scratch.variables:
+                bodies.append(codec.bread(address))
+        return bodies
+
+    # --- judging what a packet draws --------------------------------------------------------------
+
+    def served(self, body: bytes, names: Names | None, what: str) -> Packet:
+        """Judge that a reading command draws ACK and a reply, in words `what`; the reply."""
+        exchange = self.ask(body)
+        is_served = exchange.is_acked and exchange.reply is not None
+        self.session.expect(is_served, names, f"ACK, and {what}", exchange)
+        assert exchange.reply is not None
+        return exchange.reply
+
+    def draws(self, raw: bytes) -> tuple[str, MscExchange]:
+        """Send bytes; what they draw, in the words above, or as received if it is none of those."""
+        exchange = self.client.ask(raw, is_read=True)
+        kind = str(exchange)
+        if exchange.is_naked:
+            kind = NAKED
+        elif exchange.is_silence:
+            kind = SILENCE
+        elif exchange.is_acked:
+            is_bare = exchange.reply is None or self._is_empty(exchange.reply)
+            kind = ACKED if is_bare else SERVED
+        return kind, exchange
+
+    def _is_empty(self, reply: Packet) -> bool:
+        """True for what a device says behind the ACK to a write that packs that up as well."""
+        is_packed = self.session.reading("write_reply") == "empty_packet"
+        return is_packed and reply.is_sound and reply.name in codec.WRITES and not reply.payload
+
+    def follows(self, raw: bytes, switch: str, readings: Readings, names: Names) -> MscExchange:
+        """Judge that a packet draws what some reading of a switch admits, then nothing more, and
+        which one that is."""
+        kind, exchange = self.draws(raw)
+        text = codec.explain_request(raw)
+        if kind not in readings:
+            self.session.fail(names, tuple(readings), exchange, f"to {text}")
+        if exchange.reply is not None:
+            self.session.expect(exchange.reply.is_sound, names, "a sound reply", exchange)
+        self.reading(switch, readings[kind], names)
+        self.link.nothing_more(names, text)
+        return exchange
+
+    @property
+    def as_unknown(self) -> str:
+        """What an unknown command draws from this device (MSC-AMB-04)."""
+        held = self.session.reading("unknown_command")
+        return next(kind for kind, reading in AS_UNKNOWN.items() if reading == held)
+
+    # --- flags ------------------------------------------------------------------------------------
+
+    def turn(self, number: int, *, on: bool) -> None:
+        """Turn a user flag on or off."""
+        if on:
+            self.set_flag(number)
+        else:
+            self.clear_flag(number)
+
+    def flags_at_once(self) -> frozenset[int]:
+        """All flags that are on, by RFLAGS."""
+        states = self.flags()
+        assert states is not None, "only where the model has RFLAGS"
+        return codec.flags_on(states)

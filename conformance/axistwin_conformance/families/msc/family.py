@@ -12,13 +12,13 @@ from axistwin_conformance.core.identity import Identity, Model
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec, snapshot
 from axistwin_conformance.families.msc.diagnosis import diagnose
-from axistwin_conformance.families.msc.driver import Bench
-from axistwin_conformance.families.msc.flag_check import try_flags
+from axistwin_conformance.families.msc.driver import MscDriver
 from axistwin_conformance.families.msc.link import SHOUTING
 from axistwin_conformance.families.msc.options import OPTIONS
-from axistwin_conformance.families.msc.preflight import survey
+from axistwin_conformance.families.msc.preflight.data_area import check_spans
+from axistwin_conformance.families.msc.preflight.flag_check import try_flags
 from axistwin_conformance.families.msc.safety import IMPACT, objection
-from axistwin_conformance.families.msc.snapshot import Memory
+from axistwin_conformance.families.msc.snapshot import MscSnapshot
 from axistwin_conformance.transport.rig import OF_A_CONTROLLER
 from axistwin_conformance.transport.serial import SerialTransport, open_target
 
@@ -26,7 +26,7 @@ BAUD: Final = 9600  # MSC-PHY-01
 
 
 @dataclass(frozen=True, slots=True)
-class Facts:
+class MscFacts:
     """What differs between the models on the wire (MSC-MOD-01)."""
 
     has_rflags: bool
@@ -35,10 +35,10 @@ class Facts:
 MODELS: Final = {
     model.name: model
     for model in (
-        Model("msc-generic", "MSC of any model", Facts(has_rflags=False)),
-        Model("msc-250", "MSC-250", Facts(has_rflags=True)),
-        Model("msc-850", "MSC-850", Facts(has_rflags=False)),
-        Model("msc-850-32", "MSC-850/32", Facts(has_rflags=True)),
+        Model("msc-generic", "MSC of any model", MscFacts(has_rflags=False)),
+        Model("msc-250", "MSC-250", MscFacts(has_rflags=True)),
+        Model("msc-850", "MSC-850", MscFacts(has_rflags=False)),
+        Model("msc-850-32", "MSC-850/32", MscFacts(has_rflags=True)),
     )
 }
 
@@ -73,9 +73,9 @@ class Msc(Family):
         is_request = record.direction is Direction.HOST
         return (codec.explain_request if is_request else codec.explain)(record.data)
 
-    def driver(self, session: Session, address: int | None = None) -> Bench:
+    def driver(self, session: Session, address: int | None = None) -> MscDriver:
         """A unit on the line."""
-        return Bench(session, address)
+        return MscDriver(session, address)
 
     def identify(self, session: Session) -> Identity:
         """See `snapshot.identify`."""
@@ -89,11 +89,11 @@ class Msc(Family):
         """See `snapshot.stop`."""
         snapshot.stop(session)
 
-    def remember(self, session: Session) -> Memory:
+    def remember(self, session: Session) -> MscSnapshot:
         """See `snapshot.remember`."""
         return snapshot.remember(session)
 
-    def restore(self, session: Session, memory: Memory) -> tuple[str, ...]:
+    def restore(self, session: Session, memory: MscSnapshot) -> tuple[str, ...]:
         """See `snapshot.restore`."""
         return snapshot.restore(session, memory)
 
@@ -102,8 +102,8 @@ class Msc(Family):
         return objection(session, data)
 
     def preflight(self, session: Session) -> None:
-        """See `survey`."""
-        survey(session)
+        """See `check_spans`."""
+        check_spans(session)
 
     def unusable(self, session: Session, need: str) -> str:
         """See `try_flags`; nothing else the operator names has to be tried."""

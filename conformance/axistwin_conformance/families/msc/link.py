@@ -1,9 +1,9 @@
-"""A unit as the checks of its link take it into their hands: signs counted, replies refused or left
-without an answer, packets broken off, and the instants at which all that must show.
+"""The link of a unit as its checks judge it: they count signs, refuse replies or leave them
+unanswered, break packets off, and know at which instants each of that must show.
 
 Windows.  T1 runs from the first byte of a packet, T2 from the last byte of a reply (§5.6).  When a
 byte has left, and when one has come, is known to the time of a character and, on a real line, to
-the carrier's uncertainty; what the unit takes to turn round is measured on a good exchange.  A
+the transport's uncertainty; what the unit takes to turn round is measured on a good exchange.  A
 reading is a whole number of ms, so that one ms is allowed for that on either side.
 """
 
@@ -11,34 +11,32 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
 
 from axistwin_conformance.families.msc import codec
-from axistwin_conformance.families.msc.client import QUIET_S, Exchange
+from axistwin_conformance.families.msc.client import QUIET_S, MscClient, MscExchange
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, Packet
-from axistwin_conformance.families.msc.driver import SAFE_BLOCK, SAFE_STRIDE, Bench
 from axistwin_conformance.transport.transport import is_twin_url
 
 MS: Final = 1_000_000
 STATUS_END: Final = 9  # of RQSTAT's body: what follows the status word may be anything
 ROUNDING_NS: Final = MS  # a measured time-out is told in whole ms,
 COARSE_NS: Final = 15 * MS  # or in steps of 20 where the line blurs it
+RS232_UNIT: Final = 1  # MSC-PKT-04
 LIMITS: Final = {"5_repeats": 5, "5_total": 4}  # MSC-AMB-01: how many repeats there are
 # Readings in which the idle units of a shared line answer what one of them says, or junk for it.
 SHOUTING: Final = (
-    ("stray_nak", "resend_last"), ("noise_in_idle", "nak"), ("other_unit_framing", "hunt_stx"),
-)  # fmt: skip
-WAITS_AT_MOST: Final = 1.5  # times the time-out of a unit until it counts as not coming
-
-NEEDS_ONE: Final = (
-    f"needs 1 variable whose address is a multiple of {SAFE_STRIDE} (--variables FIRST-LAST)"
+    ("stray_nak", "resend_last"),
+    ("noise_in_idle", "nak"),
+    ("other_unit_framing", "hunt_stx"),
 )
+WAITS_AT_MOST: Final = 1.5  # times the time-out of a unit until it counts as not coming
 
 Names = str | tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
+class ReplyWindow:
     """Between which instants (ns, of the target's clock) something has to come."""
 
     earliest_ns: int
@@ -49,12 +47,16 @@ class Window:
 
     def since(self, origin_ns: int) -> str:
         """The window in words, counted from that instant."""
-        first, last = ((one - origin_ns) / MS for one in (self.earliest_ns, self.latest_ns))
+        first, last = ((instant - origin_ns) / MS for instant in (self.earliest_ns, self.latest_ns))
         return f"after {first:.1f} to {last:.1f} ms"
 
 
-class Link(Bench):
-    """A unit whose link is judged."""
+class MscLink:
+    """The link of one unit as checks judge it, as a part of their driver."""
+
+    def __init__(self, client: MscClient) -> None:
+        self.session, self.target = client.session, client.target
+        self._client = client
 
     # --- what is known of the line ----------------------------------------------------------------
 
@@ -81,11 +83,17 @@ class Link(Bench):
 
         An exchange of its own: whoever measures has it measured before he begins.
         """
-        asked = self.ask(RQSTAT)
-        return max(0, asked.signed_ns - asked.asked_ns - (len(asked.request) + 1) * self.byte_ns)
+        exchange = self._ask(RQSTAT)
+        sent_ns = (len(exchange.request) + 1) * self.byte_ns
+        return max(0, exchange.signed_ns - exchange.asked_ns - sent_ns)
 
     def _measure_latency(self) -> int:
         return self.latency_ns
+
+    @property
+    def is_rs485(self) -> bool:
+        """True if the unit can only be on RS-485: not number 1, or not alone (MSC-PKT-04)."""
+        return self._client.unit != RS232_UNIT or bool(self.session.neighbours)
 
     @property
     def is_busy_hearing(self) -> bool:
@@ -106,8 +114,8 @@ class Link(Bench):
             if switches and switch not in switches:
                 continue
             if self.session.neighbours and self.session.reading(switch) == reading:
-                told = "the other units of this line take part; ask the unit alone"
-                self.session.skip(f"with {switch}={reading} {told}")
+                text = "the other units of this line take part; ask the unit alone"
+                self.session.skip(f"with {switch}={reading} {text}")
 
     # --- what may be sent to whom -----------------------------------------------------------------
 
@@ -121,68 +129,41 @@ class Link(Bench):
         if not self.is_twin:
             self.session.skip("a write that is wrong on purpose is sent to a twin only")
 
-    # --- what may be read and written -------------------------------------------------------------
-
-    def spots(self, count: int) -> list[int]:
-        """So many addresses of named variables, each safely apart; fewer if fewer are named."""
-        return [one for one in self.variables if one % SAFE_STRIDE == 0][:count]
-
-    def spot(self) -> int:
-        """The address of a named variable, whatever the stride is; skips without one."""
-        for one in self.spots(1):
-            return one
-        return self.session.skip(NEEDS_ONE)
-
-    def block_spot(self) -> int:
-        """Where a whole block of named variables begins, in every reading; skips without one."""
-        for one in self.variables:
-            if one % SAFE_STRIDE == 0 and one + SAFE_BLOCK - 1 in self.variables:
-                return one
-        return self.session.skip(f"needs {SAFE_BLOCK} variables in a row (--variables FIRST-LAST)")
-
-    def reads(self) -> list[bytes]:
-        """The bodies of all reading commands that this unit has and that need nothing named, and
-        those of the named variables."""
-        bodies = [RQSTAT, codec.rflag(0), codec.rflag(255)]
-        bodies += [codec.RFLAGS] if self.has_rflags else []
-        for one in self.spots(1):
-            bodies.append(codec.dread(one))
-            if one + SAFE_BLOCK - 1 in self.variables:
-                bodies.append(codec.bread(one))
-        return bodies
+    def _ask(self, body: bytes, **how: Any) -> MscExchange:
+        return self._client.ask(self._client.request(body), **how)
 
     # --- signs ------------------------------------------------------------------------------------
 
-    def sign(self, raw: bytes, sign: bytes, names: Names, what: str) -> Exchange:
+    def sign(self, raw: bytes, sign: bytes, names: Names, what: str) -> MscExchange:
         """Judge that a packet draws that sign, then nothing but the reply it asks for."""
         if sign == NAK:
             self.calm()
-        exchange = self.talk.ask(raw)
-        told = {ACK: "ACK", NAK: "NAK", b"": "nothing"}[sign]
+        exchange = self._client.ask(raw)
+        text = {ACK: "ACK", NAK: "NAK", b"": "nothing"}[sign]
         is_so = exchange.sign == sign and not exchange.extra
         if sign != ACK:
             is_so = exchange.raw == sign
-        self.session.expect(is_so, names, f"{told} to {what}", exchange)
+        self.session.expect(is_so, names, f"{text} to {what}", exchange)
         self.nothing_more(names, what)
         return exchange
 
     def nothing_more(self, names: Names, what: str, seconds: float | None = None) -> None:
         """Judge that the unit says nothing on its own after that."""
-        extra = self.talk.listen(self.glance_s if seconds is None else seconds)
+        extra = self._client.listen(self.glance_s if seconds is None else seconds)
         self.session.expect(
             not extra, names, f"nothing more after {what}", codec.explain(extra) or "nothing"
         )
 
     def alive(self, names: Names) -> Packet:
         """Judge that a good RQSTAT is served: ACK, and its reply."""
-        exchange = self.ask(RQSTAT)
+        exchange = self._ask(RQSTAT)
         reply = exchange.reply
         is_good = exchange.is_acked and reply is not None and reply.name == "RQSTAT"
         self.session.expect(is_good, names, "ACK and a reply to RQSTAT", exchange)
         assert reply is not None
         return reply
 
-    def told(self, reply: Packet) -> bytes:
+    def specified(self, reply: Packet) -> bytes:
         """The body of a reply as far as it is specified (MSC-RQSTAT-03)."""
         return reply.body[:STATUS_END] if reply.name == "RQSTAT" else reply.body
 
@@ -191,7 +172,7 @@ class Link(Bench):
     def unanswered(self, body: bytes = RQSTAT) -> Packet:
         """Ask, and keep the answer to the reply back; a step."""
         self._measure_latency()
-        exchange = self.ask(body, answer=None)
+        exchange = self._ask(body, answer=None)
         is_good = exchange.is_acked and exchange.reply is not None and exchange.reply.is_sound
         self.session.step(is_good, "ACK and a reply", exchange)
         assert exchange.reply is not None
@@ -206,23 +187,22 @@ class Link(Bench):
         """The same where something else is judged than MSC-LNK-10."""
         self.calm()
         self.target.send(NAK)
-        again, strays = self.talk.hear_packet()
+        again, strays = self._client.receive_packet()
         if strays:
-            heard = codec.explain(strays + (again.raw if again else b""))
-            self.session.fail(names, "the packet again, or nothing", heard)
+            received = codec.explain(strays + (again.raw if again else b""))
+            self.session.fail(names, "the packet again, or nothing", received)
         return again
 
     def is_same(self, again: Packet, first: Packet) -> bool:
         """True if a packet repeats another in this device's reading (MSC-AMB-35)."""
         if self.session.reading("retransmit_content") == "snapshot":
             return again.raw == first.raw
-        return (again.is_sound, again.name, again.unit, len(again.raw)) == (
-            True, first.name, first.unit, len(first.raw),
-        )  # fmt: skip
+        is_alike = (again.name, again.unit) == (first.name, first.unit)
+        return again.is_sound and is_alike and len(again.raw) == len(first.raw)
 
     # --- when -------------------------------------------------------------------------------------
 
-    def sign_window(self, sent_ns: int, count: int) -> Window:
+    def sign_window(self, sent_ns: int, count: int) -> ReplyWindow:
         """When the NAK for a packet comes of which `count` bytes were sent in a row from then on
         and no more: T1 later, in this device's reading of MSC-AMB-03."""
         mode = self.session.reading("packet_timeout_mode")
@@ -231,23 +211,23 @@ class Link(Bench):
             first, last = count - 1, count
         elif mode == "after_header":
             first, last = (5, 6) if count >= codec.HEADER_BYTES else (0, count)
-        return self._due(sent_ns, first, last, self.packet_timeout_s)
+        return self._due(sent_ns, first, last, self._client.packet_timeout_s)
 
-    def repeat_window(self, replied_ns: int, size: int) -> Window:
+    def repeat_window(self, replied_ns: int, size: int) -> ReplyWindow:
         """When a repeat of that size is there entirely, if the one before was at that time and
         nobody answered it: T2 later."""
         own_ns = size * self.byte_ns
-        due = self._due(replied_ns, 0, 1, self.ack_timeout_s)
-        return Window(due.earliest_ns + own_ns - self.byte_ns, due.latest_ns + own_ns)
+        due = self._due(replied_ns, 0, 1, self._client.ack_timeout_s)
+        return ReplyWindow(due.earliest_ns + own_ns - self.byte_ns, due.latest_ns + own_ns)
 
-    def _due(self, origin_ns: int, first: int, last: int, timeout_s: float) -> Window:
+    def _due(self, origin_ns: int, first: int, last: int, timeout_s: float) -> ReplyWindow:
         """When one character comes that is sent when a time-out is over that began between those
         characters after the origin."""
         due_ns = origin_ns + round(timeout_s * 1e9)
         rounding_ns = ROUNDING_NS if self.target.is_virtual else COARSE_NS
         early_ns = due_ns + first * self.byte_ns - rounding_ns - self.spare_ns
         late_ns = due_ns + (last + 2) * self.byte_ns + self.latency_ns + rounding_ns
-        return Window(early_ns, late_ns + self.spare_ns)
+        return ReplyWindow(early_ns, late_ns + self.spare_ns)
 
     def break_off(self, raw: bytes) -> tuple[bytes, int, int]:
         """Send the beginning of a packet and wait out T1: what came, when sending began and when it
@@ -257,5 +237,7 @@ class Link(Bench):
         self.target.drain()
         sent_ns = self.target.send(raw)
         own_s = len(raw) * self.byte_ns / 1e9
-        heard = self.talk.hear(1, self.packet_timeout_s * WAITS_AT_MOST + own_s + self.glance_s)
-        return heard, sent_ns, self.target.now_ns
+        received = self._client.receive(
+            1, self._client.packet_timeout_s * WAITS_AT_MOST + own_s + self.glance_s
+        )
+        return received, sent_ns, self.target.now_ns

@@ -10,9 +10,9 @@ from axistwin_conformance.core.probing import Measured
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.client import QUIET_S
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, Packet
-from axistwin_conformance.families.msc.controller import BenchProgram
-from axistwin_conformance.families.msc.driver import Bench
-from axistwin_conformance.families.msc.link import LIMITS, Link
+from axistwin_conformance.families.msc.driver import MscDriver
+from axistwin_conformance.families.msc.link import LIMITS
+from axistwin_conformance.families.msc.program import BenchProgram
 
 MS: Final = 1_000_000
 LONGEST_S: Final = 10.0  # a time-out of a unit that has not run out by then counts as none
@@ -22,7 +22,7 @@ BUSY_NS: Final = 20 * MS  # what they may add on a busy host, or by an adapter t
 COARSE_MS: Final = 20  # a time measured on a real line is told in steps of so many
 
 
-class Drawn(StrEnum):
+class ReplyKind(StrEnum):
     """What one packet has drawn, all told."""
 
     SILENCE = "nothing"
@@ -32,97 +32,103 @@ class Drawn(StrEnum):
     OTHER = "something else"
 
 
-Answer = tuple[Drawn, Packet | None]  # what came, and the reply if that was one
+Answer = tuple[ReplyKind, Packet | None]  # what came, and the reply if that was one
 
 
-def answer_to(bench: Bench, raw: bytes, timeout_s: float | None = None) -> Answer:
+def answer_to(driver: MscDriver, raw: bytes, timeout_s: float | None = None) -> Answer:
     """Send a packet that this unit need not serve, once; what it draws is taken to its end.
 
     `timeout_s`: until the sign comes.
     """
-    bench.target.drain()
-    bench.talk.send(raw)
-    return answer_now(bench, bench.talk.limit_s(len(raw)) if timeout_s is None else timeout_s)
+    driver.target.drain()
+    driver.client.send(raw)
+    return answer_now(driver, driver.client.limit_s(len(raw)) if timeout_s is None else timeout_s)
 
 
-def answer_now(bench: Bench, timeout_s: float) -> Answer:
+def answer_now(driver: MscDriver, timeout_s: float) -> Answer:
     """The answer to what was sent last."""
-    sign = bench.talk.hear(1, timeout_s)
+    sign = driver.client.receive(1, timeout_s)
     if sign == ACK:
-        reply, strays = bench.talk.hear_packet()
+        reply, strays = driver.client.receive_packet()
         if reply is not None or strays:
-            bench.talk.send(ACK)
-            return (Drawn.REPLY, reply) if reply is not None and not strays else (Drawn.OTHER, None)
-        return Drawn.ACK, None
+            driver.client.send(ACK)
+            return (
+                (ReplyKind.REPLY, reply)
+                if reply is not None and not strays
+                else (ReplyKind.OTHER, None)
+            )
+        return ReplyKind.ACK, None
     if sign in (b"", NAK):
-        return Drawn.NAK if sign else Drawn.SILENCE, None
-    bench.talk.listen(glance_s(bench))
-    bench.talk.send(ACK)
-    return Drawn.OTHER, None
+        return ReplyKind.NAK if sign else ReplyKind.SILENCE, None
+    driver.client.listen(glance_s(driver))
+    driver.client.send(ACK)
+    return ReplyKind.OTHER, None
 
 
-def drawn_by(bench: Bench, raw: bytes) -> Drawn:
+def reply_kind_of(driver: MscDriver, raw: bytes) -> ReplyKind:
     """What a packet draws that this unit need not serve."""
-    return answer_to(bench, raw)[0]
+    return answer_to(driver, raw)[0]
 
 
-def glance_s(bench: Bench) -> float:
+def glance_s(driver: MscDriver) -> float:
     """How long to listen for what a unit sends at once, as far as it is known how long it takes."""
-    delay_s = int(bench.session.reading("reply_delay_ms")) / 1000
-    spare_ns = bench.target.line_ns
+    delay_s = int(driver.session.reading("reply_delay_ms")) / 1000
+    spare_ns = driver.target.line_ns
     return QUIET_S + delay_s + spare_ns / 1e9
 
 
-def unanswered(bench: Bench, body: bytes = RQSTAT) -> tuple[Packet, int]:
+def unanswered(driver: MscDriver, body: bytes = RQSTAT) -> tuple[Packet, int]:
     """Ask and keep our answer to the reply back; the reply, and when it was over (ns)."""
-    exchange = bench.ask(body, answer=None)
-    bench.session.step(exchange.is_acked and exchange.reply is not None, "a reply", exchange)
+    exchange = driver.ask(body, answer=None)
+    driver.session.step(exchange.is_acked and exchange.reply is not None, "a reply", exchange)
     assert exchange.reply is not None, "the step above has seen to it"
     return exchange.reply, exchange.replied_ns
 
 
-def repeat_at_once(bench: Bench) -> bool:
+def repeat_at_once(driver: MscDriver) -> bool:
     """True if the unit now sends more than a sign on its own, before T2 could make it do so."""
-    again, strays = bench.talk.hear_packet(min(glance_s(bench), bench.ack_timeout_s / 2))
+    again, strays = driver.client.receive_packet(
+        min(glance_s(driver), driver.client.ack_timeout_s / 2)
+    )
     if strays:  # of several units that talk at once nothing can be read
-        bench.talk.listen(glance_s(bench))
+        driver.client.listen(glance_s(driver))
     return again is not None or bool(strays.strip(ACK + NAK))
 
 
-def refusals(bench: Bench) -> int:
+def refusals(driver: MscDriver) -> int:
     """How many packets NAKs draw, one after another, until one draws none; then it is idle."""
     for count in range(MOST_REFUSED):
-        bench.talk.send(NAK)
-        if not repeat_at_once(bench):
+        driver.client.send(NAK)
+        if not repeat_at_once(driver):
             return count
-    bench.talk.send(ACK)
+    driver.client.send(ACK)
     return MOST_REFUSED
 
 
-def down_to_the_last(bench: Bench) -> int:
+def down_to_the_last(driver: MscDriver) -> int:
     """Ask, and refuse the reply until it will be repeated but once; when the last one was over."""
-    _, over_ns = unanswered(bench)
-    for _ in range(LIMITS[bench.session.reading("retransmit_limit")] - 1):
-        bench.talk.send(NAK)
-        bench.session.step(repeat_at_once(bench), "the reply again", "nothing")
-        over_ns = bench.target.now_ns
+    _, over_ns = unanswered(driver)
+    for _ in range(LIMITS[driver.session.reading("retransmit_limit")] - 1):
+        driver.client.send(NAK)
+        driver.session.step(repeat_at_once(driver), "the reply again", "nothing")
+        over_ns = driver.target.now_ns
     return over_ns
 
 
-def is_waiting(bench: Bench) -> bool | None:
+def is_waiting(driver: MscDriver) -> bool | None:
     """Whether a unit that has one repeat left still waits for our answer; None: it sends its last
     reply again to any NAK, so that this tells nothing (MSC-AMB-29).  Afterwards it is idle."""
-    count = refusals(bench)
-    return None if count == 1 and bench.session.reading("stray_nak") != "ignore" else count == 1
+    count = refusals(driver)
+    return None if count == 1 and driver.session.reading("stray_nak") != "ignore" else count == 1
 
 
-def default_of(bench: Bench, switch: str) -> int:
+def default_of(driver: MscDriver, switch: str) -> int:
     """The default of a switch whose reading is a number."""
-    return int(bench.session.run.ledger.ambiguity_of(switch).default_of(switch))
+    return int(driver.session.run.ledger.ambiguity_of(switch).default_of(switch))
 
 
 def in_ms(
-    bench: Bench, measured_ns: int, switch: str, *, is_from_sending: bool = False
+    driver: MscDriver, measured_ns: int, switch: str, *, is_from_sending: bool = False
 ) -> Measured:
     """A time as the reading of a switch: exact where time is, else the default if it may be that,
     and in steps that the line does not blur.
@@ -131,10 +137,10 @@ def in_ms(
     and back is in it; from one thing heard to another there is only what the way varies by.
     """
     ms = max(0, round(measured_ns / MS))
-    target = bench.target
+    target = driver.target
     if target.is_virtual and target.is_lossless:
         return Measured(str(ms))
-    default = default_of(bench, switch)
+    default = default_of(driver, switch)
     over_ns = measured_ns - default * MS
     trip = target.round_trip
     jitter_ns = trip.max_ns - trip.median_ns
@@ -144,24 +150,24 @@ def in_ms(
     return Measured(str(max(1, round(ms / COARSE_MS)) * COARSE_MS))
 
 
-def variable(bench: Bench) -> int:
+def variable(driver: MscDriver) -> int:
     """The address of one of the named variables; skips without one."""
-    return Link(bench.session).spot()
+    return MscDriver(driver.session).scratch.spot()
 
 
-def block_of_variables(bench: Bench) -> int:
+def block_of_variables(driver: MscDriver) -> int:
     """Where a whole block of the named variables begins: none is read beyond what was named.  Skips
     if there is none."""
-    return Link(bench.session).block_spot()
+    return MscDriver(driver.session).scratch.block_spot()
 
 
-def odd_packet(bench: Bench, body: bytes) -> bytes:
+def odd_packet(driver: MscDriver, body: bytes) -> bytes:
     """A packet whose header, length and checksum are right, whatever its body."""
-    return codec.packet(bench.unit, body)
+    return codec.packet(driver.unit, body)
 
 
-def running_program(bench: Bench) -> BenchProgram:
+def running_program(driver: MscDriver) -> BenchProgram:
     """The bench program; skips if it stands still."""
-    program = BenchProgram(bench.session)
+    program = BenchProgram(driver.session)
     program.must_run()
     return program

@@ -22,15 +22,13 @@ from functools import lru_cache
 from typing import Final
 from weakref import WeakKeyDictionary
 
-from axistwin_conformance.core.session import Run, Session
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK, STX
-from axistwin_conformance.families.msc.options import PROGRAM_FLAGS
+from axistwin_conformance.families.msc.scratch import may_set, may_write
 from axistwin_conformance.transport.transport import is_twin_url
 
 TAIL_BYTES: Final = 2 * codec.MAX_PACKET  # of what was sent in pieces
-PROGRAM_BLOCK: Final = range(128, 256)  # its block, counted from its first variable
-SAFE_STRIDE: Final = 4  # the longest distance of neighbours in any reading (MSC-AMB-18)
 MOST_FLAGS: Final = len(codec.FLAGS)
 
 _WRITE: Final = re.compile(rb"(BWRITE|DWRITE|CFLAG|SFLAG),?+(?=(..))", re.DOTALL | re.IGNORECASE)
@@ -68,9 +66,9 @@ def writings(data: bytes, fresh: int = 0) -> tuple[Writing, ...]:
     `fresh`: what ends before that place is left out.  A missing comma does not save it.
     """
     found = []
-    for one in _WRITE.finditer(data):
-        name, number = one[1].decode().upper(), int.from_bytes(one[2], "big")
-        if one.end() + 2 > fresh:
+    for match in _WRITE.finditer(data):
+        name, number = match[1].decode().upper(), int.from_bytes(match[2], "big")
+        if match.end() + 2 > fresh:
             found.append(Writing(name, number))
     return tuple(found)
 
@@ -78,52 +76,22 @@ def writings(data: bytes, fresh: int = 0) -> tuple[Writing, ...]:
 @lru_cache(maxsize=4096)
 def packets(data: bytes, fresh: int = 0) -> tuple[codec.Packet, ...]:
     """Everything in these bytes that a device could take for a packet, its sum being right."""
-    return tuple(one for end, one in _packets(data) if end > fresh)
+    return tuple(packet for end, packet in _packets(data) if end > fresh)
 
 
 def _packets(data: bytes) -> Iterator[tuple[int, codec.Packet]]:
     at = data.find(STX)
     while 0 <= at <= len(data) - codec.AROUND_BODY:
         end = at + codec.AROUND_BODY + int.from_bytes(data[at + 2 : at + 4], "big")
-        one = codec.parse(data[at:end]) if end <= len(data) else None
-        if one is not None and codec.checksum(one.raw[1:-2]) == one.checksum:
-            yield end, one
+        packet = codec.parse(data[at:end]) if end <= len(data) else None
+        if packet is not None and codec.checksum(packet.raw[1:-2]) == packet.checksum:
+            yield end, packet
         at = data.find(STX, at + 1)
 
 
 def is_harmless(data: bytes) -> bool:
     """True if no device could take any of these bytes for a packet, or for part of a write."""
     return not writings(data) and not packets(data)
-
-
-# --- what the operator has named ------------------------------------------------------------------
-
-
-def may_write(run: Run, address: int, values: int = 1, *, has_program: bool = False) -> bool:
-    """True if so many values from an address on are the suite's to write, whatever the stride is
-    as long as it is not known.
-
-    `has_program`: so is the bench program's block.
-    """
-    stride = int(run.readings.get("data_address_stride", SAFE_STRIDE))
-    extent = (values - 1) * stride
-    scratch = [run.settings.variables]
-    if has_program and run.settings.program is not None:
-        scratch.append(range(*(run.settings.program[1] + at for at in _ends(PROGRAM_BLOCK))))
-    return any(address in one and address + extent in one for one in scratch)
-
-
-def _ends(one: range) -> tuple[int, int]:
-    return one.start, one.stop
-
-
-def may_set(run: Run, flag: int, *, has_program: bool = False) -> bool:
-    """True if a flag is the suite's to set and clear.  `has_program`: so are the program's."""
-    if has_program and run.settings.program is not None:
-        first = run.settings.program[0]
-        if flag in range(first, first + PROGRAM_FLAGS):
-            return True
-    return flag in run.settings.flags
 
 
 # --- the guard ------------------------------------------------------------------------------------
@@ -148,8 +116,8 @@ def objection(session: Session, data: bytes) -> str | None:
     is_rig = "rig" in check.safety
     if is_rig and is_twin_url(run.target.description):
         return None
-    for one in asked:
-        if reason := _unwritable(session, one):
+    for writing in asked:
+        if reason := _unwritable(session, writing):
             return reason
     if data[:1] == STX and _announced(data) > codec.MAX_BODY and not is_rig:
         return f"a header that announces {_announced(data)} bytes needs a check of class rig"
@@ -163,8 +131,8 @@ def objection(session: Session, data: bytes) -> str | None:
 @lru_cache(maxsize=4096)
 def _is_whole(data: bytes) -> bool:
     """True for one sound request: nothing of it waits for more."""
-    one = codec.parse(data)
-    return one is not None and one.is_sound
+    packet = codec.parse(data)
+    return packet is not None and packet.is_sound
 
 
 def _announced(data: bytes) -> int:
@@ -173,42 +141,43 @@ def _announced(data: bytes) -> int:
     return int.from_bytes(data[2:4], "big") if is_header else 0
 
 
-def _unwritable(session: Session, one: Writing) -> str | None:
+def _unwritable(session: Session, writing: Writing) -> str | None:
     """Why a write is refused (rule 1)."""
     assert session.check is not None, "hooks of the family write what they have read"
-    safety, has_program = session.check.safety, "program" in session.check.needs
-    if not {"stored", "motion", "rig"} & set(safety):
-        return f"{one.name} is stored, which this check does not declare"
-    if one.is_of_flag:
-        if may_set(session.run, one.number, has_program=has_program):
+    if not {"stored", "motion", "rig"} & set(session.check.safety):
+        return f"{writing.name} is stored, which this check does not declare"
+    if writing.is_of_flag:
+        if may_set(session, writing.number):
             return None
-        return f"{one.name} {one.number}: not a flag named by --flags"
-    values = codec.BLOCK_VALUES if one.name == "BWRITE" else 1
-    if may_write(session.run, one.number, values, has_program=has_program):
+        return f"{writing.name} {writing.number}: not a flag named by --flags"
+    values = codec.BLOCK_VALUES if writing.name == "BWRITE" else 1
+    if may_write(session, writing.number, values):
         return None
-    return f"{one.name} {one.number}: not inside the addresses named by --variables"
+    return f"{writing.name} {writing.number}: not inside the addresses named by --variables"
 
 
 @lru_cache(maxsize=4096)
-def _strange(one: codec.Packet, *, has_rflags: bool) -> str:
+def _strange(packet: codec.Packet, *, has_rflags: bool) -> str:
     """What is unusual about a packet whose sum is right (rule 2); empty if nothing is."""
-    if one.length > codec.MAX_BODY:
-        return f"a body of {one.length} bytes"
-    if codec.COMMA not in one.body or one.name not in codec.NAMES:
-        return f"the name {one.name!r}"
-    if len(one.payload) != codec.REQUEST_PAYLOADS[one.name]:
-        return f"{one.name} with {len(one.payload)} bytes behind its comma"
-    if one.name == "RFLAGS" and not has_rflags:
+    if packet.length > codec.MAX_BODY:
+        return f"a body of {packet.length} bytes"
+    if codec.COMMA not in packet.body or packet.name not in codec.NAMES:
+        return f"the name {packet.name!r}"
+    if len(packet.payload) != codec.REQUEST_PAYLOADS[packet.name]:
+        return f"{packet.name} with {len(packet.payload)} bytes behind its comma"
+    if packet.name == "RFLAGS" and not has_rflags:
         return "RFLAGS, which this model does not have,"
-    if one.name in _AT_AN_ADDRESS and one.numbers[0] % 2:
-        return f"the odd address {one.numbers[0]}"
-    if one.name in _OF_A_FLAG and one.numbers[0] >= MOST_FLAGS:
-        return f"flag {one.numbers[0]}"
+    if packet.name in _AT_AN_ADDRESS and packet.numbers[0] % 2:
+        return f"the odd address {packet.numbers[0]}"
+    if packet.name in _OF_A_FLAG and packet.numbers[0] >= MOST_FLAGS:
+        return f"flag {packet.numbers[0]}"
     return ""
 
 
-def _is_known_to_be_strange(one: codec.Packet) -> bool:
+def _is_known_to_be_strange(packet: codec.Packet) -> bool:
     """True for what a real controller may be sent on a bench: a read that is wrong in its size,
     its spelling or its number, and the one name no command can have."""
-    name = one.name.upper()
-    return name in codec.READS or name in ("", codec.IMPOSSIBLE_NAME) or one.length > codec.MAX_BODY
+    name = packet.name.upper()
+    return (
+        name in codec.READS or name in ("", codec.IMPOSSIBLE_NAME) or packet.length > codec.MAX_BODY
+    )

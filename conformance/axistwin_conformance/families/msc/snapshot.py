@@ -22,11 +22,17 @@ from axistwin_conformance.base.transcript import last_exchange
 from axistwin_conformance.core.identity import Identity
 from axistwin_conformance.core.session import ATTEMPTS, REPLY_TIMEOUT_S, Run, Session
 from axistwin_conformance.families.msc import codec
-from axistwin_conformance.families.msc.client import QUIET_S, Exchange
+from axistwin_conformance.families.msc.client import QUIET_S, MscExchange
 from axistwin_conformance.families.msc.codec import ACK
-from axistwin_conformance.families.msc.driver import SAFE_BLOCK, SAFE_STRIDE, Bench
-from axistwin_conformance.families.msc.options import PROGRAM_FLAGS, ScratchArea
-from axistwin_conformance.families.msc.safety import PROGRAM_BLOCK, Writing
+from axistwin_conformance.families.msc.driver import MscDriver
+from axistwin_conformance.families.msc.options import PROGRAM_FLAGS
+from axistwin_conformance.families.msc.safety import Writing
+from axistwin_conformance.families.msc.scratch import (
+    PROGRAM_BLOCK,
+    SAFE_BLOCK,
+    SAFE_STRIDE,
+    scratch_of,
+)
 from axistwin_conformance.transport.transport import is_twin_url
 
 PROBE_ATTEMPTS: Final = 4
@@ -39,12 +45,23 @@ RESTORE_ATTEMPTS: Final = 4
 VALUE_ADDRESSES: Final = 4  # what one value takes up in the widest reading
 WITH_RFLAGS: Final = "msc-250 or msc-850-32"
 STATUS_WORDS: Final = (
-    "program running", "battery low", "memory not reliable", "reset, program cleared",
-    "system return met", "system fault met", "auto start", "self-test in progress",
-    "error: loaded over a running program", "error: checksum", "program load in progress",
-    "error: load out of sequence", "error: bad opcode", "error: stack overflow",
-    "error: stack underflow", "error: interrupt table full",
-)  # fmt: skip
+    "program running",
+    "battery low",
+    "memory not reliable",
+    "reset, program cleared",
+    "system return met",
+    "system fault met",
+    "auto start",
+    "self-test in progress",
+    "error: loaded over a running program",
+    "error: checksum",
+    "program load in progress",
+    "error: load out of sequence",
+    "error: bad opcode",
+    "error: stack overflow",
+    "error: stack underflow",
+    "error: interrupt table full",
+)
 
 
 # --- who is there ---------------------------------------------------------------------------------
@@ -53,29 +70,29 @@ STATUS_WORDS: Final = (
 def identify(session: Session) -> Identity:
     """Ask for the status, and for all flags where the model has them: nothing else on the wire
     tells one model from another."""
-    bench = Bench(session)
+    driver = MscDriver(session)
     session.is_strict = True  # the attempts are counted here
-    exchange = bench.ask(codec.RQSTAT)
-    late = _late(bench) if exchange.is_silence else b""
+    exchange = driver.ask(codec.RQSTAT)
+    late = _late(driver) if exchange.is_silence else b""
     is_silent = exchange.is_silence and not late
     if not is_silent and not _is_answered(exchange, codec.RQSTAT):
-        bench.talk.settle(after=exchange)
-        _end_packet(bench)
-        exchange = _insisted(bench, codec.RQSTAT)
+        driver.client.wait_until_quiet(after=exchange)
+        _end_packet(driver)
+        exchange = _insisted(driver, codec.RQSTAT)
     if is_silent or (exchange.reply is None and not sanity(session)):
         rates = session.run.family.rates
         rate = "" if session.target.baud in rates else f"--baud {rates[0]}, and "
         raise TargetError(
-            f"no controller answers as unit {bench.unit} at {session.target.baud} baud:"
-            f" {_heard(bench, exchange, late)}; try {rate}another --address"
+            f"no controller answers as unit {driver.unit} at {session.target.baud} baud:"
+            f" {_describe_received(driver, exchange, late)}; try {rate}another --address"
             " (1 on RS-232, the switch on RS-485)"
         )
-    _refuse_another_model(bench)
+    _refuse_another_model(driver)
     session.is_strict = session.target.is_lossless
     words = exchange.reply.numbers if exchange.reply is not None else ()
-    told = _status_in_words(words[0]) if words else "status unknown"
+    text = _status_in_words(words[0]) if words else "status unknown"
     values = {"status": f"{words[0]}" if words else "unknown"}
-    return Identity(f"{session.run.model.title}, unit {bench.unit}, {told}", values)
+    return Identity(f"{session.run.model.title}, unit {driver.unit}, {text}", values)
 
 
 def _status_in_words(status: int) -> str:
@@ -83,17 +100,17 @@ def _status_in_words(status: int) -> str:
     return f"status {status}: {', '.join(named) or 'no program running'}"
 
 
-def _late(bench: Bench) -> bytes:
+def _late(driver: MscDriver) -> bytes:
     """What comes of other questions, or late, where the first one drew nothing; empty: nobody is
     there."""
     for body in OTHER_QUESTIONS:
-        heard = _end_packet(bench) or bench.ask(body).raw
-        if heard:
-            return heard
-    return bench.talk.listen(LAST_LOOK_S)
+        received = _end_packet(driver) or driver.ask(body).raw
+        if received:
+            return received
+    return driver.client.listen(LAST_LOOK_S)
 
 
-def _end_packet(bench: Bench) -> bytes:
+def _end_packet(driver: MscDriver) -> bytes:
     """End what a unit may have heard of somebody's packet, and may wait for the rest of: how long,
     nobody has written.  What comes of it.
 
@@ -101,48 +118,48 @@ def _end_packet(bench: Bench) -> bytes:
     unit alone keeps it from being 0.  (One that lacked but its last byte, a 0, is carried out as
     who began it meant.)
     """
-    talk = bench.talk
-    talk.send(ZEROS)
-    return talk.listen(len(ZEROS) * talk.target.byte_ns / 1e9 + QUIET_S)
+    client = driver.client
+    client.send(ZEROS)
+    return client.listen(len(ZEROS) * client.target.byte_ns / 1e9 + QUIET_S)
 
 
-def _is_answered(exchange: Exchange, body: bytes) -> bool:
+def _is_answered(exchange: MscExchange, body: bytes) -> bool:
     """True for a sound reply to this question, and not to an earlier one."""
     reply = exchange.reply
     name = body.partition(codec.COMMA)[0].decode()
     return reply is not None and reply.is_sound and reply.name == name
 
 
-def _insisted(bench: Bench, body: bytes) -> Exchange:
+def _insisted(driver: MscDriver, body: bytes) -> MscExchange:
     """Ask until there is a sound reply; longer if what comes differs, which is noise."""
     seen = set()
     for number in range(1, ATTEMPTS + 1):
-        exchange = bench.ask(body)
+        exchange = driver.ask(body)
         seen.add(exchange.raw)
         if _is_answered(exchange, body):
             break
         if number >= PROBE_ATTEMPTS and len(seen) == 1:
             break
-        bench.talk.settle(after=exchange)
+        driver.client.wait_until_quiet(after=exchange)
     return exchange
 
 
-def _refuse_another_model(bench: Bench) -> None:
+def _refuse_another_model(driver: MscDriver) -> None:
     """Raise WrongDevice for a controller that has RFLAGS where the model named has not, or the
     reverse (MSC-MOD-01).  The twin made for the run is what it is: the checks judge that."""
-    session = bench.session
+    session = driver.session
     name, run = session.run.model.name, session.run
     if session.target.is_builtin:
         return
-    if not bench.has_rflags and "rig" not in run.allowed and not _is_twin(run):
+    if not driver.has_rflags and "rig" not in run.allowed and not _is_twin(run):
         return  # to that model it is an unknown name, and nothing to try on a machine
-    exchange = _insisted(bench, codec.RFLAGS)
+    exchange = _insisted(driver, codec.RFLAGS)
     reply = exchange.reply
     has_it = reply is not None and reply.is_sound and len(reply.raw) == codec.REPLY_BYTES["RFLAGS"]
     has_none = exchange.is_naked or exchange.raw == ACK
-    if bench.has_rflags and has_none:
+    if driver.has_rflags and has_none:
         raise WrongDevice(f"not an {name}: it refuses RFLAGS; try msc-850 or msc-generic")
-    if not bench.has_rflags and has_it:
+    if not driver.has_rflags and has_it:
         raise WrongDevice(f"not an {name}: it has RFLAGS; try {WITH_RFLAGS}")
 
 
@@ -150,7 +167,7 @@ def _is_twin(run: Run) -> bool:
     return is_twin_url(run.target.description)
 
 
-def _heard(bench: Bench, exchange: Exchange, late: bytes) -> str:
+def _describe_received(driver: MscDriver, exchange: MscExchange, late: bytes) -> str:
     """What came instead of an answer, with what follows it: another protocol shows its face."""
     if exchange.is_silence:
         if not late:
@@ -158,8 +175,8 @@ def _heard(bench: Bench, exchange: Exchange, late: bytes) -> str:
         return f"{codec.explain(late)} comes, but later than {REPLY_TIMEOUT_S} s, or now and then"
     if not exchange.extra:
         return str(exchange)
-    raw = exchange.raw + bench.target.receive(FACE_BYTES, QUIET_S)
-    text = "".join(chr(one) if 0x20 <= one < 0x7F else "." for one in raw)
+    raw = exchange.raw + driver.target.receive(FACE_BYTES, QUIET_S)
+    text = "".join(chr(byte) if 0x20 <= byte < 0x7F else "." for byte in raw)
     return f"something else talks there: {raw.hex(' ').upper()} ({text})"
 
 
@@ -168,15 +185,15 @@ def _heard(bench: Bench, exchange: Exchange, late: bytes) -> str:
 
 def sanity(session: Session) -> bool:
     """One good answer; to another question if the unit answers the first one wrongly."""
-    bench, was_strict = Bench(session), session.is_strict
+    driver, was_strict = MscDriver(session), session.is_strict
     stop(session)
     try:
         for body in (codec.RQSTAT, codec.rflag(0), codec.dread(0)):
-            exchange = bench.ask(body)
+            exchange = driver.ask(body)
             reply = exchange.reply
             if exchange.is_acked and reply is not None and reply.is_sound:
                 return True
-            bench.talk.settle(after=exchange)
+            driver.client.wait_until_quiet(after=exchange)
             session.is_strict = True  # the first one was asked often enough for noise
         return False
     finally:
@@ -191,14 +208,16 @@ def stop(session: Session) -> None:
     )
     if not is_over:
         request, said = last_exchange(session.records())
-        Bench(session).talk.settle(after=Exchange(request, said) if request else None)
+        MscDriver(session).client.wait_until_quiet(
+            after=MscExchange(request, said) if request else None
+        )
 
 
 # --- what to put back -----------------------------------------------------------------------------
 
 
 @dataclass(slots=True)
-class Held:
+class UnitContents:
     """What one unit held: blocks and single values by their address, flags by their number."""
 
     blocks: dict[int, tuple[int, ...]] = field(default_factory=dict)
@@ -207,99 +226,104 @@ class Held:
 
 
 @dataclass(slots=True)
-class Memory:
+class MscSnapshot:
     """What all units of the line held of what checks may change, and what has been written since.
 
     `only_off`: flags that are put back only to off; turned on, they are orders to the program.
     """
 
-    units: Mapping[int, Held]
+    units: Mapping[int, UnitContents]
     only_off: range
     touched: set[Writing] = field(default_factory=set)
 
     def __str__(self) -> str:
-        told = []
+        text = []
         for unit, held in self.units.items():
-            blocks, values, flags = _touched(self.touched, held)
+            blocks, values, flags = _touched_in(self.touched, held)
             where = f"unit {unit}"
-            told += [f"{where} at {at}: {', '.join(map(str, held.blocks[at]))}" for at in blocks]
-            told += [f"{where} at {at}: {held.values[at]}" for at in values]
-            told += [f"{where} flag {one}: {'on' if held.flags[one] else 'off'}" for one in flags]
-        more = f"; and {len(told) - MOST_TOLD} more" if len(told) > MOST_TOLD else ""
-        return "; ".join(told[:MOST_TOLD]) + more or "what it holds"
+            text += [f"{where} at {at}: {', '.join(map(str, held.blocks[at]))}" for at in blocks]
+            text += [f"{where} at {at}: {held.values[at]}" for at in values]
+            text += [
+                f"{where} flag {number}: {'on' if held.flags[number] else 'off'}"
+                for number in flags
+            ]
+        more = f"; and {len(text) - MOST_TOLD} more" if len(text) > MOST_TOLD else ""
+        return "; ".join(text[:MOST_TOLD]) + more or "what it holds"
 
 
-def remember(session: Session) -> Memory:
+def remember(session: Session) -> MscSnapshot:
     """Read the variables and flags the operator has named, and the bench program's.
 
     Raises TargetError if the unit does not tell them, or if a program uses them.
     """
     run = session.run
     stride = int(run.readings.get("data_address_stride", 1))
-    named: ScratchArea = run.settings
-    scratch, flags, orders = [named.variables], [*named.flags], range(0)
-    if run.settings.program is not None:
-        flag, address = run.settings.program
-        scratch.append(range(address + PROGRAM_BLOCK.start, address + PROGRAM_BLOCK.stop))
+    scratch = scratch_of(session)
+    spans, flags, orders = [scratch.variables], [*scratch.flags], range(0)
+    if scratch.program is not None:
+        flag, address = scratch.program
+        spans.append(range(address + PROGRAM_BLOCK.start, address + PROGRAM_BLOCK.stop))
         orders = range(flag, flag + PROGRAM_FLAGS)
-    units = {session.address: _held(Bench(session), scratch, [*flags, *orders], stride)}
+    units = {session.address: _held(MscDriver(session), spans, [*flags, *orders], stride)}
     if not session.target.is_builtin:
-        _refuse_what_moves(Bench(session), units[session.address], run.settings.flags)
+        _refuse_what_moves(MscDriver(session), units[session.address], scratch.flags)
     for unit in session.neighbours:
         with contextlib.suppress(TargetError):  # who does not answer is not there
-            units[unit] = _held(Bench(session, unit), scratch, [*flags, *orders], stride)
-    return Memory(units, orders)
+            units[unit] = _held(MscDriver(session, unit), spans, [*flags, *orders], stride)
+    return MscSnapshot(units, orders)
 
 
-def _held(bench: Bench, scratch: Iterable[range], flags: Iterable[int], stride: int) -> Held:
-    held = Held()
-    for ground in scratch:
-        blocks, values = layout(ground, stride)
-        held.blocks |= {at: bench.read_block(at) for at in blocks}
-        held.values |= {at: bench.read(at) for at in values}
-    held.flags = _flags(bench, list(flags))
+def _held(
+    driver: MscDriver, spans: Iterable[range], flags: Iterable[int], stride: int
+) -> UnitContents:
+    held = UnitContents()
+    for span in spans:
+        blocks, values = layout(span, stride)
+        held.blocks |= {at: driver.read_block(at) for at in blocks}
+        held.values |= {at: driver.read(at) for at in values}
+    held.flags = _flags(driver, list(flags))
     return held
 
 
-def _refuse_what_moves(bench: Bench, held: Held, flags: range) -> None:
+def _refuse_what_moves(driver: MscDriver, held: UnitContents, flags: range) -> None:
     """Raise TargetError for what changes while nobody writes it: it is a program's, and what was
     written there might work the machine."""
     said = "; name only what no program uses"
     first = min(held.blocks, default=0)
-    for at in (one for one in held.blocks if (one - first) % SAFE_BLOCK == 0):
-        if bench.read_block(at) != held.blocks[at]:
+    for at in (address for address in held.blocks if (address - first) % SAFE_BLOCK == 0):
+        if driver.read_block(at) != held.blocks[at]:
             raise TargetError(f"a value behind address {at} changes by itself (--variables){said}")
     for at, value in held.values.items():
-        if bench.read(at) != value:
+        if driver.read(at) != value:
             raise TargetError(f"the value at {at} changes by itself (--variables){said}")
-    for number, is_on in _flags(bench, list(flags)).items():
+    for number, is_on in _flags(driver, list(flags)).items():
         if is_on != held.flags[number]:
             raise TargetError(f"flag {number} changes by itself (--flags){said}")
 
 
-def layout(ground: range, stride: int) -> tuple[range, range]:
+def layout(span: range, stride: int) -> tuple[range, range]:
     """The addresses of blocks, and of single values behind them, that together hold a range.
 
     Blocks are as close as `stride` asks for, the closest distance that neighbours may have, and
     end inside the range at any distance.
     """
-    first = -(-ground.start // SAFE_STRIDE) * SAFE_STRIDE
+    first = -(-span.start // SAFE_STRIDE) * SAFE_STRIDE
     step = codec.BLOCK_VALUES * stride
-    blocks = range(first, ground.stop - SAFE_BLOCK + 1, step)
+    blocks = range(first, span.stop - SAFE_BLOCK + 1, step)
     rest = blocks[-1] + step if blocks else first
-    return blocks, range(rest, ground.stop, SAFE_STRIDE)
+    return blocks, range(rest, span.stop, SAFE_STRIDE)
 
 
-def _flags(bench: Bench, numbers: list[int]) -> dict[int, bool]:
+def _flags(driver: MscDriver, numbers: list[int]) -> dict[int, bool]:
     """The states of flags, all in one reply where the model has that."""
-    states = bench.flags() if numbers else None
+    states = driver.flags() if numbers else None
     if states is not None:
         on = codec.flags_on(states)
         return {number: number in on for number in numbers}
-    return {number: bench.flag(number) for number in numbers}
+    return {number: driver.flag(number) for number in numbers}
 
 
-def restore(session: Session, memory: Memory) -> tuple[str, ...]:
+def restore(session: Session, memory: MscSnapshot) -> tuple[str, ...]:
     """Write back what has been written and differs; return a sentence for each that still does."""
     touched = frozenset(memory.touched)
     if not touched:
@@ -307,11 +331,11 @@ def restore(session: Session, memory: Memory) -> tuple[str, ...]:
     left: list[str] = []
     lost: list[TargetError] = []
     # The unit under test comes last: who fails at this is blamed for the last thing that was said.
-    for unit in sorted(memory.units, key=lambda one: one == session.address):
+    for unit in sorted(memory.units, key=lambda unit: unit == session.address):
         held = memory.units[unit]
         where = "" if unit == session.address else f"of unit {unit} "
         try:
-            left += [where + text for text in _put_back(Bench(session, unit), memory, held)]
+            left += [where + text for text in _write_back(MscDriver(session, unit), memory, held)]
         except TargetError as error:  # the others may still answer
             lost.append(error)
     if lost:
@@ -320,39 +344,41 @@ def restore(session: Session, memory: Memory) -> tuple[str, ...]:
     return tuple(left)
 
 
-def _put_back(bench: Bench, memory: Memory, held: Held) -> list[str]:
+def _write_back(driver: MscDriver, memory: MscSnapshot, held: UnitContents) -> list[str]:
     """Write back until all is as it was, some times at most; tell what is not."""
-    blocks, values, flags = _touched(memory.touched, held)
+    blocks, values, flags = _touched_in(memory.touched, held)
     differs: list[str] = []
     for _ in range(RESTORE_ATTEMPTS):
         differs = []
         for at in blocks:
-            if bench.read_block(at) != held.blocks[at]:
+            if driver.read_block(at) != held.blocks[at]:
                 differs.append(f"the block at {at} differs")
-                bench.ask(codec.bwrite(at, held.blocks[at]))
+                driver.ask(codec.bwrite(at, held.blocks[at]))
         for at in values:
-            if bench.read(at) != held.values[at]:
+            if driver.read(at) != held.values[at]:
                 differs.append(f"the value at {at} was {held.values[at]}")
-                bench.ask(codec.dwrite(at, held.values[at]))
+                driver.ask(codec.dwrite(at, held.values[at]))
         for number in flags:
             was = held.flags[number]
-            if bench.flag(number) != was and not (was and number in memory.only_off):
+            if driver.flag(number) != was and not (was and number in memory.only_off):
                 differs.append(f"flag {number} was {'on' if was else 'off'}")
-                bench.ask((codec.sflag if was else codec.cflag)(number))
+                driver.ask((codec.sflag if was else codec.cflag)(number))
         if not differs:
             break
     return differs
 
 
-def _touched(written: Iterable[Writing], held: Held) -> tuple[list[int], list[int], list[int]]:
+def _touched_in(
+    written: Iterable[Writing], held: UnitContents
+) -> tuple[list[int], list[int], list[int]]:
     """The blocks, values and flags that these writes can have changed."""
     blocks, values, flags = set(), set(), set()
-    for one in written:
-        if one.is_of_flag:
-            flags |= {one.number} & held.flags.keys()
+    for writing in written:
+        if writing.is_of_flag:
+            flags |= {writing.number} & held.flags.keys()
             continue
-        extent = SAFE_BLOCK if one.name == "BWRITE" else VALUE_ADDRESSES
-        first, end = one.number, one.number + extent
+        extent = SAFE_BLOCK if writing.name == "BWRITE" else VALUE_ADDRESSES
+        first, end = writing.number, writing.number + extent
         blocks |= {at for at in held.blocks if at < end and first < at + SAFE_BLOCK}
         values |= {at for at in held.values if at < end and first < at + VALUE_ADDRESSES}
     return sorted(blocks), sorted(values), sorted(flags)

@@ -5,12 +5,17 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable
 
+from axistwin_conformance.base.errors import TargetError
+from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.core.family import Family
+from axistwin_conformance.core.identity import Identity
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis import snapshot
+from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
+from axistwin_conformance.families.mac.axis.exchanges import AxisReply, ReplyKind
 from axistwin_conformance.families.mac.axis.options import OPTIONS
 from axistwin_conformance.families.mac.axis.safety import STORING, objection
-from axistwin_conformance.families.mac.axis.snapshot import Memory
+from axistwin_conformance.families.mac.axis.snapshot import AxisSnapshot
 
 
 class AxisFamily(Family):
@@ -26,6 +31,49 @@ class AxisFamily(Family):
         """Its own, and that of the axis."""
         return (*super().packages, __name__.rpartition(".")[0])
 
+    # --- who is there ----------------------------------------------------------------------------
+
+    def identify(self, session: Session) -> Identity:
+        """Ask release and measures: the only things on the wire that tell one model from another.
+
+        A module that answers one of these questions wrongly and others well is a module all the
+        same; what it broke is for the checks to say.
+        """
+        driver = driver_of(session)
+        self._listen_first(session)
+        session.is_strict = True  # the attempts are counted here
+        last = _insisted(driver, 0x24)
+        release = last.data if last.kind is ReplyKind.ANSWER else None
+        if release is None and not snapshot.sanity(session):
+            raise TargetError(self._nobody_there(driver, last))
+        session.is_strict = session.transport.is_lossless
+        values = {"release": "unknown" if release is None else f"{release:08X}"}
+        measures, own_values = driver.client.ask(0x27).reply, self._own_values(driver)
+        if measures.data is not None:
+            values |= snapshot.climate(session, measures)
+        described = [f"release {values['release']}"]
+        described += [values[name] for name in ("temperature", "supply") if name in values]
+        where = f"{session.run.model.title} at {self._address_text(session.address)}"
+        return Identity(f"{where}, {', '.join(described)}", values | own_values)
+
+    @abstractmethod
+    def _address_text(self, address: int) -> str:
+        """An address as users of this face write it."""
+
+    @abstractmethod
+    def _nobody_there(self, driver: AxisDriver, reply: AxisReply) -> str:
+        """That nobody answers, what came instead, and what to try."""
+
+    def _listen_first(self, session: Session) -> None:
+        """Take note of who talks before anything is asked."""
+        return
+
+    def _own_values(self, driver: AxisDriver) -> dict[str, str]:
+        """What only this face tells."""
+        return {}
+
+    # --- what keeps a device safe ----------------------------------------------------------------
+
     @abstractmethod
     def indices(self, data: bytes) -> Iterable[int]:
         """The index of every command in these bytes that some reading would obey."""
@@ -38,11 +86,11 @@ class AxisFamily(Family):
         """See `snapshot.stop`."""
         snapshot.stop(session)
 
-    def remember(self, session: Session) -> Memory:
+    def remember(self, session: Session) -> AxisSnapshot:
         """See `snapshot.remember`."""
         return snapshot.remember(session)
 
-    def restore(self, session: Session, memory: Memory) -> tuple[str, ...]:
+    def restore(self, session: Session, memory: AxisSnapshot) -> tuple[str, ...]:
         """See `snapshot.restore`."""
         return snapshot.restore(session, memory)
 
@@ -53,3 +101,14 @@ class AxisFamily(Family):
     def stored_writes(self, data: bytes) -> int:
         """How many commands that write to the EEPROM these bytes hold."""
         return sum(index in STORING for index in self.indices(data))
+
+
+def _insisted(driver: AxisDriver, index: int) -> AxisReply:
+    """Ask until there is an answer; longer if what comes differs, which is noise."""
+    seen = set()
+    for number in range(1, RETRY.exchange + 1):
+        reply: AxisReply = driver.client.ask(index).reply
+        seen.add(reply.raw)
+        if reply.kind is ReplyKind.ANSWER or (number >= RETRY.presence and len(seen) == 1):
+            break
+    return reply

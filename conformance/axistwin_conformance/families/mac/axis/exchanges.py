@@ -13,7 +13,7 @@ from typing import Final, Protocol
 QUERIES: Final = range(0x20, 0x30)
 
 
-class Kind(Enum):
+class ReplyKind(Enum):
     """What a module said, or that it said nothing."""
 
     ACCEPTED = "accepted"
@@ -26,11 +26,11 @@ class Kind(Enum):
     __hash__ = object.__hash__  # a member is one object; what Enum computes takes its time
 
 
-class Reply(Protocol):
+class AxisReply(Protocol):
     """A reply taken apart; its `str` says in words what came."""
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> ReplyKind:
         """What the module said."""
 
     @property

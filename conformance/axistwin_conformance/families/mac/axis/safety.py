@@ -8,9 +8,10 @@ from typing import Final
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.exchanges import COMMAND_NAMES
+from axistwin_conformance.families.mac.axis.parameters import PARAMETERS
 
 _CLASS_OF: Final[Mapping[str, tuple[int, ...]]] = {
-    "stored": (0x02, 0x03, 0x09, 0x0A, 0x0C, 0x0D, 0x0E, 0x0F, 0x1C),
+    "stored": tuple(PARAMETERS),
     "motion": (0x00, 0x10, 0x13, 0x14, 0x15, 0x16, 0x17, 0x18, 0x19, 0x1A, 0x1E),
     "destructive": (0x01, 0x08, 0x1B),
 }
@@ -24,7 +25,7 @@ STORING: Final = frozenset(_CLASS_OF["stored"] + _CLASS_OF["destructive"])
 SAFETY_OF: Final = {index: name for name, indices in _CLASS_OF.items() for index in indices}
 
 
-_DEED_OF: Final[Mapping[str, str]] = {
+_IMPACT_OF: Final[Mapping[str, str]] = {
     "passive": "queries, and frames that a module refuses, Nacks or takes no notice of",
     "motion": "moves, stops, powers and re-initialises",
     "stored": "writes",
@@ -38,12 +39,12 @@ def impact_of_axis(others: str, left_out: frozenset[int] = frozenset()) -> Mappi
     `others`: what the destructive ones change beside the parameters; `left_out`: the commands that
     this face of the module does not have.
     """
-    told = {"rig": "inputs, supply, temperature and shaft are worked, the supply is cut"}
-    for name, words in _DEED_OF.items():
+    described = {"rig": "inputs, supply, temperature and shaft are worked, the supply is cut"}
+    for name, words in _IMPACT_OF.items():
         words = f"{words}, {others}" if name == "destructive" else words
         named = _named(index for index in _CLASS_OF.get(name, ()) if index not in left_out)
-        told[name] = f"{words}: {named}" if named else words
-    return told
+        described[name] = f"{words}: {named}" if named else words
+    return described
 
 
 def objection(session: Session, indices: Iterable[int]) -> str | None:

@@ -31,11 +31,12 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, NoReturn, Protocol
 
 from axistwin_conformance.base.errors import OutsideEnvelope
-from axistwin_conformance.families.mac.axis.exchanges import Kind, signed
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind, signed
 from axistwin_conformance.families.mac.axis.model.kinematics import (
     TICKS_PER_SECOND,
     ramp_increments,
 )
+from axistwin_conformance.families.mac.axis.parameters import PARAMETERS
 
 MARGIN_NS: Final = 30_000_000  # a frame at 9600 baud takes 22 ms; the rest is our own reaction
 FACTORY_PERIOD: Final = 0x0320
@@ -47,6 +48,7 @@ FLUSHES: Final = "true"
 GENTLE_BRAKING: Final = 1_000_000  # inc/s²: a tenth of what an unloaded MAC23 does (§5.4)
 HALTING: Final = frozenset({0x00, 0x01, 0x18, 0x1A})
 STOP: Final = 0x18
+PERIOD, COEFFICIENT = PARAMETERS[0x0D], PARAMETERS[0x0F]
 CUTTING: Final = frozenset({"power", "micro_cut", "supply"})  # a device may forget its place then
 ZERO_SLACK: Final = 2  # increments by which a cleared counter may swing
 MOTIONS: Final = frozenset({0x13, 0x14, 0x15, 0x16})
@@ -58,9 +60,9 @@ def join(*intervals: Interval) -> Interval:
     return min(low for low, _ in intervals), max(high for _, high in intervals)
 
 
-def shift(one: Interval, by: Interval) -> Interval:
+def shift(interval: Interval, by: Interval) -> Interval:
     """Add two intervals."""
-    return one[0] + by[0], one[1] + by[1]
+    return interval[0] + by[0], interval[1] + by[1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +72,8 @@ class Axis:
     `reach`: where it is or may still go.  `counter`: what the counter was at `seen_ns`.  `tip`:
     where the last stored segment ends.  `target`: the counter a lone move goes to.  `speed`: of an
     endless motion (increments per second, 0: none) that may be running since `since_ns`, in the
-    directions `ways`.  `held`: an endless motion that waits for 11h.  `may_move`: something may
-    still be under way or stored; `segment_speed`: of the fastest segment among it.  `edge`: the
+    directions `directions`.  `held`: an endless motion that waits for 11h.  `may_move`: something
+    may still be under way or stored; `segment_speed`: of the fastest segment among it.  `edge`: the
     counter where the reference contact was worked since it was read; `is_cut`: the supply was cut
     since then.  `begun_ns`: when a motion was last asked for.
     """
@@ -87,7 +89,7 @@ class Axis:
     speed: int = 0
     since_ns: int = 0
     begun_ns: int = 0
-    ways: Interval = (0, 0)
+    directions: Interval = (0, 0)
     held: tuple[int, Interval] | None = None
     is_armed: bool = False
     may_move: bool = False
@@ -101,12 +103,12 @@ class Axis:
         if not self.speed:
             return self
         far = self.speed * max(0, now_ns - self.since_ns) // 1_000_000_000 + 1
-        reach = (self.reach[0] + self.ways[0] * far, self.reach[1] + self.ways[1] * far)
+        reach = (self.reach[0] + self.directions[0] * far, self.reach[1] + self.directions[1] * far)
         return replace(self, reach=reach, since_ns=now_ns)
 
     def joined(self, other: Axis) -> Axis:
         """Either of two; nobody knows which."""
-        ways = join(self.ways, other.ways)
+        directions = join(self.directions, other.directions)
         return replace(
             other,
             reach=join(self.reach, other.reach),
@@ -119,7 +121,7 @@ class Axis:
             coefficient=max(self.coefficient, other.coefficient),
             speed=max(self.speed, other.speed),
             since_ns=min(self.since_ns, other.since_ns) if self.speed else other.since_ns,
-            ways=ways,
+            directions=directions,
             held=self.held or other.held,
             is_armed=self.is_armed or other.is_armed,
             may_move=self.may_move or other.may_move,
@@ -128,7 +130,7 @@ class Axis:
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class SentRequest:
     """A request that would be obeyed: by the module at that address, or by all (None); `raw` as it
     was sent."""
 
@@ -139,13 +141,13 @@ class Asked:
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class ReceivedReply:
     """A whole reply: its kind, and the number in it if it is an answer.
 
     `whom`: where many were asked and one speaks for itself alone, its address.
     """
 
-    kind: Kind
+    kind: ReplyKind
     data: int | None = None
     whom: int | None = None
 
@@ -153,13 +155,13 @@ class Heard:
 class Reader(Protocol):
     """How the fence understands what passes, on one face of the module."""
 
-    def foreseen(self, data: bytes, /) -> list[Asked]:
+    def foreseen(self, data: bytes, /) -> list[SentRequest]:
         """What these bytes would ask for if they followed what was sent so far."""
 
     def sent(self, data: bytes, /) -> None:
         """From now on these bytes have been sent."""
 
-    def heard(self, data: bytes, /) -> Heard | None:
+    def received(self, data: bytes, /) -> ReceivedReply | None:
         """Take in what was received; the reply it completes, or None."""
 
     def stop(self, address: int, /) -> bytes:
@@ -169,19 +171,14 @@ class Reader(Protocol):
         """A request in words."""
 
 
-class TravelGuard:
+class AxisTravelGuard:
     """The envelope of one line.
 
     `own`: the address under test.  `readings`: what is known of the device, as the run learns it.
     """
 
     def __init__(
-        self,
-        reader: Reader,
-        max_travel: int,
-        max_speed: int,
-        own: int,
-        readings: Mapping[str, str],
+        self, reader: Reader, max_travel: int, max_speed: int, own: int, readings: Mapping[str, str]
     ) -> None:
         self.reader = reader
         self.max_travel, self.max_speed, self.own = max_travel, max_speed, own
@@ -190,8 +187,8 @@ class TravelGuard:
         self._found_periods: dict[int, int] = {}
         self._before: dict[int, Axis] = {}
         self._after: dict[int, Axis] = {}
-        self._asked: Asked | None = None  # the last request sent
-        self._asked_ns = 0
+        self._last: SentRequest | None = None  # the last request sent
+        self._last_ns = 0
 
     # --- what is sent -----------------------------------------------------------------------------
 
@@ -200,7 +197,7 @@ class TravelGuard:
         after = {address: axis.grown(now_ns) for address, axis in self.axes.items()}
         try:
             for asked in self.reader.foreseen(data):
-                self._tell(after, asked, now_ns)
+                self._account(after, asked, now_ns)
         except OutsideEnvelope as error:
             return error
         return None
@@ -211,7 +208,7 @@ class TravelGuard:
         after = dict(before)
         requests = self.reader.foreseen(data)
         for asked in requests:
-            self._tell(after, asked, now_ns)
+            self._account(after, asked, now_ns)
         self.reader.sent(data)
         self._before, self._after = before, after
         # Until the reply comes, the frame may have been obeyed or not.
@@ -219,27 +216,24 @@ class TravelGuard:
             address: before[address].joined(axis) if address in before else axis
             for address, axis in after.items()
         }
-        self._asked = requests[-1] if requests else None
-        self._asked_ns = now_ns
+        self._last = requests[-1] if requests else None
+        self._last_ns = now_ns
 
-    def _tell(self, axes: dict[int, Axis], asked: Asked, now_ns: int) -> None:
+    def _account(self, axes: dict[int, Axis], asked: SentRequest, now_ns: int) -> None:
         address, index, parameter, frame = asked.address, asked.index, asked.parameter, asked.raw
         if index in MOTIONS and address is not None and address not in axes:
             self._refuse(
-                frame,
-                f"nobody knows where the axis at {address:02X}h is",
-                "--neighbour",
-                address,
+                frame, f"nobody knows where the axis at {address:02X}h is", "--neighbour", address
             )
-        for one in tuple(axes) if address is None else (address,):
-            if one not in axes:
+        for candidate in tuple(axes) if address is None else (address,):
+            if candidate not in axes:
                 continue
-            after = self._obeyed(axes[one], index, parameter, now_ns, frame)
+            after = self._obeyed(axes[candidate], index, parameter, now_ns, frame)
             if index in MOTIONS or index == 0x11:
                 after = replace(after, begun_ns=now_ns)
             if index != STOP:
-                self._judge_reach(axes[one], after, now_ns, frame)
-            axes[one] = after
+                self._judge_reach(axes[candidate], after, now_ns, frame)
+            axes[candidate] = after
             if index == 0x08:  # the same axis may answer there from now on
                 new = parameter & 0x7F
                 axes[new] = axes[new].joined(after) if new in axes else after
@@ -254,7 +248,7 @@ class TravelGuard:
                 "--max-travel",
                 max(-low, high),
             )
-        is_begun = after.speed > before.speed or after.ways != before.ways
+        is_begun = after.speed > before.speed or after.directions != before.directions
         if after.speed and is_begun and self._deadline_of(after) <= now_ns:
             room = _braking(after.speed) + after.speed * 2 * MARGIN_NS // 1_000_000_000 + 2
             self._refuse(
@@ -283,9 +277,15 @@ class TravelGuard:
         if index == 0x16 and half:
             return self._stepped(axis, parameter >> 16, half, frame)
         if index == 0x11 and axis.held is not None:
-            speed, ways = axis.held
+            speed, directions = axis.held
             return replace(
-                axis, speed=speed, ways=ways, since_ns=now_ns, held=None, may_move=True, target=None
+                axis,
+                speed=speed,
+                directions=directions,
+                since_ns=now_ns,
+                held=None,
+                may_move=True,
+                target=None,
             )
         if index == 0x17:
             return replace(self._run_out(axis), held=None, is_armed=False)
@@ -326,8 +326,11 @@ class TravelGuard:
         speed, left = TICKS_PER_SECOND // axis.period, (axis.target or here) - here
         if axis.segment_speed:
             speed, left = axis.segment_speed - 1, axis.tip[0] - axis.offset[0] - here
-        elif axis.target is None and axis.ways != (-1, 1):
-            speed, left = axis.speed - 1, (axis.ways[0] + axis.ways[1]) * self.max_travel
+        elif axis.target is None and axis.directions != (-1, 1):
+            speed, left = (
+                axis.speed - 1,
+                (axis.directions[0] + axis.directions[1]) * self.max_travel,
+            )
         moving_ns = now_ns - max(axis.seen_ns, axis.begun_ns) - 2 * MARGIN_NS
         least = min(abs(left), max(0, speed * moving_ns // 1_000_000_000 - ZERO_SLACK))
         return (here + least, high) if left > 0 else (low, here - least)
@@ -341,16 +344,21 @@ class TravelGuard:
         self._judge_period(axis.period, frame)
         goal = shift(axis.offset, (counter, counter))
         moved = replace(
-            axis, reach=join(axis.reach, goal), tip=join(axis.tip, goal), may_move=True,
+            axis,
+            reach=join(axis.reach, goal),
+            tip=join(axis.tip, goal),
+            may_move=True,
             target=None if axis.may_move else counter,
-        )  # fmt: skip
+        )
         if not axis.has_reference or goal[1] <= axis.reach[0]:
             return moved
         if axis.is_armed:  # 11h starts it; the deadline is checked then
             return replace(moved, held=(TICKS_PER_SECOND // axis.period + 1, (0, 1)))
         # Cleared on the way, the counter has as far to go again from there.
         speed = max(axis.speed, TICKS_PER_SECOND // axis.period + 1)
-        return replace(moved, speed=speed, ways=join(axis.ways, (0, 1)), since_ns=now_ns)
+        return replace(
+            moved, speed=speed, directions=join(axis.directions, (0, 1)), since_ns=now_ns
+        )
 
     def _stepped(self, axis: Axis, digits: int, period: int, frame: bytes) -> Axis:
         self._judge_period(period, frame)
@@ -358,9 +366,13 @@ class TravelGuard:
         steps = signed(digits, 16) if is_signed else digits
         tip = shift(axis.tip, (steps, steps))
         return replace(
-            axis, reach=join(axis.reach, tip), tip=tip, target=None, may_move=True,
+            axis,
+            reach=join(axis.reach, tip),
+            tip=tip,
+            target=None,
+            may_move=True,
             segment_speed=max(axis.segment_speed, TICKS_PER_SECOND // period + 1),
-        )  # fmt: skip
+        )
 
     def _endless(self, axis: Axis, selector: int, period: int, now_ns: int, frame: bytes) -> Axis:
         if not period:
@@ -370,25 +382,29 @@ class TravelGuard:
         if axis.may_move:  # a move may be taken over at its own speed, in its own direction
             speed = max(speed, TICKS_PER_SECOND // axis.period + 1)
         is_known = "vel_f6_direction" in self.readings and not axis.may_move
-        way = -1 if selector == 0xF6 and self.readings.get("vel_f6_direction") == F6_TURNS else 1
-        ways = (min(way, 0), max(way, 0)) if is_known else (-1, 1)
+        direction = (
+            -1 if selector == 0xF6 and self.readings.get("vel_f6_direction") == F6_TURNS else 1
+        )
+        directions = (min(direction, 0), max(direction, 0)) if is_known else (-1, 1)
         if axis.is_armed:
-            return replace(axis, held=(speed, ways))
-        return replace(axis, speed=speed, ways=ways, since_ns=now_ns, may_move=True, target=None)
+            return replace(axis, held=(speed, directions))
+        return replace(
+            axis, speed=speed, directions=directions, since_ns=now_ns, may_move=True, target=None
+        )
 
     def _run_out(self, axis: Axis) -> Axis:
         """17h, or 15h with period 0: what is left is the ramp."""
         if not axis.speed:
             return axis
         far = ramp_increments(axis.coefficient) + _braking(axis.speed)
-        reach = (axis.reach[0] + axis.ways[0] * far, axis.reach[1] + axis.ways[1] * far)
-        return replace(axis, reach=reach, speed=0, ways=(0, 0), target=None)
+        reach = (axis.reach[0] + axis.directions[0] * far, axis.reach[1] + axis.directions[1] * far)
+        return replace(axis, reach=reach, speed=0, directions=(0, 0), target=None)
 
     def _halted(self, axis: Axis, index: int, now_ns: int) -> Axis:
         """18h, 1Ah, 00h, 01h: at rest at once, nothing stored; unless the device reads it else."""
         counter = self._counter_at(axis, now_ns + 2 * MARGIN_NS)  # at rest, until it is read
         far = _braking(axis.speed) if axis.speed else 0
-        reach = (axis.reach[0] + axis.ways[0] * far, axis.reach[1] + axis.ways[1] * far)
+        reach = (axis.reach[0] + axis.directions[0] * far, axis.reach[1] + axis.directions[1] * far)
         is_factory = index == 0x01
         keeps = index in (0x18, 0x1A) and (
             self.readings.get("abort_flush", FLUSHES) != FLUSHES
@@ -400,7 +416,7 @@ class TravelGuard:
             tip=axis.tip if keeps else reach,
             counter=counter,
             speed=0,
-            ways=(0, 0),
+            directions=(0, 0),
             target=None,
             held=axis.held if keeps else None,
             is_armed=axis.is_armed and keeps,
@@ -422,19 +438,20 @@ class TravelGuard:
 
     def received(self, data: bytes, now_ns: int) -> None:
         """Learn from the reply what became of the frame."""
-        reply, asked = self.reader.heard(data), self._asked
+        reply, asked = self.reader.received(data), self._last
         if reply is None or asked is None:
             return
         axes = self.axes
-        if reply.kind is Kind.REFUSED and asked.index == STOP:
+        if reply.kind is ReplyKind.REFUSED and asked.index == STOP:
             axes = {
                 address: self._unpowered(self._before.get(address, axis), axis, now_ns)
                 for address, axis in self._after.items()
             }
-        elif reply.kind in (Kind.REFUSED, Kind.NACK):
-            axes = {address: self._before.get(address, self._after[address])
-                    for address in self._after}  # fmt: skip
-        elif reply.kind is Kind.ACCEPTED:
+        elif reply.kind in (ReplyKind.REFUSED, ReplyKind.NACK):
+            axes = {
+                address: self._before.get(address, self._after[address]) for address in self._after
+            }
+        elif reply.kind is ReplyKind.ACCEPTED:
             axes = {
                 address: self._heeded(self._before.get(address, axis), axis, now_ns)
                 for address, axis in self._after.items()
@@ -442,9 +459,12 @@ class TravelGuard:
         elif reply.data is not None and asked.address is not None:
             self._learn(asked.address, asked.index, reply.data, now_ns)
         if asked.address is None and reply.whom is not None:  # what became of the others is open
-            axes = {**self.axes, **{one: axes[one] for one in axes if one == reply.whom}}
+            axes = {
+                **self.axes,
+                **{address: axes[address] for address in axes if address == reply.whom},
+            }
         self.axes = axes
-        self._asked = None
+        self._last = None
 
     def _unpowered(self, before: Axis, after: Axis, now_ns: int) -> Axis:
         """An axis that refuses to stop: after a fault nothing drives it (MACS-STATE-02).  What is
@@ -454,8 +474,8 @@ class TravelGuard:
 
     def _heeded(self, before: Axis, after: Axis, now_ns: int) -> Axis:
         """An axis that has obeyed somewhere between request and reply."""
-        if after is not before and self._asked is not None and self._asked.index == 0x0B:
-            return self._cleared(before, self._asked_ns, now_ns)
+        if after is not before and self._last is not None and self._last.index == 0x0B:
+            return self._cleared(before, self._last_ns, now_ns)
         if not before.speed or after.speed:
             return after
         grown = before.grown(now_ns).reach
@@ -467,24 +487,25 @@ class TravelGuard:
         if index == 0x20:
             counter = signed(data)
             if axis is None:
-                self.axes[address] = Axis(offset=(-counter, -counter), seen_ns=self._asked_ns)
+                self.axes[address] = Axis(offset=(-counter, -counter), seen_ns=self._last_ns)
             else:
                 self.axes[address] = self._located(axis, counter, now_ns)
-        elif axis is not None and index == 0x25:
-            self._found_periods.setdefault(address, data & 0xFFFF)
-            self.axes[address] = replace(axis, period=data & 0xFFFF or 1)
-        elif axis is not None and index == 0x26:
-            self.axes[address] = replace(axis, coefficient=data >> 24)
+        elif axis is not None and index == PERIOD.query:
+            period = PERIOD.read(data)
+            self._found_periods.setdefault(address, period)
+            self.axes[address] = replace(axis, period=period or 1)
+        elif axis is not None and index == COEFFICIENT.query:
+            self.axes[address] = replace(axis, coefficient=COEFFICIENT.read(data))
 
     def _located(self, axis: Axis, counter: int, now_ns: int) -> Axis:
         """Narrow down by a counter reading."""
         axis = self._origin_seen(axis, counter, now_ns)
         here = shift(axis.offset, (counter, counter))
-        axis = replace(axis, counter=(counter, counter), seen_ns=self._asked_ns)
+        axis = replace(axis, counter=(counter, counter), seen_ns=self._last_ns)
         if axis.speed and counter == axis.target:  # a move that the reference could have prolonged
-            axis = replace(axis, speed=0, ways=(0, 0), may_move=False, target=None)
+            axis = replace(axis, speed=0, directions=(0, 0), may_move=False, target=None)
         if axis.speed:
-            return replace(axis, reach=here, since_ns=self._asked_ns)
+            return replace(axis, reach=here, since_ns=self._last_ns)
         if not axis.may_move:
             return replace(axis, reach=here, tip=here)
         if axis.target is None:
@@ -517,14 +538,14 @@ class TravelGuard:
         moving = [self._deadline_of(axis) for axis in self.axes.values() if axis.speed]
         if not moving:
             return None
-        is_stopping = self._asked is not None and self._asked.index in HALTING
-        return max(min(moving), self._asked_ns + 2 * MARGIN_NS) if is_stopping else min(moving)
+        is_stopping = self._last is not None and self._last.index in HALTING
+        return max(min(moving), self._last_ns + 2 * MARGIN_NS) if is_stopping else min(moving)
 
     def _deadline_of(self, axis: Axis) -> int:
         rooms = []
-        if axis.ways[0] < 0:
+        if axis.directions[0] < 0:
             rooms.append(self.max_travel + axis.reach[0])
-        if axis.ways[1] > 0:
+        if axis.directions[1] > 0:
             rooms.append(self.max_travel - axis.reach[1])
         room = min(rooms) - _braking(axis.speed) - 1
         return axis.since_ns + room * 1_000_000_000 // axis.speed - MARGIN_NS
@@ -541,7 +562,7 @@ class TravelGuard:
 
     def stop(self) -> tuple[bytes, ...]:
         """The frames that end what may be running, to each axis."""
-        return tuple(self.reader.stop(one) for one, axis in self.axes.items() if axis.speed)
+        return tuple(self.reader.stop(address) for address, axis in self.axes.items() if axis.speed)
 
 
 def _braking(speed: int) -> int:

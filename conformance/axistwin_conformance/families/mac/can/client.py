@@ -9,8 +9,8 @@ the direction it names.  What comes from there and names something else is waite
 nothing better comes is it handed on as garbage, with what is wrong with it.  Boot-up, lifebeat and
 emergency are never replies (`CanTransport.receive`).
 
-When a request was taken over (`Exchange.taken`): not before its frame can have been on the bus, not
-after the reply was in our hands.  Where the bit rate is known the shortest times of both frames
+When a request was taken over (`AxisExchange.taken`): not before its frame can have been on the bus,
+not after the reply was in our hands.  Where the bit rate is known the shortest times of both frames
 narrow that.
 """
 
@@ -20,17 +20,19 @@ from dataclasses import replace
 from typing import ClassVar, Final
 
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver import client
-from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, Exchange, Part
-from axistwin_conformance.families.mac.axis.exchanges import Kind
-from axistwin_conformance.families.mac.axis.model.forecast import Window
+from axistwin_conformance.families.mac.axis.driver.client import (
+    QUIET_S,
+    AxisClient,
+    AxisExchange,
+    AxisFace,
+)
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
 from axistwin_conformance.families.mac.can import codec
-from axistwin_conformance.families.mac.can.codec import Reply, Request
+from axistwin_conformance.families.mac.can.codec import CanReply, CanRequest
 from axistwin_conformance.transport.can import Arrival, CanTransport
 from axistwin_conformance.transport.can_frame import Frame, unpack
 
-BOOT_S: Final = 2.0  # MACC-BOOT-04
-BOOT_PATIENCE_S: Final = 1.0  # how much longer than that a boot-up message is waited for
 # Uploads, settings except the counter reset, the end of a motion and of powering.
 REPEATABLE: Final = frozenset(
     {*codec.QUERIES, 0x02, 0x03, 0x07, 0x09, 0x0A, 0x0C, 0x0D, 0x0E, 0x0F, 0x18, 0x19, 0x1A, 0x1C,
@@ -45,17 +47,20 @@ def bus_of(session: Session) -> CanTransport:
     return session.transport
 
 
-class Talk(client.Talk):
-    """One module on the bus: what is said to it, what it says, and what that proves."""
+class CanClient(AxisClient):
+    """One module on the bus: what is sent to it, and what it answers."""
 
-    answered: ClassVar[range] = codec.ANSWERED
-    may_be_silent: ClassVar[frozenset[int]] = MAY_BE_SILENT
-    repeatable: ClassVar[frozenset[int]] = REPEATABLE
-    missing: ClassVar[tuple[int, ...]] = (0x08, 0x1B, 0x28, 0x29)  # address, rate, memory
-    unassigned: ClassVar[tuple[tuple[Kind, Kind], ...]] = (  # MACC-AMB-15
-        (Kind.REFUSED, Kind.REFUSED),
-        (Kind.ACCEPTED, Kind.ANSWER),
-        (Kind.SILENCE, Kind.SILENCE),
+    face: ClassVar[AxisFace] = AxisFace(
+        answered=codec.ANSWERED,
+        may_be_silent=MAY_BE_SILENT,
+        repeatable=REPEATABLE,
+        unassigned=(  # MACC-AMB-15
+            (ReplyKind.REFUSED, ReplyKind.REFUSED),
+            (ReplyKind.ACCEPTED, ReplyKind.ANSWER),
+            (ReplyKind.SILENCE, ReplyKind.SILENCE),
+        ),
+        missing=(0x08, 0x1B, 0x28, 0x29),  # address, rate, memory
+        has_sync=True,  # another way than 11h to start what is preloaded
     )
 
     def __init__(self, session: Session, address: int | None = None) -> None:
@@ -70,79 +75,87 @@ class Talk(client.Talk):
         return self.session.readings.get("can_byte_order", "big")
 
     @property
-    def general_reply_identifier(self) -> int:
+    def _general_reply_identifier(self) -> int:
         """Where module 1 answers what all are told (MACC-AMB-03)."""
         return int(self.session.readings.get("general_reply_id", "581h")[:-1], 16)
 
     def request(
         self, index: int, parameter: int = 0, sub_index: int = 0, address: int | None = None
-    ) -> Request:
+    ) -> CanRequest:
         """A well-formed request to this module, or to that address (0: to all)."""
         whom = self.address if address is None else address
         return codec.request(whom, index, parameter, sub_index, self.byte_order)
 
-    def send(self, one: Request, timeout_s: float | None = None) -> Exchange:
+    def send(self, request: CanRequest, timeout_s: float | None = None) -> AxisExchange:
         """Send a request, take the reply apart.  Where frames get lost, what may be said twice is
         said again until noise is not the reason for the reply."""
-        exchange = self._once(one, timeout_s)
-        if self.target.is_lossless or not one.is_well_formed:
+        exchange = self._once(request, timeout_s)
+        if self.target.is_lossless or not request.is_well_formed:
             return exchange
-        return self._undisturbed(one, one.index, exchange, timeout_s)
+        return self._undisturbed(request, request.index, exchange, timeout_s)
 
-    def _is_good(self, index: int, reply: Reply, *, may_be_silent: bool) -> bool:
-        if reply.kind is Kind.SILENCE:
+    def _is_good(self, index: int, reply: CanReply, *, may_be_silent: bool) -> bool:
+        if reply.kind is ReplyKind.SILENCE:
             return may_be_silent or index in MAY_BE_SILENT
         if index in codec.ANSWERED:
-            return reply.kind is Kind.ANSWER
-        return reply.kind is not Kind.GARBAGE
+            return reply.kind is ReplyKind.ANSWER
+        return reply.kind is not ReplyKind.GARBAGE
 
-    def _once(self, one: Request, timeout_s: float | None) -> Exchange:
+    def _once(self, request: CanRequest, timeout_s: float | None) -> AxisExchange:
         self.target.drain()
-        frame = one.frame()
+        frame = request.frame()
         sent_ns = self.target.send(frame)
-        arrival = self._reply_to(one, timeout_s)
+        arrival = self._reply_to(request, timeout_s)
         if arrival is None:
-            return Exchange(frame.pack(), codec.SILENCE, Window(sent_ns, self.target.now_ns))
+            return AxisExchange(
+                frame.pack(), codec.SILENCE, TimeWindow(sent_ns, self.target.now_ns)
+            )
         self.target.note_exchange(frame, sent_ns, arrival.time_ns)
-        flaw = codec.mismatch(one, arrival.frame)
+        flaw = codec.mismatch(request, arrival.frame)
         reply = codec.parse(arrival.frame, self.byte_order)
         if flaw:
-            reply = replace(reply, kind=Kind.GARBAGE, flaws=(*reply.flaws, flaw))
-        is_late = one.index in MAY_BE_SILENT  # obeyed when the reply has left (MACC-CMD-00-02)
+            reply = replace(reply, kind=ReplyKind.GARBAGE, flaws=(*reply.flaws, flaw))
+        is_late = request.index in MAY_BE_SILENT  # obeyed when the reply has left (MACC-CMD-00-02)
         begun = None if is_late else reply.frame
-        return Exchange(frame.pack(), reply, self._window(frame, sent_ns, begun, arrival.time_ns))
+        return AxisExchange(
+            frame.pack(), reply, self._window(frame, sent_ns, begun, arrival.time_ns)
+        )
 
-    def _reply_to(self, one: Request, timeout_s: float | None) -> Arrival | None:
+    def _reply_to(self, request: CanRequest, timeout_s: float | None) -> Arrival | None:
         """The reply, or else what came from where it had to come from."""
-        whence = codec.REPLY + one.address
-        if one.address == codec.GENERAL_ADDRESS:
-            whence = self.general_reply_identifier
+        whence = codec.REPLY + request.address
+        if request.address == codec.GENERAL_ADDRESS:
+            whence = self._general_reply_identifier
 
         def comes_from_there(frame: Frame) -> bool:
             return frame.identifier == whence and frame.is_plain
 
         def is_reply(frame: Frame) -> bool:
-            return comes_from_there(frame) and not codec.mismatch(one, frame)
+            return comes_from_there(frame) and not codec.mismatch(request, frame)
 
         limit_s = self.session.reply_timeout_s if timeout_s is None else timeout_s
         return self.target.receive(is_reply, limit_s) or self.target.receive(comes_from_there, 0)
 
-    def _window(self, request: Frame, sent_ns: int, begun: Frame | None, done_ns: int) -> Window:
+    def _window(
+        self, request: Frame, sent_ns: int, begun: Frame | None, done_ns: int
+    ) -> TimeWindow:
         """When the module can have taken a request over: at its end, before that reply began."""
         earliest = sent_ns + self.target.least_time_ns(request)
         latest = done_ns if begun is None else done_ns - self.target.least_time_ns(begun)
-        return Window(sent_ns, done_ns) if latest < earliest else Window(earliest, latest)
+        return TimeWindow(sent_ns, done_ns) if latest < earliest else TimeWindow(earliest, latest)
 
-    def to_all(self, index: int, parameter: int = 0) -> Request:
+    def to_all(self, index: int, parameter: int = 0) -> CanRequest:
         """A well-formed request on 600h (MACC-GEN-01)."""
         return self.request(index, parameter, address=codec.GENERAL_ADDRESS)
 
-    def spoilt(self, index: int, parameter: int, how: int) -> tuple[Request, Kind] | None:
+    def corrupted(
+        self, index: int, parameter: int, how: int
+    ) -> tuple[CanRequest, ReplyKind] | None:
         """A request whose frame is too short, which is ignored (MACC-SDO-11); None where this
         device pads such frames (MACC-AMB-19)."""
         if self.session.reading("short_frame") != "ignore":
             return None
-        return replace(self.request(index, parameter), length=how % 8), Kind.SILENCE
+        return replace(self.request(index, parameter), length=how % 8), ReplyKind.SILENCE
 
     @property
     def is_direct(self) -> bool:
@@ -151,8 +164,8 @@ class Talk(client.Talk):
 
     def swift(
         self, index: int, parameter: int, timeout_s: float, is_cleared: bool
-    ) -> tuple[bytes, bytes, Window]:
-        """See `client.Talk.swift`."""
+    ) -> tuple[bytes, bytes, TimeWindow]:
+        """See `AxisClient.swift`."""
         exchange = self.send(self.request(index, parameter), timeout_s)
         return exchange.request, exchange.reply.raw, exchange.taken
 
@@ -172,16 +185,16 @@ class Talk(client.Talk):
         """The highest torque limit (MACC-CMD-0C-01)."""
         return codec.IMAX
 
-    def is_answer(self, index: int, reply: Reply, *, in_any_reading: bool = False) -> bool:
+    def is_answer(self, index: int, reply: CanReply, *, in_any_reading: bool = False) -> bool:
         """True if a reply is an answer; that it belongs to its request is seen to already."""
-        return reply.kind is Kind.ANSWER
+        return reply.kind is ReplyKind.ANSWER
 
     def unasked(self) -> str:
         """What has arrived without being asked for, but for what modules say unasked."""
-        return "; ".join(codec.explain(one.frame) for one in self.target.drain())
+        return "; ".join(codec.explain(arrival.frame) for arrival in self.target.drain())
 
     @staticmethod
-    def kind_of(received: bytes) -> Kind:
+    def kind_of(received: bytes) -> ReplyKind:
         """What kind of reply this frame is."""
         return codec.parse(unpack(received) if received else None).kind
 
@@ -189,7 +202,7 @@ class Talk(client.Talk):
         """The number in an answer."""
         return self._parsed(received).data
 
-    def _parsed(self, received: bytes) -> Reply:
+    def _parsed(self, received: bytes) -> CanReply:
         return codec.parse(unpack(received) if received else None, self.byte_order)
 
     @staticmethod
@@ -203,11 +216,11 @@ class Talk(client.Talk):
         """A request in words."""
         return codec.explain(unpack(sent))
 
-    def told(self, received: bytes) -> str:
+    def described(self, received: bytes) -> str:
         """A reply in words."""
         return str(self._parsed(received))
 
-    def say(self, frame: Frame) -> Window:
+    def broadcast(self, frame: Frame) -> TimeWindow:
         """Send a frame that is not answered; return when the modules can have heard it.
 
         An upload behind it bounds that: the bus has one order, and what a host sends later has no
@@ -215,17 +228,12 @@ class Talk(client.Talk):
         """
         earliest_ns = self.target.send(frame) + self.target.least_time_ns(frame)
         behind = self.ask(0x20).taken.latest_ns - self.frame_ns
-        return Window(earliest_ns, max(earliest_ns, behind))
+        return TimeWindow(earliest_ns, max(earliest_ns, behind))
 
-    def synchronise(self) -> Exchange:
+    def synchronise(self) -> AxisExchange:
         """Send SYNC, which does what 11h does (MACC-SYNC-03) and is not answered."""
         frame = Frame(codec.SYNC)
-        return Exchange(frame.pack(), codec.SILENCE, self.say(frame))
-
-    @property
-    def has_sync(self) -> bool:
-        """True: SYNC is another way to start what is preloaded."""
-        return True
+        return AxisExchange(frame.pack(), codec.SILENCE, self.broadcast(frame))
 
     # --- what a module says unasked ---------------------------------------------------------------
 
@@ -246,18 +254,11 @@ class Talk(client.Talk):
 
         return self.target.receive_spontaneous(is_ours, timeout_s)
 
-    def wait_awake(self) -> Arrival | None:
-        """Wait for the boot-up message after a reset; where none comes, long enough without it."""
-        return self.boot_up(BOOT_S + BOOT_PATIENCE_S + self.target.uncertainty_ns / 1e9)
-
-    # --- judging ----------------------------------------------------------------------------------
-
-    def silent(self, request: Request | Frame, requirement: Part = None) -> None:
-        """Judge that a frame gets no reply of any kind, and that the module is still there."""
+    def silence_after(self, request: CanRequest | Frame) -> tuple[bool, str, object]:
+        """See `AxisClient.silence_after`; a reply of any kind, to whomever, counts."""
         frame = request if isinstance(request, Frame) else request.frame()
         self.target.drain()
         self.target.send(frame)
-        heard = self.target.receive(codec.is_reply, QUIET_S + self.target.uncertainty_ns / 1e9)
-        actual = "silence" if heard is None else codec.explain(heard.frame)
-        self._judge(heard is None, requirement, f"silence after {codec.explain(frame)}", actual)
-        self.alive(requirement)
+        reply = self.target.receive(codec.is_reply, QUIET_S + self.target.uncertainty_ns / 1e9)
+        actual = "silence" if reply is None else codec.explain(reply.frame)
+        return reply is None, f"silence after {codec.explain(frame)}", actual

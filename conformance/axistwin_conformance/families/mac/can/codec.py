@@ -32,7 +32,7 @@ from typing import Final
 
 from axistwin_conformance.families.mac.axis.exchanges import COMMAND_NAMES as AXIS_COMMANDS
 from axistwin_conformance.families.mac.axis.exchanges import QUERY_NAMES as AXIS_QUERIES
-from axistwin_conformance.families.mac.axis.exchanges import Kind as Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind as ReplyKind
 from axistwin_conformance.families.mac.axis.exchanges import signed as signed
 from axistwin_conformance.transport.can_frame import Frame
 
@@ -92,7 +92,7 @@ class Layout:
 
     def read(self, data: bytes) -> dict[str, int]:
         """Give the values of all fields."""
-        return {one.name: one.read(data) for one in self.fields}
+        return {part.name: part.read(data) for part in self.fields}
 
     def reordered(self, data: bytes) -> bytes:
         """Turn each number's bytes round: from one byte order into the other."""
@@ -132,7 +132,7 @@ DOWNLOADS: Final[Mapping[int, Layout]] = {
     0x1E: _SEGMENT,
     **dict.fromkeys((0x00, 0x01, 0x0B, 0x10, 0x11, 0x14, 0x17, 0x18, 0x19, 0x1A), _NOTHING),
 }
-UNASSIGNED_DOWNLOADS: Final = tuple(one for one in range(0x20) if one not in DOWNLOADS)
+UNASSIGNED_DOWNLOADS: Final = tuple(number for number in range(0x20) if number not in DOWNLOADS)
 UPLOADS: Final[Mapping[int, Layout]] = {
     0x20: _number("position"),
     0x21: Layout(
@@ -155,7 +155,7 @@ UPLOADS: Final[Mapping[int, Layout]] = {
         (Field("tt", 0, 1), Field("vv", 1, 1), Field("cc", 2, 1), Field("dd", 3, 1)), _BYTES
     ),
 }
-UNASSIGNED_UPLOADS: Final = tuple(one for one in QUERIES if one not in UPLOADS)
+UNASSIGNED_UPLOADS: Final = tuple(query for query in QUERIES if query not in UPLOADS)
 LAYOUTS: Final = {**DOWNLOADS, **UPLOADS}
 
 
@@ -169,7 +169,7 @@ def parameter_bytes(index: int, parameter: int, byte_order: str = "big") -> byte
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class CanRequest:
     """A transfer asked for, field by field, so that any field can be spoilt.
 
     `length`: of the frame, 0..8; below 8 what stands behind is cut off.  `address` 0: to all.
@@ -202,13 +202,13 @@ class Request:
 
 def request(
     address: int, index: int, parameter: int = 0, sub_index: int = 0, byte_order: str = "big"
-) -> Request:
+) -> CanRequest:
     """Build a well-formed request: a download for an index below 20h, else an upload, of which
     `parameter` is the filler."""
     data = parameter_bytes(index, parameter, byte_order)
     if index in QUERIES:
-        return Request(address, UPLOAD, index - 0x20, data, sub_index)
-    return Request(address, DOWNLOAD, index, data, sub_index)
+        return CanRequest(address, UPLOAD, index - 0x20, data, sub_index)
+    return CanRequest(address, DOWNLOAD, index, data, sub_index)
 
 
 def sync(data: bytes = b"") -> Frame:
@@ -245,7 +245,7 @@ def lmt_leave(length: int = TRANSFER_BYTES) -> Frame:
 
 
 @dataclass(frozen=True, slots=True)
-class Reply:
+class CanReply:
     """A reply taken apart.
 
     `index` (the suite's) and `sub_index`: as repeated by the module.  `data`: the four bytes of an
@@ -253,7 +253,7 @@ class Reply:
     zeros.  `flaws`: what does not fit the manual.
     """
 
-    kind: Kind
+    kind: ReplyKind
     frame: Frame | None = None
     index: int | None = None
     sub_index: int | None = None
@@ -269,7 +269,7 @@ class Reply:
     @property
     def answer_spelling(self) -> str | None:
         """The reading of MACC-AMB-18 this reply shows, if it shows one."""
-        if self.kind is not Kind.ANSWER or self.frame is None:
+        if self.kind is not ReplyKind.ANSWER or self.frame is None:
             return None
         return ANSWER_SPELLINGS[self.frame.data[0]]
 
@@ -283,38 +283,38 @@ class Reply:
         return explain_reply(self)
 
 
-SILENCE: Final = Reply(Kind.SILENCE)
+SILENCE: Final = CanReply(ReplyKind.SILENCE)
 
 
-def parse(frame: Frame | None, byte_order: str = "big") -> Reply:
+def parse(frame: Frame | None, byte_order: str = "big") -> CanReply:
     """Take the frame apart that came back, None for none; whose it is, is not asked here."""
     if frame is None:
         return SILENCE
     if not frame.is_plain:
-        return Reply(Kind.GARBAGE, frame, flaws=("an extended or a remote frame",))
+        return CanReply(ReplyKind.GARBAGE, frame, flaws=("an extended or a remote frame",))
     if len(frame.data) != TRANSFER_BYTES:
-        return Reply(Kind.GARBAGE, frame, flaws=(f"{len(frame.data)} bytes instead of 8",))
+        return CanReply(ReplyKind.GARBAGE, frame, flaws=(f"{len(frame.data)} bytes instead of 8",))
     command, low, high, sub_index = frame.data[:4]
     data = frame.data[4:]
     index = low if high == INDEX_HIGH else None
     if command == ACCEPTED:
         if data == ZEROS:
-            return Reply(Kind.ACCEPTED, frame, index, sub_index)
+            return CanReply(ReplyKind.ACCEPTED, frame, index, sub_index)
         flaw = f"{data.hex(' ').upper()} behind 60h instead of zeros"
     elif command == REFUSED:
         abort_code = int.from_bytes(data, "little")  # the standard's order
-        return Reply(Kind.REFUSED, frame, index, sub_index, abort_code=abort_code)
+        return CanReply(ReplyKind.REFUSED, frame, index, sub_index, abort_code=abort_code)
     elif command in ANSWER_SPELLINGS:
         index = None if index is None else 0x20 + index
         layout = _NOTHING if index is None else LAYOUTS.get(index, _NOTHING)
         ordered = data if byte_order == "big" else layout.reordered(data)
-        return Reply(Kind.ANSWER, frame, index, sub_index, int.from_bytes(ordered, "big"))
+        return CanReply(ReplyKind.ANSWER, frame, index, sub_index, int.from_bytes(ordered, "big"))
     else:
         flaw = f"first byte {command:02X} is none of 60, 80, 42"
-    return Reply(Kind.GARBAGE, frame, index, sub_index, flaws=(flaw,))
+    return CanReply(ReplyKind.GARBAGE, frame, index, sub_index, flaws=(flaw,))
 
 
-def mismatch(one: Request, frame: Frame) -> str:
+def mismatch(request: CanRequest, frame: Frame) -> str:
     """What keeps a frame from a module's reply identifier from being the reply to this request:
     index, sub-index or direction; empty if nothing does.
 
@@ -324,12 +324,12 @@ def mismatch(one: Request, frame: Frame) -> str:
     if not frame.is_plain or len(frame.data) != TRANSFER_BYTES:
         return ""
     command, repeated = frame.data[0], bytes(frame.data[1:4])
-    if repeated != bytes([one.index_low, one.index_high, one.sub_index]):
+    if repeated != bytes([request.index_low, request.index_high, request.sub_index]):
         low, high, sub_index = repeated
         return f"it is for {high:02X}{low:02X}h sub-index {sub_index:02X}"
-    if command in ANSWER_SPELLINGS and one.command == DOWNLOAD:
+    if command in ANSWER_SPELLINGS and request.command == DOWNLOAD:
         return "it answers an upload, not a download"
-    if command == ACCEPTED and one.command == UPLOAD:
+    if command == ACCEPTED and request.command == UPLOAD:
         return "it accepts a download, not an upload"
     return ""
 
@@ -345,7 +345,11 @@ def is_reply(frame: Frame) -> bool:
 
 def _looks_like_reply(frame: Frame) -> bool:
     """True for the first byte of a reply: what module 1 may send on 601h (MACC-AMB-03)."""
-    return frame.data[:1] in (b"\x60", b"\x80", *(bytes([one]) for one in ANSWER_SPELLINGS))
+    return frame.data[:1] in (
+        b"\x60",
+        b"\x80",
+        *(bytes([spelling]) for spelling in ANSWER_SPELLINGS),
+    )
 
 
 # --- what a module says unasked ------------------------------------------------------------------
@@ -413,8 +417,8 @@ def emergency_data(form: str, status: bytes) -> bytes:
     """The eight bytes of the emergency message of a module whose 2001h reads `status`."""
     code, register = error_of(status[0])
     head = code.to_bytes(2, "little") + bytes([register])
-    told = {"cia301_status": head + status, "status_first": status, "code_only": head}
-    return told[form].ljust(EMERGENCY_BYTES, b"\0")
+    described = {"cia301_status": head + status, "status_first": status, "code_only": head}
+    return described[form].ljust(EMERGENCY_BYTES, b"\0")
 
 
 def emergency_forms(frame: Frame, status: bytes) -> tuple[str, ...]:
@@ -432,10 +436,7 @@ def is_emergency(frame: Frame) -> bool:
 
 COMMAND_NAMES: Final = {index: AXIS_COMMANDS[index] for index in DOWNLOADS}
 QUERY_NAMES: Final = {index: AXIS_QUERIES[index] for index in UPLOADS}
-LMT_WORDS: Final = {
-    b"\x04\x01": "enter configuration",
-    b"\x04\x00": "return to nominal",
-}
+LMT_WORDS: Final = {b"\x04\x01": "enter configuration", b"\x04\x00": "return to nominal"}
 
 
 def explain(frame: Frame) -> str:
@@ -464,11 +465,11 @@ def explain(frame: Frame) -> str:
     return f"of no meaning here: {frame}"
 
 
-def explain_reply(reply: Reply) -> str:
+def explain_reply(reply: CanReply) -> str:
     """Put a reply into words."""
     if reply.frame is None:
         return "silence"
-    if reply.kind is Kind.GARBAGE:
+    if reply.kind is ReplyKind.GARBAGE:
         return f"garbage {reply.frame}: {'; '.join(reply.flaws)}"
     _, low, high, sub_index = reply.frame.data[:4]
     words = f"{reply.kind.value} {_index_words(low, high, sub_index)}"

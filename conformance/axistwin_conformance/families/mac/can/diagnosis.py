@@ -13,10 +13,10 @@ from typing import Final
 from axistwin_conformance.base.transcript import Direction
 from axistwin_conformance.core.family import Violation
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.client import MAY_BE_SILENT
-from axistwin_conformance.families.mac.can.codec import Request
+from axistwin_conformance.families.mac.can.codec import CanRequest
 from axistwin_conformance.transport.can_frame import Frame, unpack_all
 
 # After frames of these identifiers some reading admits silence: network management, LMT.
@@ -42,13 +42,13 @@ def diagnose(session: Session, request: bytes, reply: bytes | None) -> Violation
         return _crashed(frames[-1], asked)
     if asked is None or not _is_promised(session, asked):
         return None
-    heard = tuple(one for one in unpack_all(reply) if codec.is_reply(one))
-    if not heard and _may_be_deaf(session, asked):
+    received = tuple(frame for frame in unpack_all(reply) if codec.is_reply(frame))
+    if not received and _may_be_deaf(session, asked):
         return None
-    return _judge(asked, heard)
+    return _judge(asked, received)
 
 
-def request_of(frame: Frame) -> Request | None:
+def request_of(frame: Frame) -> CanRequest | None:
     """The request a frame carries, well-formed and of an index that the manual has; or None."""
     if not frame.is_plain or len(frame.data) != codec.TRANSFER_BYTES:
         return None
@@ -56,19 +56,19 @@ def request_of(frame: Frame) -> Request | None:
     if address != codec.GENERAL_ADDRESS and address not in codec.ADDRESSES:
         return None
     command, low, high, sub_index = frame.data[:4]
-    one = Request(address, command, low, frame.data[4:], sub_index, high)
-    is_known = one.is_well_formed and (
-        low in codec.DOWNLOADS if command == codec.DOWNLOAD else one.index in codec.ANSWERED
+    request = CanRequest(address, command, low, frame.data[4:], sub_index, high)
+    is_known = request.is_well_formed and (
+        low in codec.DOWNLOADS if command == codec.DOWNLOAD else request.index in codec.ANSWERED
     )
-    return one if is_known else None
+    return request if is_known else None
 
 
-def _is_promised(session: Session, one: Request) -> bool:
+def _is_promised(session: Session, request: CanRequest) -> bool:
     """True for a request that a module on this bus must answer in a known way."""
-    return one.address in (session.address, *session.neighbours)
+    return request.address in (session.address, *session.neighbours)
 
 
-def _crashed(frame: Frame, asked: Request | None) -> Violation:
+def _crashed(frame: Frame, asked: CanRequest | None) -> Violation:
     """Nobody need answer everything, but nobody may fall over anything."""
     if asked is not None:
         return _promised(asked, "the twin crashed")
@@ -78,39 +78,43 @@ def _crashed(frame: Frame, asked: Request | None) -> Violation:
     return Violation(requirement, f"{codec.explain(frame)}, survived", "the twin crashed")
 
 
-def _promised(one: Request, came: str) -> Violation:
-    words = codec.explain(one.frame())
-    if one.command == codec.UPLOAD:
+def _promised(request: CanRequest, came: str) -> Violation:
+    words = codec.explain(request.frame())
+    if request.command == codec.UPLOAD:
         return Violation("MACC-SDO-03", f"an answer, {words}", came)
     return Violation("MACC-SDO-01", f"60h or 80h, {words}", came)
 
 
-def _may_be_deaf(session: Session, asked: Request) -> bool:
+def _may_be_deaf(session: Session, asked: CanRequest) -> bool:
     """True if something was sent here after which a module may say nothing for a while."""
     if asked.command == codec.DOWNLOAD and asked.index_low in MAY_BE_SILENT:
         return True
-    sent = (one.data for one in session.records() if one.direction is Direction.HOST)
+    sent = (record.data for record in session.records() if record.direction is Direction.HOST)
     return any(_deafens(frame) for data in sent for frame in unpack_all(data))
 
 
 def _deafens(frame: Frame) -> bool:
-    one = request_of(frame)
-    is_reset = one is not None and one.command == codec.DOWNLOAD and one.index in MAY_BE_SILENT
+    request = request_of(frame)
+    is_reset = (
+        request is not None and request.command == codec.DOWNLOAD and request.index in MAY_BE_SILENT
+    )
     return is_reset or frame.identifier in DEAFENING
 
 
-def _judge(asked: Request, heard: tuple[Frame, ...]) -> Violation | None:
-    told = "; ".join(codec.explain(one) for one in heard) or "silence"
-    own = [one for one in heard if one.identifier == codec.REPLY + asked.address]
-    if heard and not own:
-        return Violation("MACC-ID-01", f"the reply on {codec.REPLY + asked.address:03X}h", told)
+def _judge(asked: CanRequest, received: tuple[Frame, ...]) -> Violation | None:
+    described = "; ".join(codec.explain(frame) for frame in received) or "silence"
+    own = [reply for reply in received if reply.identifier == codec.REPLY + asked.address]
+    if received and not own:
+        return Violation(
+            "MACC-ID-01", f"the reply on {codec.REPLY + asked.address:03X}h", described
+        )
     if len(own) > 1:
-        return Violation("MACC-SDO-06", f"one reply, {codec.explain(asked.frame())}", told)
+        return Violation("MACC-SDO-06", f"one reply, {codec.explain(asked.frame())}", described)
     if not own or codec.mismatch(asked, own[0]):
-        return _promised(asked, told)
+        return _promised(asked, described)
     kind = codec.parse(own[0]).kind
     if asked.command == codec.DOWNLOAD:
-        is_good = kind in (Kind.ACCEPTED, Kind.REFUSED)
+        is_good = kind in (ReplyKind.ACCEPTED, ReplyKind.REFUSED)
     else:  # with a sub-index an upload may be refused (MACC-AMB-16)
-        is_good = kind is Kind.ANSWER or (kind is Kind.REFUSED and asked.sub_index > 0)
-    return None if is_good else _promised(asked, told)
+        is_good = kind is ReplyKind.ANSWER or (kind is ReplyKind.REFUSED and asked.sub_index > 0)
+    return None if is_good else _promised(asked, described)

@@ -1,14 +1,16 @@
-"""A module on the bus, as checks handle it, and the same with the rig around it."""
+"""A module on the bus, as checks handle it."""
 
 from __future__ import annotations
 
-from axistwin_conformance.families.mac.axis.driver import motion, rig
-from axistwin_conformance.families.mac.can.client import Talk
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver
+from axistwin_conformance.families.mac.can.client import CanClient
 
 
-class Bench(motion.Bench, Talk):
+class CanDriver(AxisDriver):
     """One module on the bus."""
 
+    client: CanClient
 
-class RigBench(rig.RigBench, Bench):
-    """One module on the bus and the rig around it."""
+    def __init__(self, session: Session, address: int | None = None) -> None:
+        super().__init__(CanClient(session, address))

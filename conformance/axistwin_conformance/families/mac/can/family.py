@@ -8,21 +8,20 @@ from collections.abc import Iterable
 from functools import lru_cache
 from typing import Final
 
-from axistwin_conformance.base.errors import TargetError
 from axistwin_conformance.base.transcript import Record
 from axistwin_conformance.core.family import Violation
-from axistwin_conformance.core.identity import Identity, Model
-from axistwin_conformance.core.session import ATTEMPTS, Run, Session
+from axistwin_conformance.core.identity import Model
+from axistwin_conformance.core.session import Run, Session
 from axistwin_conformance.families.mac.axis.axis_family import AxisFamily
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver
+from axistwin_conformance.families.mac.axis.exchanges import AxisReply
 from axistwin_conformance.families.mac.axis.safety import impact_of_axis
-from axistwin_conformance.families.mac.axis.snapshot import PROBE_ATTEMPTS, Facts, climate, sanity
-from axistwin_conformance.families.mac.axis.travel_guard import TravelGuard
+from axistwin_conformance.families.mac.axis.snapshot import MacFacts
+from axistwin_conformance.families.mac.axis.travel_guard import AxisTravelGuard
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.client import bus_of
-from axistwin_conformance.families.mac.can.codec import Reply
 from axistwin_conformance.families.mac.can.diagnosis import diagnose
-from axistwin_conformance.families.mac.can.driver import RigBench
+from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.families.mac.can.reader import BusReader
 from axistwin_conformance.transport.can import CanTransport, open_can_target
 from axistwin_conformance.transport.can_frame import Frame, unpack_all
@@ -34,54 +33,8 @@ SPOKEN: Final = frozenset({codec.REPLY, codec.EMERGENCY, codec.BOOT_UP})  # + ad
 SET_ADDRESS: Final = 0x08  # in the safety classes of the axis: what the LMT frames do
 
 MODELS: Final = {
-    "mac23-can": Model("mac23-can", "MAC23 (CAN)", Facts(2000, 2.5, -215.0, 1 / 4.8, codec.IMAX))
+    "mac23-can": Model("mac23-can", "MAC23 (CAN)", MacFacts(2000, 2.5, -215.0, 1 / 4.8, codec.IMAX))
 }
-
-
-def identify(session: Session) -> Identity:
-    """Ask release and measures; raises TargetError if nobody answers."""
-    bench = RigBench(session)
-    if not session.transport.is_virtual:
-        _know_the_others(session)
-    session.is_strict = True  # the attempts are counted here
-    last = _insisted(bench, 0x24)
-    release = last.data if last.kind is Kind.ANSWER else None
-    if release is None and not sanity(session):
-        raise TargetError(
-            f"no module answers at address {bench.address} on {session.transport.description}:"
-            f" {'; '.join((str(last), *session.transport.remarks))};"
-            " try another --address or --bitrate"
-        )
-    session.is_strict = session.transport.is_lossless
-    values = {"release": "unknown" if release is None else f"{release:08X}"}
-    measures = bench.ask(0x27).reply
-    if measures.data is not None:
-        values |= climate(session, measures)
-    told = [f"release {values['release']}"]
-    told += [values[name] for name in ("temperature", "supply") if name in values]
-    return Identity(f"{session.run.model.title} at {bench.address}, {', '.join(told)}", values)
-
-
-def _know_the_others(session: Session) -> None:
-    """Hear who else talks on the bus while nothing is asked."""
-    own = {session.address, *session.neighbours}
-
-    def is_ours(frame: Frame) -> bool:
-        is_mine = frame.identifier & 0x7F in own and frame.identifier & ~0x7F in SPOKEN
-        return frame.is_plain and is_mine
-
-    bus_of(session).leave_out_others(LISTEN_S, is_ours)
-
-
-def _insisted(bench: RigBench, index: int) -> Reply:
-    """Ask until there is an answer; longer if what comes differs, which is noise."""
-    seen = set()
-    for number in range(1, ATTEMPTS + 1):
-        reply: Reply = bench.ask(index).reply
-        seen.add(reply.raw)
-        if reply.kind is Kind.ANSWER or (number >= PROBE_ATTEMPTS and len(seen) == 1):
-            break
-    return reply
 
 
 @lru_cache(maxsize=1024)  # the same frame is asked about three times on its way out
@@ -135,22 +88,44 @@ class MacCan(AxisFamily):
         """Put the frames of a record into words."""
         return "; ".join(codec.explain(frame) for frame in unpack_all(record.data))
 
-    def driver(self, session: Session, address: int | None = None) -> RigBench:
+    def driver(self, session: Session, address: int | None = None) -> CanDriver:
         """A module on the bus."""
-        return RigBench(session, address)
+        return CanDriver(session, address)
 
-    def identify(self, session: Session) -> Identity:
-        """See `identify`."""
-        return identify(session)
+    def _address_text(self, address: int) -> str:
+        """In decimal."""
+        return str(address)
+
+    def _nobody_there(self, driver: AxisDriver, reply: AxisReply) -> str:
+        """With what was seen of the bus."""
+        transport = driver.session.transport
+        return (
+            f"no module answers at address {driver.client.address} on {transport.description}:"
+            f" {'; '.join((str(reply), *transport.remarks))}; try another --address or --bitrate"
+        )
+
+    def _listen_first(self, session: Session) -> None:
+        """Who else talks on the bus while nothing is asked is left out."""
+        if session.transport.is_virtual:
+            return
+        own = {session.address, *session.neighbours}
+
+        def is_ours(frame: Frame) -> bool:
+            is_mine = frame.identifier & 0x7F in own and frame.identifier & ~0x7F in SPOKEN
+            return frame.is_plain and is_mine
+
+        bus_of(session).leave_out_others(LISTEN_S, is_ours)
 
     def indices(self, data: bytes) -> Iterable[int]:
         """The index of every request in these bytes that some reading would obey."""
         return _indices(data)
 
-    def travel_guard(self, run: Run) -> TravelGuard:
+    def travel_guard(self, run: Run) -> AxisTravelGuard:
         """What keeps the axes of a bus inside the envelope."""
         bounds, reader = run.envelope, BusReader(run.readings)
-        return TravelGuard(reader, bounds.max_travel, bounds.max_speed, run.address, run.readings)
+        return AxisTravelGuard(
+            reader, bounds.max_travel, bounds.max_speed, run.address, run.readings
+        )
 
     def diagnose(self, session: Session, request: bytes, reply: bytes | None) -> Violation | None:
         """See `diagnose`."""

@@ -6,10 +6,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from axistwin_conformance.families.mac.axis.exchanges import Kind
-from axistwin_conformance.families.mac.axis.travel_guard import Asked, Heard
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.travel_guard import ReceivedReply, SentRequest
 from axistwin_conformance.families.mac.can import codec
-from axistwin_conformance.families.mac.can.codec import Request
+from axistwin_conformance.families.mac.can.codec import CanRequest
 from axistwin_conformance.transport.can_frame import Frame, unpack_all
 
 SYNCHRO: Final = 0x11  # what a SYNC frame does (MACC-SYNC-03)
@@ -33,18 +33,18 @@ class BusReader:
 
     def __init__(self, readings: Mapping[str, str]) -> None:
         self._readings = readings
-        self._request: Request | None = None  # sent last, if it is one that is answered
+        self._request: CanRequest | None = None  # sent last, if it is one that is answered
 
-    def foreseen(self, data: bytes) -> list[Asked]:
+    def foreseen(self, data: bytes) -> list[SentRequest]:
         """See `travel_guard.Reader`."""
-        return [one for frame in unpack_all(data) for one in self._asked(frame)]
+        return [request for frame in unpack_all(data) for request in self._asked(frame)]
 
     def sent(self, data: bytes) -> None:
         """See `travel_guard.Reader`."""
         for frame in unpack_all(data):
             self._request = _request_of(frame)
 
-    def heard(self, data: bytes) -> Heard | None:
+    def received(self, data: bytes) -> ReceivedReply | None:
         """See `travel_guard.Reader`."""
         asked = self._request
         for frame in unpack_all(data):
@@ -55,8 +55,8 @@ class BusReader:
                 continue
             order = self._byte_order
             reply = codec.parse(frame, order or "big")
-            if reply.kind is not Kind.GARBAGE:
-                return Heard(reply.kind, reply.data if order else None, whom)
+            if reply.kind is not ReplyKind.GARBAGE:
+                return ReceivedReply(reply.kind, reply.data if order else None, whom)
         return None
 
     def stop(self, address: int) -> bytes:
@@ -71,39 +71,39 @@ class BusReader:
     def _byte_order(self) -> str | None:
         return self._readings.get("can_byte_order")
 
-    def _asked(self, frame: Frame) -> list[Asked]:
+    def _asked(self, frame: Frame) -> list[SentRequest]:
         """What a frame would ask for; nothing for what nobody obeys."""
         raw = frame.pack()
         if not frame.is_plain:
             return []
         if frame.identifier == codec.SYNC:
-            return [Asked(None, SYNCHRO, 0, raw)]
+            return [SentRequest(None, SYNCHRO, 0, raw)]
         if frame.identifier == codec.LMT_REQUEST and frame.data[:1] == bytes([GIVE_ADDRESS]):
-            return [Asked(None, SET_ADDRESS, frame.data[1] if frame.length > 1 else 0, raw)]
-        one = _request_of(frame)
-        if one is None or one.index_high != codec.INDEX_HIGH:
+            return [SentRequest(None, SET_ADDRESS, frame.data[1] if frame.length > 1 else 0, raw)]
+        request = _request_of(frame)
+        if request is None or request.index_high != codec.INDEX_HIGH:
             return []
         is_short = frame.length < codec.TRANSFER_BYTES
         if is_short and self._readings.get("short_frame") == "ignore":
             return []
-        whom = None if one.address == codec.GENERAL_ADDRESS else one.address
-        if one.command == codec.UPLOAD:
-            return [Asked(whom, 0x20 + (one.index_low & 0x0F), 0, raw)]
-        index = one.index_low & 0x1F
+        whom = None if request.address == codec.GENERAL_ADDRESS else request.address
+        if request.command == codec.UPLOAD:
+            return [SentRequest(whom, 0x20 + (request.index_low & 0x0F), 0, raw)]
+        index = request.index_low & 0x1F
         if index in NOT_ON_CAN:  # nothing here, and by no reading what it is on the serial line
             return []
         orders = BYTE_ORDERS if self._byte_order is None else (self._byte_order,)
-        numbers = dict.fromkeys(_number(index, one.data, order) for order in orders)
-        return [Asked(whom, index, number, raw) for number in numbers]
+        numbers = dict.fromkeys(_number(index, request.data, order) for order in orders)
+        return [SentRequest(whom, index, number, raw) for number in numbers]
 
 
-def _request_of(frame: Frame) -> Request | None:
+def _request_of(frame: Frame) -> CanRequest | None:
     """A frame under an identifier of requests, taken apart as if it were whole."""
     if not frame.is_plain or frame.identifier & 0x780 != codec.REQUEST:
         return None
     data = frame.data.ljust(codec.TRANSFER_BYTES, b"\0")
     command, low, high, sub_index = data[:4]
-    return Request(frame.identifier - codec.REQUEST, command, low, data[4:], sub_index, high)
+    return CanRequest(frame.identifier - codec.REQUEST, command, low, data[4:], sub_index, high)
 
 
 def _number(index: int, data: bytes, order: str) -> int:

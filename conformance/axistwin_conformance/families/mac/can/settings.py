@@ -6,60 +6,64 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from axistwin_conformance.families.mac.can.driver import Bench
-
-PARAMETERS: Final = (0x22, 0x23, 0x25, 0x26)
+from axistwin_conformance.families.mac.axis.parameters import (
+    PARAMETER_QUERIES,
+    PARAMETERS,
+    AxisParameter,
+)
+from axistwin_conformance.families.mac.can.driver import CanDriver
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
-    """A download whose value an upload tells: there in these bits, and two values to set."""
+class SettingTrial:
+    """A download whose value an upload tells, and two values to set."""
 
-    index: int
-    query: int
-    shift: int
-    mask: int
+    stored: AxisParameter
     values: tuple[int, int]
-    shown_by: int = 0  # how far left the value stands in the download
 
-    def read(self, bench: Bench) -> int:
+    @property
+    def index(self) -> int:
+        """Of the download."""
+        return self.stored.index
+
+    def read(self, driver: CanDriver) -> int:
         """What the module holds."""
-        return bench.value(self.query) >> self.shift & self.mask
+        return driver.client.parameter(self.index)
 
     def parameter(self, value: int) -> int:
         """The parameter that sets it."""
-        return value << self.shown_by
+        return self.stored.parameter(value)
 
-    def other(self, bench: Bench) -> int:
+    def other(self, driver: CanDriver) -> int:
         """One of the two values that the module does not hold."""
         first, second = self.values
-        return second if self.read(bench) == first else first
+        return second if self.read(driver) == first else first
 
 
-SETTINGS: Final[Mapping[int, Setting]] = {
-    one.index: one
-    for one in (
-        Setting(0x02, 0x26, 12, 0xF, (0, 1)),
-        Setting(0x03, 0x26, 8, 0xF, (0, 8)),
-        Setting(0x09, 0x22, 0, 0xFFFFFFFF, (0x12345678, 0x3FFFFFFF)),
-        Setting(0x0A, 0x23, 0, 0xFFFFFFFF, (0xEDCBA988, 0xC0000000)),
-        Setting(0x0C, 0x26, 16, 0xFF, (0x21, 0x40)),
-        Setting(0x0D, 0x25, 0, 0xFFFF, (0xF012, 0xF1F0)),
-        Setting(0x0E, 0x25, 24, 0xFF, (0x0A, 0x14), shown_by=8),
-        Setting(0x0F, 0x26, 24, 0xFF, (0x03, 0x05)),
-        Setting(0x1C, 0x26, 0, 0xFF, (0x02, 0x07)),
-    )
+VALUES: Final[Mapping[int, tuple[int, int]]] = {
+    0x02: (0, 1),
+    0x03: (0, 8),
+    0x09: (0x12345678, 0x3FFFFFFF),
+    0x0A: (0xEDCBA988, 0xC0000000),
+    0x0C: (0x21, 0x40),
+    0x0D: (0xF012, 0xF1F0),
+    0x0E: (0x0A, 0x14),
+    0x0F: (0x03, 0x05),
+    0x1C: (0x02, 0x07),
+}
+SETTINGS: Final = {
+    index: SettingTrial(PARAMETERS[index], values) for index, values in VALUES.items()
 }
 TORQUE: Final = SETTINGS[0x0C]
 
 
-def held(bench: Bench) -> list[int]:
+def held(driver: CanDriver) -> list[int]:
     """All that a request which is no request must not change."""
-    return [bench.value(index) for index in (0x20, *PARAMETERS)]
+    return [driver.client.value(index) for index in (0x20, *PARAMETER_QUERIES)]
 
 
-def unchanged(bench: Bench, before: list[int], requirement: str) -> None:
+def unchanged(driver: CanDriver, before: list[int], requirement: str) -> None:
     """Judge that position and parameters are what they were."""
-    after = held(bench)
-    words = [" ".join(f"{one:08X}" for one in row) for row in (before, after)]
-    bench.session.expect(after == before, requirement, *words)
+    after = held(driver)
+    words = [" ".join(f"{value:08X}" for value in row) for row in (before, after)]
+    driver.session.expect(after == before, requirement, *words)

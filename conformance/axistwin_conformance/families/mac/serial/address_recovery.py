@@ -10,98 +10,101 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
-from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.base.retry import RETRY
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.serial.codec import GENERAL_ADDRESS
-from axistwin_conformance.families.mac.serial.driver import Bench
+from axistwin_conformance.families.mac.serial.driver import SerialDriver
 
 RATES: Final = {0x01: 9600, 0x02: 19200, 0x03: 38400}  # MACS-CMD-1B-01
-# It may be deaf at first, and then, by MACS-AMB-18, take its address only with the next restart.
-SEARCHES: Final = 3
 
 
-def answers(bench: Bench, address: int) -> bool:
+def answers(driver: SerialDriver, address: int) -> bool:
     """True if somebody answers at that address."""
-    exchange = bench.send(bench.request(0x20, address=address), QUIET_S * 2)
-    return exchange.kind is Kind.ANSWER and exchange.reply.address == address
+    exchange = driver.client.send(driver.client.request(0x20, address=address), QUIET_S * 2)
+    return exchange.kind is ReplyKind.ANSWER and exchange.reply.address == address
 
 
-def other_address(bench: Bench) -> int:
+def other_address(driver: SerialDriver) -> int:
     """An address that the module does not have."""
-    return 0x2A if bench.address != 0x2A else 0x15
+    return 0x2A if driver.client.address != 0x2A else 0x15
 
 
-def program_address(bench: Bench, new: int, to: int = GENERAL_ADDRESS) -> Kind:
+def program_address(driver: SerialDriver, new: int, to: int = GENERAL_ADDRESS) -> ReplyKind:
     """Send 08h; a module that is not 00 may obey without a word (§6)."""
-    return bench.send(bench.request(0x08, new, address=to), QUIET_S * 2).kind
+    return driver.client.send(driver.client.request(0x08, new, address=to), QUIET_S * 2).kind
 
 
-def has_rate(bench: Bench) -> bool:
+def has_rate(driver: SerialDriver) -> bool:
     """False behind a plain socket: it carries bytes, not a rate."""
-    return not bench.target.description.startswith("socket:")
+    return not driver.client.target.description.startswith("socket:")
 
 
 @contextmanager
-def brought_back(bench: Bench, *, is_readdressed: bool = True) -> Iterator[None]:
+def brought_back(driver: SerialDriver, *, is_readdressed: bool = True) -> Iterator[None]:
     """Bring the module back to the address and the rate it had, whatever was done to it meanwhile;
     interrupted, the device guard does.  `is_readdressed`: False where only the rate may change."""
-    address, baud = bench.address, bench.target.baud
-    what = f"address {address:02X}h" + (f", {baud} baud" if has_rate(bench) else "")
-    with bench.session.restore_on_exit(
-        what, lambda: _bring_back(bench, address, baud, is_readdressed)
+    address, baud = driver.client.address, driver.client.target.baud
+    what = f"address {address:02X}h" + (f", {baud} baud" if has_rate(driver) else "")
+    with driver.session.restore_on_exit(
+        what, lambda: _bring_back(driver, address, baud, is_readdressed)
     ):
         yield
 
 
-def _bring_back(bench: Bench, address: int, baud: int, is_readdressed: bool) -> bool:
+def _bring_back(driver: SerialDriver, address: int, baud: int, is_readdressed: bool) -> bool:
     """Bring module and host back to an address and a rate; False if nobody answers there then."""
-    bench.wait(QUIET_S)
-    bench.address = address
-    for number in range(SEARCHES):
+    driver.client.wait(QUIET_S)
+    driver.client.address = address
+    # It may be deaf at first, and then, by MACS-AMB-18, take its address only with the next
+    # restart.
+    for number in range(RETRY.recovery):
         if number > 0:
-            _restart_anywhere(bench, baud)
-        if _is_found(bench, baud, is_readdressed or number > 0):
-            return _talks(bench, baud)
-    bench.target.baud = baud
+            _restart_anywhere(driver, baud)
+        if _is_found(driver, baud, is_readdressed or number > 0):
+            return _reaches_rate(driver, baud)
+    driver.client.target.baud = baud
     return False
 
 
-def _rates(bench: Bench, baud: int) -> tuple[int, ...]:
-    """Where to search: at the rate talked last, the one it had, any other."""
-    talked = (bench.target.baud, baud)
-    return tuple(dict.fromkeys((*talked, *RATES.values()) if has_rate(bench) else talked[:1]))
+def _rates(driver: SerialDriver, baud: int) -> tuple[int, ...]:
+    """Where to search: at the rate used last, the one it had, any other."""
+    current = (driver.client.target.baud, baud)
+    return tuple(dict.fromkeys((*current, *RATES.values()) if has_rate(driver) else current[:1]))
 
 
-def _is_found(bench: Bench, baud: int, is_readdressed: bool) -> bool:
+def _is_found(driver: SerialDriver, baud: int, is_readdressed: bool) -> bool:
     """Find the rate at which the module answers; it has the address then."""
-    for rate in _rates(bench, baud):
-        bench.target.baud = rate
-        if answers(bench, bench.address):
-            if is_readdressed and bench.session.readings.get("addr_effective") != "at_once":
-                program_address(bench, bench.address)  # or the next restart may bring another one
+    for rate in _rates(driver, baud):
+        driver.client.target.baud = rate
+        if answers(driver, driver.client.address):
+            if is_readdressed and driver.session.readings.get("addr_effective") != "at_once":
+                program_address(
+                    driver, driver.client.address
+                )  # or the next restart may bring another one
             return True
         if is_readdressed:
-            program_address(bench, bench.address)
-            if answers(bench, bench.address):
+            program_address(driver, driver.client.address)
+            if answers(driver, driver.client.address):
                 return True
     return False
 
 
-def _restart_anywhere(bench: Bench, baud: int) -> None:
+def _restart_anywhere(driver: SerialDriver, baud: int) -> None:
     """A restart at whatever address and rate, with the address programmed (MACS-AMB-18)."""
-    for rate in _rates(bench, baud):
-        bench.target.baud = rate
-        bench.send(bench.to_all(0x00), QUIET_S)
-    bench.wait_awake()
+    for rate in _rates(driver, baud):
+        driver.client.target.baud = rate
+        driver.client.send(driver.client.to_all(0x00), QUIET_S)
+    driver.motion.wait_awake()
 
 
-def _talks(bench: Bench, baud: int) -> bool:
+def _reaches_rate(driver: SerialDriver, baud: int) -> bool:
     """Bring module and host, who hear one another, to a rate."""
-    talked = bench.target.baud
-    value = next((one for one, rate in RATES.items() if rate == baud), None)
-    if talked == baud or value is None:
-        return talked == baud
-    bench.send(bench.request(0x1B, value), QUIET_S * 2)
-    bench.wait_awake()
-    bench.target.baud = baud
-    return answers(bench, bench.address)
+    current = driver.client.target.baud
+    value = next((code for code, rate in RATES.items() if rate == baud), None)
+    if current == baud or value is None:
+        return current == baud
+    driver.client.send(driver.client.request(0x1B, value), QUIET_S * 2)
+    driver.motion.wait_awake()
+    driver.client.target.baud = baud
+    return answers(driver, driver.client.address)

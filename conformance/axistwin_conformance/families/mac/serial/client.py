@@ -1,24 +1,28 @@
 """Exchanges with one module: requests, replies, and when the module can have taken a request over.
 
-Every exchange tells when that was (`Exchange.taken`): not before the request's last byte has left
-us, not after its reply began.  That needs no assumption about latencies, so the same arithmetic
-holds in virtual time, over a pty and over a real adapter.
+Every exchange says when that was (`AxisExchange.taken`): not before the request's last byte has
+left us, not after its reply began.  That needs no assumption about latencies, so the same
+arithmetic holds in virtual time, over a pty and over a real adapter.
 """
 
 from __future__ import annotations
 
 from typing import ClassVar, Final
 
+from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver import client
-from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, Exchange
-from axistwin_conformance.families.mac.axis.exchanges import QUERIES, Kind
-from axistwin_conformance.families.mac.axis.model.forecast import Window
+from axistwin_conformance.families.mac.axis.driver.client import (
+    QUIET_S,
+    AxisClient,
+    AxisExchange,
+    AxisFace,
+)
+from axistwin_conformance.families.mac.axis.exchanges import QUERIES, ReplyKind
+from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
 from axistwin_conformance.families.mac.serial import codec
-from axistwin_conformance.families.mac.serial.codec import Reply, Request
+from axistwin_conformance.families.mac.serial.codec import SerialReply, SerialRequest
 from axistwin_conformance.transport.serial import SerialTransport
 
-SPELLINGS_ALIKE: Final = 3
 ANSWERED: Final = range(0x20, 0x2A)
 # The queries, every setting but the counter reset, the end of a motion and of powering (§4.2).
 REPEATABLE: Final = frozenset(
@@ -32,17 +36,19 @@ OTHER_DIGITS: Final = {0x21: 2, 0x23: 2}  # MACS-AMB-03, -04
 GLANCE_BYTES: Final = codec.REQUEST_BYTES + 12  # a query, and the reply as far as its data
 
 
-class Talk(client.Talk):
-    """One module on the line: what is said to it, what it says, and what that proves."""
+class SerialClient(AxisClient):
+    """One module on the line: what is sent to it, and what it answers."""
 
-    answered: ClassVar[range] = ANSWERED
-    may_be_silent: ClassVar[frozenset[int]] = MAY_BE_SILENT
-    repeatable: ClassVar[frozenset[int]] = REPEATABLE
-    unassigned: ClassVar[tuple[tuple[Kind, Kind], ...]] = (  # MACS-AMB-58
-        (Kind.REFUSED, Kind.REFUSED),
-        (Kind.ACCEPTED, Kind.ACCEPTED),
-        (Kind.ACCEPTED, Kind.ANSWER),
-        (Kind.SILENCE, Kind.SILENCE),
+    face: ClassVar[AxisFace] = AxisFace(
+        answered=ANSWERED,
+        may_be_silent=MAY_BE_SILENT,
+        repeatable=REPEATABLE,
+        unassigned=(  # MACS-AMB-58
+            (ReplyKind.REFUSED, ReplyKind.REFUSED),
+            (ReplyKind.ACCEPTED, ReplyKind.ACCEPTED),
+            (ReplyKind.ACCEPTED, ReplyKind.ANSWER),
+            (ReplyKind.SILENCE, ReplyKind.SILENCE),
+        ),
     )
 
     def __init__(self, session: Session, address: int | None = None) -> None:
@@ -50,23 +56,22 @@ class Talk(client.Talk):
         self.target: SerialTransport = session.target
         self._noted: set[int] = set()  # last bytes of replies whose spelling is noted
 
-    @property
-    def byte_ns(self) -> int:
-        """The time a byte takes on the line."""
-        return self.target.byte_ns
-
-    def send(self, frame: Request | bytes, timeout_s: float | None = None) -> Exchange:
+    def send(self, frame: SerialRequest | bytes, timeout_s: float | None = None) -> AxisExchange:
         """Send bytes, take the reply apart.  A Nack that noise provoked is answered by sending
         again: a module does nothing with a frame it Nacks (MACS-REPLY-04)."""
         data = frame if isinstance(frame, bytes) else frame.encode()
         exchange = self._once(data, timeout_s)
-        if self.target.is_lossless or not isinstance(frame, Request) or not frame.is_well_formed:
+        if (
+            self.target.is_lossless
+            or not isinstance(frame, SerialRequest)
+            or not frame.is_well_formed
+        ):
             return exchange
         return self._undisturbed(data, int(frame.index, 16), exchange, timeout_s)
 
-    def _is_good(self, index: int, reply: Reply, *, may_be_silent: bool) -> bool:
+    def _is_good(self, index: int, reply: SerialReply, *, may_be_silent: bool) -> bool:
         """True if a module could say that, as far as is known of this one."""
-        if reply.kind is Kind.SILENCE:
+        if reply.kind is ReplyKind.SILENCE:
             return may_be_silent or index in MAY_BE_SILENT
         seen = self.session.readings
         spelling, error = reply.xon_spelling, reply.xonerror_spelling
@@ -75,10 +80,10 @@ class Talk(client.Talk):
         if error != seen.get("xonerror_byte", error) and error is not None:
             return False
         if index in ANSWERED:
-            return reply.kind is Kind.ANSWER
-        return reply.kind in (Kind.ACCEPTED, Kind.REFUSED, Kind.ANSWER)
+            return reply.kind is ReplyKind.ANSWER
+        return reply.kind in (ReplyKind.ACCEPTED, ReplyKind.REFUSED, ReplyKind.ANSWER)
 
-    def _once(self, data: bytes, timeout_s: float | None) -> Exchange:
+    def _once(self, data: bytes, timeout_s: float | None) -> AxisExchange:
         self.target.drain()
         sent_ns = self.target.send(data)
         limit_s = self._limit_s(timeout_s)
@@ -87,7 +92,7 @@ class Talk(client.Talk):
         taken = self._window(sent_ns, len(data), len(received), self.target.now_ns)
         reply = codec.parse(received)
         self._note_spelling(reply)
-        return Exchange(data, reply, taken)
+        return AxisExchange(data, reply, taken)
 
     def _limit_s(self, timeout_s: float | None) -> float:
         """How long to listen where the module may take so long; the line's own time is added."""
@@ -95,7 +100,7 @@ class Talk(client.Talk):
 
     def exchange(
         self, data: bytes, size: int, timeout_s: float, is_cleared: bool = False
-    ) -> tuple[bytes, Window]:
+    ) -> tuple[bytes, TimeWindow]:
         """What `send` does, at a fraction of its cost, where the target allows it
         (`SerialTransport.is_direct`): the reply as it came, and when the request was taken over.
 
@@ -120,24 +125,24 @@ class Talk(client.Talk):
             received += arrived
         return received
 
-    def in_vain(self, request: Request | bytes) -> Exchange:
-        """See `client.Talk.in_vain`; a Nack at most is expected, where nothing disturbs."""
+    def in_vain(self, request: SerialRequest | bytes) -> AxisExchange:
+        """See `AxisClient.in_vain`; a Nack at most is expected, where nothing disturbs."""
         if not self.target.is_direct:
             return super().in_vain(request)
         data = request if isinstance(request, bytes) else request.encode()
         received, taken = self.exchange(data, NACK_BYTES, QUIET_S)
-        return Exchange(data, codec.parse(received), taken)
+        return AxisExchange(data, codec.parse(received), taken)
 
-    def _window(self, sent_ns: int, sent: int, received: int, done_ns: int) -> Window:
+    def _window(self, sent_ns: int, sent: int, received: int, done_ns: int) -> TimeWindow:
         """When the module can have taken over a request of `sent` bytes."""
         byte_ns = self.target.byte_ns
         earliest, latest = sent_ns + sent * byte_ns, done_ns - received * byte_ns
         if latest < earliest:  # a line on which bytes take no time
-            return Window(sent_ns, done_ns)
+            return TimeWindow(sent_ns, done_ns)
         # A motion may count from the end of the reply (MACS-AMB-41): within the window.
-        return Window(earliest, done_ns if received == codec.SHORT_REPLY_BYTES else latest)
+        return TimeWindow(earliest, done_ns if received == codec.SHORT_REPLY_BYTES else latest)
 
-    def _note_spelling(self, reply: Reply) -> None:
+    def _note_spelling(self, reply: SerialReply) -> None:
         """Remember how this device spells Xon and Xonerror; a check of its own judges it.  Noise
         can turn one spelling into the other, so there it takes some that agree."""
         for switch, seen in (
@@ -149,27 +154,33 @@ class Talk(client.Talk):
             if not self.target.is_lossless:
                 votes = self.session.run.quality.votes
                 votes[switch, seen] += 1
-                if votes[switch, seen] < SPELLINGS_ALIKE:
+                if votes[switch, seen] < RETRY.alike:
                     continue
             self.session.run.readings.setdefault(switch, seen)
 
     def request(
         self, index: int, parameter: int = 0, sub_index: int = 0, address: int | None = None
-    ) -> Request:
+    ) -> SerialRequest:
         """A well-formed request to this module."""
         whom = self.address if address is None else address
         return codec.request(whom, index, parameter, sub_index)
 
-    def to_all(self, index: int, parameter: int = 0) -> Request:
+    def to_all(self, index: int, parameter: int = 0) -> SerialRequest:
         """A well-formed request to FF (MACS-MULTI-02)."""
         return codec.request(codec.GENERAL_ADDRESS, index, parameter)
 
-    def spoilt(self, index: int, parameter: int, how: int) -> tuple[Request, Kind] | None:
+    def corrupted(
+        self, index: int, parameter: int, how: int
+    ) -> tuple[SerialRequest, ReplyKind] | None:
         """A request under a wrong checksum, which is Nacked (MACS-REPLY-02)."""
         if self.is_nacked_by_many:  # all at once: neither reply nor the next frame would be heard
             return None
         request = self.request(index, parameter)
-        return request.with_wrong_checksum(how % 0xFF + 1), Kind.NACK
+        return request.with_wrong_checksum(how % 0xFF + 1), ReplyKind.NACK
+
+    def nacked_alone(self, request: SerialRequest) -> list[SerialRequest]:
+        """The frame under a wrong checksum, where only the module it is for could Nack it."""
+        return [] if self.is_nacked_by_many else [request.with_wrong_checksum()]
 
     @property
     def is_nacked_by_many(self) -> bool:
@@ -183,8 +194,8 @@ class Talk(client.Talk):
 
     def swift(
         self, index: int, parameter: int, timeout_s: float, is_cleared: bool
-    ) -> tuple[bytes, bytes, Window]:
-        """See `client.Talk.swift`."""
+    ) -> tuple[bytes, bytes, TimeWindow]:
+        """See `AxisClient.swift`."""
         data = codec.frame(self.address, index, parameter)
         size = codec.ANSWER_BYTES if index in ANSWERED else codec.SHORT_REPLY_BYTES
         received, taken = self.exchange(data, size, timeout_s, is_cleared)
@@ -193,19 +204,19 @@ class Talk(client.Talk):
     @property
     def frame_ns(self) -> int:
         """The time a request takes on the line."""
-        return codec.REQUEST_BYTES * self.byte_ns
+        return codec.REQUEST_BYTES * self.target.byte_ns
 
     @property
     def glance_ns(self) -> int:
         """How long before an instant a query must be sent so that the counter is read before it."""
-        return GLANCE_BYTES * self.byte_ns
+        return GLANCE_BYTES * self.target.byte_ns
 
     @property
     def imax(self) -> int:
         """The byte at AFh of the RAM (MACS-Q-28-01)."""
         return self.data_bytes(0x28, codec.IMAX_ADDRESS)[0]
 
-    def is_answer(self, index: int, reply: Reply, *, in_any_reading: bool = False) -> bool:
+    def is_answer(self, index: int, reply: SerialReply, *, in_any_reading: bool = False) -> bool:
         """True if a reply says that it answers that query (MACS-REPLY-09)."""
         if in_any_reading:
             digits = (index & 0xF, OTHER_DIGITS.get(index))
@@ -217,7 +228,7 @@ class Talk(client.Talk):
         return self.target.drain().hex(" ")
 
     @staticmethod
-    def kind_of(received: bytes) -> Kind:
+    def kind_of(received: bytes) -> ReplyKind:
         """What kind of reply these bytes are."""
         return codec.parse(received).kind
 
@@ -235,16 +246,15 @@ class Talk(client.Talk):
         """A request in words."""
         return codec.explain(sent)
 
-    def told(self, received: bytes) -> str:
+    def described(self, received: bytes) -> str:
         """A reply in words."""
         return str(codec.parse(received))
 
-    def command(self, index: int, parameter: int = 0, sub_index: int = 0) -> Exchange:
-        """Send a command."""
+    def _command(self, index: int, parameter: int, sub_index: int) -> AxisExchange:
         if sub_index or index in MAY_BE_SILENT or not self.target.is_direct:
-            return super().command(index, parameter, sub_index)
+            return super()._command(index, parameter, sub_index)
         self.target.drain()
         data = codec.frame(self.address, index, parameter)
         size = codec.ANSWER_BYTES if index in ANSWERED else codec.SHORT_REPLY_BYTES
         received, taken = self.exchange(data, size, self.session.reply_timeout_s)
-        return Exchange(data, codec.parse(received), taken)
+        return AxisExchange(data, codec.parse(received), taken)

@@ -24,7 +24,7 @@ from typing import Final
 from axistwin_conformance.families.mac.axis.exchanges import (
     COMMAND_NAMES,
     QUERY_NAMES,
-    Kind,
+    ReplyKind,
     signed,
 )
 
@@ -67,7 +67,7 @@ def eight_digits(value: int) -> bytes:
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class SerialRequest:
     """One frame of the host, field by field as raw characters, so that any field can be spoilt.
 
     ``check`` of None stands for the right checksum of the other fields.
@@ -99,11 +99,11 @@ class Request:
         is_spelt = set(self.summed) <= _DIGITS and len(self.summed) == SUMMED_BYTES
         return is_framed and is_spelt and self.check is None
 
-    def with_wrong_checksum(self, offset: int = 1) -> Request:
+    def with_wrong_checksum(self, offset: int = 1) -> SerialRequest:
         """Spoil the checksum by ``offset`` (1..255), keeping it two hex digits."""
         return replace(self, check=two_digits(checksum(self.summed) + offset))
 
-    def in_lower_case(self) -> Request:
+    def in_lower_case(self) -> SerialRequest:
         """Spell the fields in lower case, with the checksum of what is then sent."""
         return replace(
             self,
@@ -114,9 +114,9 @@ class Request:
         )
 
 
-def request(address: int, index: int, parameter: int = 0, sub_index: int = 0) -> Request:
+def request(address: int, index: int, parameter: int = 0, sub_index: int = 0) -> SerialRequest:
     """Build a well-formed request; ``parameter`` is a signed or unsigned 32-bit number."""
-    return Request(
+    return SerialRequest(
         address=two_digits(address),
         index=two_digits(index),
         sub_index=two_digits(sub_index),
@@ -132,14 +132,14 @@ def frame(address: int, index: int, parameter: int = 0) -> bytes:
 
 
 @dataclass(frozen=True, slots=True)
-class Reply:
+class SerialReply:
     """A reply taken apart; the answer fields are None or empty unless ``kind`` is ANSWER.
 
     ``data`` is the answer's 32-bit number, ``address`` and ``digit`` as sent, ``final`` the byte
     behind the message (Xon or Xonerror), ``flaws`` what does not fit the manual.
     """
 
-    kind: Kind
+    kind: ReplyKind
     raw: bytes = b""
     address: int | None = None
     digit: int | None = None
@@ -168,7 +168,7 @@ class Reply:
         return explain_reply(self)
 
 
-SILENCE: Final = Reply(Kind.SILENCE)
+SILENCE: Final = SerialReply(ReplyKind.SILENCE)
 
 
 def missing_bytes(received: bytes) -> int:
@@ -189,28 +189,28 @@ def missing_bytes(received: bytes) -> int:
     return max(0, ANSWER_BYTES - len(received))
 
 
-def parse(received: bytes) -> Reply:
+def parse(received: bytes) -> SerialReply:
     """Take a reply apart; everything received must belong to it, or it is garbage."""
     if not received:
         return SILENCE
     if received == bytes([NACK]):
-        return Reply(Kind.NACK, received)
+        return SerialReply(ReplyKind.NACK, received)
     if len(received) == SHORT_REPLY_BYTES and received[:2] == bytes([ACK, XOFF]):
         return _parse_short(received)
     if len(received) == ANSWER_BYTES and received.startswith(ANSWER_START):
         return _parse_answer(received)
-    return Reply(Kind.GARBAGE, received, flaws=("fits no reply of the manual",))
+    return SerialReply(ReplyKind.GARBAGE, received, flaws=("fits no reply of the manual",))
 
 
 @lru_cache(maxsize=256)
-def _parse_short(received: bytes) -> Reply:
+def _parse_short(received: bytes) -> SerialReply:
     final = received[2]
     if final in XON_SPELLINGS:
-        return Reply(Kind.ACCEPTED, received, final=final)
+        return SerialReply(ReplyKind.ACCEPTED, received, final=final)
     if final in XONERROR_SPELLINGS:
-        return Reply(Kind.REFUSED, received, final=final)
+        return SerialReply(ReplyKind.REFUSED, received, final=final)
     flaw = f"third byte {final:02X} is neither Xon nor Xonerror"
-    return Reply(Kind.GARBAGE, received, final=final, flaws=(flaw,))
+    return SerialReply(ReplyKind.GARBAGE, received, final=final, flaws=(flaw,))
 
 
 @lru_cache(maxsize=4096)
@@ -237,12 +237,14 @@ def _flaws(received: bytes) -> list[str]:
     return flaws
 
 
-def _parse_answer(received: bytes) -> Reply:
+def _parse_answer(received: bytes) -> SerialReply:
     length, summed = received[3:6], received[6:17]
     if flaws := _flaws(received):
-        return Reply(Kind.GARBAGE, received, length=length, final=received[20], flaws=tuple(flaws))
-    return Reply(
-        Kind.ANSWER,
+        return SerialReply(
+            ReplyKind.GARBAGE, received, length=length, final=received[20], flaws=tuple(flaws)
+        )
+    return SerialReply(
+        ReplyKind.ANSWER,
         received,
         address=int(summed[:2], 16),
         digit=int(summed[2:3], 16),
@@ -278,16 +280,16 @@ def explain_request(data: bytes) -> str:
     return words
 
 
-def explain_reply(reply: Reply) -> str:
+def explain_reply(reply: SerialReply) -> str:
     """Put a reply into words."""
-    if reply.kind is Kind.ANSWER:
+    if reply.kind is ReplyKind.ANSWER:
         assert reply.data is not None
         assert reply.address is not None
         return (
             f"answer {reply.digit:X} of {reply.address:02X}: {reply.data:08X}"
             f" ({signed(reply.data)})"
         )
-    if reply.kind is Kind.GARBAGE:
+    if reply.kind is ReplyKind.GARBAGE:
         return f"garbage {_text(reply.raw)}: {'; '.join(reply.flaws)}"
     return reply.kind.value if not reply.raw else f"{reply.kind.value} ({_text(reply.raw)})"
 

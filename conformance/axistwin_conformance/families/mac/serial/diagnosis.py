@@ -13,10 +13,10 @@ from typing import Final
 from axistwin_conformance.base.transcript import Direction
 from axistwin_conformance.core.family import Violation
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.exchanges import COMMAND_NAMES, Kind
+from axistwin_conformance.families.mac.axis.exchanges import COMMAND_NAMES, ReplyKind
 from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.families.mac.serial.client import ANSWERED, MAY_BE_SILENT, OTHER_DIGITS
-from axistwin_conformance.families.mac.serial.codec import Reply
+from axistwin_conformance.families.mac.serial.codec import SerialReply
 
 PLAIN: Final = b"00" + b"00000000"  # sub-index and parameter nobody can object to
 OBEYED: Final = frozenset(COMMAND_NAMES)
@@ -36,7 +36,7 @@ def diagnose(session: Session, request: bytes, reply: bytes | None) -> Violation
     if reply is None:
         return _promised(index, "the twin crashed")
     seen = codec.parse(reply)
-    if seen.kind is Kind.SILENCE and _may_be_deaf(session):
+    if seen.kind is ReplyKind.SILENCE and _may_be_deaf(session):
         return None
     judge = _judge_answer if index in ANSWERED else _judge_short
     return judge(request, index, seen)
@@ -67,21 +67,21 @@ def _promised(index: int, came: str) -> Violation:
 
 def _may_be_deaf(session: Session) -> bool:
     """True if something was sent here after which a module may say nothing for a while."""
-    sent = (one.data for one in session.records() if one.direction is Direction.HOST)
+    sent = (record.data for record in session.records() if record.direction is Direction.HOST)
     return any(_asked(session, data) in MAY_BE_SILENT for data in sent)
 
 
-def _judge_short(request: bytes, index: int, seen: Reply) -> Violation | None:
-    is_open = index in MAY_BE_SILENT and seen.kind is Kind.SILENCE
-    if is_open or seen.kind in (Kind.ACCEPTED, Kind.REFUSED):
+def _judge_short(request: bytes, index: int, seen: SerialReply) -> Violation | None:
+    is_open = index in MAY_BE_SILENT and seen.kind is ReplyKind.SILENCE
+    if is_open or seen.kind in (ReplyKind.ACCEPTED, ReplyKind.REFUSED):
         return None
     return _promised(index, str(seen))
 
 
-def _judge_answer(request: bytes, index: int, seen: Reply) -> Violation | None:
-    if seen.kind is Kind.REFUSED and request[8:18] != PLAIN:  # MACS-AMB-62 and the like
+def _judge_answer(request: bytes, index: int, seen: SerialReply) -> Violation | None:
+    if seen.kind is ReplyKind.REFUSED and request[8:18] != PLAIN:  # MACS-AMB-62 and the like
         return None
-    if seen.kind is not Kind.ANSWER:
+    if seen.kind is not ReplyKind.ANSWER:
         return _promised(index, str(seen))
     query = int(request[4:6], 16)
     if seen.address != query:

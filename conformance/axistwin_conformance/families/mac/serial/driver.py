@@ -1,23 +1,20 @@
-"""A module on the serial line, as checks handle it, and the same with the rig around it."""
+"""A module on the serial line, as checks handle it."""
 
 from __future__ import annotations
 
 from typing import Final
 
-from axistwin_conformance.families.mac.axis.driver import motion, rig
-from axistwin_conformance.families.mac.serial.client import Talk
-from axistwin_conformance.families.mac.serial.codec import Request
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver
+from axistwin_conformance.families.mac.serial.client import SerialClient
 
 NACKED_BY_MANY: Final = "every module of the line Nacks here, all at once: ask it alone"
 
 
-class Bench(motion.Bench, Talk):
+class SerialDriver(AxisDriver):
     """One module on the line."""
 
-    def nacked_alone(self, request: Request) -> list[Request]:
-        """The frame under a wrong checksum, where only the module it is for could Nack it."""
-        return [] if self.is_nacked_by_many else [request.with_wrong_checksum()]
+    client: SerialClient
 
-
-class RigBench(rig.RigBench, Bench):
-    """One module on the line and the rig around it."""
+    def __init__(self, session: Session, address: int | None = None) -> None:
+        super().__init__(SerialClient(session, address))

@@ -3,7 +3,7 @@ executed, and replies."""
 
 from __future__ import annotations
 
-from axistwin_conformance.families.mac.axis.travel_guard import Asked, Heard
+from axistwin_conformance.families.mac.axis.travel_guard import ReceivedReply, SentRequest
 from axistwin_conformance.families.mac.serial import codec
 
 
@@ -12,23 +12,23 @@ class LineReader:
 
     def __init__(self) -> None:
         self._tail = b""  # of what was sent, for frames sent in pieces
-        self._heard = b""
+        self._received = b""
 
-    def foreseen(self, data: bytes) -> list[Asked]:
+    def foreseen(self, data: bytes) -> list[SentRequest]:
         """See `travel_guard.Reader`."""
         return [_asked(frame) for frame in _frames(self._tail, data)]
 
     def sent(self, data: bytes) -> None:
         """See `travel_guard.Reader`."""
-        self._tail, self._heard = (self._tail + data)[1 - codec.REQUEST_BYTES :], b""
+        self._tail, self._received = (self._tail + data)[1 - codec.REQUEST_BYTES :], b""
 
-    def heard(self, data: bytes) -> Heard | None:
+    def received(self, data: bytes) -> ReceivedReply | None:
         """See `travel_guard.Reader`."""
-        self._heard += data
-        if codec.missing_bytes(self._heard):
+        self._received += data
+        if codec.missing_bytes(self._received):
             return None
-        reply, self._heard = codec.parse(self._heard), b""
-        return Heard(reply.kind, reply.data)
+        reply, self._received = codec.parse(self._received), b""
+        return ReceivedReply(reply.kind, reply.data)
 
     def stop(self, address: int) -> bytes:
         """See `travel_guard.Reader`."""
@@ -39,9 +39,9 @@ class LineReader:
         return codec.explain_request(raw)
 
 
-def _asked(frame: bytes) -> Asked:
+def _asked(frame: bytes) -> SentRequest:
     address = int(frame[4:6], 16)
-    return Asked(
+    return SentRequest(
         None if address == codec.GENERAL_ADDRESS else address,
         int(frame[6:8], 16),
         int(frame[10:18], 16),

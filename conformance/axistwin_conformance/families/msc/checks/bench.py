@@ -15,12 +15,12 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import BLOCK_VALUES, RQSTAT
-from axistwin_conformance.families.msc.controller import (
+from axistwin_conformance.families.msc.driver import (
     ACKED,
     AS_UNKNOWN,
     NAKED,
     SERVED,
-    Controller,
+    MscDriver,
     Readings,
 )
 
@@ -39,19 +39,19 @@ HALF: Final = BLOCK_VALUES // 2
 def a_name_nobody_knows_is_refused(session: Session) -> None:
     """A command that cannot exist draws NAK, or what this device has for it; with and without
     values, and again."""
-    unit = Controller(session)
+    driver = MscDriver(session)
     for fields in ((), (b"\x00\x00",), (b"\x07\xd8\x00\x00\x04\xd2",), ()):
-        raw = unit.talk.request(codec.body(codec.IMPOSSIBLE_NAME, *fields))
-        unit.follows(raw, "unknown_command", AS_UNKNOWN, "MSC-CMD-10")
-        unit.alive("MSC-CMD-10")
+        raw = driver.client.request(codec.body(codec.IMPOSSIBLE_NAME, *fields))
+        driver.follows(raw, "unknown_command", AS_UNKNOWN, "MSC-CMD-10")
+        driver.link.alive("MSC-CMD-10")
 
 
-def _as_unknown_or(unit: Controller, kind: str, switch: str) -> Readings:
+def _as_unknown_or(driver: MscDriver, kind: str, switch: str) -> Readings:
     """What an unknown command draws stands for the default reading of a switch, another thing for
     the second; what is the same in both tells nothing."""
-    default, other = unit.session.run.ledger.ambiguity_of(switch).switches[switch]
-    same = unit.as_unknown == kind
-    return {kind: (default, other) if same else other, unit.as_unknown: default} | (
+    default, other = driver.session.run.ledger.ambiguity_of(switch).switches[switch]
+    same = driver.as_unknown == kind
+    return {kind: (default, other) if same else other, driver.as_unknown: default} | (
         {kind: (default, other)} if same else {}
     )
 
@@ -60,38 +60,40 @@ def _as_unknown_or(unit: Controller, kind: str, switch: str) -> Readings:
 def a_name_without_its_comma_is_unknown(session: Session) -> None:
     """RQSTAT and RFLAGS spelled without a comma are as unknown as any other name, unless this
     device does without."""
-    unit = Controller(session)
+    driver = MscDriver(session)
     names = ("MSC-CMD-10", "MSC-CMD-02")
-    for body in (RQSTAT, *([codec.RFLAGS] if unit.has_rflags else [])):
-        raw = unit.talk.request(body.rstrip(codec.COMMA))
-        unit.follows(raw, "comma", _as_unknown_or(unit, SERVED, "comma"), names)
-        unit.alive("MSC-CMD-02")
+    for body in (RQSTAT, *([codec.RFLAGS] if driver.has_rflags else [])):
+        raw = driver.client.request(body.rstrip(codec.COMMA))
+        driver.follows(raw, "comma", _as_unknown_or(driver, SERVED, "comma"), names)
+        driver.link.alive("MSC-CMD-02")
 
 
 @check("MSC-CMD-09", safety="rig", needs=BENCH)
 def names_are_upper_case(session: Session) -> None:
     """RQSTAT in lower and in mixed case, and DREAD so, are unknown, unless this device does not
     mind."""
-    unit = Controller(session)
-    reads = [RQSTAT, codec.rflag(0), *(codec.dread(one) for one in unit.spots(1))]
+    driver = MscDriver(session)
+    reads = [RQSTAT, codec.rflag(0), *(codec.dread(address) for address in driver.scratch.spots(1))]
     for body in reads:
         name, _, values = body.partition(codec.COMMA)
         for spelling in (name.lower(), name.capitalize()):
-            raw = unit.talk.request(spelling + codec.COMMA + values)
-            readings = _as_unknown_or(unit, SERVED, "case_sensitive")
-            unit.follows(raw, "case_sensitive", readings, "MSC-CMD-09")
+            raw = driver.client.request(spelling + codec.COMMA + values)
+            readings = _as_unknown_or(driver, SERVED, "case_sensitive")
+            driver.follows(raw, "case_sensitive", readings, "MSC-CMD-09")
 
 
 @check("MSC-MOD-02", safety="rig", needs=BENCH)
 def a_model_without_rflags_does_not_answer_it(session: Session) -> None:
     """On models without it RFLAGS draws what an unknown command draws, or a lone ACK; never the
     states of flags."""
-    unit = Controller(session)
-    if unit.has_rflags:
+    driver = MscDriver(session)
+    if driver.has_rflags:
         session.skip("this model has RFLAGS (MSC-MOD-01)")
-    readings = _as_unknown_or(unit, ACKED, "rflags_unsupported")
-    unit.follows(unit.talk.request(codec.RFLAGS), "rflags_unsupported", readings, "MSC-MOD-02")
-    unit.alive("MSC-MOD-02")
+    readings = _as_unknown_or(driver, ACKED, "rflags_unsupported")
+    driver.follows(
+        driver.client.request(codec.RFLAGS), "rflags_unsupported", readings, "MSC-MOD-02"
+    )
+    driver.link.alive("MSC-MOD-02")
 
 
 # --- sizes ----------------------------------------------------------------------------------------
@@ -103,32 +105,32 @@ SHORT: Final[Readings] = {
 }  # fmt: skip
 
 
-def _longer(unit: Controller) -> list[bytes]:
-    return [one + extra for one in unit.reads() for extra in (b"\x00", b"\x02\x06")]
+def _longer(driver: MscDriver) -> list[bytes]:
+    return [body + extra for body in driver.reads() for extra in (b"\x00", b"\x02\x06")]
 
 
-def _shorter(unit: Controller) -> list[bytes]:
-    with_values = [one for one in unit.reads() if not one.endswith(codec.COMMA)]
-    return [one[:-count] for one in with_values for count in (1, 2)]
+def _shorter(driver: MscDriver) -> list[bytes]:
+    with_values = [body for body in driver.reads() if not body.endswith(codec.COMMA)]
+    return [body[:-count] for body in with_values for count in (1, 2)]
 
 
 @check("MSC-CMD-11", "MSC-BREAD-01", "MSC-DREAD-01", "MSC-RFLAG-01", safety="rig", needs=BENCH)
 def a_body_of_another_size_is_refused(session: Session) -> None:
     """A reading command with bytes too many or too few draws NAK, or what this device has for it;
     the sound one behind it is served."""
-    unit = Controller(session)
+    driver = MscDriver(session)
     own = {"BREAD": "MSC-BREAD-01", "DREAD": "MSC-DREAD-01", "RFLAG": "MSC-RFLAG-01"}
-    for bodies, readings in ((_longer(unit), LONG), (_shorter(unit), SHORT)):
+    for bodies, readings in ((_longer(driver), LONG), (_shorter(driver), SHORT)):
         for body in bodies:
             name = body.partition(codec.COMMA)[0].decode()
             names = ("MSC-CMD-11", *([own[name]] if name in own else []))
-            raw = unit.talk.request(body)
-            exchange = unit.follows(raw, "malformed_body", readings, names)
+            raw = driver.client.request(body)
+            exchange = driver.follows(raw, "malformed_body", readings, names)
             reply = exchange.reply
-            size = unit.talk.reply_bytes(name)
+            size = driver.client.reply_bytes(name)
             is_own = reply is None or (reply.name, len(reply.raw)) == (name, size)
             session.expect(is_own, names, f"a reply of {name}, if any", exchange)
-            unit.alive("MSC-CMD-11")
+            driver.link.alive("MSC-CMD-11")
 
 
 @check(
@@ -138,12 +140,12 @@ def a_body_of_another_size_is_refused(session: Session) -> None:
 def a_write_of_another_size_stores_nothing(session: Session) -> None:
     """BWRITE with 31 or 33 values, DWRITE with three or five bytes, SFLAG and CFLAG with one or
     three draw NAK and change nothing; on a twin only."""
-    unit = Controller(session)
-    unit.only_on_a_twin()
-    (block,), flag = unit.blocks(1), unit.some_flags(1)[0]
-    before = unit.values(BLOCK_VALUES)
-    unit.write_block(block, before)
-    unit.clear_flag(flag)
+    driver = MscDriver(session)
+    driver.link.only_on_a_twin()
+    (block,), flag = driver.scratch.blocks(1), driver.scratch.some_flags(1)[0]
+    before = driver.values(BLOCK_VALUES)
+    driver.write_block(block, before)
+    driver.clear_flag(flag)
     bodies = (
         ("BWRITE", codec.bwrite(block, [7] * (BLOCK_VALUES - 1)), SHORT),
         ("BWRITE", codec.bwrite(block, [7] * (BLOCK_VALUES + 1)), LONG),
@@ -156,15 +158,15 @@ def a_write_of_another_size_stores_nothing(session: Session) -> None:
     )
     for name, body, size in bodies:
         names = ("MSC-CMD-11", f"MSC-{name}-01")
-        kind, exchange = unit.draws(unit.talk.request(body))
+        kind, exchange = driver.draws(driver.client.request(body))
         # An ACK alone is also what a lenient device says to a write.
         readings = dict(size) | {ACKED: ("ack_ignore", "lenient")}
         if kind not in (NAKED, ACKED):
             session.fail(names, [NAKED, ACKED], exchange)
-        unit.reading("malformed_body", readings[kind], names)
+        driver.reading("malformed_body", readings[kind], names)
         if session.reading("malformed_body") == "lenient":
             continue
-        seen = list(unit.read_block(block)), unit.flag(flag)
+        seen = list(driver.read_block(block)), driver.flag(flag)
         session.expect(seen == (before, False), names, "nothing changed", seen)
 
 
@@ -175,51 +177,51 @@ def a_write_of_another_size_stores_nothing(session: Session) -> None:
 def an_address_inside_a_value_reads_its_bytes(session: Session) -> None:
     """DREAD of an address inside a value returns the bytes from there on, across the next value;
     or NAK, or that value, as this device reads it."""
-    unit = Controller(session)
-    stride = unit.stride
+    driver = MscDriver(session)
+    stride = driver.scratch.stride
     if stride == 1:
         session.skip("on this device every address is a variable of its own")
-    (block,) = unit.blocks(1)
-    values = unit.values(BLOCK_VALUES)
-    unit.write_block(block, values)
+    (block,) = driver.scratch.blocks(1)
+    values = driver.values(BLOCK_VALUES)
+    driver.write_block(block, values)
     whole = b"".join(map(codec.i32, values))
     for inside in range(1, stride):
-        exchange = unit.ask(codec.dread(block + inside))
+        exchange = driver.ask(codec.dread(block + inside))
         reply = exchange.reply
         if exchange.is_naked:
-            unit.reading("data_misaligned", "nak")
+            driver.reading("data_misaligned", "nak")
             continue
         if not exchange.is_acked or reply is None:
             session.fail(None, [SERVED, NAKED], exchange)
         at = inside * codec.VALUE_BYTES // stride
         expected = {whole[at : at + 4]: "overlap", whole[:4]: "round_down"}
         if reply.payload not in expected:
-            told = [f"{one.hex(' ')} ({reading})" for one, reading in expected.items()]
-            session.fail(None, told, f"{reply.payload.hex(' ')} at {block}+{inside}")
-        unit.reading("data_misaligned", expected[reply.payload])
+            text = [f"{raw.hex(' ')} ({reading})" for raw, reading in expected.items()]
+            session.fail(None, text, f"{reply.payload.hex(' ')} at {block}+{inside}")
+        driver.reading("data_misaligned", expected[reply.payload])
 
 
 @check("MSC-DWRITE-05", safety=("stored", "rig"), needs=("bench", "variables"))
 def a_write_inside_a_value_changes_what_a_read_there_shows(session: Session) -> None:
     """DWRITE and BWRITE to an address inside a value store their bytes from there on; or draw NAK,
     or mean that value, as this device reads it; nothing else changes.  On a twin only."""
-    unit = Controller(session)
-    unit.only_on_a_twin()
-    stride = unit.stride
+    driver = MscDriver(session)
+    driver.link.only_on_a_twin()
+    stride = driver.scratch.stride
     if stride == 1:
         session.skip("on this device every address is a variable of its own")
-    place, _ = unit.blocks(2)
+    place, _ = driver.scratch.blocks(2)
     for inside in range(1, stride):
-        for body, data in _writes_inside(unit, place + inside):
-            values = unit.values(2 * BLOCK_VALUES)
+        for body, data in _writes_inside(driver, place + inside):
+            values = driver.values(2 * BLOCK_VALUES)
             before = b"".join(map(codec.i32, values))
             for half in (0, BLOCK_VALUES):
-                unit.write_block(place + half * stride, values[half : half + BLOCK_VALUES])
-            kind, exchange = unit.draws(unit.talk.request(body))
+                driver.write_block(place + half * stride, values[half : half + BLOCK_VALUES])
+            kind, exchange = driver.draws(driver.client.request(body))
             seen = b"".join(
                 codec.i32(value)
                 for half in (0, BLOCK_VALUES)
-                for value in unit.read_block(place + half * stride)
+                for value in driver.read_block(place + half * stride)
             )
             at = inside * codec.VALUE_BYTES // stride
             outcomes = {
@@ -229,14 +231,14 @@ def a_write_inside_a_value_changes_what_a_read_there_shows(session: Session) -> 
             }
             if (kind, seen) not in outcomes:
                 changed = [number for number in range(len(seen)) if seen[number] != before[number]]
-                told = [f"bytes {at} to {at + len(data) - 1} changed", NAKED, "bytes from 0 on"]
-                session.fail(None, told, f"{exchange}; bytes {changed} changed")
-            unit.reading("data_misaligned", outcomes[kind, seen])
+                text = [f"bytes {at} to {at + len(data) - 1} changed", NAKED, "bytes from 0 on"]
+                session.fail(None, text, f"{exchange}; bytes {changed} changed")
+            driver.reading("data_misaligned", outcomes[kind, seen])
 
 
-def _writes_inside(unit: Controller, address: int) -> Iterator[tuple[bytes, bytes]]:
+def _writes_inside(driver: MscDriver, address: int) -> Iterator[tuple[bytes, bytes]]:
     """A value and a block to be written there, each with the bytes that it stores."""
-    for values in (unit.values(1), unit.values(BLOCK_VALUES)):
+    for values in (driver.values(1), driver.values(BLOCK_VALUES)):
         data = b"".join(map(codec.i32, values))
         write = codec.dwrite(address, values[0]) if len(values) == 1 else None
         yield write or codec.bwrite(address, values), data
@@ -250,52 +252,54 @@ def _stored(before: bytes, at: int, data: bytes) -> bytes:
 def an_address_outside_the_data_area_is_refused(session: Session) -> None:
     """DREAD at the end of the sixteen bits draws NAK; or 0, or what is at the beginning, as this
     device reads it."""
-    unit = Controller(session)
-    kind, exchange = unit.draws(unit.talk.request(codec.dread(LAST_PLACE)))
+    driver = MscDriver(session)
+    kind, exchange = driver.draws(driver.client.request(codec.dread(LAST_PLACE)))
     if kind == NAKED:
-        unit.reading("data_out_of_range", "nak")
-        kind, exchange = unit.draws(unit.talk.request(codec.bread(LAST_PLACE)))
+        driver.reading("data_out_of_range", "nak")
+        kind, exchange = driver.draws(driver.client.request(codec.bread(LAST_PLACE)))
         session.expect(kind == NAKED, None, "NAK to BREAD there as well", exchange)
-        if unit.is_twin:
-            kind, exchange = unit.draws(unit.talk.request(codec.dwrite(LAST_PLACE, 1)))
+        if driver.link.is_twin:
+            kind, exchange = driver.draws(driver.client.request(codec.dwrite(LAST_PLACE, 1)))
             session.expect(kind == NAKED, None, "NAK to DWRITE there as well", exchange)
         return
     session.expect(kind == SERVED, None, [NAKED, SERVED], exchange)
-    (mine,) = unit.slots(1)
-    (value,) = unit.values(1)
-    unit.write(mine, value)
-    aliases = [one for one in range(mine + 4, ADDRESSES, 4) if not (one - mine) & (one - mine - 1)]
-    alias = next((one for one in aliases if unit.read(one) == value), None)
+    (mine,) = driver.scratch.slots(1)
+    (value,) = driver.values(1)
+    driver.write(mine, value)
+    aliases = [
+        place for place in range(mine + 4, ADDRESSES, 4) if not (place - mine) & (place - mine - 1)
+    ]
+    alias = next((place for place in aliases if driver.read(place) == value), None)
     if alias is not None:
-        unit.reading("data_out_of_range", "wrap")
-        if unit.is_twin:
-            unit.write(alias, ~value)
-            seen = unit.read(mine)
+        driver.reading("data_out_of_range", "wrap")
+        if driver.link.is_twin:
+            driver.write(alias, ~value)
+            seen = driver.read(mine)
             session.expect(seen == ~value, None, f"{~value} at {mine}, by way of {alias}", seen)
-    elif unit.read(LAST_PLACE) == 0 and not _keeps_at_the_end(unit):
-        unit.reading("data_out_of_range", "zero")
+    elif driver.read(LAST_PLACE) == 0 and not _keeps_at_the_end(driver):
+        driver.reading("data_out_of_range", "zero")
     else:
         session.skip(f"no end of the data area up to {LAST_PLACE:04X}h is known")
 
 
-def _keeps_at_the_end(unit: Controller) -> bool:
+def _keeps_at_the_end(driver: MscDriver) -> bool:
     """True if the last place keeps what is written there, or if that cannot be tried out."""
-    if not unit.is_twin:
+    if not driver.link.is_twin:
         return True
-    unit.write(LAST_PLACE, 0x5A5A)
-    is_kept = unit.read(LAST_PLACE) == 0x5A5A
-    unit.write(LAST_PLACE, 0)
+    driver.write(LAST_PLACE, 0x5A5A)
+    is_kept = driver.read(LAST_PLACE) == 0x5A5A
+    driver.write(LAST_PLACE, 0)
     return is_kept
 
 
-def _end_of_data(unit: Controller) -> int:
+def _end_of_data(driver: MscDriver) -> int:
     """The lowest address behind the named ones that is refused; skips if there is none."""
-    low, high = unit.slots(1)[0], LAST_PLACE  # is there; is not
-    if unit.draws(unit.talk.request(codec.dread(high)))[0] != NAKED:
-        unit.session.skip("this device refuses no address, so that its last one cannot be found")
+    low, high = driver.scratch.slots(1)[0], LAST_PLACE  # is there; is not
+    if driver.draws(driver.client.request(codec.dread(high)))[0] != NAKED:
+        driver.session.skip("this device refuses no address, so that its last one cannot be found")
     while high - low > 4:
         middle = low + (high - low) // 8 * 4
-        if unit.draws(unit.talk.request(codec.dread(middle)))[0] == NAKED:
+        if driver.draws(driver.client.request(codec.dread(middle)))[0] == NAKED:
             high = middle
         else:
             low = middle
@@ -306,85 +310,86 @@ def _end_of_data(unit: Controller) -> int:
 def a_block_read_over_the_end_is_refused_whole(session: Session) -> None:
     """BREAD of a block whose second half is behind the end of the data area draws NAK, or as much
     as there is, as this device reads it; one that just fits is served."""
-    unit = Controller(session)
-    end, stride = _end_of_data(unit), unit.stride
-    kind, exchange = unit.draws(unit.talk.request(codec.bread(end - BLOCK_VALUES * stride)))
+    driver = MscDriver(session)
+    end, stride = _end_of_data(driver), driver.scratch.stride
+    kind, exchange = driver.draws(driver.client.request(codec.bread(end - BLOCK_VALUES * stride)))
     session.expect(kind == SERVED, None, "the last whole block", exchange)
     for beyond in (1, HALF, BLOCK_VALUES - 1):
         start = end - (BLOCK_VALUES - beyond) * stride
         if start % 2:
             continue
-        kind, exchange = unit.draws(unit.talk.request(codec.bread(start)))
+        kind, exchange = driver.draws(driver.client.request(codec.bread(start)))
         if kind == NAKED:
-            unit.reading("block_overrun", "nak_atomic")
+            driver.reading("block_overrun", "nak_atomic")
             continue
         reply = exchange.reply
         session.expect(kind == SERVED and reply is not None, None, [NAKED, SERVED], exchange)
         assert reply is not None
-        _judge_overrun(unit, start, beyond, reply.values)
+        _judge_overrun(driver, start, beyond, reply.values)
 
 
-def _judge_overrun(unit: Controller, start: int, beyond: int, values: Sequence[int]) -> None:
+def _judge_overrun(driver: MscDriver, start: int, beyond: int, values: Sequence[int]) -> None:
     """Which reading of MSC-AMB-21 explains a block of which the last `beyond` values are not
     there."""
     there = BLOCK_VALUES - beyond
-    for number, place in unit.within_block(start):
+    for number, place in driver.scratch.within_block(start):
         if number < there:
-            seen = unit.read(place)
-            told = f"{seen} first, as at {place}: what is there"
-            unit.session.expect(values[number] == seen, None, told, values[number])
+            seen = driver.read(place)
+            text = f"{seen} first, as at {place}: what is there"
+            driver.session.expect(values[number] == seen, None, text, values[number])
     behind = list(values[there:])
-    around = list(unit.read_block(0))[:beyond]
+    around = list(driver.read_block(0))[:beyond]
     readings = [
-        reading for reading, expected in (("partial", [0] * beyond), ("wrap", around))
+        reading
+        for reading, expected in (("partial", [0] * beyond), ("wrap", around))
         if behind in (expected, [])
-    ]  # fmt: skip
+    ]
     if not readings:
-        unit.session.fail(None, ["zeros", f"what is at 0: {around}"], behind)
-    unit.reading("block_overrun", tuple(readings))
+        driver.session.fail(None, ["zeros", f"what is at 0: {around}"], behind)
+    driver.reading("block_overrun", tuple(readings))
 
 
 @check("MSC-BWRITE-07", safety=("stored", "rig"), needs=("bench", "variables"))
 def a_block_written_over_the_end_stores_nothing(session: Session) -> None:
     """BWRITE of a block whose second half is behind the end of the data area draws NAK and stores
     nothing, or half of it, as this device reads it; on a twin only."""
-    unit = Controller(session)
-    unit.only_on_a_twin()
-    end, stride = _end_of_data(unit), unit.stride
+    driver = MscDriver(session)
+    driver.link.only_on_a_twin()
+    end, stride = _end_of_data(driver), driver.scratch.stride
     last, start = end - BLOCK_VALUES * stride, end - HALF * stride
-    with _kept(unit, (last, 0)):
-        before = unit.values(BLOCK_VALUES)
-        unit.write_block(last, before)
-        unit.write_block(0, before)
-        singles = unit.read(last), unit.read(0)
-        told = f"{before[0]} at either end, by DREAD"
-        session.step(set(singles) == {before[0]}, told, singles)
-        values = unit.values(BLOCK_VALUES)
-        kind, exchange = unit.draws(unit.talk.request(codec.bwrite(start, values)))
+    with _kept(driver, (last, 0)):
+        before = driver.values(BLOCK_VALUES)
+        driver.write_block(last, before)
+        driver.write_block(0, before)
+        singles = driver.read(last), driver.read(0)
+        text = f"{before[0]} at either end, by DREAD"
+        session.step(set(singles) == {before[0]}, text, singles)
+        values = driver.values(BLOCK_VALUES)
+        kind, exchange = driver.draws(driver.client.request(codec.bwrite(start, values)))
         if kind not in (NAKED, ACKED):
             session.fail(None, [NAKED, ACKED], exchange)
-        seen = list(unit.read_block(last)), list(unit.read_block(0))
+        seen = list(driver.read_block(last)), list(driver.read_block(0))
         half = before[:HALF] + values[:HALF]
         outcomes = {
             "nak_atomic": (before, before),
             "partial": (half, before),
             "wrap": (half, values[HALF:] + before[HALF:]),
         }
-        shown = next((reading for reading, one in outcomes.items() if one == seen), None)
+        shown = next((reading for reading, outcome in outcomes.items() if outcome == seen), None)
         if shown is None or (shown == "nak_atomic") != (kind == NAKED):
             session.fail(None, [f"{NAKED}, and nothing stored", *outcomes], f"{exchange}: {seen}")
-        unit.reading("block_overrun", shown)
+        driver.reading("block_overrun", shown)
 
 
 @contextmanager
-def _kept(unit: Controller, blocks: Sequence[int]) -> Iterator[None]:
+def _kept(driver: MscDriver, blocks: Sequence[int]) -> Iterator[None]:
     """Put back what a twin held at places that nobody has named."""
-    held = {place: unit.read_block(place) for place in blocks}
+    held = {place: driver.read_block(place) for place in blocks}
     try:
         yield
     finally:
         for place, values in held.items():
-            unit.write_block(place, values)
+            driver.write_block(place, values)
 
 
 # --- flags ----------------------------------------------------------------------------------------
@@ -394,29 +399,29 @@ def _kept(unit: Controller, blocks: Sequence[int]) -> Iterator[None]:
 def a_flag_number_above_255_is_refused(session: Session) -> None:
     """RFLAG of a flag that is on, and of it plus 256 and more: NAK, or off, or the flag itself, as
     this device reads it; on a twin SFLAG and CFLAG alike."""
-    unit = Controller(session)
-    number = unit.some_flags(1)[0]
-    unit.set_flag(number)
+    driver = MscDriver(session)
+    number = driver.scratch.some_flags(1)[0]
+    driver.set_flag(number)
     for far in (number + 256, number + 0x100 * 0xFF, number | 0x8000):
-        kind, exchange = unit.draws(unit.talk.request(codec.rflag(far)))
+        kind, exchange = driver.draws(driver.client.request(codec.rflag(far)))
         reply = exchange.reply
         if kind == NAKED:
-            unit.reading("flag_out_of_range", "nak")
+            driver.reading("flag_out_of_range", "nak")
             continue
         if kind != SERVED or reply is None or reply.numbers not in ((0,), (1,)):
             session.fail(None, [NAKED, "off", f"the state of flag {number}"], exchange)
-        unit.reading("flag_out_of_range", "mod256" if reply.numbers == (1,) else "off")
-    if unit.is_twin:
-        _judge_far_writes(unit, number)
+        driver.reading("flag_out_of_range", "mod256" if reply.numbers == (1,) else "off")
+    if driver.link.is_twin:
+        _judge_far_writes(driver, number)
 
 
-def _judge_far_writes(unit: Controller, number: int) -> None:
+def _judge_far_writes(driver: MscDriver, number: int) -> None:
     for on, command in ((False, codec.cflag), (True, codec.sflag)):
-        unit.turn(number, on=not on)
-        kind, exchange = unit.draws(unit.talk.request(command(number + 256)))
-        is_changed = unit.flag(number) == on
+        driver.turn(number, on=not on)
+        kind, exchange = driver.draws(driver.client.request(command(number + 256)))
+        is_changed = driver.flag(number) == on
         readings = {(NAKED, False): "nak", (ACKED, False): "off", (ACKED, True): "mod256"}
         if (kind, is_changed) not in readings:
-            told = [f"{NAKED} and no effect", f"{ACKED} and no effect", f"flag {number} changed"]
-            unit.session.fail(None, told, f"{exchange}, changed: {is_changed}")
-        unit.reading("flag_out_of_range", readings[kind, is_changed])
+            text = [f"{NAKED} and no effect", f"{ACKED} and no effect", f"flag {number} changed"]
+            driver.session.fail(None, text, f"{exchange}, changed: {is_changed}")
+        driver.reading("flag_out_of_range", readings[kind, is_changed])

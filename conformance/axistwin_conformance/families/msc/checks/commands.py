@@ -8,7 +8,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import NAK, RQSTAT
-from axistwin_conformance.families.msc.controller import Controller
+from axistwin_conformance.families.msc.driver import MscDriver
 
 ORDER = 60  # of this module in a run; see `Family.modules`
 
@@ -27,10 +27,10 @@ def _name(body: bytes) -> str:
 def a_read_is_answered_under_its_own_name(session: Session) -> None:
     """Each reading command draws ACK and a packet of its own name, a comma, and its values alone:
     neither address nor flag number is repeated."""
-    unit = Controller(session)
-    for body in unit.reads():
+    driver = MscDriver(session)
+    for body in driver.reads():
         name = _name(body)
-        exchange = unit.ask(body)
+        exchange = driver.ask(body)
         known = ("MSC-CMD-01", "MSC-CMD-06")
         session.expect(exchange.sign == codec.ACK, known, f"ACK to {name}", exchange)
         reply = exchange.reply
@@ -39,9 +39,9 @@ def a_read_is_answered_under_its_own_name(session: Session) -> None:
         heading = name.encode() + codec.COMMA
         begins = reply.body[: len(heading)]
         session.expect(begins == heading, "MSC-CMD-04", heading, begins)
-        size = unit.talk.reply_bytes(name) - codec.AROUND_BODY - len(heading)
-        told = f"{size} bytes behind the comma of {name}"
-        session.expect(len(reply.payload) == size, "MSC-CMD-12", told, len(reply.payload))
+        size = driver.client.reply_bytes(name) - codec.AROUND_BODY - len(heading)
+        text = f"{size} bytes behind the comma of {name}"
+        session.expect(len(reply.payload) == size, "MSC-CMD-12", text, len(reply.payload))
 
 
 @check(
@@ -51,43 +51,43 @@ def a_read_is_answered_under_its_own_name(session: Session) -> None:
 def a_write_draws_its_ack_and_nothing_else(session: Session) -> None:
     """DWRITE, BWRITE, SFLAG and CFLAG draw ACK and, for as long as a reply would be repeated,
     nothing more; an ACK in return does no harm."""
-    unit = Controller(session)
-    (block,), flag = unit.blocks(1), unit.some_flags(1)[0]
+    driver = MscDriver(session)
+    (block,), flag = driver.scratch.blocks(1), driver.scratch.some_flags(1)[0]
     own = {"DWRITE": ("MSC-DWRITE-03",), "BWRITE": ("MSC-BWRITE-05",)}
     for body in (
         codec.dwrite(block, 5),
-        codec.bwrite(block, unit.values(codec.BLOCK_VALUES)),
+        codec.bwrite(block, driver.values(codec.BLOCK_VALUES)),
         codec.sflag(flag),
         codec.cflag(flag),
     ):
         name = _name(body)
-        exchange = unit.ask(body)
+        exchange = driver.ask(body)
         known = ("MSC-CMD-01", "MSC-CMD-06", "MSC-CMD-05")
         session.expect(exchange.sign == codec.ACK, known, f"ACK to {name}", exchange)
         names = ("MSC-LNK-14", *own.get(name, ()))
         reply, strays = exchange.reply, exchange.extra
         if reply is None and not strays:
-            reply, strays = unit.talk.hear_packet(unit.ack_timeout_s * 1.5)
+            reply, strays = driver.client.receive_packet(driver.client.ack_timeout_s * 1.5)
             if reply is not None:
-                unit.talk.send(codec.ACK)
-        is_empty = reply is not None and reply.is_sound and reply.unit == unit.unit
+                driver.client.send(codec.ACK)
+        is_empty = reply is not None and reply.is_sound and reply.unit == driver.unit
         is_empty = is_empty and reply is not None and not reply.payload
         if strays or (reply is not None and not is_empty):
-            heard = codec.explain(strays + (reply.raw if reply else b""))
-            session.fail(names, ["nothing behind the ACK", "an empty packet"], heard)
-        unit.reading("write_reply", "empty_packet" if is_empty else "none", names)
-        unit.talk.send(codec.ACK)
-        unit.nothing_more(names, f"an ACK to the ACK of {name}")
-        unit.alive("MSC-LNK-14")
+            received = codec.explain(strays + (reply.raw if reply else b""))
+            session.fail(names, ["nothing behind the ACK", "an empty packet"], received)
+        driver.reading("write_reply", "empty_packet" if is_empty else "none", names)
+        driver.client.send(codec.ACK)
+        driver.link.nothing_more(names, f"an ACK to the ACK of {name}")
+        driver.link.alive("MSC-LNK-14")
 
 
 @check("MSC-CMD-02")
 def the_comma_is_there_without_values(session: Session) -> None:
     """RQSTAT and RFLAGS are served with a body of seven bytes, the comma its last; and their
     replies have it."""
-    unit = Controller(session)
-    for body in (RQSTAT, *([codec.RFLAGS] if unit.has_rflags else [])):
-        reply = unit.served(body, None, "a reply")
+    driver = MscDriver(session)
+    for body in (RQSTAT, *([codec.RFLAGS] if driver.has_rflags else [])):
+        reply = driver.served(body, None, "a reply")
         session.expect(reply.body.startswith(body), None, f"{body!r} first", reply.body)
 
 
@@ -95,51 +95,53 @@ def the_comma_is_there_without_values(session: Session) -> None:
 def a_checksum_without_the_comma_is_refused(session: Session) -> None:
     """RQSTAT is served under a checksum that counts its comma, and refused under one that does
     not."""
-    unit = Controller(session)
-    right = unit.talk.request(RQSTAT, 0x1234)
-    without = codec.packet(unit.unit, RQSTAT, 0x1234, checksum=codec.checksum(right[1:-2]) - COMMA)
-    unit.sign(without, NAK, "MSC-CMD-03", "a checksum that leaves the comma out")
-    unit.sign(right, codec.ACK, "MSC-CMD-03", "one that counts it")
+    driver = MscDriver(session)
+    right = driver.client.request(RQSTAT, 0x1234)
+    without = codec.packet(
+        driver.unit, RQSTAT, 0x1234, checksum=codec.checksum(right[1:-2]) - COMMA
+    )
+    driver.link.sign(without, NAK, "MSC-CMD-03", "a checksum that leaves the comma out")
+    driver.link.sign(right, codec.ACK, "MSC-CMD-03", "one that counts it")
 
 
 @check("MSC-LNK-06")
 def a_refused_read_is_not_served(session: Session) -> None:
     """Each reading command under a wrong checksum gets NAK, and no reply behind it."""
-    unit = Controller(session)
-    for body in unit.reads():
-        raw = codec.with_wrong_checksum(unit.talk.request(body))
-        unit.sign(raw, NAK, "MSC-LNK-06", codec.explain_request(raw))
+    driver = MscDriver(session)
+    for body in driver.reads():
+        raw = codec.with_wrong_checksum(driver.client.request(body))
+        driver.link.sign(raw, NAK, "MSC-LNK-06", codec.explain_request(raw))
 
 
 @check("MSC-CMD-03", "MSC-DWRITE-01", safety="stored", needs=("variables",))
 def the_worked_example_writes_1234(session: Session) -> None:
     """The manual's 21 bytes, length 13 and checksum with the comma, are ACKed and store 1234; at
     another address, if 2008 is not to be written."""
-    unit = Controller(session)
+    driver = MscDriver(session)
     address = EXAMPLE_ADDRESS
-    if not {address, address + 3} <= set(unit.variables):
-        (address,) = unit.slots(1)
+    if not {address, address + 3} <= set(driver.scratch.variables):
+        (address,) = driver.scratch.slots(1)
     raw = EXAMPLE
-    if (unit.unit, address) != (1, EXAMPLE_ADDRESS):
-        raw = unit.talk.request(codec.dwrite(address, EXAMPLE_VALUE))
-    unit.write(address, 0)
-    exchange = unit.talk.ask(raw)
+    if (driver.unit, address) != (1, EXAMPLE_ADDRESS):
+        raw = driver.client.request(codec.dwrite(address, EXAMPLE_VALUE))
+    driver.write(address, 0)
+    exchange = driver.client.ask(raw)
     names = ("MSC-CMD-03", "MSC-DWRITE-01")
     session.expect(exchange.is_acked, names, "ACK", exchange)
-    value = unit.read(address)
+    value = driver.read(address)
     session.expect(value == EXAMPLE_VALUE, names, f"{EXAMPLE_VALUE} at {address}", value)
 
 
 @check("MSC-CMD-07")
 def names_are_compared_whole(session: Session) -> None:
     """RFLAG is answered by two bytes and RFLAGS by thirty-two, whichever came before."""
-    unit = Controller(session)
-    if not unit.has_rflags:
+    driver = MscDriver(session)
+    if not driver.has_rflags:
         session.skip("this model has no RFLAGS that RFLAG could be mistaken for")
     for body in (codec.rflag(8), codec.RFLAGS, codec.RFLAGS, codec.rflag(8)):
         name = _name(body)
         size = codec.REPLY_PAYLOADS[name]
-        reply = unit.served(body, None, f"a reply to {name}")
+        reply = driver.served(body, None, f"a reply to {name}")
         is_own = (reply.name, len(reply.payload)) == (name, size)
         session.expect(is_own, None, f"{size} bytes of {name}", reply)
 
@@ -147,28 +149,28 @@ def names_are_compared_whole(session: Session) -> None:
 @check("MSC-CMD-08")
 def a_flag_number_may_hold_a_comma(session: Session) -> None:
     """RFLAG of flag 44, spelled 00 2C, is served as any other."""
-    unit = Controller(session)
-    unit.served(codec.rflag(COMMA_FLAG), None, f"the state of flag {COMMA_FLAG}")
+    driver = MscDriver(session)
+    driver.served(codec.rflag(COMMA_FLAG), None, f"the state of flag {COMMA_FLAG}")
 
 
 @check("MSC-CMD-08", safety="stored", needs=("variables",))
 def commas_in_addresses_and_values_are_data(session: Session) -> None:
     """Addresses with a byte 2Ch hold what is written there, and 2C2C2C2Ch comes back, alone and in
     a block."""
-    unit = Controller(session)
-    (block,) = unit.blocks(1)
-    free = range(unit.variables.start, unit.variables.stop - 3)
-    places = [one for one in free if COMMA in divmod(one, 256) and one % 4 == 0]
-    places = [one for one in places if one in (0x2C2C, *places[:2], *places[-2:])]
+    driver = MscDriver(session)
+    (block,) = driver.scratch.blocks(1)
+    free = range(driver.scratch.variables.start, driver.scratch.variables.stop - 3)
+    places = [place for place in free if COMMA in divmod(place, 256) and place % 4 == 0]
+    places = [place for place in places if place in (0x2C2C, *places[:2], *places[-2:])]
     for value, address in enumerate(places or [block], 1):
-        exchange = unit.ask(codec.dwrite(address, value))
+        exchange = driver.ask(codec.dwrite(address, value))
         session.expect(exchange.is_acked, None, f"ACK to a write to {address:04X}h", exchange)
     for value, address in enumerate(places or [block], 1):
-        seen = unit.read(address)
+        seen = driver.read(address)
         session.expect(seen == value, None, f"{value} at {address:04X}h", seen)
-    unit.write(block, ALL_COMMAS)
-    session.expect(unit.read(block) == ALL_COMMAS, None, "2C2C2C2Ch back", unit.read(block))
-    unit.write_block(block, [ALL_COMMAS] * codec.BLOCK_VALUES)
-    seen_block = unit.read_block(block)
+    driver.write(block, ALL_COMMAS)
+    session.expect(driver.read(block) == ALL_COMMAS, None, "2C2C2C2Ch back", driver.read(block))
+    driver.write_block(block, [ALL_COMMAS] * codec.BLOCK_VALUES)
+    seen_block = driver.read_block(block)
     is_back = set(seen_block) == {ALL_COMMAS}
     session.expect(is_back, None, "32 times 2C2C2C2Ch back", seen_block)

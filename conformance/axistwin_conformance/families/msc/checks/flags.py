@@ -9,7 +9,8 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import FLAGS
-from axistwin_conformance.families.msc.controller import Controller, Names
+from axistwin_conformance.families.msc.driver import MscDriver
+from axistwin_conformance.families.msc.link import Names
 
 ORDER = 80  # of this module in a run; see `Family.modules`
 
@@ -24,11 +25,11 @@ PATTERNS: Final = 4
 @check("MSC-RFLAG-01", "MSC-RFLAG-02", "MSC-FLG-01")
 def a_flag_is_read_as_1_or_0(session: Session) -> None:
     """RFLAG of any number from 0 to 255 is served, by 00 01 or 00 00 and nothing else."""
-    unit = Controller(session)
+    driver = MscDriver(session)
     for number in sorted({*TELLING_FLAGS, *session.random.sample(FLAGS, 16)}):
         names = ("MSC-RFLAG-01", "MSC-FLG-01")
-        reply = unit.served(codec.rflag(number), names, f"the state of flag {number}")
-        states = [one.hex(" ") for one in STATES]
+        reply = driver.served(codec.rflag(number), names, f"the state of flag {number}")
+        states = [state.hex(" ") for state in STATES]
         session.expect(
             reply.payload in STATES,
             "MSC-RFLAG-02",
@@ -41,10 +42,10 @@ def a_flag_is_read_as_1_or_0(session: Session) -> None:
 @check("MSC-RFLAGS-01", "MSC-FLG-01", "MSC-MOD-01")
 def all_flags_come_in_one_reply(session: Session) -> None:
     """RFLAGS is served by 32 bytes, a bit for each flag."""
-    unit = Controller(session)
-    if not unit.has_rflags:
+    driver = MscDriver(session)
+    if not driver.has_rflags:
         session.skip(NO_RFLAGS)
-    reply = unit.served(codec.RFLAGS, ("MSC-MOD-01", "MSC-RFLAGS-01"), "a reply")
+    reply = driver.served(codec.RFLAGS, ("MSC-MOD-01", "MSC-RFLAGS-01"), "a reply")
     size = len(reply.payload)
     session.expect(size == 32, ("MSC-RFLAGS-01", "MSC-FLG-01"), "32 bytes", f"{size} bytes")
 
@@ -52,28 +53,28 @@ def all_flags_come_in_one_reply(session: Session) -> None:
 @check("MSC-PROP-11", "MSC-RFLAGS-03", level="full")
 def each_flag_reads_alone_as_among_all(session: Session) -> None:
     """Every flag from 0 to 255 that stands still is the same by RFLAG and by RFLAGS."""
-    unit = Controller(session)
-    if not unit.has_rflags:
+    driver = MscDriver(session)
+    if not driver.has_rflags:
         session.skip(NO_RFLAGS)
-    judge_agreement(unit, FLAGS, ("MSC-PROP-11", "MSC-RFLAGS-03"))
+    judge_agreement(driver, FLAGS, ("MSC-PROP-11", "MSC-RFLAGS-03"))
 
 
-def judge_agreement(unit: Controller, numbers: Iterable[int], names: Names) -> None:
+def judge_agreement(driver: MscDriver, numbers: Iterable[int], names: Names) -> None:
     """Hold single flags against all flags at once (PROP-11); what moves meanwhile is looked at
     again, and passed over if it does not stop."""
     numbers = list(numbers)
     for _ in range(LOOKS):
-        before = unit.flags_at_once()
-        alone = {number: unit.flag(number) for number in numbers}
-        after = unit.flags_at_once()
+        before = driver.flags_at_once()
+        alone = {number: driver.flag(number) for number in numbers}
+        after = driver.flags_at_once()
         moved = [number for number in numbers if (number in before) != (number in after)]
         for number in numbers:
             if number in moved:
                 continue
-            told = "on" if number in before else "off"
+            text = "on" if number in before else "off"
             is_so = alone[number] == (number in before)
             seen = "on" if alone[number] else "off"
-            unit.session.expect(is_so, names, f"flag {number} {told}, as RFLAGS says", seen)
+            driver.session.expect(is_so, names, f"flag {number} {text}, as RFLAGS says", seen)
         if not (numbers := moved):
             break
 
@@ -85,25 +86,25 @@ def judge_agreement(unit: Controller, numbers: Iterable[int], names: Names) -> N
 def a_flag_is_on_from_sflag_to_cflag(session: Session) -> None:
     """SFLAG turns a user flag on, CFLAG off, twice the same as once; the flags around it and those
     one bit of the number away stay as they are."""
-    unit = Controller(session)
-    free = set(unit.flags_free)
-    for number in unit.some_flags(4):
+    driver = MscDriver(session)
+    free = set(driver.scratch.flags)
+    for number in driver.scratch.some_flags(4):
         near = {number - 1, number + 1, *(number ^ 1 << bit for bit in range(8))}
         others = sorted(near & free - {number})
         for other in others:
-            unit.turn(other, on=session.random.random() < 0.5)
-        before = {other: unit.flag(other) for other in others}
+            driver.turn(other, on=session.random.random() < 0.5)
+        before = {other: driver.flag(other) for other in others}
         for on in (True, True, False, False, True, False):
             command, verb = (codec.sflag, "SFLAG") if on else (codec.cflag, "CFLAG")
-            exchange = unit.ask(command(number))
+            exchange = driver.ask(command(number))
             session.expect(exchange.is_acked, f"MSC-{verb}-01", f"ACK to {verb} {number}", exchange)
-            state = unit.query(codec.rflag(number)).payload
-            told = STATES[on].hex(" ")
+            state = driver.query(codec.rflag(number)).payload
+            text = STATES[on].hex(" ")
             names = (f"MSC-{verb}-02", "MSC-RFLAG-02")
-            session.expect(state == STATES[on], names, f"{told} after {verb}", state.hex(" "))
-            wrong = [other for other in others if unit.flag(other) != before[other]]
-            told = f"no other flag than {number} changed"
-            session.expect(not wrong, f"MSC-{verb}-02", told, f"flags {wrong} changed")
+            session.expect(state == STATES[on], names, f"{text} after {verb}", state.hex(" "))
+            wrong = [other for other in others if driver.flag(other) != before[other]]
+            text = f"no other flag than {number} changed"
+            session.expect(not wrong, f"MSC-{verb}-02", text, f"flags {wrong} changed")
 
 
 @check(
@@ -112,38 +113,38 @@ def a_flag_is_on_from_sflag_to_cflag(session: Session) -> None:
 )  # fmt: skip
 def flag_f_is_bit_f_mod_8_of_byte_f_div_8(session: Session) -> None:
     """One flag turned on changes that bit of RFLAGS' reply and no other of the named ones."""
-    unit = Controller(session)
-    if not unit.has_rflags:
+    driver = MscDriver(session)
+    if not driver.has_rflags:
         session.skip(NO_RFLAGS)
-    free = frozenset(unit.flags_free)
+    free = frozenset(driver.scratch.flags)
     for number in sorted(free):
-        unit.turn(number, on=False)
-    seen = unit.flags_at_once() & free
+        driver.turn(number, on=False)
+    seen = driver.flags_at_once() & free
     session.expect(not seen, "MSC-CFLAG-02", "all named flags off", sorted(seen))
-    for number in unit.some_flags(10):
-        unit.set_flag(number)
-        states = unit.flags()
+    for number in driver.scratch.some_flags(10):
+        driver.set_flag(number)
+        states = driver.flags()
         assert states is not None, "asked only where the model has it"
         seen = codec.flags_on(states) & free
         names = ("MSC-RFLAGS-02", "MSC-RFLAGS-03", "MSC-SFLAG-02")
-        told = f"bit {number % 8} of byte B{number // 8 + 1}, flag {number}, and no other"
-        session.expect(seen == {number}, names, told, f"flags {sorted(seen)}: {states.hex()}")
-        unit.clear_flag(number)
+        text = f"bit {number % 8} of byte B{number // 8 + 1}, flag {number}, and no other"
+        session.expect(seen == {number}, names, text, f"flags {sorted(seen)}: {states.hex()}")
+        driver.clear_flag(number)
 
 
 @check("MSC-PROP-11", "MSC-RFLAGS-02", "MSC-RFLAGS-03", safety="stored", needs=("flags",))
 def patterns_of_flags_read_alike_both_ways(session: Session) -> None:
     """Patterns of user flags drawn at random come back by RFLAGS and by RFLAG."""
-    unit = Controller(session)
-    if not unit.has_rflags:
+    driver = MscDriver(session)
+    if not driver.has_rflags:
         session.skip(NO_RFLAGS)
-    free = list(unit.flags_free)
+    free = list(driver.scratch.flags)
     names = ("MSC-PROP-11", "MSC-RFLAGS-03")
     for _ in range(PATTERNS):
         pattern = {number for number in free if session.random.random() < 0.5}
         for number in free:
-            unit.turn(number, on=number in pattern)
-        seen = unit.flags_at_once() & set(free)
-        told = f"on: {sorted(pattern)}"
-        session.expect(seen == pattern, ("MSC-RFLAGS-02", *names), told, sorted(seen))
-        judge_agreement(unit, session.random.sample(free, min(16, len(free))), names)
+            driver.turn(number, on=number in pattern)
+        seen = driver.flags_at_once() & set(free)
+        text = f"on: {sorted(pattern)}"
+        session.expect(seen == pattern, ("MSC-RFLAGS-02", *names), text, sorted(seen))
+        judge_agreement(driver, session.random.sample(free, min(16, len(free))), names)

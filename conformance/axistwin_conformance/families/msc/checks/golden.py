@@ -13,7 +13,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, Packet
-from axistwin_conformance.families.msc.link import Link
+from axistwin_conformance.families.msc.driver import MscDriver
 from axistwin_conformance.transport.transport import is_twin_url
 
 ORDER = 110  # of this module in a run; see `Family.modules`
@@ -41,9 +41,9 @@ class Golden:
     @property
     def command(self) -> str:
         """The name of the command."""
-        one = codec.parse(self.said[0][1])
-        assert one is not None
-        return one.name
+        packet = codec.parse(self.said[0][1])
+        assert packet is not None
+        return packet.name
 
     @property
     def is_about_variables(self) -> bool:
@@ -56,29 +56,34 @@ class Golden:
 
 
 def _readdressed(data: bytes, from_unit: int, unit: int) -> bytes:
-    one = codec.parse(data)
-    if one is None or unit == from_unit:
+    packet = codec.parse(data)
+    if packet is None or unit == from_unit:
         return data
-    moved = one.checksum + unit - from_unit  # what was wrong about it stays so
-    return codec.packet(unit, one.body, one.block, length=one.length, checksum=moved)
+    moved = packet.checksum + unit - from_unit  # what was wrong about it stays so
+    return codec.packet(unit, packet.body, packet.block, length=packet.length, checksum=moved)
 
 
 @cache
 def golden_exchanges() -> tuple[Golden, ...]:
     """Load the exchanges, shipped beside this module."""
-    path = resources.files("axistwin_conformance.msc") / "golden" / "exchanges.toml"
+    path = resources.files("axistwin_conformance.families.msc") / "golden" / "exchanges.toml"
     rows = tomllib.loads(path.read_text(encoding="utf-8"))["exchange"]
     return tuple(_golden(row) for row in rows)
 
 
 def _golden(row: Mapping[str, Any]) -> Golden:
-    said = tuple((one[0], bytes.fromhex(one[1:])) for one in row["said"])
+    said = tuple((line[0], bytes.fromhex(line[1:])) for line in row["said"])
     variables = tuple((address, value) for address, value in row.get("variables", ()))
     flags = frozenset(row["flags"]) if "flags" in row else None
     return Golden(
-        row["name"], row.get("unit", 1), said, tuple(row["uses"]), variables, flags,
+        row["name"],
+        row.get("unit", 1),
+        said,
+        tuple(row["uses"]),
+        variables,
+        flags,
         row.get("status"),
-    )  # fmt: skip
+    )
 
 
 @check(
@@ -88,18 +93,18 @@ def _golden(row: Mapping[str, Any]) -> Golden:
 def the_written_exchanges_of_variables_come_byte_for_byte(session: Session) -> None:
     """DWRITE, DREAD, BWRITE and BREAD of the ledger, the refused packet and the refused reply among
     them, are answered as written."""
-    link = Link(session)
-    link.calm()
+    driver = MscDriver(session)
+    driver.link.calm()
     said = 0
     for golden in golden_exchanges():
         if not golden.is_about_variables:
             continue
-        if not {golden.uses[0], golden.uses[-1]} <= set(link.variables):
+        if not {golden.uses[0], golden.uses[-1]} <= set(driver.scratch.variables):
             session.not_run(None, f"{golden.name}: {golden.uses} may not be written (--variables)")
             continue
         for address, value in golden.variables:
-            link.write(address, value)
-        _play(link, golden)
+            driver.write(address, value)
+        _play(driver, golden)
         said += 1
     if said:
         names = ("MSC-PKT-21", "MSC-PKT-12", "MSC-LNK-01", "MSC-LNK-02", "MSC-LNK-10", "MSC-LNK-14")
@@ -112,82 +117,83 @@ def the_written_exchanges_of_variables_come_byte_for_byte(session: Session) -> N
 )  # fmt: skip
 def the_written_exchanges_of_flags_and_status_come_byte_for_byte(session: Session) -> None:
     """SFLAG, RFLAG, RFLAGS, CFLAG and RQSTAT of the ledger are answered as written."""
-    link = Link(session)
-    link.calm("other_unit_framing")
+    driver = MscDriver(session)
+    driver.link.calm("other_unit_framing")
     for golden in golden_exchanges():
         if golden.is_about_variables:
             continue
-        if golden.command == "RFLAGS" and not link.has_rflags:
+        if golden.command == "RFLAGS" and not driver.has_rflags:
             continue
-        if golden.uses and not _may_set(link, golden.uses[0]):
+        if golden.uses and not _may_set(driver, golden.uses[0]):
             session.not_run(None, f"{golden.name}: not a flag that may be set (--flags)")
             continue
         if golden.flags is not None:
-            _turn_on(link, golden.flags)
+            _turn_on(driver, golden.flags)
         if golden.status is not None:
-            _bring_about(link, golden.status)
-        _play(link, golden)
+            _bring_about(driver, golden.status)
+        _play(driver, golden)
     names = ("MSC-PKT-12", "MSC-LNK-01", "MSC-LNK-07", "MSC-LNK-14")
     session.expect(True, names, "as written", "as written")
 
 
-def _may_set(link: Link, flag: int) -> bool:
-    return flag in link.flags_free or is_twin_url(link.target.description)
+def _may_set(driver: MscDriver, flag: int) -> bool:
+    return flag in driver.scratch.flags or is_twin_url(driver.target.description)
 
 
-def _turn_on(link: Link, wanted: frozenset[int]) -> None:
+def _turn_on(driver: MscDriver, wanted: frozenset[int]) -> None:
     """Have these flags on and no other, by the machine."""
-    states = link.flags()
+    states = driver.flags()
     assert states is not None, "only where the model has RFLAGS"
     on = codec.flags_on(states)
     for number in sorted(wanted ^ on):
-        link.session.rig.set_flag(number, number in wanted)
+        driver.session.rig.set_flag(number, number in wanted)
 
 
-def _bring_about(link: Link, wanted: int) -> None:
-    status = link.status()
+def _bring_about(driver: MscDriver, wanted: int) -> None:
+    status = driver.status()
     for bit in range(16):
         if (status ^ wanted) >> bit & 1:
-            link.session.rig.set_status(bit, bool(wanted >> bit & 1))
+            driver.session.rig.set_status(bit, bool(wanted >> bit & 1))
 
 
-def _play(link: Link, golden: Golden) -> None:
+def _play(driver: MscDriver, golden: Golden) -> None:
     """Say what the host says and judge what the unit says; then nothing more may come."""
-    link.target.drain()
-    for who, data in golden.readdressed(link.unit):
+    driver.target.drain()
+    for who, data in golden.readdressed(driver.unit):
         if who == "H":
-            link.target.send(data)
+            driver.target.send(data)
             continue
-        heard = link.talk.hear(len(data))
+        received = driver.client.receive(len(data))
         if len(data) > 1:
-            heard, data = _as_read(link, heard, data)
-        _judge(link, golden, data, heard)
-    if golden.command in codec.WRITES and link.session.reading("write_reply") == "empty_packet":
-        link.talk.hear_packet()  # against MSC-LNK-14; a check of its own names it
-        link.target.send(ACK)
-    extra = link.talk.listen(link.glance_s)
-    _judge(link, golden, b"", extra)
+            received, data = _as_read(driver, received, data)
+        _judge(driver, golden, data, received)
+    if golden.command in codec.WRITES and driver.session.reading("write_reply") == "empty_packet":
+        driver.client.receive_packet()  # against MSC-LNK-14; a check of its own names it
+        driver.target.send(ACK)
+    extra = driver.client.listen(driver.link.glance_s)
+    _judge(driver, golden, b"", extra)
 
 
-def _judge(link: Link, golden: Golden, expected: bytes, heard: bytes) -> None:
-    told = codec.explain(expected) or "nothing more"
-    link.session.step(
-        heard == expected, f"{told} ({golden.name}): {expected.hex(' ')}",
-        f"{codec.explain(heard) or 'nothing'}: {heard.hex(' ')}",
-    )  # fmt: skip
+def _judge(driver: MscDriver, golden: Golden, expected: bytes, received: bytes) -> None:
+    text = codec.explain(expected) or "nothing more"
+    driver.session.step(
+        received == expected,
+        f"{text} ({golden.name}): {expected.hex(' ')}",
+        f"{codec.explain(received) or 'nothing'}: {received.hex(' ')}",
+    )
 
 
-def _as_read(link: Link, heard: bytes, written: bytes) -> tuple[bytes, bytes]:
+def _as_read(driver: MscDriver, received: bytes, written: bytes) -> tuple[bytes, bytes]:
     """A reply and what was written of it, both without what this device's readings leave open: the
     block number, and what RQSTAT sends behind the status."""
-    one, other = codec.parse(heard), codec.parse(written)
+    reply, other = codec.parse(received), codec.parse(written)
     assert other is not None
-    if one is None or not one.is_sound:
-        return heard, written
-    return _without(link, one), _without(link, other)
+    if reply is None or not reply.is_sound:
+        return received, written
+    return _without(driver, reply), _without(driver, other)
 
 
-def _without(link: Link, one: Packet) -> bytes:
-    block = 0 if link.session.reading("reply_block") == "counter" else one.block
-    body = one.body[: STATUS_AT.stop] if one.name == "RQSTAT" else one.body
-    return codec.packet(one.unit, body, block)
+def _without(driver: MscDriver, reply: Packet) -> bytes:
+    block = 0 if driver.session.reading("reply_block") == "counter" else reply.block
+    body = reply.body[: STATUS_AT.stop] if reply.name == "RQSTAT" else reply.body
+    return codec.packet(reply.unit, body, block)

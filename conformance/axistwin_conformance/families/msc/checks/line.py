@@ -11,7 +11,7 @@ from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.checks.packets import INVALID_UNITS
 from axistwin_conformance.families.msc.checks.time import judge_broken_off
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, STX
-from axistwin_conformance.families.msc.link import Link
+from axistwin_conformance.families.msc.driver import MscDriver
 
 ORDER = 40  # of this module in a run; see `Family.modules`
 
@@ -21,9 +21,9 @@ ROUNDS: Final = 60
 PAUSE_S: Final = 0.05  # between header and body: well within T1
 
 
-def units(session: Session) -> list[Link]:
+def units(session: Session) -> list[MscDriver]:
     """Every unit that is on the line."""
-    return [Link(session, unit) for unit in (session.address, *session.neighbours)]
+    return [MscDriver(session, unit) for unit in (session.address, *session.neighbours)]
 
 
 def absent(session: Session) -> int:
@@ -32,17 +32,17 @@ def absent(session: Session) -> int:
     return next(unit for unit in reversed(codec.UNITS) if unit not in taken)
 
 
-def judge_skipped(link: Link) -> None:
+def judge_skipped(driver: MscDriver) -> None:
     """Go on only where this device tells other units' packets from its own (MSC-AMB-12)."""
-    if not link.is_rs485 and link.session.reading("rs232_unit_check") != "silent":
-        seen = link.session.reading("rs232_unit_check")
-        link.session.skip(f"on RS-232 this device has rs232_unit_check={seen}")
+    if not driver.link.is_rs485 and driver.session.reading("rs232_unit_check") != "silent":
+        seen = driver.session.reading("rs232_unit_check")
+        driver.session.skip(f"on RS-232 this device has rs232_unit_check={seen}")
 
 
-def judge_followed(link: Link) -> None:
+def judge_followed(driver: MscDriver) -> None:
     """Go on only where this device follows other units' packets by their length (MSC-AMB-14)."""
-    if link.session.reading("other_unit_framing") != "skip_by_length":
-        link.session.skip("this device has other_unit_framing=hunt_stx")
+    if driver.session.reading("other_unit_framing") != "skip_by_length":
+        driver.session.skip("this device has other_unit_framing=hunt_stx")
 
 
 # --- somebody else's packets ----------------------------------------------------------------------
@@ -52,66 +52,66 @@ def judge_followed(link: Link) -> None:
 def packets_for_others_are_followed_by_their_length(session: Session) -> None:
     """A packet for a unit that is not there, with a whole RQSTAT for this one and signs inside,
     draws nothing, unless this device hunts for 02h.  (SKIP 02h, 06h, 15h, other)"""
-    link = Link(session)
-    judge_skipped(link)
-    inner = link.talk.request(RQSTAT)
+    driver = MscDriver(session)
+    judge_skipped(driver)
+    inner = driver.client.request(RQSTAT)
     for inside in (inner, ACK + NAK + inner, b"\x00\xff" + inner + STX + NAK):
         body = RQSTAT + inside
         raw = codec.packet(absent(session), body, checksum=0x3030)
         session.target.drain()
         session.target.send(raw)
-        heard = link.talk.listen(len(raw) * link.byte_ns / 1e9 + link.glance_s)
-        if heard:
-            if heard[:1] != ACK:
-                session.fail(("MSC-PKT-15", "MSC-LNK-19"), "nothing", codec.explain(heard))
+        received = driver.client.listen(len(raw) * driver.link.byte_ns / 1e9 + driver.link.glance_s)
+        if received:
+            if received[:1] != ACK:
+                session.fail(("MSC-PKT-15", "MSC-LNK-19"), "nothing", codec.explain(received))
             session.target.send(ACK)
-            link.talk.settle()
-        seen = "hunt_stx" if heard else "skip_by_length"
-        link.reading("other_unit_framing", seen, ("MSC-PKT-15", "MSC-LNK-19"))
-        link.alive("MSC-PKT-15")
+            driver.client.wait_until_quiet()
+        seen = "hunt_stx" if received else "skip_by_length"
+        driver.reading("other_unit_framing", seen, ("MSC-PKT-15", "MSC-LNK-19"))
+        driver.link.alive("MSC-PKT-15")
 
 
 @check("MSC-LNK-19", "MSC-LNK-04")
 def what_breaks_off_for_others_draws_nothing(session: Session) -> None:
     """A packet for a unit that is not there, broken off or under a wrong checksum, draws nothing,
     not even when its time is over; then this unit serves.  (T1 in SKIP)"""
-    link = Link(session)
-    judge_skipped(link)
-    judge_followed(link)
+    driver = MscDriver(session)
+    judge_skipped(driver)
+    judge_followed(driver)
     whole = codec.packet(absent(session), codec.dread(0))
-    longer_s = link.packet_timeout_s * 1.2 + link.glance_s
+    longer_s = driver.client.packet_timeout_s * 1.2 + driver.link.glance_s
     for count in (2, 6, len(whole) - 1) if session.target.is_virtual else (6,):
         session.target.drain()
         session.target.send(whole[:count])
-        told = f"{count} bytes for another unit"
-        link.nothing_more(("MSC-LNK-19", "MSC-LNK-04"), told, longer_s)
-        link.alive("MSC-LNK-19")
+        text = f"{count} bytes for another unit"
+        driver.link.nothing_more(("MSC-LNK-19", "MSC-LNK-04"), text, longer_s)
+        driver.link.alive("MSC-LNK-19")
     for offset in (1, 0x100):
         session.target.send(codec.with_wrong_checksum(whole, offset))
-        told = "a wrong checksum for another unit"
-        span_s = len(whole) * link.byte_ns / 1e9
-        link.nothing_more(("MSC-LNK-19", "MSC-LNK-04"), told, span_s + link.glance_s)
-    link.alive("MSC-LNK-19")
+        text = "a wrong checksum for another unit"
+        span_s = len(whole) * driver.link.byte_ns / 1e9
+        driver.link.nothing_more(("MSC-LNK-19", "MSC-LNK-04"), text, span_s + driver.link.glance_s)
+    driver.link.alive("MSC-LNK-19")
 
 
 @check("MSC-LNK-19")
 def the_rest_of_another_units_packet_is_counted_off(session: Session) -> None:
     """An RQSTAT that lies where another unit's announced body is still to come is part of that,
     right behind the header or after a pause, and the one behind it is served.  (SKIP)"""
-    link = Link(session)
-    judge_skipped(link)
-    judge_followed(link)
-    inner = link.talk.request(RQSTAT)
+    driver = MscDriver(session)
+    judge_skipped(driver)
+    judge_followed(driver)
+    inner = driver.client.request(RQSTAT)
     header = codec.packet(absent(session), b"", length=len(inner) - 2)[: codec.HEADER_BYTES]
-    span_s = (len(header) + len(inner)) * link.byte_ns / 1e9
+    span_s = (len(header) + len(inner)) * driver.link.byte_ns / 1e9
     for pause_s in (0.0, PAUSE_S):
         session.target.drain()
         session.target.send(header)
         session.target.wait(pause_s)
         session.target.send(inner)
-        told = "what another unit's header announced"
-        link.nothing_more("MSC-LNK-19", told, span_s + link.glance_s)
-        link.alive("MSC-LNK-19")
+        text = "what another unit's header announced"
+        driver.link.nothing_more("MSC-LNK-19", text, span_s + driver.link.glance_s)
+        driver.link.alive("MSC-LNK-19")
 
 
 # --- several units --------------------------------------------------------------------------------
@@ -121,41 +121,41 @@ def the_rest_of_another_units_packet_is_counted_off(session: Session) -> None:
 def each_unit_answers_its_own_number_only(session: Session) -> None:
     """Of the numbers 1 to 15, those of the units on the line draw one reply each, with the number
     asked; the others, 0 and those above 15 draw nothing, or what this device reads there."""
-    present = {link.unit: link for link in units(session)}
-    own = Link(session)
+    present = {driver.unit: driver for driver in units(session)}
+    own = MscDriver(session)
     judge_followed(own)
     for unit in codec.UNITS:
         raw = codec.packet(unit, RQSTAT)
         if unit in present:
-            exchange = present[unit].talk.ask(raw)
+            exchange = present[unit].client.ask(raw)
             reply = exchange.reply
             is_own = exchange.is_acked and reply is not None and reply.unit == unit
             names = ("MSC-PKT-05", "MSC-PKT-18", "MSC-PHY-02")
             session.expect(is_own, names, f"one reply of unit {unit}", exchange)
-            own.nothing_more("MSC-PKT-05", f"the reply of unit {unit}")
+            own.link.nothing_more("MSC-PKT-05", f"the reply of unit {unit}")
             continue
         session.target.drain()
         session.target.send(raw)
-        span_s = len(raw) * own.byte_ns / 1e9
-        told = f"RQSTAT to unit {unit}, which is not there"
-        own.nothing_more(("MSC-PKT-05", "MSC-LNK-19"), told, span_s + own.glance_s)
+        span_s = len(raw) * own.link.byte_ns / 1e9
+        text = f"RQSTAT to unit {unit}, which is not there"
+        own.link.nothing_more(("MSC-PKT-05", "MSC-LNK-19"), text, span_s + own.link.glance_s)
     for unit in INVALID_UNITS:
         _judge_invalid(own, unit)
-    own.alive("MSC-PKT-05")
+    own.link.alive("MSC-PKT-05")
 
 
-def _judge_invalid(link: Link, unit: int) -> None:
+def _judge_invalid(driver: MscDriver, unit: int) -> None:
     """What a shared line says to a number that no unit can have (MSC-AMB-13)."""
     raw = codec.packet(unit, RQSTAT)
-    link.target.drain()
-    link.target.send(raw)
-    heard = link.talk.listen(len(raw) * link.byte_ns / 1e9 + link.glance_s)
-    if len(heard) > MOST_SIGNS:
-        told = f"nothing to unit {unit}"
-        link.session.fail("MSC-LNK-19", [told, "NAK of everybody"], codec.explain(heard))
+    driver.target.drain()
+    driver.target.send(raw)
+    received = driver.client.listen(len(raw) * driver.link.byte_ns / 1e9 + driver.link.glance_s)
+    if len(received) > MOST_SIGNS:
+        text = f"nothing to unit {unit}"
+        driver.session.fail("MSC-LNK-19", [text, "NAK of everybody"], codec.explain(received))
     # Several that refuse at once garble each other.
-    readings = ("nak",) if heard else ("silent", "broadcast")
-    link.reading("invalid_unit", readings, "MSC-LNK-19")
+    readings = ("nak",) if received else ("silent", "broadcast")
+    driver.reading("invalid_unit", readings, "MSC-LNK-19")
 
 
 @check("MSC-LNK-19", "MSC-LNK-04", "MSC-LNK-03", needs=("neighbour",))
@@ -163,17 +163,19 @@ def broken_packets_for_one_unit_concern_it_alone(session: Session) -> None:
     """A wrong checksum, and a packet broken off, for one of the units draw exactly one NAK; the
     other units serve at once, and so does it after that."""
     line = units(session)
-    for link in line:
-        raw = codec.with_wrong_checksum(link.talk.request(RQSTAT))
-        link.sign(raw, NAK, ("MSC-LNK-19", "MSC-LNK-04"), f"a wrong sum for unit {link.unit}")
+    for driver in line:
+        raw = codec.with_wrong_checksum(driver.client.request(RQSTAT))
+        driver.link.sign(
+            raw, NAK, ("MSC-LNK-19", "MSC-LNK-04"), f"a wrong sum for unit {driver.unit}"
+        )
         for other in line:
-            other.alive("MSC-LNK-19")
-        judge_broken_off(link, 9)
+            other.link.alive("MSC-LNK-19")
+        judge_broken_off(driver, 9)
         for other in line:
-            other.alive("MSC-LNK-19")
+            other.link.alive("MSC-LNK-19")
 
 
-def _turns(session: Session, line: list[Link], rounds: int) -> Iterator[tuple[Link, str]]:
+def _turns(session: Session, line: list[MscDriver], rounds: int) -> Iterator[tuple[MscDriver, str]]:
     kinds = ["read", "read", "read", "flag", "wrong sum", "refused reply", "carrier"]
     for _ in range(rounds):
         yield session.random.choice(line), session.random.choice(kinds)
@@ -184,41 +186,43 @@ def each_unit_behaves_as_if_alone(session: Session) -> None:
     """With several units on a line and exchanges interleaved at random, broken ones among them,
     each says what it says alone, and nobody else says anything."""
     line = units(session)
-    line[0].calm()
-    alone = {link.unit: link.told(link.alive("MSC-PROP-14")) for link in line}
-    for link, kind in _turns(session, line, ROUNDS if session.target.is_virtual else ROUNDS_REAL):
-        session.note(f"{kind} for unit {link.unit}")
+    line[0].link.calm()
+    alone = {
+        driver.unit: driver.link.specified(driver.link.alive("MSC-PROP-14")) for driver in line
+    }
+    for driver, kind in _turns(session, line, ROUNDS if session.target.is_virtual else ROUNDS_REAL):
+        session.note(f"{kind} for unit {driver.unit}")
         if kind == "wrong sum":
             offset = session.random.randrange(1, 0x10000)
-            raw = codec.with_wrong_checksum(link.talk.request(RQSTAT), offset)
-            _draws(link, raw, NAK)
+            raw = codec.with_wrong_checksum(driver.client.request(RQSTAT), offset)
+            _draws(driver, raw, NAK)
         elif kind == "flag":
-            exchange = link.ask(codec.rflag(session.random.randrange(256)))
+            exchange = driver.ask(codec.rflag(session.random.randrange(256)))
             name = exchange.reply.name if exchange.reply else ""
             session.expect(name == "RFLAG", "MSC-PROP-14", "a reply to RFLAG", exchange)
         elif kind == "carrier":
             if session.reading("other_unit_framing") == "skip_by_length":
-                inside = session.random.choice(line).talk.request(RQSTAT)
-                raw = codec.packet(link.unit, RQSTAT + inside, checksum=0x3030)
-                _draws(link, raw, NAK)
+                inside = session.random.choice(line).client.request(RQSTAT)
+                raw = codec.packet(driver.unit, RQSTAT + inside, checksum=0x3030)
+                _draws(driver, raw, NAK)
         else:
             if kind == "refused reply":
-                first = link.unanswered()
-                again = link.refuse_in("MSC-PROP-14")
+                first = driver.link.unanswered()
+                again = driver.link.refuse_in("MSC-PROP-14")
                 session.target.send(ACK)
-                is_same = again is not None and link.is_same(again, first)
+                is_same = again is not None and driver.link.is_same(again, first)
                 session.expect(is_same, "MSC-PROP-14", first, again)
-            body = link.told(link.alive("MSC-PROP-14"))
-            if body != alone[link.unit]:  # what it tells may have changed by itself
-                alone[link.unit] = link.told(link.alive("MSC-PROP-14"))
-            session.expect(body == alone[link.unit], "MSC-PROP-14", alone[link.unit], body)
+            body = driver.link.specified(driver.link.alive("MSC-PROP-14"))
+            if body != alone[driver.unit]:  # what it tells may have changed by itself
+                alone[driver.unit] = driver.link.specified(driver.link.alive("MSC-PROP-14"))
+            session.expect(body == alone[driver.unit], "MSC-PROP-14", alone[driver.unit], body)
 
 
-def _draws(link: Link, raw: bytes, sign: bytes) -> None:
+def _draws(driver: MscDriver, raw: bytes, sign: bytes) -> None:
     """Judge that exactly that sign comes from a line of several units."""
-    link.target.drain()
-    link.target.send(raw)
-    heard = link.talk.listen(len(raw) * link.byte_ns / 1e9 + link.glance_s)
-    told = codec.explain(heard) or "nothing"
+    driver.target.drain()
+    driver.target.send(raw)
+    received = driver.client.listen(len(raw) * driver.link.byte_ns / 1e9 + driver.link.glance_s)
+    text = codec.explain(received) or "nothing"
     names = ("MSC-PROP-14", "MSC-LNK-19")
-    link.session.expect(heard == sign, names, codec.explain(sign), told)
+    driver.session.expect(received == sign, names, codec.explain(sign), text)

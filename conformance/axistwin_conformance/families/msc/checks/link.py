@@ -12,8 +12,8 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.checks.packets import carrying
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, Packet
-from axistwin_conformance.families.msc.controller import BenchProgram
-from axistwin_conformance.families.msc.link import Link
+from axistwin_conformance.families.msc.driver import MscDriver
+from axistwin_conformance.families.msc.program import BenchProgram
 
 ORDER = 20  # of this module in a run; see `Family.modules`
 
@@ -33,11 +33,13 @@ COUNTER_AT: Final = 0  # one more each time its first flag is found on
 def each_packet_draws_one_sign(session: Session) -> None:
     """A good RQSTAT draws one bare ACK and then its reply, one with a wrong checksum one bare NAK,
     in any order.  (IDLE 02h; IDLE, HDR, BODY, CSUM; EXEC)"""
-    link = Link(session)
-    raw = link.talk.request(RQSTAT)
+    driver = MscDriver(session)
+    raw = driver.client.request(RQSTAT)
     for is_good in (True, False, False, True, False, True, True):
         if is_good:
-            exchange = link.sign(raw, ACK, ("MSC-LNK-01", "MSC-LNK-04", "MSC-LNK-22"), "RQSTAT")
+            exchange = driver.link.sign(
+                raw, ACK, ("MSC-LNK-01", "MSC-LNK-04", "MSC-LNK-22"), "RQSTAT"
+            )
             is_whole = exchange.reply is not None and exchange.reply.is_sound
             own = ("MSC-LNK-07", "MSC-LNK-05")
             session.expect(is_whole, own, "06, then a packet", exchange)
@@ -45,69 +47,75 @@ def each_packet_draws_one_sign(session: Session) -> None:
         else:
             broken = codec.with_wrong_checksum(raw)
             names = ("MSC-LNK-02", "MSC-LNK-04", "MSC-LNK-05")
-            link.sign(broken, NAK, names, "RQSTAT with a wrong checksum")
-    reply_ns = codec.REPLY_BYTES["RQSTAT"] * link.byte_ns
+            driver.link.sign(broken, NAK, names, "RQSTAT with a wrong checksum")
+    reply_ns = codec.REPLY_BYTES["RQSTAT"] * driver.link.byte_ns
     session.info("MSC-LNK-07", f"the reply begins {(gap_ns - reply_ns) / 1e6:.1f} ms after the ACK")
 
 
 @check("MSC-LNK-04", "MSC-LNK-14", safety="stored", needs=("variables",))
 def a_write_draws_the_ack_and_nothing_else(session: Session) -> None:
     """DWRITE and BWRITE draw ACK, then silence; a stray ACK of the host does no harm."""
-    link = Link(session)
-    spot = link.block_spot()
+    driver = MscDriver(session)
+    spot = driver.scratch.block_spot()
     for body in (codec.dwrite(spot, 77), codec.bwrite(spot, range(32))):
-        raw = link.talk.request(body)
+        raw = driver.client.request(body)
         session.target.drain()
         session.target.send(raw)
-        heard = link.talk.listen(len(raw) * link.byte_ns / 1e9 + link.glance_s)
-        session.expect(heard[:1] == ACK, "MSC-LNK-04", "one ACK", codec.explain(heard) or "nothing")
-        _judge_after_write(link, body, heard[1:])
+        received = driver.client.listen(len(raw) * driver.link.byte_ns / 1e9 + driver.link.glance_s)
+        session.expect(
+            received[:1] == ACK, "MSC-LNK-04", "one ACK", codec.explain(received) or "nothing"
+        )
+        _judge_after_write(driver, body, received[1:])
         session.target.send(ACK)
-        link.nothing_more(("MSC-LNK-04", "MSC-LNK-14"), "a stray ACK")
-        link.alive("MSC-LNK-14")
+        driver.link.nothing_more(("MSC-LNK-04", "MSC-LNK-14"), "a stray ACK")
+        driver.link.alive("MSC-LNK-14")
 
 
-def _judge_after_write(link: Link, body: bytes, heard: bytes) -> None:
+def _judge_after_write(driver: MscDriver, body: bytes, received: bytes) -> None:
     """What came behind the ACK to a write: nothing, or an empty packet (MSC-AMB-36)."""
-    one = codec.parse(heard)
+    packet = codec.parse(received)
     name = body.partition(codec.COMMA)[0].decode()
-    is_empty = one is not None and one.is_sound and one.body in (b"", body[: len(name) + 1])
-    if heard and not is_empty:
-        link.session.fail("MSC-LNK-14", ["nothing", "an empty packet"], codec.explain(heard))
-    link.reading("write_reply", "empty_packet" if heard else "none", "MSC-LNK-14")
+    is_empty = (
+        packet is not None and packet.is_sound and packet.body in (b"", body[: len(name) + 1])
+    )
+    if received and not is_empty:
+        driver.session.fail("MSC-LNK-14", ["nothing", "an empty packet"], codec.explain(received))
+    driver.reading("write_reply", "empty_packet" if received else "none", "MSC-LNK-14")
 
 
 @check("MSC-LNK-06", safety="stored", needs=("variables",))
 def a_refused_write_stores_nothing(session: Session) -> None:
     """DWRITE and BWRITE with a wrong checksum get NAK and leave the variables as they were; on a
     twin only."""
-    link = Link(session)
-    link.only_on_a_twin()
-    spot = link.block_spot()
+    driver = MscDriver(session)
+    driver.link.only_on_a_twin()
+    spot = driver.scratch.block_spot()
     before = list(range(100, 132))
-    link.write_block(spot, before)
+    driver.write_block(spot, before)
     for body in (codec.dwrite(spot, -7), codec.bwrite(spot, [-7] * 32)):
         for offset in (1, 0x100, 0xFFFF):
-            raw = codec.with_wrong_checksum(link.talk.request(body), offset)
-            link.sign(raw, NAK, "MSC-LNK-06", codec.explain_request(raw))
+            raw = codec.with_wrong_checksum(driver.client.request(body), offset)
+            driver.link.sign(raw, NAK, "MSC-LNK-06", codec.explain_request(raw))
         session.expect(
-            link.read(spot) == 100 and list(link.read_block(spot)) == before, None,
-            "the variables as before", "a value of the refused packet",
-        )  # fmt: skip
+            driver.read(spot) == 100 and list(driver.read_block(spot)) == before,
+            None,
+            "the variables as before",
+            "a value of the refused packet",
+        )
 
 
 @check("MSC-LNK-06", safety="stored", needs=("flags",))
 def a_refused_sflag_turns_nothing_on(session: Session) -> None:
     """SFLAG and CFLAG with a wrong checksum get NAK and leave the flag as it was; on a twin
     only."""
-    link = Link(session)
-    link.only_on_a_twin()
-    number = link.flags_free[0]
-    before = link.flag(number)
+    driver = MscDriver(session)
+    driver.link.only_on_a_twin()
+    number = driver.scratch.flags[0]
+    before = driver.flag(number)
     for body in (codec.sflag(number), codec.cflag(number)):
-        raw = codec.with_wrong_checksum(link.talk.request(body))
-        link.sign(raw, NAK, "MSC-LNK-06", codec.explain_request(raw))
-        after = link.flag(number)
+        raw = codec.with_wrong_checksum(driver.client.request(body))
+        driver.link.sign(raw, NAK, "MSC-LNK-06", codec.explain_request(raw))
+        after = driver.flag(number)
         session.expect(after is before, None, f"flag {number} as before", "on" if after else "off")
 
 
@@ -115,31 +123,33 @@ def a_refused_sflag_turns_nothing_on(session: Session) -> None:
 def bytes_of_a_refused_packet_are_not_looked_at_again(session: Session) -> None:
     """A BWRITE with a wrong checksum and a good RQSTAT among its values draws one NAK, nothing
     else; on a twin only."""
-    link = Link(session)
-    link.only_on_a_twin()
-    body = codec.bwrite(link.block_spot(), carrying(link.talk.request(RQSTAT)))
-    raw = codec.with_wrong_checksum(link.talk.request(body))
-    link.sign(raw, NAK, ("MSC-LNK-24", "MSC-LNK-04"), "the whole packet")
-    link.alive("MSC-LNK-24")
+    driver = MscDriver(session)
+    driver.link.only_on_a_twin()
+    body = codec.bwrite(driver.scratch.block_spot(), carrying(driver.client.request(RQSTAT)))
+    raw = codec.with_wrong_checksum(driver.client.request(body))
+    driver.link.sign(raw, NAK, ("MSC-LNK-24", "MSC-LNK-04"), "the whole packet")
+    driver.link.alive("MSC-LNK-24")
 
 
 # --- replies refused and acknowledged -------------------------------------------------------------
 
 
-def refusals(link: Link, count: int) -> tuple[Packet, int]:
+def refusals(driver: MscDriver, count: int) -> tuple[Packet, int]:
     """Refuse the reply to RQSTAT so many times, or until none comes: the reply and how many repeats
     came.  Each repeat must be the same packet (MSC-LNK-10); a last one is acknowledged."""
-    first, repeats = link.unanswered(), 0
+    first, repeats = driver.link.unanswered(), 0
     for _ in range(count):
-        again = link.refuse()
+        again = driver.link.refuse()
         if again is None:
             return first, repeats
-        link.session.expect(
-            link.is_same(again, first), "MSC-LNK-10", f"{first.raw.hex(' ')} again",
+        driver.session.expect(
+            driver.link.is_same(again, first),
+            "MSC-LNK-10",
+            f"{first.raw.hex(' ')} again",
             again.raw.hex(" "),
-        )  # fmt: skip
+        )
         repeats += 1
-    link.target.send(ACK)
+    driver.target.send(ACK)
     return first, repeats
 
 
@@ -147,68 +157,76 @@ def refusals(link: Link, count: int) -> tuple[Packet, int]:
 def a_refused_reply_comes_again_up_to_five_times(session: Session) -> None:
     """For 0 to 5 NAKs as many repeats come, byte for byte the same and without an ACK before them;
     after the sixth, none; each exchange counts from 0.  (WAIT 15h, 06h; RETX)"""
-    link = Link(session)
+    driver = MscDriver(session)
     for count in (*range(MOST_REFUSALS), MOST_REFUSALS, MOST_REFUSALS):
-        _, repeats = refusals(link, count)
+        _, repeats = refusals(driver, count)
         if count == MOST_REFUSALS or repeats < count:
             seen = {5: "5_repeats", 4: "5_total"}.get(repeats)
             if seen is None:
-                told = ["5 repeats", "5 sendings in all"]
-                session.fail("MSC-LNK-09", told, f"{repeats} repeats to {count} NAKs")
-            link.reading("retransmit_limit", seen, "MSC-LNK-09")
+                text = ["5 repeats", "5 sendings in all"]
+                session.fail("MSC-LNK-09", text, f"{repeats} repeats to {count} NAKs")
+            driver.reading("retransmit_limit", seen, "MSC-LNK-09")
             names: tuple[str, ...] = ("MSC-LNK-13",)
         else:
             session.expect(repeats == count, ("MSC-LNK-09", "MSC-LNK-08"), count, repeats)
             names = ("MSC-LNK-11",)
-        link.nothing_more(names, f"{count} NAKs")
-        link.alive(names)
+        driver.link.nothing_more(names, f"{count} NAKs")
+        driver.link.alive(names)
 
 
 @check("MSC-LNK-11", "MSC-LNK-13", "MSC-LNK-08", "MSC-LNK-10")
 def no_time_out_outlives_its_exchange(session: Session) -> None:
     """After the host's ACK, after a repeat that was acknowledged, after the last repeat and after a
     NAK for a packet, nothing comes for longer than both time-outs.  (T1 and T2 in IDLE)"""
-    link = Link(session)
-    longer_s = max(link.packet_timeout_s, link.ack_timeout_s) * 1.2 + link.glance_s
-    link.alive("MSC-LNK-08")
-    link.nothing_more("MSC-LNK-11", "the host's ACK", longer_s)
-    _, repeats = refusals(link, 2)
+    driver = MscDriver(session)
+    longer_s = (
+        max(driver.client.packet_timeout_s, driver.client.ack_timeout_s) * 1.2
+        + driver.link.glance_s
+    )
+    driver.link.alive("MSC-LNK-08")
+    driver.link.nothing_more("MSC-LNK-11", "the host's ACK", longer_s)
+    _, repeats = refusals(driver, 2)
     session.step(repeats == 2, "2 repeats", repeats)
-    link.nothing_more("MSC-LNK-11", "the host's ACK to a repeat", longer_s)
-    refusals(link, MOST_REFUSALS)
-    link.nothing_more("MSC-LNK-13", "the last repeat and the NAK to it", longer_s)
-    raw = codec.with_wrong_checksum(link.talk.request(RQSTAT))
-    link.sign(raw, NAK, "MSC-LNK-08", "a wrong checksum")
-    link.nothing_more("MSC-LNK-11", "a NAK for a packet", longer_s)
-    link.alive("MSC-LNK-13")
+    driver.link.nothing_more("MSC-LNK-11", "the host's ACK to a repeat", longer_s)
+    refusals(driver, MOST_REFUSALS)
+    driver.link.nothing_more("MSC-LNK-13", "the last repeat and the NAK to it", longer_s)
+    raw = codec.with_wrong_checksum(driver.client.request(RQSTAT))
+    driver.link.sign(raw, NAK, "MSC-LNK-08", "a wrong checksum")
+    driver.link.nothing_more("MSC-LNK-11", "a NAK for a packet", longer_s)
+    driver.link.alive("MSC-LNK-13")
 
 
 @check("MSC-LNK-15", "MSC-LNK-11")
 def signs_outside_an_exchange_are_ignored(session: Session) -> None:
     """06h and 15h sent to an idle unit draw nothing, nor does a second ACK; a late NAK draws
     nothing, or the last reply if this device reads it so.  (IDLE 06h, 15h)"""
-    link = Link(session)
+    driver = MscDriver(session)
     for signs in (ACK, ACK + ACK, NAK, NAK + NAK, ACK + NAK + ACK):
-        last = link.alive("MSC-LNK-15")
+        last = driver.link.alive("MSC-LNK-15")
         session.target.send(signs)
-        again, strays = link.talk.hear_packet(link.glance_s + len(signs) * link.byte_ns / 1e9)
+        again, strays = driver.client.receive_packet(
+            driver.link.glance_s + len(signs) * driver.link.byte_ns / 1e9
+        )
         if again is None and not strays:
             if NAK in signs:
-                link.reading("stray_nak", "ignore", "MSC-LNK-15")
+                driver.reading("stray_nak", "ignore", "MSC-LNK-15")
             continue
         # Several units that send again what was their last garble each other; a sign is no packet.
         is_garbled = bool(session.neighbours) and (again is not None or strays.strip(ACK + NAK))
-        is_last = is_garbled or (again is not None and not strays and link.is_same(again, last))
+        is_last = is_garbled or (
+            again is not None and not strays and driver.link.is_same(again, last)
+        )
         if NAK not in signs or not is_last:
             session.fail(
-                ("MSC-LNK-15", "MSC-LNK-11"), f"nothing to {codec.explain(signs)}",
+                ("MSC-LNK-15", "MSC-LNK-11"),
+                f"nothing to {codec.explain(signs)}",
                 codec.explain(strays + (again.raw if again else b"")),
-            )  # fmt: skip
-        link.reading("stray_nak", "resend_last", "MSC-LNK-15")
+            )
+        driver.reading("stray_nak", "resend_last", "MSC-LNK-15")
         session.target.send(ACK)
-        link.talk.settle()
-    link.alive("MSC-LNK-15")
-    link.alive("MSC-LNK-11")
+        driver.client.wait_until_quiet()
+    driver.link.alive("MSC-LNK-15")
+    driver.link.alive("MSC-LNK-11")
 
 
 # --- something else than a sign -------------------------------------------------------------------
@@ -218,135 +236,143 @@ def signs_outside_an_exchange_are_ignored(session: Session) -> None:
 def a_new_packet_ends_the_wait_for_the_hosts_sign(session: Session) -> None:
     """A packet sent instead of the ACK is served and the old reply is gone, or what this device
     reads there.  (WAIT 02h)"""
-    link = Link(session)
-    is_short = 2 * link.ack_timeout_s < 5 * link.glance_s
+    driver = MscDriver(session)
+    is_short = 2 * driver.client.ack_timeout_s < 5 * driver.link.glance_s
     if is_short and session.reading("ack_timeout_action") == "retransmit":
         session.skip("T2 is too short to tell its repeats from what a byte draws")
-    first = link.unanswered()
-    raw = link.talk.request(SECOND)
+    first = driver.link.unanswered()
+    raw = driver.client.request(SECOND)
     # Byte by byte, as far as one of them may draw the old reply again.
     sent, seen = 0, "ignore"
     for reading in ("as_nak", "ignore"):
         session.target.send(raw[sent : sent + 1])
         sent += 1
-        heard, strays = link.talk.hear_packet(link.glance_s)
-        if heard is not None or strays:
+        received, strays = driver.client.receive_packet(driver.link.glance_s)
+        if received is not None or strays:
             seen = reading
             break
     else:
         session.target.send(raw[sent:])
-        heard, strays = link.talk.hear_packet(link.talk.limit_s(len(raw)))
-    if strays == ACK and heard is not None and heard.name == "RFLAG":
+        received, strays = driver.client.receive_packet(driver.client.limit_s(len(raw)))
+    if strays == ACK and received is not None and received.name == "RFLAG":
         session.target.send(ACK)
-        link.reading("stx_while_waiting", "serve", "MSC-LNK-16")
-        link.nothing_more("MSC-LNK-16", "both", link.ack_timeout_s * 1.2 + link.glance_s)
-    elif not strays and (link.is_same(heard, first) if heard is not None else sent == 2):
-        link.reading("stx_while_waiting", seen, "MSC-LNK-16")
+        driver.reading("stx_while_waiting", "serve", "MSC-LNK-16")
+        driver.link.nothing_more(
+            "MSC-LNK-16", "both", driver.client.ack_timeout_s * 1.2 + driver.link.glance_s
+        )
+    elif not strays and (
+        driver.link.is_same(received, first) if received is not None else sent == 2
+    ):
+        driver.reading("stx_while_waiting", seen, "MSC-LNK-16")
         session.target.send(ACK)
-        link.talk.settle()
+        driver.client.wait_until_quiet()
     else:
-        told = ["ACK and the reply to RFLAG", "the reply to RQSTAT again", "nothing"]
-        session.fail("MSC-LNK-16", told, codec.explain(strays + (heard.raw if heard else b"")))
-    link.alive("MSC-LNK-08")
+        text = ["ACK and the reply to RFLAG", "the reply to RQSTAT again", "nothing"]
+        session.fail(
+            "MSC-LNK-16", text, codec.explain(strays + (received.raw if received else b""))
+        )
+    driver.link.alive("MSC-LNK-08")
 
 
-def _must_serve_amid_a_wait(link: Link) -> None:
+def _must_serve_amid_a_wait(driver: MscDriver) -> None:
     """Go on only where a packet instead of a sign is served (MSC-AMB-27)."""
-    seen = link.session.reading("stx_while_waiting")
+    seen = driver.session.reading("stx_while_waiting")
     if seen != "serve":
-        link.session.skip(f"this device has stx_while_waiting={seen}")
+        driver.session.skip(f"this device has stx_while_waiting={seen}")
 
 
-def _reply_is_gone(link: Link, names: tuple[str, ...], what: str) -> None:
+def _reply_is_gone(driver: MscDriver, names: tuple[str, ...], what: str) -> None:
     """Judge that an old reply comes no more: neither by itself nor, unless this device sends its
     last one again whenever it hears 15h, to a NAK."""
-    link.nothing_more(names, what, link.ack_timeout_s * 1.2 + link.glance_s)
-    if link.session.reading("stray_nak") == "ignore":
-        link.target.send(NAK)
-        link.nothing_more(names, f"{what}, and a NAK")
+    driver.link.nothing_more(names, what, driver.client.ack_timeout_s * 1.2 + driver.link.glance_s)
+    if driver.session.reading("stray_nak") == "ignore":
+        driver.target.send(NAK)
+        driver.link.nothing_more(names, f"{what}, and a NAK")
 
 
 @check("MSC-LNK-16", "MSC-LNK-22")
 def a_bad_packet_ends_the_wait_for_the_hosts_sign_as_well(session: Session) -> None:
     """A packet under a wrong checksum, or one that breaks off, sent instead of the ACK draws NAK,
     and the old reply is gone all the same.  (WAIT 02h; HDR, BODY, CSUM)"""
-    link = Link(session)
-    _must_serve_amid_a_wait(link)
-    raw = link.talk.request(SECOND)
+    driver = MscDriver(session)
+    _must_serve_amid_a_wait(driver)
+    raw = driver.client.request(SECOND)
     for count in (len(raw), len(raw) - 1, 3):
-        link.unanswered()
+        driver.link.unanswered()
         if count == len(raw):
-            link.sign(codec.with_wrong_checksum(raw), NAK, "MSC-LNK-16", "a wrong checksum")
+            driver.link.sign(codec.with_wrong_checksum(raw), NAK, "MSC-LNK-16", "a wrong checksum")
         else:
-            heard, _, _ = link.break_off(raw[:count])
-            session.expect(heard == NAK, "MSC-LNK-16", "NAK", codec.explain(heard) or "nothing")
-        _reply_is_gone(link, ("MSC-LNK-16", "MSC-LNK-22"), f"{count} bytes amid a wait")
-        link.alive("MSC-LNK-22")
+            received, _, _ = driver.link.break_off(raw[:count])
+            session.expect(
+                received == NAK, "MSC-LNK-16", "NAK", codec.explain(received) or "nothing"
+            )
+        _reply_is_gone(driver, ("MSC-LNK-16", "MSC-LNK-22"), f"{count} bytes amid a wait")
+        driver.link.alive("MSC-LNK-22")
 
 
 @check("MSC-LNK-16", "MSC-LNK-14", safety="stored", needs=("variables",))
 def a_write_ends_the_wait_for_the_hosts_sign(session: Session) -> None:
     """A DWRITE sent instead of the ACK is carried out and ACKed, and the old reply is gone."""
-    link = Link(session)
-    _must_serve_amid_a_wait(link)
-    spot = link.spot()
+    driver = MscDriver(session)
+    _must_serve_amid_a_wait(driver)
+    spot = driver.scratch.spot()
     for value in (1, -2):
-        link.unanswered()
-        exchange = link.ask(codec.dwrite(spot, value))
+        driver.link.unanswered()
+        exchange = driver.ask(codec.dwrite(spot, value))
         session.expect(exchange.is_acked, "MSC-LNK-16", "ACK to a write amid a wait", exchange)
-        _reply_is_gone(link, ("MSC-LNK-16", "MSC-LNK-14"), "a write amid a wait")
-        session.expect(link.read(spot) == value, "MSC-LNK-16", value, link.read(spot))
+        _reply_is_gone(driver, ("MSC-LNK-16", "MSC-LNK-14"), "a write amid a wait")
+        session.expect(driver.read(spot) == value, "MSC-LNK-16", value, driver.read(spot))
 
 
 @check("MSC-LNK-16", "MSC-LNK-09", "MSC-LNK-10")
 def a_reply_served_amid_a_wait_has_repeats_of_its_own(session: Session) -> None:
     """However often the old reply was refused, the one that takes its place is repeated as often as
     any, and it alone.  (WAIT 02h; RETX)"""
-    link = Link(session)
-    _must_serve_amid_a_wait(link)
-    for refused in (2, link.limit):
-        link.unanswered()
+    driver = MscDriver(session)
+    _must_serve_amid_a_wait(driver)
+    for refused in (2, driver.link.limit):
+        driver.link.unanswered()
         for number in range(refused):
-            session.step(link.refuse() is not None, f"repeat {number + 1}", "nothing")
-        second = link.unanswered(SECOND)
-        for number in range(link.limit):
-            again = link.refuse()
-            told = f"repeat {number + 1} of {link.limit}"
-            session.expect(again is not None, "MSC-LNK-09", told, "nothing")
-            is_same = again is not None and link.is_same(again, second)
+            session.step(driver.link.refuse() is not None, f"repeat {number + 1}", "nothing")
+        second = driver.link.unanswered(SECOND)
+        for number in range(driver.link.limit):
+            again = driver.link.refuse()
+            text = f"repeat {number + 1} of {driver.link.limit}"
+            session.expect(again is not None, "MSC-LNK-09", text, "nothing")
+            is_same = again is not None and driver.link.is_same(again, second)
             session.expect(is_same, ("MSC-LNK-10", "MSC-LNK-16"), second, again)
         session.target.send(ACK)
-        link.nothing_more("MSC-LNK-16", "the last repeat")
+        driver.link.nothing_more("MSC-LNK-16", "the last repeat")
 
 
 @check("MSC-LNK-08", "MSC-LNK-12")
 def another_byte_is_no_sign(session: Session) -> None:
     """A byte that is neither sign nor 02h leaves the wait as it is: a NAK after it still draws the
     repeat; or it counts as NAK, or ends the wait, if this device reads it so.  (WAIT other)"""
-    link = Link(session)
-    link.calm()
-    first = link.unanswered()
+    driver = MscDriver(session)
+    driver.link.calm()
+    first = driver.link.unanswered()
     session.target.send(JUNK)
-    again, strays = link.talk.hear_packet(link.glance_s)
+    again, strays = driver.client.receive_packet(driver.link.glance_s)
     seen = "as_nak"
     if again is None and not strays:
         session.target.send(NAK)
-        again, strays = link.talk.hear_packet()
+        again, strays = driver.client.receive_packet()
         seen = "ignore" if again else "abandon"
-    is_good = not strays and (again is None or link.is_same(again, first))
-    told = ["nothing, and the repeat to a NAK", "the repeat at once", "nothing more"]
+    is_good = not strays and (again is None or driver.link.is_same(again, first))
+    text = ["nothing, and the repeat to a NAK", "the repeat at once", "nothing more"]
     if not is_good:
-        session.fail(("MSC-LNK-08", "MSC-LNK-12"), told, again or strays.hex(" "))
+        session.fail(("MSC-LNK-08", "MSC-LNK-12"), text, again or strays.hex(" "))
     if seen != "abandon":
         session.target.send(ACK)
-        link.nothing_more("MSC-LNK-08", "ACK")
+        driver.link.nothing_more("MSC-LNK-08", "ACK")
     if seen == "ignore" and session.reading("stray_nak") == "resend_last":
         # A unit that had given up would have sent it again as well.
         readings: tuple[str, ...] = ("ignore", "abandon")
     else:
         readings = (seen,)
-    link.reading("junk_while_waiting", readings, ("MSC-LNK-08", "MSC-LNK-12"))
-    link.alive("MSC-LNK-08")
+    driver.reading("junk_while_waiting", readings, ("MSC-LNK-08", "MSC-LNK-12"))
+    driver.link.alive("MSC-LNK-08")
 
 
 @check("MSC-LNK-08", "MSC-LNK-10", needs=("alone",))
@@ -354,44 +380,44 @@ def a_sign_that_comes_while_it_talks_counts_when_it_ends(session: Session) -> No
     """An ACK or NAK sent right behind the request, during the reply, or during a repeat, is taken
     as the answer when that has left, or lost if this device reads it so.
     (EXEC and RETX 06h, 15h, other)"""
-    link = Link(session)
-    if not link.is_busy_hearing:
+    driver = MscDriver(session)
+    if not driver.link.is_busy_hearing:
         session.skip("on RS-485 the host would talk over the unit")
     for when in ("behind the request", "in the reply", "in a repeat"):
         for sent in (ACK, NAK, JUNK + ACK):
-            _talk_over(link, sent, when)
-            link.alive("MSC-LNK-08")
+            _talk_over(driver, sent, when)
+            driver.link.alive("MSC-LNK-08")
 
 
-def _talk_over(link: Link, sent: bytes, when: str) -> None:
+def _talk_over(driver: MscDriver, sent: bytes, when: str) -> None:
     """Send signs while a reply, or a repeat of it, is under way, and judge what that does."""
-    session = link.session
+    session = driver.session
     is_kept, first = session.reading("rx_while_busy") == "buffer", b""
     if when == "in a repeat":
-        first = link.unanswered().raw
+        first = driver.link.unanswered().raw
         session.target.send(NAK)
     else:
         session.target.drain()
         early = sent if when == "behind the request" else b""
-        session.target.send(link.talk.request(RQSTAT) + early)
-        sign = link.talk.hear(1)
+        session.target.send(driver.client.request(RQSTAT) + early)
+        sign = driver.client.receive(1)
         session.step(sign == ACK, "ACK", sign.hex())
-    begun = link.talk.hear(WHILE_IT_TALKS)
+    begun = driver.client.receive(WHILE_IT_TALKS)
     if when != "behind the request":
         session.target.send(sent)
-    rest = link.talk.hear(link.talk.reply_bytes("RQSTAT") - WHILE_IT_TALKS)
-    heard = codec.parse(begun + rest)
-    is_whole = heard is not None and heard.is_sound
+    rest = driver.client.receive(driver.client.reply_bytes("RQSTAT") - WHILE_IT_TALKS)
+    received = codec.parse(begun + rest)
+    is_whole = received is not None and received.is_sound
     session.expect(is_whole, "MSC-LNK-10", "the whole packet", (begun + rest).hex(" "))
-    assert heard is not None
+    assert received is not None
     if first and session.reading("retransmit_content") == "snapshot":
-        session.expect(heard.raw == first, "MSC-LNK-10", first.hex(" "), heard.raw.hex(" "))
-    again, strays = link.talk.hear_packet(link.glance_s)
+        session.expect(received.raw == first, "MSC-LNK-10", first.hex(" "), received.raw.hex(" "))
+    again, strays = driver.client.receive_packet(driver.link.glance_s)
     junk_counts = session.reading("junk_while_waiting") == "as_nak" and sent[:1] == JUNK
     wants_again = is_kept and (sent == NAK or junk_counts)
-    told = "the reply again" if wants_again else "nothing more"
+    text = "the reply again" if wants_again else "nothing more"
     is_so = not strays and (again is not None) == wants_again
-    session.expect(is_so, ("MSC-LNK-08", "MSC-LNK-10"), told, again or strays.hex(" ") or "nothing")
+    session.expect(is_so, ("MSC-LNK-08", "MSC-LNK-10"), text, again or strays.hex(" ") or "nothing")
     if wants_again or not is_kept:
         session.target.send(ACK)
 
@@ -400,75 +426,80 @@ def _talk_over(link: Link, sent: bytes, when: str) -> None:
 def packets_behind_one_another_are_each_served(session: Session) -> None:
     """Two RQSTATs with wrong checksums without a pause between draw two NAKs, or one if this device
     loses what comes while it works.  (EXEC 02h)"""
-    link = Link(session)
-    if not link.is_busy_hearing:
+    driver = MscDriver(session)
+    if not driver.link.is_busy_hearing:
         session.skip("on RS-485 the unit would talk over the host")
-    raw = codec.with_wrong_checksum(link.talk.request(RQSTAT))
+    raw = codec.with_wrong_checksum(driver.client.request(RQSTAT))
     session.target.drain()
     session.target.send(raw + raw)
-    heard = link.talk.listen(2 * len(raw) * link.byte_ns / 1e9 + link.glance_s)
-    if heard and not heard.strip(NAK) and session.reading("noise_in_idle") == "nak":
-        link.talk.settle()  # what is left of a packet that was lost in part is refused too
-        link.reading("rx_while_busy", ("buffer", "drop"), "MSC-LNK-04")
-    elif heard == NAK + NAK:
-        link.reading("rx_while_busy", "buffer", "MSC-LNK-04")
-    elif heard == NAK:
+    received = driver.client.listen(2 * len(raw) * driver.link.byte_ns / 1e9 + driver.link.glance_s)
+    if received and not received.strip(NAK) and session.reading("noise_in_idle") == "nak":
+        # What is left of a packet that was lost in part is refused too.
+        driver.client.wait_until_quiet()
+        driver.reading("rx_while_busy", ("buffer", "drop"), "MSC-LNK-04")
+    elif received == NAK + NAK:
+        driver.reading("rx_while_busy", "buffer", "MSC-LNK-04")
+    elif received == NAK:
         # What is left of the second packet may look like the beginning of one.
-        heard = link.talk.settle()
-        session.expect(not heard.strip(NAK), "MSC-LNK-04", "NAK at most", heard.hex(" "))
-        link.reading("rx_while_busy", "drop", "MSC-LNK-04")
+        received = driver.client.wait_until_quiet()
+        session.expect(not received.strip(NAK), "MSC-LNK-04", "NAK at most", received.hex(" "))
+        driver.reading("rx_while_busy", "drop", "MSC-LNK-04")
     else:
-        session.fail("MSC-LNK-04", ["NAK NAK", "NAK"], codec.explain(heard) or "nothing")
-    link.alive("MSC-LNK-16")
+        session.fail("MSC-LNK-04", ["NAK NAK", "NAK"], codec.explain(received) or "nothing")
+    driver.link.alive("MSC-LNK-16")
 
 
 @check("MSC-LNK-04", "MSC-LNK-14", safety="stored", needs=("alone", "variables"))
 def a_packet_right_behind_a_write_is_served(session: Session) -> None:
     """Two DWRITEs without a pause between draw two ACKs and are both carried out, in their order;
     or the second is lost, if this device loses what comes while it works.  (EXEC 02h)"""
-    link = Link(session)
-    if not link.is_busy_hearing:
+    driver = MscDriver(session)
+    if not driver.link.is_busy_hearing:
         session.skip("on RS-485 the unit would talk over the host")
     if session.reading("write_reply") != "none":
         session.skip("behind its ACK to a write this device awaits ours")
-    spot = link.spot()
+    spot = driver.scratch.spot()
     for first, second in ((1, 2), (-1, 3)):
-        raw = b"".join(link.talk.request(codec.dwrite(spot, one)) for one in (first, second))
+        raw = b"".join(
+            driver.client.request(codec.dwrite(spot, value)) for value in (first, second)
+        )
         session.target.drain()
         session.target.send(raw)
-        heard = link.talk.listen(len(raw) * link.byte_ns / 1e9 + link.glance_s)
-        is_kept = heard == ACK + ACK
+        received = driver.client.listen(len(raw) * driver.link.byte_ns / 1e9 + driver.link.glance_s)
+        is_kept = received == ACK + ACK
         if not is_kept:
-            heard += link.talk.settle()  # what is left of the second may look like a packet
-        is_lost = heard[:1] == ACK and not heard[1:].strip(NAK)
-        told = codec.explain(heard) or "nothing"
-        session.expect(is_kept or is_lost, "MSC-LNK-04", ["ACK ACK", "ACK, NAK at most"], told)
-        link.reading("rx_while_busy", "buffer" if is_kept else "drop", "MSC-LNK-04")
-        wanted, seen = second if is_kept else first, link.read(spot)
+            received += (
+                driver.client.wait_until_quiet()
+            )  # what is left of the second may look like a packet
+        is_lost = received[:1] == ACK and not received[1:].strip(NAK)
+        text = codec.explain(received) or "nothing"
+        session.expect(is_kept or is_lost, "MSC-LNK-04", ["ACK ACK", "ACK, NAK at most"], text)
+        driver.reading("rx_while_busy", "buffer" if is_kept else "drop", "MSC-LNK-04")
+        wanted, seen = second if is_kept else first, driver.read(spot)
         session.expect(seen == wanted, "MSC-LNK-14", f"{wanted} stored", seen)
 
 
 @check("MSC-LNK-16", "MSC-LNK-10", needs=("alone",))
 def a_packet_that_comes_during_a_repeat_is_served_after_it(session: Session) -> None:
     """RFLAG sent while RQSTAT's reply is repeated is served once that has left.  (RETX 02h)"""
-    link = Link(session)
-    if not link.is_busy_hearing:
+    driver = MscDriver(session)
+    if not driver.link.is_busy_hearing:
         session.skip("on RS-485 the host would talk over the unit")
     for switch, wanted in (("rx_while_busy", "buffer"), ("stx_while_waiting", "serve")):
         if session.reading(switch) != wanted:
             session.skip(f"this device has {switch}={session.reading(switch)}")
-    first = link.unanswered()
-    session.target.send(NAK + link.talk.request(SECOND))
-    again, strays = link.talk.hear_packet()
-    is_again = again is not None and not strays and link.is_same(again, first)
+    first = driver.link.unanswered()
+    session.target.send(NAK + driver.client.request(SECOND))
+    again, strays = driver.client.receive_packet()
+    is_again = again is not None and not strays and driver.link.is_same(again, first)
     session.expect(is_again, "MSC-LNK-10", "the whole repeat", again or strays.hex(" "))
-    sign = link.talk.hear(1)
-    second, strays = link.talk.hear_packet()
+    sign = driver.client.receive(1)
+    second, strays = driver.client.receive_packet()
     is_served = sign == ACK and not strays and second is not None and second.name == "RFLAG"
     session.expect(is_served, "MSC-LNK-16", "ACK and a reply to RFLAG", second or strays.hex(" "))
     session.target.send(ACK)
-    link.nothing_more("MSC-LNK-16", "both")
-    link.alive("MSC-LNK-16")
+    driver.link.nothing_more("MSC-LNK-16", "both")
+    driver.link.alive("MSC-LNK-16")
 
 
 # --- with the bench program -----------------------------------------------------------------------
@@ -478,48 +509,50 @@ def a_packet_that_comes_during_a_repeat_is_served_after_it(session: Session) -> 
 def a_repeat_carries_the_data_of_the_first_reply(session: Session) -> None:
     """DREAD of a variable that grows in every scan is repeated byte for byte, or with fresh data if
     this device reads it so."""
-    link = Link(session)
+    driver = MscDriver(session)
     program = session.run.settings.program
     assert program is not None, "the check needs it"
     body = codec.dread(program[1] + TICKS_AT)
-    before = link.read(program[1] + TICKS_AT)
-    first = link.unanswered(body)
+    before = driver.read(program[1] + TICKS_AT)
+    first = driver.link.unanswered(body)
     session.target.wait(SCANS_S)
-    again = link.refuse()
+    again = driver.link.refuse()
     session.target.send(ACK)
     if again is None or not again.is_sound or again.name != "DREAD":
         session.fail("MSC-LNK-10", "the packet again", again)
-    after = link.read(program[1] + TICKS_AT)
+    after = driver.read(program[1] + TICKS_AT)
     is_counting = after != before
     if not is_counting and again.raw == first.raw:
         session.skip("the bench program does not run: it counts no scans")
     if is_counting and again.values != first.values:
-        link.reading("retransmit_content", "fresh", ("MSC-LNK-21", "MSC-LNK-10"))
+        driver.reading("retransmit_content", "fresh", ("MSC-LNK-21", "MSC-LNK-10"))
         return
-    link.reading("retransmit_content", "snapshot", "MSC-LNK-21")
+    driver.reading("retransmit_content", "snapshot", "MSC-LNK-21")
     session.expect(
-        again.raw == first.raw, ("MSC-LNK-10", "MSC-LNK-21"), first.raw.hex(" "),
+        again.raw == first.raw,
+        ("MSC-LNK-10", "MSC-LNK-21"),
+        first.raw.hex(" "),
         again.raw.hex(" "),
-    )  # fmt: skip
+    )
 
 
 @check("MSC-LNK-18", safety=("stored", "motion"), needs=("program", "variables"))
 def a_repeated_write_is_carried_out_again(session: Session) -> None:
     """The same SFLAG sent twice counts twice in a program that uses the flag up, and the same
     DWRITE writes again: nothing marks a repeat."""
-    link = Link(session)
+    driver = MscDriver(session)
     program = session.run.settings.program
     assert program is not None, "the check needs it"
     BenchProgram(session).must_run()
     flag, counter = program[0], program[1] + COUNTER_AT
     for block in (0, 0, 1, 1):
-        before = link.read(counter)
-        exchange = link.ask(codec.sflag(flag), block)
+        before = driver.read(counter)
+        exchange = driver.ask(codec.sflag(flag), block)
         session.step(exchange.is_acked, "ACK to SFLAG", exchange)
         session.target.wait(SCANS_S)
-        after = link.read(counter)
+        after = driver.read(counter)
         session.expect(codec.signed(before + 1) == after, None, f"{before} + 1", after)
-    spot = link.spot()
+    spot = driver.scratch.spot()
     for value in (5, 6, 5):
-        link.write(spot, value)
-    session.expect(link.read(spot) == 5, None, "5, written a second time", link.read(spot))
+        driver.write(spot, value)
+    session.expect(driver.read(spot) == 5, None, "5, written a second time", driver.read(spot))

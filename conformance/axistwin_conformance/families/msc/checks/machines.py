@@ -11,7 +11,7 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc.checks.sequences import NEEDS
-from axistwin_conformance.families.msc.sequences.machine import Judged, UnitMachine
+from axistwin_conformance.families.msc.sequences.machine import ModelledUnit, UnitMachine
 from axistwin_conformance.families.msc.sequences.runner import runner_of
 from axistwin_conformance.families.msc.sequences.sequence import JUDGED
 from axistwin_conformance.sequences.generated import run_machine
@@ -25,10 +25,10 @@ EXAMPLES: Final = {"quick": 4, "full": 25}
 @check(*JUDGED, safety="stored", needs=(*NEEDS, "virtual"))
 def some_runs_of_the_machine_agree_with_the_model(session: Session) -> None:
     """Everything that comes in a few runs of the stateful machine is what the model admits."""
-    run_machine(runner_of(session), Judged, UnitMachine, EXAMPLES["quick"], STEPS)
+    run_machine(runner_of(session), ModelledUnit, UnitMachine, EXAMPLES["quick"], STEPS)
 
 
 @check(*JUDGED, safety="stored", needs=(*NEEDS, "virtual"), level="full", soaks=True)
 def many_runs_of_the_machine_agree_with_the_model(session: Session) -> None:
     """Everything that comes in many runs of the stateful machine is what the model admits."""
-    run_machine(runner_of(session), Judged, UnitMachine, EXAMPLES["full"], STEPS)
+    run_machine(runner_of(session), ModelledUnit, UnitMachine, EXAMPLES["full"], STEPS)

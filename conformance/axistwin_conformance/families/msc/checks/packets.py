@@ -13,10 +13,10 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
-from axistwin_conformance.families.msc.client import Exchange
+from axistwin_conformance.families.msc.client import MscExchange
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, Packet
-from axistwin_conformance.families.msc.driver import RS232_UNIT
-from axistwin_conformance.families.msc.link import Link
+from axistwin_conformance.families.msc.driver import MscDriver
+from axistwin_conformance.families.msc.link import RS232_UNIT
 
 ORDER = 10  # of this module in a run; see `Family.modules`
 
@@ -47,60 +47,66 @@ OTHER_UNITS: Final = range(2, 16)
 def every_reply_is_a_packet_as_the_manual_draws_it(session: Session) -> None:
     """The reply to each reading command is 02h, the unit, length, block, body, checksum; no more
     than 240 bytes of body, and nothing behind it, our ACK to it or not."""
-    link = Link(session)
-    for body in link.reads():
-        judge_reply(link, link.ask(body, 0x1234))
-        told = codec.explain_request(link.talk.request(body))
-        link.nothing_more(("MSC-PKT-16", "MSC-LNK-11"), f"the reply to {told}")
+    driver = MscDriver(session)
+    for body in driver.reads():
+        judge_reply(driver, driver.ask(body, 0x1234))
+        text = codec.explain_request(driver.client.request(body))
+        driver.link.nothing_more(("MSC-PKT-16", "MSC-LNK-11"), f"the reply to {text}")
 
 
-def judge_reply(link: Link, exchange: Exchange) -> Packet:
+def judge_reply(driver: MscDriver, exchange: MscExchange) -> Packet:
     """Judge the bytes behind an ACK as a packet (PKT), whatever it means; return it."""
-    session, raw = link.session, exchange.raw[1:]
-    told = codec.explain_request(exchange.request)
-    session.step(exchange.sign == ACK and bool(raw), f"ACK and a packet ({told})", exchange)
+    session, raw = driver.session, exchange.raw[1:]
+    text = codec.explain_request(exchange.request)
+    session.step(exchange.sign == ACK and bool(raw), f"ACK and a packet ({text})", exchange)
     first = (exchange.extra or raw)[0]  # what comes before a packet is set apart
     session.expect(first == 2, ("MSC-PKT-02", "MSC-PKT-17"), "02h first", f"{first:02X}h")
-    one = codec.parse(raw)
-    if one is None:
+    packet = codec.parse(raw)
+    if packet is None:
         session.fail(("MSC-PKT-01", "MSC-PKT-17"), "8 bytes and a body", f"{len(raw)} bytes")
-    session.expect(one.unit in codec.UNITS, "MSC-PKT-03", "unit 1 to 15", one.unit)
-    session.expect(one.unit == link.unit, "MSC-PKT-18", f"unit {link.unit}", one.unit)
-    _judge_length(link, one)
+    session.expect(packet.unit in codec.UNITS, "MSC-PKT-03", "unit 1 to 15", packet.unit)
+    session.expect(packet.unit == driver.unit, "MSC-PKT-18", f"unit {driver.unit}", packet.unit)
+    _judge_length(driver, packet)
     right = codec.checksum(raw[1:-2])
     order = f"{right:04X}, high byte first"
     swapped = int.from_bytes(codec.u16(right), "little")
-    is_swapped = one.checksum == swapped != right
-    session.expect(not is_swapped, "MSC-PKT-11", order, f"{one.checksum:04X}")
+    is_swapped = packet.checksum == swapped != right
+    session.expect(not is_swapped, "MSC-PKT-11", order, f"{packet.checksum:04X}")
     session.expect(
-        one.checksum == right, "MSC-PKT-12", f"{right:04X}, the sum of what stands between",
-        f"{one.checksum:04X}",
-    )  # fmt: skip
-    return one
+        packet.checksum == right,
+        "MSC-PKT-12",
+        f"{right:04X}, the sum of what stands between",
+        f"{packet.checksum:04X}",
+    )
+    return packet
 
 
-def _judge_length(link: Link, one: Packet) -> None:
+def _judge_length(driver: MscDriver, packet: Packet) -> None:
     """Judge what a reply announces; of one that announces too much no more than 240 bytes are
     heard, and from one that goes low byte first as many as it says."""
-    session, announced = link.session, one.length
-    right = link.talk.reply_bytes(one.name) - codec.AROUND_BODY if one.name in codec.READS else 0
+    session, announced = driver.session, packet.length
+    right = (
+        driver.client.reply_bytes(packet.name) - codec.AROUND_BODY
+        if packet.name in codec.READS
+        else 0
+    )
     is_swapped = announced == int.from_bytes(codec.u16(right), "little") != right
-    told = f"{codec.u16(right).hex(' ')}, high byte first"
-    session.expect(not is_swapped, "MSC-PKT-08", told, codec.u16(announced).hex(" "))
+    text = f"{codec.u16(right).hex(' ')}, high byte first"
+    session.expect(not is_swapped, "MSC-PKT-08", text, codec.u16(announced).hex(" "))
     most = f"{codec.MAX_BODY} at most"
     session.expect(announced <= codec.MAX_BODY, ("MSC-PKT-10", "MSC-PKT-16"), most, announced)
-    names, size = ("MSC-PKT-01", "MSC-PKT-06", "MSC-PKT-17"), len(one.body)
+    names, size = ("MSC-PKT-01", "MSC-PKT-06", "MSC-PKT-17"), len(packet.body)
     session.expect(announced == size, names, f"length {size}, as the body has", announced)
 
 
 @check("MSC-PKT-04", needs=("alone",))
 def on_rs232_replies_carry_unit_1(session: Session) -> None:
     """On RS-232 every reply carries 01h, the byte and not the character."""
-    link = Link(session)
-    if link.is_rs485:
+    driver = MscDriver(session)
+    if driver.link.is_rs485:
         session.skip("this unit is on RS-485, where its switch sets the number")
-    for body in link.reads():
-        reply = link.ask(body).reply
+    for body in driver.reads():
+        reply = driver.ask(body).reply
         seen = None if reply is None else reply.unit
         session.expect(seen == RS232_UNIT, None, f"unit {RS232_UNIT}", seen)
 
@@ -108,12 +114,12 @@ def on_rs232_replies_carry_unit_1(session: Session) -> None:
 @check("MSC-PKT-07")
 def bodies_of_odd_and_of_even_length_are_served(session: Session) -> None:
     """RQSTAT with 7 bytes and RFLAG with 8 draw replies with 15 and 8, RFLAGS one with 39."""
-    link = Link(session)
-    bodies = [*ODD_AND_EVEN, *([codec.RFLAGS] if link.has_rflags else [])]
+    driver = MscDriver(session)
+    bodies = [*ODD_AND_EVEN, *([codec.RFLAGS] if driver.has_rflags else [])]
     for body in bodies:
-        exchange = link.ask(body)
+        exchange = driver.ask(body)
         name = body.partition(codec.COMMA)[0].decode()
-        size = link.talk.reply_bytes(name) - codec.AROUND_BODY
+        size = driver.client.reply_bytes(name) - codec.AROUND_BODY
         seen = None if exchange.reply is None else exchange.reply.length
         session.expect(seen == size, None, f"ACK, and {size} bytes of reply to {name}", exchange)
 
@@ -121,12 +127,12 @@ def bodies_of_odd_and_of_even_length_are_served(session: Session) -> None:
 @check("MSC-PKT-07", "MSC-PKT-08", safety="stored", needs=("variables",))
 def the_longest_body_is_served_and_its_reply_tells_134(session: Session) -> None:
     """BWRITE's body of 137 bytes is ACKed; BREAD's reply announces 134 as 00 86."""
-    link = Link(session)
-    spot = link.block_spot()
+    driver = MscDriver(session)
+    spot = driver.scratch.block_spot()
     values = [*range(1, codec.BLOCK_VALUES + 1)]
-    exchange = link.ask(codec.bwrite(spot, values))
+    exchange = driver.ask(codec.bwrite(spot, values))
     session.expect(exchange.is_acked, "MSC-PKT-07", "ACK to 137 bytes of body", exchange)
-    exchange = link.ask(codec.bread(spot))
+    exchange = driver.ask(codec.bread(spot))
     length = exchange.raw[3:5]
     session.expect(length == b"\x00\x86", "MSC-PKT-08", "length 00 86", length.hex(" "))
 
@@ -138,26 +144,30 @@ def the_longest_body_is_served_and_its_reply_tells_134(session: Session) -> None
 def any_block_number_is_served_alike(session: Session) -> None:
     """RQSTAT with any block number, 0202h, 0606h, 1515h and 1113h among them, gets the same reply;
     its own block number is 0000h, or as this device reads that."""
-    link = Link(session)
-    link.calm("other_unit_framing")
-    plain = link.query(RQSTAT)
+    driver = MscDriver(session)
+    driver.link.calm("other_unit_framing")
+    plain = driver.query(RQSTAT)
     sent, got = [0], [plain.block]
     for block in BLOCKS:
-        exchange = link.ask(RQSTAT, block)
+        exchange = driver.ask(RQSTAT, block)
         reply = exchange.reply
         names = ("MSC-PKT-09", "MSC-PKT-15", "MSC-PHY-05")
-        if reply is not None and link.told(reply) != link.told(plain):
-            plain = link.query(RQSTAT)  # the status itself may have changed
+        if reply is not None and driver.link.specified(reply) != driver.link.specified(plain):
+            plain = driver.query(RQSTAT)  # the status itself may have changed
             sent, got = [*sent, 0], [*got, plain.block]
-        is_same = exchange.is_acked and reply is not None and link.told(reply) == link.told(plain)
-        told = f"ACK and the body of block 0 to block {block:04X}h"
-        session.expect(is_same, names, told, exchange)
+        is_same = (
+            exchange.is_acked
+            and reply is not None
+            and driver.link.specified(reply) == driver.link.specified(plain)
+        )
+        text = f"ACK and the body of block 0 to block {block:04X}h"
+        session.expect(is_same, names, text, exchange)
         assert reply is not None
         sent, got = [*sent, block], [*got, reply.block]
     seen = block_readings(sent, got)
     if not seen:
         session.fail("MSC-PKT-19", ["0000h", "the request's", "a counter"], _hex(got))
-    link.reading("reply_block", seen, "MSC-PKT-19")
+    driver.reading("reply_block", seen, "MSC-PKT-19")
 
 
 def block_readings(sent: Sequence[int], got: Sequence[int]) -> tuple[str, ...]:
@@ -172,27 +182,27 @@ def block_readings(sent: Sequence[int], got: Sequence[int]) -> tuple[str, ...]:
 
 
 def _hex(numbers: Sequence[int]) -> str:
-    return " ".join(f"{one:04X}" for one in numbers)
+    return " ".join(f"{number:04X}" for number in numbers)
 
 
 @check("MSC-PKT-15", "MSC-PKT-11")
 def bytes_02h_06h_and_15h_of_body_and_checksum_are_no_signs(session: Session) -> None:
     """RFLAG of flags 2, 6 and 21 is served, and RQSTAT whose checksum has 02h, 06h, 13h or 15h in
     it.  (BODY and CSUM 02h, 06h, 15h, other)"""
-    link = Link(session)
-    link.calm("other_unit_framing")
-    plain = codec.checksum(link.talk.request(RQSTAT)[1:-2])
+    driver = MscDriver(session)
+    driver.link.calm("other_unit_framing")
+    plain = codec.checksum(driver.client.request(RQSTAT)[1:-2])
     for low in (0x02, 0x06, 0x11, 0x13, 0x15):
         # What the block number adds makes the low byte of the sum; the high one is 02h or 03h.
         added = (low - plain) % 0x100
         for block in (added, added << 8):
-            exchange = link.ask(RQSTAT, block)
-            told = codec.explain_request(exchange.request)
+            exchange = driver.ask(RQSTAT, block)
+            text = codec.explain_request(exchange.request)
             is_served = exchange.is_acked and exchange.reply is not None
             names = ("MSC-PKT-15", "MSC-PKT-11")
-            session.expect(is_served, names, f"ACK and a reply to {told}", exchange)
+            session.expect(is_served, names, f"ACK and a reply to {text}", exchange)
     for flag in (0x02, 0x06, 0x15, 0x13):
-        exchange = link.ask(codec.rflag(flag))
+        exchange = driver.ask(codec.rflag(flag))
         is_served = exchange.is_acked and exchange.reply is not None
         session.expect(is_served, "MSC-PKT-15", f"ACK and a reply to flag {flag}", exchange)
 
@@ -200,34 +210,36 @@ def bytes_02h_06h_and_15h_of_body_and_checksum_are_no_signs(session: Session) ->
 @check("MSC-PKT-03", "MSC-PKT-04", needs=("alone",))
 def on_rs232_other_unit_numbers_are_not_its_own(session: Session) -> None:
     """RQSTAT to another number than 1 draws silence on RS-232, or what this device reads there."""
-    link = Link(session)
-    if link.is_rs485:
+    driver = MscDriver(session)
+    if driver.link.is_rs485:
         session.skip("this unit is on RS-485, where other numbers are other units'")
     others = OTHER_UNITS if session.target.is_virtual else (2, 3, 8, 15)
     for unit in others:
-        seen = _to_other(link, unit)
-        if isinstance(seen, Exchange):
+        seen = _to_other(driver, unit)
+        if isinstance(seen, MscExchange):
             session.fail("MSC-PKT-04", ["silence", "NAK", "ACK and a reply"], seen)
-        link.reading("rs232_unit_check", seen, "MSC-PKT-04")
+        driver.reading("rs232_unit_check", seen, "MSC-PKT-04")
     for unit in INVALID_UNITS:
-        seen = _to_other(link, unit)
+        seen = _to_other(driver, unit)
         if seen == "ignore" and session.reading("rs232_unit_check") == "ignore":
             continue  # a unit that looks at no number takes this one too
-        if isinstance(seen, Exchange) or seen == "ignore":
+        if isinstance(seen, MscExchange) or seen == "ignore":
             session.fail("MSC-PKT-03", ["silence", "NAK"], seen)
         readings = ("silent", "broadcast") if seen == "silent" else (seen,)
-        link.reading("invalid_unit", readings, "MSC-PKT-03")
-    link.alive("MSC-PKT-04")
+        driver.reading("invalid_unit", readings, "MSC-PKT-03")
+    driver.link.alive("MSC-PKT-04")
 
 
-def _to_other(link: Link, unit: int) -> str | Exchange:
+def _to_other(driver: MscDriver, unit: int) -> str | MscExchange:
     """What RQSTAT to another number shows: a reading of MSC-AMB-12, or what explains none."""
     raw = codec.packet(unit, RQSTAT)
-    exchange = link.talk.ask(raw, is_read=True, timeout_s=len(raw) * link.byte_ns / 1e9 + 0.1)
-    extra = link.talk.listen(link.glance_s)
+    exchange = driver.client.ask(
+        raw, is_read=True, timeout_s=len(raw) * driver.link.byte_ns / 1e9 + 0.1
+    )
+    extra = driver.client.listen(driver.link.glance_s)
     reply = exchange.reply
     if extra:
-        return Exchange(raw, exchange.sign, reply, exchange.extra + extra)
+        return MscExchange(raw, exchange.sign, reply, exchange.extra + extra)
     if exchange.is_silence or exchange.is_naked:
         return "silent" if exchange.is_silence else "nak"
     if not exchange.is_acked or reply is None or not reply.is_sound:
@@ -235,25 +247,25 @@ def _to_other(link: Link, unit: int) -> str | Exchange:
     seen = {RS232_UNIT: "own", unit: "echo"}.get(reply.unit)
     if seen is None:
         return exchange
-    link.reading("reply_unit", seen, "MSC-PKT-04")
+    driver.reading("reply_unit", seen, "MSC-PKT-04")
     return "ignore"
 
 
 @check("MSC-PKT-03", safety="stored", needs=("variables", "alone"))
 def unit_0_is_no_broadcast(session: Session) -> None:
     """A DWRITE to unit 0 stores nothing, unless this device reads 0 as everybody."""
-    link = Link(session)
-    spot = link.spot()
-    link.write(spot, 1)
+    driver = MscDriver(session)
+    spot = driver.scratch.spot()
+    driver.write(spot, 1)
     raw = codec.packet(0, codec.dwrite(spot, 2))
-    exchange = link.talk.ask(raw, is_read=False)
-    link.talk.settle()  # a unit that hunts for 02h may have found some
-    value = link.read(spot)
+    exchange = driver.client.ask(raw, is_read=False)
+    driver.client.wait_until_quiet()  # a unit that hunts for 02h may have found some
+    value = driver.read(spot)
     if exchange.is_naked and value == 1:
-        link.reading("invalid_unit", "nak")
+        driver.reading("invalid_unit", "nak")
     elif exchange.is_silence and value in (1, 2):
-        link.reading("invalid_unit", "silent" if value == 1 else "broadcast")
-    elif session.reading("rs232_unit_check") != "ignore" or link.is_rs485:
+        driver.reading("invalid_unit", "silent" if value == 1 else "broadcast")
+    elif session.reading("rs232_unit_check") != "ignore" or driver.link.is_rs485:
         session.fail(None, "silence or NAK, and the value as it was", f"{exchange}, {value}")
     else:
         session.not_run(None, "this unit looks at no number, so 0 is like any other")
@@ -321,40 +333,40 @@ WRONG_SUMS: Final[Mapping[str, Callable[[bytes, bytes], int]]] = {
 def every_other_checksum_is_refused(session: Session) -> None:
     """RQSTAT and DREAD under each checksum that is a usual mistake get one NAK; under the right one
     they are served, also right behind a NAK."""
-    link = Link(session)
-    bodies = [RQSTAT, *(codec.dread(one) for one in link.spots(1))]
+    driver = MscDriver(session)
+    bodies = [RQSTAT, *(codec.dread(address) for address in driver.scratch.spots(1))]
     blocks = (0x1234, 0xA500) if session.target.is_virtual else (0x1234,)
     for body in bodies:
         for block in blocks:
-            _refuse_all(link, body, block)
+            _refuse_all(driver, body, block)
 
 
-def _refuse_all(link: Link, body: bytes, block: int) -> None:
-    right = link.talk.request(body, block)
+def _refuse_all(driver: MscDriver, body: bytes, block: int) -> None:
+    right = driver.client.request(body, block)
     names = ("MSC-PKT-12", "MSC-LNK-02", "MSC-LNK-05")
     for how, wrong_sum in WRONG_SUMS.items():
         wrong = wrong_sum(right[1:6], body) & 0xFFFF
         if wrong == codec.checksum(right[1:-2]):
             continue
-        raw = codec.packet(link.unit, body, block, checksum=wrong)
+        raw = codec.packet(driver.unit, body, block, checksum=wrong)
         own = ("MSC-PKT-11",) if how == "low byte first" else ()
-        link.sign(raw, NAK, (*names, *own), f"a checksum with {how}")
-    exchange = link.ask(body, block)
+        driver.link.sign(raw, NAK, (*names, *own), f"a checksum with {how}")
+    exchange = driver.ask(body, block)
     is_served = exchange.is_acked and exchange.reply is not None
     names = ("MSC-PKT-12", "MSC-PKT-11", "MSC-LNK-22")
-    link.session.expect(is_served, names, "ACK and a reply under the right sum", exchange)
+    driver.session.expect(is_served, names, "ACK and a reply under the right sum", exchange)
 
 
 @check("MSC-PKT-12", "MSC-PKT-11", safety="stored", needs=("variables",))
 def sums_above_32767_are_still_sums(session: Session) -> None:
     """BWRITE of 32 times -1, whose bytes sum up to more than 7FFFh, is ACKed, and its BREAD has the
     right sum."""
-    link = Link(session)
-    spot, values = link.block_spot(), [-1] * codec.BLOCK_VALUES
+    driver = MscDriver(session)
+    spot, values = driver.scratch.block_spot(), [-1] * codec.BLOCK_VALUES
     names = ("MSC-PKT-12", "MSC-PKT-11")
-    exchange = link.ask(codec.bwrite(spot, values), 0xFFFF)
+    exchange = driver.ask(codec.bwrite(spot, values), 0xFFFF)
     session.expect(exchange.is_acked, names, "ACK", exchange)
-    reply = link.ask(codec.bread(spot)).reply
+    reply = driver.ask(codec.bread(spot)).reply
     is_right = reply is not None and reply.is_sound and list(reply.values) == values
     session.expect(is_right, names, "32 times -1 under the right sum", reply)
 
@@ -366,36 +378,36 @@ def sums_above_32767_are_still_sums(session: Session) -> None:
 def numbers_go_high_byte_first(session: Session) -> None:
     """1 comes back as 00 00 00 01, and what is written to one address is not found at the address
     with its bytes exchanged."""
-    link = Link(session)
-    spot = link.spot()
+    driver = MscDriver(session)
+    spot = driver.scratch.spot()
     for value in (1, 0x01020304, -2):
-        link.write(spot, value)
-        payload = link.query(codec.dread(spot)).payload
-        told = codec.i32(value).hex(" ")
-        session.expect(payload == codec.i32(value), None, told, payload.hex(" "))
-    if not set(SWAPPED) <= set(link.variables):
+        driver.write(spot, value)
+        payload = driver.query(codec.dread(spot)).payload
+        text = codec.i32(value).hex(" ")
+        session.expect(payload == codec.i32(value), None, text, payload.hex(" "))
+    if not set(SWAPPED) <= set(driver.scratch.variables):
         return
     for number, address in enumerate(SWAPPED, 1):
-        link.write(address, number)
-    seen = tuple(link.read(address) for address in SWAPPED)
+        driver.write(address, number)
+    seen = tuple(driver.read(address) for address in SWAPPED)
     session.expect(seen == (1, 2), None, f"1 at {SWAPPED[0]}, 2 at {SWAPPED[1]}", seen)
 
 
 @check("MSC-PHY-05", "MSC-PKT-15", safety="stored", needs=("variables",))
 def no_byte_of_a_value_is_special(session: Session) -> None:
     """Values full of 02h, 06h, 15h, 11h, 13h and control characters go both ways, one ACK each."""
-    link = Link(session)
-    link.calm("other_unit_framing")
-    spot = link.spot()
+    driver = MscDriver(session)
+    driver.link.calm("other_unit_framing")
+    spot = driver.scratch.spot()
     names = ("MSC-PHY-05", "MSC-PKT-15")
     for value in LOADED_VALUES:
-        told = f"{value:08X}"
-        exchange = link.ask(codec.dwrite(spot, value))
-        session.expect(exchange.is_acked, names, f"one ACK to a write of {told}", exchange)
-        link.nothing_more(names, f"a write of {told}")
-        reply = link.ask(codec.dread(spot)).reply
+        text = f"{value:08X}"
+        exchange = driver.ask(codec.dwrite(spot, value))
+        session.expect(exchange.is_acked, names, f"one ACK to a write of {text}", exchange)
+        driver.link.nothing_more(names, f"a write of {text}")
+        reply = driver.ask(codec.dread(spot)).reply
         is_back = reply is not None and reply.payload == codec.i32(value)
-        session.expect(is_back, names, told, reply)
+        session.expect(is_back, names, text, reply)
 
 
 def carrying(packet: bytes) -> list[int]:
@@ -408,17 +420,17 @@ def carrying(packet: bytes) -> list[int]:
 def a_packet_inside_a_packet_is_data(session: Session) -> None:
     """BWRITE of values that hold a whole RQSTAT for this unit draws one ACK, and BREAD returns
     them."""
-    link = Link(session)
-    link.calm("other_unit_framing")
-    spot, values = link.block_spot(), carrying(link.talk.request(RQSTAT))
+    driver = MscDriver(session)
+    driver.link.calm("other_unit_framing")
+    spot, values = driver.scratch.block_spot(), carrying(driver.client.request(RQSTAT))
     names = ("MSC-PKT-15", "MSC-LNK-04")
-    exchange = link.ask(codec.bwrite(spot, values))
+    exchange = driver.ask(codec.bwrite(spot, values))
     session.expect(exchange.is_acked, names, "one ACK", exchange)
-    link.nothing_more(names, "the ACK to a BWRITE that holds a packet")
-    reply = link.ask(codec.bread(spot)).reply
+    driver.link.nothing_more(names, "the ACK to a BWRITE that holds a packet")
+    reply = driver.ask(codec.bread(spot)).reply
     is_back = reply is not None and list(reply.values) == values
     session.expect(is_back, "MSC-PKT-15", "the values as written", reply)
-    link.alive("MSC-PKT-15")
+    driver.link.alive("MSC-PKT-15")
 
 
 # --- what is no packet ----------------------------------------------------------------------------
@@ -430,42 +442,42 @@ NOISE: Final = (b"\x00\xff\x41", b"\x00", b"\xff", b"RQSTAT,", b"\r\n", b"\x11\x
 def bytes_that_start_no_packet_are_ignored(session: Session) -> None:
     """Bytes without 02h draw nothing from an idle unit, or what this device reads there; the packet
     right behind them is served once."""
-    link = Link(session)
+    driver = MscDriver(session)
     for noise in NOISE:
         session.target.drain()
         session.target.send(noise)
-        judge_noise(link, noise, "MSC-PKT-20")
+        judge_noise(driver, noise, "MSC-PKT-20")
     if session.reading("noise_in_idle") == "ignore":
         for noise in NOISE:  # without a pause between
-            exchange = link.talk.ask(noise + link.talk.request(RQSTAT), is_read=True)
+            exchange = driver.client.ask(noise + driver.client.request(RQSTAT), is_read=True)
             is_served = exchange.is_acked and exchange.reply is not None
             session.expect(is_served, None, "one ACK and one reply", exchange)
-            link.nothing_more("MSC-PKT-20", "the reply")
-    link.alive("MSC-PKT-20")
+            driver.link.nothing_more("MSC-PKT-20", "the reply")
+    driver.link.alive("MSC-PKT-20")
 
 
-def judge_noise(link: Link, noise: bytes, names: str) -> None:
+def judge_noise(driver: MscDriver, noise: bytes, names: str) -> None:
     """Judge what comes to bytes without 02h that were sent to an idle unit (MSC-AMB-30)."""
-    heard = link.talk.listen(len(noise) * link.byte_ns / 1e9 + link.glance_s)
+    received = driver.client.listen(len(noise) * driver.link.byte_ns / 1e9 + driver.link.glance_s)
     # Several units that refuse at once garble each other.
-    is_refused = bool(heard) and (not heard.strip(NAK) or bool(link.session.neighbours))
-    if heard and not is_refused:
-        link.session.fail(names, ["nothing", "NAK"], codec.explain(heard))
-    readings: tuple[str, ...] = ("nak",) if heard else ("ignore",)
-    if not heard and link.session.neighbours and len(noise) > 1:
+    is_refused = bool(received) and (not received.strip(NAK) or bool(driver.session.neighbours))
+    if received and not is_refused:
+        driver.session.fail(names, ["nothing", "NAK"], codec.explain(received))
+    readings: tuple[str, ...] = ("nak",) if received else ("ignore",)
+    if not received and driver.session.neighbours and len(noise) > 1:
         readings = ("ignore", "nak")  # on two wires they talk over the host, and garble it all
-    link.reading("noise_in_idle", readings, names)
+    driver.reading("noise_in_idle", readings, names)
 
 
 @check("MSC-PKT-21", safety="stored", needs=("variables",))
 def the_manuals_example_is_a_valid_packet(session: Session) -> None:
     """The 21 bytes of the manual's example, to this unit, draw ACK, and 2008 then holds 1234."""
-    link = Link(session)
-    if 2008 not in link.variables:
+    driver = MscDriver(session)
+    if 2008 not in driver.scratch.variables:
         session.skip("address 2008 is not among the variables that may be written (--variables)")
     example = bytes.fromhex("02 01 00 0D 00 00 44 57 52 49 54 45 2C 07 D8 00 00 04 D2 03 BE")
-    if link.unit != 1:
-        example = codec.packet(link.unit, example[6:-2])
-    exchange = link.talk.ask(example)
+    if driver.unit != 1:
+        example = codec.packet(driver.unit, example[6:-2])
+    exchange = driver.client.ask(example)
     session.expect(exchange.is_acked, None, "ACK", exchange)
-    session.expect(link.read(2008) == 1234, None, "1234 at 2008", link.read(2008))
+    session.expect(driver.read(2008) == 1234, None, "1234 at 2008", driver.read(2008))

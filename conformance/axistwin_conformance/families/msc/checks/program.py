@@ -12,7 +12,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, BLOCK_VALUES
-from axistwin_conformance.families.msc.controller import REACTION_S, BenchProgram
+from axistwin_conformance.families.msc.program import REACTION_S, BenchProgram
 
 ORDER = 140  # of this module in a run; see `Family.modules`
 
@@ -34,9 +34,9 @@ def the_program_sees_a_flag_and_the_host_its_count(session: Session) -> None:
     program.must_run()
     for _ in range(3):
         before = program.counter()
-        program.unit.set_flag(program.count)
+        program.driver.set_flag(program.count)
         program.taken(program.count, "MSC-SFLAG-02")
-        program.unit.target.wait(5 * TIMER_S)
+        program.driver.target.wait(5 * TIMER_S)
         seen = program.counter() - before
         names = ("MSC-SFLAG-02", "MSC-DREAD-02", "MSC-PKT-14")
         session.expect(seen == 1, names, "counted once", f"{seen} times")
@@ -48,18 +48,18 @@ def the_program_sees_a_block_whole(session: Session) -> None:
     value differ, unless this device stores them one by one."""
     program = BenchProgram(session)
     program.must_run()
-    program.unit.write_block(program.block, [0] * BLOCK_VALUES)
-    program.unit.target.wait(TIMER_S)
+    program.driver.write_block(program.block, [0] * BLOCK_VALUES)
+    program.driver.target.wait(TIMER_S)
     before = program.torn()
     for number in range(1, BLOCKS_SENT + 1):
-        program.unit.write_block(program.block, [number * 0x01010101] * BLOCK_VALUES)
-        program.unit.target.wait(session.random.random() * 0.02)  # anywhere in a scan
+        program.driver.write_block(program.block, [number * 0x01010101] * BLOCK_VALUES)
+        program.driver.target.wait(session.random.random() * 0.02)  # anywhere in a scan
     torn = program.torn() - before
     session.expect(torn >= 0, "MSC-BWRITE-06", "a count that does not fall", torn)
-    seen = program.unit.read_block(program.block)
+    seen = program.driver.read_block(program.block)
     is_last = set(seen) == {codec.signed(BLOCKS_SENT * 0x01010101)}
     session.expect(is_last, "MSC-BWRITE-06", "the last block as sent", seen)
-    program.unit.reading("bwrite_atomic", "false" if torn else "true", "MSC-BWRITE-06")
+    program.driver.reading("bwrite_atomic", "false" if torn else "true", "MSC-BWRITE-06")
 
 
 @check("MSC-SFLAG-02", "MSC-CFLAG-02", safety=("stored", "motion"), needs=("program",))
@@ -68,28 +68,28 @@ def a_flag_set_and_cleared_at_once_is_seen_or_not(session: Session) -> None:
     never more often than that."""
     program = BenchProgram(session)
     program.must_run()
-    program.unit.clear_flag(program.pulse)
-    is_off = not program.unit.flag(program.pulse)
+    program.driver.clear_flag(program.pulse)
+    is_off = not program.driver.flag(program.pulse)
     session.expect(is_off, "MSC-CFLAG-02", f"flag {program.pulse} off", "on")
-    program.unit.target.wait(TIMER_S)
-    before, ticks, began_ns = program.pulses(), program.ticks(), program.unit.target.now_ns
+    program.driver.target.wait(TIMER_S)
+    before, ticks, began_ns = program.pulses(), program.ticks(), program.driver.target.now_ns
     widths = []
     for _ in range(PULSES):
-        on = program.unit.set_flag(program.pulse)
-        off = program.unit.clear_flag(program.pulse)
+        on = program.driver.set_flag(program.pulse)
+        off = program.driver.clear_flag(program.pulse)
         widths.append(off.signed_ns - on.signed_ns)
-        program.unit.target.wait(TIMER_S * (1 + session.random.random()))  # anywhere in a scan
+        program.driver.target.wait(TIMER_S * (1 + session.random.random()))  # anywhere in a scan
     seen = program.pulses() - before
-    told = f"{PULSES} times at most"
-    session.expect(0 <= seen <= PULSES, ("MSC-SFLAG-02", "MSC-CFLAG-02"), told, f"{seen} times")
+    text = f"{PULSES} times at most"
+    session.expect(0 <= seen <= PULSES, ("MSC-SFLAG-02", "MSC-CFLAG-02"), text, f"{seen} times")
     scans = max(program.ticks() - ticks, 1)
-    is_rare = (program.unit.target.now_ns - began_ns) / scans > 2 * max(widths)
+    is_rare = (program.driver.target.now_ns - began_ns) / scans > 2 * max(widths)
     # Where scans are short, each of them is seen in either reading.
     all_seen = ("immediate",) if is_rare else ("next_scan", "immediate")
-    program.unit.reading(
+    program.driver.reading(
         "write_visibility", all_seen if seen == PULSES else "next_scan", "MSC-SFLAG-02"
     )
-    program.unit.set_flag(program.pulse)
+    program.driver.set_flag(program.pulse)
     is_seen = program.until(lambda: program.pulses() - before == seen + 1)
     session.expect(
         is_seen,
@@ -97,9 +97,9 @@ def a_flag_set_and_cleared_at_once_is_seen_or_not(session: Session) -> None:
         f"a flag that stays on is seen within {REACTION_S:g} s",
         "it is not",
     )
-    program.unit.clear_flag(program.pulse)
+    program.driver.clear_flag(program.pulse)
     session.expect(
-        not program.unit.flag(program.pulse), "MSC-CFLAG-02", f"flag {program.pulse} off", "on"
+        not program.driver.flag(program.pulse), "MSC-CFLAG-02", f"flag {program.pulse} off", "on"
     )
 
 
@@ -108,24 +108,24 @@ def a_repeat_carries_the_flags_of_the_first_reply(session: Session) -> None:
     """The replies to RFLAG and RFLAGS, refused when a timer has run out since, are repeated byte
     for byte, or with the states of now if this device reads it so."""
     program = BenchProgram(session)
-    unit = program.unit
-    if unit.ack_timeout_s < 2 * (TIMER_S + LATE_S):
+    driver = program.driver
+    if driver.client.ack_timeout_s < 2 * (TIMER_S + LATE_S):
         session.skip("T2 is too short: the reply comes again before the timer has run out")
     program.must_run()
-    for body in (codec.rflag(TIMER), *([codec.RFLAGS] if unit.has_rflags else [])):
-        unit.set_flag(program.timed)
-        unit.target.wait(SCANS_S)
-        first = unit.unanswered(body)
-        unit.target.wait(TIMER_S + LATE_S)
-        again = unit.refuse()
-        unit.target.send(ACK)
+    for body in (codec.rflag(TIMER), *([codec.RFLAGS] if driver.has_rflags else [])):
+        driver.set_flag(program.timed)
+        driver.target.wait(SCANS_S)
+        first = driver.link.unanswered(body)
+        driver.target.wait(TIMER_S + LATE_S)
+        again = driver.link.refuse()
+        driver.target.send(ACK)
         is_one = again is not None and again.is_sound and again.name == first.name
         session.expect(is_one, "MSC-LNK-10", f"{first} again", again or "nothing")
-        if unit.query(body).body == first.body:
+        if driver.query(body).body == first.body:
             session.not_run("MSC-LNK-21", "this line is too slow to see the timer run")
             return
         is_fresh = again is not None and again.raw != first.raw
-        unit.reading("retransmit_content", "fresh" if is_fresh else "snapshot", "MSC-LNK-21")
+        driver.reading("retransmit_content", "fresh" if is_fresh else "snapshot", "MSC-LNK-21")
 
 
 @check("MSC-FLG-03", safety=("stored", "motion"), needs=("program",))
@@ -135,16 +135,16 @@ def a_timer_flag_follows_its_timer(session: Session) -> None:
     program = BenchProgram(session)
     program.must_run()
     for _ in range(2):
-        set_ns = program.unit.set_flag(program.timed).asked_ns
+        set_ns = program.driver.set_flag(program.timed).asked_ns
         program.taken(program.timed, "MSC-FLG-03")
-        during = program.unit.flag(TIMER)
-        program.unit.in_time(set_ns, TIMER_S, "the timer")
-        program.unit.target.wait(TIMER_S + LATE_S)
-        after = program.unit.flag(TIMER)
-        told = ["on while it runs, then off", "off while it runs, then on"]
+        during = program.driver.flag(TIMER)
+        program.driver.in_time(set_ns, TIMER_S, "the timer")
+        program.driver.target.wait(TIMER_S + LATE_S)
+        after = program.driver.flag(TIMER)
+        text = ["on while it runs, then off", "off while it runs, then on"]
         seen = f"{_state(during)} while it runs, then {_state(after)}"
-        session.expect(during != after, "MSC-FLG-03", told, seen)
-        program.unit.reading("timer_flag", "running" if during else "expired", "MSC-FLG-03")
+        session.expect(during != after, "MSC-FLG-03", text, seen)
+        program.driver.reading("timer_flag", "running" if during else "expired", "MSC-FLG-03")
 
 
 def _state(on: bool) -> str:
@@ -160,14 +160,14 @@ def a_program_that_ends_turns_bit_0_off(session: Session) -> None:
     program = BenchProgram(session)
     program.must_run()
     try:
-        program.unit.set_flag(program.halt)
+        program.driver.set_flag(program.halt)
         names = ("MSC-STA-01", "MSC-STA-02")
-        is_off = program.until(lambda: not program.unit.status() & 1)
+        is_off = program.until(lambda: not program.driver.status() & 1)
         session.expect(is_off, names, f"bit 0 off within {REACTION_S:g} s of its end", "on")
         if session.reading("stopped_access") == "allow":
             session.expect(not program.is_running(), "MSC-STA-02", "nothing counts", "ticks go on")
     finally:
         session.rig.run_program(True)
-    is_on = program.until(lambda: bool(program.unit.status() & 1))
+    is_on = program.until(lambda: bool(program.driver.status() & 1))
     session.expect(is_on, "MSC-STA-01", "bit 0 on again", "off")
     session.expect(program.is_running(), "MSC-STA-01", "ticks go on", "nothing counts")

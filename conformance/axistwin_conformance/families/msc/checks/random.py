@@ -15,7 +15,7 @@ from axistwin_conformance.families.msc.checks.link import refusals
 from axistwin_conformance.families.msc.checks.packets import judge_noise
 from axistwin_conformance.families.msc.checks.time import finish, send_in_parts
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, STX
-from axistwin_conformance.families.msc.link import Link
+from axistwin_conformance.families.msc.driver import MscDriver
 from axistwin_conformance.families.msc.safety import is_harmless
 
 ORDER = 100  # of this module in a run; see `Family.modules`
@@ -33,16 +33,16 @@ def rounds(session: Session, number: int, on_a_line: int) -> int:
     return number if session.target.is_virtual else on_a_line
 
 
-def drawn_read(link: Link, *, is_broken: bool = False) -> bytes:
+def drawn_read(driver: MscDriver, *, is_broken: bool = False) -> bytes:
     """The body of a reading command; one that is to be broken is RQSTAT or DREAD."""
-    draw = link.session.random
+    draw = driver.session.random
     bodies = [RQSTAT]
     if not is_broken:
-        bodies += [codec.rflag(draw.randrange(256)), *([codec.RFLAGS] if link.has_rflags else [])]
-    if spots := link.spots(1 << 16):
+        bodies += [codec.rflag(draw.randrange(256)), *([codec.RFLAGS] if driver.has_rflags else [])]
+    if spots := driver.scratch.spots(1 << 16):
         spot = draw.choice(spots)
         bodies.append(codec.dread(spot))
-        if not is_broken and spot + 127 in link.variables:
+        if not is_broken and spot + 127 in driver.scratch.variables:
             bodies.append(codec.bread(spot))
     return draw.choice(bodies)
 
@@ -50,32 +50,36 @@ def drawn_read(link: Link, *, is_broken: bool = False) -> bytes:
 @check("MSC-PROP-01", soaks=True)
 def any_reply_is_sound_and_fits_its_request(session: Session) -> None:
     """Any reply has the unit's own number, the request's name, its size, and a right checksum."""
-    link = Link(session)
+    driver = MscDriver(session)
     for _ in range(rounds(session, 60, 20)):
-        body = drawn_read(link)
-        exchange = link.ask(body, session.random.randrange(0x10000))
+        body = drawn_read(driver)
+        exchange = driver.ask(body, session.random.randrange(0x10000))
         reply, name = exchange.reply, body.partition(codec.COMMA)[0].decode()
-        size = link.talk.reply_bytes(name)
-        told = f"a sound {name} reply of unit {link.unit} with {size} bytes"
+        size = driver.client.reply_bytes(name)
+        text = f"a sound {name} reply of unit {driver.unit} with {size} bytes"
         is_right = (
-            exchange.is_acked and reply is not None and reply.is_sound
-            and reply.unit == link.unit and reply.name == name and len(reply.raw) == size
-        )  # fmt: skip
-        session.expect(is_right, None, told, exchange)
+            exchange.is_acked
+            and reply is not None
+            and reply.is_sound
+            and reply.unit == driver.unit
+            and reply.name == name
+            and len(reply.raw) == size
+        )
+        session.expect(is_right, None, text, exchange)
 
 
 @check("MSC-PROP-02", soaks=True)
 def block_numbers_change_no_reply(session: Session) -> None:
     """The same request with any block number draws the same body."""
-    link = Link(session)
+    driver = MscDriver(session)
     for _ in range(rounds(session, 40, 10)):
-        body, block = drawn_read(link), session.random.randrange(0x10000)
-        before = link.told(link.query(body))
-        exchange = link.ask(body, block)
-        if link.told(link.query(body)) != before:
+        body, block = drawn_read(driver), session.random.randrange(0x10000)
+        before = driver.link.specified(driver.query(body))
+        exchange = driver.ask(body, block)
+        if driver.link.specified(driver.query(body)) != before:
             continue  # what it reads changes by itself
         reply = exchange.reply
-        is_same = exchange.is_acked and reply is not None and link.told(reply) == before
+        is_same = exchange.is_acked and reply is not None and driver.link.specified(reply) == before
         session.expect(is_same, None, f"the body of block 0 to block {block:04X}h", exchange)
 
 
@@ -83,69 +87,73 @@ def block_numbers_change_no_reply(session: Session) -> None:
 def packets_may_come_in_pieces(session: Session) -> None:
     """However a packet is cut and however long the pauses are, within T1 it is served like a whole
     one."""
-    link, draw = Link(session), session.random
-    span_s = SHARE_OF_T1 * link.packet_timeout_s - link.spare_ns / 1e9
+    driver, draw = MscDriver(session), session.random
+    span_s = SHARE_OF_T1 * driver.client.packet_timeout_s - driver.link.spare_ns / 1e9
     for _ in range(rounds(session, 24, FEW)):
-        raw = link.talk.request(drawn_read(link), draw.randrange(0x10000))
+        raw = driver.client.request(drawn_read(driver), draw.randrange(0x10000))
         count = draw.randrange(2, len(raw) + 1)
         places = [0, *sorted(draw.sample(range(1, len(raw)), count - 1)), len(raw)]
-        own_s = len(raw) * link.byte_ns / 1e9
+        own_s = len(raw) * driver.link.byte_ns / 1e9
         pauses = sorted(draw.uniform(0, max(span_s - own_s, 0)) for _ in range(count - 1))
         parts = [
             (at_s, raw[first:end])
             for at_s, first, end in zip((0.0, *pauses), places[:-1], places[1:], strict=True)
         ]
-        heard, _ = send_in_parts(link, parts)
-        told = f"ACK to {len(parts)} pieces within {span_s:.2f} s"
-        session.expect(heard == ACK, None, told, codec.explain(heard) or "nothing")
-        strays = finish(link, heard)
+        received, _ = send_in_parts(driver, parts)
+        text = f"ACK to {len(parts)} pieces within {span_s:.2f} s"
+        session.expect(received == ACK, None, text, codec.explain(received) or "nothing")
+        strays = finish(driver, received)
         session.expect(not strays, None, "one sign and one reply", strays.hex(" "))
 
 
 @check("MSC-PROP-04", soaks=True)
 def any_bit_turned_is_found(session: Session) -> None:
     """A read packet with any one bit turned in its body or checksum draws exactly one NAK."""
-    link = Link(session)
-    link.calm()
-    for body in [RQSTAT, *(codec.dread(one) for one in link.spots(1))]:
-        raw = link.talk.request(body, session.random.randrange(0x10000))
+    driver = MscDriver(session)
+    driver.link.calm()
+    for body in [RQSTAT, *(codec.dread(address) for address in driver.scratch.spots(1))]:
+        raw = driver.client.request(body, session.random.randrange(0x10000))
         places = range(codec.HEADER_BYTES * BITS, len(raw) * BITS)
         few = session.random.sample(places, rounds(session, len(places), 12))
         for place in few:
             index, bit = divmod(place, BITS)
-            spoilt = raw[:index] + bytes([raw[index] ^ 1 << bit]) + raw[index + 1 :]
-            exchange = link.talk.ask(spoilt)
-            told = f"NAK with bit {bit} of byte {index} turned"
-            session.expect(exchange.is_naked, None, told, exchange)
+            corrupted = raw[:index] + bytes([raw[index] ^ 1 << bit]) + raw[index + 1 :]
+            exchange = driver.client.ask(corrupted)
+            text = f"NAK with bit {bit} of byte {index} turned"
+            session.expect(exchange.is_naked, None, text, exchange)
             if not session.target.is_virtual:
                 continue  # a second sign would be set aside before the next packet
-            link.nothing_more("MSC-PROP-04", "the NAK")
-        link.nothing_more("MSC-PROP-04", "the NAKs")
-    link.alive("MSC-PROP-04")
+            driver.link.nothing_more("MSC-PROP-04", "the NAK")
+        driver.link.nothing_more("MSC-PROP-04", "the NAKs")
+    driver.link.alive("MSC-PROP-04")
 
 
 @check("MSC-PROP-05", soaks=True)
 def the_sum_does_not_see_bytes_exchanged(session: Session) -> None:
     """Two bytes of a block number or an address exchanged, or one raised by what another is lowered
     by, go unnoticed: such a packet is served for what it says."""
-    link, draw = Link(session), session.random
+    driver, draw = MscDriver(session), session.random
     for _ in range(rounds(session, 24, 8)):
         high, low = draw.randrange(256), draw.randrange(256)
-        sent = link.talk.request(RQSTAT, high << 8 | low)
+        sent = driver.client.request(RQSTAT, high << 8 | low)
         moved = draw.randrange(-min(high, 255 - low), min(255 - high, low) + 1)
         for first, second in ((low, high), (high + moved, low - moved)):
-            spoilt = sent[:4] + bytes([first, second]) + sent[6:]
-            exchange = link.talk.ask(spoilt)
+            corrupted = sent[:4] + bytes([first, second]) + sent[6:]
+            exchange = driver.client.ask(corrupted)
             is_served = exchange.is_acked and exchange.reply is not None
             session.expect(is_served, None, "ACK and a reply: the sum is right", exchange)
-    spots = set(link.spots(1 << 16))
-    pairs = [one for one in spots if _exchanged(one) in spots and _exchanged(one) != one]
-    for one in draw.sample(sorted(pairs), min(len(pairs), 4)):
-        other = _exchanged(one)
-        wanted = link.read(other)
-        sent = link.talk.request(codec.dread(one))
-        spoilt = sent[:-4] + codec.u16(other) + sent[-2:]
-        reply = link.talk.ask(spoilt).reply
+    spots = set(driver.scratch.spots(1 << 16))
+    pairs = [
+        address
+        for address in spots
+        if _exchanged(address) in spots and _exchanged(address) != address
+    ]
+    for address in draw.sample(sorted(pairs), min(len(pairs), 4)):
+        other = _exchanged(address)
+        wanted = driver.read(other)
+        sent = driver.client.request(codec.dread(address))
+        corrupted = sent[:-4] + codec.u16(other) + sent[-2:]
+        reply = driver.client.ask(corrupted).reply
         seen = None if reply is None else reply.values
         session.expect(seen == (wanted,), None, f"{wanted}, what is at {other}", seen)
 
@@ -158,38 +166,38 @@ def _exchanged(address: int) -> int:
 def any_beginning_of_a_read_draws_one_nak(session: Session) -> None:
     """Any proper beginning of a read packet, then silence, draws one NAK, not before it is sent;
     then the unit serves."""
-    link, draw = Link(session), session.random
+    driver, draw = MscDriver(session), session.random
     for _ in range(rounds(session, 16, 1)):
-        raw = link.talk.request(drawn_read(link, is_broken=True), draw.randrange(0x10000))
+        raw = driver.client.request(drawn_read(driver, is_broken=True), draw.randrange(0x10000))
         count = draw.randrange(2, len(raw))  # a lone 02h may be anybody's (MSC-AMB-31)
-        heard, sent_ns, came_ns = link.break_off(raw[:count])
-        told = codec.explain(heard) or "nothing"
-        session.expect(heard == NAK, None, f"NAK to {count} bytes of {raw.hex(' ')}", told)
-        took_ns, own_ns = came_ns - sent_ns, count * link.byte_ns
+        received, sent_ns, came_ns = driver.link.break_off(raw[:count])
+        text = codec.explain(received) or "nothing"
+        session.expect(received == NAK, None, f"NAK to {count} bytes of {raw.hex(' ')}", text)
+        took_ns, own_ns = came_ns - sent_ns, count * driver.link.byte_ns
         session.expect(took_ns >= own_ns, None, f"not within {own_ns / 1e6:.1f} ms", took_ns / 1e6)
-        link.nothing_more("MSC-PROP-06", "the NAK")
-        link.alive("MSC-PROP-06")
+        driver.link.nothing_more("MSC-PROP-06", "the NAK")
+        driver.link.alive("MSC-PROP-06")
 
 
 @check("MSC-PROP-07", "MSC-LNK-10", soaks=True)
 def each_nak_draws_one_repeat_up_to_the_limit(session: Session) -> None:
     """For any numbers of NAKs one after another, each draws one identical repeat, five at most."""
-    link = Link(session)
+    driver = MscDriver(session)
     for _ in range(rounds(session, 24, 4)):
-        count = session.random.randrange(link.limit + 2)
-        _, repeats = refusals(link, count)
-        wanted = min(count, link.limit)
+        count = session.random.randrange(driver.link.limit + 2)
+        _, repeats = refusals(driver, count)
+        wanted = min(count, driver.link.limit)
         session.expect(repeats == wanted, "MSC-PROP-07", f"{wanted} to {count} NAKs", repeats)
         if count >= MOST_REPEATS:
             seen = "5_repeats" if repeats == MOST_REPEATS else "5_total"
             session.quirk("MSC-PROP-07", "retransmit_limit", seen)
-        link.alive("MSC-PROP-07")
+        driver.link.alive("MSC-PROP-07")
 
 
 @check("MSC-PROP-15", soaks=True)
 def bytes_without_02h_draw_nothing(session: Session) -> None:
     """Any bytes without 02h, sent to an idle unit, draw nothing, or what this device has."""
-    link, draw = Link(session), session.random
+    driver, draw = MscDriver(session), session.random
     for _ in range(rounds(session, 30, 8)):
         size = draw.randrange(1, NOISE_BYTES)
         noise = bytes(draw.choice([*range(2), *range(3, 256)]) for _ in range(size))
@@ -197,27 +205,27 @@ def bytes_without_02h_draw_nothing(session: Session) -> None:
             noise = noise.replace(NAK, ACK)
         session.target.drain()
         session.target.send(noise)
-        judge_noise(link, noise, "MSC-PROP-15")
-    link.alive("MSC-PROP-15")
+        judge_noise(driver, noise, "MSC-PROP-15")
+    driver.link.alive("MSC-PROP-15")
 
 
 @check("MSC-PROP-16", soaks=True)
 def after_any_junk_it_serves_again(session: Session) -> None:
     """After any junk, and the time in which what it began runs out, RQSTAT is served."""
-    link = Link(session)
+    driver = MscDriver(session)
     for _ in range(rounds(session, 16, FEW)):
-        junk = drawn_junk(link)
+        junk = drawn_junk(driver)
         session.target.send(junk)
-        session.target.wait(len(junk) * link.byte_ns / 1e9)
-        link.talk.settle()
-        link.alive("MSC-PROP-16")
+        session.target.wait(len(junk) * driver.link.byte_ns / 1e9)
+        driver.client.wait_until_quiet()
+        driver.link.alive("MSC-PROP-16")
 
 
-def drawn_junk(link: Link) -> bytes:
+def drawn_junk(driver: MscDriver) -> bytes:
     """Bytes with packets, parts of packets and spoilt ones among them, harmless to any device."""
-    draw = link.session.random
+    draw = driver.session.random
     for _ in range(1000):
-        junk = b"".join(_piece(link) for _ in range(draw.randrange(1, 5)))[:LONGEST_JUNK]
+        junk = b"".join(_piece(driver) for _ in range(draw.randrange(1, 5)))[:LONGEST_JUNK]
         if is_harmless(junk) and not _announces_too_much(junk):
             return junk
     return bytes(LONGEST_JUNK)
@@ -229,9 +237,11 @@ def _announces_too_much(junk: bytes) -> bool:
     return any(int.from_bytes(junk[at + 2 : at + 4], "big") > codec.MAX_BODY for at in starts)
 
 
-def _piece(link: Link) -> bytes:
-    draw = link.session.random
-    raw = bytearray(link.talk.request(drawn_read(link, is_broken=True), draw.randrange(0x10000)))
+def _piece(driver: MscDriver) -> bytes:
+    draw = driver.session.random
+    raw = bytearray(
+        driver.client.request(drawn_read(driver, is_broken=True), draw.randrange(0x10000))
+    )
     how = draw.randrange(6)
     if how == 0:
         return bytes(draw.randrange(256) for _ in range(draw.randrange(1, 20)))

@@ -16,14 +16,8 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.checks.flags import NO_RFLAGS, judge_agreement
 from axistwin_conformance.families.msc.checks.status import AUTO_START, RUNNING
-from axistwin_conformance.families.msc.controller import (
-    ACKED,
-    NAKED,
-    POLL_S,
-    REACTION_S,
-    SERVED,
-    Controller,
-)
+from axistwin_conformance.families.msc.driver import ACKED, NAKED, SERVED, MscDriver
+from axistwin_conformance.families.msc.program import POLL_S, REACTION_S
 
 ORDER = 160  # of this module in a run; see `Family.modules`
 
@@ -38,32 +32,32 @@ SETTLED_S: Final = 0.1  # after which a scan has been
 UNKNOWN_FLAGS: Final = "the rig works none of the flags that inputs, timers and motors often have"
 
 
-def _until(unit: Controller, is_so: Callable[[], bool], within_s: float) -> bool:
-    deadline_ns = unit.target.now_ns + round(within_s * 1e9)
+def _until(driver: MscDriver, is_so: Callable[[], bool], within_s: float) -> bool:
+    deadline_ns = driver.target.now_ns + round(within_s * 1e9)
     while not is_so():
-        if unit.target.now_ns >= deadline_ns:
+        if driver.target.now_ns >= deadline_ns:
             return False
-        unit.target.wait(POLL_S)
+        driver.target.wait(POLL_S)
     return True
 
 
-def _power_cycle(unit: Controller) -> int:
+def _power_cycle(driver: MscDriver) -> int:
     """Switch the supply off and on; the status once the unit serves and its self-test is over."""
-    session = unit.session
+    session = driver.session
     session.rig.power_off()
-    unit.target.wait(0.5)
+    driver.target.wait(0.5)
     session.rig.power_on()
-    unit.target.drain()
+    driver.target.drain()
 
     def is_up() -> bool:
-        exchange = unit.ask(codec.RQSTAT, timeout_s=SETTLED_S * 2)
+        exchange = driver.ask(codec.RQSTAT, timeout_s=SETTLED_S * 2)
         reply = exchange.reply
         return reply is not None and bool(reply.numbers) and not reply.numbers[0] & SELF_TEST
 
-    is_served = _until(unit, is_up, START_S)
+    is_served = _until(driver, is_up, START_S)
     session.step(is_served, f"RQSTAT served within {START_S:g} s of power-up", "it is not")
-    unit.target.wait(SETTLED_S)
-    return unit.status()
+    driver.target.wait(SETTLED_S)
+    return driver.status()
 
 
 def _restart(session: Session) -> None:
@@ -72,10 +66,10 @@ def _restart(session: Session) -> None:
         session.rig.run_program(True)
 
 
-def _must_serve(unit: Controller) -> None:
+def _must_serve(driver: MscDriver) -> None:
     """Go on only if data are served: some devices refuse that while no program runs."""
-    if unit.session.reading("stopped_access") == "nak" and not unit.status() & RUNNING:
-        unit.session.skip("with its program stopped this device serves no data")
+    if driver.session.reading("stopped_access") == "nak" and not driver.status() & RUNNING:
+        driver.session.skip("with its program stopped this device serves no data")
 
 
 # --- the status word ------------------------------------------------------------------------------
@@ -85,7 +79,7 @@ def _must_serve(unit: Controller) -> None:
 def each_condition_has_a_bit_of_its_own(session: Session) -> None:
     """A condition that comes turns its bit of the status word on, one that goes turns it off, and
     the others stay as they are."""
-    unit = Controller(session)
+    driver = MscDriver(session)
     shown = 0
     for bit in CONDITIONS:
         try:
@@ -93,29 +87,29 @@ def each_condition_has_a_bit_of_its_own(session: Session) -> None:
         except CannotDo as reason:
             session.note(f"bit {bit}: {reason}")
             continue
-        exchange = unit.ask(codec.RQSTAT)
+        exchange = driver.ask(codec.RQSTAT)
         if bit == LOADING and exchange.is_naked:
-            unit.reading("loading_access", "nak", "MSC-STA-02")
+            driver.reading("loading_access", "nak", "MSC-STA-02")
         else:
             seen = exchange.reply.numbers[0] if exchange.reply else -1
             is_on = seen >= 0 and bool(seen >> bit & 1)
-            told = f"bit {bit} on ({1 << bit})"
-            session.expect(is_on, "MSC-STA-02", told, seen)
+            text = f"bit {bit} on ({1 << bit})"
+            session.expect(is_on, "MSC-STA-02", text, seen)
         session.rig.set_status(bit, False)
-        unit.status()  # a device that clears what it has told has told it now
-        gone = unit.status()
+        driver.status()  # a device that clears what it has told has told it now
+        gone = driver.status()
         session.expect(not gone >> bit & 1, "MSC-STA-02", f"bit {bit} off again", gone)
         shown += 1
     if not shown:
         session.skip("the rig brings about none of the conditions")
-    _judge_together(unit)
+    _judge_together(driver)
 
 
-def _judge_together(unit: Controller) -> None:
+def _judge_together(driver: MscDriver) -> None:
     """Conditions at the same time show all their bits, and no other."""
-    session = unit.session
+    session = driver.session
     single = [bit for bit in CONDITIONS if bit not in (6, LOADING)]
-    base = unit.status()
+    base = driver.status()
     for _ in range(3):
         wanted, bits = 0, session.random.sample(single, 4)
         for bit in bits:
@@ -124,9 +118,9 @@ def _judge_together(unit: Controller) -> None:
                 wanted |= 1 << bit
             except CannotDo as reason:
                 session.note(f"bit {bit}: {reason}")
-        seen = unit.status()
-        told = f"{base | wanted:016b}"
-        session.expect(seen == base | wanted, "MSC-STA-03", told, f"{seen:016b}")
+        seen = driver.status()
+        text = f"{base | wanted:016b}"
+        session.expect(seen == base | wanted, "MSC-STA-03", text, f"{seen:016b}")
         for bit in bits:
             if wanted >> bit & 1:
                 session.rig.set_status(bit, False)
@@ -135,29 +129,29 @@ def _judge_together(unit: Controller) -> None:
 @check("MSC-STA-04", safety="rig", needs=("rig:status",))
 def an_error_is_told_until_it_is_over(session: Session) -> None:
     """An error shows at each look, or at the first one alone, as this device reads it."""
-    unit = Controller(session)
+    driver = MscDriver(session)
     session.rig.set_status(AN_ERROR, True)
-    first, second, third = (unit.status() >> AN_ERROR & 1 for _ in range(3))
+    first, second, third = (driver.status() >> AN_ERROR & 1 for _ in range(3))
     session.expect(bool(first), None, f"bit {AN_ERROR} on", "off")
     session.expect(second == third, None, "on and on, or cleared and cleared", (second, third))
-    unit.reading("status_latch", "level" if second else "clear_on_read")
+    driver.reading("status_latch", "level" if second else "clear_on_read")
 
 
 @check("MSC-STA-01", "MSC-STA-02", safety="rig", needs=("rig:program",))
 def bit_0_is_the_program(session: Session) -> None:
     """Stopping the macroprogram turns bit 0 off, starting it turns bit 0 on: 1, or 65 with auto
     start."""
-    unit = Controller(session)
+    driver = MscDriver(session)
     names = ("MSC-STA-01", "MSC-STA-02")
     for _ in range(2):
         for is_on in (False, True):
             session.rig.run_program(is_on)
-            so = _until(unit, lambda: bool(unit.status() & RUNNING) is is_on, REACTION_S)  # noqa: B023 - called here
-            told = f"bit 0 {'on' if is_on else 'off'}"
-            session.expect(so, names, told, unit.status())
+            so = _until(driver, lambda: bool(driver.status() & RUNNING) is is_on, REACTION_S)  # noqa: B023 - called here
+            text = f"bit 0 {'on' if is_on else 'off'}"
+            session.expect(so, names, text, driver.status())
     if "status" in session.rig.capabilities:
         session.rig.set_status(6, True)
-        seen = unit.status()
+        seen = driver.status()
         both = RUNNING | AUTO_START
         session.expect(seen & both == both, "MSC-STA-01", f"{both} and whatever else is on", seen)
         session.rig.set_status(6, False)
@@ -166,72 +160,72 @@ def bit_0_is_the_program(session: Session) -> None:
 @check("MSC-STA-01", "MSC-STA-02", safety="rig", needs=("rig:power", "rig:program"))
 def auto_start_is_what_power_up_does(session: Session) -> None:
     """After power-up the program runs if bit 6 is on, and does not if it is off."""
-    unit = Controller(session)
+    driver = MscDriver(session)
     try:
-        for status in _power_ups(unit):
+        for status in _power_ups(driver):
             is_running, is_auto = bool(status & RUNNING), bool(status & AUTO_START)
-            told = f"bit 0 {'on' if is_auto else 'off'}, as bit 6 is"
-            session.expect(is_running == is_auto, ("MSC-STA-01", "MSC-STA-02"), told, status)
+            text = f"bit 0 {'on' if is_auto else 'off'}, as bit 6 is"
+            session.expect(is_running == is_auto, ("MSC-STA-01", "MSC-STA-02"), text, status)
     finally:
         _restart(session)
 
 
-def _power_ups(unit: Controller) -> Iterator[int]:
-    yield _power_cycle(unit)
-    if "status" in unit.session.rig.capabilities:
-        unit.session.rig.set_status(6, True)
-        yield _power_cycle(unit)
-        unit.session.rig.set_status(6, False)
+def _power_ups(driver: MscDriver) -> Iterator[int]:
+    yield _power_cycle(driver)
+    if "status" in driver.session.rig.capabilities:
+        driver.session.rig.set_status(6, True)
+        yield _power_cycle(driver)
+        driver.session.rig.set_status(6, False)
 
 
 @check("MSC-STA-02", "MSC-DREAD-02", safety=("stored", "rig"), needs=("rig:power", "variables"))
 def memory_is_kept_or_said_not_to_be(session: Session) -> None:
     """What was written before a power cut is there after it, or bit 2 tells that memory cannot be
     relied on."""
-    unit = Controller(session)
-    slots = unit.slots(3)
-    values = unit.values(3)
+    driver = MscDriver(session)
+    slots = driver.scratch.slots(3)
+    values = driver.values(3)
     for place, value in zip(slots, values, strict=True):
-        unit.write(place, value)
+        driver.write(place, value)
     try:
-        status = _power_cycle(unit)
+        status = _power_cycle(driver)
     finally:
         _restart(session)
-    _must_serve(unit)
-    seen = [unit.read(place) for place in slots]
-    is_told = bool(status & UNRELIABLE)
+    _must_serve(driver)
+    seen = [driver.read(place) for place in slots]
+    is_shown = bool(status & UNRELIABLE)
     names = ("MSC-STA-02", "MSC-DREAD-02")
-    session.expect(is_told or seen == values, names, [values, "bit 2 on"], seen)
+    session.expect(is_shown or seen == values, names, [values, "bit 2 on"], seen)
 
 
 @check("MSC-STA-02", safety=("stored", "rig"), needs=("rig:power", "rig:battery", "variables"))
 def without_its_battery_memory_is_not_reliable(session: Session) -> None:
     """An empty battery shows as bit 1, after a power cut as well, and then bit 2 is on, or nothing
     was lost; a good one does not show, then or after another cut."""
-    unit = Controller(session)
-    (place,), (value,) = unit.slots(1), unit.values(1)
-    unit.write(place, value)
+    driver = MscDriver(session)
+    (place,), (value,) = driver.scratch.slots(1), driver.values(1)
+    driver.write(place, value)
     try:
         session.rig.set_battery(True)
-        is_told = _until(unit, lambda: bool(unit.status() & BATTERY_LOW), REACTION_S)
-        session.expect(is_told, None, "bit 1 on: an empty battery is a low one", unit.status())
-        status = _power_cycle(unit)
-        is_told = _until(unit, lambda: bool(unit.status() & BATTERY_LOW), REACTION_S)
-        session.expect(is_told, None, "bit 1 on after power-up as well", unit.status())
+        is_shown = _until(driver, lambda: bool(driver.status() & BATTERY_LOW), REACTION_S)
+        session.expect(is_shown, None, "bit 1 on: an empty battery is a low one", driver.status())
+        status = _power_cycle(driver)
+        is_shown = _until(driver, lambda: bool(driver.status() & BATTERY_LOW), REACTION_S)
+        session.expect(is_shown, None, "bit 1 on after power-up as well", driver.status())
         _restart(session)
-        _must_serve(unit)
-        seen = unit.read(place)
-        is_told = bool(status & UNRELIABLE)
-        session.expect(is_told or seen == value, None, ["bit 2 on", f"{value} kept"], seen)
+        _must_serve(driver)
+        seen = driver.read(place)
+        is_shown = bool(status & UNRELIABLE)
+        session.expect(is_shown or seen == value, None, ["bit 2 on", f"{value} kept"], seen)
     finally:
         session.rig.set_battery(False)
         if "status" in session.rig.capabilities:
             session.rig.set_status(2, False)
         _restart(session)
-    gone = unit.status()
+    gone = driver.status()
     session.expect(not gone & BATTERY_LOW, None, "bit 1 off with a good battery", gone)
     try:
-        gone = _power_cycle(unit)
+        gone = _power_cycle(driver)
     finally:
         _restart(session)
     session.expect(not gone & BATTERY_LOW, None, "bit 1 off with it after power-up", gone)
@@ -247,9 +241,9 @@ def without_its_battery_memory_is_not_reliable(session: Session) -> None:
 def a_stopped_controller_still_serves(session: Session) -> None:
     """With the program stopped data and flags are served as ever, or refused, as this device reads
     it; the status is told in any case."""
-    unit = Controller(session)
+    driver = MscDriver(session)
     session.rig.run_program(False)
-    _judge_access(unit, "stopped_access")
+    _judge_access(driver, "stopped_access")
     session.rig.run_program(True)
 
 
@@ -260,28 +254,28 @@ def a_stopped_controller_still_serves(session: Session) -> None:
 def a_controller_that_is_loaded_still_serves(session: Session) -> None:
     """While a program is loaded data and flags are served as ever, or refused, as this device reads
     it."""
-    unit = Controller(session)
+    driver = MscDriver(session)
     session.rig.set_status(LOADING, True)
-    _judge_access(unit, "loading_access")
+    _judge_access(driver, "loading_access")
     session.rig.set_status(LOADING, False)
 
 
-def _judge_access(unit: Controller, switch: str) -> None:
+def _judge_access(driver: MscDriver, switch: str) -> None:
     """Judge that data and flags are all served, or all refused."""
-    (place,), (value,) = unit.slots(1), unit.values(1)
+    (place,), (value,) = driver.scratch.slots(1), driver.values(1)
     for body in (codec.rflag(0), codec.dwrite(place, value), codec.dread(place)):
-        kind, exchange = unit.draws(unit.talk.request(body))
+        kind, exchange = driver.draws(driver.client.request(body))
         name = body.partition(codec.COMMA)[0].decode()
         names = {"RFLAG": "MSC-RFLAG-01"}.get(name, "MSC-DWRITE-02")
         if kind == NAKED:
-            unit.reading(switch, "nak", "MSC-STA-02")
+            driver.reading(switch, "nak", "MSC-STA-02")
             continue
         right = ACKED if name in codec.WRITES else SERVED
-        unit.session.expect(kind == right, names, [right, NAKED], exchange)
-        unit.reading(switch, "allow", "MSC-STA-02")
+        driver.session.expect(kind == right, names, [right, NAKED], exchange)
+        driver.reading(switch, "allow", "MSC-STA-02")
         if name == "DREAD":
             seen = exchange.reply.values if exchange.reply else None
-            unit.session.expect(seen == (value,), names, f"{value} at {place}", seen)
+            driver.session.expect(seen == (value,), names, f"{value} at {place}", seen)
 
 
 # --- flags of the machine -------------------------------------------------------------------------
@@ -308,21 +302,21 @@ def _worked(session: Session, numbers: Sequence[int]) -> Iterator[list[int]]:
 def a_flag_of_the_machine_follows_the_machine(session: Session) -> None:
     """An input, timer or motor flag that the machine turns on reads 1, and 0 once it turns it off;
     no other of them changes with it."""
-    unit = Controller(session)
+    driver = MscDriver(session)
     names = ("MSC-FLG-03", "MSC-RFLAG-01", "MSC-RFLAG-02")
     shown = 0
     for number in MACHINE_FLAGS:
-        before = {one: unit.flag(one) for one in MACHINE_FLAGS}
+        before = {number: driver.flag(number) for number in MACHINE_FLAGS}
         with _worked(session, [number]) as done:
             if not done:
                 continue
-            unit.target.wait(SETTLED_S)
-            seen = {one: unit.flag(one) for one in MACHINE_FLAGS}
+            driver.target.wait(SETTLED_S)
+            seen = {number: driver.flag(number) for number in MACHINE_FLAGS}
             wanted = before | {number: True}
-            wrong = [one for one in MACHINE_FLAGS if seen[one] != wanted[one]]
+            wrong = [number for number in MACHINE_FLAGS if seen[number] != wanted[number]]
             session.expect(not wrong, names, f"flag {number} on, no other changed", wrong)
-        unit.target.wait(SETTLED_S)
-        session.expect(not unit.flag(number), names, f"flag {number} off again", "on")
+        driver.target.wait(SETTLED_S)
+        session.expect(not driver.flag(number), names, f"flag {number} off again", "on")
         shown += 1
     if not shown:
         session.skip(UNKNOWN_FLAGS)
@@ -331,37 +325,37 @@ def a_flag_of_the_machine_follows_the_machine(session: Session) -> None:
 @check("MSC-PROP-11", "MSC-RFLAGS-02", "MSC-RFLAGS-03", safety="rig", needs=("rig:flag",))
 def flags_of_the_machine_read_alike_both_ways(session: Session) -> None:
     """Flags that the machine turns on show at their place of RFLAGS, and by RFLAG alike."""
-    unit = Controller(session)
-    if not unit.has_rflags:
+    driver = MscDriver(session)
+    if not driver.has_rflags:
         session.skip(NO_RFLAGS)
     names = ("MSC-PROP-11", "MSC-RFLAGS-03")
-    before = unit.flags_at_once()
+    before = driver.flags_at_once()
     with _worked(session, MACHINE_FLAGS) as done:
         if not done:
             session.skip(UNKNOWN_FLAGS)
-        unit.target.wait(SETTLED_S)
-        seen = unit.flags_at_once()
-        told = f"flags {done} on beside what was"
+        driver.target.wait(SETTLED_S)
+        seen = driver.flags_at_once()
+        text = f"flags {done} on beside what was"
         is_so = set(done) <= seen and not before - seen
-        session.expect(is_so, ("MSC-RFLAGS-02", *names), told, sorted(seen))
-        judge_agreement(unit, range(96), names)
+        session.expect(is_so, ("MSC-RFLAGS-02", *names), text, sorted(seen))
+        judge_agreement(driver, range(96), names)
 
 
 @check("MSC-SFLAG-03", "MSC-CFLAG-03", "MSC-FLG-03", safety=("stored", "rig"), needs=("rig:flag",))
 def the_host_cannot_turn_a_flag_of_the_machine(session: Session) -> None:
     """SFLAG and CFLAG of an input, timer or motor flag are ACKed without effect, or refused, or
     last until the next scan, as this device reads it; on a twin only."""
-    unit = Controller(session)
-    unit.only_on_a_twin()
+    driver = MscDriver(session)
+    driver.link.only_on_a_twin()
     with _stopped(session):
         for number in MACHINE_FLAGS:
-            _judge_host(unit, number)
+            _judge_host(driver, number)
         for number in MACHINE_FLAGS:  # once more: whatever it has done, the next scan ends it
-            unit.draws(unit.talk.request(codec.sflag(number)))
-    unit.target.wait(SETTLED_S)
+            driver.draws(driver.client.request(codec.sflag(number)))
+    driver.target.wait(SETTLED_S)
     for number in MACHINE_FLAGS:
-        told = f"flag {number} off, as the machine has it"
-        session.expect(not unit.flag(number), ("MSC-SFLAG-03", "MSC-FLG-03"), told, "on")
+        text = f"flag {number} off, as the machine has it"
+        session.expect(not driver.flag(number), ("MSC-SFLAG-03", "MSC-FLG-03"), text, "on")
 
 
 @contextmanager
@@ -379,12 +373,12 @@ def _stopped(session: Session) -> Iterator[None]:
             session.rig.run_program(True)
 
 
-def _judge_host(unit: Controller, number: int) -> None:
+def _judge_host(driver: MscDriver, number: int) -> None:
     """What SFLAG makes of a flag that the machine has off, and CFLAG of one that it has on."""
     for is_on, name, command in ((False, "SFLAG", codec.sflag), (True, "CFLAG", codec.cflag)):
-        unit.session.rig.set_flag(number, is_on)
-        kind, exchange = unit.draws(unit.talk.request(command(number)))
-        is_moved = unit.flag(number) != is_on
+        driver.session.rig.set_flag(number, is_on)
+        kind, exchange = driver.draws(driver.client.request(command(number)))
+        is_moved = driver.flag(number) != is_on
         # Where scans go on, one has been by the time RFLAG is served.
         readings = {
             (NAKED, False): ("nak",),
@@ -393,7 +387,7 @@ def _judge_host(unit: Controller, number: int) -> None:
         }
         names = (f"MSC-{name}-03", "MSC-FLG-03")
         if (kind, is_moved) not in readings:
-            told = [f"{ACKED}, and no effect", f"{NAKED}, and no effect"]
-            unit.session.fail(names, told, f"{exchange}, flag {number} changed: {is_moved}")
-        unit.reading("flag_write_readonly", readings[kind, is_moved], names)
-    unit.session.rig.set_flag(number, False)
+            text = [f"{ACKED}, and no effect", f"{NAKED}, and no effect"]
+            driver.session.fail(names, text, f"{exchange}, flag {number} changed: {is_moved}")
+        driver.reading("flag_write_readonly", readings[kind, is_moved], names)
+    driver.session.rig.set_flag(number, False)

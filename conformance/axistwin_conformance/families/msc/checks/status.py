@@ -7,7 +7,8 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc.codec import RQSTAT
-from axistwin_conformance.families.msc.controller import BenchProgram, Controller
+from axistwin_conformance.families.msc.driver import MscDriver
+from axistwin_conformance.families.msc.program import BenchProgram
 
 ORDER = 90  # of this module in a run; see `Family.modules`
 
@@ -22,26 +23,26 @@ READS: Final = 3
 def the_status_is_followed_by_what_carries_nothing(session: Session) -> None:
     """RQSTAT is served by a status word and six bytes more, or four as this device reads the
     manual; what those hold is told and judges nobody."""
-    unit = Controller(session)
+    driver = MscDriver(session)
     for _ in range(READS):
-        reply = unit.served(RQSTAT, None, "a reply")
+        reply = driver.served(RQSTAT, None, "a reply")
         size = len(reply.payload)
         if size not in STATUS_BYTES:
             session.fail(None, ["8 bytes behind the comma", "6 bytes"], f"{size} bytes")
-        unit.reading("status_tail", STATUS_BYTES[size])
-        unit.reading("status_spare", "internal" if any(reply.payload[2:]) else "zeros")
+        driver.reading("status_tail", STATUS_BYTES[size])
+        driver.reading("status_spare", "internal" if any(reply.payload[2:]) else "zeros")
 
 
 @check("MSC-STA-04")
 def reading_the_status_leaves_its_errors_as_they_are(session: Session) -> None:
     """RQSTAT again tells the same errors; or fewer, on a device that clears what it has told."""
-    unit = Controller(session)
-    first = unit.status() & ERRORS
+    driver = MscDriver(session)
+    first = driver.status() & ERRORS
     for _ in range(READS):
-        again = unit.status() & ERRORS
+        again = driver.status() & ERRORS
         # Where there is no error, none can be cleared.
         readings = ("level",) if first else ("level", "clear_on_read")
-        unit.reading("status_latch", readings if again & first == first else "clear_on_read")
+        driver.reading("status_latch", readings if again & first == first else "clear_on_read")
         first = again
 
 
@@ -51,7 +52,7 @@ def bit_0_tells_whether_the_program_runs(session: Session) -> None:
     while nothing counts it is even."""
     program = BenchProgram(session)
     counts = program.is_running()
-    word = program.unit.query(RQSTAT).payload[:2]
-    told = f"{RUNNING}, or {RUNNING | AUTO_START} with auto start" if counts else "an even number"
-    is_told = bool(int.from_bytes(word, "big") & RUNNING) == counts
-    session.expect(is_told, BOTH, f"{told}, whatever else is on", word.hex(" "))
+    word = program.driver.query(RQSTAT).payload[:2]
+    text = f"{RUNNING}, or {RUNNING | AUTO_START} with auto start" if counts else "an even number"
+    is_shown = bool(int.from_bytes(word, "big") & RUNNING) == counts
+    session.expect(is_shown, BOTH, f"{text}, whatever else is on", word.hex(" "))

@@ -12,7 +12,8 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, STX
-from axistwin_conformance.families.msc.link import MS, Link
+from axistwin_conformance.families.msc.driver import MscDriver
+from axistwin_conformance.families.msc.link import MS
 
 ORDER = 30  # of this module in a run; see `Family.modules`
 
@@ -28,88 +29,94 @@ WRONG_SPACING: Final = 0.03  # of a character's time, over a whole reply
 @check("MSC-PHY-01")
 def a_character_takes_ten_bits_of_9600_baud(session: Session) -> None:
     """A correct RQSTAT at 9600 8N1 is served, and its reply comes at a character a 1.04 ms."""
-    link = Link(session)
+    driver = MscDriver(session)
     session.step(session.target.baud == 9600, "9600 baud", session.target.baud)
-    link.alive("MSC-PHY-01")
+    driver.link.alive("MSC-PHY-01")
     if session.target.description.startswith("socket:"):
         return  # a plain socket carries bytes, not a rate
     session.target.drain()
-    session.target.send(link.talk.request(RQSTAT))
-    session.step(link.talk.hear(2)[:1] == ACK, "ACK and the beginning of a packet", "not that")
-    count = link.talk.reply_bytes("RQSTAT") - 1
+    session.target.send(driver.client.request(RQSTAT))
+    session.step(
+        driver.client.receive(2)[:1] == ACK, "ACK and the beginning of a packet", "not that"
+    )
+    count = driver.client.reply_bytes("RQSTAT") - 1
     began_ns = session.target.now_ns
-    rest = link.talk.hear(count)
+    rest = driver.client.receive(count)
     took_ns = session.target.now_ns - began_ns
     session.target.send(ACK)
     session.step(len(rest) == count, f"{count} more bytes", len(rest))
-    due_ns = count * link.byte_ns
-    spare_ns = due_ns * WRONG_SPACING + link.spare_ns
+    due_ns = count * driver.link.byte_ns
+    spare_ns = due_ns * WRONG_SPACING + driver.link.spare_ns
     session.expect(
-        abs(took_ns - due_ns) <= spare_ns, None, f"{count} bytes in {due_ns / MS:.1f} ms",
+        abs(took_ns - due_ns) <= spare_ns,
+        None,
+        f"{count} bytes in {due_ns / MS:.1f} ms",
         f"{took_ns / MS:.1f} ms",
-    )  # fmt: skip
+    )
 
 
 @check("MSC-PHY-03")
 def an_idle_unit_says_nothing(session: Session) -> None:
     """A unit that nobody has asked anything keeps silent."""
-    link = Link(session)
+    driver = MscDriver(session)
     seconds = LISTEN_S if session.target.is_virtual else LISTEN_REAL_S
-    link.nothing_more("MSC-PHY-03", "the last exchange", seconds)
-    link.alive("MSC-PHY-03")
+    driver.link.nothing_more("MSC-PHY-03", "the last exchange", seconds)
+    driver.link.alive("MSC-PHY-03")
 
 
 # --- T1 -------------------------------------------------------------------------------------------
 
 
-def judge_broken_off(link: Link, count: int) -> None:
+def judge_broken_off(driver: MscDriver, count: int) -> None:
     """Send so many bytes of RQSTAT and no more: one NAK, T1 later (MSC-LNK-03)."""
-    session, raw = link.session, link.talk.request(RQSTAT)[:count]
-    told = f"{count} bytes of RQSTAT"
+    session, raw = driver.session, driver.client.request(RQSTAT)[:count]
+    text = f"{count} bytes of RQSTAT"
     if count == 1:
-        _judge_lone_start(link)
+        _judge_lone_start(driver)
         return
-    heard, sent_ns, came_ns = link.break_off(raw)
-    session.expect(heard == NAK, "MSC-LNK-03", f"NAK to {told}", heard.hex(" ") or "nothing")
-    if link.unit != session.address:  # whose time-outs nobody has measured
+    received, sent_ns, came_ns = driver.link.break_off(raw)
+    session.expect(received == NAK, "MSC-LNK-03", f"NAK to {text}", received.hex(" ") or "nothing")
+    if driver.unit != session.address:  # whose time-outs nobody has measured
         return
-    due = link.sign_window(sent_ns, count)
+    due = driver.link.sign_window(sent_ns, count)
     session.expect(
-        came_ns in due, "MSC-LNK-03", f"NAK to {told} {due.since(sent_ns)}",
+        came_ns in due,
+        "MSC-LNK-03",
+        f"NAK to {text} {due.since(sent_ns)}",
         f"after {(came_ns - sent_ns) / MS:.1f} ms",
-    )  # fmt: skip
-    link.nothing_more("MSC-LNK-03", f"the NAK to {told}")
+    )
+    driver.link.nothing_more("MSC-LNK-03", f"the NAK to {text}")
 
 
-def _judge_lone_start(link: Link) -> None:
+def _judge_lone_start(driver: MscDriver) -> None:
     """What comes to a lone 02h (MSC-AMB-31): nobody knows yet for whom the packet was to be."""
-    heard, sent_ns, came_ns = link.break_off(STX)
-    is_many = bool(link.session.neighbours)  # several at once garble each other
-    if heard and heard != NAK and not is_many:
-        link.session.fail("MSC-LNK-03", ["NAK", "nothing"], heard.hex(" "))
-    if not heard:
-        readings = ("silent_on_rs485", "silent") if link.is_rs485 else ("silent",)
+    received, sent_ns, came_ns = driver.link.break_off(STX)
+    is_many = bool(driver.session.neighbours)  # several at once garble each other
+    if received and received != NAK and not is_many:
+        driver.session.fail("MSC-LNK-03", ["NAK", "nothing"], received.hex(" "))
+    if not received:
+        readings = ("silent_on_rs485", "silent") if driver.link.is_rs485 else ("silent",)
     else:
-        readings = ("nak",) if link.is_rs485 else ("silent_on_rs485", "nak")
-    link.reading("timeout_before_unit", readings, "MSC-LNK-03")
-    if heard and not is_many:
-        due = link.sign_window(sent_ns, 1)
-        told = f"after {(came_ns - sent_ns) / MS:.1f} ms"
-        link.session.expect(came_ns in due, "MSC-LNK-03", f"NAK {due.since(sent_ns)}", told)
-    link.nothing_more("MSC-LNK-03", "a lone 02h")
+        readings = ("nak",) if driver.link.is_rs485 else ("silent_on_rs485", "nak")
+    driver.reading("timeout_before_unit", readings, "MSC-LNK-03")
+    if received and not is_many:
+        due = driver.link.sign_window(sent_ns, 1)
+        text = f"after {(came_ns - sent_ns) / MS:.1f} ms"
+        driver.session.expect(came_ns in due, "MSC-LNK-03", f"NAK {due.since(sent_ns)}", text)
+    driver.link.nothing_more("MSC-LNK-03", "a lone 02h")
 
 
 @check("MSC-LNK-03", "MSC-LNK-04", "MSC-LNK-22")
 def a_packet_broken_off_is_refused_when_its_time_is_over(session: Session) -> None:
     """RQSTAT broken off after each of its bytes draws one NAK at T1, not before; then the unit
     serves.  (T1 in HDR, BODY and CSUM)"""
-    link = Link(session)
-    whole = len(link.talk.request(RQSTAT))
-    first = 2 if link.is_rs485 else 1  # a lone 02h may be anybody's there
+    driver = MscDriver(session)
+    whole = len(driver.client.request(RQSTAT))
+    first = 2 if driver.link.is_rs485 else 1  # a lone 02h may be anybody's there
     for count in range(first, whole) if session.target.is_virtual else REAL_CUTS:
-        judge_broken_off(link, count)
-        link.alive(("MSC-LNK-22", "MSC-LNK-04"))
-    known = round(link.packet_timeout_s * 1000)
+        judge_broken_off(driver, count)
+        driver.link.alive(("MSC-LNK-22", "MSC-LNK-04"))
+    known = round(driver.client.packet_timeout_s * 1000)
     session.quirk("MSC-LNK-03", "packet_timeout_ms", str(known))
 
 
@@ -117,91 +124,97 @@ def a_packet_broken_off_is_refused_when_its_time_is_over(session: Session) -> No
 def a_lone_start_is_refused_on_rs232(session: Session) -> None:
     """A lone 02h draws NAK at T1 from a unit alone on RS-232, or silence if this device reads it
     so; after T1 it serves.  (T1 in HDR)"""
-    link = Link(session)
-    judge_broken_off(link, 1)
-    link.alive("MSC-LNK-03")
+    driver = MscDriver(session)
+    judge_broken_off(driver, 1)
+    driver.link.alive("MSC-LNK-03")
 
 
 @check("MSC-LNK-03", "MSC-PHY-03", needs=("neighbour",))
 def a_lone_start_is_nobodys_on_rs485(session: Session) -> None:
     """A lone 02h on a shared line draws silence from everybody, or a NAK if this device reads it
     so: nobody can tell for whom it was.  (T1 in HDR)"""
-    link = Link(session)
-    judge_broken_off(link, 1)
-    link.alive(("MSC-LNK-03", "MSC-PHY-03"))
+    driver = MscDriver(session)
+    judge_broken_off(driver, 1)
+    driver.link.alive(("MSC-LNK-03", "MSC-PHY-03"))
 
 
 @check("MSC-LNK-02", "MSC-LNK-03", "MSC-LNK-04")
 def a_length_that_is_wrong_is_found_at_t1_at_the_latest(session: Session) -> None:
     """RQSTAT with a length too large, or a byte lost, draws one NAK at T1; sent again too early it
     is taken for the rest; with a length too small it draws NAK at once (§4.3)."""
-    link = Link(session)
-    raw = link.talk.request(RQSTAT)
-    cases = [codec.packet(link.unit, RQSTAT, length=7 + more) for more in (1, 10)]
+    driver = MscDriver(session)
+    raw = driver.client.request(RQSTAT)
+    cases = [codec.packet(driver.unit, RQSTAT, length=7 + more) for more in (1, 10)]
     lost = range(4, len(raw) - 1) if session.target.is_virtual else (9,)
     cases += [raw[:at] + raw[at + 1 :] for at in lost]
     for case in cases:
-        heard, sent_ns, came_ns = link.break_off(case)
-        told = f"{case.hex(' ')}, T1 later"
-        due = link.sign_window(sent_ns, len(case))
-        is_so = heard == NAK and came_ns in due
-        got = f"{codec.explain(heard) or 'nothing'} after {(came_ns - sent_ns) / MS:.1f} ms"
-        session.expect(is_so, ("MSC-LNK-02", "MSC-LNK-03"), f"NAK to {told}", got)
-        link.nothing_more("MSC-LNK-04", f"the NAK to {told}")
-    link.sign(codec.packet(link.unit, RQSTAT, length=7 + len(raw)) + raw, NAK, "MSC-LNK-04", "both")
-    link.alive("MSC-LNK-04")
+        received, sent_ns, came_ns = driver.link.break_off(case)
+        text = f"{case.hex(' ')}, T1 later"
+        due = driver.link.sign_window(sent_ns, len(case))
+        is_so = received == NAK and came_ns in due
+        got = f"{codec.explain(received) or 'nothing'} after {(came_ns - sent_ns) / MS:.1f} ms"
+        session.expect(is_so, ("MSC-LNK-02", "MSC-LNK-03"), f"NAK to {text}", got)
+        driver.link.nothing_more("MSC-LNK-04", f"the NAK to {text}")
+    driver.link.sign(
+        codec.packet(driver.unit, RQSTAT, length=7 + len(raw)) + raw, NAK, "MSC-LNK-04", "both"
+    )
+    driver.link.alive("MSC-LNK-04")
     # What is left over of a body cut short begins with its checksum, 02h.
-    session.target.send(codec.packet(link.unit, RQSTAT, length=5))
-    heard = link.talk.hear(1)
-    session.expect(heard == NAK, "MSC-LNK-02", "NAK at once", codec.explain(heard) or "nothing")
-    heard = link.talk.settle()
-    is_refused = not heard.strip(NAK)
-    session.expect(is_refused, "MSC-LNK-02", "NAK at most", codec.explain(heard))
-    link.alive("MSC-LNK-02")
+    session.target.send(codec.packet(driver.unit, RQSTAT, length=5))
+    received = driver.client.receive(1)
+    session.expect(
+        received == NAK, "MSC-LNK-02", "NAK at once", codec.explain(received) or "nothing"
+    )
+    received = driver.client.wait_until_quiet()
+    is_refused = not received.strip(NAK)
+    session.expect(is_refused, "MSC-LNK-02", "NAK at most", codec.explain(received))
+    driver.link.alive("MSC-LNK-02")
 
 
-def send_in_parts(link: Link, parts: list[tuple[float, bytes]]) -> tuple[bytes, int]:
+def send_in_parts(driver: MscDriver, parts: list[tuple[float, bytes]]) -> tuple[bytes, int]:
     """Send the parts, each that long (s) after the beginning of the first, until something comes:
     what came, and when (ns, since the beginning)."""
-    link.target.drain()
-    began_ns = link.target.now_ns
+    driver.target.drain()
+    began_ns = driver.target.now_ns
     for at_s, part in parts:
-        left_s = at_s - (link.target.now_ns - began_ns) / 1e9
-        heard = link.talk.hear(1, left_s) if left_s > 0 else b""
-        if heard:
-            return heard, link.target.now_ns - began_ns
-        link.target.send(part)
-    heard = link.talk.hear(1)
-    return heard, link.target.now_ns - began_ns
+        left_s = at_s - (driver.target.now_ns - began_ns) / 1e9
+        received = driver.client.receive(1, left_s) if left_s > 0 else b""
+        if received:
+            return received, driver.target.now_ns - began_ns
+        driver.target.send(part)
+    received = driver.client.receive(1)
+    return received, driver.target.now_ns - began_ns
 
 
-def finish(link: Link, sign: bytes) -> bytes:
+def finish(driver: MscDriver, sign: bytes) -> bytes:
     """Take and acknowledge the reply if there is one, then wait out what may be left over."""
     if sign != ACK:
-        return link.talk.settle()
-    reply, strays = link.talk.hear_packet()
+        return driver.client.wait_until_quiet()
+    reply, strays = driver.client.receive_packet()
     if reply:
-        link.target.send(ACK)
-    return strays + link.talk.listen(link.glance_s)
+        driver.target.send(ACK)
+    return strays + driver.client.listen(driver.link.glance_s)
 
 
 @check("MSC-LNK-03", "MSC-LNK-17")
 def the_time_limit_is_for_the_whole_packet(session: Session) -> None:
     """A packet with pauses below T1 that takes longer altogether is refused at T1, or served if
     this device's limit is for each pause, or from the header on."""
-    link = Link(session)
-    raw = link.talk.request(RQSTAT, SIGNS)
+    driver = MscDriver(session)
+    raw = driver.client.request(RQSTAT, SIGNS)
     seen: list[str] = []
     # In parts of T1: both end 1.2 behind their beginning; the first 0.8 behind its header.
-    for places in (((0, 0, 1), (0.4, 1, 6), (0.8, 6, 14), (1.2, 14, 15)),
-                   ((0, 0, 6), (0.6, 6, 14), (1.2, 14, 15))):  # fmt: skip
-        parts = [(at * link.packet_timeout_s, raw[one:end]) for at, one, end in places]
-        heard, _ = send_in_parts(link, parts)
-        if heard not in (ACK, NAK):
-            session.fail("MSC-LNK-03", ["NAK", "ACK"], heard.hex(" ") or "nothing")
-        strays = finish(link, heard)
+    for places in (
+        ((0, 0, 1), (0.4, 1, 6), (0.8, 6, 14), (1.2, 14, 15)),
+        ((0, 0, 6), (0.6, 6, 14), (1.2, 14, 15)),
+    ):
+        parts = [(at * driver.client.packet_timeout_s, raw[start:end]) for at, start, end in places]
+        received, _ = send_in_parts(driver, parts)
+        if received not in (ACK, NAK):
+            session.fail("MSC-LNK-03", ["NAK", "ACK"], received.hex(" ") or "nothing")
+        strays = finish(driver, received)
         session.expect(not strays, "MSC-LNK-03", "one sign", strays.hex(" "))
-        seen.append("served" if heard == ACK else "refused")
+        seen.append("served" if received == ACK else "refused")
     readings = {
         "refused, refused": "total",
         "served, refused": "after_header",
@@ -211,30 +224,35 @@ def the_time_limit_is_for_the_whole_packet(session: Session) -> None:
     if mode is None:
         session.fail("MSC-LNK-03", list(readings), ", ".join(seen))
     session.quirk(("MSC-LNK-03", "MSC-LNK-17"), "packet_timeout_mode", mode)
-    link.alive("MSC-LNK-03")
+    driver.link.alive("MSC-LNK-03")
 
 
 @check("MSC-LNK-17", "MSC-LNK-03")
 def the_longest_packet_has_time_enough(session: Session) -> None:
     """RQSTAT stretched over the time of 248 characters is served; so is one that ends five
     characters before T1."""
-    link = Link(session)
-    raw = link.talk.request(RQSTAT)
-    margin_s = (MARGIN_BYTES * link.byte_ns + 2 * link.spare_ns) / 1e9
-    spans = {"MSC-LNK-17": LONGEST_PACKET_NS / 1e9, "MSC-LNK-03": link.packet_timeout_s - margin_s}
+    driver = MscDriver(session)
+    raw = driver.client.request(RQSTAT)
+    margin_s = (MARGIN_BYTES * driver.link.byte_ns + 2 * driver.link.spare_ns) / 1e9
+    spans = {
+        "MSC-LNK-17": LONGEST_PACKET_NS / 1e9,
+        "MSC-LNK-03": driver.client.packet_timeout_s - margin_s,
+    }
     for name, span_s in spans.items():
         if span_s <= 0:
-            slowest = f"an exchange takes up to {link.spare_ns / MS:.0f} ms here"
+            slowest = f"an exchange takes up to {driver.link.spare_ns / MS:.0f} ms here"
             session.not_run(name, f"{slowest}: too long to come just before a time-out is over")
             continue
-        last_s = span_s - link.byte_ns / 1e9
-        each = [(last_s * number / (len(raw) - 1), raw[number : number + 1])
-                for number in range(len(raw))]  # fmt: skip
-        heard, took_ns = send_in_parts(link, each)
-        told = f"ACK to RQSTAT within {span_s * 1000:.1f} ms"
-        got = f"{codec.explain(heard) or 'nothing'} after {took_ns / MS:.1f} ms"
-        session.expect(heard == ACK, name, told, got)
-        strays = finish(link, heard)
+        last_s = span_s - driver.link.byte_ns / 1e9
+        each = [
+            (last_s * number / (len(raw) - 1), raw[number : number + 1])
+            for number in range(len(raw))
+        ]
+        received, took_ns = send_in_parts(driver, each)
+        text = f"ACK to RQSTAT within {span_s * 1000:.1f} ms"
+        got = f"{codec.explain(received) or 'nothing'} after {took_ns / MS:.1f} ms"
+        session.expect(received == ACK, name, text, got)
+        strays = finish(driver, received)
         session.expect(not strays, name, "one sign and one reply", strays.hex(" "))
 
 
@@ -242,20 +260,20 @@ def the_longest_packet_has_time_enough(session: Session) -> None:
 def the_time_limit_begins_with_each_packet(session: Session) -> None:
     """Noise starts no time limit, and a packet right behind the NAK for one that broke off has the
     whole limit for itself."""
-    link = Link(session)
-    limit_s = link.packet_timeout_s
-    raw = link.talk.request(RQSTAT)
+    driver = MscDriver(session)
+    limit_s = driver.client.packet_timeout_s
+    raw = driver.client.request(RQSTAT)
     is_quiet = session.reading("noise_in_idle") == "ignore"
     start = [(0.0, b"\x00\xff")] if is_quiet else []
     late = [(0.7 * limit_s, raw[:8]), (1.3 * limit_s, raw[8:])]
-    heard, _ = send_in_parts(link, start + late)
-    session.expect(heard == ACK, "MSC-LNK-03", "ACK", codec.explain(heard) or "nothing")
-    finish(link, heard)
-    heard, _, _ = link.break_off(raw[:8])
-    session.expect(heard == NAK, "MSC-LNK-03", "NAK", codec.explain(heard) or "nothing")
-    heard, _ = send_in_parts(link, [(0.0, raw[:8]), (0.8 * limit_s, raw[8:])])
-    session.expect(heard == ACK, "MSC-LNK-22", "ACK", codec.explain(heard) or "nothing")
-    strays = finish(link, heard)
+    received, _ = send_in_parts(driver, start + late)
+    session.expect(received == ACK, "MSC-LNK-03", "ACK", codec.explain(received) or "nothing")
+    finish(driver, received)
+    received, _, _ = driver.link.break_off(raw[:8])
+    session.expect(received == NAK, "MSC-LNK-03", "NAK", codec.explain(received) or "nothing")
+    received, _ = send_in_parts(driver, [(0.0, raw[:8]), (0.8 * limit_s, raw[8:])])
+    session.expect(received == ACK, "MSC-LNK-22", "ACK", codec.explain(received) or "nothing")
+    strays = finish(driver, received)
     session.expect(not strays, "MSC-LNK-22", "one sign and one reply", strays.hex(" "))
 
 
@@ -267,66 +285,70 @@ def a_reply_without_answer_comes_again(session: Session) -> None:
     """When the host says nothing, the same reply comes again, T2 after its last byte, five times;
     then silence, and the unit serves; or it gives up or waits, if this device reads it so.
     (T2 in WAIT)"""
-    link = Link(session)
-    first = link.unanswered()
-    repeats = _repeats_by_time_out(link, first)
-    action = "retransmit" if repeats else _without_repeats(link)
+    driver = MscDriver(session)
+    first = driver.link.unanswered()
+    repeats = _repeats_by_time_out(driver, first)
+    action = "retransmit" if repeats else _without_repeats(driver)
     session.quirk("MSC-LNK-12", "ack_timeout_action", action)
     if repeats:
-        known = round(link.ack_timeout_s * 1000)
+        known = round(driver.client.ack_timeout_s * 1000)
         session.quirk("MSC-LNK-12", "ack_timeout_ms", str(known))
         seen = {5: "5_repeats", 4: "5_total"}.get(repeats)
         if seen is None:
             session.fail("MSC-LNK-09", ["5 repeats", "5 sendings in all"], f"{repeats} repeats")
         session.quirk("MSC-LNK-09", "retransmit_limit", seen)
     else:
-        told = f"nothing repeats by itself with ack_timeout_action={action}"
-        session.not_run("MSC-LNK-09", told)
-        session.not_run("MSC-LNK-10", told)
-    link.alive(("MSC-LNK-13", "MSC-LNK-08"))
+        text = f"nothing repeats by itself with ack_timeout_action={action}"
+        session.not_run("MSC-LNK-09", text)
+        session.not_run("MSC-LNK-10", text)
+    driver.link.alive(("MSC-LNK-13", "MSC-LNK-08"))
 
 
-def _repeats_by_time_out(link: Link, first: codec.Packet, repeats: int = 0) -> int:
+def _repeats_by_time_out(driver: MscDriver, first: codec.Packet, repeats: int = 0) -> int:
     """Say nothing until no more repeats come, and judge each one's bytes and time; return their
     number, with those that have come before."""
-    session = link.session
+    session = driver.session
     last_ns = session.target.now_ns
-    limit_s = link.ack_timeout_s * 1.5 + link.glance_s
-    while repeats <= link.limit:
-        again, strays = link.talk.hear_packet(limit_s)
+    limit_s = driver.client.ack_timeout_s * 1.5 + driver.link.glance_s
+    while repeats <= driver.link.limit:
+        again, strays = driver.client.receive_packet(limit_s)
         if again is None and not strays:
             break
-        is_same = again is not None and not strays and link.is_same(again, first)
-        told = f"{first.raw.hex(' ')} again"
-        session.expect(is_same, "MSC-LNK-10", told, again or strays.hex(" "))
-        due, came_ns = link.repeat_window(last_ns, len(first.raw)), session.target.now_ns
+        is_same = again is not None and not strays and driver.link.is_same(again, first)
+        text = f"{first.raw.hex(' ')} again"
+        session.expect(is_same, "MSC-LNK-10", text, again or strays.hex(" "))
+        due, came_ns = driver.link.repeat_window(last_ns, len(first.raw)), session.target.now_ns
         session.expect(
-            came_ns in due, "MSC-LNK-12", f"the repeat {due.since(last_ns)}",
+            came_ns in due,
+            "MSC-LNK-12",
+            f"the repeat {due.since(last_ns)}",
             f"after {(came_ns - last_ns) / MS:.1f} ms",
-        )  # fmt: skip
+        )
         last_ns, repeats = came_ns, repeats + 1
     return repeats
 
 
-def _without_repeats(link: Link) -> tuple[str, ...] | str:
+def _without_repeats(driver: MscDriver) -> tuple[str, ...] | str:
     """Whether a unit that has not repeated its reply has given up or waits (MSC-AMB-02)."""
-    link.target.send(NAK)
-    again, _ = link.talk.hear_packet()
+    driver.target.send(NAK)
+    again, _ = driver.client.receive_packet()
     if again is None:
         return "abandon"
-    link.target.send(ACK)
-    return ("wait", "abandon") if link.session.reading("stray_nak") == "resend_last" else "wait"
+    driver.target.send(ACK)
+    return ("wait", "abandon") if driver.session.reading("stray_nak") == "resend_last" else "wait"
 
 
 @check("MSC-LNK-12", "MSC-LNK-09", "MSC-LNK-13", "MSC-LNK-10")
 def refusals_and_time_outs_share_one_limit(session: Session) -> None:
     """Three NAKs and then silence: the rest of the five repeats come by time-out, and no more."""
-    link = Link(session)
+    driver = MscDriver(session)
     if session.reading("ack_timeout_action") != "retransmit":
         session.skip(f"this device has ack_timeout_action={session.reading('ack_timeout_action')}")
-    first = link.unanswered()
+    first = driver.link.unanswered()
     for number in range(1, 4):
-        session.step(link.refuse() is not None, f"repeat {number}", "nothing")
-    repeats = _repeats_by_time_out(link, first, 3)
-    session.expect(repeats == link.limit, "MSC-LNK-09", f"{link.limit} repeats", repeats)
-    link.alive("MSC-LNK-13")
+        session.step(driver.link.refuse() is not None, f"repeat {number}", "nothing")
+    repeats = _repeats_by_time_out(driver, first, 3)
+    session.expect(
+        repeats == driver.link.limit, "MSC-LNK-09", f"{driver.link.limit} repeats", repeats
+    )
+    driver.link.alive("MSC-LNK-13")

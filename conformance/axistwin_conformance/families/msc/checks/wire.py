@@ -10,15 +10,16 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.checks.line import absent
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT
-from axistwin_conformance.families.msc.link import MS, Link
+from axistwin_conformance.families.msc.driver import MscDriver
+from axistwin_conformance.families.msc.link import MS
 
 ORDER = 50  # of this module in a run; see `Family.modules`
 
 HALF_RATE: Final = 4800
 # At half the rate: five bits of 0 and five of 1.  At 9600: ten bits of 0, one character without a
 # stop bit, then the line at rest for as long.
-SPOILT_CHARACTER: Final = b"\xf0"
-SPOILT_AT: Final = {"header": 4, "body": 8, "checksum": 13}  # places in RQSTAT
+CORRUPTED_CHARACTER: Final = b"\xf0"
+CORRUPTED_AT: Final = {"header": 4, "body": 8, "checksum": 13}  # places in RQSTAT
 FILLER: Final = b"0"
 RUNNING: Final = 1  # bit 0 of the status word
 START_S: Final = 2.0  # for how long after power-up nothing must be said
@@ -36,40 +37,44 @@ CUTS: Final[Mapping[str, int | str]] = {
 def a_header_that_announces_too_much_is_refused(session: Session) -> None:
     """A header with a length above 240 leads to one NAK: after all that it announced, or when this
     device reads it.  (BODY, discarding)"""
-    link = Link(session)
+    driver = MscDriver(session)
     seen = set()
     for length in (241, 255, 256, 0xFFFF) if session.target.is_virtual else (241, 0xFFFF):
-        header = codec.packet(link.unit, b"", length=length)[: codec.HEADER_BYTES]
-        heard, sent_ns, came_ns = link.break_off(header)
-        told = f"a header with length {length}"
-        session.expect(heard == NAK, ("MSC-LNK-20", "MSC-PKT-10"), f"NAK to {told}", heard.hex())
-        link.nothing_more("MSC-LNK-20", told)
-        is_late = came_ns in link.sign_window(sent_ns, codec.HEADER_BYTES)
-        is_early = came_ns < link.sign_window(sent_ns, codec.HEADER_BYTES).earliest_ns
+        header = codec.packet(driver.unit, b"", length=length)[: codec.HEADER_BYTES]
+        received, sent_ns, came_ns = driver.link.break_off(header)
+        text = f"a header with length {length}"
         session.expect(
-            is_late or is_early, "MSC-LNK-20", "NAK at once or at T1",
+            received == NAK, ("MSC-LNK-20", "MSC-PKT-10"), f"NAK to {text}", received.hex()
+        )
+        driver.link.nothing_more("MSC-LNK-20", text)
+        is_late = came_ns in driver.link.sign_window(sent_ns, codec.HEADER_BYTES)
+        is_early = came_ns < driver.link.sign_window(sent_ns, codec.HEADER_BYTES).earliest_ns
+        session.expect(
+            is_late or is_early,
+            "MSC-LNK-20",
+            "NAK at once or at T1",
             f"after {(came_ns - sent_ns) / MS:.1f} ms",
-        )  # fmt: skip
+        )
         seen.add("at T1" if is_late else "at once")
-        link.alive("MSC-LNK-20")
+        driver.link.alive("MSC-LNK-20")
     session.expect(len(seen) == 1, "MSC-LNK-20", "one of the two", " and ".join(sorted(seen)))
     if seen == {"at once"}:
-        link.reading("overlength", "nak_after_header", ("MSC-LNK-20", "MSC-PKT-10"))
+        driver.reading("overlength", "nak_after_header", ("MSC-LNK-20", "MSC-PKT-10"))
         return
-    readings = {_after_all_of_it(link, length) for length in (241, 256)}
+    readings = {_after_all_of_it(driver, length) for length in (241, 256)}
     session.expect(len(readings) == 1, "MSC-LNK-20", "one reading", sorted(readings))
-    link.reading("overlength", readings.pop(), ("MSC-LNK-20", "MSC-PKT-10"))
+    driver.reading("overlength", readings.pop(), ("MSC-LNK-20", "MSC-PKT-10"))
 
 
-def _after_all_of_it(link: Link, length: int) -> tuple[str, ...]:
+def _after_all_of_it(driver: MscDriver, length: int) -> tuple[str, ...]:
     """What a whole packet of that length shows, its sum being wrong and its body no command."""
     body = RQSTAT.ljust(length, FILLER)
-    raw = codec.packet(link.unit, body, checksum=0x3030)
-    heard, sent_ns, came_ns = link.break_off(raw)
-    link.session.expect(heard == NAK, "MSC-LNK-20", "NAK", heard.hex(" ") or "nothing")
-    link.nothing_more("MSC-LNK-20", "the NAK")
-    link.alive("MSC-LNK-20")
-    is_late = came_ns >= link.sign_window(sent_ns, codec.HEADER_BYTES).earliest_ns
+    raw = codec.packet(driver.unit, body, checksum=0x3030)
+    received, sent_ns, came_ns = driver.link.break_off(raw)
+    driver.session.expect(received == NAK, "MSC-LNK-20", "NAK", received.hex(" ") or "nothing")
+    driver.link.nothing_more("MSC-LNK-20", "the NAK")
+    driver.link.alive("MSC-LNK-20")
+    is_late = came_ns >= driver.link.sign_window(sent_ns, codec.HEADER_BYTES).earliest_ns
     return ("timeout_only",) if is_late else ("nak_after_packet", "accept")
 
 
@@ -77,19 +82,19 @@ def _after_all_of_it(link: Link, length: int) -> tuple[str, ...]:
 def an_empty_body_is_no_command(session: Session) -> None:
     """A packet without a body under a right checksum is treated as an unknown command, or ACKed if
     this device reads it so."""
-    link = Link(session)
-    link.calm()
-    raw = codec.packet(link.unit, b"")
-    exchange = link.talk.ask(raw, is_read=False)
-    link.nothing_more(("MSC-LNK-02", "MSC-LNK-04"), "it")
+    driver = MscDriver(session)
+    driver.link.calm()
+    raw = codec.packet(driver.unit, b"")
+    exchange = driver.client.ask(raw, is_read=False)
+    driver.link.nothing_more(("MSC-LNK-02", "MSC-LNK-04"), "it")
     like_unknown = {"nak": NAK, "ack_ignore": ACK, "silent": b""}
     readings = ["as_unknown"] * (
         exchange.raw == like_unknown[session.reading("unknown_command")]
     ) + ["ack"] * (exchange.raw == ACK)
     if not readings:
         session.fail(("MSC-LNK-02", "MSC-LNK-04"), ["like an unknown command", "ACK"], exchange)
-    link.reading("empty_body", readings, ("MSC-LNK-02", "MSC-LNK-04"))
-    link.alive("MSC-LNK-02")
+    driver.reading("empty_body", readings, ("MSC-LNK-02", "MSC-LNK-04"))
+    driver.link.alive("MSC-LNK-02")
 
 
 # --- characters that are none ---------------------------------------------------------------------
@@ -106,109 +111,115 @@ def a_character_without_its_stop_bit_spoils_its_packet(session: Session) -> None
     """A framing error in RQSTAT draws NAK at the packet's end; or the byte counts as it is, or is
     lost, if this device reads it so; between packets, and while a sign is awaited, it does nothing.
     (UART error in IDLE, HDR, BODY, CSUM, WAIT)"""
-    link = Link(session)
+    driver = MscDriver(session)
     judge_rates(session)
-    link.calm()
+    driver.link.calm()
     session.target.drain()
-    _spoilt(link)
-    link.nothing_more("MSC-LNK-02", "a framing error between packets")
-    link.alive("MSC-LNK-02")
-    raw = codec.packet(link.unit, RQSTAT)  # its block number is 0000h, as the spoilt byte is
-    for place in SPOILT_AT.values():
+    _send_corrupted(driver)
+    driver.link.nothing_more("MSC-LNK-02", "a framing error between packets")
+    driver.link.alive("MSC-LNK-02")
+    raw = codec.packet(driver.unit, RQSTAT)  # its block number is 0000h, as the corrupted byte is
+    for place in CORRUPTED_AT.values():
         session.target.drain()
         sent_ns = session.target.send(raw[:place])
-        _spoilt(link)
+        _send_corrupted(driver)
         session.target.send(raw[place + 1 :])
-        link.reading("uart_error", _uart_reading(link, sent_ns, place), "MSC-LNK-02")
-        link.alive(("MSC-LNK-02", "MSC-LNK-03"))
-    first = link.unanswered()
-    _spoilt(link)
-    again = link.refuse_in("MSC-LNK-02")
-    is_same = again is not None and link.is_same(again, first)
+        driver.reading("uart_error", _uart_reading(driver, sent_ns, place), "MSC-LNK-02")
+        driver.link.alive(("MSC-LNK-02", "MSC-LNK-03"))
+    first = driver.link.unanswered()
+    _send_corrupted(driver)
+    again = driver.link.refuse_in("MSC-LNK-02")
+    is_same = again is not None and driver.link.is_same(again, first)
     session.expect(is_same, "MSC-LNK-02", "the repeat to a NAK behind it", again)
     session.target.send(ACK)
-    link.alive("MSC-LNK-03")
+    driver.link.alive("MSC-LNK-03")
 
 
 @check("MSC-LNK-19", safety="rig", needs=("bench",))
 def a_spoilt_character_for_another_unit_is_counted(session: Session) -> None:
     """A framing error in another unit's packet counts as a byte of it: the packet behind is served.
     (UART error in SKIP)"""
-    link = Link(session)
+    driver = MscDriver(session)
     judge_rates(session)
-    link.calm()
+    driver.link.calm()
     for switch, wanted in (("uart_error", "drop_byte"), ("rs232_unit_check", "ignore")):
         if session.reading(switch) == wanted:
             session.skip(f"this device has {switch}={wanted}")
     raw = codec.packet(absent(session), RQSTAT, checksum=0x3030)
     session.target.drain()
     session.target.send(raw[:8])
-    _spoilt(link)
+    _send_corrupted(driver)
     session.target.send(raw[9:])
-    link.nothing_more("MSC-LNK-19", "another unit's packet", link.glance_s)
-    link.alive("MSC-LNK-19")
+    driver.link.nothing_more("MSC-LNK-19", "another unit's packet", driver.link.glance_s)
+    driver.link.alive("MSC-LNK-19")
 
 
 @check("MSC-LNK-10", "MSC-LNK-08", safety="rig", needs=("bench", "alone"))
 def a_spoilt_character_while_it_talks_is_ignored(session: Session) -> None:
     """A framing error during a reply, or a repeat, neither counts as a sign nor changes what is
     sent again.  (UART error in EXEC and RETX)"""
-    link = Link(session)
+    driver = MscDriver(session)
     judge_rates(session)
-    if not link.is_busy_hearing:
+    if not driver.link.is_busy_hearing:
         session.skip("on RS-485 the host would talk over the unit")
-    first = link.unanswered()
+    first = driver.link.unanswered()
     session.target.send(ACK)
     for repeats in (0, 1):
         session.target.drain()
-        session.target.send(link.talk.request(RQSTAT))
-        session.step(link.talk.hear(1) == ACK, "ACK", "something else")
+        session.target.send(driver.client.request(RQSTAT))
+        session.step(driver.client.receive(1) == ACK, "ACK", "something else")
         if repeats:
-            reply, _ = link.talk.hear_packet()
+            reply, _ = driver.client.receive_packet()
             session.step(reply is not None, "a reply", "nothing")
             session.target.send(NAK)
-        link.talk.hear(HEARD_BYTES)
-        _spoilt(link, wait_s=0.0)  # what comes meanwhile our end cannot read
-        link.talk.listen(link.glance_s)
-        again = link.refuse()
-        is_same = again is not None and again.is_sound and link.told(again) == link.told(first)
+        driver.client.receive(HEARD_BYTES)
+        _send_corrupted(driver, wait_s=0.0)  # what comes meanwhile our end cannot read
+        driver.client.listen(driver.link.glance_s)
+        again = driver.link.refuse()
+        is_same = (
+            again is not None
+            and again.is_sound
+            and driver.link.specified(again) == driver.link.specified(first)
+        )
         session.expect(is_same, ("MSC-LNK-10", "MSC-LNK-08"), first, again)
         session.target.send(ACK)
-        link.nothing_more("MSC-LNK-08", "ACK")
+        driver.link.nothing_more("MSC-LNK-08", "ACK")
 
 
-def _spoilt(link: Link, wait_s: float | None = None) -> None:
+def _send_corrupted(driver: MscDriver, wait_s: float | None = None) -> None:
     """Send one character that has no stop bit, once all before it has left.
 
     `wait_s`: how long that takes; None: as long as a whole RQSTAT.
     """
-    target = link.target
+    target = driver.target
     rate = target.baud
-    own_s = codec.REQUEST_BYTES["RQSTAT"] * link.byte_ns / 1e9
-    target.wait((own_s if wait_s is None else wait_s) + link.spare_ns / 1e9)
+    own_s = codec.REQUEST_BYTES["RQSTAT"] * driver.link.byte_ns / 1e9
+    target.wait((own_s if wait_s is None else wait_s) + driver.link.spare_ns / 1e9)
     try:
         target.baud = HALF_RATE
-        target.send(SPOILT_CHARACTER)
-        target.wait(4 * link.byte_ns / 1e9 + link.spare_ns / 1e9)
+        target.send(CORRUPTED_CHARACTER)
+        target.wait(4 * driver.link.byte_ns / 1e9 + driver.link.spare_ns / 1e9)
     finally:
         target.baud = rate
 
 
-def _uart_reading(link: Link, sent_ns: int, place: int) -> tuple[str, ...]:
+def _uart_reading(driver: MscDriver, sent_ns: int, place: int) -> tuple[str, ...]:
     """What is read from the answer to an RQSTAT with one character spoilt (MSC-AMB-43)."""
-    heard = link.talk.hear(1, link.packet_timeout_s * 1.5 + link.glance_s)
-    came_ns = link.target.now_ns
+    received = driver.client.receive(1, driver.client.packet_timeout_s * 1.5 + driver.link.glance_s)
+    came_ns = driver.target.now_ns
     count = codec.REQUEST_BYTES["RQSTAT"] - 1
-    if heard == ACK:
-        link.talk.hear_packet()
-        link.target.send(ACK)
+    if received == ACK:
+        driver.client.receive_packet()
+        driver.target.send(ACK)
         return ("use_byte",)
-    link.session.expect(heard == NAK, "MSC-LNK-02", "NAK or ACK", heard.hex(" ") or "nothing")
-    link.nothing_more("MSC-LNK-02", "NAK")
-    if came_ns >= link.sign_window(sent_ns, count).earliest_ns:
+    driver.session.expect(
+        received == NAK, "MSC-LNK-02", "NAK or ACK", received.hex(" ") or "nothing"
+    )
+    driver.link.nothing_more("MSC-LNK-02", "NAK")
+    if came_ns >= driver.link.sign_window(sent_ns, count).earliest_ns:
         return ("drop_byte",)
     # Only where 00 stands anyway does the byte as it is make a good packet.
-    return ("bad_packet",) if place == SPOILT_AT["header"] else ("bad_packet", "use_byte")
+    return ("bad_packet",) if place == CORRUPTED_AT["header"] else ("bad_packet", "use_byte")
 
 
 # --- power ----------------------------------------------------------------------------------------
@@ -218,46 +229,48 @@ def _uart_reading(link: Link, sent_ns: int, place: int) -> tuple[str, ...]:
 def power_up_says_nothing(session: Session) -> None:
     """Neither losing its supply nor getting it back makes a unit say anything, whatever it was at;
     then it serves, counting from 0.  (power cycle in every state)"""
-    link = Link(session)
-    longer_s = max(link.packet_timeout_s, link.ack_timeout_s) * 1.2 + START_S
-    was_running = link.status() & RUNNING
+    driver = MscDriver(session)
+    longer_s = max(driver.client.packet_timeout_s, driver.client.ack_timeout_s) * 1.2 + START_S
+    was_running = driver.status() & RUNNING
     for state in list(CUTS) if session.rig.is_exact else list(CUTS)[:3]:
-        _bring_to(link, CUTS[state])
+        _bring_to(driver, CUTS[state])
         session.rig.power_off()
-        session.target.wait(2 * link.byte_ns / 1e9)
+        session.target.wait(2 * driver.link.byte_ns / 1e9)
         session.target.drain()  # a character that was cut in two
         names = ("MSC-PHY-04", "MSC-PHY-03")
-        link.nothing_more(names, f"a power cut while {state}", link.glance_s)
+        driver.link.nothing_more(names, f"a power cut while {state}", driver.link.glance_s)
         session.rig.power_on()
-        link.nothing_more(names, f"power-up after a cut while {state}", longer_s)
-        link.alive("MSC-PHY-04")
-        link.unanswered()
-        for number in range(link.limit):
-            told = f"repeat {number + 1} of {link.limit}"
-            session.expect(link.refuse_in("MSC-PHY-04") is not None, "MSC-PHY-04", told, "nothing")
+        driver.link.nothing_more(names, f"power-up after a cut while {state}", longer_s)
+        driver.link.alive("MSC-PHY-04")
+        driver.link.unanswered()
+        for number in range(driver.link.limit):
+            text = f"repeat {number + 1} of {driver.link.limit}"
+            session.expect(
+                driver.link.refuse_in("MSC-PHY-04") is not None, "MSC-PHY-04", text, "nothing"
+            )
         session.target.send(ACK)
-        link.nothing_more("MSC-PHY-04", "the last repeat")
-    if was_running and not link.status() & RUNNING and "program" in session.rig.capabilities:
+        driver.link.nothing_more("MSC-PHY-04", "the last repeat")
+    if was_running and not driver.status() & RUNNING and "program" in session.rig.capabilities:
         session.rig.run_program(True)
 
 
-def _bring_to(link: Link, state: int | str) -> None:
+def _bring_to(driver: MscDriver, state: int | str) -> None:
     """Bring a unit into a state of `CUTS`."""
-    target, raw = link.target, link.talk.request(RQSTAT)
+    target, raw = driver.target, driver.client.request(RQSTAT)
     if isinstance(state, int):
         target.send(raw[:state]) if state else None
-        target.wait((state + 2) * link.byte_ns / 1e9)
+        target.wait((state + 2) * driver.link.byte_ns / 1e9)
     elif state == "skipping":
-        target.send(codec.packet(absent(link.session), RQSTAT)[:9])
-        target.wait(11 * link.byte_ns / 1e9)
+        target.send(codec.packet(absent(driver.session), RQSTAT)[:9])
+        target.wait(11 * driver.link.byte_ns / 1e9)
     elif state == "replying":
         target.send(raw)
-        link.talk.hear(1 + HEARD_BYTES)
+        driver.client.receive(1 + HEARD_BYTES)
     else:
-        link.unanswered()
+        driver.link.unanswered()
         if state == "waiting":
-            told = link.refuse_in("MSC-PHY-04")
-            link.session.step(told is not None, "a repeat", "nothing")
+            text = driver.link.refuse_in("MSC-PHY-04")
+            driver.session.step(text is not None, "a repeat", "nothing")
         else:
             target.send(NAK)
-            link.talk.hear(HEARD_BYTES)
+            driver.client.receive(HEARD_BYTES)

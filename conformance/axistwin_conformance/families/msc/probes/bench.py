@@ -16,19 +16,20 @@ from axistwin_conformance.families.msc.codec import (
     RQSTAT,
     VALUE_BYTES,
 )
-from axistwin_conformance.families.msc.driver import SAFE_STRIDE, Bench
+from axistwin_conformance.families.msc.driver import MscDriver
 from axistwin_conformance.families.msc.probes.link import lone_stx
 from axistwin_conformance.families.msc.probes.writes import MARK, OTHER
 from axistwin_conformance.families.msc.probing import (
     Answer,
-    Drawn,
+    ReplyKind,
     answer_now,
     answer_to,
-    drawn_by,
     glance_s,
     odd_packet,
+    reply_kind_of,
     variable,
 )
+from axistwin_conformance.families.msc.scratch import SAFE_STRIDE
 
 ORDER = 30  # of this module in a run; see `Family.modules`
 
@@ -44,216 +45,221 @@ STOPLESS: Final = b"\xf0"
 INPUT: Final = 0  # in the twin's flag map
 ERROR_BIT: Final = 12
 LOADING_BIT: Final = 10
-UNKNOWN: Final = {"nak": Drawn.NAK, "ack_ignore": Drawn.ACK, "silent": Drawn.SILENCE}
+UNKNOWN: Final = {"nak": ReplyKind.NAK, "ack_ignore": ReplyKind.ACK, "silent": ReplyKind.SILENCE}
 
 
 # --- bodies ---------------------------------------------------------------------------------------
 
 
 @probe(safety="rig", needs=BENCH)
-def unknown_command(bench: Bench) -> Outcome:
+def unknown_command(driver: MscDriver) -> Outcome:
     """A name no command can have."""
-    drawn = drawn_by(bench, odd_packet(bench, codec.body(IMPOSSIBLE_NAME)))
+    drawn = reply_kind_of(driver, odd_packet(driver, codec.body(IMPOSSIBLE_NAME)))
     readings = list(UNKNOWN.values())
     return readings.index(drawn) if drawn in readings else drawn.value
 
 
-def _as_unknown(bench: Bench) -> Drawn:
-    return UNKNOWN[bench.session.reading("unknown_command")]
+def _as_unknown(driver: MscDriver) -> ReplyKind:
+    return UNKNOWN[driver.session.reading("unknown_command")]
 
 
 @probe(safety="rig", needs=BENCH)
-def rflags_unsupported(bench: Bench) -> Outcome:
+def rflags_unsupported(driver: MscDriver) -> Outcome:
     """RFLAGS to a model that does not have it."""
-    if bench.has_rflags:
-        bench.session.skip("this model has RFLAGS")
-    return _unknown_or_acked(bench, codec.RFLAGS)
+    if driver.has_rflags:
+        driver.session.skip("this model has RFLAGS")
+    return _unknown_or_acked(driver, codec.RFLAGS)
 
 
 @probe(safety="rig", needs=BENCH)
-def empty_body(bench: Bench) -> Outcome:
+def empty_body(driver: MscDriver) -> Outcome:
     """A packet of length 0."""
-    return _unknown_or_acked(bench, b"")
+    return _unknown_or_acked(driver, b"")
 
 
-def _unknown_or_acked(bench: Bench, body: bytes) -> Outcome:
-    drawn, usual = drawn_by(bench, odd_packet(bench, body)), _as_unknown(bench)
-    if drawn is Drawn.ACK:
-        return (0, 1) if usual is Drawn.ACK else 1
+def _unknown_or_acked(driver: MscDriver, body: bytes) -> Outcome:
+    drawn, usual = reply_kind_of(driver, odd_packet(driver, body)), _as_unknown(driver)
+    if drawn is ReplyKind.ACK:
+        return (0, 1) if usual is ReplyKind.ACK else 1
     return 0 if drawn is usual else drawn.value
 
 
 @probe(safety="rig", needs=BENCH)
-def malformed_body(bench: Bench) -> Outcome:
+def malformed_body(driver: MscDriver) -> Outcome:
     """RQSTAT with one byte too many."""
-    drawn = drawn_by(bench, odd_packet(bench, RQSTAT + b"\x00"))
-    return {Drawn.NAK: 0, Drawn.ACK: 1, Drawn.REPLY: 2}.get(drawn, drawn.value)
+    drawn = reply_kind_of(driver, odd_packet(driver, RQSTAT + b"\x00"))
+    return {ReplyKind.NAK: 0, ReplyKind.ACK: 1, ReplyKind.REPLY: 2}.get(drawn, drawn.value)
 
 
 @probe(safety="rig", needs=BENCH)
-def comma(bench: Bench) -> Outcome:
+def comma(driver: MscDriver) -> Outcome:
     """RQSTAT without its comma."""
-    return _refused_or_served(bench, RQSTAT.removesuffix(COMMA))
+    return _refused_or_served(driver, RQSTAT.removesuffix(COMMA))
 
 
 @probe(safety="rig", needs=BENCH)
-def case_sensitive(bench: Bench) -> Outcome:
+def case_sensitive(driver: MscDriver) -> Outcome:
     """RQSTAT in lower case."""
-    return _refused_or_served(bench, RQSTAT.lower())
+    return _refused_or_served(driver, RQSTAT.lower())
 
 
-def _refused_or_served(bench: Bench, body: bytes) -> Outcome:
-    drawn = drawn_by(bench, odd_packet(bench, body))
-    if drawn is Drawn.REPLY:
+def _refused_or_served(driver: MscDriver, body: bytes) -> Outcome:
+    drawn = reply_kind_of(driver, odd_packet(driver, body))
+    if drawn is ReplyKind.REPLY:
         return 1
-    return 0 if drawn is _as_unknown(bench) else drawn.value
+    return 0 if drawn is _as_unknown(driver) else drawn.value
 
 
 @probe(safety="rig", needs=BENCH)
-def overlength(bench: Bench) -> Outcome:
+def overlength(driver: MscDriver) -> Outcome:
     """A header that announces 241 bytes, and what comes before, after and long after the rest."""
-    body, heard_as = _too_long(bench)
-    whole = odd_packet(bench, body + bytes(MAX_BODY + 1 - len(body)))
-    spare_s = max(0.0, bench.packet_timeout_s - len(whole) * bench.target.byte_ns / 1e9) / 3
-    at_once_s = min(glance_s(bench), spare_s)
-    bench.target.drain()
-    bench.talk.send(whole[: codec.HEADER_BYTES])
-    if bench.talk.hear(1, at_once_s + codec.HEADER_BYTES * bench.target.byte_ns / 1e9) == NAK:
+    body, received_as = _too_long(driver)
+    whole = odd_packet(driver, body + bytes(MAX_BODY + 1 - len(body)))
+    spare_s = (
+        max(0.0, driver.client.packet_timeout_s - len(whole) * driver.target.byte_ns / 1e9) / 3
+    )
+    at_once_s = min(glance_s(driver), spare_s)
+    driver.target.drain()
+    driver.client.send(whole[: codec.HEADER_BYTES])
+    if (
+        driver.client.receive(1, at_once_s + codec.HEADER_BYTES * driver.target.byte_ns / 1e9)
+        == NAK
+    ):
         return 1
     rest = whole[codec.HEADER_BYTES :]
-    bench.talk.send(rest)
-    drawn, _ = answer_now(bench, len(rest) * bench.target.byte_ns / 1e9 + at_once_s)
-    if drawn is Drawn.SILENCE:
-        if bench.talk.hear(1, bench.packet_timeout_s + glance_s(bench)) == NAK:
+    driver.client.send(rest)
+    drawn, _ = answer_now(driver, len(rest) * driver.target.byte_ns / 1e9 + at_once_s)
+    if drawn is ReplyKind.SILENCE:
+        if driver.client.receive(1, driver.client.packet_timeout_s + glance_s(driver)) == NAK:
             return 2
-        return 3 if heard_as is Drawn.SILENCE else "no NAK at all"
-    if drawn is Drawn.NAK:
-        return (0, 3) if heard_as is Drawn.NAK else 0
-    return 3 if drawn is heard_as else drawn.value
+        return 3 if received_as is ReplyKind.SILENCE else "no NAK at all"
+    if drawn is ReplyKind.NAK:
+        return (0, 3) if received_as is ReplyKind.NAK else 0
+    return 3 if drawn is received_as else drawn.value
 
 
-def _too_long(bench: Bench) -> tuple[bytes, Drawn]:
+def _too_long(driver: MscDriver) -> tuple[bytes, ReplyKind]:
     """The beginning of a body, and what a unit that takes too long a one draws it for: something
     else than a NAK, if there is any."""
-    malformed = bench.session.reading("malformed_body")
+    malformed = driver.session.reading("malformed_body")
     if malformed != "nak":
-        return RQSTAT, Drawn.REPLY if malformed == "lenient" else Drawn.ACK
-    return codec.body(IMPOSSIBLE_NAME), _as_unknown(bench)
+        return RQSTAT, ReplyKind.REPLY if malformed == "lenient" else ReplyKind.ACK
+    return codec.body(IMPOSSIBLE_NAME), _as_unknown(driver)
 
 
 @probe(safety="rig", needs=BENCH)
-def uart_error(bench: Bench) -> Outcome:
+def uart_error(driver: MscDriver) -> Outcome:
     """RQSTAT with a character without a stop bit in its block number."""
-    if bench.target.description.startswith("socket:"):
-        bench.session.skip("a plain socket carries bytes, not the shape of a character")
-    raw, own = bench.talk.request(RQSTAT), bench.target.baud
+    if driver.target.description.startswith("socket:"):
+        driver.session.skip("a plain socket carries bytes, not the shape of a character")
+    raw, own = driver.client.request(RQSTAT), driver.target.baud
     place = codec.HEADER_BYTES - 1
-    bench.target.drain()
-    bench.talk.send(raw[:place])
-    bench.target.wait((place + 1) * bench.target.byte_ns / 1e9)
+    driver.target.drain()
+    driver.client.send(raw[:place])
+    driver.target.wait((place + 1) * driver.target.byte_ns / 1e9)
     try:
-        bench.target.baud = SLOW_BAUD
-        bench.talk.send(STOPLESS)
-        bench.target.wait(2 * bench.target.byte_ns / 1e9)
+        driver.target.baud = SLOW_BAUD
+        driver.client.send(STOPLESS)
+        driver.target.wait(2 * driver.target.byte_ns / 1e9)
     finally:
-        bench.target.baud = own
+        driver.target.baud = own
     rest = raw[place + 1 :]
-    bench.talk.send(rest)
-    first = bench.talk.hear(1, bench.talk.limit_s(len(rest)))
+    driver.client.send(rest)
+    first = driver.client.receive(1, driver.client.limit_s(len(rest)))
     if first == NAK:
         return 0
     if not first:
-        late = bench.talk.hear(1, bench.packet_timeout_s + glance_s(bench))
-        bench.talk.settle()
+        late = driver.client.receive(1, driver.client.packet_timeout_s + glance_s(driver))
+        driver.client.wait_until_quiet()
         return 2 if late == NAK else "no NAK"
-    bench.talk.settle()
+    driver.client.wait_until_quiet()
     return 1
 
 
 @probe(safety="rig", needs=BENCH, switch="timeout_before_unit")
-def timeout_before_unit_on_rs485(bench: Bench) -> Outcome:
+def timeout_before_unit_on_rs485(driver: MscDriver) -> Outcome:
     """A lone 02h on RS-485."""
-    if not bench.is_rs485:
-        bench.session.skip("a unit 1 alone may be on RS-232")
-    return 2 if lone_stx(bench) else (0, 1)
+    if not driver.link.is_rs485:
+        driver.session.skip("a unit 1 alone may be on RS-232")
+    return 2 if lone_stx(driver) else (0, 1)
 
 
-def _asked(bench: Bench, body: bytes) -> Answer:
+def _ask(driver: MscDriver, body: bytes) -> Answer:
     """What a sound packet draws that may well be refused: once, for that is no noise."""
-    return answer_to(bench, bench.talk.request(body))
+    return answer_to(driver, driver.client.request(body))
 
 
 # --- places ---------------------------------------------------------------------------------------
 
 
 @probe(safety=WORKED, needs=WITH_VARIABLES)
-def data_misaligned(bench: Bench) -> Outcome:
+def data_misaligned(driver: MscDriver) -> Outcome:
     """DREAD of A+1 between two known values."""
-    if bench.stride == 1:
-        bench.session.skip("every address is a variable's own")
-    address, values = variable(bench), (MARK, OTHER)
+    if driver.scratch.stride == 1:
+        driver.session.skip("every address is a variable's own")
+    address, values = variable(driver), (MARK, OTHER)
     for number, value in enumerate(values):
-        bench.write(address + number * bench.stride, value)
-    drawn, reply = _asked(bench, codec.dread(address + 1))
+        driver.write(address + number * driver.scratch.stride, value)
+    drawn, reply = _ask(driver, codec.dread(address + 1))
     if reply is None:
-        return 1 if drawn is Drawn.NAK else drawn.value
-    within = VALUE_BYTES // bench.stride  # of the bytes of both: where A+1 begins
+        return 1 if drawn is ReplyKind.NAK else drawn.value
+    within = VALUE_BYTES // driver.scratch.stride  # of the bytes of both: where A+1 begins
     overlapping = b"".join(map(codec.i32, values))[within : within + VALUE_BYTES]
     value = reply.values[0]
     return {int.from_bytes(overlapping, "big", signed=True): 0, MARK: 2}.get(value, f"{value:X}h")
 
 
 @probe(safety=WORKED, needs=WITH_VARIABLES)
-def data_out_of_range(bench: Bench) -> Outcome:
+def data_out_of_range(driver: MscDriver) -> Outcome:
     """DREAD of FFFCh, and of where a named variable would be found again."""
-    drawn, reply = _asked(bench, codec.dread(LAST))
+    drawn, reply = _ask(driver, codec.dread(LAST))
     if reply is None:
-        return 0 if drawn is Drawn.NAK else drawn.value
-    if _wrapped_size(bench):
+        return 0 if drawn is ReplyKind.NAK else drawn.value
+    if _wrapped_size(driver):
         return 2
     if reply.values[0]:
-        bench.session.skip("it has a value at FFFCh")
-    if not bench.target.is_builtin:
+        driver.session.skip("it has a value at FFFCh")
+    if not driver.target.is_builtin:
         return 0, 1  # it may have a variable there, and that hold 0: nobody has named it
-    bench.write(LAST, MARK)
-    is_kept = _has(bench, LAST, MARK)
-    bench.write(LAST, 0)
+    driver.write(LAST, MARK)
+    is_kept = _has(driver, LAST, MARK)
+    driver.write(LAST, 0)
     if is_kept:
-        bench.session.skip("its data area goes on to FFFCh")
+        driver.session.skip("its data area goes on to FFFCh")
     return 1
 
 
-def _wrapped_size(bench: Bench) -> int:
+def _wrapped_size(driver: MscDriver) -> int:
     """The size of the data area, where addresses behind it begin again; 0 if they do not."""
-    address = variable(bench)
-    bench.write(address, MARK)
-    found = [size for size in SIZES if _has(bench, address + size, MARK)]
+    address = variable(driver)
+    driver.write(address, MARK)
+    found = [size for size in SIZES if _has(driver, address + size, MARK)]
     return min(found, default=0)
 
 
-def _has(bench: Bench, address: int, value: int) -> bool:
-    _, reply = _asked(bench, codec.dread(address))
+def _has(driver: MscDriver, address: int, value: int) -> bool:
+    _, reply = _ask(driver, codec.dread(address))
     return reply is not None and reply.values[0] == value
 
 
-def _is_refused(bench: Bench, address: int) -> bool:
-    return _asked(bench, codec.dread(address))[0] is Drawn.NAK
+def _is_refused(driver: MscDriver, address: int) -> bool:
+    return _ask(driver, codec.dread(address))[0] is ReplyKind.NAK
 
 
-def _end(bench: Bench) -> int:
+def _end(driver: MscDriver) -> int:
     """The first address behind the data area; 0 if nothing shows it."""
-    reading = bench.session.reading("data_out_of_range")
+    reading = driver.session.reading("data_out_of_range")
     if reading != "nak":
-        return _wrapped_size(bench) if reading == "wrap" else SIZES[0]
+        return _wrapped_size(driver) if reading == "wrap" else SIZES[0]
     likely = SIZES[0]
-    if _is_refused(bench, likely) and not _is_refused(bench, likely - SAFE_STRIDE):
+    if _is_refused(driver, likely) and not _is_refused(driver, likely - SAFE_STRIDE):
         return likely
-    low, high = variable(bench), LAST
-    if not _is_refused(bench, high):
+    low, high = variable(driver), LAST
+    if not _is_refused(driver, high):
         return 0
     while high - low > SAFE_STRIDE:
         middle = (low + high) // 2 // SAFE_STRIDE * SAFE_STRIDE
-        if _is_refused(bench, middle):
+        if _is_refused(driver, middle):
             high = middle
         else:
             low = middle
@@ -261,109 +267,111 @@ def _end(bench: Bench) -> int:
 
 
 @probe(safety=WORKED, needs=WITH_VARIABLES)
-def block_overrun(bench: Bench) -> Outcome:
+def block_overrun(driver: MscDriver) -> Outcome:
     """BREAD of the last value of the data area and what follows, beside its first ones."""
-    end = _end(bench)
+    end = _end(driver)
     if not end:
-        bench.session.skip("the end of the data area does not show")
-    drawn, reply = _asked(bench, codec.bread(end - SAFE_STRIDE))
+        driver.session.skip("the end of the data area does not show")
+    drawn, reply = _ask(driver, codec.bread(end - SAFE_STRIDE))
     if reply is None:
-        return 0 if drawn is Drawn.NAK else drawn.value
+        return 0 if drawn is ReplyKind.NAK else drawn.value
     values = reply.values
-    inside = SAFE_STRIDE // bench.stride
+    inside = SAFE_STRIDE // driver.scratch.stride
     if len(values) < BLOCK_VALUES:
         return 1
-    first = bench.read(0)
+    first = driver.read(0)
     if not first:  # only on a twin: no operator names the beginning of somebody's program
-        bench.write(0, MARK)
-        values = bench.query(codec.bread(end - SAFE_STRIDE)).values
-        first = bench.read(0)
-        bench.write(0, 0)
+        driver.write(0, MARK)
+        values = driver.query(codec.bread(end - SAFE_STRIDE)).values
+        first = driver.read(0)
+        driver.write(0, 0)
     if values[inside] == first:
         return 2
     return f"{values[inside:]} behind the end" if any(values[inside:]) else 1
 
 
 @probe(safety="rig", needs=BENCH)
-def flag_out_of_range(bench: Bench) -> Outcome:
+def flag_out_of_range(driver: MscDriver) -> Outcome:
     """RFLAG of 256 and a flag that is on."""
-    states = bench.flags()
+    states = driver.flags()
     on = sorted(codec.flags_on(states)) if states is not None else []
-    return _beyond(bench, on[0] if on else None)
+    return _beyond(driver, on[0] if on else None)
 
 
 @probe(safety=WORKED, needs=("bench", "flags"), switch="flag_out_of_range")
-def flag_out_of_range_of_a_set_flag(bench: Bench) -> Outcome:
+def flag_out_of_range_of_a_set_flag(driver: MscDriver) -> Outcome:
     """RFLAG of 256 and a flag that was set."""
-    number = bench.flags_free[0]
-    bench.set_flag(number)
+    number = driver.scratch.flags[0]
+    driver.set_flag(number)
     try:
-        return _beyond(bench, number)
+        return _beyond(driver, number)
     finally:
-        bench.clear_flag(number)
+        driver.clear_flag(number)
 
 
-def _beyond(bench: Bench, on: int | None) -> Outcome:
-    drawn, reply = _asked(bench, codec.rflag(BEYOND + (on or 0)))
+def _beyond(driver: MscDriver, on: int | None) -> Outcome:
+    drawn, reply = _ask(driver, codec.rflag(BEYOND + (on or 0)))
     if reply is None:
-        return 0 if drawn is Drawn.NAK else drawn.value
+        return 0 if drawn is ReplyKind.NAK else drawn.value
     if reply.numbers == (1,):
         return 2
     return (1, 2) if on is None else 1
 
 
 @probe(safety=WORKED, needs=("bench", "rig:program"))
-def flag_write_readonly(bench: Bench) -> Outcome:
+def flag_write_readonly(driver: MscDriver) -> Outcome:
     """SFLAG of an input, and RFLAG of it while no program scans it."""
-    rig = bench.session.rig
-    if bench.flag(INPUT):
-        bench.session.skip("the input is on")
+    rig = driver.session.rig
+    if driver.flag(INPUT):
+        driver.session.skip("the input is on")
     rig.run_program(False)
     try:
-        drawn, _ = _asked(bench, codec.sflag(INPUT))
-        is_on = bench.flag(INPUT)
+        drawn, _ = _ask(driver, codec.sflag(INPUT))
+        is_on = driver.flag(INPUT)
         if is_on:
-            _asked(bench, codec.cflag(INPUT))
+            _ask(driver, codec.cflag(INPUT))
     finally:
         rig.run_program(True)
-    if drawn is Drawn.NAK:
+    if drawn is ReplyKind.NAK:
         return 1
-    return drawn.value if drawn is Drawn.SILENCE else 2 * is_on
+    return drawn.value if drawn is ReplyKind.SILENCE else 2 * is_on
 
 
 # --- states ---------------------------------------------------------------------------------------
 
 
 @probe(safety="rig", needs=("rig:status",))
-def status_latch(bench: Bench) -> Outcome:
+def status_latch(driver: MscDriver) -> Outcome:
     """RQSTAT twice, while an error is brought about."""
-    bench.session.rig.set_status(ERROR_BIT, True)
-    first, second = (bench.status() >> ERROR_BIT & 1 for _ in range(2))
-    bench.session.rig.set_status(ERROR_BIT, False)
+    driver.session.rig.set_status(ERROR_BIT, True)
+    first, second = (driver.status() >> ERROR_BIT & 1 for _ in range(2))
+    driver.session.rig.set_status(ERROR_BIT, False)
     return int(not second) if first else f"bit {ERROR_BIT} does not show"
 
 
 @probe(safety="rig", needs=("rig:program",))
-def stopped_access(bench: Bench) -> Outcome:
+def stopped_access(driver: MscDriver) -> Outcome:
     """DREAD while the macroprogram is stopped."""
-    bench.session.rig.run_program(False)
+    driver.session.rig.run_program(False)
     try:
-        return _read_or_refused(bench)
+        return _read_or_refused(driver)
     finally:
-        bench.session.rig.run_program(True)
+        driver.session.rig.run_program(True)
 
 
 @probe(safety="rig", needs=("rig:status",))
-def loading_access(bench: Bench) -> Outcome:
+def loading_access(driver: MscDriver) -> Outcome:
     """DREAD while a program load is in progress."""
-    bench.session.rig.set_status(LOADING_BIT, True)
+    driver.session.rig.set_status(LOADING_BIT, True)
     try:
-        return _read_or_refused(bench)
+        return _read_or_refused(driver)
     finally:
-        bench.session.rig.set_status(LOADING_BIT, False)
+        driver.session.rig.set_status(LOADING_BIT, False)
 
 
-def _read_or_refused(bench: Bench) -> Outcome:
-    address = next((one for one in bench.variables if one % SAFE_STRIDE == 0), 0)
-    drawn, _ = _asked(bench, codec.dread(address))
-    return {Drawn.REPLY: 0, Drawn.NAK: 1}.get(drawn, drawn.value)
+def _read_or_refused(driver: MscDriver) -> Outcome:
+    address = next(
+        (address for address in driver.scratch.variables if address % SAFE_STRIDE == 0), 0
+    )
+    drawn, _ = _ask(driver, codec.dread(address))
+    return {ReplyKind.REPLY: 0, ReplyKind.NAK: 1}.get(drawn, drawn.value)

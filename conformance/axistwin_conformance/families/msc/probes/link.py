@@ -17,27 +17,28 @@ from axistwin_conformance.core.probing import Outcome, probe
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.client import MOST_STRAYS
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, STX
-from axistwin_conformance.families.msc.driver import SAFE_BLOCK, Bench
+from axistwin_conformance.families.msc.driver import MscDriver
 from axistwin_conformance.families.msc.link import LIMITS
 from axistwin_conformance.families.msc.probing import (
     COARSE_MS,
     LINE_SLACK_NS,
     LONGEST_S,
     MS,
-    Drawn,
+    ReplyKind,
     answer_to,
     block_of_variables,
     default_of,
     down_to_the_last,
-    drawn_by,
     glance_s,
     in_ms,
     is_waiting,
     refusals,
     repeat_at_once,
+    reply_kind_of,
     running_program,
     unanswered,
 )
+from axistwin_conformance.families.msc.scratch import SAFE_BLOCK
 
 ORDER = 10  # of this module in a run; see `Family.modules`
 
@@ -54,30 +55,30 @@ BLOCKS: Final = 8  # of named variables that are read until values differ
 
 
 @probe()
-def status_tail(bench: Bench) -> Outcome:
+def status_tail(driver: MscDriver) -> Outcome:
     """What follows SS in the reply to RQSTAT."""
-    exchange = bench.ask(RQSTAT)
+    exchange = driver.ask(RQSTAT)
     size = len(exchange.reply.payload) - 2 if exchange.reply else -1
     return {6: 0, 4: 1}.get(size, str(exchange))
 
 
 @probe()
-def packet_timeout_mode(bench: Bench) -> Outcome:
+def packet_timeout_mode(driver: MscDriver) -> Outcome:
     """The header of RQSTAT in a row, and begun slowly: the NAK comes so long after which byte."""
-    straight_ns = _broken_off(bench)
+    straight_ns = _broken_off(driver)
     if straight_ns is None:
         return f"no NAK within {LONGEST_S:.0f} s of a header"
-    byte_ns = bench.target.byte_ns
+    byte_ns = driver.target.byte_ns
     pause_ns = straight_ns // 4
-    raw = bench.talk.request(RQSTAT)
-    begun_ns = bench.talk.send(raw[: HEADER - 1])
-    bench.target.wait((pause_ns + HEADER * byte_ns) / 1e9)
-    header_ns = bench.talk.send(raw[HEADER - 1 : HEADER])
-    bench.target.wait(pause_ns / 1e9)
-    last_ns = bench.talk.send(raw[HEADER : HEADER + 1])
-    if bench.talk.hear(1, LONGEST_S) != NAK:
+    raw = driver.client.request(RQSTAT)
+    begun_ns = driver.client.send(raw[: HEADER - 1])
+    driver.target.wait((pause_ns + HEADER * byte_ns) / 1e9)
+    header_ns = driver.client.send(raw[HEADER - 1 : HEADER])
+    driver.target.wait(pause_ns / 1e9)
+    last_ns = driver.client.send(raw[HEADER : HEADER + 1])
+    if driver.client.receive(1, LONGEST_S) != NAK:
         return "a NAK to a header, and none to one that comes slowly"
-    came_ns = bench.target.now_ns
+    came_ns = driver.target.now_ns
     # How much later it came than the reading says: from the first byte, the last, the header's.
     straight = (straight_ns, straight_ns - (HEADER - 1) * byte_ns)
     late = [
@@ -90,195 +91,199 @@ def packet_timeout_mode(bench: Bench) -> Outcome:
 
 
 @probe()
-def packet_timeout_ms(bench: Bench) -> Outcome:
+def packet_timeout_ms(driver: MscDriver) -> Outcome:
     """From the first byte of a header, or its last (packet_timeout_mode), to the NAK."""
-    took_ns = _broken_off(bench)
+    took_ns = _broken_off(driver)
     if took_ns is None:
         return f"no NAK within {LONGEST_S:.0f} s of a header"
-    counted_from = 0 if bench.session.reading("packet_timeout_mode") == "total" else HEADER - 1
-    own_ns = (counted_from + 2) * bench.target.byte_ns  # that byte and the NAK take their own time
-    return in_ms(bench, took_ns - own_ns, "packet_timeout_ms", is_from_sending=True)
+    counted_from = 0 if driver.session.reading("packet_timeout_mode") == "total" else HEADER - 1
+    own_ns = (counted_from + 2) * driver.target.byte_ns  # that byte and the NAK take their own time
+    return in_ms(driver, took_ns - own_ns, "packet_timeout_ms", is_from_sending=True)
 
 
-def _broken_off(bench: Bench) -> int | None:
+def _broken_off(driver: MscDriver) -> int | None:
     """How long after a header began its NAK was there (ns); None if none came."""
-    raw = codec.packet(bench.unit, RQSTAT, checksum=NO_SUM)
-    bench.target.drain()
-    sent_ns = bench.talk.send(raw[:HEADER])
-    heard = bench.talk.hear(1, LONGEST_S)
-    came_ns = bench.target.now_ns
-    if heard == NAK:
+    raw = codec.packet(driver.unit, RQSTAT, checksum=NO_SUM)
+    driver.target.drain()
+    sent_ns = driver.client.send(raw[:HEADER])
+    received = driver.client.receive(1, LONGEST_S)
+    came_ns = driver.target.now_ns
+    if received == NAK:
         return came_ns - sent_ns
-    bench.talk.send(raw[HEADER:])  # or it would wait for ever
-    bench.talk.listen(glance_s(bench))
+    driver.client.send(raw[HEADER:])  # or it would wait for ever
+    driver.client.listen(glance_s(driver))
     return None
 
 
 @probe()
-def reply_delay_ms(bench: Bench) -> Outcome:
+def reply_delay_ms(driver: MscDriver) -> Outcome:
     """From the end of the ACK to the beginning of RQSTAT's reply."""
-    exchange = bench.ask(RQSTAT)
+    exchange = driver.ask(RQSTAT)
     if not exchange.is_acked or exchange.reply is None:
         return str(exchange)
-    own_ns = len(exchange.reply.raw) * bench.target.byte_ns
+    own_ns = len(exchange.reply.raw) * driver.target.byte_ns
     waited_ns = exchange.replied_ns - exchange.signed_ns - own_ns
     if waited_ns < -LINE_SLACK_NS:
-        bench.session.skip("this line gives its bytes in bunches")
-    return in_ms(bench, waited_ns, "reply_delay_ms")
+        driver.session.skip("this line gives its bytes in bunches")
+    return in_ms(driver, waited_ns, "reply_delay_ms")
 
 
 @probe()
-def retransmit_limit(bench: Bench) -> Outcome:
+def retransmit_limit(driver: MscDriver) -> Outcome:
     """RQSTAT, its reply refused until it comes no more."""
-    unanswered(bench)
-    count = refusals(bench)
+    unanswered(driver)
+    count = refusals(driver)
     readings = list(LIMITS.values())
     return readings.index(count) if count in readings else f"{count} repeats"
 
 
 @probe()
-def stray_nak(bench: Bench) -> Outcome:
+def stray_nak(driver: MscDriver) -> Outcome:
     """15h after a finished RQSTAT."""
-    bench.ask(RQSTAT)
-    bench.talk.send(NAK)
-    is_repeated = repeat_at_once(bench)
-    bench.talk.send(ACK)
+    driver.ask(RQSTAT)
+    driver.client.send(NAK)
+    is_repeated = repeat_at_once(driver)
+    driver.client.send(ACK)
     return int(is_repeated)
 
 
 @probe()
-def ack_timeout_action(bench: Bench) -> Outcome:
+def ack_timeout_action(driver: MscDriver) -> Outcome:
     """RQSTAT, and no answer to its reply: what comes by itself, and what a NAK draws after that."""
-    unanswered(bench)
-    most, repeats, wait_s, since_ns = max(LIMITS.values()), 0, LONGEST_S, bench.target.now_ns
+    unanswered(driver)
+    most, repeats, wait_s, since_ns = max(LIMITS.values()), 0, LONGEST_S, driver.target.now_ns
     while repeats <= most:
-        again, strays = bench.talk.hear_packet(wait_s)
+        again, strays = driver.client.receive_packet(wait_s)
         if again is None and STX not in strays:
             break
         repeats += 1
-        wait_s = 1.2 * (bench.target.now_ns - since_ns) / 1e9 + glance_s(bench)
-        since_ns = bench.target.now_ns
-    bench.talk.send(ACK)
+        wait_s = 1.2 * (driver.target.now_ns - since_ns) / 1e9 + glance_s(driver)
+        since_ns = driver.target.now_ns
+    driver.client.send(ACK)
     if repeats > most:
         return f"{repeats} repeats and more"
     if repeats:
         return 0
-    down_to_the_last(bench)
-    bench.target.wait(LONGEST_S)
-    waits = is_waiting(bench)
+    down_to_the_last(driver)
+    driver.target.wait(LONGEST_S)
+    waits = is_waiting(driver)
     return (1, 2) if waits is None else 2 if waits else 1
 
 
 @probe()
-def ack_timeout_ms(bench: Bench) -> Outcome:
+def ack_timeout_ms(driver: MscDriver) -> Outcome:
     """From the end of a reply nobody answers to its repeat, or to where a NAK draws none."""
-    action = bench.session.readings.get("ack_timeout_action", "")
+    action = driver.session.readings.get("ack_timeout_action", "")
     if action in ("", "wait"):
-        bench.session.skip("it waits for ever" if action else "it may wait for ever")
+        driver.session.skip("it waits for ever" if action else "it may wait for ever")
     if action == "abandon":
-        return _given_up_after(bench)
-    _, replied_ns = unanswered(bench)
+        return _given_up_after(driver)
+    _, replied_ns = unanswered(driver)
     for _ in range(MOST_STRAYS):
-        first = bench.talk.hear(1, LONGEST_S)
+        first = driver.client.receive(1, LONGEST_S)
         if first in (b"", STX):
             break
-    came_ns = bench.target.now_ns  # its other bytes may come in a bunch
-    again = bench.talk.rest_of_packet()[0] if first == STX else None
-    bench.talk.send(ACK)
+    came_ns = driver.target.now_ns  # its other bytes may come in a bunch
+    again = driver.client.rest_of_packet()[0] if first == STX else None
+    driver.client.send(ACK)
     if again is None:
         return f"no repeat within {LONGEST_S:.0f} s"
-    return in_ms(bench, came_ns - replied_ns - bench.target.byte_ns, "ack_timeout_ms")
+    return in_ms(driver, came_ns - replied_ns - driver.target.byte_ns, "ack_timeout_ms")
 
 
-def _given_up_after(bench: Bench) -> Outcome:
+def _given_up_after(driver: MscDriver) -> Outcome:
     """For how long a reply can be refused, found by refusing it at different times."""
-    default_ms = default_of(bench, "ack_timeout_ms")
+    default_ms = default_of(driver, "ack_timeout_ms")
     low_ms, high_ms = 0, round(LONGEST_S * 1000)
     tried_ms = default_ms
-    while high_ms - low_ms > (1 if bench.target.is_virtual else COARSE_MS):
-        if _is_held_for(bench, tried_ms):
+    while high_ms - low_ms > (1 if driver.target.is_virtual else COARSE_MS):
+        if _is_held_for(driver, tried_ms):
             low_ms = tried_ms
         else:
             high_ms = tried_ms
         tried_ms = default_ms - 1 if high_ms == default_ms > low_ms + 1 else (low_ms + high_ms) // 2
-    return in_ms(bench, high_ms * MS, "ack_timeout_ms")
+    return in_ms(driver, high_ms * MS, "ack_timeout_ms")
 
 
-def _is_held_for(bench: Bench, after_ms: int) -> bool:
+def _is_held_for(driver: MscDriver, after_ms: int) -> bool:
     """True if a NAK that is there half a ms after that time still draws the reply again."""
-    over_ns = down_to_the_last(bench)
-    due_ns = over_ns + after_ms * MS + MS // 2 - bench.target.byte_ns
-    bench.target.wait(max(0, due_ns - bench.target.now_ns) / 1e9)
-    return bool(is_waiting(bench))
+    over_ns = down_to_the_last(driver)
+    due_ns = over_ns + after_ms * MS + MS // 2 - driver.target.byte_ns
+    driver.target.wait(max(0, due_ns - driver.target.now_ns) / 1e9)
+    return bool(is_waiting(driver))
 
 
 # --- what a unit makes of bytes that are no packets -----------------------------------------------
 
 
 @probe()
-def noise_in_idle(bench: Bench) -> Outcome:
+def noise_in_idle(driver: MscDriver) -> Outcome:
     """00 FF to an idle unit."""
-    bench.talk.send(b"\x00\xff")
-    heard = bench.talk.listen(glance_s(bench))
-    if heard.strip(NAK) and not bench.session.neighbours:  # several at once garble each other
-        return codec.explain(heard)
-    return int(bool(heard))
+    driver.client.send(b"\x00\xff")
+    received = driver.client.listen(glance_s(driver))
+    if received.strip(NAK) and not driver.session.neighbours:  # several at once garble each other
+        return codec.explain(received)
+    return int(bool(received))
 
 
 @probe()
-def stx_while_waiting(bench: Bench) -> Outcome:
+def stx_while_waiting(driver: MscDriver) -> Outcome:
     """02h instead of our answer to RQSTAT's reply, then the rest of an RFLAG."""
-    unanswered(bench)
-    other = bench.talk.request(codec.rflag(0))
-    bench.talk.send(other[:1])
-    if repeat_at_once(bench):
-        bench.talk.send(ACK)
+    unanswered(driver)
+    other = driver.client.request(codec.rflag(0))
+    driver.client.send(other[:1])
+    if repeat_at_once(driver):
+        driver.client.send(ACK)
         return 1
-    bench.talk.send(other[1:])
-    sign = bench.talk.hear(1, bench.talk.limit_s(len(other)))
-    reply, _ = bench.talk.hear_packet() if sign == ACK else (None, b"")
-    bench.talk.send(ACK)
+    driver.client.send(other[1:])
+    sign = driver.client.receive(1, driver.client.limit_s(len(other)))
+    reply, _ = driver.client.receive_packet() if sign == ACK else (None, b"")
+    driver.client.send(ACK)
     if reply is not None and reply.name == "RFLAG":
         return 0
-    bench.talk.settle()
+    driver.client.wait_until_quiet()
     return 2
 
 
 @probe()
-def junk_while_waiting(bench: Bench) -> Outcome:
+def junk_while_waiting(driver: MscDriver) -> Outcome:
     """00h instead of our answer to RQSTAT's reply, and what comes then."""
-    if bench.session.neighbours and bench.session.reading("noise_in_idle") == "nak":
-        bench.session.skip("the neighbours refuse it, and their NAKs are heard")
-    return _after_junk(bench)
+    if driver.session.neighbours and driver.session.reading("noise_in_idle") == "nak":
+        driver.session.skip("the neighbours refuse it, and their NAKs are heard")
+    return _after_junk(driver)
 
 
-def _after_junk(bench: Bench) -> Outcome:
-    down_to_the_last(bench)
-    bench.talk.send(b"\x00")
-    if repeat_at_once(bench):
-        bench.talk.send(ACK)
+def _after_junk(driver: MscDriver) -> Outcome:
+    down_to_the_last(driver)
+    driver.client.send(b"\x00")
+    if repeat_at_once(driver):
+        driver.client.send(ACK)
         return 1
-    if bench.session.readings.get("ack_timeout_action") == "retransmit":
-        again, _ = bench.talk.hear_packet(bench.ack_timeout_s + glance_s(bench))
-        bench.talk.send(ACK)
+    if driver.session.readings.get("ack_timeout_action") == "retransmit":
+        again, _ = driver.client.receive_packet(driver.client.ack_timeout_s + glance_s(driver))
+        driver.client.send(ACK)
         return 0 if again is not None else 2
-    waits = is_waiting(bench)
+    waits = is_waiting(driver)
     return (0, 2) if waits is None else 0 if waits else 2
 
 
 @probe()
-def rx_while_busy(bench: Bench) -> Outcome:
+def rx_while_busy(driver: MscDriver) -> Outcome:
     """The 02h of a packet right behind another one, and the rest of it later: whether that is a
     packet."""
-    bad = codec.packet(bench.unit, RQSTAT, checksum=NO_SUM)
-    bench.target.drain()
-    bench.talk.send(bad + bad[:1])  # the NAK to the first comes later than that: two wires suffice
-    first = bench.talk.hear(1, bench.talk.limit_s(len(bad)))
-    bench.talk.send(bad[1:2])
-    early = bench.talk.listen(glance_s(bench))  # to a unit number that stands alone (MSC-AMB-30)
-    bench.talk.send(bad[2:])
-    late = bench.talk.hear(1, bench.talk.limit_s(len(bad)))
-    bench.talk.settle()
+    bad = codec.packet(driver.unit, RQSTAT, checksum=NO_SUM)
+    driver.target.drain()
+    driver.client.send(
+        bad + bad[:1]
+    )  # the NAK to the first comes later than that: two wires suffice
+    first = driver.client.receive(1, driver.client.limit_s(len(bad)))
+    driver.client.send(bad[1:2])
+    early = driver.client.listen(
+        glance_s(driver)
+    )  # to a unit number that stands alone (MSC-AMB-30)
+    driver.client.send(bad[2:])
+    late = driver.client.receive(1, driver.client.limit_s(len(bad)))
+    driver.client.wait_until_quiet()
     if first != NAK:
         return codec.explain(first + early + late) or "nothing"
     return int(bool(early) or late != NAK)
@@ -288,30 +293,30 @@ def rx_while_busy(bench: Bench) -> Outcome:
 
 
 @probe()
-def reply_block(bench: Bench) -> Outcome:
+def reply_block(driver: MscDriver) -> Outcome:
     """Blocks of the replies to RQSTAT under block 1234h, 4321h and twice 0."""
-    asked = (0x1234, 0x4321, 0, 0)
-    came = tuple(bench.query(RQSTAT, block).block for block in asked)
+    blocks = (0x1234, 0x4321, 0, 0)
+    came = tuple(driver.query(RQSTAT, block).block for block in blocks)
     if came == (0, 0, 0, 0):
         return 0
-    if came == asked:
+    if came == blocks:
         return 1
     steps = {(after - before) & 0xFFFF for before, after in pairwise(came)}
-    return 2 if steps == {1} else " ".join(f"{one:04X}h" for one in came)
+    return 2 if steps == {1} else " ".join(f"{number:04X}h" for number in came)
 
 
 @probe()
-def status_spare(bench: Bench) -> Outcome:
+def status_spare(driver: MscDriver) -> Outcome:
     """FF and AAAA in three replies to RQSTAT."""
-    return int(any(any(bench.query(RQSTAT).payload[2:]) for _ in range(READS)))
+    return int(any(any(driver.query(RQSTAT).payload[2:]) for _ in range(READS)))
 
 
 @probe(switch="status_latch")
-def status_latch_as_found(bench: Bench) -> Outcome:
+def status_latch_as_found(driver: MscDriver) -> Outcome:
     """RQSTAT twice, while it tells an error."""
-    first, second = (bench.status() & ERRORS for _ in range(2))
+    first, second = (driver.status() & ERRORS for _ in range(2))
     if not first:
-        bench.session.skip("it tells no error")
+        driver.session.skip("it tells no error")
     return int(second != first)
 
 
@@ -319,128 +324,128 @@ def status_latch_as_found(bench: Bench) -> Outcome:
 
 
 @probe(needs=("alone",))
-def rs232_unit_check(bench: Bench) -> Outcome:
+def rs232_unit_check(driver: MscDriver) -> Outcome:
     """RQSTAT with unit 2 on RS-232."""
-    _only_on_rs232(bench)
-    drawn = drawn_by(bench, codec.packet(2, RQSTAT))
-    return {Drawn.SILENCE: 0, Drawn.NAK: 1, Drawn.REPLY: 2}.get(drawn, drawn.value)
+    _only_on_rs232(driver)
+    drawn = reply_kind_of(driver, codec.packet(2, RQSTAT))
+    return {ReplyKind.SILENCE: 0, ReplyKind.NAK: 1, ReplyKind.REPLY: 2}.get(drawn, drawn.value)
 
 
 @probe(needs=("alone",), switch="junk_while_waiting")
-def junk_while_waiting_alone(bench: Bench) -> Outcome:
+def junk_while_waiting_alone(driver: MscDriver) -> Outcome:
     """The same without neighbours."""
-    return _after_junk(bench)
+    return _after_junk(driver)
 
 
 @probe(needs=("alone",))
-def reply_unit(bench: Bench) -> Outcome:
+def reply_unit(driver: MscDriver) -> Outcome:
     """The unit number in a reply to unit 9."""
-    _only_on_rs232(bench)
-    if bench.session.reading("rs232_unit_check") != "ignore":
-        bench.session.skip("it answers its own number only")
-    drawn, reply = answer_to(bench, codec.packet(ABSENT[0], RQSTAT))
+    _only_on_rs232(driver)
+    if driver.session.reading("rs232_unit_check") != "ignore":
+        driver.session.skip("it answers its own number only")
+    drawn, reply = answer_to(driver, codec.packet(ABSENT[0], RQSTAT))
     if reply is None:
         return drawn.value
-    return {bench.unit: 0, ABSENT[0]: 1}.get(reply.unit, f"unit {reply.unit}")
+    return {driver.unit: 0, ABSENT[0]: 1}.get(reply.unit, f"unit {reply.unit}")
 
 
 @probe(needs=("alone",), switch="timeout_before_unit")
-def timeout_before_unit_on_rs232(bench: Bench) -> Outcome:
+def timeout_before_unit_on_rs232(driver: MscDriver) -> Outcome:
     """A lone 02h on RS-232."""
-    _only_on_rs232(bench)
-    return (0, 2) if lone_stx(bench) else 1
+    _only_on_rs232(driver)
+    return (0, 2) if lone_stx(driver) else 1
 
 
-def _only_on_rs232(bench: Bench) -> None:
-    if bench.is_rs485:
-        bench.session.skip("only a unit 1 alone can be on RS-232")
+def _only_on_rs232(driver: MscDriver) -> None:
+    if driver.link.is_rs485:
+        driver.session.skip("only a unit 1 alone can be on RS-232")
 
 
-def lone_stx(bench: Bench) -> bool:
+def lone_stx(driver: MscDriver) -> bool:
     """Send 02h and nothing more; whether anything comes once T1 is over.  Afterwards it is idle."""
-    bench.target.drain()
-    bench.talk.send(STX)
-    heard = bench.talk.hear(1, bench.packet_timeout_s + glance_s(bench))
-    if not heard:  # one that waits for ever gets the rest, refused by its checksum
-        bench.talk.send(codec.packet(bench.unit, RQSTAT, checksum=NO_SUM)[1:])
-    if heard != NAK:
-        bench.talk.settle()
-    return bool(heard)
+    driver.target.drain()
+    driver.client.send(STX)
+    received = driver.client.receive(1, driver.client.packet_timeout_s + glance_s(driver))
+    if not received:  # one that waits for ever gets the rest, refused by its checksum
+        driver.client.send(codec.packet(driver.unit, RQSTAT, checksum=NO_SUM)[1:])
+    if received != NAK:
+        driver.client.wait_until_quiet()
+    return bool(received)
 
 
 @probe()
-def invalid_unit(bench: Bench) -> Outcome:
+def invalid_unit(driver: MscDriver) -> Outcome:
     """RQSTAT with units 0, 16 and 255."""
-    _only_where_units_are_told_apart(bench)
-    drawn = {drawn_by(bench, codec.packet(unit, RQSTAT)) for unit in (0, 16, 255)}
+    _only_where_units_are_told_apart(driver)
+    drawn = {reply_kind_of(driver, codec.packet(unit, RQSTAT)) for unit in (0, 16, 255)}
     if len(drawn) > 1:
         return " or ".join(sorted(drawn))
     # One that obeys does so without a word.  Where several refuse at once, that may be garbled.
-    one = drawn.pop()
-    if one is Drawn.SILENCE:
+    kind = drawn.pop()
+    if kind is ReplyKind.SILENCE:
         return 0, 2
-    return 1 if one in (Drawn.NAK, Drawn.OTHER) else one.value
+    return 1 if kind in (ReplyKind.NAK, ReplyKind.OTHER) else kind.value
 
 
 @probe()
-def other_unit_framing(bench: Bench) -> Outcome:
+def other_unit_framing(driver: MscDriver) -> Outcome:
     """A packet for a unit that is not there, with a whole RQSTAT for this one inside."""
-    _only_where_units_are_told_apart(bench)
-    taken = (bench.unit, *bench.session.neighbours)
-    absent = next(one for one in ABSENT if one not in taken)
-    inside = bench.talk.request(RQSTAT)
+    _only_where_units_are_told_apart(driver)
+    taken = (driver.unit, *driver.session.neighbours)
+    absent = next(unit for unit in ABSENT if unit not in taken)
+    inside = driver.client.request(RQSTAT)
     transport = codec.packet(
         absent, RQSTAT + inside, checksum=NO_SUM
     )  # nobody's, should it be there
-    drawn = drawn_by(bench, transport)
-    bench.talk.settle()
-    return int(drawn is not Drawn.SILENCE)
+    drawn = reply_kind_of(driver, transport)
+    driver.client.wait_until_quiet()
+    return int(drawn is not ReplyKind.SILENCE)
 
 
-def _only_where_units_are_told_apart(bench: Bench) -> None:
-    if not bench.is_rs485 and bench.session.reading("rs232_unit_check") != "silent":
-        bench.session.skip("on RS-232 it answers whatever number it is called by")
+def _only_where_units_are_told_apart(driver: MscDriver) -> None:
+    if not driver.link.is_rs485 and driver.session.reading("rs232_unit_check") != "silent":
+        driver.session.skip("on RS-232 it answers whatever number it is called by")
 
 
 # --- what the variables show ----------------------------------------------------------------------
 
 
 @probe(needs=("variables",))
-def data_address_stride(bench: Bench) -> Outcome:
+def data_address_stride(driver: MscDriver) -> Outcome:
     """BREAD of A, and which of its values DREAD of A+4, or a multiple of 4 further, shows."""
-    first, end = block_of_variables(bench), bench.variables.stop - SAFE_BLOCK + 1
+    first, end = block_of_variables(driver), driver.scratch.variables.stop - SAFE_BLOCK + 1
     for address in range(first, end, SAFE_BLOCK)[:BLOCKS]:
-        values = bench.read_block(address)
+        values = driver.read_block(address)
         for step in range(1, len(values) // 4):
             shown = (values[step], values[2 * step], values[4 * step])
             if len(set(shown)) < len(shown):
                 continue
-            value = bench.read(address + 4 * step)
+            value = driver.read(address + 4 * step)
             return shown.index(value) if value in shown else f"{value}, in none of its places"
-    return bench.session.skip("the values of the named variables do not differ")
+    return driver.session.skip("the values of the named variables do not differ")
 
 
 @probe(needs=("program",))
-def retransmit_content(bench: Bench) -> Outcome:
+def retransmit_content(driver: MscDriver) -> Outcome:
     """DREAD of a variable that counts, its reply refused."""
-    if bench.session.neighbours and bench.session.reading("stray_nak") == "resend_last":
-        bench.session.skip("the neighbours send again too")
-    return _counting_on(bench)
+    if driver.session.neighbours and driver.session.reading("stray_nak") == "resend_last":
+        driver.session.skip("the neighbours send again too")
+    return _counting_on(driver)
 
 
 @probe(needs=("program", "alone"), switch="retransmit_content")
-def retransmit_content_alone(bench: Bench) -> Outcome:
+def retransmit_content_alone(driver: MscDriver) -> Outcome:
     """The same without neighbours."""
-    return _counting_on(bench)
+    return _counting_on(driver)
 
 
-def _counting_on(bench: Bench) -> Outcome:
-    program = running_program(bench)
-    first, _ = unanswered(bench, codec.dread(program.address + 4))
-    bench.target.wait(min(SCANS_S, bench.ack_timeout_s / 2))
-    bench.talk.send(NAK)
-    again, _ = bench.talk.hear_packet()
-    bench.talk.send(ACK)
+def _counting_on(driver: MscDriver) -> Outcome:
+    program = running_program(driver)
+    first, _ = unanswered(driver, codec.dread(program.address + 4))
+    driver.target.wait(min(SCANS_S, driver.client.ack_timeout_s / 2))
+    driver.client.send(NAK)
+    again, _ = driver.client.receive_packet()
+    driver.client.send(ACK)
     if again is None:
         return "no repeat"
     return int(again.raw != first.raw)
@@ -450,12 +455,14 @@ def _counting_on(bench: Bench) -> Outcome:
 
 
 @probe()
-def rs485_mode(bench: Bench) -> Outcome:
+def rs485_mode(driver: MscDriver) -> Outcome:
     """Two wires or four."""
-    bench.session.skip("nothing that is said tells: look at the cable")
+    driver.session.skip("nothing that is said tells: look at the cable")
 
 
 @probe()
-def ack_order(bench: Bench) -> Outcome:
+def ack_order(driver: MscDriver) -> Outcome:
     """Whether a write is carried out before its ACK."""
-    bench.session.skip("the next command is served after both: it takes an output and an eye on it")
+    driver.session.skip(
+        "the next command is served after both: it takes an output and an eye on it"
+    )

@@ -8,14 +8,15 @@ from typing import Final
 from axistwin_conformance.core.probing import Outcome, probe
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK
-from axistwin_conformance.families.msc.driver import SAFE_STRIDE, Bench
+from axistwin_conformance.families.msc.driver import MscDriver
 from axistwin_conformance.families.msc.probing import (
-    Drawn,
+    ReplyKind,
     block_of_variables,
-    drawn_by,
     glance_s,
+    reply_kind_of,
     variable,
 )
+from axistwin_conformance.families.msc.scratch import SAFE_STRIDE
 
 ORDER = 20  # of this module in a run; see `Family.modules`
 
@@ -26,30 +27,30 @@ OTHER: Final = 0x2B4D6F87
 
 
 @probe(safety="stored", needs=NAMED)
-def write_reply(bench: Bench) -> Outcome:
+def write_reply(driver: MscDriver) -> Outcome:
     """DWRITE of the value that is there, and what follows its ACK."""
-    address = variable(bench)
-    same = codec.dwrite(address, bench.read(address))
-    exchange = bench.ask(same)
+    address = variable(driver)
+    same = codec.dwrite(address, driver.read(address))
+    exchange = driver.ask(same)
     if exchange.sign != ACK:
         return str(exchange)
-    reply, strays = bench.talk.hear_packet(glance_s(bench))
+    reply, strays = driver.client.receive_packet(glance_s(driver))
     if reply is None and not strays:
         return 0
-    bench.talk.send(ACK)
-    bench.talk.settle()
+    driver.client.send(ACK)
+    driver.client.wait_until_quiet()
     return 1 if reply is not None and not strays else codec.explain(strays)
 
 
 @probe(safety="stored", needs=NAMED, switch="data_address_stride")
-def data_address_stride_of_a_mark(bench: Bench) -> Outcome:
+def data_address_stride_of_a_mark(driver: MscDriver) -> Outcome:
     """Where in BREAD of A a value is that DWRITE has put at A+4."""
-    address = block_of_variables(bench)
+    address = block_of_variables(driver)
     other = address + SAFE_STRIDE
-    before = bench.read_block(address)
-    mark = next(one for one in (MARK, OTHER, MARK ^ OTHER) if one not in before)
-    bench.write(other, mark)
-    after = bench.read_block(address)
+    before = driver.read_block(address)
+    mark = next(value for value in (MARK, OTHER, MARK ^ OTHER) if value not in before)
+    driver.write(other, mark)
+    after = driver.read_block(address)
     if after.count(mark) != 1:
         return f"{mark} {after.count(mark)} times in the block"
     place = after.index(mark)
@@ -57,21 +58,21 @@ def data_address_stride_of_a_mark(bench: Bench) -> Outcome:
 
 
 @probe(safety="stored", needs=NAMED, switch="invalid_unit")
-def invalid_unit_obeyed(bench: Bench) -> Outcome:
+def invalid_unit_obeyed(driver: MscDriver) -> Outcome:
     """DWRITE with unit 0, and what is then read there."""
-    others = [Bench(bench.session, unit) for unit in bench.session.neighbours]
-    if others and not bench.target.is_builtin:
-        bench.session.skip("a write to all would reach the neighbours too")
-    address = variable(bench)
-    before = bench.read(address)
+    others = [MscDriver(driver.session, unit) for unit in driver.session.neighbours]
+    if others and not driver.target.is_builtin:
+        driver.session.skip("a write to all would reach the neighbours too")
+    address = variable(driver)
+    before = driver.read(address)
     kept = [other.read(address) for other in others]
     mark = MARK if before != MARK else OTHER
-    drawn = drawn_by(bench, codec.packet(0, codec.dwrite(address, mark)))
-    is_written = bench.read(address) == mark
+    drawn = reply_kind_of(driver, codec.packet(0, codec.dwrite(address, mark)))
+    is_written = driver.read(address) == mark
     for other, value in zip(others, kept, strict=True):
         other.write(address, value)
     if others:  # one that hunts for packets in others' (MSC-AMB-14) may have begun to read one
-        bench.talk.settle()
-    if drawn is not Drawn.SILENCE:
-        bench.session.skip(f"on this line unit 0 draws {drawn.value}")
+        driver.client.wait_until_quiet()
+    if drawn is not ReplyKind.SILENCE:
+        driver.session.skip(f"on this line unit 0 draws {drawn.value}")
     return 2 if is_written else 0

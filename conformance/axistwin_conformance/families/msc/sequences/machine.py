@@ -1,7 +1,7 @@
 """A stateful machine for a unit: rules that are tried where they mean something.
 
 One-draw sequences take any operation in any state.  The rules here have preconditions, read from
-what was done before (`View`), so that chains get built: a value under a block under a value, a
+what was done before (`UnitView`), so that chains get built: a value under a block under a value, a
 reply refused to its end right after another one was, a packet into the wait for a sign and one cut
 short there, flags turned again and again.  What a step does is an operation of four bytes, judged
 by the same model.
@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import invariant, precondition, rule
 
 from axistwin_conformance.families.msc.sequences.operations import EDGES, MOST_REFUSED, WHAT
-from axistwin_conformance.families.msc.sequences.sequence import Sequence
+from axistwin_conformance.families.msc.sequences.sequence import UnitSequence
 from axistwin_conformance.sequences.machine import Machine
 
 ASK_EVERY: Final = 7  # steps: an invariant that asked after each would leave no time for chains
@@ -29,7 +29,7 @@ PAUSES: Final = st.sampled_from((0, 0, 0, 0x82, 0x90, 0xFF))
 REFUSALS: Final = st.one_of(st.integers(1, MOST_REFUSED - 1), st.sampled_from((5, 6)))
 
 
-class View(NamedTuple):
+class UnitView(NamedTuple):
     """What preconditions look at.
 
     `is_waiting`: the unit waits for our sign; `is_last_a_write`: something was written and not read
@@ -47,18 +47,18 @@ WRITES: Final = frozenset(
 REFUSE: Final = WHAT["refuse a reply"]
 
 
-class Judged:
+class ModelledUnit:
     """A unit on the line, held against the model."""
 
-    def __init__(self, sequence: Sequence) -> None:
+    def __init__(self, sequence: UnitSequence) -> None:
         self.sequence = sequence
-        self.view = View()
+        self.view = UnitView()
 
     def operate(self, what: int, first: int, second: int, pause: int) -> None:
         """Do an operation and see where that leads."""
         self.sequence.operate(what, first, second, pause)
         refused = second % MOST_REFUSED if what == REFUSE else 0
-        self.view = View(self.sequence.is_waiting, what in WRITES, refused)
+        self.view = UnitView(self.sequence.is_waiting, what in WRITES, refused)
 
     def conclude(self) -> None:
         """Read everything that is in play."""
@@ -73,7 +73,7 @@ class UnitMachine(Machine):
     """The rules of a unit."""
 
     what = WHAT
-    device: Judged
+    device: ModelledUnit
 
     # --- variables and flags ----------------------------------------------------------------------
 

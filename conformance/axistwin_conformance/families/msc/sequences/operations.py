@@ -17,9 +17,9 @@ from typing import Final
 
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK, Packet
-from axistwin_conformance.families.msc.sequences.sequence import Operation, Sequence
+from axistwin_conformance.families.msc.sequences.sequence import UnitOperation, UnitSequence
 
-Act = Callable[[Sequence, int, int], None]
+Act = Callable[[UnitSequence, int, int], None]
 
 # Values whose bytes mean something elsewhere, and the edges of 32 bits.
 EDGES: Final = (
@@ -49,36 +49,36 @@ def block_of(first: int, second: int) -> tuple[int, ...]:
     return tuple(codec.signed(start + number * step) for number in range(codec.BLOCK_VALUES))
 
 
-def _spot(run: Sequence, byte: int) -> int:
+def _spot(run: UnitSequence, byte: int) -> int:
     return run.spots[byte % len(run.spots)]
 
 
-def _block(run: Sequence, byte: int) -> int:
+def _block(run: UnitSequence, byte: int) -> int:
     return run.blocks[byte % len(run.blocks)]
 
 
-def _flag(run: Sequence, byte: int) -> int:
+def _flag(run: UnitSequence, byte: int) -> int:
     return run.flags[byte % len(run.flags)]
 
 
-def _read(run: Sequence, first: int, second: int) -> None:
+def _read(run: UnitSequence, first: int, second: int) -> None:
     run.read(_spot(run, first))
 
 
-def _write(run: Sequence, first: int, second: int) -> None:
+def _write(run: UnitSequence, first: int, second: int) -> None:
     run.write(_spot(run, first), value_of(first, second))
 
 
-def _write_and_read(run: Sequence, first: int, second: int) -> None:
+def _write_and_read(run: UnitSequence, first: int, second: int) -> None:
     _write(run, first, second)
     _read(run, first, second)
 
 
-def _read_block(run: Sequence, first: int, second: int) -> None:
+def _read_block(run: UnitSequence, first: int, second: int) -> None:
     run.read_block(_block(run, first)) if run.blocks else _read(run, first, second)
 
 
-def _write_block(run: Sequence, first: int, second: int) -> None:
+def _write_block(run: UnitSequence, first: int, second: int) -> None:
     if run.blocks:
         run.write_block(_block(run, first), block_of(first, second))
     else:
@@ -89,19 +89,19 @@ def _turn(on: bool) -> Act:
     return lambda run, first, second: run.turn(_flag(run, first), on)
 
 
-def _read_flag(run: Sequence, first: int, second: int) -> None:
+def _read_flag(run: UnitSequence, first: int, second: int) -> None:
     run.read_flag(_flag(run, first))
 
 
-def _read_flags(run: Sequence, first: int, second: int) -> None:
-    run.read_flags() if run.bench.has_rflags else _read_flag(run, first, second)
+def _read_flags(run: UnitSequence, first: int, second: int) -> None:
+    run.read_flags() if run.driver.has_rflags else _read_flag(run, first, second)
 
 
-def _status(run: Sequence, first: int, second: int) -> None:
+def _status(run: UnitSequence, first: int, second: int) -> None:
     run.reply(codec.RQSTAT)
 
 
-def _asked(run: Sequence, which: int, answer: bytes | None) -> Packet:
+def _asked(run: UnitSequence, which: int, answer: bytes | None) -> Packet:
     """One of the reads, with that sign after its reply."""
     match which % 4:
         case 0:
@@ -113,7 +113,7 @@ def _asked(run: Sequence, which: int, answer: bytes | None) -> Packet:
     return run.read(_spot(run, which >> 2), answer)
 
 
-def _refuse(run: Sequence, first: int, second: int) -> None:
+def _refuse(run: UnitSequence, first: int, second: int) -> None:
     """A read, its reply refused so many times."""
     count = second % MOST_REFUSED
     if not count or not run.follows(*UNRULED_NAKS):
@@ -122,13 +122,13 @@ def _refuse(run: Sequence, first: int, second: int) -> None:
     run.repeated(_asked(run, first, NAK), count)
 
 
-def _leave_unanswered(run: Sequence, first: int, second: int) -> None:
+def _leave_unanswered(run: UnitSequence, first: int, second: int) -> None:
     """A read whose reply gets no sign: the next operation finds the unit waiting."""
     _asked(run, first, None)
     run.waiting_since_ns = run.target.now_ns
 
 
-def _let_time_pass(run: Sequence, first: int, second: int) -> None:
+def _let_time_pass(run: UnitSequence, first: int, second: int) -> None:
     """A read whose reply gets its sign only when it has come again."""
     if run.follows("ack_timeout_action"):
         run.unanswered(_asked(run, first, None))
@@ -136,27 +136,27 @@ def _let_time_pass(run: Sequence, first: int, second: int) -> None:
         _asked(run, first, ACK)
 
 
-def _harmless(run: Sequence, which: int) -> bytes:
+def _harmless(run: UnitSequence, which: int) -> bytes:
     """The body of a read that may be broken."""
     return codec.RQSTAT if which & 1 else codec.dread(_spot(run, which >> 1))
 
 
-def _wrong_checksum(run: Sequence, first: int, second: int) -> None:
-    raw = run.talk.request(_harmless(run, first))
+def _wrong_checksum(run: UnitSequence, first: int, second: int) -> None:
+    raw = run.client.request(_harmless(run, first))
     offset = second + 1 if first & 2 else (second + 1) << 8
     run.refused("MSC-LNK-02", codec.with_wrong_checksum(raw, offset % 0xFFFF or 1))
 
 
-def _turned_bit(run: Sequence, first: int, second: int) -> None:
-    raw = bytearray(run.talk.request(_harmless(run, first)))
+def _turned_bit(run: UnitSequence, first: int, second: int) -> None:
+    raw = bytearray(run.client.request(_harmless(run, first)))
     places = (len(raw) - codec.HEADER_BYTES) * 8
     place = (first * 256 + second) % places
     raw[codec.HEADER_BYTES + place // 8] ^= 1 << place % 8
     run.refused("MSC-PROP-04", bytes(raw))
 
 
-def _cut_short(run: Sequence, first: int, second: int) -> None:
-    raw = run.talk.request(_harmless(run, first))
+def _cut_short(run: UnitSequence, first: int, second: int) -> None:
+    raw = run.client.request(_harmless(run, first))
     # A 02h alone may be for anybody (MSC-AMB-31).
     place = 2 + second % (len(raw) - 2)
     if run.follows(*UNRULED_TIMES):
@@ -165,60 +165,62 @@ def _cut_short(run: Sequence, first: int, second: int) -> None:
         _read(run, first, second)
 
 
-def _in_pieces(run: Sequence, first: int, second: int) -> None:
+def _in_pieces(run: UnitSequence, first: int, second: int) -> None:
     body = _harmless(run, first)
-    place = 1 + second % (len(run.talk.request(body)) - 1)
-    run.in_pieces(body, place, run.bench.packet_timeout_s * LONGEST_PIECE * (first / 0xFF))
+    place = 1 + second % (len(run.client.request(body)) - 1)
+    run.in_pieces(body, place, run.driver.client.packet_timeout_s * LONGEST_PIECE * (first / 0xFF))
 
 
-def _stray_sign(run: Sequence, first: int, second: int) -> None:
+def _stray_sign(run: UnitSequence, first: int, second: int) -> None:
     run.finish_waiting()
     stray = STRAYS[first % len(STRAYS)]
     if NAK in stray and not run.follows(*UNRULED_NAKS):
         stray = ACK
-    run.talk.send(stray)
+    run.client.send(stray)
     run.silence("MSC-LNK-15", stray)
 
 
-def _junk(run: Sequence, first: int, second: int) -> None:
+def _junk(run: UnitSequence, first: int, second: int) -> None:
     run.finish_waiting()
     if not run.follows("noise_in_idle", *UNRULED_NAKS):
         _read(run, first, second)
         return
     junk = codec.i32(value_of(first, second)) + bytes([first, second])
     junk = junk.replace(codec.STX, b"\x03")
-    run.talk.send(junk)
+    run.client.send(junk)
     run.silence("MSC-PROP-15", junk)
 
 
-def _wait(run: Sequence, first: int, second: int) -> None:
+def _wait(run: UnitSequence, first: int, second: int) -> None:
     run.pause(first / 1000)
 
 
-OPERATIONS: Final[tuple[Operation, ...]] = (
-    Operation("read a value", _read),
-    Operation("write a value", _write),
-    Operation("read a block", _read_block),
-    Operation("write a block", _write_block),
-    Operation("set a flag", _turn(True)),
-    Operation("clear a flag", _turn(False)),
-    Operation("read a flag", _read_flag),
-    Operation("read all flags", _read_flags),
-    Operation("read the status", _status),
-    Operation("refuse a reply", _refuse, True),
-    Operation("leave a reply unanswered", _leave_unanswered),
-    Operation("spoil a checksum", _wrong_checksum, True),
-    Operation("turn a bit", _turned_bit, True),
-    Operation("send in pieces", _in_pieces, True),
-    Operation("send a stray sign", _stray_sign, True),
-    Operation("send junk", _junk, True),
-    Operation("wait", _wait),
-    Operation("write a value", _write),
-    Operation("write a value and read it", _write_and_read),
-    Operation("write a block", _write_block),
-    Operation("read a block", _read_block),
-    Operation("set a flag", _turn(True)),
-    Operation("cut a packet short", _cut_short, True),
-    Operation("let the reply come again", _let_time_pass, True),
+OPERATIONS: Final[tuple[UnitOperation, ...]] = (
+    UnitOperation("read a value", _read),
+    UnitOperation("write a value", _write),
+    UnitOperation("read a block", _read_block),
+    UnitOperation("write a block", _write_block),
+    UnitOperation("set a flag", _turn(True)),
+    UnitOperation("clear a flag", _turn(False)),
+    UnitOperation("read a flag", _read_flag),
+    UnitOperation("read all flags", _read_flags),
+    UnitOperation("read the status", _status),
+    UnitOperation("refuse a reply", _refuse, True),
+    UnitOperation("leave a reply unanswered", _leave_unanswered),
+    UnitOperation("spoil a checksum", _wrong_checksum, True),
+    UnitOperation("turn a bit", _turned_bit, True),
+    UnitOperation("send in pieces", _in_pieces, True),
+    UnitOperation("send a stray sign", _stray_sign, True),
+    UnitOperation("send junk", _junk, True),
+    UnitOperation("wait", _wait),
+    UnitOperation("write a value", _write),
+    UnitOperation("write a value and read it", _write_and_read),
+    UnitOperation("write a block", _write_block),
+    UnitOperation("read a block", _read_block),
+    UnitOperation("set a flag", _turn(True)),
+    UnitOperation("cut a packet short", _cut_short, True),
+    UnitOperation("let the reply come again", _let_time_pass, True),
 )
-WHAT: Final = {one.name: number for number, one in reversed(list(enumerate(OPERATIONS)))}
+WHAT: Final = {
+    operation.name: number for number, operation in reversed(list(enumerate(OPERATIONS)))
+}

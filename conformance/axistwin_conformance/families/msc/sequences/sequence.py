@@ -20,10 +20,11 @@ from typing import Final
 
 from axistwin_conformance.core.session import ATTEMPTS
 from axistwin_conformance.families.msc import codec
-from axistwin_conformance.families.msc.client import Exchange
+from axistwin_conformance.families.msc.client import MscExchange
 from axistwin_conformance.families.msc.codec import ACK, NAK, Packet
-from axistwin_conformance.families.msc.driver import SAFE_BLOCK, SAFE_STRIDE, Bench
-from axistwin_conformance.families.msc.model import Surprise, UnitModel
+from axistwin_conformance.families.msc.driver import MscDriver
+from axistwin_conformance.families.msc.scratch import SAFE_BLOCK, SAFE_STRIDE
+from axistwin_conformance.families.msc.sequences.model import Surprise, UnitModel
 from axistwin_conformance.sequences.runner import Mismatch, Steps
 
 BYTES_PER_OPERATION: Final = 4
@@ -49,7 +50,7 @@ JUDGED: Final = (
 
 
 @dataclass(frozen=True, slots=True)
-class Operation:
+class UnitOperation:
     """One line of the table: what it is called in reports, and what it does.
 
     `is_of_link`: what it says is no plain exchange, and reads at most: where bytes may get lost, it
@@ -57,13 +58,13 @@ class Operation:
     """
 
     name: str
-    act: Callable[[Sequence, int, int], None]
+    act: Callable[[UnitSequence, int, int], None]
     is_of_link: bool = False
 
 
 @dataclass
-class Sequence(Steps):
-    """One run of one byte string against one unit; see `playing.OperationSequence`.
+class UnitSequence(Steps):
+    """One run of one byte string against one unit; see `OperationSequence`.
 
     `spots`: the addresses of single values; `blocks`: where blocks begin; `flags`: their numbers.
     `waiting_since_ns`: since when the unit has waited for our sign; None: it does not.
@@ -71,12 +72,12 @@ class Sequence(Steps):
 
     operation_bytes = BYTES_PER_OPERATION
 
-    bench: Bench
+    driver: MscDriver
     model: UnitModel
     spots: tuple[int, ...]
     blocks: tuple[int, ...]
     flags: tuple[int, ...]
-    operations: tuple[Operation, ...]
+    operations: tuple[UnitOperation, ...]
     judged: Counter[str] = field(default_factory=Counter)
     operated: Counter[tuple[str, str]] = field(default_factory=Counter)
     marks: list[int] = field(default_factory=list)
@@ -85,17 +86,17 @@ class Sequence(Steps):
     _log: list[tuple[bytes, bytes] | int] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.talk, self.target = self.bench.talk, self.bench.target
+        self.client, self.target = self.driver.client, self.driver.target
         self._slack_s = self.target.uncertainty_ns / 1e9
 
     @property
     def story(self) -> list[str]:
         """What was sent, said and waited, in words."""
         return [
-            f"wait {one / 1e6:.0f} ms"
-            if isinstance(one, int)
-            else f"{codec.explain_request(one[0])} → {codec.explain(one[1]) or 'nothing'}"
-            for one in self._log
+            f"wait {step / 1e6:.0f} ms"
+            if isinstance(step, int)
+            else f"{codec.explain_request(step[0])} → {codec.explain(step[1]) or 'nothing'}"
+            for step in self._log
         ]
 
     @property
@@ -105,7 +106,7 @@ class Sequence(Steps):
 
     def follows(self, *switches: str) -> bool:
         """True if the unit follows the default readings of these switches, as far as known."""
-        ledger, seen = self.bench.session.run.ledger, self.bench.session.readings
+        ledger, seen = self.driver.session.run.ledger, self.driver.session.readings
         return all(
             seen.get(switch, default) == default
             for switch in switches
@@ -119,7 +120,7 @@ class Sequence(Steps):
         self.marks.append(len(self._log))
         operation = self.operations[what % len(self.operations)]
         state = "waiting" if self.is_waiting else "idle"
-        with self._telling():
+        with self._with_story():
             if operation.is_of_link and not self.target.is_lossless:
                 self._insist(operation, first, second)
             else:
@@ -128,9 +129,9 @@ class Sequence(Steps):
                 self.pause((pause - PAUSED) / 1000)
         self.operated[state, operation.name] += 1
 
-    def _insist(self, operation: Operation, first: int, second: int) -> None:
-        """Do it again until noise is not the reason for what came, as `Talk.ask` does."""
-        session, seen = self.bench.session, list[tuple[str, str]]()
+    def _insist(self, operation: UnitOperation, first: int, second: int) -> None:
+        """Do it again until noise is not the reason for what came, as `MscClient.ask` does."""
+        session, seen = self.driver.session, list[tuple[str, str]]()
         for _ in range(1 if session.is_strict else ATTEMPTS):
             try:
                 operation.act(self, first, second)
@@ -143,12 +144,12 @@ class Sequence(Steps):
                     raise
                 session.record_retry(str(wrong))
                 self.waiting_since_ns = None
-                self.talk.settle()
+                self.client.wait_until_quiet()
         session.void_attempt(f"{operation.name}: {seen[-1][1]}")
 
     def conclude(self) -> None:
         """Read every value and flag that is in play."""
-        with self._telling():
+        with self._with_story():
             self.finish_waiting()
             for address in self.blocks or self.spots:
                 self.read_block(address) if self.blocks else self.read(address)
@@ -162,8 +163,8 @@ class Sequence(Steps):
             self.target.send(ACK)
             self.waiting_since_ns = None
 
-    def _telling(self) -> _Telling:
-        return _Telling(self)
+    def _with_story(self) -> _Storytelling:
+        return _Storytelling(self)
 
     def pause(self, seconds: float) -> None:
         """Let time pass; not so long that the unit sends its reply again."""
@@ -177,8 +178,8 @@ class Sequence(Steps):
             raise Mismatch(requirement, str(expected), str(actual))
         self.judged[requirement] += 1
 
-    def _judge_model(self, told: tuple[str, Surprise | None]) -> None:
-        requirement, wrong = told
+    def _judge_model(self, text: tuple[str, Surprise | None]) -> None:
+        requirement, wrong = text
         if wrong is not None:
             raise Mismatch(wrong.requirement, wrong.expected, wrong.actual)
         if requirement:
@@ -203,32 +204,29 @@ class Sequence(Steps):
         if self.waiting_since_ns is None:
             return False
         waited_s = (self.target.now_ns - self.waiting_since_ns) / 1e9
-        is_soon = waited_s < self.bench.ack_timeout_s / 2
+        is_soon = waited_s < self.driver.client.ack_timeout_s / 2
         if is_soon and self.follows("stx_while_waiting"):
             self.waiting_since_ns = None
             return True
         self.finish_waiting()
         return False
 
-    def exchange(self, raw: bytes, answer: bytes | None = ACK) -> Exchange:
+    def exchange(self, raw: bytes, answer: bytes | None = ACK) -> MscExchange:
         """Send a sound packet; its sign must be an ACK."""
         is_interrupting = self._interrupts()
-        exchange = self.talk.ask(raw, answer=answer)
+        exchange = self.client.ask(raw, answer=answer)
         self.sent(raw, exchange.raw)
         requirement = "MSC-LNK-16" if is_interrupting else SIGN
-        told = codec.explain_request(raw)
-        self.judge(requirement, exchange.sign == ACK, f"ACK to {told}", exchange)
+        text = codec.explain_request(raw)
+        self.judge(requirement, exchange.sign == ACK, f"ACK to {text}", exchange)
         return exchange
 
     def reply(self, body: bytes, answer: bytes | None = ACK) -> Packet:
         """Ask one of the reading commands; its reply must be as it has to be."""
-        exchange = self.exchange(self.talk.request(body), answer)
+        exchange = self.exchange(self.client.request(body), answer)
         reply, name = exchange.reply, body.partition(codec.COMMA)[0].decode()
-        size = self.talk.reply_bytes(name)
-        is_right = (
-            reply is not None and not exchange.extra and reply.is_sound and reply.name == name
-            and reply.unit == self.bench.unit and len(reply.raw) == size
-        )  # fmt: skip
+        size = self.client.reply_bytes(name)
+        is_right = self.client.is_right(exchange, name)
         self.judge(REPLY, is_right, f"a {name} reply of {size} bytes", exchange)
         assert reply is not None, "judged above"
         return reply
@@ -265,32 +263,32 @@ class Sequence(Steps):
 
     def write(self, address: int, value: int) -> None:
         """DWRITE."""
-        self.exchange(self.talk.request(codec.dwrite(address, value)))
+        self.exchange(self.client.request(codec.dwrite(address, value)))
         self.model.write(address, value)
 
     def write_block(self, address: int, values: tuple[int, ...]) -> None:
         """BWRITE."""
-        self.exchange(self.talk.request(codec.bwrite(address, values)))
+        self.exchange(self.client.request(codec.bwrite(address, values)))
         self.model.write_block(address, values)
 
     def turn(self, number: int, on: bool) -> None:
         """SFLAG or CFLAG."""
-        self.exchange(self.talk.request((codec.sflag if on else codec.cflag)(number)))
+        self.exchange(self.client.request((codec.sflag if on else codec.cflag)(number)))
         self.model.turn(number, on)
 
     # --- the line ---------------------------------------------------------------------------------
 
     def silence(self, requirement: str, after: bytes, seconds: float = SILENCE_S) -> None:
         """Nothing may come for so long."""
-        came = self.talk.listen(seconds + self._slack_s)
+        came = self.client.listen(seconds + self._slack_s)
         self.sent(after, came)
         self.judge(requirement, not came, "nothing", codec.explain(came))
 
     def refused(self, requirement: str, raw: bytes) -> None:
         """A broken packet that is complete draws one NAK and nothing else."""
         self.finish_waiting()
-        exchange = self.talk.ask(raw, is_read=False)
-        more = self.talk.listen(SILENCE_S) if self.target.is_virtual else b""
+        exchange = self.client.ask(raw, is_read=False)
+        more = self.client.listen(SILENCE_S) if self.target.is_virtual else b""
         self.sent(raw, exchange.raw + more)
         came = codec.explain(exchange.raw + more) or "nothing"
         self.judge(requirement, exchange.raw + more == NAK, "one NAK", came)
@@ -299,10 +297,10 @@ class Sequence(Steps):
         """A packet whose end does not come draws one NAK when its time is over."""
         self.finish_waiting()
         self.target.drain()
-        sent_ns = self.talk.send(raw)
+        sent_ns = self.client.send(raw)
         left_ns = sent_ns + len(raw) * self.target.byte_ns
-        first_s, last_s = self._window(self.bench.packet_timeout_s)
-        came = self.talk.hear(1, last_s + len(raw) * self.target.byte_ns / 1e9)
+        first_s, last_s = self._window(self.driver.client.packet_timeout_s)
+        came = self.client.receive(1, last_s + len(raw) * self.target.byte_ns / 1e9)
         now_ns = self.target.now_ns
         self.sent(raw, came)
         at = f"{codec.explain(came) or 'nothing'} after {(now_ns - sent_ns) / 1e6:.0f} ms"
@@ -319,12 +317,12 @@ class Sequence(Steps):
         """A packet with a pause inside it is answered like any other."""
         self.finish_waiting()
         self.target.drain()
-        raw, name = self.talk.request(body), body.partition(codec.COMMA)[0].decode()
-        self.talk.send(raw[:place])
+        raw, name = self.client.request(body), body.partition(codec.COMMA)[0].decode()
+        self.client.send(raw[:place])
         self.target.wait(pause_s)
-        exchange = self.talk.ask(raw[place:], is_read=True)
+        exchange = self.client.ask(raw[place:], is_read=True)
         self.sent(raw, exchange.raw)
-        size = 1 + self.talk.reply_bytes(name)
+        size = 1 + self.client.reply_bytes(name)
         is_right = exchange.is_acked and len(exchange.raw) == size
         self.judge("MSC-PROP-03", is_right, f"ACK and a {name} reply", exchange)
 
@@ -333,38 +331,38 @@ class Sequence(Steps):
         same packet as long as there are repeats left, then nothing."""
         limit = 5 if self.follows("retransmit_limit") else 4
         for number in range(1, count + 1):
-            again, strays = self.talk.hear_packet(None if number <= limit else SILENCE_S)
+            again, strays = self.client.receive_packet(None if number <= limit else SILENCE_S)
             came = strays + (again.raw if again else b"")
             self.sent(NAK, came)
-            told = codec.explain(came) or "nothing"
+            text = codec.explain(came) or "nothing"
             if number > limit:
-                self.judge("MSC-LNK-09", not came, f"nothing after {limit} repeats", told)
+                self.judge("MSC-LNK-09", not came, f"nothing after {limit} repeats", text)
                 self.judged["MSC-PROP-07"] += 1
                 return
-            self.judge("MSC-LNK-10", came == first.raw, "the same packet, no ACK before it", told)
+            self.judge("MSC-LNK-10", came == first.raw, "the same packet, no ACK before it", text)
             self.judged["MSC-PROP-07"] += 1
             self.target.send(NAK if number < count else ACK)
 
     def unanswered(self, first: Packet) -> None:
         """A reply without our sign comes again when the unit's time is over, as it was."""
         replied_ns = self.target.now_ns
-        first_s, last_s = self._window(self.bench.ack_timeout_s)
-        again, strays = self.talk.hear_packet(last_s)
+        first_s, last_s = self._window(self.driver.client.ack_timeout_s)
+        again, strays = self.client.receive_packet(last_s)
         begun_s = (self.target.now_ns - replied_ns - len(first.raw) * self.target.byte_ns) / 1e9
         came = strays + (again.raw if again else b"")
         self.sent(b"", came)
         is_in_time = begun_s >= first_s - self.target.byte_ns / 1e9
         self.target.send(ACK)
         self.waiting_since_ns = None
-        told = f"{codec.explain(came) or 'nothing'} after {begun_s:.2f} s"
+        text = f"{codec.explain(came) or 'nothing'} after {begun_s:.2f} s"
         expected = f"the same packet {first_s:.2f} to {last_s:.2f} s on"
-        self.judge("MSC-LNK-12", came == first.raw and is_in_time, expected, told)
+        self.judge("MSC-LNK-12", came == first.raw and is_in_time, expected, text)
 
 
-class _Telling:
+class _Storytelling:
     """Gives a mismatch the story it ends."""
 
-    def __init__(self, run: Sequence) -> None:
+    def __init__(self, run: UnitSequence) -> None:
         self._run = run
 
     def __enter__(self) -> None:
@@ -378,52 +376,60 @@ class _Telling:
 # --- how one begins -------------------------------------------------------------------------------
 
 
-def begin(bench: Bench, operations: tuple[Operation, ...]) -> Sequence:
+def begin(driver: MscDriver, operations: tuple[UnitOperation, ...]) -> UnitSequence:
     """Bring what is in play to a known state, always the same, and give a sequence of these
     operations to play."""
-    spots, blocks, cover = places(bench)
-    flags = tuple(_spread(list(bench.flags_free), FLAGS))
-    run = Sequence(bench, UnitModel(_strides(bench)), spots, blocks, flags, operations)
+    spots, blocks, cover = places(driver)
+    flags = tuple(_spread(list(driver.scratch.flags), FLAGS))
+    run = UnitSequence(driver, UnitModel(_strides(driver)), spots, blocks, flags, operations)
     zeros = (BEGINNING_VALUE,) * codec.BLOCK_VALUES
     for address in cover:
-        if _is_done(bench, codec.bwrite(address, zeros)):
+        if _is_done(driver, codec.bwrite(address, zeros)):
             run.model.write_block(address, zeros)
     for address in spots if not cover else ():
-        if _is_done(bench, codec.dwrite(address, BEGINNING_VALUE)):
+        if _is_done(driver, codec.dwrite(address, BEGINNING_VALUE)):
             run.model.write(address, BEGINNING_VALUE)
     for number in flags:
-        if _is_done(bench, codec.cflag(number)):
+        if _is_done(driver, codec.cflag(number)):
             run.model.turn(number, False)
     return run
 
 
-def _is_done(bench: Bench, body: bytes) -> bool:
+def _is_done(driver: MscDriver, body: bytes) -> bool:
     """Write; True if the unit says it has.  What it holds otherwise, the first read will tell."""
-    return bench.ask(body).sign == ACK
+    return driver.ask(body).sign == ACK
 
 
-def _strides(bench: Bench) -> tuple[int, ...]:
+def _strides(driver: MscDriver) -> tuple[int, ...]:
     """The distances of neighbours that are left."""
-    known = bench.session.readings.get("data_address_stride")
+    known = driver.session.readings.get("data_address_stride")
     if known is not None:
         return (int(known),)
-    detection = bench.session.run.detections.get("data_address_stride")
-    left = tuple(int(one) for one in detection.candidates) if detection else ()
+    detection = driver.session.run.detections.get("data_address_stride")
+    left = tuple(int(stride) for stride in detection.candidates) if detection else ()
     return left or STRIDES
 
 
-def places(bench: Bench) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]:
+def places(driver: MscDriver) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]:
     """Where values go, where blocks begin, and the blocks that cover the window of both."""
-    named = bench.variables
+    named = driver.scratch.variables
     first = -(-named.start // SAFE_STRIDE) * SAFE_STRIDE
     window = range(first, min(named.stop, first + WINDOW), SAFE_STRIDE)
-    cover = tuple(at for at in window[:: SAFE_BLOCK // SAFE_STRIDE]
-                  if bench.may_write(at, codec.BLOCK_VALUES))  # fmt: skip
-    beside = (at for at in _spread(list(window), 2 * FLAGS)
-              if bench.may_write(at, codec.BLOCK_VALUES))  # fmt: skip
+
+    def has_room(address: int) -> bool:
+        return driver.scratch.may_write(address, codec.BLOCK_VALUES)
+
+    cover = tuple(filter(has_room, window[:: SAFE_BLOCK // SAFE_STRIDE]))
+    beside = filter(has_room, _spread(list(window), 2 * FLAGS))
     blocks = tuple(dict.fromkeys((*cover, *beside)))
-    near = [one for at in blocks for one in (at, at + SAFE_STRIDE, at + SAFE_BLOCK - SAFE_STRIDE)]
-    spots = dict.fromkeys((*_spread(list(window), SPOTS), *(one for one in near if one in window)))
+    near = [
+        address
+        for at in blocks
+        for address in (at, at + SAFE_STRIDE, at + SAFE_BLOCK - SAFE_STRIDE)
+    ]
+    spots = dict.fromkeys(
+        (*_spread(list(window), SPOTS), *(address for address in near if address in window))
+    )
     return tuple(spots), blocks, cover
 
 

@@ -12,15 +12,15 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.motion import (
-    SLOWEST,
-    Bench,
-    bench_of,
-    segment,
-    velocity,
+from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
+from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
+from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.model.acceptance import (
+    RUNNING,
+    AcceptanceRow,
+    outcome_of,
 )
-from axistwin_conformance.families.mac.axis.exchanges import Kind
-from axistwin_conformance.families.mac.axis.model.acceptance import RUNNING, Row, outcome_of
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 
 ORDER = 110  # of this module in a run; see `Family.modules`
@@ -28,37 +28,37 @@ ORDER = 110  # of this module in a run; see `Family.modules`
 LONG_STEPS: Final = 120  # a second of motion at the slowest speed
 
 
-def _power_off(bench: Bench, start: int) -> None:
-    bench.command(0x1A)
+def _power_off(driver: AxisDriver, start: int) -> None:
+    driver.client.command(0x1A)
 
 
-def _power_on(bench: Bench, start: int) -> None:
-    bench.command(0x19)
+def _power_on(driver: AxisDriver, start: int) -> None:
+    driver.client.command(0x19)
 
 
-def _move(bench: Bench, start: int) -> None:
-    bench.command(0x13, start + LONG_STEPS)
+def _move(driver: AxisDriver, start: int) -> None:
+    driver.client.command(0x13, start + LONG_STEPS)
 
 
-def _turn(bench: Bench, start: int) -> None:
-    bench.command(0x15, velocity(1, SLOWEST))
+def _turn(driver: AxisDriver, start: int) -> None:
+    driver.client.command(0x15, velocity(1, SLOWEST))
 
 
-def _interpolate(bench: Bench, start: int) -> None:
-    bench.command(0x16, segment(LONG_STEPS, SLOWEST))
+def _interpolate(driver: AxisDriver, start: int) -> None:
+    driver.client.command(0x16, segment_parameter(LONG_STEPS, SLOWEST))
 
 
-def _arm(bench: Bench, start: int) -> None:
-    bench.command(0x10)
+def _arm(driver: AxisDriver, start: int) -> None:
+    driver.client.command(0x10)
 
 
-def _preload(bench: Bench, start: int) -> None:
-    bench.command(0x10)
-    bench.command(0x13, start + 10)
+def _preload(driver: AxisDriver, start: int) -> None:
+    driver.client.command(0x10)
+    driver.client.command(0x13, start + 10)
 
 
 # DJ needs a fault, hence a rig.
-ENTER: Final[Mapping[str, Callable[[Bench, int], None]]] = {
+ENTER: Final[Mapping[str, Callable[[AxisDriver, int], None]]] = {
     "OF": _power_off,
     "HD": _power_on,
     "PO": _move,
@@ -77,25 +77,25 @@ HARMLESS: Final[Mapping[int, Callable[[int], int]]] = {
     0x0E: lambda start: 0x0500,
     0x13: lambda start: start + 20,
     0x15: lambda start: velocity(1, SLOWEST),
-    0x16: lambda start: segment(5, SLOWEST),
-    0x1E: lambda start: segment(5, SLOWEST),
+    0x16: lambda start: segment_parameter(5, SLOWEST),
+    0x1E: lambda start: segment_parameter(5, SLOWEST),
 }
 
 
 def walk(session: Session, *indices: int) -> None:
     """Judge the rows of these indices in every state of `ENTER`."""
-    bench = bench_of(session)
-    start = bench.ready(SLOWEST)
+    driver = driver_of(session)
+    start = driver.motion.ready(SLOWEST)
     for index in indices:
-        row = bench.acceptance[index]
+        row = driver.client.face.acceptance[index]
         parameter = HARMLESS[index](start) if index in HARMLESS else 0
         for state, enter in ENTER.items():
-            enter(bench, start)
-            exchange = bench.command(index, parameter)
-            bench.at_rest()
-            _judge(bench, row, state, index, exchange.kind)
-        if abs(bench.position() - start) > bench.room():
-            bench.finish(bench.go(start))
+            enter(driver, start)
+            exchange = driver.client.command(index, parameter)
+            driver.motion.at_rest()
+            _judge(driver, row, state, index, exchange.kind)
+        if abs(driver.client.position() - start) > driver.limits.room():
+            driver.motion.finish(driver.motion.go(start))
 
 
 # Clauses of which acceptance is but a part: it is asked for, and proves none of them.
@@ -120,29 +120,35 @@ def _shown_by(session: Session, index: int) -> tuple[str, ...]:
     )
 
 
-def _judge(bench: Bench, row: Row, state: str, index: int, kind: Kind) -> None:
-    shown = _shown_by(bench.session, index)
+def _judge(driver: AxisDriver, row: AcceptanceRow, state: str, index: int, kind: ReplyKind) -> None:
+    shown = _shown_by(driver.session, index)
     wanted = outcome_of(row.cell(state))
-    if index >= 0x20 and wanted is Kind.ACCEPTED:
-        wanted = Kind.ANSWER
-    session = bench.session
+    if index >= 0x20 and wanted is ReplyKind.ACCEPTED:
+        wanted = ReplyKind.ANSWER
+    session = driver.session
     if "unknown_index" in row.otherwise:
         fitting = tuple(
-            number for number, kinds in enumerate(bench.unassigned) if kinds[index >= 0x20] is kind
+            number
+            for number, kinds in enumerate(driver.client.face.unassigned)
+            if kinds[index >= 0x20] is kind
         )
-        bench.reading("unknown_index", fitting or f"{kind.value} to {bench.named(index)}", shown)
+        driver.judge.reading(
+            "unknown_index", fitting or f"{kind.value} to {driver.client.named(index)}", shown
+        )
         return
     if kind is not wanted:
         others = row.readings(state)
         # What the device has shown already explains best.
-        others.sort(key=lambda one: bench.known(one[1]) != one[2])
+        others.sort(key=lambda owner: driver.readings.known(owner[1]) != owner[2])
         for content, switch, number in others:
             if outcome_of(content) is kind:
                 readings = session.run.ledger.ambiguity_of(switch).switches[switch]
                 session.quirk(shown, switch, readings[number])
                 session.expect(True, shown, "", "")
                 return
-    session.step(kind is wanted, f"{wanted.value} to {bench.named(index)} in {state}", kind.value)
+    session.step(
+        kind is wanted, f"{wanted.value} to {driver.client.named(index)} in {state}", kind.value
+    )
     session.expect(True, [name for name in shown if name not in PARTLY], "", "")
 
 
@@ -156,19 +162,19 @@ def torque_at_rest_is_locked_in_motion(session: Session) -> None:
 def the_stops_mode_is_locked_in_motion(session: Session) -> None:
     """03h, all four values, is refused while running and accepted in every other state."""
     walk(session, 0x03)
-    bench = bench_of(session)
-    start = bench.ready(SLOWEST)
+    driver = driver_of(session)
+    start = driver.motion.ready(SLOWEST)
     for state in RUNNING:
         for value in (0, 1, 8, 9):
-            ENTER[state](bench, start)
-            exchange = bench.command(0x03, value)
-            bench.at_rest()
-            if exchange.kind is Kind.ACCEPTED and value != 1:
+            ENTER[state](driver, start)
+            exchange = driver.client.command(0x03, value)
+            driver.motion.at_rest()
+            if exchange.kind is ReplyKind.ACCEPTED and value != 1:
                 # The serial list keeps the mark of d = 1 only; the CAN list has all four.
-                bench.reading("motion_lock_set", 1, "MACS-CMD-03-02")
-                bench.command(0x03, 0)
+                driver.judge.reading("motion_lock_set", 1, "MACS-CMD-03-02")
+                driver.client.command(0x03, 0)
             else:
-                bench.must(Kind.REFUSED, exchange, "MACS-CMD-03-02")
+                driver.judge.must(ReplyKind.REFUSED, exchange, "MACS-CMD-03-02")
 
 
 @check("MACS-CMD-090A-03", "MACS-STATE-01", safety=("motion", "stored"))
@@ -213,8 +219,14 @@ def segments_are_accepted_in_every_state(session: Session) -> None:
     walk(session, 0x16, 0x1E)
 
 
-@check("MACS-CMD-0C-03", "MACS-CMD-0E-02", "MACS-CMD-1C-01", "MACS-CMD-07-01",
-       safety=("motion", "stored"), level="full")  # fmt: skip
+@check(
+    "MACS-CMD-0C-03",
+    "MACS-CMD-0E-02",
+    "MACS-CMD-1C-01",
+    "MACS-CMD-07-01",
+    safety=("motion", "stored"),
+    level="full",
+)
 def torque_catch_up_and_tolerance_are_free_in_motion(session: Session) -> None:
     """07h, 0Ch, 0Eh and 1Ch are accepted in every state."""
     walk(session, 0x07, 0x0C, 0x0E, 0x1C)
@@ -228,8 +240,15 @@ def sync_commands_are_accepted_in_every_state(session: Session) -> None:
     walk(session, 0x10, 0x11)
 
 
-@check("MACS-CMD-17-01", "MACS-CMD-18-01", "MACS-CMD-18-02", "MACS-CMD-19-01", "MACS-CMD-1A-01",
-       safety=("motion", "stored"), level="full")  # fmt: skip
+@check(
+    "MACS-CMD-17-01",
+    "MACS-CMD-18-01",
+    "MACS-CMD-18-02",
+    "MACS-CMD-19-01",
+    "MACS-CMD-1A-01",
+    safety=("motion", "stored"),
+    level="full",
+)
 def stops_and_power_are_accepted_in_every_state(session: Session) -> None:
     """17h, 18h, 19h and 1Ah are accepted in every state."""
     walk(session, 0x17, 0x18, 0x19, 0x1A)
@@ -238,44 +257,44 @@ def stops_and_power_are_accepted_in_every_state(session: Session) -> None:
 @check("MACS-CMD-XX-01", "MACS-Q-XX-02", safety=("motion", "stored"), level="full")
 def unassigned_indices_are_refused_in_every_state(session: Session) -> None:
     """What is not assigned is refused in every state, and disturbs none."""
-    table = bench_of(session).acceptance
+    table = driver_of(session).client.face.acceptance
     walk(session, *(index for index in sorted(table) if table[index].cells == "RRRRRRRR"))
 
 
 @check("MACS-Q-XX-01", safety=("motion", "stored"), level="full")
 def queries_are_answered_in_every_state(session: Session) -> None:
     """Every query that means something is answered in every state."""
-    walk(session, *bench_of(session).answered)
+    walk(session, *driver_of(session).client.face.answered)
 
 
 @check("MACS-STATE-01", "MACS-CMD-13-01", safety=("motion", "stored"), level="full")
 def the_lock_ends_with_the_motion(session: Session) -> None:
     """0Dh and 0Fh are refused up to the end of a move, a turn and a segment, then accepted."""
-    bench = bench_of(session)
-    start = bench.ready(bench.outlasting(100, 0x4000))
+    driver = driver_of(session)
+    start = driver.motion.ready(driver.limits.outlasting(100, 0x4000))
     slack_ns = 0 if session.transport.is_virtual else 200_000_000
-    before_ns = 40_000_000 + bench.target.uncertainty_ns
+    before_ns = 40_000_000 + driver.client.target.uncertainty_ns
     for begin in (_short_move, _short_segment):
-        end = begin(bench, start)
-        bench.wait_until(end[0] - before_ns)
-        exchange = bench.command(0x02, 0)  # locked by every reading of the list
+        end = begin(driver, start)
+        driver.client.wait_until(end[0] - before_ns)
+        exchange = driver.client.command(0x02, 0)  # locked by every reading of the list
         if exchange.taken.latest_ns < end[0]:
-            bench.must(Kind.REFUSED, exchange, "MACS-STATE-01")
-        bench.wait_until(end[1] + slack_ns)
-        bench.accepted(0x02, 0, requirement="MACS-STATE-01")
-        bench.accepted(0x0F, 0, requirement="MACS-STATE-01")
-        bench.accepted(0x0D, bench.period, requirement="MACS-STATE-01")
-        bench.accepted(0x13, start, requirement="MACS-CMD-13-01")
-        bench.wait(0.3 + bench.lasting_s(100))
+            driver.judge.must(ReplyKind.REFUSED, exchange, "MACS-STATE-01")
+        driver.client.wait_until(end[1] + slack_ns)
+        driver.judge.accepted(0x02, 0, requirement="MACS-STATE-01")
+        driver.judge.accepted(0x0F, 0, requirement="MACS-STATE-01")
+        driver.judge.accepted(0x0D, driver.motion.period, requirement="MACS-STATE-01")
+        driver.judge.accepted(0x13, start, requirement="MACS-CMD-13-01")
+        driver.client.wait(0.3 + driver.motion.lasting_s(100))
 
 
-def _short_move(bench: Bench, start: int) -> tuple[int, int]:
-    end = bench.go(start + 100).end
+def _short_move(driver: AxisDriver, start: int) -> tuple[int, int]:
+    end = driver.motion.go(start + 100).end
     assert end is not None
     return end.edges
 
 
-def _short_segment(bench: Bench, start: int) -> tuple[int, int]:
-    window = bench.accepted(0x16, segment(100, bench.period)).taken
-    duration_ns = 100 * bench.period * TICK_NS
+def _short_segment(driver: AxisDriver, start: int) -> tuple[int, int]:
+    window = driver.judge.accepted(0x16, segment_parameter(100, driver.motion.period)).taken
+    duration_ns = 100 * driver.motion.period * TICK_NS
     return window.earliest_ns + duration_ns, window.latest_ns + duration_ns

@@ -13,7 +13,7 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.checks.sequences import JUDGED, runner_of
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.axis.sequences.machine import AxisMachine
-from axistwin_conformance.families.mac.axis.sequences.machine_devices import Judged
+from axistwin_conformance.families.mac.axis.sequences.machine_devices import JudgedAxis
 from axistwin_conformance.families.mac.axis.sequences.machine_sync import SyncMachine
 from axistwin_conformance.sequences.generated import run_machine
 
@@ -37,5 +37,5 @@ def many_runs_of_the_machine_agree_with_the_model(session: Session) -> None:
 
 def _run(session: Session, level: str) -> None:
     runner = runner_of(session)
-    rules = SyncMachine if runner.bench.has_sync else AxisMachine
-    run_machine(runner, Judged, rules, EXAMPLES[level], STEPS)
+    rules = SyncMachine if runner.driver.client.face.has_sync else AxisMachine
+    run_machine(runner, JudgedAxis, rules, EXAMPLES[level], STEPS)

@@ -7,8 +7,10 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.motion import SAFE_PERIOD, SLOWEST, bench_of
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.driver.driver import driver_of
+from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
+from axistwin_conformance.families.mac.axis.driver.motion import SAFE_PERIOD
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS, ramp_increments
 from axistwin_conformance.families.mac.axis.probes.motion import (
     ramp_law,
@@ -30,26 +32,30 @@ FIRST_TARGET_OUT_OF_RANGE: Final = 0x40000000
 def slow(session: Session) -> int:
     """A period at which single increments show; up to eight times faster where waiting costs time,
     as far as an exchange is then still short beside a ramp."""
-    return 0x4000 if session.transport.is_virtual else bench_of(session).unhurried(0x0800, 0x4000)
+    return (
+        0x4000
+        if session.transport.is_virtual
+        else driver_of(session).limits.unhurried(0x0800, 0x4000)
+    )
 
 
 @check("MACS-CMD-0F-01", "MACS-CMD-13-01", "MACS-CMD-13-05", safety=MOVES)
 def the_ramp_has_120_increments_per_unit(session: Session) -> None:
     """A move of twice 120·AA increments follows the 16 levels of the ramp, up and down."""
-    bench = bench_of(session)
-    bench.again(ramp_law, ("MACS-CMD-0F-01", "MACS-CMD-13-01"))
-    bench.again(triangle_law, "MACS-CMD-13-05")
+    driver = driver_of(session)
+    driver.judge.again(ramp_law, ("MACS-CMD-0F-01", "MACS-CMD-13-01"))
+    driver.judge.again(triangle_law, "MACS-CMD-13-05")
 
 
 @check("MACS-CMD-13-01", "MACS-CMD-13-05", "MACS-CMD-0D-01", "MACS-CMD-0F-01", safety=MOVES)
 def moves_take_the_time_of_the_closed_form(session: Session) -> None:
     """13h follows the trapezoid, or the triangle of a short move, and ends on the target."""
-    bench = bench_of(session)
+    driver = driver_of(session)
     for distance, coefficient in TABLE[:: 1 if session.transport.is_virtual else 2]:
         for direction in (1, -1) if session.transport.is_virtual else (1 if distance & 1 else -1,):
-            start = bench.ready(slow(session), coefficient)
-            forecast = bench.go(start + direction * distance)
-            bench.watch(
+            start = driver.motion.ready(slow(session), coefficient)
+            forecast = driver.motion.go(start + direction * distance)
+            driver.motion.watch(
                 forecast,
                 ("MACS-CMD-13-01", "MACS-CMD-13-05", "MACS-CMD-0D-01", "MACS-CMD-0F-01"),
                 samples=4,
@@ -59,43 +65,53 @@ def moves_take_the_time_of_the_closed_form(session: Session) -> None:
 @check("MACS-CMD-13-01", "MACS-CMD-13-05", safety=MOVES, level="full")
 def long_moves_take_the_time_of_the_closed_form(session: Session) -> None:
     """The ledger's longer examples at 10000 inc/s, and a ramp longer than the move."""
-    bench = bench_of(session)
+    driver = driver_of(session)
     shortest = min(distance for distance, _ in LONG_TABLE)
-    bench.needs_travel(2 * shortest, f"moves of {shortest} increments and more")
+    driver.limits.needs_travel(2 * shortest, f"moves of {shortest} increments and more")
     for distance, coefficient in LONG_TABLE:
-        if distance > bench.room():
+        if distance > driver.limits.room():
             continue
-        start = bench.ready(800, coefficient)
-        bench.watch(bench.go(start + distance), ("MACS-CMD-13-01", "MACS-CMD-13-05"), samples=12)
-        bench.watch(bench.go(start), ("MACS-CMD-13-01", "MACS-CMD-13-05"), samples=12)
+        start = driver.motion.ready(800, coefficient)
+        driver.motion.watch(
+            driver.motion.go(start + distance), ("MACS-CMD-13-01", "MACS-CMD-13-05"), samples=12
+        )
+        driver.motion.watch(
+            driver.motion.go(start), ("MACS-CMD-13-01", "MACS-CMD-13-05"), samples=12
+        )
 
 
 @check("MACS-CMD-0D-01", "MACS-CMD-13-01", safety=MOVES, level="full")
 def a_larger_period_is_a_slower_move(session: Session) -> None:
     """Without ramp, D increments take at least D·P ticks, whatever P; the end is exact."""
-    bench = bench_of(session)
+    driver = driver_of(session)
     for period in (0x0400, 0x1000, 0x4000):
-        start = bench.ready(period)
-        bench.watch(bench.go(start + 60), ("MACS-CMD-0D-01", "MACS-CMD-13-01"), samples=3)
+        start = driver.motion.ready(period)
+        driver.motion.watch(
+            driver.motion.go(start + 60), ("MACS-CMD-0D-01", "MACS-CMD-13-01"), samples=3
+        )
 
 
 @check("MACS-CMD-0F-03", "MACS-CMD-13-01", safety=MOVES, level="full")
 def without_ramp_the_move_is_monotone_and_not_too_fast(session: Session) -> None:
     """With AA = 0 a move lasts at least D·P ticks, never turns back, and ends exactly."""
-    bench = bench_of(session)
-    start = bench.ready(SAFE_PERIOD)
+    driver = driver_of(session)
+    start = driver.motion.ready(SAFE_PERIOD)
     distance = 1000
-    exchange = bench.accepted(0x13, start + distance)
-    least_ns = distance * bench.period * TICK_NS
+    exchange = driver.judge.accepted(0x13, start + distance)
+    least_ns = distance * driver.motion.period * TICK_NS
     last = start
     while True:
-        sample = bench.sample()
+        sample = driver.client.sample()
         session.expect(
             sample.position >= last, "MACS-CMD-13-01", f"{last} or more", sample.position
         )
         last = sample.position
         elapsed_ns = sample.taken.latest_ns - exchange.taken.earliest_ns
-        most = elapsed_ns // (bench.period * TICK_NS) + 1 + bench.allowance(bench.period)
+        most = (
+            elapsed_ns // (driver.motion.period * TICK_NS)
+            + 1
+            + driver.limits.allowance(driver.motion.period)
+        )
         session.expect(
             last - start <= most, "MACS-CMD-0F-03", f"at most {most} steps by then", last - start
         )
@@ -103,107 +119,121 @@ def without_ramp_the_move_is_monotone_and_not_too_fast(session: Session) -> None
             break
     session.expect(last == start + distance, "MACS-CMD-13-01", start + distance, last)
     if session.transport.is_virtual:  # no torque and no inertia limits the built-in twin (§5.4)
-        bench.watch(bench.go(start), "MACS-CMD-0F-03", samples=3)
+        driver.motion.watch(driver.motion.go(start), "MACS-CMD-0F-03", samples=3)
         last = start
-    bench.wait(0.1)
+    driver.client.wait(0.1)
     session.expect(
-        bench.position() == last, "MACS-CMD-13-01", f"at rest at {last}", bench.position()
+        driver.client.position() == last,
+        "MACS-CMD-13-01",
+        f"at rest at {last}",
+        driver.client.position(),
     )
 
 
 @check("MACS-CMD-13-04", "MACS-BUSY-01", safety=MOVES)
 def a_move_to_where_it_is_does_nothing(session: Session) -> None:
     """13h to the present position is accepted; no motion, not busy, nothing locked."""
-    bench = bench_of(session)
+    driver = driver_of(session)
     for coefficient in (0, 5):
-        start = bench.ready(SLOWEST, coefficient)
-        bench.accepted(0x13, start, requirement="MACS-CMD-13-04")
-        session.expect(not bench.is_busy(), "MACS-BUSY-01", "not busy", "busy")
-        bench.accepted(0x0F, coefficient, requirement="MACS-CMD-13-04")
-        session.expect(bench.position() == start, "MACS-CMD-13-04", start, bench.position())
+        start = driver.motion.ready(SLOWEST, coefficient)
+        driver.judge.accepted(0x13, start, requirement="MACS-CMD-13-04")
+        session.expect(not driver.status.is_busy(), "MACS-BUSY-01", "not busy", "busy")
+        driver.judge.accepted(0x0F, coefficient, requirement="MACS-CMD-13-04")
+        session.expect(
+            driver.client.position() == start, "MACS-CMD-13-04", start, driver.client.position()
+        )
 
 
 @check("MACS-CMD-13-06", "MACS-CMD-13-01", safety=MOVES, level="full")
 def targets_beyond_the_counter_are_refused(session: Session) -> None:
     """A target outside the counter's 31 bits is refused, or accepted; its edges are accepted."""
-    bench = bench_of(session)
-    if not bench.fits(FIRST_TARGET_OUT_OF_RANGE):
+    driver = driver_of(session)
+    if not driver.limits.fits(FIRST_TARGET_OUT_OF_RANGE):
         session.skip("a device that does not refuse would go there: needs --max-travel 2147483648")
     for target in (FIRST_TARGET_OUT_OF_RANGE, -FIRST_TARGET_OUT_OF_RANGE - 1, 0x7FFFFFFF):
-        start = bench.ready(SLOWEST, 1)
-        kind = bench.command(0x13, target).kind
-        if kind is Kind.REFUSED:
-            bench.wait(0.3)  # the first increment of a motion would take 0.13 s
-        bench.at_rest()
-        outcome: int | str = {Kind.REFUSED: 0, Kind.ACCEPTED: 1}.get(kind, kind.value)
-        bench.reading("target_range", outcome, "MACS-CMD-13-06")
+        start = driver.motion.ready(SLOWEST, 1)
+        kind = driver.client.command(0x13, target).kind
+        if kind is ReplyKind.REFUSED:
+            driver.client.wait(0.3)  # the first increment of a motion would take 0.13 s
+        driver.motion.at_rest()
+        outcome: int | str = {ReplyKind.REFUSED: 0, ReplyKind.ACCEPTED: 1}.get(kind, kind.value)
+        driver.judge.reading("target_range", outcome, "MACS-CMD-13-06")
         if outcome == 0:
-            session.expect(bench.position() == start, "MACS-CMD-13-06", start, bench.position())
+            session.expect(
+                driver.client.position() == start, "MACS-CMD-13-06", start, driver.client.position()
+            )
     for target in (FIRST_TARGET_OUT_OF_RANGE - 1, -FIRST_TARGET_OUT_OF_RANGE):
-        start = bench.ready(SLOWEST, 1)
-        exchange = bench.command(0x13, target)
-        bench.at_rest()
-        bench.must(Kind.ACCEPTED, exchange, "MACS-CMD-13-01")
+        start = driver.motion.ready(SLOWEST, 1)
+        exchange = driver.client.command(0x13, target)
+        driver.motion.at_rest()
+        driver.judge.must(ReplyKind.ACCEPTED, exchange, "MACS-CMD-13-01")
 
 
 @check("MACS-CMD-13-03", "MACS-CMD-1A-01", "MACS-CMD-19-01", safety=MOVES)
 def a_move_powers_the_motor(session: Session) -> None:
     """After 1Ah, and after 19h, a move runs as ever; 1Ah itself moves nothing at rest."""
-    bench = bench_of(session)
-    start = bench.ready()
+    driver = driver_of(session)
+    start = driver.motion.ready()
     for index in (0x1A, 0x19, 0x1A):
         name = "MACS-CMD-1A-01" if index == 0x1A else "MACS-CMD-19-01"
-        bench.accepted(index, requirement=name)
-        place = bench.position()
+        driver.judge.accepted(index, requirement=name)
+        place = driver.client.position()
         session.expect(place == start, name, start, place)
-        start = bench.finish(bench.go(start + 50), "MACS-CMD-13-03")
+        start = driver.motion.finish(driver.motion.go(start + 50), "MACS-CMD-13-03")
 
 
 @check("MACS-CMD-14-01", safety=MOVES, level="full")
 def going_to_0_is_a_move_like_any_other(session: Session) -> None:
     """14h runs the profile of 13h to position 0 and ignores its parameters."""
-    bench = bench_of(session)
-    start = bench.ready(bench.unhurried(0x0640), 1)
-    if abs(start) > bench.room():
+    driver = driver_of(session)
+    start = driver.motion.ready(driver.limits.unhurried(0x0640), 1)
+    if abs(start) > driver.limits.room():
         session.skip(f"position 0 is {abs(start)} increments away, outside the envelope")
     for place, parameter in ((150, 0), (-90, 0x00000123), (41, 0xFFFFFFFF)):
-        bench.finish(bench.go(place))
-        exchange = bench.command(0x14, parameter)
-        if parameter and exchange.kind is Kind.REFUSED:
-            bench.reading("dont_care_digits", 1)
-            exchange = bench.command(0x14)
-        bench.must(Kind.ACCEPTED, exchange)
-        bench.watch(bench.to_position(exchange, place, 0), None, samples=3)
+        driver.motion.finish(driver.motion.go(place))
+        exchange = driver.client.command(0x14, parameter)
+        if parameter and exchange.kind is ReplyKind.REFUSED:
+            driver.judge.reading("dont_care_digits", 1)
+            exchange = driver.client.command(0x14)
+        driver.judge.must(ReplyKind.ACCEPTED, exchange)
+        driver.motion.watch(driver.motion.to_position(exchange, place, 0), None, samples=3)
 
 
 @check("MACS-BUSY-01", "MACS-Q-27-03", "MACS-CMD-1C-01", safety=MOVES)
 def busy_ends_within_the_tolerance(session: Session) -> None:
     """In a move, busy lasts until the axis is within TT of the target; it then still arrives."""
-    bench = bench_of(session)
+    driver = driver_of(session)
     for tolerance in (0, 10, 40):
-        start = bench.ready(0x8000 if session.transport.is_virtual else bench.unhurried(0x4000))
-        if bench.command(0x1C, tolerance).kind is not Kind.ACCEPTED:
+        start = driver.motion.ready(
+            0x8000 if session.transport.is_virtual else driver.limits.unhurried(0x4000)
+        )
+        if driver.client.command(0x1C, tolerance).kind is not ReplyKind.ACCEPTED:
             session.skip("1Ch is not supported: no tolerance to judge by")
         target = start + 80
-        forecast = bench.go(target)
+        forecast = driver.motion.go(target)
         end = forecast.end
         assert end is not None
         while session.transport.now_ns < end.latest_ns:
-            exchange = bench.ask(0x27)
+            exchange = driver.client.ask(0x27)
             lowest, highest = forecast.bounds(exchange.taken)
-            slack = bench.allowance(bench.period)
+            slack = driver.limits.allowance(driver.motion.period)
             is_busy = not exchange.reply.data_bytes()[2] & 0x08
             admissible = {
                 target - place > tolerance for place in range(lowest - slack, highest + slack + 1)
             }
             # An increment more or less (AMB-41) is no fault of the busy line.
             session.expect(
-                is_busy in admissible, ("MACS-BUSY-01", "MACS-Q-27-03", "MACS-CMD-1C-01"),
-                f"busy with {target - highest}..{target - lowest} left of TT {tolerance}", is_busy,
-            )  # fmt: skip
-        bench.finish(forecast, "MACS-BUSY-01")
+                is_busy in admissible,
+                ("MACS-BUSY-01", "MACS-Q-27-03", "MACS-CMD-1C-01"),
+                f"busy with {target - highest}..{target - lowest} left of TT {tolerance}",
+                is_busy,
+            )
+        driver.motion.finish(forecast, "MACS-BUSY-01")
         session.expect(
-            not bench.is_busy(), ("MACS-BUSY-01", "MACS-Q-27-03"), "not busy at the target", "busy"
+            not driver.status.is_busy(),
+            ("MACS-BUSY-01", "MACS-Q-27-03"),
+            "not busy at the target",
+            "busy",
         )
 
 
@@ -213,98 +243,102 @@ def busy_ends_within_the_tolerance(session: Session) -> None:
 @check("MACS-CMD-17-01", safety=MOVES)
 def a_ramped_stop_in_full_motion_takes_one_ramp(session: Session) -> None:
     """17h in cruise comes to rest one ramp further on, on the ramp, and stays there."""
-    bench = bench_of(session)
-    bench.needs_room(4 * ramp_increments(1) + 400, "a ramp, full speed and a ramp again")
+    driver = driver_of(session)
+    driver.limits.needs_room(4 * ramp_increments(1) + 400, "a ramp, full speed and a ramp again")
     for coefficient in (1, 3):
-        start = bench.ready(0x0640, coefficient)
+        start = driver.motion.ready(0x0640, coefficient)
         target = start + 4 * ramp_increments(coefficient) + 400
-        if not bench.fits(target):
+        if not driver.limits.fits(target):
             continue
-        forecast = bench.go(target)
-        cruise_ns = (240 * coefficient + 150) * bench.period * TICK_NS
-        bench.wait_until(forecast.timelines[0].start_ns + cruise_ns)
-        stopped = forecast.stopped(bench.accepted(0x17).taken)
-        bench.watch(stopped, "MACS-CMD-17-01", samples=4)
-        bench.wait(0.3)
-        place = bench.position()
+        forecast = driver.motion.go(target)
+        cruise_ns = (240 * coefficient + 150) * driver.motion.period * TICK_NS
+        driver.client.wait_until(forecast.timelines[0].start_ns + cruise_ns)
+        stopped = forecast.stopped(driver.judge.accepted(0x17).taken)
+        driver.motion.watch(stopped, "MACS-CMD-17-01", samples=4)
+        driver.client.wait(0.3)
+        place = driver.client.position()
         lowest, highest = stopped.final
         session.expect(
             lowest <= place <= highest, "MACS-CMD-17-01", f"no creeping on to {start}", place
         )
-        bench.reading("busy_after_abort", int(bench.is_busy()), "MACS-CMD-17-01")
+        driver.judge.reading("busy_after_abort", int(driver.status.is_busy()), "MACS-CMD-17-01")
 
 
 @check("MACS-CMD-17-01", safety=MOVES, level="full")
 def a_ramped_stop_on_the_ramp_descends_what_was_climbed(session: Session) -> None:
     """17h early in a long ramp comes to rest after the climbed increments, or a whole ramp."""
-    bench = bench_of(session)
-    bench.again(stop_ramp_law)
+    driver = driver_of(session)
+    driver.judge.again(stop_ramp_law)
 
 
 @check("MACS-CMD-17-01", safety=MOVES, level="full")
 def a_ramped_stop_while_slowing_down_changes_nothing(session: Session) -> None:
     """17h on the descending ramp: that is where the axis was going anyway."""
-    bench = bench_of(session)
-    start = bench.ready(slow(session), 1)
-    forecast = bench.go(start + 200)
+    driver = driver_of(session)
+    start = driver.motion.ready(slow(session), 1)
+    forecast = driver.motion.go(start + 200)
     end = forecast.end
     assert end is not None
-    bench.wait_until(end.earliest_ns - 60 * bench.period * TICK_NS)
-    bench.accepted(0x17)
-    place = bench.watch(forecast, None, samples=2)
+    driver.client.wait_until(end.earliest_ns - 60 * driver.motion.period * TICK_NS)
+    driver.judge.accepted(0x17)
+    place = driver.motion.watch(forecast, None, samples=2)
     session.expect(place == start + 200, None, start + 200, place)
 
 
 @check("MACS-CMD-18-01", "MACS-CMD-18-03", safety=MOVES)
 def a_hard_stop_stops_where_the_axis_is(session: Session) -> None:
     """18h ends a move without ramp at a valid position; nothing resumes, the next move is exact."""
-    bench = bench_of(session)
+    driver = driver_of(session)
     for coefficient in (0, 2):
-        start = bench.ready(SAFE_PERIOD, coefficient)
-        forecast = bench.go(start + min(1500, bench.room()))
-        bench.wait(0.12)
-        halted = forecast.halted(bench.accepted(0x18).taken)
+        start = driver.motion.ready(SAFE_PERIOD, coefficient)
+        forecast = driver.motion.go(start + min(1500, driver.limits.room()))
+        driver.client.wait(0.12)
+        halted = forecast.halted(driver.judge.accepted(0x18).taken)
         lowest, highest = halted.final
-        braking = bench.braking(bench.period)
-        place = bench.position()
+        braking = driver.limits.braking(driver.motion.period)
+        place = driver.client.position()
         session.expect(
-            lowest <= place <= highest + 1 + braking, "MACS-CMD-18-01",
-            f"{lowest}..{highest + 1 + braking}", place,
-        )  # fmt: skip
-        bench.wait(0.3)
-        again = bench.position()
+            lowest <= place <= highest + 1 + braking,
+            "MACS-CMD-18-01",
+            f"{lowest}..{highest + 1 + braking}",
+            place,
+        )
+        driver.client.wait(0.3)
+        again = driver.client.position()
         session.expect(
             again == place, ("MACS-CMD-18-01", "MACS-CMD-18-03"), f"at rest at {place}", again
         )
-        bench.reading("busy_after_abort", int(bench.is_busy()), "MACS-CMD-18-03")
-        bench.accepted(0x0F, coefficient, requirement="MACS-CMD-18-01")
-        bench.finish(bench.go(start), "MACS-CMD-18-01")
+        driver.judge.reading("busy_after_abort", int(driver.status.is_busy()), "MACS-CMD-18-03")
+        driver.judge.accepted(0x0F, coefficient, requirement="MACS-CMD-18-01")
+        driver.motion.finish(driver.motion.go(start), "MACS-CMD-18-01")
 
 
 @check("MACS-CMD-18-02", safety=MOVES)
 def a_hard_stop_at_rest_does_nothing(session: Session) -> None:
     """18h and 17h at rest are accepted and move nothing."""
-    bench = bench_of(session)
-    start = bench.ready()
+    driver = driver_of(session)
+    start = driver.motion.ready()
     for index in (0x18, 0x18, 0x17, 0x18):
-        bench.accepted(index)
-        session.expect(bench.position() == start, None, start, bench.position())
+        driver.judge.accepted(index)
+        session.expect(driver.client.position() == start, None, start, driver.client.position())
 
 
 @check("MACS-CMD-1A-01", safety=MOVES, level="full")
 def power_off_ends_a_motion(session: Session) -> None:
     """1Ah in motion is accepted; the axis comes to rest, unlocked, and does not resume."""
-    bench = bench_of(session)
-    start = bench.ready(SLOWEST)
-    forecast = bench.go(start + 100)
-    bench.wait(0.2)
-    off = bench.accepted(0x1A)
-    bench.wait(0.5)
-    place = bench.position()
+    driver = driver_of(session)
+    start = driver.motion.ready(SLOWEST)
+    forecast = driver.motion.go(start + 100)
+    driver.client.wait(0.2)
+    off = driver.judge.accepted(0x1A)
+    driver.client.wait(0.5)
+    place = driver.client.position()
     lowest, _ = forecast.bounds(off.taken)
     session.expect(
         lowest <= place < start + 100, None, f"coasting from {lowest}, not driven on", place
     )
-    bench.wait(0.3)
-    session.expect(bench.position() == place, None, f"at rest at {place}", bench.position())
-    bench.accepted(0x0F, 0)
+    driver.client.wait(0.3)
+    session.expect(
+        driver.client.position() == place, None, f"at rest at {place}", driver.client.position()
+    )
+    driver.judge.accepted(0x0F, 0)

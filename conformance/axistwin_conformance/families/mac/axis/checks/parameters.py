@@ -7,8 +7,10 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.motion import SLOWEST, Bench, bench_of
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
+from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.parameters import PARAMETERS
 from axistwin_conformance.families.mac.axis.probes.parameters import (
     catchup_low_byte,
     excessive_torque,
@@ -19,25 +21,23 @@ from axistwin_conformance.families.mac.axis.probes.parameters import (
 
 ORDER = 100  # of this module in a run; see `Family.modules`
 
-POSITION_EDGES: Final = (
-    0, 1, 0xFFFFFFFF, 0x12345678, 0xFFFFFC18, 0x3FFFFFFF, 0xC0000000,
-)  # fmt: skip
+POSITION_EDGES: Final = (0, 1, 0xFFFFFFFF, 0x12345678, 0xFFFFFC18, 0x3FFFFFFF, 0xC0000000)
 BYTE_EDGES: Final = (0x00, 0x01, 0x7F, 0x80, 0xA5, 0xFF)
 
 
 def reads_back(
-    bench: Bench,
+    driver: AxisDriver,
     index: int,
-    query: int,
     cases: Iterable[tuple[int, int]],
     mask: int,
     requirement: str | tuple[str, ...],
 ) -> None:
-    """Judge that each parameter is accepted and that the query then shows the wanted field."""
+    """Judge that each parameter is accepted and that its query then shows the wanted field."""
+    query = PARAMETERS[index].query
     for parameter, wanted in cases:
-        bench.accepted(index, parameter, requirement=requirement)
-        value = bench.value(query)
-        bench.session.expect(
+        driver.judge.accepted(index, parameter, requirement=requirement)
+        value = driver.client.value(query)
+        driver.session.expect(
             value & mask == wanted,
             requirement,
             f"{wanted & mask:08X} under mask {mask:08X} in {query:02X}h"
@@ -50,9 +50,8 @@ def reads_back(
 def the_superior_stop_reads_back(session: Session) -> None:
     """09h stores a signed 32-bit number, 22h reads it back as eight digits."""
     reads_back(
-        bench_of(session),
+        driver_of(session),
         0x09,
-        0x22,
         ((edge, edge) for edge in POSITION_EDGES),
         0xFFFFFFFF,
         ("MACS-CMD-09-01", "MACS-Q-22-01", "MACS-FRAME-05"),
@@ -62,28 +61,26 @@ def the_superior_stop_reads_back(session: Session) -> None:
 @check("MACS-CMD-0A-01", "MACS-Q-23-01", "MACS-FRAME-05", safety="stored")
 def the_inferior_stop_reads_back(session: Session) -> None:
     """0Ah stores a signed 32-bit number, 23h reads it back, and 22h is not touched."""
-    bench = bench_of(session)
-    superior = bench.value(0x22)
+    driver = driver_of(session)
+    superior = driver.client.value(0x22)
     reads_back(
-        bench,
+        driver,
         0x0A,
-        0x23,
         ((edge, edge) for edge in POSITION_EDGES),
         0xFFFFFFFF,
         ("MACS-CMD-0A-01", "MACS-Q-23-01", "MACS-FRAME-05"),
     )
-    again = bench.value(0x22)
+    again = driver.client.value(0x22)
     session.expect(again == superior, "MACS-CMD-0A-01", f"22h still {superior:08X}", f"{again:08X}")
 
 
 @check("MACS-CMD-02-01", "MACS-Q-26-01", safety="stored")
 def torque_at_rest_reads_back(session: Session) -> None:
     """02h sets nominal (0) or half torque (1) at rest; nibble K of 26h tells."""
-    bench = bench_of(session)
+    driver = driver_of(session)
     reads_back(
-        bench,
+        driver,
         0x02,
-        0x26,
         ((1, 0x1000), (0, 0), (1, 0x1000), (0, 0)),
         0xF000,
         ("MACS-CMD-02-01", "MACS-Q-26-01"),
@@ -93,36 +90,35 @@ def torque_at_rest_reads_back(session: Session) -> None:
 @check("MACS-CMD-02-03", safety=("motion", "stored"))
 def in_standby_the_axis_stays_within_one_increment(session: Session) -> None:
     """With half torque at rest the counter stays within 1 of the target; 18h ends the swinging."""
-    bench = bench_of(session)
-    start = bench.ready()
-    bench.accepted(0x02, 1)
+    driver = driver_of(session)
+    start = driver.motion.ready()
+    driver.judge.accepted(0x02, 1)
     target = start + 50
-    forecast = bench.go(target)
+    forecast = driver.motion.go(target)
     end = forecast.end
     assert end is not None
-    bench.wait_until(end.latest_ns + 20_000_000)
+    driver.client.wait_until(end.latest_ns + 20_000_000)
     places = set()
     for _ in range(10):
-        place = bench.position()
+        place = driver.client.position()
         session.expect(abs(place - target) <= 1, None, f"{target} ± 1", place)
         places.add(place)
-        bench.wait(0.01)
+        driver.client.wait(0.01)
     swing = "it swings" if len(places) > 1 else "it does not swing: 18h has nothing to end"
     session.info(None, f"in standby {swing}")
-    bench.accepted(0x18)
-    first, second = bench.position(), bench.position()
+    driver.judge.accepted(0x18)
+    first, second = driver.client.position(), driver.client.position()
     session.expect(first == second, None, f"standing still at {first}", second)
 
 
 @check("MACS-CMD-03-01", "MACS-Q-26-01", safety="stored")
 def the_stops_mode_reads_back(session: Session) -> None:
     """03h takes 0, 1, 8 and 9; nibble m of 26h tells; nibble K stays."""
-    bench = bench_of(session)
-    bench.command(0x02, 0)
+    driver = driver_of(session)
+    driver.client.command(0x02, 0)
     reads_back(
-        bench,
+        driver,
         0x03,
-        0x26,
         ((d, d << 8) for d in (1, 8, 9, 0, 9, 8, 1, 0)),
         0xFF00,
         ("MACS-CMD-03-01", "MACS-Q-26-01"),
@@ -132,13 +128,12 @@ def the_stops_mode_reads_back(session: Session) -> None:
 @check("MACS-CMD-0C-01", "MACS-Q-26-01", safety="stored")
 def the_torque_limit_reads_back(session: Session) -> None:
     """0Ch takes 00h..Imax; byte 2 of 26h tells."""
-    bench = bench_of(session)
-    imax = bench.imax
+    driver = driver_of(session)
+    imax = driver.client.imax
     values = (1, imax // 2, imax - 1, 0x40)
     reads_back(
-        bench,
+        driver,
         0x0C,
-        0x26,
         ((value, value << 16) for value in values),
         0xFF0000,
         ("MACS-CMD-0C-01", "MACS-Q-26-01"),
@@ -148,87 +143,90 @@ def the_torque_limit_reads_back(session: Session) -> None:
 @check("MACS-CMD-0C-01", "MACS-CMD-0C-02", safety="stored")
 def the_torque_limit_ends_at_imax(session: Session) -> None:
     """0Ch takes Imax itself, refuses more, and keeps what it had."""
-    bench = bench_of(session)
-    imax = bench.imax
-    bench.reading("torque_range", torques_at_the_edges(bench, imax), "MACS-CMD-0C-01")
+    driver = driver_of(session)
+    imax = driver.client.imax
+    driver.judge.reading("torque_range", torques_at_the_edges(driver, imax), "MACS-CMD-0C-01")
     for value in (imax + 1, imax + 0x21, 0xFF):
         if imax < value <= 0xFF:
-            bench.reading("torque_over", excessive_torque(bench, imax, value), "MACS-CMD-0C-02")
+            driver.judge.reading(
+                "torque_over", excessive_torque(driver, imax, value), "MACS-CMD-0C-02"
+            )
 
 
 @check("MACS-FRAME-06", safety="stored")
 def digits_printed_x_have_no_effect_in_commands(session: Session) -> None:
     """Leading digits that the manual prints x are ignored: 0Ch ABCDEF40 stores 40."""
-    bench = bench_of(session)
-    for index, parameter, query, mask, wanted in (
-        (0x0C, 0xABCDEF40, 0x26, 0x00FF0000, 0x00400000),
-        (0x0D, 0xFFFFF777, 0x25, 0x0000FFFF, 0x0000F777),
-        (0x0F, 0xFEDCBA03, 0x26, 0xFF000000, 0x03000000),
-        (0x03, 0x12345608, 0x26, 0x00000F00, 0x00000800),
-        (0x03, 0xFFFFFF00, 0x26, 0x00000F00, 0x00000000),
+    driver = driver_of(session)
+    for index, parameter in (
+        (0x0C, 0xABCDEF40),
+        (0x0D, 0xFFFFF777),
+        (0x0F, 0xFEDCBA03),
+        (0x03, 0x12345608),
+        (0x03, 0xFFFFFF00),
     ):
-        kind = bench.command(index, parameter).kind
-        field = bench.value(query) & mask
+        stored = PARAMETERS[index]
+        wanted = stored.shown(stored.taken(parameter))
+        kind = driver.client.command(index, parameter).kind
+        field = driver.client.value(stored.query) & stored.mask
         outcome: int | str = f"{index:02X}h {parameter:08X}: {kind.value}, then {field:08X}"
-        if kind is Kind.ACCEPTED and field == wanted:
+        if kind is ReplyKind.ACCEPTED and field == wanted:
             outcome = 0
-        elif kind is Kind.REFUSED:
+        elif kind is ReplyKind.REFUSED:
             outcome = 1
-        bench.reading("dont_care_digits", outcome, "MACS-FRAME-06")
+        driver.judge.reading("dont_care_digits", outcome, "MACS-FRAME-06")
 
 
 @check("MACS-CMD-0D-01", "MACS-Q-25-01", safety="stored")
 def the_period_reads_back(session: Session) -> None:
     """0Dh stores a 16-bit period; the low word of 25h tells, the catch-up byte stays."""
-    bench = bench_of(session)
-    bench.needs_speed(SLOWEST)
-    rest = bench.value(0x25) & 0xFFFF0000
+    driver = driver_of(session)
+    driver.limits.needs_speed(SLOWEST)
+    rest = driver.client.value(0x25) & 0xFFFF0000
     values = (0x0320, 0x1234, 0xFFFF, 0x0100, 0x8000)
-    cases = ((value, rest | value) for value in values if value >= bench.fastest)
-    reads_back(bench, 0x0D, 0x25, cases, 0xFFFFFFFF, ("MACS-CMD-0D-01", "MACS-Q-25-01"))
+    cases = ((value, rest | value) for value in values if value >= driver.limits.fastest)
+    reads_back(driver, 0x0D, cases, 0xFFFFFFFF, ("MACS-CMD-0D-01", "MACS-Q-25-01"))
 
 
 @check("MACS-CMD-0D-03", "MACS-CMD-0D-01", safety="stored")
 def a_period_of_zero_is_no_period(session: Session) -> None:
     """0Dh 0000 is refused, or taken as the shortest period."""
-    bench = bench_of(session)
-    bench.accepted(0x0D, bench.slowed(0x0777), requirement="MACS-CMD-0D-01")
-    bench.again(zero_period_0d, "MACS-CMD-0D-03")
+    driver = driver_of(session)
+    driver.judge.accepted(0x0D, driver.limits.slowed(0x0777), requirement="MACS-CMD-0D-01")
+    driver.judge.again(zero_period_0d, "MACS-CMD-0D-03")
 
 
 @check("MACS-CMD-0E-01", "MACS-Q-25-01", safety="stored")
 def the_catch_up_speed_reads_back(session: Session) -> None:
     """0Eh takes its value from the third parameter byte; 25h shows it first, then 00."""
-    bench = bench_of(session)
-    low = bench.value(0x25) & 0xFFFF
+    driver = driver_of(session)
+    low = driver.client.value(0x25) & 0xFFFF
     cases = ((value << 8, value << 24 | low) for value in (0x01, 0x05, 0x80, 0xFF, 0x14))
-    reads_back(bench, 0x0E, 0x25, cases, 0xFFFFFFFF, ("MACS-CMD-0E-01", "MACS-Q-25-01"))
-    bench.again(catchup_low_byte, "MACS-CMD-0E-01")
-    bench.again(zero_catchup, "MACS-CMD-0E-01")
+    reads_back(driver, 0x0E, cases, 0xFFFFFFFF, ("MACS-CMD-0E-01", "MACS-Q-25-01"))
+    driver.judge.again(catchup_low_byte, "MACS-CMD-0E-01")
+    driver.judge.again(zero_catchup, "MACS-CMD-0E-01")
 
 
 @check("MACS-CMD-0F-01", "MACS-Q-26-01", safety="stored")
 def the_ramp_coefficient_reads_back(session: Session) -> None:
     """0Fh takes 00h..FFh; the first byte of 26h tells, the others stay."""
-    bench = bench_of(session)
-    rest = bench.value(0x26) & 0x00FFFFFF
+    driver = driver_of(session)
+    rest = driver.client.value(0x26) & 0x00FFFFFF
     cases = ((value, value << 24 | rest) for value in BYTE_EDGES)
-    reads_back(bench, 0x0F, 0x26, cases, 0xFFFFFFFF, ("MACS-CMD-0F-01", "MACS-Q-26-01"))
+    reads_back(driver, 0x0F, cases, 0xFFFFFFFF, ("MACS-CMD-0F-01", "MACS-Q-26-01"))
 
 
 @check("MACS-CMD-1C-01", "MACS-Q-26-01", safety="stored")
 def the_tolerance_reads_back(session: Session) -> None:
     """1Ch takes 00h..FFh; the last byte of 26h tells.  An older release may not have it."""
-    bench = bench_of(session)
-    if bench.command(0x1C, 1).kind is Kind.REFUSED:
-        bench.reading("cmd_1c_supported", 1, "MACS-CMD-1C-01")
+    driver = driver_of(session)
+    if driver.client.command(0x1C, 1).kind is ReplyKind.REFUSED:
+        driver.judge.reading("cmd_1c_supported", 1, "MACS-CMD-1C-01")
         return
-    bench.reading("cmd_1c_supported", 0, "MACS-CMD-1C-01")
-    rest = bench.value(0x26) & 0xFFFFFF00
+    driver.judge.reading("cmd_1c_supported", 0, "MACS-CMD-1C-01")
+    rest = driver.client.value(0x26) & 0xFFFFFF00
     reads_back(
-        bench,
+        driver,
         0x1C,
-        0x26,
         ((value, rest | value) for value in BYTE_EDGES),
         0xFFFFFFFF,
         ("MACS-CMD-1C-01", "MACS-Q-26-01"),
@@ -238,36 +236,36 @@ def the_tolerance_reads_back(session: Session) -> None:
 @check("MACS-CMD-XX-02", "MACS-REPLY-05", safety="stored")
 def values_outside_the_printed_sets_are_refused(session: Session) -> None:
     """02h, 03h and 07h refuse values that the manual does not print, and keep what they had."""
-    bench = bench_of(session)
+    driver = driver_of(session)
     for index, values, mask in (
         (0x02, (0x02, 0x03, 0x0D, 0x10, 0x80, 0xFF), 0xF000),
         (0x03, (0x02, 0x03, 0x04, 0x07, 0x0A, 0x10, 0x81, 0xFF), 0x0F00),
         (0x07, (0x02, 0x03, 0x10, 0xFF), 0),
     ):
         for value in values:
-            bench.command(index, 0)
-            kind = bench.command(index, value).kind
-            field = bench.value(0x26) & mask
+            driver.client.command(index, 0)
+            kind = driver.client.command(index, value).kind
+            field = driver.client.value(0x26) & mask
             outcome: int | str = f"{index:02X}h {value:02X}: {kind.value}, then {field:04X}"
-            if kind is Kind.REFUSED:
+            if kind is ReplyKind.REFUSED:
                 session.expect(field == 0, "MACS-REPLY-05", "the value kept", outcome)
                 outcome = 0
-            elif kind is Kind.ACCEPTED:
-                outcome = _lenient(bench, index, value, field)
-            bench.reading("param_range_policy", outcome, "MACS-CMD-XX-02")
+            elif kind is ReplyKind.ACCEPTED:
+                outcome = _lenient(driver, index, value, field)
+            driver.judge.reading("param_range_policy", outcome, "MACS-CMD-XX-02")
             session.expect(True, "MACS-REPLY-05", "", "")
-        bench.command(index, 0)
+        driver.client.command(index, 0)
 
 
-def _lenient(bench: Bench, index: int, value: int, field: int) -> int | str:
+def _lenient(driver: AxisDriver, index: int, value: int, field: int) -> int | str:
     """Whether an accepted value outside the set was masked to, or clamped into, the set."""
     mask = {0x02: 0x01, 0x03: 0x09, 0x07: 0x01}[index]
     members = {0x02: (0, 1), 0x03: (0, 1, 8, 9), 0x07: (0, 1)}[index]
     shown = {0x02: field >> 12, 0x03: field >> 8, 0x07: None}[index]
-    known = max(1, bench.known("param_range_policy"))
+    known = max(1, driver.readings.known("param_range_policy"))
     if shown is None:
         return known  # nothing reads 07h back
-    clamped = (max(one for one in members if one <= value), members[-1])
+    clamped = (max(member for member in members if member <= value), members[-1])
     fitting = [1] if shown == value & mask else []
     fitting += [2] if shown in clamped else []
     if fitting:
@@ -278,37 +276,39 @@ def _lenient(bench: Bench, index: int, value: int, field: int) -> int | str:
 @check("MACS-CMD-07-01")
 def the_reference_input_can_be_enabled_and_disabled(session: Session) -> None:
     """07h takes 1 and 0.  What the input then does needs somebody to work it."""
-    bench = bench_of(session)
+    driver = driver_of(session)
     for parameter in (1, 0, 1, 0):
-        exchange = bench.command(0x07, parameter)
-        session.expect(exchange.kind is Kind.ACCEPTED, "MACS-CMD-07-01", "accepted", exchange.reply)
+        exchange = driver.client.command(0x07, parameter)
+        session.expect(
+            exchange.kind is ReplyKind.ACCEPTED, "MACS-CMD-07-01", "accepted", exchange.reply
+        )
 
 
 @check("MACS-CMD-0B-01", safety=("motion", "stored"), level="full")
 def the_counter_is_cleared_where_the_axis_stands(session: Session) -> None:
     """0Bh makes this place 0 without moving the shaft, and targets count from there."""
-    bench = bench_of(session)
-    start = bench.ready(0x0800)
-    away = _step_off(bench, start)
-    bench.accepted(0x0B)
-    session.expect(bench.position() == 0, None, 0, bench.position())
-    bench.finish(bench.go(90))
-    bench.finish(bench.go(0))
-    _put_origin_back(bench, away)
+    driver = driver_of(session)
+    start = driver.motion.ready(0x0800)
+    away = _step_off(driver, start)
+    driver.judge.accepted(0x0B)
+    session.expect(driver.client.position() == 0, None, 0, driver.client.position())
+    driver.motion.finish(driver.motion.go(90))
+    driver.motion.finish(driver.motion.go(0))
+    _put_origin_back(driver, away)
 
 
 @check("MACS-CMD-0B-02", "MACS-CMD-0B-01", safety=("motion", "stored"), level="full")
 def the_counter_is_cleared_in_velocity_motion(session: Session) -> None:
     """0Bh in velocity motion is accepted, clears the counter, and the motion goes on as it was."""
-    bench = bench_of(session)
-    start = bench.ready(SLOWEST)
-    _step_off(bench, start)
-    forecast = bench.turn(1, SLOWEST)
-    bench.wait(0.3)
-    exchange = bench.accepted(0x0B)
+    driver = driver_of(session)
+    start = driver.motion.ready(SLOWEST)
+    _step_off(driver, start)
+    forecast = driver.motion.turn(1, SLOWEST)
+    driver.client.wait(0.3)
+    exchange = driver.judge.accepted(0x0B)
     moved = forecast.bounds(exchange.taken)
-    bench.wait(0.2)
-    sample = bench.sample()
+    driver.client.wait(0.2)
+    sample = driver.client.sample()
     lowest, highest = forecast.bounds(sample.taken)
     session.expect(
         lowest - moved[1] <= sample.position <= highest - moved[0],
@@ -316,21 +316,21 @@ def the_counter_is_cleared_in_velocity_motion(session: Session) -> None:
         f"{lowest - moved[1]}..{highest - moved[0]} counted from the place of 0Bh",
         sample.position,
     )
-    bench.accepted(0x18)
-    _put_origin_back(bench, moved[0])  # to one increment: nobody knows the instant of 0Bh better
+    driver.judge.accepted(0x18)
+    _put_origin_back(driver, moved[0])  # to one increment: nobody knows the instant of 0Bh better
 
 
-def _step_off(bench: Bench, start: int) -> int:
+def _step_off(driver: AxisDriver, start: int) -> int:
     """Stand a little beside counter 0, so that clearing shows; give the place."""
     away = start + 37
-    bench.finish(bench.go(away))
+    driver.motion.finish(driver.motion.go(away))
     return away
 
 
-def _put_origin_back(bench: Bench, here: int) -> None:
+def _put_origin_back(driver: AxisDriver, here: int) -> None:
     """Clear the counter where it was 0 before; `here`: what the place that is 0 now was then."""
-    if abs(here) > bench.room():
-        bench.session.note(f"the counter's origin is now at {here} of the old one")
+    if abs(here) > driver.limits.room():
+        driver.session.note(f"the counter's origin is now at {here} of the old one")
         return
-    bench.finish(bench.go(-here))
-    bench.command(0x0B)
+    driver.motion.finish(driver.motion.go(-here))
+    driver.client.command(0x0B)

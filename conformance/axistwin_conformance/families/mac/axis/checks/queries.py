@@ -6,8 +6,9 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.motion import SLOWEST, Bench, bench_of
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
+from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.snapshot import PLAUSIBLE_CELSIUS, facts_of
 
 ORDER = 80  # of this module in a run; see `Family.modules`
@@ -23,19 +24,19 @@ STATUS_READS: Final = 20
 @check("MACS-Q-21-01", "MACS-Q-XX-03")
 def the_status_of_a_sound_module_shows_no_fault(session: Session) -> None:
     """Answer 21h is dd ff gg hh; a module at rest that nothing ails has no fault or warning."""
-    bench = bench_of(session)
-    status = bench.value(0x21)
+    driver = driver_of(session)
+    status = driver.client.value(0x21)
     session.expect(
         not status & FAULTS, "MACS-Q-21-01", "no fault and no warning in dd", f"{status:08X}"
     )
-    _judge_reserved(bench, status & STATUS_RESERVED, f"21h {status:08X}")
+    _judge_reserved(driver, status & STATUS_RESERVED, f"21h {status:08X}")
 
 
 @check("MACS-Q-27-01", "MACS-Q-27-03", "MACS-Q-XX-03")
 def measures_are_plausible_and_idle_is_not_busy(session: Session) -> None:
     """27h gives tt vv cc dd: a room's temperature, a drive's supply, and at rest cc bit 3 set."""
-    bench = bench_of(session)
-    value = bench.value(0x27)
+    driver = driver_of(session)
+    value = driver.client.value(0x27)
     tt, vv, first, _ = value.to_bytes(4, "big")
     facts = facts_of(session)
     celsius, volts = facts.celsius(tt), facts.volts(vv)
@@ -51,24 +52,24 @@ def measures_are_plausible_and_idle_is_not_busy(session: Session) -> None:
     session.expect(
         bool(first & 0x08), "MACS-Q-27-03", "cc bit 3 = 1: the axis follows", f"cc {first:02X}"
     )
-    _judge_reserved(bench, value & MEASURES_RESERVED, f"27h {value:08X}")
+    _judge_reserved(driver, value & MEASURES_RESERVED, f"27h {value:08X}")
 
 
-def _judge_reserved(bench: Bench, bits: int, what: str) -> None:
+def _judge_reserved(driver: AxisDriver, bits: int, what: str) -> None:
     """Reserved bits may hold anything (MACS-AMB-59); that they do is worth knowing."""
-    bench.session.expect(True, "MACS-Q-XX-03", "any value", bits)
+    driver.session.expect(True, "MACS-Q-XX-03", "any value", bits)
     if bits:
-        bench.session.note(f"reserved bits set: {what}")
-        held = bench.session.reading("reserved_bits")
-        bench.session.quirk("MACS-Q-XX-03", "reserved_bits", "1" if held == "0" else held)
+        driver.session.note(f"reserved bits set: {what}")
+        held = driver.session.reading("reserved_bits")
+        driver.session.quirk("MACS-Q-XX-03", "reserved_bits", "1" if held == "0" else held)
 
 
 @check("MACS-Q-24-01")
 def the_release_is_eight_digits_that_stay(session: Session) -> None:
     """24h identifies the release: the same eight digits every time; their format is open."""
-    bench = bench_of(session)
-    release = bench.value(0x24)
-    again = bench.value(0x24)
+    driver = driver_of(session)
+    release = driver.client.value(0x24)
+    again = driver.client.value(0x24)
     session.expect(again == release, None, f"{release:08X} again", f"{again:08X}")
     session.info(None, f"release {release:08X}")
 
@@ -76,35 +77,41 @@ def the_release_is_eight_digits_that_stay(session: Session) -> None:
 @check("MACS-Q-20-01", "MACS-FRAME-05", "MACS-CMD-13-01", safety=("motion", "stored"), level="full")
 def positions_are_signed_and_big_endian(session: Session) -> None:
     """13h and 20h carry signed 32-bit numbers, most significant digit first, on both sides of 0."""
-    bench = bench_of(session)
-    start = bench.ready(0x0800)
+    driver = driver_of(session)
+    start = driver.motion.ready(0x0800)
     targets = [start - 1, start + 1, start + 300, start - 300]
-    near_zero = abs(start) <= bench.room()
+    near_zero = abs(start) <= driver.limits.room()
     targets += [-1, 1, 0x101, -0x101, 0] if near_zero else []
     for target in targets:
-        bench.finish(bench.go(target), ("MACS-Q-20-01", "MACS-FRAME-05", "MACS-CMD-13-01"))
+        driver.motion.finish(
+            driver.motion.go(target), ("MACS-Q-20-01", "MACS-FRAME-05", "MACS-CMD-13-01")
+        )
 
 
 @check("MACS-Q-XX-01", "MACS-CMD-13-01", safety=("motion", "stored"), level="full")
 def queries_disturb_nothing(session: Session) -> None:
     """Every query is answered at full rate during a move, and the move is on time and exact."""
-    bench = bench_of(session)
-    start = bench.ready(0x4000)
-    forecast = bench.go(start + 300)
+    driver = driver_of(session)
+    start = driver.motion.ready(0x4000)
+    forecast = driver.motion.go(start + 300)
     end = forecast.end
     assert end is not None
     while session.transport.now_ns < end.earliest_ns - 150_000_000:
-        for index in bench.answered:
-            bench.must(Kind.ANSWER, bench.ask(index), "MACS-Q-XX-01")
-        bench.follow(forecast, ("MACS-Q-XX-01", "MACS-CMD-13-01"), bench.allowance(bench.period))
-    bench.finish(forecast, ("MACS-Q-XX-01", "MACS-CMD-13-01"))
+        for index in driver.client.face.answered:
+            driver.judge.must(ReplyKind.ANSWER, driver.client.ask(index), "MACS-Q-XX-01")
+        driver.motion.follow(
+            forecast,
+            ("MACS-Q-XX-01", "MACS-CMD-13-01"),
+            driver.limits.allowance(driver.motion.period),
+        )
+    driver.motion.finish(forecast, ("MACS-Q-XX-01", "MACS-CMD-13-01"))
 
 
 @check("MACS-Q-XX-01", safety=("motion", "stored"), level="full")
 def queries_are_answered_in_every_motion(session: Session) -> None:
     """Queries are answered at rest, armed, preloaded, in velocity and in interpolated motion."""
-    bench = bench_of(session)
-    start = bench.ready(SLOWEST)
+    driver = driver_of(session)
+    start = driver.motion.ready(SLOWEST)
     preparations = (
         ((0x10, 0),),
         ((0x10, 0), (0x13, start + 40)),
@@ -115,36 +122,36 @@ def queries_are_answered_in_every_motion(session: Session) -> None:
     )
     for commands in preparations:
         for index, parameter in commands:
-            bench.accepted(index, parameter, requirement="MACS-Q-XX-01")
-        for index in bench.answered:
-            bench.must(Kind.ANSWER, bench.ask(index))
-        bench.at_rest()
+            driver.judge.accepted(index, parameter, requirement="MACS-Q-XX-01")
+        for index in driver.client.face.answered:
+            driver.judge.must(ReplyKind.ANSWER, driver.client.ask(index))
+        driver.motion.at_rest()
 
 
 @check("MACS-Q-22-01", "MACS-Q-23-01", "MACS-Q-25-01", "MACS-Q-26-01")
 def parameter_queries_are_steady(session: Session) -> None:
     """22h, 23h, 25h and 26h read the same again, and the zero byte of 25h is zero."""
-    bench = bench_of(session)
-    names = {
-        0x22: "MACS-Q-22-01", 0x23: "MACS-Q-23-01", 0x25: "MACS-Q-25-01", 0x26: "MACS-Q-26-01",
-    }  # fmt: skip
+    driver = driver_of(session)
+    names = {0x22: "MACS-Q-22-01", 0x23: "MACS-Q-23-01", 0x25: "MACS-Q-25-01", 0x26: "MACS-Q-26-01"}
     for index, name in names.items():
-        value, again = bench.value(index), bench.value(index)
+        value, again = driver.client.value(index), driver.client.value(index)
         session.expect(again == value, name, f"{value:08X} again", f"{again:08X}")
-    speeds = bench.value(0x25)
+    speeds = driver.client.value(0x25)
     session.expect(not speeds & 0x00FF0000, "MACS-Q-25-01", "rr 00 vvvv", f"{speeds:08X}")
-    modes = bench.value(0x26) >> 8 & 0xFF
+    modes = driver.client.value(0x26) >> 8 & 0xFF
     session.expect(
         modes >> 4 in (0, 1) and modes & 0xF in (0, 1, 8, 9),
-        "MACS-Q-26-01", "K in 0 1, m in 0 1 8 9", f"{modes:02X}",
-    )  # fmt: skip
+        "MACS-Q-26-01",
+        "K in 0 1, m in 0 1 8 9",
+        f"{modes:02X}",
+    )
 
 
 @check("MACS-Q-21-01")
 def the_status_is_steady(session: Session) -> None:
     """Reading 21h clears nothing: faults and stops stay until a reset or the next motion."""
-    bench = bench_of(session)
-    first = bench.value(0x21) & (FAULTS | STOPPED_ON)
+    driver = driver_of(session)
+    first = driver.client.value(0x21) & (FAULTS | STOPPED_ON)
     for _ in range(STATUS_READS if session.transport.is_virtual else 3):
-        again = bench.value(0x21) & (FAULTS | STOPPED_ON)
+        again = driver.client.value(0x21) & (FAULTS | STOPPED_ON)
         session.expect(again == first, "MACS-Q-21-01", f"{first:08X}", f"{again:08X}")

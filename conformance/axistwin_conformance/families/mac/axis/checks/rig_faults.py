@@ -16,18 +16,19 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.base.errors import CannotDo
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S, segment, velocity
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
+from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
+from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
 from axistwin_conformance.families.mac.axis.driver.rig import (
     AT_ONCE,
     OVER_VOLTAGE,
     UNDER_VOLTAGE,
     WORKED,
     MotionCommand,
-    RigBench,
-    rig_bench_of,
 )
-from axistwin_conformance.families.mac.axis.exchanges import Kind
-from axistwin_conformance.families.mac.axis.model.forecast import Window
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
+from axistwin_conformance.families.mac.axis.parameters import settings_of
 from axistwin_conformance.families.mac.axis.snapshot import DISJUNCTIONS, facts_of
 from axistwin_conformance.transport.rig import Rig
 
@@ -57,11 +58,7 @@ class Cause:
 
 def _named(name: str, bit: int, lasts: bool = True) -> Cause:
     return Cause(
-        name,
-        bit,
-        lambda rig: rig.fault(name, True),
-        lambda rig: rig.fault(name, False),
-        lasts,
+        name, bit, lambda rig: rig.fault(name, True), lambda rig: rig.fault(name, False), lasts
     )
 
 
@@ -85,9 +82,9 @@ def is_mac23(session: Session) -> bool:
     return facts_of(session).is_mac23
 
 
-def celsius(bench: RigBench) -> float:
+def celsius(driver: AxisDriver) -> float:
     """The temperature, by 27h."""
-    return facts_of(bench.session).celsius(bench.data_bytes(0x27)[0])
+    return facts_of(driver.session).celsius(driver.client.data_bytes(0x27)[0])
 
 
 # --- disjunctions --------------------------------------------------------------------------------
@@ -96,7 +93,7 @@ def celsius(bench: RigBench) -> float:
 @check("MACS-STATE-02", "MACS-Q-21-02", safety=WORKED, needs=("rig:micro_cut",))
 def a_micro_cut_of_the_supply_locks_motion(session: Session) -> None:
     """A micro-cut latches dd.0 and refuses motion until 00h; parameters stay writable."""
-    walk_through(rig_bench_of(session), MICRO_CUT)
+    walk_through(driver_of(session), MICRO_CUT)
 
 
 @check("MACS-STATE-02", "MACS-STATE-03", "MACS-Q-21-02", safety=WORKED, needs=("rig:temperature",))
@@ -104,8 +101,8 @@ def overheating_locks_motion(session: Session) -> None:
     """Above 85 °C dd.4 latches and motion is refused until 00h, or again if it is still hot."""
     if not is_mac23(session):
         session.skip(NO_THRESHOLDS)
-    bench = rig_bench_of(session)
-    walk_through(bench, heat(celsius(bench)))
+    driver = driver_of(session)
+    walk_through(driver, heat(celsius(driver)))
 
 
 @check("MACS-STATE-02", "MACS-STATE-03", "MACS-Q-21-02", safety=WORKED, needs=("rig:amplifier",))
@@ -113,7 +110,7 @@ def an_amplifier_fault_locks_motion(session: Session) -> None:
     """On a MAC34 an amplifier fault latches dd.3 and refuses motion until 00h."""
     if is_mac23(session):
         session.skip("only a MAC34 tells faults of its amplifier")
-    walk_through(rig_bench_of(session), AMPLIFIER)
+    walk_through(driver_of(session), AMPLIFIER)
 
 
 @check("MACS-STATE-02", "MACS-STATE-03", "MACS-Q-21-02", safety=WORKED, needs=("rig:encoder",))
@@ -121,23 +118,23 @@ def a_missing_encoder_locks_motion(session: Session) -> None:
     """On a MAC34 a missing encoder is told in dd.1 and refuses motion, or is only told."""
     if is_mac23(session):
         session.skip("only a MAC34 tells that its encoder is missing")
-    bench = rig_bench_of(session)
-    start = bench.begin()
-    bench.rig.fault("encoder", True)
+    driver = driver_of(session)
+    start = driver.rig.begin()
+    driver.session.rig.fault("encoder", True)
     session.expect(
-        bench.faults() == ENCODER.bit,
+        driver.status.faults() == ENCODER.bit,
         ("MACS-STATE-03", "MACS-Q-21-02"),
         "dd 02",
-        f"{bench.faults():02X}",
+        f"{driver.status.faults():02X}",
     )
-    kind = bench.command(0x13, start + 5).kind
-    bench.at_rest()
-    bench.rig.fault("encoder", False)
-    outcome = {Kind.REFUSED: 0, Kind.ACCEPTED: 1}.get(kind, kind.value)
-    bench.reading("encoder_fault_locks", outcome, "MACS-STATE-02")
-    bench.restart()
+    kind = driver.client.command(0x13, start + 5).kind
+    driver.motion.at_rest()
+    driver.session.rig.fault("encoder", False)
+    outcome = {ReplyKind.REFUSED: 0, ReplyKind.ACCEPTED: 1}.get(kind, kind.value)
+    driver.judge.reading("encoder_fault_locks", outcome, "MACS-STATE-02")
+    driver.rig.restart()
     if outcome == 0:
-        walk_through(bench, ENCODER)
+        walk_through(driver, ENCODER)
 
 
 @check("MACS-STATE-03", "MACS-Q-21-02", safety=WORKED, needs=("rig:temperature",), level="full")
@@ -145,152 +142,170 @@ def a_fault_gone_by_the_end_of_the_start_up_is_forgotten(session: Session) -> No
     """At the end of the start-up faults are looked at afresh: what came and went before, is not."""
     if not is_mac23(session):
         session.skip(NO_THRESHOLDS)
-    bench = rig_bench_of(session)
-    if not bench.rig.is_exact or bench.deaf_s < 1:
+    driver = driver_of(session)
+    if not driver.session.rig.is_exact or driver.motion.deaf_s < 1:
         session.skip(f"{AT_ONCE}: it has to heat and to cool while the module starts")
-    start = bench.begin()
-    cause = heat(celsius(bench))
-    bench.within(QUIET_S, 0x00)
-    cause.begin(bench.rig)
-    bench.wait(0.1)
-    cause.end(bench.rig)
-    bench.awake("MACS-STATE-03")
-    seen = bench.faults()
+    start = driver.rig.begin()
+    cause = heat(celsius(driver))
+    driver.client.within(QUIET_S, 0x00)
+    cause.begin(driver.session.rig)
+    driver.client.wait(0.1)
+    cause.end(driver.session.rig)
+    driver.rig.awake("MACS-STATE-03")
+    seen = driver.status.faults()
     session.expect(seen == 0, ("MACS-STATE-03", "MACS-Q-21-02"), "dd 00", f"{seen:02X}")
-    bench.finish(bench.go(start + 10), "MACS-STATE-03")
+    driver.motion.finish(driver.motion.go(start + 10), "MACS-STATE-03")
 
 
-def walk_through(bench: RigBench, cause: Cause) -> None:
+def walk_through(driver: AxisDriver, cause: Cause) -> None:
     """A fault's whole life, at rest: it comes, locks, latches, goes with 00h, or comes back."""
-    session = bench.session
-    start = bench.begin()
-    cause.begin(bench.rig)
-    _judge_bits(bench, cause, "MACS-Q-21-02")
-    _judge_lock(bench, start)
-    _judge_parameters(bench)
-    cause.end(bench.rig)
-    bench.wait(0.2)
-    _judge_bits(bench, cause, "MACS-Q-21-02")
+    session = driver.session
+    start = driver.rig.begin()
+    cause.begin(driver.session.rig)
+    _judge_bits(driver, cause, "MACS-Q-21-02")
+    _judge_lock(driver, start)
+    _judge_parameters(driver)
+    cause.end(driver.session.rig)
+    driver.client.wait(0.2)
+    _judge_bits(driver, cause, "MACS-Q-21-02")
     for index in (0x19, 0x1A):  # neither clears it
-        bench.command(index)
-    bench.refused(0x13, start + 5, requirement="MACS-STATE-02")
-    _judge_bits(bench, cause, "MACS-Q-21-02")
-    _clear(bench)
+        driver.client.command(index)
+    driver.judge.refused(0x13, start + 5, requirement="MACS-STATE-02")
+    _judge_bits(driver, cause, "MACS-Q-21-02")
+    _clear(driver)
     session.expect(
-        bench.faults() == 0, ("MACS-STATE-02", "MACS-Q-21-02"), "dd 00", f"{bench.faults():02X}"
+        driver.status.faults() == 0,
+        ("MACS-STATE-02", "MACS-Q-21-02"),
+        "dd 00",
+        f"{driver.status.faults():02X}",
     )
-    bench.finish(bench.go(start + 40), "MACS-STATE-02")
-    bench.finish(bench.go(start), "MACS-STATE-02")
+    driver.motion.finish(driver.motion.go(start + 40), "MACS-STATE-02")
+    driver.motion.finish(driver.motion.go(start), "MACS-STATE-02")
     if cause.lasts:
-        _judge_return(bench, cause, start)
-    session.expect(bench.position() == start, "MACS-STATE-02", f"still {start}", bench.position())
+        _judge_return(driver, cause, start)
+    session.expect(
+        driver.client.position() == start,
+        "MACS-STATE-02",
+        f"still {start}",
+        driver.client.position(),
+    )
 
 
-def _judge_return(bench: RigBench, cause: Cause, start: int) -> None:
+def _judge_return(driver: AxisDriver, cause: Cause, start: int) -> None:
     """With its cause still there, the fault is back after 00h."""
-    cause.begin(bench.rig)
-    _clear(bench)
-    _judge_bits(bench, cause, "MACS-STATE-03")
-    bench.refused(0x13, start + 5, requirement="MACS-STATE-03")
-    cause.end(bench.rig)
-    _clear(bench)
+    cause.begin(driver.session.rig)
+    _clear(driver)
+    _judge_bits(driver, cause, "MACS-STATE-03")
+    driver.judge.refused(0x13, start + 5, requirement="MACS-STATE-03")
+    cause.end(driver.session.rig)
+    _clear(driver)
 
 
-def _clear(bench: RigBench) -> None:
+def _clear(driver: AxisDriver) -> None:
     """00h, which a disjuncted module accepts, and the time it then needs."""
-    bench.command(0x00)
-    bench.awake("MACS-STATE-02")
+    driver.client.command(0x00)
+    driver.rig.awake("MACS-STATE-02")
 
 
-def _judge_bits(bench: RigBench, cause: Cause, requirement: str) -> None:
-    seen = bench.faults() & DISJUNCTIONS
-    bench.session.expect(
+def _judge_bits(driver: AxisDriver, cause: Cause, requirement: str) -> None:
+    seen = driver.status.faults() & DISJUNCTIONS
+    driver.session.expect(
         seen == cause.bit, requirement, f"dd {cause.bit:02X} for {cause.name}", f"{seen:02X}"
     )
 
 
-def _judge_lock(bench: RigBench, start: int) -> None:
+def _judge_lock(driver: AxisDriver, start: int) -> None:
     """Motion commands are refused; whether stops and the like count among them is open."""
     parameters = {
         0x13: start + 40,
-        0x15: velocity(1, bench.period),
-        0x16: segment(5, bench.period),
-        0x1E: segment(5, bench.period),
+        0x15: velocity(1, driver.motion.period),
+        0x16: segment_parameter(5, driver.motion.period),
+        0x1E: segment_parameter(5, driver.motion.period),
     }
     for index in STARTING:
-        bench.refused(index, parameters.get(index, 0), requirement="MACS-STATE-02")
+        driver.judge.refused(index, parameters.get(index, 0), requirement="MACS-STATE-02")
     ambiguous = [
-        index for index in OTHER_MOTION if index != 0x11 or not bench.known("sync_without_preload")
+        index
+        for index in OTHER_MOTION
+        if index != 0x11 or not driver.readings.known("sync_without_preload")
     ]
-    kinds = {index: bench.command(index).kind for index in ambiguous}
-    told = ", ".join(f"{index:02X}h {kind.value}" for index, kind in kinds.items())
-    outcome: int | str = told
-    if set(kinds.values()) == {Kind.REFUSED}:
+    kinds = {index: driver.client.command(index).kind for index in ambiguous}
+    described = ", ".join(f"{index:02X}h {kind.value}" for index, kind in kinds.items())
+    outcome: int | str = described
+    if set(kinds.values()) == {ReplyKind.REFUSED}:
         outcome = 0
-    elif set(kinds.values()) == {Kind.ACCEPTED}:
+    elif set(kinds.values()) == {ReplyKind.ACCEPTED}:
         outcome = 1
-    bench.reading("disj_refuse_set", outcome, "MACS-STATE-02")
-    bench.session.expect(
-        bench.position() == start, "MACS-STATE-02", f"still {start}", bench.position()
+    driver.judge.reading("disj_refuse_set", outcome, "MACS-STATE-02")
+    driver.session.expect(
+        driver.client.position() == start,
+        "MACS-STATE-02",
+        f"still {start}",
+        driver.client.position(),
     )
 
 
-def _judge_parameters(bench: RigBench) -> None:
+def _judge_parameters(driver: AxisDriver) -> None:
     """What is no motion command is accepted, with what is set already."""
-    speeds, modes = bench.value(0x25), bench.value(0x26)
-    for index, parameter in (
-        (0x02, modes >> 12 & 0xF), (0x03, modes >> 8 & 0xF), (0x07, 0),
-        (0x09, bench.value(0x22)), (0x0A, bench.value(0x23)), (0x0C, modes >> 16 & 0xFF),
-        (0x0D, speeds & 0xFFFF), (0x0E, speeds >> 24 << 8), (0x0F, modes >> 24),
-    ):  # fmt: skip
-        bench.accepted(index, parameter, requirement="MACS-STATE-02")
-    if bench.has_tolerance():
-        bench.accepted(0x1C, modes & 0xFF, requirement="MACS-STATE-02")
-    for index in bench.answered:
-        bench.value(index)
+    settings = {**settings_of(driver.client.parameters()), 0x07: 0}
+    tolerance = settings.pop(0x1C)
+    for index, parameter in sorted(settings.items()):
+        driver.judge.accepted(index, parameter, requirement="MACS-STATE-02")
+    if driver.rig.has_tolerance():
+        driver.judge.accepted(0x1C, tolerance, requirement="MACS-STATE-02")
+    for index in driver.client.face.answered:
+        driver.client.value(index)
 
 
-def _causes(bench: RigBench) -> list[Cause]:
+def _causes(driver: AxisDriver) -> list[Cause]:
     """The faults this model tells that the rig can make."""
     known = [MICRO_CUT]
-    if is_mac23(bench.session):
-        known.append(heat(celsius(bench)))
+    if is_mac23(driver.session):
+        known.append(heat(celsius(driver)))
     else:
         known.append(AMPLIFIER)
-    return [cause for cause in known if cause.name in bench.rig.capabilities]
+    return [cause for cause in known if cause.name in driver.session.rig.capabilities]
 
 
 @check("MACS-STATE-02", "MACS-Q-20-01", safety=WORKED, needs=("rig:micro_cut",))
 def a_fault_in_motion_cuts_the_power(session: Session) -> None:
     """A fault under any motion ends it; the position stays valid, nothing resumes after 00h."""
-    bench = rig_bench_of(session)
-    for cause in _causes(bench):
-        for way in bench.ways:
+    driver = driver_of(session)
+    for cause in _causes(driver):
+        for command in driver.rig.motion_commands:
             with suppress(CannotDo):  # of the causes one suffices
-                _cut_down(bench, cause, way)
+                _cut_down(driver, cause, command)
 
 
-def _cut_down(bench: RigBench, cause: Cause, way: MotionCommand) -> None:
-    session = bench.session
-    start = bench.begin()
-    moving = way.begin(bench, start, bench.reach)
-    bench.wait(0.08)
-    act = Window(*cause.begin(bench.rig))
-    bench.in_time(moving, act)
-    place = bench.rest()
-    bench.judge_place(place, moving.halted(act), 1, ("MACS-STATE-02", "MACS-Q-20-01"), coasts=True)
-    _judge_bits(bench, cause, "MACS-STATE-02")
-    bench.refused(0x13, start, requirement="MACS-STATE-02")
-    bench.refused(0x16, segment(5, bench.period), requirement="MACS-STATE-02")
-    cause.end(bench.rig)
-    _clear(bench)
-    again = bench.rest()
+def _cut_down(driver: AxisDriver, cause: Cause, command: MotionCommand) -> None:
+    session = driver.session
+    start = driver.rig.begin()
+    moving = command.begin(driver.rig, start, driver.rig.reach)
+    driver.client.wait(0.08)
+    act = TimeWindow(*cause.begin(driver.session.rig))
+    driver.rig.in_time(moving, act)
+    place = driver.rig.rest()
+    driver.rig.judge_place(
+        place, moving.halted(act), 1, ("MACS-STATE-02", "MACS-Q-20-01"), coasts=True
+    )
+    _judge_bits(driver, cause, "MACS-STATE-02")
+    driver.judge.refused(0x13, start, requirement="MACS-STATE-02")
+    driver.judge.refused(
+        0x16, segment_parameter(5, driver.motion.period), requirement="MACS-STATE-02"
+    )
+    cause.end(driver.session.rig)
+    _clear(driver)
+    again = driver.rig.rest()
     session.expect(again == place, "MACS-STATE-02", f"nothing resumes: still {place}", again)
-    bench.finish(bench.go(start), "MACS-STATE-02")
+    driver.motion.finish(driver.motion.go(start), "MACS-STATE-02")
 
 
-@check("MACS-STATE-02", "MACS-Q-21-02", safety=WORKED,
-       needs=("virtual", "rig:supply", "rig:temperature"))  # fmt: skip
+@check(
+    "MACS-STATE-02",
+    "MACS-Q-21-02",
+    safety=WORKED,
+    needs=("virtual", "rig:supply", "rig:temperature"),
+)
 def far_too_much_cuts_the_power_of_a_mac34(session: Session) -> None:
     """Where dd.3 comes with the supply, or dd.2 with the temperature, it ends the motion as well.
 
@@ -299,61 +314,66 @@ def far_too_much_cuts_the_power_of_a_mac34(session: Session) -> None:
     """
     if is_mac23(session):
         session.skip("only a MAC34 has these two bits")
-    bench, facts = rig_bench_of(session), facts_of(session)
-    usual_volts, usual_celsius = facts.volts(bench.data_bytes(0x27)[1]), celsius(bench)
+    driver, facts = driver_of(session), facts_of(session)
+    usual_volts, usual_celsius = facts.volts(driver.client.data_bytes(0x27)[1]), celsius(driver)
     most_volts = facts.volts(0xFF)
     rises = (
-        (0x08, bench.rig.set_supply, usual_volts, most_volts),
-        (0x04, bench.rig.set_temperature, usual_celsius, 120.0),
+        (0x08, driver.session.rig.set_supply, usual_volts, most_volts),
+        (0x04, driver.session.rig.set_temperature, usual_celsius, 120.0),
     )
     for bit, put, usual, most in rises:
-        start = bench.begin()
-        bench.turn(1, bench.period)
+        start = driver.rig.begin()
+        driver.motion.turn(1, driver.motion.period)
         values = (round(usual + (most - usual) * part / 20, 1) for part in range(1, 21))
-        is_latched = any(_latches(bench, put, value, bit) for value in values)
-        place = bench.rest() if is_latched else start
+        is_latched = any(_latches(driver, put, value, bit) for value in values)
+        place = driver.rig.rest() if is_latched else start
         if is_latched:
-            _judge_lock(bench, place)
+            _judge_lock(driver, place)
         put(usual)
-        bench.at_rest()
-        _clear(bench)
-        again = bench.position()
+        driver.motion.at_rest()
+        _clear(driver)
+        again = driver.client.position()
         session.expect(
             not is_latched or again == place, "MACS-STATE-02", f"nothing resumes: {place}", again
         )
 
 
-def _latches(bench: RigBench, put: Callable[[float], object], value: float, bit: int) -> bool:
+def _latches(driver: AxisDriver, put: Callable[[float], object], value: float, bit: int) -> bool:
     """Whether supply or temperature at that value is a fault; if so, it is the one of `bit`."""
     put(value)
-    seen = bench.faults() & DISJUNCTIONS
-    bench.session.expect(seen in (0, bit), "MACS-Q-21-02", f"dd 00 or {bit:02X}", f"{seen:02X}")
+    seen = driver.status.faults() & DISJUNCTIONS
+    driver.session.expect(seen in (0, bit), "MACS-Q-21-02", f"dd 00 or {bit:02X}", f"{seen:02X}")
     return seen == bit
 
 
 # --- supply and temperature ----------------------------------------------------------------------
 
 
-def _judge_close(bench: RigBench, what: str, wanted: float, told: float, exact: float) -> None:
+def _judge_close(
+    driver: AxisDriver, what: str, wanted: float, described: float, exact: float
+) -> None:
     """27h tells the value that the rig set: to one count, or to what a bench's own meter shows."""
-    limit = exact if bench.rig.is_exact else max(1.0, 0.1 * abs(wanted), exact)
-    bench.session.expect(
-        abs(told - wanted) <= limit, "MACS-Q-27-01", f"{what} {wanted:g} ± {limit:.2f}", f"{told:g}"
+    limit = exact if driver.session.rig.is_exact else max(1.0, 0.1 * abs(wanted), exact)
+    driver.session.expect(
+        abs(described - wanted) <= limit,
+        "MACS-Q-27-01",
+        f"{what} {wanted:g} ± {limit:.2f}",
+        f"{described:g}",
     )
 
 
 @check("MACS-Q-27-01", safety=WORKED, needs=("rig:supply", "rig:temperature"))
 def supply_and_temperature_have_the_model_s_scale(session: Session) -> None:
     """27h follows supply and temperature in the scale that the manual gives for the model."""
-    bench, facts = rig_bench_of(session), facts_of(session)
-    usual = facts.volts(bench.data_bytes(0x27)[1])
+    driver, facts = driver_of(session), facts_of(session)
+    usual = facts.volts(driver.client.data_bytes(0x27)[1])
     for share in (0.7, 0.85, 1.1):
-        bench.rig.set_supply(round(usual * share, 2))
-        told = facts.volts(bench.data_bytes(0x27)[1])
-        _judge_close(bench, "supply", round(usual * share, 2), told, facts.volts_per_count)
+        driver.session.rig.set_supply(round(usual * share, 2))
+        described = facts.volts(driver.client.data_bytes(0x27)[1])
+        _judge_close(driver, "supply", round(usual * share, 2), described, facts.volts_per_count)
     for degrees in (10.0, 35.0, 60.0, 80.0):
-        bench.rig.set_temperature(degrees)
-        _judge_close(bench, "temperature", degrees, celsius(bench), facts.celsius_gain)
+        driver.session.rig.set_temperature(degrees)
+        _judge_close(driver, "temperature", degrees, celsius(driver), facts.celsius_gain)
 
 
 @check("MACS-Q-21-02", "MACS-STATE-04", safety=WORKED, needs=("rig:supply",))
@@ -361,39 +381,41 @@ def warnings_follow_the_supply_and_refuse_nothing(session: Session) -> None:
     """dd.6 from 46 V up and dd.5 from 12 V down come and go; motion runs as ever under both."""
     if not is_mac23(session):
         session.skip(NO_THRESHOLDS)
-    bench = rig_bench_of(session)
-    bench.begin()
+    driver = driver_of(session)
+    driver.rig.begin()
     steps = (24.0, 45.6, 46.4, 45.6, 12.4, 11.5, 12.4)
-    fine = (45.8, 46.1, 12.1, 11.85) if bench.rig.is_exact else ()
+    fine = (45.8, 46.1, 12.1, 11.85) if driver.session.rig.is_exact else ()
     for volts in (*steps, *fine):
-        bench.rig.set_supply(volts)
-        vv = bench.data_bytes(0x27)[1]
+        driver.session.rig.set_supply(volts)
+        vv = driver.client.data_bytes(0x27)[1]
         wanted = OVER_VOLTAGE * (vv >= OVER_FROM_VV) | UNDER_VOLTAGE * (vv <= UNDER_TO_VV)
-        seen = bench.faults()
-        if bench.data_bytes(0x27)[1] != vv:
+        seen = driver.status.faults()
+        if driver.client.data_bytes(0x27)[1] != vv:
             continue  # a supply that swings: not to be judged by one count
         session.expect(
             seen == wanted, "MACS-Q-21-02", f"dd {wanted:02X} at vv {vv:02X}", f"{seen:02X}"
         )
         if wanted:
-            _judge_moves(bench)
-    bench.rig.reset()
-    session.expect(bench.faults() == 0, "MACS-Q-21-02", "dd 00", f"{bench.faults():02X}")
+            _judge_moves(driver)
+    driver.session.rig.reset()
+    session.expect(
+        driver.status.faults() == 0, "MACS-Q-21-02", "dd 00", f"{driver.status.faults():02X}"
+    )
 
 
-def _judge_moves(bench: RigBench) -> None:
+def _judge_moves(driver: AxisDriver) -> None:
     """Every kind of motion is accepted and runs to its end."""
-    start = bench.position()
-    for way in bench.ways:
-        moving = way.begin(bench, start, 20)
-        if way.is_endless:
-            bench.wait(0.02)
-            bench.accepted(0x18)
+    start = driver.client.position()
+    for command in driver.rig.motion_commands:
+        moving = command.begin(driver.rig, start, 20)
+        if command.is_endless:
+            driver.client.wait(0.02)
+            driver.judge.accepted(0x18)
         else:
-            bench.finish(moving, "MACS-STATE-04")
-        bench.finish(bench.go(start), "MACS-STATE-04")
+            driver.motion.finish(moving, "MACS-STATE-04")
+        driver.motion.finish(driver.motion.go(start), "MACS-STATE-04")
     for index in (0x19, 0x17, 0x18, 0x1A):
-        bench.accepted(index, requirement="MACS-STATE-04")
+        driver.judge.accepted(index, requirement="MACS-STATE-04")
 
 
 @check("MACS-Q-21-03", "MACS-STATE-04", safety=WORKED, needs=("rig:supply",))
@@ -401,37 +423,37 @@ def an_over_voltage_is_remembered(session: Session) -> None:
     """hh tells a past over-voltage until 00h; it locks nothing and no motion clears it."""
     if not is_mac23(session):
         session.skip(NO_THRESHOLDS)
-    bench = rig_bench_of(session)
-    start = bench.begin()
-    bench.restart()
-    idle = bench.memories()  # all its bits but one mean nothing, and need not be 0
-    bench.rig.set_supply(11.5)
-    hh = bench.memories()
+    driver = driver_of(session)
+    start = driver.rig.begin()
+    driver.rig.restart()
+    idle = driver.status.memories()  # all its bits but one mean nothing, and need not be 0
+    driver.session.rig.set_supply(11.5)
+    hh = driver.status.memories()
     session.expect(hh == idle, "MACS-Q-21-03", f"hh {idle:02X}: too little is not remembered", hh)
-    bench.rig.set_supply(46.4)
-    if not bench.faults() & OVER_VOLTAGE:
+    driver.session.rig.set_supply(46.4)
+    if not driver.status.faults() & OVER_VOLTAGE:
         session.inconclusive(None, "the rig's supply did not reach 46 V")
-    bench.rig.set_supply(24.0)
-    judge_memory(bench, idle)
-    bench.finish(bench.go(start + 20), "MACS-STATE-04")
+    driver.session.rig.set_supply(24.0)
+    judge_memory(driver, idle)
+    driver.motion.finish(driver.motion.go(start + 20), "MACS-STATE-04")
     for index in (0x18, 0x1A, 0x19):
-        bench.accepted(index, requirement="MACS-Q-21-03")
-    judge_memory(bench, idle)
-    bench.restart()
-    hh = bench.memories()
+        driver.judge.accepted(index, requirement="MACS-Q-21-03")
+    judge_memory(driver, idle)
+    driver.rig.restart()
+    hh = driver.status.memories()
     session.expect(hh == idle, "MACS-Q-21-03", f"hh {idle:02X} after 00h", f"{hh:02X}")
 
 
-def judge_memory(bench: RigBench, idle: int) -> None:
+def judge_memory(driver: AxisDriver, idle: int) -> None:
     """hh tells it by its bit 7, or by all the others (MACS-AMB-13)."""
-    hh = bench.memories() ^ idle
-    release = bench.value(0x24)
+    hh = driver.status.memories() ^ idle
+    release = driver.client.value(0x24)
     if hh == 0 and release < FIRST_WITH_MEMORY:
-        bench.session.skip(f"release {release:08X} may be older than 7.4, which brought this bit")
+        driver.session.skip(f"release {release:08X} may be older than 7.4, which brought this bit")
     outcome: int | str = {0x80: 0, 0x7F: 1}.get(hh, f"hh changed in {hh:02X} by an over-voltage")
     if hh & idle:
         outcome = f"hh {idle:02X} before any over-voltage, {hh ^ idle:02X} after it"
-    bench.reading("status_hh_bit", outcome, "MACS-Q-21-03")
+    driver.judge.reading("status_hh_bit", outcome, "MACS-Q-21-03")
 
 
 @check("MACS-Q-21-02", "MACS-Q-27-01", safety=WORKED, needs=("rig:temperature",))
@@ -439,19 +461,19 @@ def the_thermal_fault_begins_above_85_degrees(session: Session) -> None:
     """dd.4 is set from the first count above 85 °C on, and stays when it is cooler again."""
     if not is_mac23(session):
         session.skip(NO_THRESHOLDS)
-    bench = rig_bench_of(session)
-    bench.begin()
+    driver = driver_of(session)
+    driver.rig.begin()
     is_hot = False
-    for degrees in (80.0, 85.0, 87.5, 80.0) if bench.rig.is_exact else (75.0, 95.0, 75.0):
-        bench.rig.set_temperature(degrees)
-        tt = bench.data_bytes(0x27)[0]
+    for degrees in (80.0, 85.0, 87.5, 80.0) if driver.session.rig.is_exact else (75.0, 95.0, 75.0):
+        driver.session.rig.set_temperature(degrees)
+        tt = driver.client.data_bytes(0x27)[0]
         is_hot = is_hot or tt >= TRIPS_FROM_TT
         wanted = 0x10 if is_hot else 0
-        seen = bench.faults()
+        seen = driver.status.faults()
         session.expect(
             seen == wanted, "MACS-Q-21-02", f"dd {wanted:02X} at tt {tt:02X}", f"{seen:02X}"
         )
-        _judge_close(bench, "temperature", degrees, celsius(bench), 2.5)
-    bench.rig.reset()
-    bench.command(0x00)
-    bench.awake()
+        _judge_close(driver, "temperature", degrees, celsius(driver), 2.5)
+    driver.session.rig.reset()
+    driver.client.command(0x00)
+    driver.rig.awake()

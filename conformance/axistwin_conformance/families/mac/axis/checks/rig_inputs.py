@@ -11,18 +11,18 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S, SLOWEST
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
+from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
+from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.rig import (
     HARD_NEGATIVE,
     HARD_POSITIVE,
-    INPUT_BITS,
     WORKED,
     MotionCommand,
     Origin,
-    RigBench,
-    rig_bench_of,
 )
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.driver.status import INPUT_BITS
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import Forecast
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probing import ACCEPTED_OR_REFUSED
@@ -36,7 +36,7 @@ EDGES_S: Final = 0.6  # a motion under which the contact is worked four times
 
 
 @dataclass(frozen=True, slots=True)
-class Side:
+class HardwareStop:
     """One hardware stop: its input, the sign of the motion it ends, its bit in ff."""
 
     name: str
@@ -45,28 +45,30 @@ class Side:
 
 
 SIDES: Final = (
-    Side("positive_stop", 1, HARD_POSITIVE),
-    Side("negative_stop", -1, HARD_NEGATIVE),
+    HardwareStop("positive_stop", 1, HARD_POSITIVE),
+    HardwareStop("negative_stop", -1, HARD_NEGATIVE),
 )
 
 
 @check("MACS-Q-27-02", "MACS-Q-27-01", safety=WORKED, needs=(*STOP_INPUTS, *REFERENCE))
 def the_inputs_show_whatever_is_enabled(session: Session) -> None:
     """Each input shows in its own bit of 27h and in no other, whatever 03h and 07h say."""
-    bench = rig_bench_of(session)
-    bench.begin()
+    driver = driver_of(session)
+    driver.rig.begin()
     settings = [(mode, enabled) for mode in (0, 1, 8, 9) for enabled in (0, 1)]
-    for mode, enabled in settings if bench.rig.is_exact else [settings[0], settings[-1]]:
-        bench.accepted(0x03, mode)
-        with bench.reference_enabled(enabled):
+    for mode, enabled in settings if driver.session.rig.is_exact else [settings[0], settings[-1]]:
+        driver.judge.accepted(0x03, mode)
+        with driver.rig.reference_enabled(enabled):
             for name in INPUT_BITS:
                 for active in (True, False):
-                    bench.rig.set_input(name, active)
-                    seen = [one for one, is_set in bench.inputs().items() if is_set]
+                    driver.session.rig.set_input(name, active)
+                    seen = [shown for shown, is_set in driver.status.inputs().items() if is_set]
                     session.expect(
-                        seen == ([name] if active else []), ("MACS-Q-27-02", "MACS-Q-27-01"),
-                        f"active: {name if active else 'none'}", f"active: {seen}",
-                    )  # fmt: skip
+                        seen == ([name] if active else []),
+                        ("MACS-Q-27-02", "MACS-Q-27-01"),
+                        f"active: {name if active else 'none'}",
+                        f"active: {seen}",
+                    )
 
 
 # --- hardware stops ------------------------------------------------------------------------------
@@ -75,167 +77,176 @@ def the_inputs_show_whatever_is_enabled(session: Session) -> None:
 @check("MACS-STOP-01", safety=WORKED, needs=STOP_INPUTS)
 def a_hardware_stop_ends_motion_of_its_sign(session: Session) -> None:
     """Any motion ends where the stop becomes active; it is told, and the way back is free."""
-    bench = rig_bench_of(session)
+    driver = driver_of(session)
     for side in SIDES:
-        for mode, way in zip((1, 9, 1), bench.ways, strict=False):
-            if bench.can_go(way, side.direction):
-                _trip(bench, side, way, mode)
+        for mode, command in zip((1, 9, 1), driver.rig.motion_commands, strict=False):
+            if driver.rig.can_go(command, side.direction):
+                _trip(driver, side, command, mode)
 
 
-def _trip(bench: RigBench, side: Side, way: MotionCommand, mode: int) -> None:
-    session = bench.session
-    start = bench.begin()
-    bench.accepted(0x03, mode)
-    moving = way.begin(bench, start, side.direction * bench.reach)
-    bench.wait(0.08)
-    act = bench.contact(side.name, True)
-    bench.in_time(moving, act)
-    place = bench.rest()
-    bench.judge_place(place, moving.halted(act), side.direction, "MACS-STOP-01")
-    bench.judge_stop_bit(side.bit, "MACS-STOP-01")
-    if way.name == "13h":  # the others have no target to be away from
-        bench.reading("busy_after_abort", int(bench.is_busy()), "MACS-STOP-01")
-    bench.accepted(0x03, mode, requirement="MACS-STOP-01")  # and so no longer running
-    bench.finish(bench.go(start), "MACS-STOP-01")
-    returned = bench.stopped_on()
-    bench.contact(side.name, False)
+def _trip(driver: AxisDriver, side: HardwareStop, command: MotionCommand, mode: int) -> None:
+    session = driver.session
+    start = driver.rig.begin()
+    driver.judge.accepted(0x03, mode)
+    moving = command.begin(driver.rig, start, side.direction * driver.rig.reach)
+    driver.client.wait(0.08)
+    act = driver.rig.contact(side.name, True)
+    driver.rig.in_time(moving, act)
+    place = driver.rig.rest()
+    driver.rig.judge_place(place, moving.halted(act), side.direction, "MACS-STOP-01")
+    driver.rig.judge_stop_bit(side.bit, "MACS-STOP-01")
+    if command.name == "13h":  # the others have no target to be away from
+        driver.judge.reading("busy_after_abort", int(driver.status.is_busy()), "MACS-STOP-01")
+    driver.judge.accepted(0x03, mode, requirement="MACS-STOP-01")  # and so no longer running
+    driver.motion.finish(driver.motion.go(start), "MACS-STOP-01")
+    returned = driver.status.stopped_on()
+    driver.rig.contact(side.name, False)
     # On the way back the bit goes, unless it lives as long as the stop, or for ever.
-    if returned and way.name == "13h":
-        bench.reading("ff_lifetime", 2 if bench.stopped_on() else 1, "MACS-STOP-01")
-    again = bench.rest()
+    if returned and command.name == "13h":
+        driver.judge.reading("ff_lifetime", 2 if driver.status.stopped_on() else 1, "MACS-STOP-01")
+    again = driver.rig.rest()
     session.expect(again == start, "MACS-STOP-01", "nothing resumes", f"at {again}, not {start}")
 
 
 @check("MACS-STOP-01", "MACS-Q-21-01", safety=WORKED, needs=("rig:positive_stop",))
 def the_hardware_stop_bit_stays_until_the_next_motion(session: Session) -> None:
     """The bit of 21h outlives the stop itself and 18h; the next motion clears it."""
-    bench = rig_bench_of(session)
+    driver = driver_of(session)
     side = SIDES[0]
-    start = bench.begin()
-    bench.accepted(0x03, 1)
-    moving = bench.go(start + bench.reach)
-    bench.wait(0.08)
-    bench.in_time(moving, bench.contact(side.name, True))
-    bench.rest()
-    bench.judge_stop_bit(side.bit, ("MACS-STOP-01", "MACS-Q-21-01"))
-    bench.contact(side.name, False)
-    released = bench.stopped_on()
-    bench.accepted(0x18)
-    stopped = bench.stopped_on()
-    bench.finish(bench.go(start))
-    moved = bench.stopped_on()
+    start = driver.rig.begin()
+    driver.judge.accepted(0x03, 1)
+    moving = driver.motion.go(start + driver.rig.reach)
+    driver.client.wait(0.08)
+    driver.rig.in_time(moving, driver.rig.contact(side.name, True))
+    driver.rig.rest()
+    driver.rig.judge_stop_bit(side.bit, ("MACS-STOP-01", "MACS-Q-21-01"))
+    driver.rig.contact(side.name, False)
+    released = driver.status.stopped_on()
+    driver.judge.accepted(0x18)
+    stopped = driver.status.stopped_on()
+    driver.motion.finish(driver.motion.go(start))
+    moved = driver.status.stopped_on()
     outcome: int | str = f"ff {released:02X} released, {stopped:02X} after 18h, {moved:02X} moved"
     if not released and not moved:
         outcome = 1
     elif released and stopped == released:
         outcome = 2 if moved else 0
-    bench.reading("ff_lifetime", outcome, "MACS-STOP-01")
+    driver.judge.reading("ff_lifetime", outcome, "MACS-STOP-01")
 
 
 @check("MACS-STOP-01", safety=WORKED, needs=STOP_INPUTS, level="full")
 def toward_an_active_hardware_stop_nothing_moves(session: Session) -> None:
     """A command toward an active stop is accepted, or refused, but makes no step."""
-    bench = rig_bench_of(session)
+    driver = driver_of(session)
     for side in SIDES:
-        for way in bench.ways:
-            if not bench.can_go(way, side.direction):
+        for command in driver.rig.motion_commands:
+            if not driver.rig.can_go(command, side.direction):
                 continue
-            start = bench.begin()
-            bench.accepted(0x03, 1)
-            bench.contact(side.name, True)
-            kind = _toward(bench, way, start + side.direction * 40)
-            moved = (bench.rest() - start) * side.direction
-            limit = bench.braking(bench.period)
+            start = driver.rig.begin()
+            driver.judge.accepted(0x03, 1)
+            driver.rig.contact(side.name, True)
+            kind = _toward(driver, command, start + side.direction * 40)
+            moved = (driver.rig.rest() - start) * side.direction
+            limit = driver.limits.braking(driver.motion.period)
             session.expect(
-                0 <= moved <= limit, None, f"{way.name}: no step toward the stop", f"{moved} steps"
+                0 <= moved <= limit,
+                None,
+                f"{command.name}: no step toward the stop",
+                f"{moved} steps",
             )
-            bench.reading(
+            driver.judge.reading(
                 "hard_stop_command",
-                ACCEPTED_OR_REFUSED.get(kind, f"{kind.value} to {way.name}"),
+                ACCEPTED_OR_REFUSED.get(kind, f"{kind.value} to {command.name}"),
             )
-            if kind is Kind.ACCEPTED:
-                bench.judge_stop_bit(side.bit, None)
-            bench.accepted(0x03, 1)
-            bench.contact(side.name, False)
-            again = bench.rest()
+            if kind is ReplyKind.ACCEPTED:
+                driver.rig.judge_stop_bit(side.bit, None)
+            driver.judge.accepted(0x03, 1)
+            driver.rig.contact(side.name, False)
+            again = driver.rig.rest()
             session.expect(again == start + moved * side.direction, None, "nothing resumes", again)
 
 
-def _toward(bench: RigBench, way: MotionCommand, target: int) -> Kind:
+def _toward(driver: AxisDriver, command: MotionCommand, target: int) -> ReplyKind:
     """Send the command of a way without asking for a reply of one kind."""
-    steps = target - bench.start
+    steps = target - driver.rig.start
     parameter = {
         "13h": target,
-        "16h": (steps & 0xFFFF) << 16 | bench.period,
-        "15h": (0xF60000 if steps < 0 else 0) | bench.period,
-    }[way.name]
-    return bench.command(int(way.name[:2], 16), parameter).kind
+        "16h": (steps & 0xFFFF) << 16 | driver.motion.period,
+        "15h": (0xF60000 if steps < 0 else 0) | driver.motion.period,
+    }[command.name]
+    return driver.client.command(int(command.name[:2], 16), parameter).kind
 
 
 @check("MACS-STOP-01", safety=WORKED, needs=STOP_INPUTS, level="full")
 def a_hardware_stop_does_not_touch_the_other_sign(session: Session) -> None:
     """A stop that becomes active under motion of the other sign changes nothing."""
-    bench = rig_bench_of(session)
+    driver = driver_of(session)
     for side in SIDES:
-        start = bench.begin()
-        bench.accepted(0x03, 1)
-        moving = bench.go(start - side.direction * bench.reach)
-        bench.wait(0.08)
-        bench.contact(side.name, True)
-        bench.finish(moving)
-        bench.contact(side.name, False)
-        session.expect(bench.stopped_on() == 0, None, "no stop bit", f"{bench.stopped_on():02X}")
+        start = driver.rig.begin()
+        driver.judge.accepted(0x03, 1)
+        moving = driver.motion.go(start - side.direction * driver.rig.reach)
+        driver.client.wait(0.08)
+        driver.rig.contact(side.name, True)
+        driver.motion.finish(moving)
+        driver.rig.contact(side.name, False)
+        session.expect(
+            driver.status.stopped_on() == 0,
+            None,
+            "no stop bit",
+            f"{driver.status.stopped_on():02X}",
+        )
 
 
 @check("MACS-STOP-02", "MACS-CMD-03-01", safety=WORKED, needs=STOP_INPUTS)
 def disabled_hardware_stops_do_nothing(session: Session) -> None:
     """With 03h at 0 or 8, motion goes on and begins under both stops, and no bit is set."""
-    bench = rig_bench_of(session)
+    driver = driver_of(session)
     for mode in (0, 8):
         for side in SIDES:
-            start = bench.begin()
-            bench.accepted(0x03, mode)
-            target = start + side.direction * bench.reach
-            moving = bench.go(target)
-            bench.wait(0.08)
-            for one in SIDES:
-                bench.contact(one.name, True)
-            bench.finish(moving, ("MACS-STOP-02", "MACS-CMD-03-01"))
-            bench.finish(bench.go(start))
+            start = driver.rig.begin()
+            driver.judge.accepted(0x03, mode)
+            target = start + side.direction * driver.rig.reach
+            moving = driver.motion.go(target)
+            driver.client.wait(0.08)
+            for stop in SIDES:
+                driver.rig.contact(stop.name, True)
+            driver.motion.finish(moving, ("MACS-STOP-02", "MACS-CMD-03-01"))
+            driver.motion.finish(driver.motion.go(start))
             session.expect(
-                bench.stopped_on() == 0,
+                driver.status.stopped_on() == 0,
                 ("MACS-STOP-02", "MACS-CMD-03-01"),
                 "no stop bit",
-                bench.stopped_on(),
+                driver.status.stopped_on(),
             )
-            for one in SIDES:
-                bench.contact(one.name, False)
+            for stop in SIDES:
+                driver.rig.contact(stop.name, False)
 
 
 # --- the reference -------------------------------------------------------------------------------
 
 
-def _edge(bench: RigBench, moving: Forecast, origin: Origin, active: bool) -> bool:
+def _edge(driver: AxisDriver, moving: Forecast, origin: Origin, active: bool) -> bool:
     """Work the reference contact during a motion that began at 0; was the counter zeroed?
 
     Counting on and counting from the edge are told apart by one reading; anything else fails.
     """
-    bench.wait(0.06)
-    act = bench.contact("reference", active)
-    bench.in_time(moving, act)
+    driver.client.wait(0.06)
+    act = driver.rig.contact("reference", active)
+    driver.rig.in_time(moving, act)
     steps = moving.bounds(act)
-    sample = bench.sample()
+    sample = driver.client.sample()
     lowest, highest = moving.bounds(sample.taken)
-    slack = bench.allowance(bench.period)
+    slack = driver.limits.allowance(driver.motion.period)
     went_on = (lowest - origin.shift - slack - 2, highest - origin.shift + slack + 2)
     zeroed = (max(0, lowest - steps[1]) - slack, highest - steps[0] + slack)
     if went_on[0] <= sample.position <= went_on[1]:
         return False
-    bench.session.expect(
-        zeroed[0] <= sample.position <= zeroed[1], "MACS-REF-01",
+    driver.session.expect(
+        zeroed[0] <= sample.position <= zeroed[1],
+        "MACS-REF-01",
         [f"{went_on[0]}..{went_on[1]}: counting on", f"{zeroed[0]}..{zeroed[1]}: from the edge"],
         sample.position,
-    )  # fmt: skip
+    )
     origin.shift = (steps[0] + steps[1]) // 2
     return True
 
@@ -243,138 +254,142 @@ def _edge(bench: RigBench, moving: Forecast, origin: Origin, active: bool) -> bo
 @check("MACS-REF-01", "MACS-CMD-07-01", safety=WORKED, needs=REFERENCE)
 def opening_the_reference_contact_zeroes_the_counter(session: Session) -> None:
     """In positive motion each opening of the contact makes the counter 0; motion goes on."""
-    bench = rig_bench_of(session)
-    distance = min(bench.room(), 2 * bench.reach)
-    for way in bench.ways:
-        bench.begin(bench.lasting(distance, EDGES_S))
-        with bench.own_origin() as origin, bench.reference_enabled():
-            moving = way.begin(bench, 0, distance)
-            edges = (True, False, True, False) if bench.rig.is_exact else (True, False)
-            zeroed = [_edge(bench, moving, origin, active) for active in edges]
+    driver = driver_of(session)
+    distance = min(driver.limits.room(), 2 * driver.rig.reach)
+    for command in driver.rig.motion_commands:
+        driver.rig.begin(driver.rig.lasting(distance, EDGES_S))
+        with driver.rig.own_origin() as origin, driver.rig.reference_enabled():
+            moving = command.begin(driver.rig, 0, distance)
+            edges = (True, False, True, False) if driver.session.rig.is_exact else (True, False)
+            zeroed = [_edge(driver, moving, origin, active) for active in edges]
             half = len(edges) // 2
             outcome: int | str = f"zeroed at closing, opening...: {zeroed}"
             if zeroed in ([False, True] * half, [True, False] * half):
                 outcome = int(zeroed[0])
-            bench.reading("ref_edge", outcome, ("MACS-REF-01", "MACS-CMD-07-01"))
-            if way.is_endless:
-                bench.accepted(0x18)
-                bench.rest()
+            driver.judge.reading("ref_edge", outcome, ("MACS-REF-01", "MACS-CMD-07-01"))
+            if command.is_endless:
+                driver.judge.accepted(0x18)
+                driver.rig.rest()
                 continue
-            _judge_end(bench, moving, way, origin)
+            _judge_end(driver, moving, command, origin)
 
 
-def _judge_end(bench: RigBench, moving: Forecast, way: MotionCommand, origin: Origin) -> None:
+def _judge_end(
+    driver: AxisDriver, moving: Forecast, command: MotionCommand, origin: Origin
+) -> None:
     """A segment is relative: its end tells exactly how far the counter was shifted."""
     end = moving.end
     assert end is not None
-    if way.name != "16h":
-        bench.at_rest()  # what a zeroed move then does is judged elsewhere
+    if command.name != "16h":
+        driver.motion.at_rest()  # what a zeroed move then does is judged elsewhere
         return
-    bench.wait_until(end.latest_ns)
-    slack = 2 + bench.allowance(bench.period)
-    whole, place = moving.final[1], bench.rest()
-    bench.session.expect(
-        abs(whole - origin.shift - place) <= slack, "MACS-REF-01",
-        f"all {whole} steps made: at rest about {whole - origin.shift}", place,
-    )  # fmt: skip
+    driver.client.wait_until(end.latest_ns)
+    slack = 2 + driver.limits.allowance(driver.motion.period)
+    whole, place = moving.final[1], driver.rig.rest()
+    driver.session.expect(
+        abs(whole - origin.shift - place) <= slack,
+        "MACS-REF-01",
+        f"all {whole} steps made: at rest about {whole - origin.shift}",
+        place,
+    )
     origin.shift = whole - place
 
 
 @check("MACS-REF-01", "MACS-CMD-07-01", "MACS-CMD-07-02", safety=WORKED, needs=REFERENCE)
 def without_its_enable_the_reference_does_nothing(session: Session) -> None:
     """With 07h at 0, and after 00h although 07h was 1, no edge zeroes the counter."""
-    bench = rig_bench_of(session)
+    driver = driver_of(session)
     for requirement in ("MACS-CMD-07-01", "MACS-CMD-07-02"):
-        bench.begin()
-        with bench.own_origin() as origin, bench.reference_enabled():
+        driver.rig.begin()
+        with driver.rig.own_origin() as origin, driver.rig.reference_enabled():
             if requirement == "MACS-CMD-07-01":
-                bench.accepted(0x07, 0)
+                driver.judge.accepted(0x07, 0)
             else:
-                bench.restart()
-            judge_no_edge(bench, origin, requirement)
+                driver.rig.restart()
+            judge_no_edge(driver, origin, requirement)
             session.expect(True, "MACS-REF-01", "", "")
 
 
-def judge_no_edge(bench: RigBench, origin: Origin, requirement: str) -> None:
+def judge_no_edge(driver: AxisDriver, origin: Origin, requirement: str) -> None:
     """Work the contact in a positive move from 0; the counter must count on."""
-    moving = bench.go(bench.reach)
-    zeroed = [_edge(bench, moving, origin, active) for active in (True, False)]
-    bench.session.expect(not any(zeroed), requirement, "counting on over both edges", zeroed)
-    bench.finish(moving, requirement)
+    moving = driver.motion.go(driver.rig.reach)
+    zeroed = [_edge(driver, moving, origin, active) for active in (True, False)]
+    driver.session.expect(not any(zeroed), requirement, "counting on over both edges", zeroed)
+    driver.motion.finish(moving, requirement)
 
 
 @check("MACS-REF-01", safety=WORKED, needs=REFERENCE)
 def negative_motion_ignores_the_reference(session: Session) -> None:
     """In negative motion neither edge of the contact changes the counter."""
-    bench = rig_bench_of(session)
-    distance = min(bench.room(), 2 * bench.reach)
-    for way in bench.ways:
-        if not bench.can_go(way, -1):
+    driver = driver_of(session)
+    distance = min(driver.limits.room(), 2 * driver.rig.reach)
+    for command in driver.rig.motion_commands:
+        if not driver.rig.can_go(command, -1):
             continue
-        bench.begin(bench.lasting(distance, EDGES_S))
-        with bench.own_origin() as origin, bench.reference_enabled():
-            moving = way.begin(bench, 0, -distance)
+        driver.rig.begin(driver.rig.lasting(distance, EDGES_S))
+        with driver.rig.own_origin() as origin, driver.rig.reference_enabled():
+            moving = command.begin(driver.rig, 0, -distance)
             for active in (True, False):
-                bench.wait(0.06)
-                bench.in_time(moving, bench.contact("reference", active))
-                bench.follow(moving, None, bench.allowance(bench.period))
-            bench.at_rest()
+                driver.client.wait(0.06)
+                driver.rig.in_time(moving, driver.rig.contact("reference", active))
+                driver.motion.follow(moving, None, driver.limits.allowance(driver.motion.period))
+            driver.motion.at_rest()
             origin.shift = 0
 
 
 @check("MACS-REF-01", safety=WORKED, needs=REFERENCE)
 def at_rest_the_reference_does_nothing(session: Session) -> None:
     """Without motion, powered or not, neither edge changes the counter."""
-    bench = rig_bench_of(session)
-    start = bench.begin()
-    place = bench.finish(bench.go(start + 30))
-    with bench.reference_enabled():
+    driver = driver_of(session)
+    start = driver.rig.begin()
+    place = driver.motion.finish(driver.motion.go(start + 30))
+    with driver.rig.reference_enabled():
         for power in (0x19, 0x1A):
-            bench.accepted(power)
+            driver.judge.accepted(power)
             for active in (True, False):
-                bench.contact("reference", active)
-                now = bench.position()
+                driver.rig.contact("reference", active)
+                now = driver.client.position()
                 session.expect(now == place, None, f"still {place}", now)
 
 
 @check("MACS-REF-01", safety=WORKED, needs=REFERENCE, level="full")
 def a_zeroed_move_ends_at_its_target_by_the_new_count(session: Session) -> None:
     """A 13h that is zeroed under way ends at its number of the new count, or goes the old way."""
-    bench = rig_bench_of(session)
-    reach, closed_first = bench.reach, not bench.known("ref_edge")
+    driver = driver_of(session)
+    reach, closed_first = driver.rig.reach, not driver.readings.known("ref_edge")
     for begin, target in ((0, reach // 2), (-reach // 2, -reach // 8)):
-        bench.begin()
-        bench.accepted(0x0E, 0x0100)
-        with bench.own_origin() as origin, bench.reference_enabled():
-            bench.finish(bench.go(begin))
-            bench.contact("reference", closed_first)
-            moving = bench.go(target)
-            bench.wait(0.06)
-            act = bench.contact("reference", not closed_first)
-            bench.in_time(moving, act)
+        driver.rig.begin()
+        driver.judge.accepted(0x0E, 0x0100)
+        with driver.rig.own_origin() as origin, driver.rig.reference_enabled():
+            driver.motion.finish(driver.motion.go(begin))
+            driver.rig.contact("reference", closed_first)
+            moving = driver.motion.go(target)
+            driver.client.wait(0.06)
+            act = driver.rig.contact("reference", not closed_first)
+            driver.rig.in_time(moving, act)
             steps = [place - begin for place in moving.bounds(act)]
-            _judge_target(bench, moving, steps, target, begin, origin)
-            bench.contact("reference", False)
+            _judge_target(driver, moving, steps, target, begin, origin)
+            driver.rig.contact("reference", False)
 
 
 def _judge_target(
-    bench: RigBench, moving: Forecast, steps: list[int], target: int, begin: int, origin: Origin
+    driver: AxisDriver, moving: Forecast, steps: list[int], target: int, begin: int, origin: Origin
 ) -> None:
     """Where the move ended tells what it kept: its target or its way (MACS-AMB-52)."""
     end = moving.end
     assert end is not None
     # At worst as many increments more as were made, then back at 200 µs each (0Eh is 01).
-    more_ns = bench.reach * (bench.period * TICK_NS + CATCH_UP_NS)
-    bench.wait_until(end.latest_ns + more_ns)
-    place = bench.rest()
-    slack = bench.allowance(bench.period)
+    more_ns = driver.rig.reach * (driver.motion.period * TICK_NS + CATCH_UP_NS)
+    driver.client.wait_until(end.latest_ns + more_ns)
+    place = driver.rig.rest()
+    slack = driver.limits.allowance(driver.motion.period)
     left = sorted(target - begin - done for done in steps)
     outcome: int | str = f"at rest at {place}"
     if place == target:
         outcome = 0
     elif left[0] - slack <= place <= left[1] + slack:
         outcome = 1
-    bench.reading("ref_retarget", outcome)
+    driver.judge.reading("ref_retarget", outcome)
     done = (steps[0] + steps[1]) // 2
     origin.shift = begin + done
     if outcome == 1:
@@ -387,34 +402,38 @@ def _judge_target(
 @check("MACS-IO-01", safety=WORKED, needs=("rig:reset",))
 def held_in_reset_the_module_is_deaf(session: Session) -> None:
     """While the reset input is low nothing is answered or executed; then it starts up again."""
-    bench = rig_bench_of(session)
-    start = bench.begin(SLOWEST, 3)
+    driver = driver_of(session)
+    start = driver.rig.begin(SLOWEST, 3)
     for is_moving in (False, True):
-        bench.accepted(0x0F, 3)
+        driver.judge.accepted(0x0F, 3)
         if is_moving:
-            bench.accepted(0x13, start + bench.reach)
-            bench.wait(0.1)
-        bench.rig.set_input("reset", True)
-        if _answers_in_reset(bench, start):
-            bench.reading("has_reset_input", 1)
+            driver.judge.accepted(0x13, start + driver.rig.reach)
+            driver.client.wait(0.1)
+        driver.session.rig.set_input("reset", True)
+        if _answers_in_reset(driver, start):
+            driver.judge.reading("has_reset_input", 1)
             return
-        bench.reading("has_reset_input", 0)
-        bench.wait_awake()
-        if _answers_in_reset(bench, start):
+        driver.judge.reading("has_reset_input", 0)
+        driver.motion.wait_awake()
+        if _answers_in_reset(driver, start):
             session.fail(None, "silence for as long as it is held", "an answer")
-        bench.rig.set_input("reset", False)
-        bench.awake()
-        place = bench.rest()
-        highest = start + bench.reach * is_moving
+        driver.session.rig.set_input("reset", False)
+        driver.rig.awake()
+        place = driver.rig.rest()
+        highest = start + driver.rig.reach * is_moving
         session.expect(start <= place <= highest, None, f"{start}..{highest}: deaf", place)
-        coefficient = bench.value(0x26) >> 24
+        coefficient = driver.client.parameter(0x0F)
         session.expect(coefficient == 3, None, "AA 03", f"{coefficient:02X}")
-        bench.finish(bench.go_plainly(start))
+        driver.motion.finish(driver.motion.go_plainly(start))
 
 
-def _answers_in_reset(bench: RigBench, start: int) -> bool:
+def _answers_in_reset(driver: AxisDriver, start: int) -> bool:
     """Send what would be answered, Nacked, executed; True if anything comes."""
-    frames = [bench.request(0x20), bench.request(0x0F, 0x55), bench.request(0x13, start - 40)]
-    if (spoilt := bench.spoilt(0x20, 0, 0)) is not None:
-        frames.append(spoilt[0])
-    return any(bench.send(one, QUIET_S).kind is not Kind.SILENCE for one in frames)
+    frames = [
+        driver.client.request(0x20),
+        driver.client.request(0x0F, 0x55),
+        driver.client.request(0x13, start - 40),
+    ]
+    if (corrupted := driver.client.corrupted(0x20, 0, 0)) is not None:
+        frames.append(corrupted[0])
+    return any(driver.client.send(frame, QUIET_S).kind is not ReplyKind.SILENCE for frame in frames)

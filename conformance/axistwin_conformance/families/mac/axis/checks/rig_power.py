@@ -13,23 +13,25 @@ from axistwin_conformance.families.mac.axis.checks.rig_faults import (
     judge_memory,
 )
 from axistwin_conformance.families.mac.axis.checks.rig_inputs import judge_no_edge
-from axistwin_conformance.families.mac.axis.driver.motion import PRELOAD_SHOWS_S, segment
-from axistwin_conformance.families.mac.axis.driver.rig import OVER_VOLTAGE, WORKED, rig_bench_of
+from axistwin_conformance.families.mac.axis.driver.driver import driver_of
+from axistwin_conformance.families.mac.axis.driver.motion import PRELOAD_SHOWS_S, segment_parameter
+from axistwin_conformance.families.mac.axis.driver.rig import OVER_VOLTAGE, WORKED
+from axistwin_conformance.families.mac.axis.parameters import PARAMETERS, settings_of
 
 ORDER = 250  # of this module in a run; see `Family.modules`
 
 POWER: Final = ("rig:power",)
 LISTEN_S: Final = 3.0
 
-# What is stored for certain: command, parameter, and the query, shift and mask that read it back.
-STORED: Final = (
-    (0x09, 0x00012345, 0x22, 0, 0xFFFFFFFF),
-    (0x0A, -0x00054321, 0x23, 0, 0xFFFFFFFF),
-    (0x0C, 0x2B, 0x26, 16, 0xFF),
-    (0x0D, 0x0ABC, 0x25, 0, 0xFFFF),
-    (0x0E, 0x1D00, 0x25, 16, 0xFF00),
-    (0x0F, 0x37, 0x26, 24, 0xFF),
-)
+# What is stored for certain: the index of the command, and a value.
+STORED: Final = {
+    0x09: 0x00012345,
+    0x0A: 0xFFFABCDF,
+    0x0C: 0x2B,
+    0x0D: 0x0ABC,
+    0x0E: 0x1D,
+    0x0F: 0x37,
+}
 MODES: Final[tuple[tuple[int, int], ...]] = (
     (0x02, 0),
     (0x03, 9),
@@ -40,36 +42,42 @@ MODES: Final[tuple[tuple[int, int], ...]] = (
 @check("MACS-Q-20-02", "MACS-PERS-01", "MACS-PERS-03", safety=WORKED, needs=POWER)
 def the_position_outlives_the_supply(session: Session) -> None:
     """An axis that was not moved meanwhile is where it was; nothing of its motion is left."""
-    bench = rig_bench_of(session)
+    driver = driver_of(session)
     kept = ("MACS-Q-20-02", "MACS-PERS-01")
     for distance in (33, -57):
-        place = bench.finish(bench.go(bench.begin() + distance))
-        bench.power_cycle()
-        session.expect(bench.position() == place, kept, f"position {place}", bench.position())
-        again = bench.rest()
+        place = driver.motion.finish(driver.motion.go(driver.rig.begin() + distance))
+        driver.rig.power_cycle()
+        session.expect(
+            driver.client.position() == place, kept, f"position {place}", driver.client.position()
+        )
+        again = driver.rig.rest()
         session.expect(again == place, "MACS-PERS-03", "at rest", again)
 
 
 @check("MACS-Q-20-02", "MACS-PERS-03", "MACS-REPLY-12", safety=WORKED, needs=POWER)
 def a_power_cut_ends_a_motion_for_good(session: Session) -> None:
     """Cut in motion, the position is where the axis then was; nothing resumes, nothing is said."""
-    bench = rig_bench_of(session)
-    for way in bench.ways:
+    driver = driver_of(session)
+    for command in driver.rig.motion_commands:
         # Nothing tells the envelope that an endless motion has ended with the supply.
-        slow = bench.gentle(bench.pace, bench.away_s + LISTEN_S) if way.is_endless else None
-        start = bench.begin(slow)
-        moving = way.begin(bench, start, bench.reach)
-        bench.wait(0.08)
-        cut = bench.power_cycle("MACS-PERS-03")
-        bench.in_time(moving, cut)
-        place = bench.rest()
-        bench.judge_place(place, moving.halted(cut), 1, "MACS-Q-20-02", coasts=True)
-        bench.unasked()
-        bench.wait(LISTEN_S)
+        slow = (
+            driver.limits.gentle(driver.rig.slow_period, driver.rig.away_s + LISTEN_S)
+            if command.is_endless
+            else None
+        )
+        start = driver.rig.begin(slow)
+        moving = command.begin(driver.rig, start, driver.rig.reach)
+        driver.client.wait(0.08)
+        cut = driver.rig.power_cycle("MACS-PERS-03")
+        driver.rig.in_time(moving, cut)
+        place = driver.rig.rest()
+        driver.rig.judge_place(place, moving.halted(cut), 1, "MACS-Q-20-02", coasts=True)
+        driver.client.unasked()
+        driver.client.wait(LISTEN_S)
         if session.transport.is_virtual:  # a supply that is switched may put noise on a real line
-            heard = bench.unasked()
-            session.expect(not heard, "MACS-REPLY-12", "not a byte", heard)
-        bench.finish(bench.go(start), "MACS-PERS-03")
+            received = driver.client.unasked()
+            session.expect(not received, "MACS-REPLY-12", "not a byte", received)
+        driver.motion.finish(driver.motion.go(start), "MACS-PERS-03")
     if not session.transport.is_virtual:
         session.not_run("MACS-REPLY-12", "switching the supply may put noise on the line")
 
@@ -77,29 +85,28 @@ def a_power_cut_ends_a_motion_for_good(session: Session) -> None:
 @check("MACS-PERS-01", safety=WORKED, needs=POWER)
 def parameters_outlive_the_supply(session: Session) -> None:
     """Software stops, torque, speed, catch-up and ramp are kept over power-off, once it is away."""
-    bench = rig_bench_of(session)
-    bench.begin()
-    for index, parameter, *_ in STORED:
-        bench.accepted(index, parameter)
-    bench.power_cycle()
-    for index, parameter, query, shift, mask in STORED:
-        seen = bench.value(query) >> shift & mask
-        session.expect(
-            seen == parameter & mask, None, f"{index:02X}h {parameter & mask:X}", f"{seen:X}"
-        )
+    driver = driver_of(session)
+    driver.rig.begin()
+    settings = settings_of(STORED, STORED)
+    for index, parameter in settings.items():
+        driver.judge.accepted(index, parameter)
+    driver.rig.power_cycle()
+    for index, parameter in settings.items():
+        seen = PARAMETERS[index].parameter(driver.client.parameter(index))
+        session.expect(seen == parameter, None, f"{index:02X}h {parameter:X}", f"{seen:X}")
 
 
 @check("MACS-PERS-02", safety=WORKED, needs=POWER)
 def modes_outlive_the_supply_or_all_do_not(session: Session) -> None:
     """02h, 03h and 1Ch are all kept over power-off, or all lost."""
-    bench = rig_bench_of(session)
-    bench.begin()
-    modes = [one for one in MODES if one[0] != 0x1C or bench.has_tolerance()]
+    driver = driver_of(session)
+    driver.rig.begin()
+    modes = [mode for mode in MODES if mode[0] != 0x1C or driver.rig.has_tolerance()]
     for index, parameter in modes:
-        bench.accepted(index, parameter)
-    before = bench.value(0x26) & 0xFFFF
-    bench.power_cycle()
-    after = bench.value(0x26) & 0xFFFF
+        driver.judge.accepted(index, parameter)
+    before = driver.client.value(0x26) & 0xFFFF
+    driver.rig.power_cycle()
+    after = driver.client.value(0x26) & 0xFFFF
     fields = [mask for mask in (0xF000, 0x0F00, 0x00FF) if mask != 0xFF or len(modes) == 3]
     kept = [before & mask == after & mask for mask in fields]
     outcome: int | str = f"K, m and TT {before:04X}, then {after:04X}"
@@ -107,78 +114,92 @@ def modes_outlive_the_supply_or_all_do_not(session: Session) -> None:
         outcome = 0
     elif not any(kept):
         outcome = 1
-    bench.reading("persist_modes", outcome)
+    driver.judge.reading("persist_modes", outcome)
 
 
-@check("MACS-PERS-03", "MACS-CMD-07-02", "MACS-REF-01",
-       safety=WORKED, needs=("rig:power", "rig:reference"))  # fmt: skip
+@check(
+    "MACS-PERS-03",
+    "MACS-CMD-07-02",
+    "MACS-REF-01",
+    safety=WORKED,
+    needs=("rig:power", "rig:reference"),
+)
 def the_reference_is_disabled_at_power_up(session: Session) -> None:
     """07h 1 is forgotten without the supply: no edge zeroes afterwards."""
-    bench = rig_bench_of(session)
-    bench.begin()
-    with bench.own_origin() as origin, bench.reference_enabled():
-        bench.power_cycle()
-        judge_no_edge(bench, origin, "MACS-PERS-03")
+    driver = driver_of(session)
+    driver.rig.begin()
+    with driver.rig.own_origin() as origin, driver.rig.reference_enabled():
+        driver.rig.power_cycle()
+        judge_no_edge(driver, origin, "MACS-PERS-03")
         session.expect(True, ("MACS-CMD-07-02", "MACS-REF-01"), "", "")
 
 
 @check("MACS-PERS-03", safety=WORKED, needs=POWER)
 def what_was_armed_is_forgotten_at_power_up(session: Session) -> None:
     """10h, a preloaded move, stored segments and stop bits are gone after a power cycle."""
-    bench = rig_bench_of(session)
-    start = bench.begin()
-    bench.accepted(0x10)
-    bench.accepted(0x13, start + 50)
-    bench.power_cycle()
-    bench.command(0x11)
-    bench.wait(PRELOAD_SHOWS_S)
-    session.expect(bench.position() == start, None, "no preloaded move left", bench.position())
-    bench.accepted(0x10)
-    bench.power_cycle()
-    bench.finish(bench.go(start + 20))  # not held back: 10h is forgotten
-    bench.begin()
+    driver = driver_of(session)
+    start = driver.rig.begin()
+    driver.judge.accepted(0x10)
+    driver.judge.accepted(0x13, start + 50)
+    driver.rig.power_cycle()
+    driver.client.command(0x11)
+    driver.client.wait(PRELOAD_SHOWS_S)
+    session.expect(
+        driver.client.position() == start, None, "no preloaded move left", driver.client.position()
+    )
+    driver.judge.accepted(0x10)
+    driver.rig.power_cycle()
+    driver.motion.finish(driver.motion.go(start + 20))  # not held back: 10h is forgotten
+    driver.rig.begin()
     for _ in range(3):
-        bench.accepted(0x16, segment(bench.reach // 3, bench.period))
-    bench.power_cycle()
-    place = bench.rest()
-    bench.accepted(0x16, segment(5, bench.period))
-    again = bench.rest()
+        driver.judge.accepted(0x16, segment_parameter(driver.rig.reach // 3, driver.motion.period))
+    driver.rig.power_cycle()
+    place = driver.rig.rest()
+    driver.judge.accepted(0x16, segment_parameter(5, driver.motion.period))
+    again = driver.rig.rest()
     session.expect(again == place + 5, None, f"one segment of 5 from {place}", again)
-    start = bench.begin()
-    bench.accepted(0x09, start + 10)
-    bench.accepted(0x03, 8)
-    bench.accepted(0x13, start + 40)
-    bench.rest()
-    session.expect(bench.stopped_on() != 0, None, "a stop bit", "ff 00")
-    bench.power_cycle()
-    ff = bench.stopped_on()
-    is_live = bench.known("ff_lifetime") == 1  # beyond the stop the bit is then there again
+    start = driver.rig.begin()
+    driver.judge.accepted(0x09, start + 10)
+    driver.judge.accepted(0x03, 8)
+    driver.judge.accepted(0x13, start + 40)
+    driver.rig.rest()
+    session.expect(driver.status.stopped_on() != 0, None, "a stop bit", "ff 00")
+    driver.rig.power_cycle()
+    ff = driver.status.stopped_on()
+    is_live = (
+        driver.readings.known("ff_lifetime") == 1
+    )  # beyond the stop the bit is then there again
     session.expect(ff == 0 or is_live, None, "ff 00 after a power cycle", f"{ff:02X}")
 
 
-@check("MACS-PERS-03", "MACS-Q-21-02", "MACS-STATE-02", safety=WORKED,
-       needs=("rig:power", "rig:micro_cut"))  # fmt: skip
+@check(
+    "MACS-PERS-03",
+    "MACS-Q-21-02",
+    "MACS-STATE-02",
+    safety=WORKED,
+    needs=("rig:power", "rig:micro_cut"),
+)
 def a_latched_fault_ends_with_the_supply(session: Session) -> None:
     """A disjunction whose cause is gone does not outlive a power cycle; motion runs again."""
-    bench = rig_bench_of(session)
-    start = bench.begin()
-    MICRO_CUT.begin(bench.rig)
-    MICRO_CUT.end(bench.rig)
-    bench.refused(0x13, start + 5)
+    driver = driver_of(session)
+    start = driver.rig.begin()
+    MICRO_CUT.begin(driver.session.rig)
+    MICRO_CUT.end(driver.session.rig)
+    driver.judge.refused(0x13, start + 5)
     session.expect(
-        bench.faults() == MICRO_CUT.bit,
+        driver.status.faults() == MICRO_CUT.bit,
         ("MACS-Q-21-02", "MACS-STATE-02"),
         "dd 01",
-        f"{bench.faults():02X}",
+        f"{driver.status.faults():02X}",
     )
-    bench.power_cycle()
+    driver.rig.power_cycle()
     session.expect(
-        bench.faults() == 0,
+        driver.status.faults() == 0,
         ("MACS-PERS-03", "MACS-Q-21-02"),
         "dd 00 after a power cycle",
-        f"{bench.faults():02X}",
+        f"{driver.status.faults():02X}",
     )
-    bench.finish(bench.go(start + 20), "MACS-STATE-02")
+    driver.motion.finish(driver.motion.go(start + 20), "MACS-STATE-02")
 
 
 @check("MACS-PERS-03", "MACS-Q-21-03", safety=WORKED, needs=("rig:power", "rig:supply"))
@@ -186,17 +207,17 @@ def the_over_voltage_memory_ends_with_the_supply(session: Session) -> None:
     """hh does not outlive a power cycle."""
     if not is_mac23(session):
         session.skip(NO_THRESHOLDS)
-    bench = rig_bench_of(session)
-    bench.begin()
-    bench.restart()
-    idle = bench.memories()
-    bench.rig.set_supply(46.4)
-    if not bench.faults() & OVER_VOLTAGE:
+    driver = driver_of(session)
+    driver.rig.begin()
+    driver.rig.restart()
+    idle = driver.status.memories()
+    driver.session.rig.set_supply(46.4)
+    if not driver.status.faults() & OVER_VOLTAGE:
         session.inconclusive(None, "the rig's supply did not reach 46 V")
-    bench.rig.set_supply(24.0)
-    judge_memory(bench, idle)
-    bench.power_cycle()
-    hh = bench.memories()
+    driver.session.rig.set_supply(24.0)
+    judge_memory(driver, idle)
+    driver.rig.power_cycle()
+    hh = driver.status.memories()
     session.expect(
         hh == idle,
         ("MACS-PERS-03", "MACS-Q-21-03"),

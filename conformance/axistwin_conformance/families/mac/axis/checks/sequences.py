@@ -7,13 +7,13 @@ from typing import Final
 from axistwin_conformance.base.check import Check, check
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.motion import bench_of
+from axistwin_conformance.families.mac.axis.driver.driver import driver_of
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.axis.sequences.runner import AxisRunner
 from axistwin_conformance.families.mac.axis.sequences.sequence import (
-    BLAME,
-    BLAME_MODE,
-    BLAME_OTHERWISE,
+    DIAGNOSIS,
+    DIAGNOSIS_OF_MODE,
+    DIAGNOSIS_OTHERWISE,
 )
 from axistwin_conformance.sequences.generated import Amount, replay_of, run_generated
 
@@ -22,12 +22,12 @@ ORDER = 200  # of this module in a run; see `Family.modules`
 FREE: Final = Amount(200, {"quick": 5, "full": 60})  # long ones spend less on beginning and end
 REAL: Final = Amount(30, {"quick": 1, "full": 10})
 
+DIAGNOSES_BESIDE: Final = ("MACS-Q-XX-01", "MACS-REPLY-02", "MACS-FRAME-07")
 JUDGED: Final = tuple(
     dict.fromkeys(
-        [*BLAME.values(), *BLAME_MODE.values(), BLAME_OTHERWISE, "MACS-Q-XX-01", "MACS-REPLY-02",
-         "MACS-FRAME-07"]
+        [*DIAGNOSIS.values(), *DIAGNOSIS_OF_MODE.values(), DIAGNOSIS_OTHERWISE, *DIAGNOSES_BESIDE]
     )
-)  # fmt: skip
+)
 
 
 @check(*JUDGED, safety=MOVES, needs=("virtual",))
@@ -44,10 +44,13 @@ def many_mixed_sequences_agree_with_the_model(session: Session) -> None:
 
 def runner_of(session: Session) -> AxisRunner:
     """Somebody who plays on the module under test; ends the check where nobody can judge that."""
-    bench = bench_of(session)
-    if not bench.has_ideal_plant or session.reading("brake_increments") not in ("plant", "0"):
+    driver = driver_of(session)
+    if not driver.limits.has_ideal_plant or session.reading("brake_increments") not in (
+        "plant",
+        "0",
+    ):
         session.skip("the ledger gives no exact rule for an axis that runs on after a stop")
-    return AxisRunner(bench, bench.ready())
+    return AxisRunner(driver, driver.motion.ready())
 
 
 def replay_check(recording: Recording) -> Check:

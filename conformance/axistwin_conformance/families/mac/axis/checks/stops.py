@@ -9,14 +9,10 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.motion import (
-    SLOWEST,
-    Bench,
-    bench_of,
-    segment,
-    velocity,
-)
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
+from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
+from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import Segment
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probing import MOVES
@@ -30,7 +26,7 @@ SUPERIOR, INFERIOR = 0x02, 0x01  # bits of ff
 
 
 @dataclass(frozen=True, slots=True)
-class Side:
+class SoftwareStop:
     """One of the two software stops: its command, its direction, its bit in ff."""
 
     index: int
@@ -40,81 +36,83 @@ class Side:
 
 
 SIDES: Final = (
-    Side(0x09, 1, SUPERIOR, ("MACS-CMD-09-02", "MACS-STOP-03")),
-    Side(0x0A, -1, INFERIOR, ("MACS-CMD-0A-02", "MACS-STOP-03")),
+    SoftwareStop(0x09, 1, SUPERIOR, ("MACS-CMD-09-02", "MACS-STOP-03")),
+    SoftwareStop(0x0A, -1, INFERIOR, ("MACS-CMD-0A-02", "MACS-STOP-03")),
 )
 
 # Every command that moves the axis, so that it would pass the stop by 40 increments or more.
-MOTION_COMMANDS: Final[Mapping[str, Callable[[Bench, int, int], None]]] = {
-    "13h": lambda bench, start, way: _send(bench, 0x13, start + 140 * way),
-    "15h": lambda bench, start, way: _send(bench, 0x15, velocity(way, bench.period)),
-    "16h": lambda bench, start, way: _send(bench, 0x16, segment(140 * way, bench.period)),
-    "10h 13h 11h": lambda bench, start, way: _synchronised(bench, start + 140 * way),
+MOTION_COMMANDS: Final[Mapping[str, Callable[[AxisDriver, int, int], None]]] = {
+    "13h": lambda driver, start, sign: _send(driver, 0x13, start + 140 * sign),
+    "15h": lambda driver, start, sign: _send(driver, 0x15, velocity(sign, driver.motion.period)),
+    "16h": lambda driver, start, sign: _send(
+        driver, 0x16, segment_parameter(140 * sign, driver.motion.period)
+    ),
+    "10h 13h 11h": lambda driver, start, sign: _synchronised(driver, start + 140 * sign),
 }
 
 
-def _send(bench: Bench, index: int, parameter: int) -> None:
-    bench.accepted(index, parameter)
+def _send(driver: AxisDriver, index: int, parameter: int) -> None:
+    driver.judge.accepted(index, parameter)
 
 
-def _cannot_go_down(bench: Bench, name: str) -> bool:
+def _cannot_go_down(driver: AxisDriver, name: str) -> bool:
     """True where the device's readings of AMB-07 and -38 leave no way to count down."""
     switch = {"15h": "vel_f6_direction", "16h": "segment_signed"}.get(name)
-    return switch is not None and bench.known(switch) == 1
+    return switch is not None and driver.readings.known(switch) == 1
 
 
-def _synchronised(bench: Bench, target: int) -> None:
-    bench.accepted(0x10)
-    bench.accepted(0x13, target)
-    bench.accepted(0x11)
+def _synchronised(driver: AxisDriver, target: int) -> None:
+    driver.judge.accepted(0x10)
+    driver.judge.accepted(0x13, target)
+    driver.judge.accepted(0x11)
 
 
-def travel_guard(bench: Bench, side: Side, distance: int, mode: int = 8) -> int:
+def enable_stop(driver: AxisDriver, side: SoftwareStop, distance: int, mode: int = 8) -> int:
     """Put the stop of one side `distance` increments ahead, the other one far; give the start."""
-    if bench.known("ff_lifetime") == 2:  # only a restart clears ff on this device
-        bench.at_rest()
-        bench.command(0x00)
-        bench.wait_awake()
-    start = bench.ready(PERIOD)
+    if driver.readings.known("ff_lifetime") == 2:  # only a restart clears ff on this device
+        driver.motion.at_rest()
+        driver.client.command(0x00)
+        driver.motion.wait_awake()
+    start = driver.motion.ready(PERIOD)
     other = 0x0A if side.index == 0x09 else 0x09
-    bench.accepted(side.index, start + side.direction * distance)
-    bench.accepted(other, start - side.direction * FAR)
-    bench.accepted(0x03, mode)
+    driver.judge.accepted(side.index, start + side.direction * distance)
+    driver.judge.accepted(other, start - side.direction * FAR)
+    driver.judge.accepted(0x03, mode)
     return start
 
 
-def _rest(bench: Bench) -> int:
+def _rest(driver: AxisDriver) -> int:
     """The place where the axis is once it no longer moves; without a ramp, and at the speed of
-    `travel_guard`."""
-    bench.run_out(bench.period)
-    bench.wait(max(0.15, bench.lasting_s(FARTHEST)))
-    return bench.position()
+    `enable_stop`."""
+    driver.motion.run_out(driver.motion.period)
+    driver.client.wait(max(0.15, driver.motion.lasting_s(FARTHEST)))
+    return driver.client.position()
 
 
-def _judge_bits(bench: Bench, side: Side, name: str) -> None:
+def _judge_bits(driver: AxisDriver, side: SoftwareStop, name: str) -> None:
     """The ff bit of this side, at the place the CAN manual gives it or shifted by one."""
-    ff = bench.stopped_on()
+    ff = driver.status.stopped_on()
     outcome = {side.bit: 0, side.bit << 1: 1}.get(ff, f"ff {ff:02X} on the {name} stop")
-    bench.reading("status_ff_layout", outcome, side.requirements[0])
+    driver.judge.reading("status_ff_layout", outcome, side.requirements[0])
 
 
 @check("MACS-CMD-09-02", "MACS-Q-21-01", safety=MOVES)
 def the_stop_bit_stays_until_the_next_motion(session: Session) -> None:
     """The ff bit outlives reading it, 18h and the end of enabling; the next motion clears it."""
-    bench = bench_of(session)
+    driver = driver_of(session)
     side = SIDES[0]
-    start = travel_guard(bench, side, 10)
-    bench.accepted(0x13, start + 60)
-    _rest(bench)
-    _judge_bits(bench, side, "superior")
-    bench.accepted(0x18)
-    before = bench.stopped_on()
+    start = enable_stop(driver, side, 10)
+    driver.judge.accepted(0x13, start + 60)
+    _rest(driver)
+    _judge_bits(driver, side, "superior")
+    driver.judge.accepted(0x18)
+    before = driver.status.stopped_on()
     session.expect(before != 0, "MACS-Q-21-01", "the bit still there after 21h and 18h", "ff 00")
-    bench.accepted(0x03, 0)
-    live = bench.stopped_on() != before
-    bench.accepted(0x13, start)
-    _rest(bench)
-    after = bench.stopped_on()
+    driver.judge.accepted(0x03, 0)
+    live = driver.status.stopped_on() != before
+    driver.judge.accepted(0x13, start)
+    _rest(driver)
+    after = driver.status.stopped_on()
     outcome: int | str = f"ff {before:02X}, then {after:02X}"
     if live:
         outcome = 1
@@ -122,50 +120,54 @@ def the_stop_bit_stays_until_the_next_motion(session: Session) -> None:
         outcome = 0
     elif after == before:
         outcome = 2
-    bench.reading("ff_lifetime", outcome, "MACS-Q-21-01")
+    driver.judge.reading("ff_lifetime", outcome, "MACS-Q-21-01")
 
 
 @check("MACS-CMD-09-02", "MACS-CMD-0A-02", "MACS-STOP-03", safety=MOVES)
 def beyond_a_software_stop_every_motion_ends(session: Session) -> None:
     """13h, 15h, 16h and 11h end on the first increment beyond the stop, unlocked, ff tells."""
-    bench = bench_of(session)
+    driver = driver_of(session)
     for side in SIDES:
         for name, move in MOTION_COMMANDS.items():
-            if side.direction < 0 and _cannot_go_down(bench, name):
+            if side.direction < 0 and _cannot_go_down(driver, name):
                 continue
             if not session.transport.is_virtual and side.direction < 0 and name != "13h":
                 continue  # the other side has shown every way; here the time is real
-            start = travel_guard(bench, side, 50)
-            move(bench, start, side.direction)
-            bench.wait(0.05)
-            place = (_rest(bench) - start) * side.direction
-            most = 51 + bench.braking(bench.period)
+            start = enable_stop(driver, side, 50)
+            move(driver, start, side.direction)
+            driver.client.wait(0.05)
+            place = (_rest(driver) - start) * side.direction
+            most = 51 + driver.limits.braking(driver.motion.period)
             known = session.readings.get("brake_increments", "")
             least = most - 1 if known.isdigit() else 50  # a number that was seen holds everywhere
             session.expect(
-                least <= place <= most, side.requirements,
-                f"{name} at rest {least} to {most} increments on: the stop is 50 ahead", place,
-            )  # fmt: skip
+                least <= place <= most,
+                side.requirements,
+                f"{name} at rest {least} to {most} increments on: the stop is 50 ahead",
+                place,
+            )
             # How far it runs on may not be known: then one place may be due to either reading.
-            fitting = [one for one in (0, 1) if least + 1 - one <= place <= most - one]
-            bench.reading("soft_stop_compare", tuple(fitting), side.requirements)
-            _judge_bits(bench, side, name)
+            fitting = [number for number in (0, 1) if least + 1 - number <= place <= most - number]
+            driver.judge.reading("soft_stop_compare", tuple(fitting), side.requirements)
+            _judge_bits(driver, side, name)
             if "13h" in name:  # the others have no target to be away from
-                bench.reading("busy_after_abort", int(bench.is_busy()), side.requirements)
-            bench.accepted(0x03, 8, requirement=side.requirements)
+                driver.judge.reading(
+                    "busy_after_abort", int(driver.status.is_busy()), side.requirements
+                )
+            driver.judge.accepted(0x03, 8, requirement=side.requirements)
 
 
 @check("MACS-STOP-03", "MACS-CMD-09-02", safety=MOVES, level="full")
 def a_software_stop_drops_the_stored_segments(session: Session) -> None:
     """A segment beyond a software stop ends there, and what was stored behind it never runs."""
-    bench = bench_of(session)
-    start = travel_guard(bench, SIDES[0], 20)
+    driver = driver_of(session)
+    start = enable_stop(driver, SIDES[0], 20)
     for _ in range(3):
-        bench.accepted(0x16, segment(30, bench.period))
-    first = _rest(bench) - start
-    bench.wait(0.2)
-    second = _rest(bench) - start
-    most = 21 + bench.braking(bench.period)
+        driver.judge.accepted(0x16, segment_parameter(30, driver.motion.period))
+    first = _rest(driver) - start
+    driver.client.wait(0.2)
+    second = _rest(driver) - start
+    most = 21 + driver.limits.braking(driver.motion.period)
     session.expect(
         20 <= first <= most,
         ("MACS-STOP-03", "MACS-CMD-09-02"),
@@ -178,59 +180,59 @@ def a_software_stop_drops_the_stored_segments(session: Session) -> None:
         "at rest",
         f"{second - first} more increments",
     )
-    bench.accepted(0x16, segment(1, bench.period))
-    bench.accepted(0x02, 0)
+    driver.judge.accepted(0x16, segment_parameter(1, driver.motion.period))
+    driver.judge.accepted(0x02, 0)
 
 
 @check("MACS-STOP-03", "MACS-CMD-09-02", "MACS-CMD-0A-02", safety=MOVES, level="full")
 def segments_that_turn_round_end_on_the_stop_they_meet_first(session: Session) -> None:
     """Of two software stops in the way of a row of segments, the first one ends it for good."""
-    bench = bench_of(session)
-    if _cannot_go_down(bench, "16h"):
+    driver = driver_of(session)
+    if _cannot_go_down(driver, "16h"):
         session.skip("DDDD has no sign on this device: segments do not turn round")
     for side, other in (SIDES, SIDES[::-1]):
-        start, way = travel_guard(bench, side, 20), side.direction
-        bench.accepted(other.index, start - 30 * way)
-        period = bench.outlasting(20, bench.period)
-        first = bench.put(Segment(40 * way, period))
-        second = bench.put(Segment(-120 * way, period))
+        start, sign = enable_stop(driver, side, 20), side.direction
+        driver.judge.accepted(other.index, start - 30 * sign)
+        period = driver.limits.outlasting(20, driver.motion.period)
+        first = driver.motion.put(Segment(40 * sign, period))
+        second = driver.motion.put(Segment(-120 * sign, period))
         met_ns = first.taken.earliest_ns + 20 * period * TICK_NS
-        bench.taken_in_time(second, met_ns, "the way to the first stop")
-        bench.wait(bench.lasting_s(40 + 120, period))
-        place = (_rest(bench) - start) * way
-        most = 21 + bench.braking(period)
+        driver.motion.taken_in_time(second, met_ns, "the way to the first stop")
+        driver.client.wait(driver.motion.lasting_s(40 + 120, period))
+        place = (_rest(driver) - start) * sign
+        most = 21 + driver.limits.braking(period)
         session.expect(
             20 <= place <= most, side.requirements, f"at rest 20..{most} increments on", place
         )
-        _judge_bits(bench, side, "nearer")
-        bench.accepted(0x03, 0)
+        _judge_bits(driver, side, "nearer")
+        driver.judge.accepted(0x03, 0)
 
 
 @check("MACS-CMD-09-02", "MACS-CMD-0A-02", safety=MOVES, level="full")
 def on_a_software_stop_nothing_ends(session: Session) -> None:
     """A target equal to the stop is reached and no bit is set: beyond means beyond."""
-    bench = bench_of(session)
+    driver = driver_of(session)
     for side in SIDES:
-        start = travel_guard(bench, side, 50)
+        start = enable_stop(driver, side, 50)
         target = start + 50 * side.direction
-        bench.finish(bench.go(target), side.requirements[0])
-        ff = bench.stopped_on()
+        driver.motion.finish(driver.motion.go(target), side.requirements[0])
+        ff = driver.status.stopped_on()
         outcome: int | str = {0: 0, side.bit: 1, side.bit << 1: 1}.get(ff, f"ff {ff:02X}")
-        if outcome or not bench.known("soft_stop_compare"):
+        if outcome or not driver.readings.known("soft_stop_compare"):
             # Where equal counts as beyond, the motion may be over before it is ended.
-            bench.reading("soft_stop_compare", outcome, side.requirements[0])
-        bench.accepted(0x03, 0)
+            driver.judge.reading("soft_stop_compare", outcome, side.requirements[0])
+        driver.judge.accepted(0x03, 0)
 
 
 @check("MACS-CMD-09-02", "MACS-CMD-0A-02", "MACS-CMD-03-01", safety=MOVES, level="full")
 def software_stops_work_only_when_enabled(session: Session) -> None:
     """With 03h at 0 or 1 the axis passes both software stops, and no bit is set."""
-    bench = bench_of(session)
+    driver = driver_of(session)
     for side in SIDES:
         for mode in (0, 1):
-            start = travel_guard(bench, side, 20, mode)
-            bench.finish(bench.go(start + 60 * side.direction))
-            ff = bench.stopped_on() & (SUPERIOR | INFERIOR)
+            start = enable_stop(driver, side, 20, mode)
+            driver.motion.finish(driver.motion.go(start + 60 * side.direction))
+            ff = driver.status.stopped_on() & (SUPERIOR | INFERIOR)
             session.expect(
                 ff == 0,
                 ("MACS-CMD-03-01", side.requirements[0]),
@@ -242,82 +244,87 @@ def software_stops_work_only_when_enabled(session: Session) -> None:
 @check("MACS-CMD-09-02", "MACS-CMD-0A-02", "MACS-STOP-03", safety=MOVES, level="full")
 def from_beyond_a_software_stop_one_can_return(session: Session) -> None:
     """Parked beyond a stop, motion further out ends at once and the way back is free."""
-    bench = bench_of(session)
+    driver = driver_of(session)
     for side in SIDES:
-        start = travel_guard(bench, side, -30)  # the axis stands 30 increments beyond its stop
-        outward = bench.command(0x13, start + 60 * side.direction).kind
-        moved = (_rest(bench) - start) * side.direction
+        start = enable_stop(driver, side, -30)  # the axis stands 30 increments beyond its stop
+        outward = driver.client.command(0x13, start + 60 * side.direction).kind
+        moved = (_rest(driver) - start) * side.direction
+        beyond = driver.limits.braking(driver.motion.period) * 2
         session.expect(
-            outward is Kind.REFUSED or 0 <= moved <= bench.braking(bench.period) * 2,
-            side.requirements, "no step further out", f"{outward.value}, {moved} increments",
-        )  # fmt: skip
-        if outward is Kind.ACCEPTED:
-            _judge_bits(bench, side, "outward")
-        here = bench.position()
-        inward = bench.command(0x13, start - 60 * side.direction).kind
-        bench.wait(0.1)
-        back = (here - _rest(bench)) * side.direction
+            outward is ReplyKind.REFUSED or 0 <= moved <= beyond,
+            side.requirements,
+            "no step further out",
+            f"{outward.value}, {moved} increments",
+        )
+        if outward is ReplyKind.ACCEPTED:
+            _judge_bits(driver, side, "outward")
+        here = driver.client.position()
+        inward = driver.client.command(0x13, start - 60 * side.direction).kind
+        driver.client.wait(0.1)
+        back = (here - _rest(driver)) * side.direction
         outcome: int | str = f"{inward.value}, {back} increments back"
-        if inward is Kind.ACCEPTED and back >= 60:
+        if inward is ReplyKind.ACCEPTED and back >= 60:
             outcome = 0
         elif back <= 0:
             outcome = 1
-        bench.reading("soft_stop_blocks", outcome, side.requirements)
+        driver.judge.reading("soft_stop_blocks", outcome, side.requirements)
         if outcome == 0:
-            ff = bench.stopped_on()
+            ff = driver.status.stopped_on()
             if ff:  # gone it may be because the motion cleared it, or because it lives
-                bench.reading("ff_lifetime", 2, side.requirements[0])
+                driver.judge.reading("ff_lifetime", 2, side.requirements[0])
 
 
 @check("MACS-CMD-09-02", "MACS-STOP-03", "MACS-CMD-0B-01", safety=MOVES, level="full")
 def software_stops_watch_the_counter(session: Session) -> None:
     """Clearing the counter shifts the stops in space, since they are numbers of the counter."""
-    bench = bench_of(session)
-    start = bench.ready(PERIOD)
-    if abs(start) > bench.room():
+    driver = driver_of(session)
+    start = driver.motion.ready(PERIOD)
+    if abs(start) > driver.limits.room():
         session.skip("the counter's origin could not be put back: it is outside the envelope")
-    bench.finish(bench.go(start + 15))
-    bench.accepted(0x09, 30)
-    bench.accepted(0x0A, -FAR)
-    bench.accepted(0x0B)
-    bench.accepted(0x03, 8)
-    bench.accepted(0x13, 90)
-    place = _rest(bench)
-    bench.accepted(0x03, 0)
-    most = 31 + bench.braking(bench.period)
+    driver.motion.finish(driver.motion.go(start + 15))
+    driver.judge.accepted(0x09, 30)
+    driver.judge.accepted(0x0A, -FAR)
+    driver.judge.accepted(0x0B)
+    driver.judge.accepted(0x03, 8)
+    driver.judge.accepted(0x13, 90)
+    place = _rest(driver)
+    driver.judge.accepted(0x03, 0)
+    most = 31 + driver.limits.braking(driver.motion.period)
     session.expect(
         30 <= place <= most,
         ("MACS-CMD-09-02", "MACS-STOP-03", "MACS-CMD-0B-01"),
         f"30..{most} of the new count",
         place,
     )
-    bench.finish(bench.go(-(start + 15)))
-    bench.accepted(0x0B)
+    driver.motion.finish(driver.motion.go(-(start + 15)))
+    driver.judge.accepted(0x0B)
 
 
 @check("MACS-STOP-03", "MACS-CMD-0B-01", safety=MOVES, level="full")
 def a_counter_cleared_in_motion_brings_the_stop_nearer(session: Session) -> None:
     """A software stop is met where the new count says, though the motion began with the old one."""
-    bench = bench_of(session)
-    start = bench.ready(SLOWEST)
-    if abs(start) > min(40, bench.room()):
+    driver = driver_of(session)
+    start = driver.motion.ready(SLOWEST)
+    if abs(start) > min(40, driver.limits.room()):
         session.skip("the counter is too far from 0 to be brought back there")
-    bench.finish(bench.go(start - 60))
-    bench.accepted(0x09, 20)
-    bench.accepted(0x0A, -FAR)
-    bench.accepted(0x03, 8)
-    forecast = bench.turn(1, SLOWEST)
-    bench.wait(0.15)
-    cleared = forecast.bounds(bench.accepted(0x0B).taken)
-    bench.wait(0.3)
-    place = _rest(bench)
-    bench.accepted(0x03, 0)
-    most = 21 + bench.braking(SLOWEST)
+    driver.motion.finish(driver.motion.go(start - 60))
+    driver.judge.accepted(0x09, 20)
+    driver.judge.accepted(0x0A, -FAR)
+    driver.judge.accepted(0x03, 8)
+    forecast = driver.motion.turn(1, SLOWEST)
+    driver.client.wait(0.15)
+    cleared = forecast.bounds(driver.judge.accepted(0x0B).taken)
+    driver.client.wait(0.3)
+    place = _rest(driver)
+    driver.judge.accepted(0x03, 0)
+    most = 21 + driver.limits.braking(SLOWEST)
     session.expect(
         20 <= place <= most,
         ("MACS-STOP-03", "MACS-CMD-0B-01"),
         f"20..{most} of the new count",
         place,
     )
-    bench.finish(bench.go(-cleared[0]))  # to one increment: nobody knows the instant better
-    bench.accepted(0x0B)
+    driver.motion.finish(
+        driver.motion.go(-cleared[0])
+    )  # to one increment: nobody knows the instant better
+    driver.judge.accepted(0x0B)

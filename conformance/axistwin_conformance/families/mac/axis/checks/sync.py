@@ -4,14 +4,10 @@ from __future__ import annotations
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.motion import (
-    SLOWEST,
-    Bench,
-    bench_of,
-    segment,
-    velocity,
-)
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
+from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
+from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probes.motion import preload_policy
 from axistwin_conformance.families.mac.axis.probes.sync import (
@@ -27,216 +23,239 @@ ORDER = 150  # of this module in a run; see `Family.modules`
 @check("MACS-CMD-10-01", "MACS-CMD-11-01", "MACS-STATE-01", safety=MOVES)
 def a_preloaded_move_waits_for_11h(session: Session) -> None:
     """After 10h, 13h is acknowledged and nothing moves or locks; 11h starts it, on time."""
-    bench = bench_of(session)
+    driver = driver_of(session)
     for distance in (120, -75):
-        start = bench.ready(0x1000, 1)
-        bench.accepted(0x10, requirement="MACS-CMD-10-01")
-        bench.accepted(0x13, start + distance, requirement="MACS-CMD-10-01")
+        start = driver.motion.ready(0x1000, 1)
+        driver.judge.accepted(0x10, requirement="MACS-CMD-10-01")
+        driver.judge.accepted(0x13, start + distance, requirement="MACS-CMD-10-01")
         session.expect(
-            is_held(bench, start), "MACS-CMD-10-01", f"at {start} until 11h", bench.position()
+            is_held(driver, start),
+            "MACS-CMD-10-01",
+            f"at {start} until 11h",
+            driver.client.position(),
         )
-        session.expect(not bench.is_busy(), "MACS-STATE-01", "not busy", "busy")
-        lock = bench.command(0x0F, 1).kind
-        bench.reading("preload_locks", int(lock is Kind.REFUSED), "MACS-STATE-01")
-        exchange = bench.accepted(0x11, requirement="MACS-CMD-11-01")
-        bench.watch(bench.to_position(exchange, start, start + distance), "MACS-CMD-11-01")
+        session.expect(not driver.status.is_busy(), "MACS-STATE-01", "not busy", "busy")
+        lock = driver.client.command(0x0F, 1).kind
+        driver.judge.reading("preload_locks", int(lock is ReplyKind.REFUSED), "MACS-STATE-01")
+        exchange = driver.judge.accepted(0x11, requirement="MACS-CMD-11-01")
+        driver.motion.watch(
+            driver.motion.to_position(exchange, start, start + distance), "MACS-CMD-11-01"
+        )
 
 
 @check("MACS-CMD-10-01", "MACS-CMD-11-01", "MACS-CMD-14-01", safety=MOVES, level="full")
 def velocity_and_14h_can_be_preloaded_too(session: Session) -> None:
     """15h and 14h after 10h wait for 11h just so."""
-    bench = bench_of(session)
-    start = bench.ready(0x1000, 1)
-    bench.accepted(0x10)
-    period = bench.slowed(0x1800)
-    bench.accepted(0x15, velocity(-1, period))
+    driver = driver_of(session)
+    start = driver.motion.ready(0x1000, 1)
+    driver.judge.accepted(0x10)
+    period = driver.limits.slowed(0x1800)
+    driver.judge.accepted(0x15, velocity(-1, period))
     session.expect(
-        is_held(bench, start), "MACS-CMD-10-01", f"at {start} until 11h", bench.position()
+        is_held(driver, start), "MACS-CMD-10-01", f"at {start} until 11h", driver.client.position()
     )
-    exchange = bench.accepted(0x11)
-    forecast = bench.to_velocity(exchange, start, -1, period)
+    exchange = driver.judge.accepted(0x11)
+    forecast = driver.motion.to_velocity(exchange, start, -1, period)
     for _ in range(3):
-        bench.wait(0.1)
-        bench.follow(forecast, "MACS-CMD-11-01", bench.allowance(period))
-    bench.at_rest()
-    start = bench.position()
-    if abs(start) > bench.room():
+        driver.client.wait(0.1)
+        driver.motion.follow(forecast, "MACS-CMD-11-01", driver.limits.allowance(period))
+    driver.motion.at_rest()
+    start = driver.client.position()
+    if abs(start) > driver.limits.room():
         return
-    bench.accepted(0x10)
-    bench.accepted(0x14, requirement="MACS-CMD-14-01")
+    driver.judge.accepted(0x10)
+    driver.judge.accepted(0x14, requirement="MACS-CMD-14-01")
     session.expect(
-        is_held(bench, start), "MACS-CMD-10-01", f"at {start} until 11h", bench.position()
+        is_held(driver, start), "MACS-CMD-10-01", f"at {start} until 11h", driver.client.position()
     )
-    exchange = bench.accepted(0x11)
-    bench.watch(bench.to_position(exchange, start, 0), ("MACS-CMD-14-01", "MACS-CMD-11-01"))
+    exchange = driver.judge.accepted(0x11)
+    driver.motion.watch(
+        driver.motion.to_position(exchange, start, 0), ("MACS-CMD-14-01", "MACS-CMD-11-01")
+    )
 
 
 @check("MACS-CMD-10-02", "MACS-CMD-11-02", safety=MOVES)
 def arming_concerns_one_motion(session: Session) -> None:
     """The motion after a synchronised one starts directly; a second 11h starts nothing again."""
-    bench = bench_of(session)
-    start = bench.ready(0x0800)
-    bench.accepted(0x10, requirement="MACS-CMD-10-02")
-    bench.accepted(0x10, requirement="MACS-CMD-10-02")  # twice is as good as once
-    bench.accepted(0x13, start + 30)
-    exchange = bench.accepted(0x11)
-    place = bench.finish(bench.to_position(exchange, start, start + 30))
-    bench.reading("sync_without_preload", _without_preload(bench), "MACS-CMD-11-02")
-    session.expect(is_held(bench, place), "MACS-CMD-11-02", f"at {place}", bench.position())
-    if not _is_permanent(bench):
-        bench.finish(bench.go(start), "MACS-CMD-10-02")
+    driver = driver_of(session)
+    start = driver.motion.ready(0x0800)
+    driver.judge.accepted(0x10, requirement="MACS-CMD-10-02")
+    driver.judge.accepted(0x10, requirement="MACS-CMD-10-02")  # twice is as good as once
+    driver.judge.accepted(0x13, start + 30)
+    exchange = driver.judge.accepted(0x11)
+    place = driver.motion.finish(driver.motion.to_position(exchange, start, start + 30))
+    driver.judge.reading("sync_without_preload", _without_preload(driver), "MACS-CMD-11-02")
+    session.expect(
+        is_held(driver, place), "MACS-CMD-11-02", f"at {place}", driver.client.position()
+    )
+    if not _is_permanent(driver):
+        driver.motion.finish(driver.motion.go(start), "MACS-CMD-10-02")
         return
-    bench.accepted(0x10)
-    bench.accepted(0x13, start)
-    exchange = bench.accepted(0x11)
-    bench.finish(bench.to_position(exchange, place, start))
-    bench.accepted(0x13, start + 30)  # armed by no 10h of its own
-    outcome = 2 if is_held(bench, start) else (0, 1)
-    bench.reading("sync_arm_lifetime", outcome, "MACS-CMD-10-02")
+    driver.judge.accepted(0x10)
+    driver.judge.accepted(0x13, start)
+    exchange = driver.judge.accepted(0x11)
+    driver.motion.finish(driver.motion.to_position(exchange, place, start))
+    driver.judge.accepted(0x13, start + 30)  # armed by no 10h of its own
+    outcome = 2 if is_held(driver, start) else (0, 1)
+    driver.judge.reading("sync_arm_lifetime", outcome, "MACS-CMD-10-02")
 
 
-def _is_permanent(bench: Bench) -> bool:
+def _is_permanent(driver: AxisDriver) -> bool:
     """True on a device that 10h leaves armed, motion after motion (MACC-AMB-31)."""
-    return bench.known("sync_arm_lifetime") == 2
+    return driver.readings.known("sync_arm_lifetime") == 2
 
 
-def _armed_still(bench: Bench, *, held: bool) -> tuple[int, ...]:
+def _armed_still(driver: AxisDriver, *, held: bool) -> tuple[int, ...]:
     """The readings of a motion behind something that is not held: held itself, or not."""
     if not held:
         return (1,)
-    switches = bench.session.run.ledger.ambiguity_of("sync_arm_lifetime").switches
-    return tuple(one for one in range(len(switches["sync_arm_lifetime"])) if one != 1)
+    switches = driver.session.run.ledger.ambiguity_of("sync_arm_lifetime").switches
+    return tuple(number for number in range(len(switches["sync_arm_lifetime"])) if number != 1)
 
 
-def _without_preload(bench: Bench) -> int | str:
-    reply = bench.command(0x11).reply
+def _without_preload(driver: AxisDriver) -> int | str:
+    reply = driver.client.command(0x11).reply
     return ACCEPTED_OR_REFUSED.get(reply.kind, str(reply))
 
 
 @check("MACS-CMD-11-02", "MACS-CMD-11-01", safety=MOVES, level="full")
 def without_a_preloaded_motion_11h_moves_nothing(session: Session) -> None:
     """11h at rest, and after a 10h without motion, moves nothing; the order must be right."""
-    bench = bench_of(session)
-    start = bench.ready(0x0800)
-    bench.finish(bench.go(start + 20))
+    driver = driver_of(session)
+    start = driver.motion.ready(0x0800)
+    driver.motion.finish(driver.motion.go(start + 20))
     for commands in ((0x11,), (0x10, 0x11), (0x11, 0x10)):
         for index in commands:
-            reply = bench.command(index).reply
+            reply = driver.client.command(index).reply
             if index == 0x11:
                 outcome = ACCEPTED_OR_REFUSED.get(reply.kind, str(reply))
-                bench.reading("sync_without_preload", outcome, "MACS-CMD-11-02")
-        held = is_held(bench, start + 20)
+                driver.judge.reading("sync_without_preload", outcome, "MACS-CMD-11-02")
+        held = is_held(driver, start + 20)
         session.expect(
-            held, ("MACS-CMD-11-02", "MACS-CMD-11-01"), f"at {start + 20}", bench.position()
+            held, ("MACS-CMD-11-02", "MACS-CMD-11-01"), f"at {start + 20}", driver.client.position()
         )
-        bench.disarm()
+        driver.motion.disarm()
 
 
 @check("MACS-CMD-10-03", "MACS-CMD-10-01", safety=MOVES)
 def segments_are_not_held_by_10h(session: Session) -> None:
     """16h runs although the module is armed; whether the arm then stays is reported."""
-    bench = bench_of(session)
-    start = bench.ready(0x1000)
-    bench.accepted(0x10)
-    bench.accepted(0x16, segment(25, bench.period), requirement="MACS-CMD-10-03")
-    bench.wait(0.1 + bench.lasting_s(25))
-    place = bench.position()
+    driver = driver_of(session)
+    start = driver.motion.ready(0x1000)
+    driver.judge.accepted(0x10)
+    driver.judge.accepted(
+        0x16, segment_parameter(25, driver.motion.period), requirement="MACS-CMD-10-03"
+    )
+    driver.client.wait(0.1 + driver.motion.lasting_s(25))
+    place = driver.client.position()
     session.expect(place == start + 25, "MACS-CMD-10-03", start + 25, place)
-    bench.accepted(0x13, start)
-    outcome = _armed_still(bench, held=is_held(bench, place))
-    bench.reading("sync_arm_lifetime", outcome, "MACS-CMD-10-01")
-    bench.command(0x11)
-    bench.wait(0.1)
+    driver.judge.accepted(0x13, start)
+    outcome = _armed_still(driver, held=is_held(driver, place))
+    driver.judge.reading("sync_arm_lifetime", outcome, "MACS-CMD-10-01")
+    driver.client.command(0x11)
+    driver.client.wait(0.1)
 
 
 @check("MACS-CMD-10-02", "MACS-CMD-11-01", safety=MOVES, level="full")
 def a_second_motion_replaces_the_preloaded_one(session: Session) -> None:
     """10h, 13h to one place, 13h to another, 11h: the second counts, or was refused."""
-    bench = bench_of(session)
-    start = bench.ready(0x0800)
-    bench.accepted(0x10)
-    bench.accepted(0x13, start + 60)
-    second = bench.command(0x13, start - 60)
-    bench.accepted(0x11, requirement="MACS-CMD-11-01")
-    bench.wait(0.25 + bench.lasting_s(60))
-    moved = bench.position() - start
-    if second.kind is Kind.ACCEPTED:
+    driver = driver_of(session)
+    start = driver.motion.ready(0x0800)
+    driver.judge.accepted(0x10)
+    driver.judge.accepted(0x13, start + 60)
+    second = driver.client.command(0x13, start - 60)
+    driver.judge.accepted(0x11, requirement="MACS-CMD-11-01")
+    driver.client.wait(0.25 + driver.motion.lasting_s(60))
+    moved = driver.client.position() - start
+    if second.kind is ReplyKind.ACCEPTED:
         session.expect(
-            moved == -60 or (moved == 60 and bench.known("preload_policy") == 2),
-            "MACS-CMD-10-02", "the second target, -60", f"{moved:+d}",
-        )  # fmt: skip
+            moved == -60 or (moved == 60 and driver.readings.known("preload_policy") == 2),
+            "MACS-CMD-10-02",
+            "the second target, -60",
+            f"{moved:+d}",
+        )
     else:
-        bench.must(Kind.REFUSED, second, "MACS-CMD-10-02")
-        if not bench.known("preload_locks"):
-            bench.reading("preload_policy", 1, "MACS-CMD-10-02")
+        driver.judge.must(ReplyKind.REFUSED, second, "MACS-CMD-10-02")
+        if not driver.readings.known("preload_locks"):
+            driver.judge.reading("preload_policy", 1, "MACS-CMD-10-02")
         session.expect(moved == 60, "MACS-CMD-10-02", "the first target, +60", f"{moved:+d}")
 
 
 @check("MACS-CMD-18-03", "MACS-CMD-10-02", safety=MOVES, level="full")
 def stops_and_power_off_drop_a_preloaded_motion(session: Session) -> None:
     """17h, 18h and 1Ah drop preload and arm, or are refused, or leave them: one and the same."""
-    bench = bench_of(session)
-    bench.ready(0x1000)
-    bench.again(preload_policy, ("MACS-CMD-18-03", "MACS-CMD-10-02"))
+    driver = driver_of(session)
+    driver.motion.ready(0x1000)
+    driver.judge.again(preload_policy, ("MACS-CMD-18-03", "MACS-CMD-10-02"))
     for index in (0x17, 0x18, 0x1A):
-        start = bench.ready(0x1000)
-        bench.accepted(0x10)
-        bench.accepted(0x13, start + 400)
-        stop = bench.command(index)
-        bench.command(0x11)
-        bench.wait(0.2)
-        bench.command(0x18)
-        moved = bench.position() != start
-        bench.must(Kind.ACCEPTED, stop)
-        if moved and index != 0x1A and bench.known("abort_flush"):
+        start = driver.motion.ready(0x1000)
+        driver.judge.accepted(0x10)
+        driver.judge.accepted(0x13, start + 400)
+        stop = driver.client.command(index)
+        driver.client.command(0x11)
+        driver.client.wait(0.2)
+        driver.client.command(0x18)
+        moved = driver.client.position() != start
+        driver.judge.must(ReplyKind.ACCEPTED, stop)
+        if moved and index != 0x1A and driver.readings.known("abort_flush"):
             continue  # this device keeps what is stored over a stop, whatever it is
-        if moved or bench.known("preload_policy") != 1:
-            bench.reading("preload_policy", 2 if moved else 0, "MACS-CMD-18-03")
+        if moved or driver.readings.known("preload_policy") != 1:
+            driver.judge.reading("preload_policy", 2 if moved else 0, "MACS-CMD-18-03")
         if not moved:
-            start = bench.position()
-            bench.finish(bench.go(start + 10), "MACS-CMD-10-02")
+            start = driver.client.position()
+            driver.motion.finish(driver.motion.go(start + 10), "MACS-CMD-10-02")
 
 
 @check("MACS-CMD-15-04", "MACS-CMD-10-01", safety=MOVES, level="full")
 def velocity_0_while_armed_at_rest(session: Session) -> None:
     """10h, then 15h with 0000, then 13h: whether 13h is held tells what became of the arm."""
-    bench_of(session).again(armed_zero_velocity, ("MACS-CMD-15-04", "MACS-CMD-10-01"))
+    driver_of(session).judge.again(armed_zero_velocity, ("MACS-CMD-15-04", "MACS-CMD-10-01"))
 
 
 @check("MACS-CMD-11-01", "MACS-CMD-10-03", safety=MOVES, level="full")
 def a_preloaded_move_started_during_segments(session: Session) -> None:
     """11h while segments run: the move follows them, or starts at once, or is dropped."""
-    bench = bench_of(session)
-    if bench.known("sync_arm_lifetime"):
+    driver = driver_of(session)
+    if driver.readings.known("sync_arm_lifetime"):
         session.skip("this device's sync_arm_lifetime leaves nothing to start, or all")
-    bench.again(sync_during_interp, ("MACS-CMD-11-01", "MACS-CMD-10-03"))
-    if not bench.known("sync_during_interp"):
-        start = bench.ready(0x4000)
-        for index, parameter in ((0x10, 0), (0x13, start - 20), (0x16, segment(20, bench.period))):
-            bench.accepted(index, parameter)
-        bench.accepted(0x11, requirement="MACS-CMD-11-01")
-        bench.wait(0.4 + bench.lasting_s(60))
-        bench.finish(bench.go(start), "MACS-CMD-11-01")  # not held back: 11h has used it up
+    driver.judge.again(sync_during_interp, ("MACS-CMD-11-01", "MACS-CMD-10-03"))
+    if not driver.readings.known("sync_during_interp"):
+        start = driver.motion.ready(0x4000)
+        for index, parameter in (
+            (0x10, 0),
+            (0x13, start - 20),
+            (0x16, segment_parameter(20, driver.motion.period)),
+        ):
+            driver.judge.accepted(index, parameter)
+        driver.judge.accepted(0x11, requirement="MACS-CMD-11-01")
+        driver.client.wait(0.4 + driver.motion.lasting_s(60))
+        driver.motion.finish(
+            driver.motion.go(start), "MACS-CMD-11-01"
+        )  # not held back: 11h has used it up
 
 
 @check("MACS-CMD-11-01", safety=MOVES, level="full")
 def a_preloaded_speed_started_during_segments_is_taken_at_once(session: Session) -> None:
     """10h, 15h, then 11h while a segment runs: the axis goes on without end at the new speed."""
-    bench = bench_of(session)
+    driver = driver_of(session)
     for switch in ("sync_arm_lifetime", "vel_during_interp", "preload_policy"):
-        if bench.known(switch):
+        if driver.readings.known(switch):
             session.skip(f"this device's {switch} leaves nothing to start")
-    bench.ready(0x4000)
-    slow, fast = bench.slowed_alike(0x8000, 0x2000)
-    for index, parameter in ((0x10, 0), (0x15, velocity(1, slow)), (0x16, segment(50, fast))):
-        bench.accepted(index, parameter)
-    bench.accepted(0x11, requirement="MACS-CMD-11-01")
-    bench.wait(0.2)
-    before = bench.sample()
-    bench.wait(0.2)
-    after = bench.sample()
-    bench.accepted(0x18)
-    step_ns, slack = slow * TICK_NS, 1 + bench.allowance(slow)
+    driver.motion.ready(0x4000)
+    slow, fast = driver.limits.slowed_alike(0x8000, 0x2000)
+    for index, parameter in (
+        (0x10, 0),
+        (0x15, velocity(1, slow)),
+        (0x16, segment_parameter(50, fast)),
+    ):
+        driver.judge.accepted(index, parameter)
+    driver.judge.accepted(0x11, requirement="MACS-CMD-11-01")
+    driver.client.wait(0.2)
+    before = driver.client.sample()
+    driver.client.wait(0.2)
+    after = driver.client.sample()
+    driver.judge.accepted(0x18)
+    step_ns, slack = slow * TICK_NS, 1 + driver.limits.allowance(slow)
     least = (after.taken.earliest_ns - before.taken.latest_ns) // step_ns - slack
     most = (after.taken.latest_ns - before.taken.earliest_ns) // step_ns + slack
     moved = after.position - before.position
@@ -246,14 +265,14 @@ def a_preloaded_speed_started_during_segments_is_taken_at_once(session: Session)
 @check("MACS-CMD-10-01", safety=MOVES, level="full")
 def arming_in_motion_concerns_the_next_motion(session: Session) -> None:
     """10h during a move does not touch it; the next move is held until 11h."""
-    bench = bench_of(session)
-    start = bench.ready(SLOWEST)
-    forecast = bench.go(start + 30)
-    bench.accepted(0x10)
-    place = bench.watch(forecast, samples=2)
-    bench.accepted(0x13, start)
-    held = is_held(bench, place)
-    bench.reading("sync_arm_lifetime", _armed_still(bench, held=held))
+    driver = driver_of(session)
+    start = driver.motion.ready(SLOWEST)
+    forecast = driver.motion.go(start + 30)
+    driver.judge.accepted(0x10)
+    place = driver.motion.watch(forecast, samples=2)
+    driver.judge.accepted(0x13, start)
+    held = is_held(driver, place)
+    driver.judge.reading("sync_arm_lifetime", _armed_still(driver, held=held))
     if held:
-        exchange = bench.accepted(0x11)
-        bench.finish(bench.to_position(exchange, place, start))
+        exchange = driver.judge.accepted(0x11)
+        driver.motion.finish(driver.motion.to_position(exchange, place, start))

@@ -6,8 +6,10 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.motion import SLOWEST, Bench, bench_of, velocity
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
+from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
+from axistwin_conformance.families.mac.axis.driver.motion import velocity
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS, TICKS_PER_SECOND
 from axistwin_conformance.families.mac.axis.probes.motion import (
     vel_change_law,
@@ -24,199 +26,214 @@ F6: Final = 0xF6
 @check("MACS-CMD-15-01", safety=MOVES)
 def f6_turns_counter_clockwise(session: Session) -> None:
     """15h with SS = F6h counts down, with any other SS up."""
-    bench = bench_of(session)
-    bench.ready(0x2000)
-    bench.again(vel_f6_direction)
-    period, seconds = bench.period, bench.lasting_s(20)
+    driver = driver_of(session)
+    driver.motion.ready(0x2000)
+    driver.judge.again(vel_f6_direction)
+    period, seconds = driver.motion.period, driver.motion.lasting_s(20)
     edges = (0x00, 0x01, 0x06, 0x7F, 0x80, 0xF5, 0xF7, 0xFF)
     for selector in range(0x100) if session.transport.is_virtual else edges:
         if selector == F6:
             continue
-        moved = _moved(bench, selector << 16 | period, seconds)
+        moved = _moved(driver, selector << 16 | period, seconds)
         session.expect(moved > 0, None, f"SS {selector:02X}h counts up", f"{moved:+d}")
-        bench.come_home()
+        driver.motion.come_home()
 
 
-def _moved(bench: Bench, parameter: int, seconds: float) -> int:
+def _moved(driver: AxisDriver, parameter: int, seconds: float) -> int:
     """How far 15h with that parameter moves the axis in a short time."""
-    start = bench.position()
-    bench.accepted(0x15, parameter)
-    bench.wait(seconds)
-    bench.command(0x18)
-    return bench.position() - start
+    start = driver.client.position()
+    driver.judge.accepted(0x15, parameter)
+    driver.client.wait(seconds)
+    driver.client.command(0x18)
+    return driver.client.position() - start
 
 
 @check("MACS-CMD-15-01", "MACS-CMD-15-05", safety=MOVES)
 def velocity_climbs_and_cruises_on_time(session: Session) -> None:
     """From rest 15h climbs the ramp built from its own period, then holds it; 0Dh stays."""
-    bench = bench_of(session)
+    driver = driver_of(session)
     for direction, period, coefficient in ((1, 0x1000, 1), (-1, 0x0640, 2), (1, 0x4000, 0)):
-        bench.ready(0x0777, coefficient)
-        period = bench.gentle(period, 0.4)
-        forecast = bench.turn(direction, period)
+        driver.motion.ready(0x0777, coefficient)
+        period = driver.limits.gentle(period, 0.4)
+        forecast = driver.motion.turn(direction, period)
         for _ in range(6 if session.transport.is_virtual else 3):
-            bench.wait(0.06)
-            bench.follow(forecast, "MACS-CMD-15-01", bench.allowance(period))
-        kept = bench.value(0x25) & 0xFFFF
-        wanted = bench.slowed(0x0777)
+            driver.client.wait(0.06)
+            driver.motion.follow(forecast, "MACS-CMD-15-01", driver.limits.allowance(period))
+        kept = driver.client.parameter(0x0D)
+        wanted = driver.limits.slowed(0x0777)
         session.expect(kept == wanted, "MACS-CMD-15-05", f"{wanted:04X} in 25h", f"{kept:04X}")
-        bench.at_rest()
+        driver.motion.at_rest()
 
 
 @check("MACS-CMD-15-02", "MACS-CMD-15-03", safety=MOVES, level="full")
 def the_direction_stays_whatever_the_next_15h_says(session: Session) -> None:
     """In motion, 15h with the other direction is accepted with SS ignored, or refused."""
-    bench = bench_of(session)
-    bench.again(vel_reverse_cmd, "MACS-CMD-15-03")
-    faster = bench.slowed(0x4000)
+    driver = driver_of(session)
+    driver.judge.again(vel_reverse_cmd, "MACS-CMD-15-03")
+    faster = driver.limits.slowed(0x4000)
     for direction in (1, -1):
-        bench.ready(SLOWEST)
-        forecast = bench.turn(direction, SLOWEST)
-        bench.wait(0.1)
-        exchange = bench.command(0x15, velocity(-direction, faster))
-        if exchange.kind is Kind.ACCEPTED:
+        driver.motion.ready(SLOWEST)
+        forecast = driver.motion.turn(direction, SLOWEST)
+        driver.client.wait(0.1)
+        exchange = driver.client.command(0x15, velocity(-direction, faster))
+        if exchange.kind is ReplyKind.ACCEPTED:
             forecast = forecast.changed(exchange.taken, faster)
         for _ in range(3):
-            bench.wait(0.1)
-            bench.follow(forecast, ("MACS-CMD-15-02", "MACS-CMD-15-03"), bench.allowance(faster))
-        bench.at_rest()
+            driver.client.wait(0.1)
+            driver.motion.follow(
+                forecast, ("MACS-CMD-15-02", "MACS-CMD-15-03"), driver.limits.allowance(faster)
+            )
+        driver.motion.at_rest()
 
 
 @check("MACS-CMD-15-02", safety=MOVES, level="full")
 def a_speed_change_takes_one_ramp(session: Session) -> None:
     """15h in motion leads to the new period on a ramp of 120·AA increments."""
-    bench = bench_of(session)
-    if bench.known("ramp_law"):
+    driver = driver_of(session)
+    if driver.readings.known("ramp_law"):
         session.skip("the ledger gives no formula for speed changes on such a ramp")
-    bench.again(vel_change_law)
+    driver.judge.again(vel_change_law)
 
 
 @check("MACS-CMD-15-02", "MACS-CMD-15-04", safety=MOVES, level="full")
 def speed_changes_follow_the_closed_form(session: Session) -> None:
     """Faster, slower and faster again, then 0000: every leg is where the formula puts it."""
-    bench = bench_of(session)
-    if bench.known("vel_change_law") == 1 or bench.known("ramp_law"):
+    driver = driver_of(session)
+    if driver.readings.known("vel_change_law") == 1 or driver.readings.known("ramp_law"):
         session.skip("the ledger gives no formula for speed changes on such a ramp")
-    if bench.known("stop_ramp_law"):
+    if driver.readings.known("stop_ramp_law"):
         session.skip("the ledger gives no formula for stops on such a ramp")
-    first, *others = bench.slowed_alike(0x1800, 0x0600, 0x2000)
+    first, *others = driver.limits.slowed_alike(0x1800, 0x0600, 0x2000)
     for coefficient in (0, 1, 2):
-        bench.ready(0x0800, coefficient)
-        forecast = bench.turn(1, first)
+        driver.motion.ready(0x0800, coefficient)
+        forecast = driver.motion.turn(1, first)
         for period in others:
-            bench.wait(0.06)
-            taken = bench.accepted(0x15, velocity(1, period), requirement="MACS-CMD-15-02").taken
+            driver.client.wait(0.06)
+            taken = driver.judge.accepted(
+                0x15, velocity(1, period), requirement="MACS-CMD-15-02"
+            ).taken
             forecast = forecast.changed(taken, period)
             for _ in range(3):
-                bench.wait(0.04)
-                bench.follow(forecast, "MACS-CMD-15-02", bench.allowance(min(others)))
-        forecast = forecast.stopped(bench.accepted(0x15, 0, requirement="MACS-CMD-15-04").taken)
-        bench.watch(forecast, "MACS-CMD-15-04", samples=3)
+                driver.client.wait(0.04)
+                driver.motion.follow(
+                    forecast, "MACS-CMD-15-02", driver.limits.allowance(min(others))
+                )
+        forecast = forecast.stopped(
+            driver.judge.accepted(0x15, 0, requirement="MACS-CMD-15-04").taken
+        )
+        driver.motion.watch(forecast, "MACS-CMD-15-04", samples=3)
 
 
 @check("MACS-CMD-15-04", "MACS-CMD-17-01", safety=MOVES, level="full")
 def velocity_0_and_17h_stop_on_the_ramp(session: Session) -> None:
     """15h with 0000, and 17h, bring endless motion to rest one ramp further on."""
-    bench = bench_of(session)
+    driver = driver_of(session)
     for index, name in ((0x15, "MACS-CMD-15-04"), (0x17, "MACS-CMD-17-01")):
         for direction, coefficient in ((1, 1), (-1, 2)):
-            bench.ready(0x0800, coefficient)
-            period = bench.period
-            forecast = bench.turn(direction, period)
-            bench.wait(240 * coefficient * period * TICK_NS / 1e9 + 0.1)
+            driver.motion.ready(0x0800, coefficient)
+            period = driver.motion.period
+            forecast = driver.motion.turn(direction, period)
+            driver.client.wait(240 * coefficient * period * TICK_NS / 1e9 + 0.1)
             parameter = velocity(-direction, 0) if index == 0x15 else 0
-            stop = bench.accepted(index, parameter, requirement=name)
+            stop = driver.judge.accepted(index, parameter, requirement=name)
             stopped = forecast.stopped(stop.taken)
-            place = bench.watch(stopped, name, samples=3)
-            bench.wait(0.2)
-            session.expect(bench.position() == place, name, f"rest at {place}", bench.position())
-            bench.accepted(0x0F, coefficient, requirement=name)
+            place = driver.motion.watch(stopped, name, samples=3)
+            driver.client.wait(0.2)
+            session.expect(
+                driver.client.position() == place,
+                name,
+                f"rest at {place}",
+                driver.client.position(),
+            )
+            driver.judge.accepted(0x0F, coefficient, requirement=name)
 
 
 @check("MACS-CMD-15-04", safety=MOVES, level="full")
 def velocity_0_at_rest_moves_nothing(session: Session) -> None:
     """15h with 0000 at rest is accepted and leaves the axis at rest, unlocked."""
-    bench = bench_of(session)
-    start = bench.ready()
-    bench.accepted(0x15, 0)
-    bench.wait(0.1)
-    session.expect(bench.position() == start, None, start, bench.position())
-    bench.accepted(0x0F, 0)
+    driver = driver_of(session)
+    start = driver.motion.ready()
+    driver.judge.accepted(0x15, 0)
+    driver.client.wait(0.1)
+    session.expect(driver.client.position() == start, None, start, driver.client.position())
+    driver.judge.accepted(0x0F, 0)
 
 
 @check("MACS-CMD-15-06", safety=MOVES, level="full")
 def the_first_parameter_byte_of_15h_is_ignored(session: Session) -> None:
     """Whatever stands before SS, speed and direction are the same."""
-    bench = bench_of(session)
-    period = bench.slowed(0x2000)
+    driver = driver_of(session)
+    period = driver.limits.slowed(0x2000)
     for first in (0x01, 0x7F, 0xF6, 0xFF):
         for direction in (1, -1):
-            bench.ready(0x0800)
-            origin = bench.position()
-            exchange = bench.command(0x15, first << 24 | velocity(direction, period))
-            if exchange.kind is Kind.REFUSED:
-                bench.reading("dont_care_digits", 1)
+            driver.motion.ready(0x0800)
+            origin = driver.client.position()
+            exchange = driver.client.command(0x15, first << 24 | velocity(direction, period))
+            if exchange.kind is ReplyKind.REFUSED:
+                driver.judge.reading("dont_care_digits", 1)
                 continue
-            bench.must(Kind.ACCEPTED, exchange)
-            forecast = bench.to_velocity(exchange, origin, direction, period)
-            bench.wait(0.05)
-            bench.follow(forecast, None, bench.allowance(period))
-            bench.at_rest()
+            driver.judge.must(ReplyKind.ACCEPTED, exchange)
+            forecast = driver.motion.to_velocity(exchange, origin, direction, period)
+            driver.client.wait(0.05)
+            driver.motion.follow(forecast, None, driver.limits.allowance(period))
+            driver.motion.at_rest()
 
 
 @check("MACS-CMD-15-02", "MACS-STATE-01", safety=MOVES, level="full")
 def velocity_takes_over_from_a_move(session: Session) -> None:
     """15h during 13h is accepted: endless motion on past the target; or refused."""
-    bench = bench_of(session)
-    start = bench.ready(0x1000, 1)
-    forecast = bench.go(start + 400)
-    bench.wait(bench.lasting_s(300))
-    exchange = bench.command(0x15, velocity(1, bench.period))
+    driver = driver_of(session)
+    start = driver.motion.ready(0x1000, 1)
+    forecast = driver.motion.go(start + 400)
+    driver.client.wait(driver.motion.lasting_s(300))
+    exchange = driver.client.command(0x15, velocity(1, driver.motion.period))
     outcome: int | str = ACCEPTED_OR_REFUSED.get(exchange.kind, str(exchange.reply))
-    bench.reading("vel_during_position", outcome, "MACS-CMD-15-02")
+    driver.judge.reading("vel_during_position", outcome, "MACS-CMD-15-02")
     if outcome == 1:
-        bench.finish(forecast, "MACS-STATE-01")
+        driver.motion.finish(forecast, "MACS-STATE-01")
         return
     # At the very speed of the move, a change changes nothing but the end.
-    bench.wait(bench.lasting_s(500))
-    place = bench.position()
+    driver.client.wait(driver.motion.lasting_s(500))
+    place = driver.client.position()
     session.expect(place > start + 400, "MACS-CMD-15-02", f"beyond {start + 400}", place)
-    bench.refused(0x02, 0, requirement="MACS-STATE-01")
-    bench.at_rest()
+    driver.judge.refused(0x02, 0, requirement="MACS-STATE-01")
+    driver.motion.at_rest()
 
 
 @check("MACS-CMD-15-02", safety=MOVES, level="full")
 def velocity_takes_over_from_a_segment(session: Session) -> None:
     """15h during a segment is accepted and empties the FIFO, or is refused."""
-    bench = bench_of(session)
-    start, period = bench.ready(0x1000), bench.slowed(0x2000)
-    bench.accepted(0x16, 100 << 16 | SLOWEST)
-    bench.accepted(0x1E, 0x0010FFFF)
-    exchange = bench.command(0x15, velocity(1, period))
+    driver = driver_of(session)
+    start, period = driver.motion.ready(0x1000), driver.limits.slowed(0x2000)
+    driver.judge.accepted(0x16, 100 << 16 | SLOWEST)
+    driver.judge.accepted(0x1E, 0x0010FFFF)
+    exchange = driver.client.command(0x15, velocity(1, period))
     outcome: int | str = ACCEPTED_OR_REFUSED.get(exchange.kind, str(exchange.reply))
-    bench.reading("vel_during_interp", outcome)
+    driver.judge.reading("vel_during_interp", outcome)
     if outcome == 0:
-        bench.wait(0.4)
-        place = bench.position()
+        driver.client.wait(0.4)
+        place = driver.client.position()
         least = TICKS_PER_SECOND // period * 4 // 10 - 10
         session.expect(place - start >= least, None, f"{least} or more", place - start)
-    bench.at_rest()
+    driver.motion.at_rest()
 
 
 @check("MACS-CMD-15-04", safety=MOVES, level="full")
 def velocity_0_ends_segments(session: Session) -> None:
     """15h with 0000 during a segment stops the axis and empties the FIFO, or is refused."""
-    bench = bench_of(session)
-    bench.ready(0x1000)
-    bench.accepted(0x16, 100 << 16 | SLOWEST)
-    bench.accepted(0x16, 100 << 16 | SLOWEST)
-    exchange = bench.command(0x15, velocity(1, 0))
+    driver = driver_of(session)
+    driver.motion.ready(0x1000)
+    driver.judge.accepted(0x16, 100 << 16 | SLOWEST)
+    driver.judge.accepted(0x16, 100 << 16 | SLOWEST)
+    exchange = driver.client.command(0x15, velocity(1, 0))
     outcome: int | str = ACCEPTED_OR_REFUSED.get(exchange.kind, str(exchange.reply))
-    bench.reading("vel_during_interp", outcome, "MACS-CMD-15-04")
+    driver.judge.reading("vel_during_interp", outcome, "MACS-CMD-15-04")
     if outcome == 0:
-        bench.wait(0.3)
-        place = bench.position()
-        bench.wait(0.3)
-        session.expect(bench.position() == place, None, f"rest at {place}", bench.position())
-        bench.accepted(0x0F, 0)
-    bench.at_rest()
+        driver.client.wait(0.3)
+        place = driver.client.position()
+        driver.client.wait(0.3)
+        session.expect(
+            driver.client.position() == place, None, f"rest at {place}", driver.client.position()
+        )
+        driver.judge.accepted(0x0F, 0)
+    driver.motion.at_rest()

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Final
 
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 
 STATES: Final = ("OF", "HD", "PO", "VE", "IN", "AR", "PL", "DJ")
 RUNNING: Final = ("PO", "VE", "IN")
@@ -27,7 +27,7 @@ Otherwise = Mapping[str, Mapping[int, Mapping[str, str]]]
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class AcceptanceRow:
     """One index: its cells by state, the readings that change cells, and what is judged by it."""
 
     cells: str
@@ -70,36 +70,38 @@ _UNASSIGNED_COMMAND: Final[Otherwise] = {
 }
 _LOCKABLE: Final[Otherwise] = {"lock_08_1b": {1: _same(RUNNING, "R")}}
 
-UNASSIGNED_COMMAND: Final = Row("RRRRRRRR", ("MACS-CMD-XX-01",), _UNASSIGNED_COMMAND)
-UNASSIGNED_QUERY: Final = Row("RRRRRRRR", ("MACS-Q-XX-02",), _UNASSIGNED)
+UNASSIGNED_COMMAND: Final = AcceptanceRow("RRRRRRRR", ("MACS-CMD-XX-01",), _UNASSIGNED_COMMAND)
+UNASSIGNED_QUERY: Final = AcceptanceRow("RRRRRRRR", ("MACS-Q-XX-02",), _UNASSIGNED)
 
-ACCEPTANCE: Final[dict[int, Row]] = {
-    0x00: Row("AAAAAAAA", ("MACS-CMD-00-03",)),
-    0x01: Row("AAAAAAAA", ("MACS-CMD-01-01",)),
-    0x02: Row("AARRRAAA", ("MACS-CMD-02-02",), _LOCKED_WITH_PRELOAD),
-    0x03: Row("AARRRAAA", ("MACS-CMD-03-02",), _LOCKED_BY_CAN_LIST),  # d = 1: see the model
-    0x07: Row("AAAAAAAA", ("MACS-CMD-07-01",)),
-    0x08: Row("AAAAAAAA", ("MACS-CMD-08-01",), _LOCKABLE),
-    0x09: Row("AARRRAAA", ("MACS-CMD-090A-03",), _LOCKED_BY_CAN_LIST),
-    0x0A: Row("AARRRAAA", ("MACS-CMD-090A-03",), _LOCKED_BY_CAN_LIST),
-    0x0B: Row("AAAAAAAA", ("MACS-CMD-0B-02",)),
-    0x0C: Row("AAAAAAAA", ("MACS-CMD-0C-03",)),
-    0x0D: Row("AARRRAAA", ("MACS-CMD-0D-02",), _LOCKED_BY_CAN_LIST),
-    0x0E: Row("AAAAAAAA", ("MACS-CMD-0E-02",)),
-    0x0F: Row("AARRRAAA", ("MACS-CMD-0F-02",), _LOCKED_BY_CAN_LIST),
-    0x10: Row("AAAAAAAR", ("MACS-CMD-10-01",)),
-    0x11: Row(
+ACCEPTANCE: Final[dict[int, AcceptanceRow]] = {
+    0x00: AcceptanceRow("AAAAAAAA", ("MACS-CMD-00-03",)),
+    0x01: AcceptanceRow("AAAAAAAA", ("MACS-CMD-01-01",)),
+    0x02: AcceptanceRow("AARRRAAA", ("MACS-CMD-02-02",), _LOCKED_WITH_PRELOAD),
+    0x03: AcceptanceRow(
+        "AARRRAAA", ("MACS-CMD-03-02",), _LOCKED_BY_CAN_LIST
+    ),  # d = 1: see the model
+    0x07: AcceptanceRow("AAAAAAAA", ("MACS-CMD-07-01",)),
+    0x08: AcceptanceRow("AAAAAAAA", ("MACS-CMD-08-01",), _LOCKABLE),
+    0x09: AcceptanceRow("AARRRAAA", ("MACS-CMD-090A-03",), _LOCKED_BY_CAN_LIST),
+    0x0A: AcceptanceRow("AARRRAAA", ("MACS-CMD-090A-03",), _LOCKED_BY_CAN_LIST),
+    0x0B: AcceptanceRow("AAAAAAAA", ("MACS-CMD-0B-02",)),
+    0x0C: AcceptanceRow("AAAAAAAA", ("MACS-CMD-0C-03",)),
+    0x0D: AcceptanceRow("AARRRAAA", ("MACS-CMD-0D-02",), _LOCKED_BY_CAN_LIST),
+    0x0E: AcceptanceRow("AAAAAAAA", ("MACS-CMD-0E-02",)),
+    0x0F: AcceptanceRow("AARRRAAA", ("MACS-CMD-0F-02",), _LOCKED_BY_CAN_LIST),
+    0x10: AcceptanceRow("AAAAAAAR", ("MACS-CMD-10-01",)),
+    0x11: AcceptanceRow(
         "AAAAAAAR",
         ("MACS-CMD-11-02",),
         {"sync_without_preload": {1: _same(("OF", "HD", "PO", "VE", "IN", "AR"), "R")}},
     ),
-    0x13: Row("AARRRAAR", ("MACS-CMD-13-02",), _SECOND_PRELOAD),
-    0x14: Row(
+    0x13: AcceptanceRow("AARRRAAR", ("MACS-CMD-13-02",), _SECOND_PRELOAD),
+    0x14: AcceptanceRow(
         "AARRRAAR",
         ("MACS-CMD-14-02",),
         {**_SECOND_PRELOAD, "motion_lock_set": {1: _same(RUNNING, "A")}},
     ),
-    0x15: Row(
+    0x15: AcceptanceRow(
         "AAAAAAAR",
         ("MACS-CMD-15-02",),
         {
@@ -108,28 +110,24 @@ ACCEPTANCE: Final[dict[int, Row]] = {
             "vel_during_interp": {1: {"IN": "R"}},
         },
     ),
-    0x16: Row("AAAAFAAR", ("MACS-CMD-16-02",), _SEGMENT),
-    0x17: Row(
-        "AAAAAAAR",
-        ("MACS-CMD-17-01",),
-        {
-            "stop17_in_interp": {1: {"IN": "R"}},
-        },
+    0x16: AcceptanceRow("AAAAFAAR", ("MACS-CMD-16-02",), _SEGMENT),
+    0x17: AcceptanceRow("AAAAAAAR", ("MACS-CMD-17-01",), {"stop17_in_interp": {1: {"IN": "R"}}}),
+    0x18: AcceptanceRow("AAAAAAAR", ("MACS-CMD-18-01",)),
+    0x19: AcceptanceRow("AAAAAAAR", ("MACS-CMD-19-01",)),
+    0x1A: AcceptanceRow("AAAAAAAR", ("MACS-CMD-1A-01",)),
+    0x1B: AcceptanceRow("AAAAAAAA", ("MACS-CMD-1B-01",), _LOCKABLE),
+    0x1C: AcceptanceRow(
+        "AAAAAAAA", ("MACS-CMD-1C-01",), {"cmd_1c_supported": {1: _same(STATES, "R")}}
     ),
-    0x18: Row("AAAAAAAR", ("MACS-CMD-18-01",)),
-    0x19: Row("AAAAAAAR", ("MACS-CMD-19-01",)),
-    0x1A: Row("AAAAAAAR", ("MACS-CMD-1A-01",)),
-    0x1B: Row("AAAAAAAA", ("MACS-CMD-1B-01",), _LOCKABLE),
-    0x1C: Row("AAAAAAAA", ("MACS-CMD-1C-01",), {"cmd_1c_supported": {1: _same(STATES, "R")}}),
-    0x1E: Row("AAAAFAAR", ("MACS-CMD-1E-01",), _SEGMENT),
+    0x1E: AcceptanceRow("AAAAFAAR", ("MACS-CMD-1E-01",), _SEGMENT),
     **dict.fromkeys((0x04, 0x05, 0x06, 0x12, 0x1D, 0x1F), UNASSIGNED_COMMAND),
-    **{index: Row("AAAAAAAA", ("MACS-Q-XX-01",)) for index in range(0x20, 0x2A)},
+    **{index: AcceptanceRow("AAAAAAAA", ("MACS-Q-XX-01",)) for index in range(0x20, 0x2A)},
     **dict.fromkeys(range(0x2A, 0x30), UNASSIGNED_QUERY),
 }
 
 
 @cache
-def table_without(missing: tuple[int, ...]) -> Mapping[int, Row]:
+def table_without(missing: tuple[int, ...]) -> Mapping[int, AcceptanceRow]:
     """The table of a face that does not have these commands and queries."""
     rows = {index: UNASSIGNED_COMMAND if index < 0x20 else UNASSIGNED_QUERY for index in missing}
     return ChainMap(rows, ACCEPTANCE) if rows else ACCEPTANCE
@@ -141,6 +139,6 @@ LOCKED_IN_MOTION: Final = tuple(
 )
 
 
-def outcome_of(content: str) -> Kind:
+def outcome_of(content: str) -> ReplyKind:
     """The reply that a cell stands for; F means a FIFO with room."""
-    return Kind.REFUSED if content == "R" else Kind.ACCEPTED
+    return ReplyKind.REFUSED if content == "R" else ReplyKind.ACCEPTED

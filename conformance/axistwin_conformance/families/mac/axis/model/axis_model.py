@@ -11,15 +11,15 @@ them for the whole sequence.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from axistwin_conformance.families.mac.axis.exchanges import Kind, signed
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind, signed
 from axistwin_conformance.families.mac.axis.model.acceptance import (
     ACCEPTANCE,
     RUNNING,
-    Row,
+    AcceptanceRow,
     outcome_of,
 )
 from axistwin_conformance.families.mac.axis.model.forecast import (
@@ -29,11 +29,12 @@ from axistwin_conformance.families.mac.axis.model.forecast import (
     Forecast,
     Segment,
     Timeline,
-    Window,
+    TimeWindow,
     slowed_down,
     speed_changed,
 )
 from axistwin_conformance.families.mac.axis.model.kinematics import Course, Law, once
+from axistwin_conformance.families.mac.axis.parameters import PARAMETERS, SHOWN_BY
 
 FIFO_STAGES: Final = 3
 TARGET_EDGE: Final = 0x40000000
@@ -64,45 +65,13 @@ class Parameters:
 
     def answer(self, index: int) -> int:
         """The data of queries 22h, 23h, 25h, 26h (§5.9)."""
-        return {
-            0x22: self.superior & 0xFFFFFFFF,
-            0x23: self.inferior & 0xFFFFFFFF,
-            0x25: self.catch_up << 24 | self.period,
-            0x26: self.coefficient << 24
-            | self.torque << 16
-            | self.standby << 12
-            | self.stops << 8
-            | self.tolerance,
-        }[index]
+        return sum(field.shown(getattr(self, field.name)) for field in SHOWN_BY[index])
 
     @property
     def limits(self) -> tuple[int, int] | None:
         """The software stops, if enabled (MACS-CMD-03-01)."""
         return (self.inferior, self.superior) if self.stops & 8 else None
 
-
-@dataclass(frozen=True, slots=True)
-class Setting:
-    """A parameter command: what it takes, and where it goes."""
-
-    name: str
-    value: Callable[[int], int]
-    is_valid: Callable[[int, Parameters], bool] = lambda value, parameters: True
-
-
-# The readings "refuse" of AMB-10, -46, -60 are the defaults; a device that shows another one is
-# not asked for such values (see `Readings.is_plain`).
-SETTINGS: Final[Mapping[int, Setting]] = {
-    0x02: Setting("standby", lambda p: p & 0xFF, lambda value, _: value in (0, 1)),
-    0x03: Setting("stops", lambda p: p & 0xFF, lambda value, _: value in (0, 1, 8, 9)),
-    0x09: Setting("superior", lambda p: signed(p & 0xFFFFFFFF)),
-    0x0A: Setting("inferior", lambda p: signed(p & 0xFFFFFFFF)),
-    0x0C: Setting("torque", lambda p: p & 0xFF, lambda value, one: value <= one.imax),
-    0x0D: Setting("period", lambda p: p & 0xFFFF, lambda value, _: value > 0),
-    0x0E: Setting("catch_up", lambda p: p >> 8 & 0xFF),
-    0x0F: Setting("coefficient", lambda p: p & 0xFF),
-    0x1C: Setting("tolerance", lambda p: p & 0xFF),
-}
 
 Laws = tuple[Law, ...]
 Readings = Mapping[str, int]  # switch → the number of its reading, 0 the default
@@ -116,18 +85,18 @@ class AxisModel:
     forecast: Forecast
     readings: Readings = field(default_factory=dict)
     law: Law = field(default_factory=Law)
-    table: Mapping[int, Row] = field(default_factory=lambda: ACCEPTANCE)
+    table: Mapping[int, AcceptanceRow] = field(default_factory=lambda: ACCEPTANCE)
     is_armed: bool = False
     preloaded: int | None = None  # index of the motion held back
     preload_parameter: int = 0
     _cells: dict[tuple[int, str], str] = field(default_factory=dict)
-    _fixed: dict[tuple[int, str], Kind | None] = field(default_factory=dict)
+    _fixed: dict[tuple[int, str], ReplyKind | None] = field(default_factory=dict)
     _latest_begun: Forecast | None = None
 
     @once
     def _rounded(self) -> Laws:
         """Both roundings of the periods of a ramp: the fast one, the slow one."""
-        return tuple(replace(self.law, rounding=one) for one in ROUNDINGS)
+        return tuple(replace(self.law, rounding=rounding) for rounding in ROUNDINGS)
 
     @property
     def leads(self) -> bool:
@@ -136,7 +105,7 @@ class AxisModel:
 
     # --- what may be said -------------------------------------------------------------------------
 
-    def states(self, window: Window) -> frozenset[str]:
+    def states(self, window: TimeWindow) -> frozenset[str]:
         """The states of the acceptance table the module may be in."""
         return frozenset(self._state(mode) for mode in self.forecast.modes(window))
 
@@ -153,7 +122,7 @@ class AxisModel:
             return mode
         return "PL" if self.preloaded is not None else "AR" if self.is_armed else "HD"
 
-    def outcomes(self, index: int, parameter: int, window: Window) -> dict[Kind, Forecast]:
+    def outcomes(self, index: int, parameter: int, window: TimeWindow) -> dict[ReplyKind, Forecast]:
         """Every admissible reply to a command taken over in the window, with what follows."""
         forecast, (earliest_ns, latest_ns) = self.forecast, window
         if earliest_ns >= forecast.over_ns:
@@ -162,39 +131,41 @@ class AxisModel:
             # The mode is beyond doubt, and only what acts on the axis needs more than that.
             first = forecast.timelines[0]
             kind = self._reply(first, earliest_ns, index, parameter, forecast.mode)
-            if index not in ACTING or kind is Kind.REFUSED:
+            if index not in ACTING or kind is ReplyKind.REFUSED:
                 return {kind: forecast}
             if index == 0x18:
                 return {kind: forecast.halted(window)}
             return {kind: self._followed(self._whole(forecast), window, index, parameter)}
-        branches: dict[Kind, list[Timeline]] = {}
+        branches: dict[ReplyKind, list[Timeline]] = {}
         for timeline in self._whole(forecast).timelines:
-            is_told = False  # a row that goes on is the same from either edge
+            is_reported = False  # a row that goes on is the same from either edge
             for edge in self._moments(timeline, window, index):
                 mode = timeline.mode_at(edge)
                 now = timeline.at_rest(edge) if mode == "HD" else timeline
                 kind = self._reply(now, edge, index, parameter, self._state(mode))
                 followers = branches.setdefault(kind, [])
-                if kind is Kind.ACCEPTED and index in ACTING:
+                if kind is ReplyKind.ACCEPTED and index in ACTING:
                     goes_on = index in SEGMENTS and mode != "HD"
-                    if not (goes_on and is_told):
+                    if not (goes_on and is_reported):
                         followers += self._effect(now, edge, index, parameter, self._rounded)
-                    is_told |= goes_on
+                    is_reported |= goes_on
                 elif not followers or followers[-1] is not now:
                     followers.append(now)
         return {kind: Forecast.of(timelines) for kind, timelines in branches.items()}
 
-    def _outcomes_at_rest(self, index: int, parameter: int, window: Window) -> dict[Kind, Forecast]:
+    def _outcomes_at_rest(
+        self, index: int, parameter: int, window: TimeWindow
+    ) -> dict[ReplyKind, Forecast]:
         """The same for an axis at rest: there is one reply, and only a start needs both edges."""
         rested, earliest_ns = self.forecast.rested, window.earliest_ns
         kind = self._reply(rested.timelines[0], earliest_ns, index, parameter, self._state("HD"))
-        if kind is not Kind.ACCEPTED or index not in ACTING or index in STOPPING:
+        if kind is not ReplyKind.ACCEPTED or index not in ACTING or index in STOPPING:
             return {kind: rested}
         if (index in MOTIONS and not self.is_armed) or index == 0x11:
             return {kind: self._begun(rested, window, index, parameter)}
         return {kind: self._followed(rested, window, index, parameter)}
 
-    def _begun(self, rested: Forecast, window: Window, index: int, parameter: int) -> Forecast:
+    def _begun(self, rested: Forecast, window: TimeWindow, index: int, parameter: int) -> Forecast:
         """A start, by what bounds it.
 
         Until something changes it, no motion is ahead of the one that starts first with periods
@@ -216,7 +187,9 @@ class AxisModel:
         start, one may be the extreme after a change."""
         if forecast is not self._latest_begun:
             return forecast
-        return Forecast.of([one for each in forecast.timelines for one in self._both(each)])
+        return Forecast.of(
+            [timeline for each in forecast.timelines for timeline in self._both(each)]
+        )
 
     def _both(self, timeline: Timeline) -> list[Timeline]:
         """A start from rest by both roundings; any other timeline as it is."""
@@ -226,7 +199,9 @@ class AxisModel:
         mode = timeline.mode
         return [timeline.turned(mode, course.rounded(law), ()) for law in self._rounded]
 
-    def _followed(self, forecast: Forecast, window: Window, index: int, parameter: int) -> Forecast:
+    def _followed(
+        self, forecast: Forecast, window: TimeWindow, index: int, parameter: int
+    ) -> Forecast:
         """What follows a command that is obeyed, whichever history is true."""
         return Forecast.of(
             [
@@ -238,7 +213,7 @@ class AxisModel:
         )
 
     @staticmethod
-    def _moments(timeline: Timeline, window: Window, index: int) -> tuple[int, ...]:
+    def _moments(timeline: Timeline, window: TimeWindow, index: int) -> tuple[int, ...]:
         """The instants of a window that bound what follows a command."""
         return timeline.turns_in(window) if index in ABANDONING else window
 
@@ -253,45 +228,47 @@ class AxisModel:
             self._cells[index, state] = content
         return content
 
-    def _reply(self, now: Timeline, edge: int, index: int, parameter: int, state: str) -> Kind:
+    def _reply(self, now: Timeline, edge: int, index: int, parameter: int, state: str) -> ReplyKind:
         cell = (index, state)
         if cell not in self._fixed:
             self._fixed[cell] = self._reply_to_any(index, state)
         return self._fixed[cell] or self._reply_to(now, edge, index, parameter, state)
 
-    def _reply_to_any(self, index: int, state: str) -> Kind | None:
+    def _reply_to_any(self, index: int, state: str) -> ReplyKind | None:
         """The reply in that state if it does not depend on the parameter or the motion."""
         if self._content(index, state) == "R":
-            return Kind.REFUSED
-        depends = index in SETTINGS or index in SEGMENTS or index in (0x07, 0x13, 0x15)
+            return ReplyKind.REFUSED
+        depends = index in PARAMETERS or index in SEGMENTS or index in (0x07, 0x13, 0x15)
         return None if depends else outcome_of(self._content(index, state))
 
-    def _reply_to(self, now: Timeline, edge: int, index: int, parameter: int, state: str) -> Kind:
+    def _reply_to(
+        self, now: Timeline, edge: int, index: int, parameter: int, state: str
+    ) -> ReplyKind:
         content = self._content(index, state)
         if index == 0x03 and parameter & 0xFF == 1 and state in RUNNING:
             content = "R"  # the one value that both lists mark
         if index == 0x15 and self._is_reversal(now, state, parameter):
             content = "R"
         if content == "R":
-            return Kind.REFUSED
-        setting = SETTINGS.get(index)
+            return ReplyKind.REFUSED
+        setting = PARAMETERS.get(index)
         if setting is not None:
-            if not setting.is_valid(setting.value(parameter), self.parameters):
-                return Kind.REFUSED
+            if not setting.is_valid(setting.taken(parameter), self.parameters.imax):
+                return ReplyKind.REFUSED
         elif index in SEGMENTS:
             if not parameter & 0xFFFF or self._is_full(now, edge):
-                return Kind.REFUSED
+                return ReplyKind.REFUSED
         elif index == 0x13:
             if not -TARGET_EDGE <= signed(parameter) < TARGET_EDGE:
-                return Kind.REFUSED
+                return ReplyKind.REFUSED
         elif index == 0x07 and parameter & 0xFF > 1:
-            return Kind.REFUSED
+            return ReplyKind.REFUSED
         return outcome_of(content)
 
     def _is_reversal(self, now: Timeline, state: str, parameter: int) -> bool:
         """True for a 15h against the motion on a device that refuses those (MACS-AMB-28)."""
         is_refused = self.readings.get("vel_reverse_cmd") == 1 and state == "VE"
-        return is_refused and bool(parameter & 0xFFFF) and now.direction != _way(parameter)
+        return is_refused and bool(parameter & 0xFFFF) and now.direction != _direction_of(parameter)
 
     def _is_full(self, now: Timeline, edge: int) -> bool:
         mode = now.mode_at(edge)
@@ -309,7 +286,7 @@ class AxisModel:
         is_resting = now.mode_at(edge) == "HD"
         if index in MOTIONS and is_resting and self.is_armed:
             # Accepted now, or when 11h comes: ff may stay so long.
-            return [now, now.told(0)]
+            return [now, now.described(0)]
         if index in MOTIONS:
             return self._motion(now, edge, index, parameter, laws if is_resting else ())
         if index in SEGMENTS:
@@ -320,7 +297,7 @@ class AxisModel:
             return [slowed_down(now, edge)]
         if index in ABANDONING:
             rest = now.at_rest(edge)
-            return [rest.told(0) if index == REINITIALISE else rest]
+            return [rest.described(0) if index == REINITIALISE else rest]
         if index == 0x0B:
             return [replace(now, origin=now.origin - now.position_at(edge))]
         return [now]
@@ -337,25 +314,31 @@ class AxisModel:
     def _start(
         self, now: Timeline, edge: int, index: int, parameter: int, laws: Laws
     ) -> list[Timeline]:
-        one = self.parameters
-        laws = laws if one.coefficient else self._rounded[:1]  # without ramp nothing is rounded
+        parameters = self.parameters
+        laws = (
+            laws if parameters.coefficient else self._rounded[:1]
+        )  # without ramp nothing is rounded
         origin = now.position_at(edge)
         if index == 0x15:
             period = parameter & 0xFFFF
             if not period:
-                return [now, now.told(0)]
-            direction = _way(parameter)
-            courses = [Course.endless(period, one.coefficient, law) for law in laws]
+                return [now, now.described(0)]
+            direction = _direction_of(parameter)
+            courses = [Course.endless(period, parameters.coefficient, law) for law in laws]
         else:
             target = 0 if index == 0x14 else signed(parameter)
             direction = (target > origin) - (target < origin)
             courses = [
-                Course.to_position(abs(target - origin), one.period, one.coefficient, law)
+                Course.to_position(
+                    abs(target - origin), parameters.period, parameters.coefficient, law
+                )
                 for law in laws
             ]
         mode = "VE" if index == 0x15 else "PO"
         return [
-            Timeline(mode, origin, edge, direction, course, stops=one.limits, leads=self.leads)
+            Timeline(
+                mode, origin, edge, direction, course, stops=parameters.limits, leads=self.leads
+            )
             for course in courses
         ]
 
@@ -363,23 +346,23 @@ class AxisModel:
         self, now: Timeline, index: int, parameter: int, edge: int, is_resting: bool
     ) -> Timeline:
         steps = signed(parameter >> 16, 16)
-        one = Segment(steps, parameter & 0xFFFF, moves=index == 0x16)
+        segment = Segment(steps, parameter & 0xFFFF, moves=index == 0x16)
         if is_resting:
             origin = now.position_at(edge)
             stops = self.parameters.limits
-            return Timeline("IN", origin, edge, segments=(one,), stops=stops, leads=self.leads)
-        return now.followed_by(one)
+            return Timeline("IN", origin, edge, segments=(segment,), stops=stops, leads=self.leads)
+        return now.followed_by(segment)
 
     # --- learning ---------------------------------------------------------------------------------
 
-    def learn(self, index: int, parameter: int, kind: Kind, after: Forecast) -> None:
+    def learn(self, index: int, parameter: int, kind: ReplyKind, after: Forecast) -> None:
         """Take over that the command got this (admissible) reply."""
         self.forecast = after
-        if kind is not Kind.ACCEPTED:
+        if kind is not ReplyKind.ACCEPTED:
             return
-        if index in SETTINGS:
-            setting = SETTINGS[index]
-            setattr(self.parameters, setting.name, setting.value(parameter))
+        if index in PARAMETERS:
+            setting = PARAMETERS[index]
+            setattr(self.parameters, setting.name, setting.taken(parameter))
         elif index == 0x10:
             self.is_armed = True
         elif index in MOTIONS and self.is_armed and after.over_ns == -NEVER_NS:
@@ -391,38 +374,38 @@ class AxisModel:
         ):
             self.is_armed, self.preloaded = False, None
 
-    def bounds(self, window: Window) -> tuple[int, int]:
+    def bounds(self, window: TimeWindow) -> tuple[int, int]:
         """The admissible counter readings."""
         return self.forecast.bounds(window)
 
-    def learn_position(self, position: int, window: Window) -> None:
+    def learn_position(self, position: int, window: TimeWindow) -> None:
         """An axis surely at rest is where it says, if that was admissible."""
         if window.earliest_ns >= self.forecast.over_ns:
             rested = self.forecast.rested
             if rested.places != (position, position) or rested.timelines[0].after != "HD":
-                rested = Forecast.of([one.read(position) for one in rested.timelines])
+                rested = Forecast.of([timeline.read(position) for timeline in rested.timelines])
             self.forecast = rested
 
-    def stopped_on(self, window: Window) -> frozenset[int]:
+    def stopped_on(self, window: TimeWindow) -> frozenset[int]:
         """The admissible values of ff."""
         if window.earliest_ns >= self.forecast.over_ns:
-            return self.forecast.stops_told
-        told = [
+            return self.forecast.stops_reported
+        described = [
             timeline.stopped_on(edge)
             for timeline in self.forecast.timelines
             for edge in window.edges
         ]
-        return frozenset([ff for ff, _ in told] + [ff | doubt for ff, doubt in told])
+        return frozenset([ff for ff, _ in described] + [ff | doubt for ff, doubt in described])
 
-    def learn_status(self, ff: int, window: Window) -> None:
+    def learn_status(self, ff: int, window: TimeWindow) -> None:
         """What an axis surely at rest has told of its stops, stays so until the next motion."""
         if window.earliest_ns >= self.forecast.over_ns:
             rested = self.forecast.rested
-            if rested.stops_told != {ff}:
-                rested = Forecast.of([one.told(ff) for one in rested.timelines])
+            if rested.stops_reported != {ff}:
+                rested = Forecast.of([timeline.described(ff) for timeline in rested.timelines])
             self.forecast = rested
 
-    def busy(self, window: Window) -> frozenset[bool]:
+    def busy(self, window: TimeWindow) -> frozenset[bool]:
         """The admissible values of busy (MACS-BUSY-01)."""
         if window.earliest_ns >= self.forecast.over_ns:
             return NOT_BUSY
@@ -444,6 +427,6 @@ def _steps_left(timeline: Timeline, edge: int) -> tuple[int, ...]:
     return left, left - 1
 
 
-def _way(parameter: int) -> int:
+def _direction_of(parameter: int) -> int:
     """The direction a 15h asks for (MACS-CMD-15-01)."""
     return -1 if parameter >> 16 & 0xFF == 0xF6 else 1

@@ -1,7 +1,7 @@
 """Where the axis may be, when all we know are time windows.
 
 The host knows when an exchange began and ended; the module took the command over, or read its
-counter, at some instant in between (`Window`).  A `Timeline` is one exact possible history; a
+counter, at some instant in between (`TimeWindow`).  A `Timeline` is one exact possible history; a
 `Forecast` holds the extreme ones, both edges of every window and both roundings of every period.
 A real axis lies between them: later start, slower periods and earlier stops only ever put it
 further back, so the extremes bound the rest.
@@ -17,9 +17,9 @@ from typing import Final, NamedTuple
 from axistwin_conformance.families.mac.axis.model.kinematics import (
     TICK_NS,
     Course,
+    EvenRun,
     Law,
     Profile,
-    Run,
     once,
 )
 
@@ -29,7 +29,7 @@ RESTING: Final = frozenset({"HD"})
 ALL_ALIKE: Final = {mode: frozenset({mode}) for mode in ("PO", "VE", "IN")}
 
 
-class Window(NamedTuple):
+class TimeWindow(NamedTuple):
     """An instant known to lie in [earliest_ns, latest_ns] of the target's clock."""
 
     earliest_ns: int
@@ -145,7 +145,7 @@ class Timeline:
             place, now_ns = leg.final, now_ns + segment.duration_ns
         return tuple(legs)
 
-    def turns_in(self, window: Window) -> tuple[int, ...]:
+    def turns_in(self, window: TimeWindow) -> tuple[int, ...]:
         """The edges of a window, and when the axis may turn round in between: its extreme places
         are at some of these."""
         if not self.segments:
@@ -249,9 +249,17 @@ class Timeline:
     def turned(self, mode: str, course: Course | None, segments: tuple[Segment, ...]) -> Timeline:
         """This motion, from the same beginning, on another course or with another row."""
         return Timeline(
-            mode, self.origin, self.start_ns, self.direction, course, segments, self.stops,
-            self.ff, self.leads, self.doubt,
-        )  # fmt: skip
+            mode,
+            self.origin,
+            self.start_ns,
+            self.direction,
+            course,
+            segments,
+            self.stops,
+            self.ff,
+            self.leads,
+            self.doubt,
+        )
 
     def followed_by(self, segment: Segment) -> Timeline:
         """This motion with a segment more at the end of the row."""
@@ -281,7 +289,7 @@ class Timeline:
         """This rest, at the place that the module has told."""
         return Timeline("HD", position, ff=self.ff, doubt=self.doubt)
 
-    def told(self, ff: int) -> Timeline:
+    def described(self, ff: int) -> Timeline:
         """This rest, with the stops that the module has told."""
         return Timeline("HD", self.origin, ff=ff, after=self.after)
 
@@ -315,7 +323,7 @@ def _leg(segment: Segment, start_ns: int, origin: int) -> Leg:
 @lru_cache(maxsize=1024)
 def _evenly(steps: int, period: int) -> Profile:
     """The profile of one segment."""
-    return Profile((Run(steps, period),) if steps else ())
+    return Profile((EvenRun(steps, period),) if steps else ())
 
 
 @dataclass
@@ -332,7 +340,7 @@ class Forecast:
     @classmethod
     def started(
         cls,
-        window: Window,
+        window: TimeWindow,
         origin: int,
         direction: int,
         course: Callable[[Law], Course],
@@ -377,7 +385,9 @@ class Forecast:
         """Until when all timelines are surely still in `mode`."""
         if not self.mode:
             return -NEVER_NS
-        return min([min(one.over_ns, one._segments_from_ns) for one in self.timelines])
+        return min(
+            [min(timeline.over_ns, timeline._segments_from_ns) for timeline in self.timelines]
+        )
 
     @once
     def is_in_one_place(self) -> bool:
@@ -398,43 +408,51 @@ class Forecast:
         return min(origins), max(origins)
 
     @once
-    def stops_told(self) -> frozenset[int]:
+    def stops_reported(self) -> frozenset[int]:
         """What 21h may tell of the software stops from `over_ns` on."""
         return frozenset(
-            [ff for one in self.rested.timelines for ff in (one.ff, one.ff | one.doubt)]
+            [
+                ff
+                for timeline in self.rested.timelines
+                for ff in (timeline.ff, timeline.ff | timeline.doubt)
+            ]
         )
 
-    def map(self, window: Window, change: Callable[[Timeline, int], Timeline]) -> Forecast:
+    def map(self, window: TimeWindow, change: Callable[[Timeline, int], Timeline]) -> Forecast:
         """Apply something that happened in the window to every timeline, at both edges."""
         return Forecast.of(
             change(timeline, edge) for timeline in self.timelines for edge in window.edges
         )
 
-    def stopped(self, window: Window) -> Forecast:
+    def stopped(self, window: TimeWindow) -> Forecast:
         """17h, or 15h with period 0, was taken over in the window."""
         return self.map(window, slowed_down)
 
-    def halted(self, window: Window) -> Forecast:
+    def halted(self, window: TimeWindow) -> Forecast:
         """18h was taken over in the window: the axis stands where it is (§5.7)."""
-        told = {(timeline.ff, timeline.doubt) for timeline in self.timelines}
-        if window.latest_ns >= self.steady_until_ns or len(told) > 1:
+        described = {(timeline.ff, timeline.doubt) for timeline in self.timelines}
+        if window.latest_ns >= self.steady_until_ns or len(described) > 1:
             return Forecast.of(
-                [one.at_rest(moment) for one in self.timelines for moment in one.turns_in(window)]
+                [
+                    timeline.at_rest(moment)
+                    for timeline in self.timelines
+                    for moment in timeline.turns_in(window)
+                ]
             )
         # Nothing but the place differs, and only how far it may be on either side counts.
         places = {
-            one.position_at(moment): (one, moment)
-            for one in self.timelines
-            for moment in one.turns_in(window)
+            timeline.position_at(moment): (timeline, moment)
+            for timeline in self.timelines
+            for moment in timeline.turns_in(window)
         }
         extremes = (places[min(places)], places[max(places)])
-        return Forecast.of([one.at_rest(moment) for one, moment in extremes])
+        return Forecast.of([timeline.at_rest(moment) for timeline, moment in extremes])
 
-    def changed(self, window: Window, period: int) -> Forecast:
+    def changed(self, window: TimeWindow, period: int) -> Forecast:
         """15h with a new period was taken over in the window, during 13h, 14h or 15h."""
         return self.map(window, lambda timeline, edge: speed_changed(timeline, edge, period))
 
-    def bounds(self, window: Window) -> tuple[int, int]:
+    def bounds(self, window: TimeWindow) -> tuple[int, int]:
         """The lowest and the highest counter that may be read in the window.
 
         One step more than done is admissible: whether an increment counts at its beginning or at
@@ -451,11 +469,11 @@ class Forecast:
         return min(seen), max(seen)
 
     @property
-    def end(self) -> Window | None:
+    def end(self) -> TimeWindow | None:
         """When the axis comes to rest; None if only a command can stop it."""
         ends = [timeline.end_ns for timeline in self.timelines]
         known = [end for end in ends if end is not None]
-        return Window(min(known), max(known)) if len(known) == len(ends) else None
+        return TimeWindow(min(known), max(known)) if len(known) == len(ends) else None
 
     @property
     def final(self) -> tuple[int, int]:
@@ -470,7 +488,7 @@ class Forecast:
         ends = {leg.end_ns for timeline in self.timelines for leg in timeline.legs}
         return sorted(end for end in ends if end is not None and end > now_ns)
 
-    def modes(self, window: Window) -> frozenset[str]:
+    def modes(self, window: TimeWindow) -> frozenset[str]:
         """The states the axis may be in within the window."""
         earliest_ns, latest_ns = window
         if earliest_ns >= self.over_ns:

@@ -41,15 +41,15 @@ class once(Generic[Value]):  # noqa: N801 - used like `property`
         self._compute, self._name, self.__doc__ = compute, compute.__name__, compute.__doc__
 
     @overload
-    def __get__(self, one: None, owner: type) -> Self: ...
+    def __get__(self, instance: None, owner: type) -> Self: ...
 
     @overload
-    def __get__(self, one: object, owner: type) -> Value: ...
+    def __get__(self, instance: object, owner: type) -> Value: ...
 
-    def __get__(self, one: object | None, owner: type) -> Self | Value:
-        if one is None:
+    def __get__(self, instance: object | None, owner: type) -> Self | Value:
+        if instance is None:
             return self
-        value = one.__dict__[self._name] = self._compute(one)
+        value = instance.__dict__[self._name] = self._compute(instance)
         return value
 
 
@@ -75,7 +75,7 @@ def divide(numerator: int, denominator: int, rounding: str) -> int:
 
 
 @dataclass(slots=True, unsafe_hash=True)
-class Run:
+class EvenRun:
     """`count` increments of `period` ticks each; an endless run has count None.  A value."""
 
     count: int | None
@@ -86,7 +86,7 @@ class Run:
 class Profile:
     """A row of runs, a value.  Only the last run may be endless."""
 
-    runs: tuple[Run, ...]
+    runs: tuple[EvenRun, ...]
 
     @once
     def _starts(self) -> tuple[list[int], list[int]]:
@@ -147,19 +147,19 @@ class Profile:
         left = steps - first_steps[at]
         if at == len(self.runs) or not left:
             return Profile(self.runs[:at])
-        last = Run(left, self.runs[at].period)
+        last = EvenRun(left, self.runs[at].period)
         shorter = Profile((*self.runs[:at], last))
         passed = first_ticks[at] + left * last.period
         vars(shorter)["_starts"] = [*first_steps[: at + 1], steps], [*first_ticks[: at + 1], passed]
         return shorter
 
-    def then(self, more: Iterable[Run]) -> Profile:
+    def then(self, more: Iterable[EvenRun]) -> Profile:
         """This motion, which must have an end, and then `more`."""
         assert not self.is_endless, "nothing follows an endless run"
         return Profile(self.runs + _tidy(more))
 
 
-def _tidy(runs: Iterable[Run]) -> tuple[Run, ...]:
+def _tidy(runs: Iterable[EvenRun]) -> tuple[EvenRun, ...]:
     return tuple([run for run in runs if run.count is None or run.count > 0])
 
 
@@ -169,7 +169,7 @@ def _tidy(runs: Iterable[Run]) -> tuple[Run, ...]:
 
 
 @lru_cache(maxsize=1024)
-def ramp(period: int, coefficient: int, law: Law) -> tuple[Run, ...]:
+def ramp(period: int, coefficient: int, law: Law) -> tuple[EvenRun, ...]:
     """The climb from rest to `period`: levels of k/16 of the full speed (§5.2)."""
     if law.ramp == "equal_time":
         counts = [level * coefficient for level in range(1, RAMP_LEVELS)]
@@ -177,7 +177,7 @@ def ramp(period: int, coefficient: int, law: Law) -> tuple[Run, ...]:
         edges = [15 * coefficient * level // 2 for level in range(RAMP_LEVELS + 1)]
         counts = [after - before for before, after in pairwise(edges)]
     return _tidy(
-        Run(count, divide(RAMP_LEVELS * period, level, law.rounding))
+        EvenRun(count, divide(RAMP_LEVELS * period, level, law.rounding))
         for level, count in enumerate(counts, start=1)
     )
 
@@ -187,12 +187,12 @@ def ramp_increments(coefficient: int) -> int:
     return RAMP_INCREMENTS_PER_COEFFICIENT * coefficient
 
 
-def _mirrored(runs: Sequence[Run]) -> list[Run]:
+def _mirrored(runs: Sequence[EvenRun]) -> list[EvenRun]:
     return list(reversed(runs))
 
 
 @lru_cache(maxsize=1024)
-def _descent(base: int, coefficient: int, law: Law, climbed: int) -> list[Run]:
+def _descent(base: int, coefficient: int, law: Law, climbed: int) -> list[EvenRun]:
     """The way down from the level that `climbed` increments of a ramp lead to."""
     return _mirrored(Profile(ramp(base, coefficient, law)).first(climbed).runs)
 
@@ -206,19 +206,21 @@ def move(distance: int, period: int, coefficient: int, law: Law) -> Profile:
     rising, falling = climb.first(up), climb.first(down)
     if law.triangle == "shared_peak" and up == down and up > 0 and distance <= 2 * length:
         peak = climb.period_of(up) if up < length else period
-        rising, falling = (part.first(up - 1).then([Run(1, peak)]) for part in (rising, falling))
-    cruise = Run(distance - up - down, period)
+        rising, falling = (
+            part.first(up - 1).then([EvenRun(1, peak)]) for part in (rising, falling)
+        )
+    cruise = EvenRun(distance - up - down, period)
     return Profile(_tidy([*rising.runs, cruise, *_mirrored(falling.runs)]))
 
 
 @lru_cache(maxsize=1024)
 def climb_and_cruise(period: int, coefficient: int, law: Law) -> Profile:
     """The endless motion of 15h from rest: climb, then `period` for ever (§5.7)."""
-    return Profile((*ramp(period, coefficient, law), Run(None, period)))
+    return Profile((*ramp(period, coefficient, law), EvenRun(None, period)))
 
 
 @lru_cache(maxsize=1024)
-def transition(before: int, after: int, coefficient: int, law: Law) -> tuple[Run, ...]:
+def transition(before: int, after: int, coefficient: int, law: Law) -> tuple[EvenRun, ...]:
     """The increments that lead from period `before` to `after` (§5.7), without the cruise."""
     if law.change == "step" or coefficient == 0:
         return ()
@@ -229,7 +231,7 @@ def transition(before: int, after: int, coefficient: int, law: Law) -> tuple[Run
         edge = coefficient * edge_units // (before + after)
         speed_units = (RAMP_LEVELS - level) * after + level * before
         period = divide(RAMP_LEVELS * before * after, speed_units, law.rounding)
-        runs.append(Run(edge - last, period))
+        runs.append(EvenRun(edge - last, period))
         last = edge
     return tuple(runs)
 
@@ -315,16 +317,23 @@ class Course:
         descent = _descent(base, self.coefficient, self.law, climbed)
         profile = self.profile.first(done).then(descent)
         return Course(
-            profile, self.base, self.coefficient, self.law, None, self.changed_at,
-            self.changed_until, self.before, done,
-        )  # fmt: skip
+            profile,
+            self.base,
+            self.coefficient,
+            self.law,
+            None,
+            self.changed_at,
+            self.changed_until,
+            self.before,
+            done,
+        )
 
     def changed(self, ticks: int, period: int) -> Course:
         """The course when 15h asks for `period` > 0, `ticks` after the start."""
         done = self.profile.steps_by(ticks) + 1
         before = self.profile.period_of(done - 1)
         runs = transition(before, period, self.coefficient, self.law)
-        profile = self.profile.first(done).then([*runs, Run(None, period)])
+        profile = self.profile.first(done).then([*runs, EvenRun(None, period)])
         length = sum(run.count or 0 for run in runs)
         return Course(
             profile,

@@ -7,8 +7,8 @@ from typing import Final
 
 from axistwin_conformance.core.probing import Measured, Outcome, probe
 from axistwin_conformance.families.mac.axis.checks.queries import MEASURES_RESERVED, STATUS_RESERVED
-from axistwin_conformance.families.mac.axis.driver.motion import Bench
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.probing import ACCEPTED_OR_REFUSED, reply_of
 
 ORDER = 40  # of this module in a run; see `Family.modules`
@@ -18,109 +18,114 @@ ABOVE_IMAX: Final = 0x21  # no multiple of a power of two: clamping and masking 
 
 
 @probe()
-def reserved_bits(bench: Bench) -> Outcome:
+def reserved_bits(driver: AxisDriver) -> Outcome:
     """Reserved bits of 21h and 27h."""
-    bits = bench.value(0x21) & STATUS_RESERVED, bench.value(0x27) & MEASURES_RESERVED
+    bits = (
+        driver.client.value(0x21) & STATUS_RESERVED,
+        driver.client.value(0x27) & MEASURES_RESERVED,
+    )
     if bits == (STATUS_RESERVED, MEASURES_RESERVED):
         return Measured("1")
     return Measured("mixed") if any(bits) else 0
 
 
 @probe(safety="stored")
-def cmd_1c_supported(bench: Bench) -> Outcome:
+def cmd_1c_supported(driver: AxisDriver) -> Outcome:
     """1Ch with the tolerance it has."""
-    return reply_of(bench.command(0x1C, bench.value(0x26) & 0xFF).kind, ACCEPTED_OR_REFUSED)
+    return reply_of(
+        driver.client.command(0x1C, driver.client.parameter(0x1C)).kind, ACCEPTED_OR_REFUSED
+    )
 
 
 @probe(safety="stored")
-def torque_range(bench: Bench) -> Outcome:
+def torque_range(driver: AxisDriver) -> Outcome:
     """0Ch with 00 and with Imax, and what 26h then shows."""
-    with bench.torque_kept():
-        return torques_at_the_edges(bench, bench.imax)
+    with driver.motion.torque_kept():
+        return torques_at_the_edges(driver, driver.client.imax)
 
 
 @probe(safety="stored")
-def torque_over(bench: Bench) -> Outcome:
+def torque_over(driver: AxisDriver) -> Outcome:
     """0Ch above Imax, then 26h."""
-    imax = bench.imax
+    imax = driver.client.imax
     if imax + ABOVE_IMAX > 0xFF:
-        bench.session.skip(f"Imax {imax:02X}h leaves no value above it")
-    with bench.torque_kept():
-        return excessive_torque(bench, imax, imax + ABOVE_IMAX)
+        driver.session.skip(f"Imax {imax:02X}h leaves no value above it")
+    with driver.motion.torque_kept():
+        return excessive_torque(driver, imax, imax + ABOVE_IMAX)
 
 
-def torques_at_the_edges(bench: Bench, imax: int) -> int | str:
+def torques_at_the_edges(driver: AxisDriver, imax: int) -> int | str:
     """Whether 0Ch takes 00 and Imax as they are: one that clamps accepts what it does not take."""
-    told, taken = [], []
+    described, taken = [], []
     for value in (0, imax):
-        kind, after = _torque_after(bench, value)
-        told.append(f"0Ch {value:02X}: {kind.value}, then 26h shows {after:02X}")
-        taken.append(kind is Kind.ACCEPTED and after == value)
-    return "; ".join(told) if taken[0] is not taken[1] else int(not taken[0])
+        kind, after = _torque_after(driver, value)
+        described.append(f"0Ch {value:02X}: {kind.value}, then 26h shows {after:02X}")
+        taken.append(kind is ReplyKind.ACCEPTED and after == value)
+    return "; ".join(described) if taken[0] is not taken[1] else int(not taken[0])
 
 
-def excessive_torque(bench: Bench, imax: int, value: int) -> int | tuple[int, ...] | str:
+def excessive_torque(driver: AxisDriver, imax: int, value: int) -> int | tuple[int, ...] | str:
     """What a torque above Imax does: refused and kept, taken as the highest, or some bits of it."""
-    kind, after = _torque_after(bench, value)
-    if kind is Kind.REFUSED and after == PLAIN_TORQUE:
+    kind, after = _torque_after(driver, value)
+    if kind is ReplyKind.REFUSED and after == PLAIN_TORQUE:
         return 0
-    highest = imax - (bench.session.reading("torque_range") == "exclusive")
+    highest = imax - (driver.session.reading("torque_range") == "exclusive")
     taken_as = {1: (highest,), 2: (value & (imax - 1), value & 0x7F)}
     fitting = tuple(number for number, values in taken_as.items() if after in values)
-    if kind is Kind.ACCEPTED and fitting:
+    if kind is ReplyKind.ACCEPTED and fitting:
         return fitting
     return f"0Ch {value:02X}: {kind.value}, then 26h shows {after:02X}"
 
 
-def _torque_after(bench: Bench, value: int) -> tuple[Kind, int]:
+def _torque_after(driver: AxisDriver, value: int) -> tuple[ReplyKind, int]:
     """The reply to 0Ch with that value, and the torque limit it leaves where there was a plain
     one."""
-    bench.accepted(0x0C, PLAIN_TORQUE)
-    kind = bench.command(0x0C, value).kind
-    return kind, bench.value(0x26) >> 16 & 0xFF
+    driver.judge.accepted(0x0C, PLAIN_TORQUE)
+    kind = driver.client.command(0x0C, value).kind
+    return kind, driver.client.parameter(0x0C)
 
 
 @probe(safety="stored")
-def zero_period_0d(bench: Bench) -> Outcome:
+def zero_period_0d(driver: AxisDriver) -> Outcome:
     """0Dh 0000, then 25h."""
-    slow = bench.slowed(0x0777)
-    bench.accepted(0x0D, slow)
-    kind = bench.command(0x0D, 0).kind
-    after = bench.value(0x25) & 0xFFFF
-    bench.accepted(0x0D, slow)  # nothing may move at a period of one tick
-    if kind is Kind.REFUSED and after == slow:
+    slow = driver.limits.slowed(0x0777)
+    driver.judge.accepted(0x0D, slow)
+    kind = driver.client.command(0x0D, 0).kind
+    after = driver.client.parameter(0x0D)
+    driver.judge.accepted(0x0D, slow)  # nothing may move at a period of one tick
+    if kind is ReplyKind.REFUSED and after == slow:
         return 0
-    if kind is Kind.ACCEPTED and after in (0, 1):
+    if kind is ReplyKind.ACCEPTED and after in (0, 1):
         return 1
     return f"{kind.value}, then 25h shows {after:04X}"
 
 
 @probe(safety="stored")
-def zero_catchup(bench: Bench) -> Outcome:
+def zero_catchup(driver: AxisDriver) -> Outcome:
     """0Eh 0000."""
-    return reply_of(bench.command(0x0E, 0).kind, ACCEPTED_OR_REFUSED)
+    return reply_of(driver.client.command(0x0E, 0).kind, ACCEPTED_OR_REFUSED)
 
 
 @probe(safety="stored")
-def catchup_low_byte(bench: Bench) -> Outcome:
+def catchup_low_byte(driver: AxisDriver) -> Outcome:
     """0Eh 0755 after 0Eh 1400, then 25h."""
-    bench.accepted(0x0E, 0x1400)
-    kind = bench.command(0x0E, 0x0755).kind
-    after = bench.value(0x25) >> 24
-    if kind is Kind.ACCEPTED and after == 0x07:
+    driver.judge.accepted(0x0E, 0x1400)
+    kind = driver.client.command(0x0E, 0x0755).kind
+    after = driver.client.parameter(0x0E)
+    if kind is ReplyKind.ACCEPTED and after == 0x07:
         return 0
-    if kind is Kind.REFUSED and after == 0x14:
+    if kind is ReplyKind.REFUSED and after == 0x14:
         return 1
     return f"0E 0755: {kind.value}, then {after:02X}"
 
 
 @probe(safety="stored")
-def param_range_policy(bench: Bench) -> Outcome:
+def param_range_policy(driver: AxisDriver) -> Outcome:
     """03h 0E, then 26h: refused, masked to 08, or clamped to 09."""
-    bench.command(0x03, 0)
-    kind = bench.command(0x03, 0x0E).kind
-    shown = bench.value(0x26) >> 8 & 0xF
-    bench.command(0x03, 0)
-    if kind is Kind.REFUSED:
+    driver.client.command(0x03, 0)
+    kind = driver.client.command(0x03, 0x0E).kind
+    shown = driver.client.parameter(0x03)
+    driver.client.command(0x03, 0)
+    if kind is ReplyKind.REFUSED:
         return 0
     return 1 if shown == 8 else 2 if shown == 9 else f"{kind.value}, then m = {shown:X}"

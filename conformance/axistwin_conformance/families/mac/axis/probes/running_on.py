@@ -10,7 +10,8 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.core.probing import Measured, Outcome, probe
-from axistwin_conformance.families.mac.axis.driver.motion import SLOWEST, Bench
+from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver
+from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.model.kinematics import TICKS_PER_SECOND
 from axistwin_conformance.families.mac.axis.probing import MOVES
 
@@ -26,64 +27,64 @@ LOOK_S: Final = 0.25  # the last of 200 increments takes as long at the slowest 
 LOOKS: Final = 40
 
 
-def travel_guard(bench: Bench, distance: int, period: int = PERIOD) -> int:
+def travel_guard(driver: AxisDriver, distance: int, period: int = PERIOD) -> int:
     """Put the superior stop so far ahead, the other far behind; give the start."""
-    if bench.known("ff_lifetime") == 2:  # only a restart clears ff on this device
-        bench.reinitialise()
-    start = bench.ready(period)
-    bench.accepted(0x09, start + distance)
-    bench.accepted(0x0A, start - FAR)
-    bench.accepted(0x03, 8)
+    if driver.readings.known("ff_lifetime") == 2:  # only a restart clears ff on this device
+        driver.motion.reinitialise()
+    start = driver.motion.ready(period)
+    driver.judge.accepted(0x09, start + distance)
+    driver.judge.accepted(0x0A, start - FAR)
+    driver.judge.accepted(0x03, 8)
     return start
 
 
-def overrun(bench: Bench, period: int) -> int:
+def overrun(driver: AxisDriver, period: int) -> int:
     """How many increments further than the first one beyond a software stop a move at that speed
     comes to rest."""
-    return _outward(bench, AHEAD, period) - AHEAD - 1
+    return _outward(driver, AHEAD, period) - AHEAD - 1
 
 
-def may_go_fast(bench: Bench) -> bool:
+def may_go_fast(driver: AxisDriver) -> bool:
     """Whether the envelope has room for a motion in which inertia shows: 80000 inc/s."""
-    return bench.fastest <= FASTEST and bench.room() >= 4000
+    return driver.limits.fastest <= FASTEST and driver.limits.room() >= 4000
 
 
-def step_from_a_stop(bench: Bench) -> int:
+def step_from_a_stop(driver: AxisDriver) -> int:
     """1 where a move further out makes no step from a place on a software stop: equal is beyond."""
-    return int(_outward(bench, 0, PERIOD) == 0)
+    return int(_outward(driver, 0, PERIOD) == 0)
 
 
-def _outward(bench: Bench, ahead: int, period: int) -> int:
+def _outward(driver: AxisDriver, ahead: int, period: int) -> int:
     """How far the axis comes on its way to a place beyond a software stop so far ahead; leaves the
     probe where the stop stops nothing."""
-    bench.needs_room(2 * AHEAD, "a software stop to be overrun")
-    start, far = travel_guard(bench, ahead, period), min(FURTHER, bench.room())
-    bench.command(0x13, start + far)
-    bench.wait((AHEAD + 1) * bench.period / TICKS_PER_SECOND)
-    place = bench.position()
+    driver.limits.needs_room(2 * AHEAD, "a software stop to be overrun")
+    start, far = travel_guard(driver, ahead, period), min(FURTHER, driver.limits.room())
+    driver.client.command(0x13, start + far)
+    driver.client.wait((AHEAD + 1) * driver.motion.period / TICKS_PER_SECOND)
+    place = driver.client.position()
     for _ in range(LOOKS):
-        bench.wait(LOOK_S)
-        before, place = place, bench.position()
+        driver.client.wait(LOOK_S)
+        before, place = place, driver.client.position()
         if place == before:
             break
-    bench.at_rest()
-    bench.accepted(0x03, 0)
+    driver.motion.at_rest()
+    driver.judge.accepted(0x03, 0)
     moved = place - start
     if not 0 <= moved < far:
-        bench.session.skip(f"moved by {moved} of {far} increments: no stop at {ahead} ended that")
+        driver.session.skip(f"moved by {moved} of {far} increments: no stop at {ahead} ended that")
     return moved
 
 
 @probe(safety=MOVES, switch="brake_increments")
-def running_on(bench: Bench) -> Outcome:
+def running_on(driver: AxisDriver) -> Outcome:
     """How far the slowest motion overruns a software stop: a number, where nothing has to brake."""
-    further = step_from_a_stop(bench)
-    number = overrun(bench, SLOWEST) + further
-    fast = overrun(bench, FASTER) + further if number > 0 else number
-    is_of_the_plant = number == 1 and (fast > 1 or bench.period > FASTER)
+    further = step_from_a_stop(driver)
+    number = overrun(driver, SLOWEST) + further
+    fast = overrun(driver, FASTER) + further if number > 0 else number
+    is_of_the_plant = number == 1 and (fast > 1 or driver.motion.period > FASTER)
     if number == 0 or is_of_the_plant:
-        if bench.target.is_virtual:
-            bench.session.skip("stands at once when it is slow")
+        if driver.client.target.is_virtual:
+            driver.session.skip("stands at once when it is slow")
         return 0
     if number < 0 or fast != number:
         return f"overrun by {number} increments, and by {fast} when it is faster"
@@ -91,10 +92,10 @@ def running_on(bench: Bench) -> Outcome:
 
 
 @probe(safety=MOVES, switch="plant")
-def inertia(bench: Bench) -> Outcome:
+def inertia(driver: AxisDriver) -> Outcome:
     """How far the slowest motion overruns a software stop: one increment, where inertia does it."""
-    if bench.target.is_virtual and may_go_fast(bench):
-        bench.session.skip("there it shows in motion too")
-    if bench.session.reading("brake_increments").isdigit():
-        bench.session.skip("nothing brakes this axis that would tell")
-    return int(overrun(bench, SLOWEST) + step_from_a_stop(bench) > 0)
+    if driver.client.target.is_virtual and may_go_fast(driver):
+        driver.session.skip("there it shows in motion too")
+    if driver.session.reading("brake_increments").isdigit():
+        driver.session.skip("nothing brakes this axis that would tell")
+    return int(overrun(driver, SLOWEST) + step_from_a_stop(driver) > 0)

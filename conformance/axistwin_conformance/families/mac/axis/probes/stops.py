@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.core.probing import Measured, Outcome, probe
-from axistwin_conformance.families.mac.axis.driver.motion import DEAF_S, QUIET_S, Bench
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
+from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver
+from axistwin_conformance.families.mac.axis.driver.motion import DEAF_S
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.probes.running_on import (
     overrun,
     step_from_a_stop,
@@ -28,26 +30,26 @@ CLOCK_S: Final = 0.15  # closer than that to 2 s is 2 s, where only polling tell
 SLOWEST_CATCH_UP: Final = 0xFF00
 
 
-def rest(bench: Bench) -> int:
+def rest(driver: AxisDriver) -> int:
     """The place where the axis is once it no longer moves at the speed of `travel_guard`."""
-    bench.run_out()
-    bench.wait(max(0.15, bench.lasting_s(FARTHEST)))
-    return bench.position()
+    driver.motion.run_out()
+    driver.client.wait(max(0.15, driver.motion.lasting_s(FARTHEST)))
+    return driver.client.position()
 
 
 @probe(safety=MOVES)
-def ff_lifetime(bench: Bench) -> Outcome:
+def ff_lifetime(driver: AxisDriver) -> Outcome:
     """A software stop tripped, 18h, the stops disabled, a move away: 21h after each."""
-    start = travel_guard(bench, 10)
-    bench.accepted(0x13, start + 60)
-    rest(bench)
-    bench.accepted(0x18)
-    before = bench.stopped_on()
-    bench.accepted(0x03, 0)
-    is_live = bench.stopped_on() != before
-    bench.accepted(0x13, start)
-    rest(bench)
-    after = bench.stopped_on()
+    start = travel_guard(driver, 10)
+    driver.judge.accepted(0x13, start + 60)
+    rest(driver)
+    driver.judge.accepted(0x18)
+    before = driver.status.stopped_on()
+    driver.judge.accepted(0x03, 0)
+    is_live = driver.status.stopped_on() != before
+    driver.judge.accepted(0x13, start)
+    rest(driver)
+    after = driver.status.stopped_on()
     if not before:
         return "no stop bit at all"
     if is_live:
@@ -56,72 +58,72 @@ def ff_lifetime(bench: Bench) -> Outcome:
 
 
 @probe(safety=MOVES)
-def status_ff_layout(bench: Bench) -> Outcome:
+def status_ff_layout(driver: AxisDriver) -> Outcome:
     """The bit of ff after a trip of the superior software stop."""
-    start = travel_guard(bench, 10)
-    bench.accepted(0x13, start + 60)
-    rest(bench)
-    ff = bench.stopped_on()
+    start = travel_guard(driver, 10)
+    driver.judge.accepted(0x13, start + 60)
+    rest(driver)
+    ff = driver.status.stopped_on()
     return {SUPERIOR: 0, SUPERIOR << 1: 1}.get(ff, f"ff {ff:02X}")
 
 
 @probe(safety=MOVES)
-def soft_stop_compare(bench: Bench) -> Outcome:
+def soft_stop_compare(driver: AxisDriver) -> Outcome:
     """Parked on a software stop, a move further out: whether it makes a step."""
-    return step_from_a_stop(bench)
+    return step_from_a_stop(driver)
 
 
 @probe(safety=MOVES)
-def soft_stop_blocks(bench: Bench) -> Outcome:
+def soft_stop_blocks(driver: AxisDriver) -> Outcome:
     """Parked 30 increments beyond a software stop, a move back."""
-    start = travel_guard(bench, -30)
-    kind = bench.command(0x13, start - 60).kind
-    bench.wait(0.1)
-    moved = start - rest(bench)
-    bench.accepted(0x03, 0)
-    if kind is Kind.ACCEPTED and moved >= 60:
+    start = travel_guard(driver, -30)
+    kind = driver.client.command(0x13, start - 60).kind
+    driver.client.wait(0.1)
+    moved = start - rest(driver)
+    driver.judge.accepted(0x03, 0)
+    if kind is ReplyKind.ACCEPTED and moved >= 60:
         return 0
     return 1 if moved <= 0 else f"{kind.value}, {moved} increments back"
 
 
 @probe(safety=MOVES, needs=("virtual",))
-def brake_increments(bench: Bench) -> Outcome:
+def brake_increments(driver: AxisDriver) -> Outcome:
     """How far a software stop is overrun, slowly and fast: the plant's braking, or a number."""
-    if bench.gentle(FAST, BRAKING_S) > FAST:
-        bench.session.skip("needs 15625 inc/s and 10000 increments of travel")
-    further = bench.known("soft_stop_compare")
-    slow, fast = overrun(bench, PERIOD) + further, overrun(bench, FAST) + further
+    if driver.limits.gentle(FAST, BRAKING_S) > FAST:
+        driver.session.skip("needs 15625 inc/s and 10000 increments of travel")
+    further = driver.readings.known("soft_stop_compare")
+    slow, fast = overrun(driver, PERIOD) + further, overrun(driver, FAST) + further
     if slow == fast:  # an ideal plant stands at once; that number is no reading of its own
-        is_ideal = bench.session.reading("plant") == "ideal"
+        is_ideal = driver.session.reading("plant") == "ideal"
         return 0 if slow == 0 and is_ideal else Measured(str(slow))
     return 0 if 0 <= slow < fast else f"overrun by {slow} and {fast} increments"
 
 
 @probe(safety=MOVES)
-def overshoot_return(bench: Bench) -> Outcome:
+def overshoot_return(driver: AxisDriver) -> Outcome:
     """0Bh on the way from -700 to -100, so that the target falls behind; the pace of the return."""
-    if bench.known("reset_in_motion"):
-        bench.session.skip("0Bh keeps the distance left on this device: no target falls behind")
-    start = bench.ready(0x0640, 1)
-    if abs(start) + 1000 > bench.room():
-        bench.session.skip("needs counter 0 close by and 2000 increments of travel")
-    bench.accepted(0x0E, SLOWEST_CATCH_UP)
-    bench.finish(bench.go(-700))
-    forecast = bench.go(-100)
+    if driver.readings.known("reset_in_motion"):
+        driver.session.skip("0Bh keeps the distance left on this device: no target falls behind")
+    start = driver.motion.ready(0x0640, 1)
+    if abs(start) + 1000 > driver.limits.room():
+        driver.session.skip("needs counter 0 close by and 2000 increments of travel")
+    driver.judge.accepted(0x0E, SLOWEST_CATCH_UP)
+    driver.motion.finish(driver.motion.go(-700))
+    forecast = driver.motion.go(-100)
     end = forecast.end
     assert end is not None
-    while bench.position() < -350 and bench.target.now_ns < end.earliest_ns:
+    while driver.client.position() < -350 and driver.client.target.now_ns < end.earliest_ns:
         pass
-    cleared = bench.accepted(0x0B).taken
+    cleared = driver.judge.accepted(0x0B).taken
     here = forecast.bounds(cleared)[0]
-    places = [one.position for one in bench.sampled(1.0, 40)]
+    places = [sample.position for sample in driver.motion.sampled(1.0, 40)]
     early = places[-1]
     on_the_way = [place for place in places if early + 20 < place < max(places) - 20]
-    bench.at_rest()
-    bench.ready(0x0640, 1)
-    if abs(here) < bench.room():
-        bench.finish(bench.go(-here))
-        bench.command(0x0B)
+    driver.motion.at_rest()
+    driver.motion.ready(0x0640, 1)
+    if abs(here) < driver.limits.room():
+        driver.motion.finish(driver.motion.go(-here))
+        driver.client.command(0x0B)
     # 200 increments take 10 s of catch-up, and a tenth of a second in a profile.
     # Where 20h tells the set-point, a catch-up is not seen at all.
     if early < -100:
@@ -139,82 +141,82 @@ def _falling(places: list[int], on_the_way: list[int]) -> list[int]:
 
 
 @probe(safety=MOVES)
-def reset_reply(bench: Bench) -> Outcome:
+def reset_reply(driver: AxisDriver) -> Outcome:
     """00h."""
-    bench.ready()
-    kind = bench.within(QUIET_S, 0x00).kind
-    _first_answer_ns(bench, bench.target.now_ns)
-    return {Kind.ACCEPTED: 0, Kind.SILENCE: 1}.get(kind, kind.value)
+    driver.motion.ready()
+    kind = driver.client.within(QUIET_S, 0x00).kind
+    _first_answer_ns(driver, driver.client.target.now_ns)
+    return {ReplyKind.ACCEPTED: 0, ReplyKind.SILENCE: 1}.get(kind, kind.value)
 
 
 @probe(safety=MOVES)
-def boot_time_ms(bench: Bench) -> Outcome:
+def boot_time_ms(driver: AxisDriver) -> Outcome:
     """20h every 50 ms after 00h; where time is exact, closer and closer to the first answer."""
-    bench.ready()
-    low_ms, high_ms = _deafness(bench)
+    driver.motion.ready()
+    low_ms, high_ms = _deafness(driver)
     if high_ms < 0:
-        return f"no answer for {_longest_s(bench):.0f} s after 00h"
-    if not bench.target.is_lossless:  # what comes late shifts every edge
-        is_default = abs(high_ms / 1000 - DEAF_S) <= CLOCK_S + 2 * bench.target.line_s
+        return f"no answer for {_longest_s(driver):.0f} s after 00h"
+    if not driver.client.target.is_lossless:  # what comes late shifts every edge
+        is_default = abs(high_ms / 1000 - DEAF_S) <= CLOCK_S + 2 * driver.client.target.line_s
         return Measured(f"{DEAF_S * 1000:.0f}" if is_default else str(high_ms))
     while high_ms - low_ms > 1:
         middle_ms = (low_ms + high_ms) // 2
-        if _listens_after(bench, middle_ms):
+        if _listens_after(driver, middle_ms):
             high_ms = middle_ms
         else:
             low_ms = middle_ms
-        bench.wait(high_ms / 1000 + POLL_S)
+        driver.client.wait(high_ms / 1000 + POLL_S)
     return Measured(str(high_ms))
 
 
-def restarted_ns(bench: Bench) -> int:
+def restarted_ns(driver: AxisDriver) -> int:
     """Send 00h; when its reply, or what there would be of it, was over."""
-    exchange = bench.within(QUIET_S, 0x00)
-    if exchange.kind is Kind.SILENCE:  # it restarts when it has taken the frame (MACS-AMB-20)
+    exchange = driver.client.within(QUIET_S, 0x00)
+    if exchange.kind is ReplyKind.SILENCE:  # it restarts when it has taken the frame (MACS-AMB-20)
         return exchange.taken.earliest_ns
     return exchange.taken.latest_ns
 
 
-def _deafness(bench: Bench) -> tuple[int, int]:
+def _deafness(driver: AxisDriver) -> tuple[int, int]:
     """Bounds in ms of the deaf time after 00h, from polling; -1: it never listened again."""
-    since_ns = restarted_ns(bench)
-    answer_ns = _first_answer_ns(bench, since_ns)
+    since_ns = restarted_ns(driver)
+    answer_ns = _first_answer_ns(driver, since_ns)
     high_ms = -1 if answer_ns is None else -(-(answer_ns - since_ns) // 1_000_000)
     return max(0, high_ms - 200), high_ms
 
 
-def _longest_s(bench: Bench) -> float:
-    return LONGEST_DEAFNESS_S if bench.target.is_virtual else LONGEST_REAL_S
+def _longest_s(driver: AxisDriver) -> float:
+    return LONGEST_DEAFNESS_S if driver.client.target.is_virtual else LONGEST_REAL_S
 
 
-def _first_answer_ns(bench: Bench, from_ns: int) -> int | None:
+def _first_answer_ns(driver: AxisDriver, from_ns: int) -> int | None:
     """When the module was first heard again."""
-    while bench.target.now_ns < from_ns + _longest_s(bench) * 1e9:
-        exchange = bench.within(POLL_S, 0x20)
-        if exchange.kind is Kind.ANSWER:
+    while driver.client.target.now_ns < from_ns + _longest_s(driver) * 1e9:
+        exchange = driver.client.within(POLL_S, 0x20)
+        if exchange.kind is ReplyKind.ANSWER:
             return exchange.taken.earliest_ns
     return None
 
 
-def _listens_after(bench: Bench, deaf_ms: int) -> bool:
+def _listens_after(driver: AxisDriver, deaf_ms: int) -> bool:
     """Whether a query is heard whose first byte comes so long after the reply to 00h."""
-    since_ns = restarted_ns(bench)
-    bench.wait_until(since_ns + deaf_ms * 1_000_000)
-    kind = bench.within(POLL_S, 0x20).kind
-    return kind is Kind.ANSWER
+    since_ns = restarted_ns(driver)
+    driver.client.wait_until(since_ns + deaf_ms * 1_000_000)
+    kind = driver.client.within(POLL_S, 0x20).kind
+    return kind is ReplyKind.ANSWER
 
 
 @probe(safety=MOVES)
-def persist_modes(bench: Bench) -> Outcome:
+def persist_modes(driver: AxisDriver) -> Outcome:
     """02h, 03h and 1Ch changed, 00h, 26h."""
-    bench.ready()
-    now = bench.value(0x26) & 0xFFFF
-    bench.command(0x02, 1 - (now >> 12 & 1))
-    bench.command(0x03, 8 if now >> 8 & 0xF == 0 else 0)
-    changed = bench.value(0x26) & 0xFFFF
-    bench.reinitialise()
-    after = bench.value(0x26) & 0xFFFF
-    bench.ready()
+    driver.motion.ready()
+    now = driver.client.value(0x26) & 0xFFFF
+    driver.client.command(0x02, 1 - (now >> 12 & 1))
+    driver.client.command(0x03, 8 if now >> 8 & 0xF == 0 else 0)
+    changed = driver.client.value(0x26) & 0xFFFF
+    driver.motion.reinitialise()
+    after = driver.client.value(0x26) & 0xFFFF
+    driver.motion.ready()
     if changed == now:
-        bench.session.skip("02h and 03h change nothing")
+        driver.session.skip("02h and 03h change nothing")
     return 0 if after == changed else 1

@@ -1,12 +1,12 @@
 """A stateful machine for the axis: rules that are tried where they mean something.
 
 One-draw sequences (`sequences.py`) take any operation in any state and are fast; most of them stop
-what they have begun.  The rules here have preconditions, read from the model's state (`View`), so
-that long chains get built: a full FIFO behind a motion, a speed changed just before its target, a
-stop enabled just ahead of the axis, a start that is held, replaced and triggered.  Hypothesis draws
-the rules and, by what they mean, their arguments; what a step does is an operation of four bytes,
-seldom a few, judged by the same exact model and recorded, so that `Sequence.perform` repeats a
-failing run.
+what they have begun. The rules here have preconditions, read from the model's state (`AxisView`),
+so that long chains get built: a full FIFO behind a motion, a speed changed just before its target,
+a stop enabled just ahead of the axis, a start that is held, replaced and triggered. Hypothesis
+draws the rules and, by what they mean, their arguments; what a step does is an operation of four
+bytes, seldom a few, judged by the same exact model and recorded, so that `AxisSequence.perform`
+plays a failing run again.
 
     rules + preconditions ─▶ operation ─▶ Device ─▶ module and model ─▶ View ─▶ preconditions
 
@@ -23,7 +23,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import invariant, precondition, rule
 
 from axistwin_conformance.families.mac.axis.model.axis_model import FIFO_STAGES
-from axistwin_conformance.families.mac.axis.sequences.machine_devices import View
+from axistwin_conformance.families.mac.axis.sequences.machine_devices import AxisView
 from axistwin_conformance.families.mac.axis.sequences.operations import (
     ANCHORS,
     OFFSETS_NS,
@@ -85,7 +85,7 @@ DISTURBANCES: Final = st.one_of(
 )
 
 
-def if_(allowed: Callable[[View], bool]) -> Callable[[object], bool]:
+def if_(allowed: Callable[[AxisView], bool]) -> Callable[[object], bool]:
     """A precondition on the state after the last step."""
     return lambda machine: allowed(machine.device.view)  # type: ignore[attr-defined]
 

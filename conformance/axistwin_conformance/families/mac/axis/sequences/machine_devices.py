@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from axistwin_conformance.families.mac.axis.model.forecast import Window
+from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
 from axistwin_conformance.families.mac.axis.sequences.operations import WHAT
-from axistwin_conformance.families.mac.axis.sequences.sequence import Sequence
+from axistwin_conformance.families.mac.axis.sequences.sequence import AxisSequence
 
 
-class View(NamedTuple):
+class AxisView(NamedTuple):
     """What preconditions look at: the state of the model after the last step.
 
     `mode`: HD, PO, VE, IN, or several where the end of something was near.  `waiting`: segments
@@ -34,12 +34,12 @@ class View(NamedTuple):
         return self.mode in ("PO", "VE", "IN")
 
 
-class Judged:
+class JudgedAxis:
     """A module on the line, held against the exact model."""
 
-    def __init__(self, sequence: Sequence) -> None:
+    def __init__(self, sequence: AxisSequence) -> None:
         self.sequence = sequence
-        self.view = View()
+        self.view = AxisView()
 
     def conclude(self) -> None:
         """Stop and compare everything readable."""
@@ -57,14 +57,15 @@ class Judged:
         is_held = model.preloaded is not None
         if now_ns >= forecast.over_ns:
             is_away = forecast.timelines[0].final != 0
-            self.view = View("HD", model.is_armed, is_held, 0, has_stops, is_away)
+            self.view = AxisView("HD", model.is_armed, is_held, 0, has_stops, is_away)
             return
-        modes = forecast.modes(Window(now_ns, now_ns))
+        modes = forecast.modes(TimeWindow(now_ns, now_ns))
         mode = next(iter(modes)) if len(modes) == 1 else "several"
         waiting = max(
-            [one.waiting(now_ns) for one in forecast.timelines if one.segments], default=0
+            [timeline.waiting(now_ns) for timeline in forecast.timelines if timeline.segments],
+            default=0,
         )
-        self.view = View(mode, model.is_armed, is_held, waiting, has_stops)
+        self.view = AxisView(mode, model.is_armed, is_held, waiting, has_stops)
 
 
 class Trivial:
@@ -73,18 +74,18 @@ class Trivial:
     What a run with it costs is what Hypothesis and the rules cost: the limit for any device.
     """
 
-    _FREE: Final = View(is_away=True)
+    _FREE: Final = AxisView(is_away=True)
     _AFTER: Final = {
-        "move": View("PO"), "move to 0": View("PO"), "nudge": View("PO"),
-        "move to a stop": View("PO", has_stops=True), "turn": View("VE"),
-        "move beside": View("PO"), "turn at any speed": View("VE"),
-        "segment": View("IN", waiting=1), "virtual segment": View("IN", waiting=3),
-        "arm": View("HD", is_armed=True), "enable the stops": View("HD", has_stops=True),
-        "stop": _FREE, "ramped stop": _FREE, "turn at speed 0": _FREE, "trigger": View("PO"),
+        "move": AxisView("PO"), "move to 0": AxisView("PO"), "nudge": AxisView("PO"),
+        "move to a stop": AxisView("PO", has_stops=True), "turn": AxisView("VE"),
+        "move beside": AxisView("PO"), "turn at any speed": AxisView("VE"),
+        "segment": AxisView("IN", waiting=1), "virtual segment": AxisView("IN", waiting=3),
+        "arm": AxisView("HD", is_armed=True), "enable the stops": AxisView("HD", has_stops=True),
+        "stop": _FREE, "ramped stop": _FREE, "turn at speed 0": _FREE, "trigger": AxisView("PO"),
         "wait for an instant": _FREE, "power off": _FREE, "restart": _FREE,
-        "clear the counter": View(),
+        "clear the counter": AxisView(),
     }  # fmt: skip
-    _HELD: Final = View("HD", is_armed=True, is_held=True)
+    _HELD: Final = AxisView("HD", is_armed=True, is_held=True)
 
     def __init__(self) -> None:
         names = {number: name for name, number in WHAT.items()}

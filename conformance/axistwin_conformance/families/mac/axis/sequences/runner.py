@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.motion import Bench, Sample, bench_of
+from axistwin_conformance.families.mac.axis.driver.client import Sample
+from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.model.axis_model import AxisModel
 from axistwin_conformance.families.mac.axis.model.forecast import Forecast
 from axistwin_conformance.families.mac.axis.sequences.operations import OPERATIONS, operations_of
 from axistwin_conformance.families.mac.axis.sequences.sequence import (
     BYTES_PER_OPERATION,
     OPEN_STOPS,
-    Sequence,
+    AxisSequence,
     begin,
     read_parameters,
 )
@@ -30,53 +31,55 @@ class AxisRunner(Runner):
     arguments = (3, 1, 2)
     beginning = "00h"
 
-    def __init__(self, bench: Bench, home: int) -> None:
-        super().__init__(bench.session)
-        self.bench, self.home = bench, home
-        self._last: Sequence | None = None
-        bench.is_plotting = False  # or the ways home of all sequences would fill the report
+    def __init__(self, driver: AxisDriver, home: int) -> None:
+        super().__init__(driver.session)
+        self.driver, self.home = driver, home
+        self._last: AxisSequence | None = None
+        driver.motion.is_plotting = False  # or the ways home of all sequences would fill the report
 
     @property
     def kinds(self) -> int:
         """How many operations there are on this face."""
-        return len(operations_of(self.bench))
+        return len(operations_of(self.driver))
 
     def on(self, session: Session) -> AxisRunner:
         """The same on the twin of this module."""
-        bench = bench_of(session)
-        return AxisRunner(bench, bench.ready())
+        driver = driver_of(session)
+        return AxisRunner(driver, driver.motion.ready())
 
-    def begin(self) -> Sequence:
+    def begin(self) -> AxisSequence:
         """A sequence that begins where every sequence begins; fresh ones with 00h, which costs 2 s
         of deafness."""
         again = None if self.is_fresh or self._last is None else self._last.again()
         if again is None:
             if self.is_fresh:
-                self.bench.reinitialise()
+                self.driver.motion.reinitialise()
             for index, parameter in OPEN_STOPS:
-                self.bench.command(index, parameter)
-            again = begin(self.bench, self.home, model_of, operations_of(self.bench))
+                self.driver.client.command(index, parameter)
+            again = begin(self.driver, self.home, model_of, operations_of(self.driver))
         self._last = again
         return again
 
     def watched(self, run: OperationSequence) -> None:
         """Have the motion plotted."""
-        assert isinstance(run, Sequence), "it has begun here"
+        assert isinstance(run, AxisSequence), "it has begun here"
         run.watch = self._plot
 
     def _plot(self, forecast: Forecast, sample: Sample, slack: int) -> None:
-        self.bench.is_plotting = True
-        self.bench.plot(forecast, sample, slack)
-        self.bench.is_plotting = False
+        self.driver.motion.is_plotting = True
+        self.driver.motion.plot(forecast, sample, slack)
+        self.driver.motion.is_plotting = False
 
 
-def model_of(bench: Bench) -> AxisModel:
+def model_of(driver: AxisDriver) -> AxisModel:
     """The model of a module at rest, held to the readings it has shown."""
-    ledger, seen = bench.session.run.ledger, bench.session.readings
+    ledger, seen = driver.session.run.ledger, driver.session.readings
     readings = {
         switch: ledger.ambiguity_of(switch).switches[switch].index(reading)
         for switch, reading in seen.items()
         if reading in ledger.ambiguity_of(switch).switches[switch]
     }
-    parameters = read_parameters(bench)
-    return AxisModel(parameters, Forecast.rest(0), readings, bench.law, bench.acceptance)
+    parameters = read_parameters(driver)
+    return AxisModel(
+        parameters, Forecast.rest(0), readings, driver.readings.law, driver.client.face.acceptance
+    )

@@ -12,12 +12,12 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from axistwin_conformance.families.mac.axis.driver.motion import Bench, Sample
-from axistwin_conformance.families.mac.axis.exchanges import Kind, signed
+from axistwin_conformance.families.mac.axis.driver.client import Sample
+from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind, signed
 from axistwin_conformance.families.mac.axis.model.axis_model import (
     MOTIONS,
     SEGMENTS,
-    SETTINGS,
     AxisModel,
     Parameters,
 )
@@ -25,19 +25,18 @@ from axistwin_conformance.families.mac.axis.model.forecast import (
     RESTING,
     Forecast,
     Timeline,
-    Window,
+    TimeWindow,
 )
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS, TICKS_PER_SECOND
+from axistwin_conformance.families.mac.axis.parameters import PARAMETER_QUERIES, PARAMETERS
 from axistwin_conformance.sequences.runner import Mismatch, Steps
-
-Choices = tuple[int, ...]
 
 BYTES_PER_OPERATION: Final = 4
 SPAN: Final = 3000  # increments about the start in which targets lie
 AHEAD_NS: Final = 600_000_000  # how far an axis is looked after
 CHANGES: Final = 2  # speed changes and stops within one motion: each doubles the histories kept
 PAUSED: Final = 0x80  # a pause byte above it is a wait, ms beyond it
-SETTLING_S: Final = 0.1  # of a real axis
+SWINGING_S: Final = 0.1  # of a real axis
 BEGIN_PERIOD: Final = 0x1000
 BEGIN_COEFFICIENT: Final = 1
 OPEN_STOPS: Final = ((0x09, 0x3FFFFFFF), (0x0A, 0xC0000000), (0x0E, 0x0500), (0x0C, 0x40))
@@ -48,7 +47,7 @@ RAMP_MARGIN: Final = 120 * max(COEFFICIENTS)
 BYSTANDING_NS: Final = 200_000_000  # the longest wait for something that ends too far away
 
 # Which requirement a surprise under an index speaks about; the rest is about replies in general.
-BLAME: Final = {
+DIAGNOSIS: Final = {
     0x0D: "MACS-STATE-01", 0x0F: "MACS-STATE-01", 0x02: "MACS-STATE-01", 0x03: "MACS-STATE-01",
     0x09: "MACS-STATE-01", 0x0A: "MACS-STATE-01",
     0x13: "MACS-CMD-13-02", 0x14: "MACS-CMD-14-02", 0x15: "MACS-CMD-15-02",
@@ -57,27 +56,26 @@ BLAME: Final = {
     0x20: "MACS-Q-20-01", 0x21: "MACS-Q-21-01", 0x25: "MACS-REPLY-05", 0x26: "MACS-REPLY-05",
     0x22: "MACS-REPLY-05", 0x23: "MACS-REPLY-05", 0x27: "MACS-BUSY-01",
 }  # fmt: skip
-BLAME_MODE: Final = {"PO": "MACS-CMD-13-01", "VE": "MACS-CMD-15-01", "IN": "MACS-CMD-16-01"}
-BLAME_OTHERWISE: Final = "MACS-REPLY-01"
+DIAGNOSIS_OF_MODE: Final = {"PO": "MACS-CMD-13-01", "VE": "MACS-CMD-15-01", "IN": "MACS-CMD-16-01"}
+DIAGNOSIS_OTHERWISE: Final = "MACS-REPLY-01"
 
 STARTING: Final = frozenset({*MOTIONS, *SEGMENTS, 0x0B, 0x10, 0x11})  # where from is of account
 
 # Where a device follows another reading than the default and the ledger gives no exact rule for
 # it, nothing is judged.
-UNRULED_STOPS: Final = ("soft_stop_compare", "soft_stop_blocks", "step_phase")
 UNRULED_STATUS: Final = ("ff_lifetime", "status_ff_layout")
 
 
 @dataclass(frozen=True, slots=True)
-class Operation:
+class AxisOperation:
     """One line of the table: what it is called in reports, and what it does."""
 
     name: str
-    act: Callable[[Sequence, int, int], None]
+    act: Callable[[AxisSequence, int, int], None]
 
 
 @dataclass
-class Sequence(Steps):
+class AxisSequence(Steps):
     """One run of one byte string against one module.
 
     `judged`: requirement → how many replies were held against it, counted only where some other
@@ -88,11 +86,11 @@ class Sequence(Steps):
 
     operation_bytes = BYTES_PER_OPERATION
 
-    bench: Bench
+    driver: AxisDriver
     model: AxisModel
     home: int
     release: int
-    operations: tuple[Operation, ...]
+    operations: tuple[AxisOperation, ...]
     judged: Counter[str] = field(default_factory=Counter)
     operated: Counter[tuple[str, str]] = field(default_factory=Counter)
     marks: list[int] = field(default_factory=list)
@@ -102,17 +100,18 @@ class Sequence(Steps):
     is_known: bool = False  # at the end: everything the model says has been confirmed
 
     def __post_init__(self) -> None:
-        bench, envelope = self.bench, self.bench.session.envelope
-        self.target = bench.target
+        driver, envelope = self.driver, self.driver.session.envelope
+        self.client, self.target = driver.client, driver.client.target
+        self._may_be_silent = driver.client.face.may_be_silent
         self.is_guarded, self.max_travel = envelope.is_guarded, envelope.max_travel
-        self.room, self.fastest = bench.room(), bench.fastest
-        self._slack = bench.allowance(PERIODS[0])
-        self._timeout_s = bench.session.reply_timeout_s
-        self._is_direct = bench.is_direct
+        self.room, self.fastest = driver.limits.room(), driver.limits.fastest
+        self._slack = driver.limits.allowance(PERIODS[0])
+        self._timeout_s = driver.session.reply_timeout_s
+        self._is_direct = driver.client.is_direct
         self._cleared: set[int] = set()  # indices that the gate has let pass and nothing stores
         self._inside_until_ns = 0  # when it has to be looked again whether the axis stays inside
         self._log: list[tuple[bytes, bytes] | int] = []  # exchanges, and pauses in ns
-        self._kinds: dict[bytes, Kind] = {}  # of short replies: there are few
+        self._kinds: dict[bytes, ReplyKind] = {}  # of short replies: there are few
         self._known: dict[str, int] = {}
         self._follows: dict[tuple[str, ...], bool] = {}
 
@@ -120,17 +119,17 @@ class Sequence(Steps):
     def story(self) -> list[str]:
         """What was sent, said and waited, in words."""
         return [
-            f"wait {one / 1e6:.0f} ms"
-            if isinstance(one, int)
-            else f"{self.bench.explained(one[0])} → {self.bench.told(one[1])}"
-            for one in self._log
+            f"wait {entry / 1e6:.0f} ms"
+            if isinstance(entry, int)
+            else f"{self.client.explained(entry[0])} → {self.client.described(entry[1])}"
+            for entry in self._log
         ]
 
     def known(self, switch: str) -> int:
         """The number of the reading this device follows, as far as known at the beginning."""
         number = self._known.get(switch)
         if number is None:
-            number = self._known[switch] = self.bench.known(switch)
+            number = self._known[switch] = self.driver.readings.known(switch)
         return number
 
     def follows(self, *switches: str) -> bool:
@@ -173,29 +172,29 @@ class Sequence(Steps):
         """Clear the counter where it was 0 before the sequence."""
         if not self.offset:
             return
-        bench = self.bench
+        driver = self.driver
         if self._is_plain_again():
             position = self.model.forecast.places[0]
         else:
-            bench.at_rest()
-            bench.command(0x03, 0)
-            position = bench.ready()
-        self.is_known &= drive(bench, position, -self.offset) == -self.offset
-        self.is_known &= bench.command(0x0B).kind is Kind.ACCEPTED
+            driver.motion.at_rest()
+            driver.client.command(0x03, 0)
+            position = driver.motion.ready()
+        self.is_known &= drive(driver, position, -self.offset) == -self.offset
+        self.is_known &= driver.client.command(0x0B).kind is ReplyKind.ACCEPTED
         self.model.forecast = Forecast.rest(0)
         self.offset = 0
 
-    def again(self) -> Sequence | None:
+    def again(self) -> AxisSequence | None:
         """The next sequence, begun with no question whose answer is known; None if this one has
         not ended as the model says, and the module has to be asked."""
-        bench, home = self.bench, self.home
+        driver, home = self.driver, self.home
         if not self._is_plain_again():
             return None
         if self.model.forecast.places != (home, home):
-            if drive(bench, self.model.forecast.places[0], home) != home:
+            if drive(driver, self.model.forecast.places[0], home) != home:
                 return None
             self.model.forecast = Forecast.rest(home)
-        after = Sequence(bench, self.model, home, self.release, self.operations)
+        after = AxisSequence(driver, self.model, home, self.release, self.operations)
         after._known, after._follows = self._known, self._follows
         return after
 
@@ -203,47 +202,47 @@ class Sequence(Steps):
         """Set what differs from the beginning; False where that is not known or not accepted."""
         if not self.is_known:
             return False
-        bench, one = self.bench, self.model.parameters
-        period = bench.slowed(BEGIN_PERIOD)
+        driver, parameters = self.driver, self.model.parameters
+        period = driver.limits.slowed(BEGIN_PERIOD)
         for index, parameter in (*OPEN_STOPS, *PLAIN_MODES, (0x0D, period)):
-            setting = SETTINGS[index]
-            value = setting.value(parameter)
-            if getattr(one, setting.name) != value:
-                self.is_known &= bench.command(index, parameter).kind is Kind.ACCEPTED
-                setattr(one, setting.name, value)
-        bench.period, bench.coefficient = period, BEGIN_COEFFICIENT
+            setting = PARAMETERS[index]
+            value = setting.taken(parameter)
+            if getattr(parameters, setting.name) != value:
+                self.is_known &= driver.client.command(index, parameter).kind is ReplyKind.ACCEPTED
+                setattr(parameters, setting.name, value)
+        driver.motion.period, driver.motion.coefficient = period, BEGIN_COEFFICIENT
         return self.is_known
 
     def command(self, index: int, parameter: int = 0) -> None:
         """Send a command and hold its reply against the admissible set."""
         parameter &= 0xFFFFFFFF
         if index in STARTING:
-            self._settle_doubt()
-        received, taken = self._tell(index, parameter)
+            self._resolve_doubt()
+        received, taken = self._exchange(index, parameter)
         kind = self._kinds.get(received) or self._kind_of(received)
-        if index == 0x00 and kind is Kind.SILENCE:  # MACS-AMB-20
-            kind = Kind.ACCEPTED
+        if index == 0x00 and kind is ReplyKind.SILENCE:  # MACS-AMB-20
+            kind = ReplyKind.ACCEPTED
         admissible = self.model.outcomes(index, parameter, taken)
         if kind not in admissible:
             states = "/".join(sorted(self.model.states(taken)))
             is_of_store = index in SEGMENTS and self.has_segments  # a full one refuses either kind
             raise Mismatch(
-                "MACS-CMD-16-02" if is_of_store else BLAME.get(index, BLAME_OTHERWISE),
+                "MACS-CMD-16-02" if is_of_store else DIAGNOSIS.get(index, DIAGNOSIS_OTHERWISE),
                 " or ".join(kind.value for kind in admissible)
-                + f" to {self.bench.named(index)} in {states}",
-                self.bench.told(received),
+                + f" to {self.client.named(index)} in {states}",
+                self.client.described(received),
             )
         if len(admissible) == 1:
-            self.judged[BLAME.get(index, BLAME_OTHERWISE)] += 1
+            self.judged[DIAGNOSIS.get(index, DIAGNOSIS_OTHERWISE)] += 1
         self.model.learn(index, parameter, kind, admissible[kind])
 
     def query(self, index: int) -> None:
         """Send a query and hold its data against the admissible ones."""
-        received, taken = self._tell(index)
-        data = self.bench.data_of(received)
+        received, taken = self._exchange(index)
+        data = self.client.data_of(received)
         if data is None:
-            told = self.bench.told(received)
-            raise Mismatch("MACS-Q-XX-01", f"an answer to {self.bench.named(index)}", told)
+            described = self.client.described(received)
+            raise Mismatch("MACS-Q-XX-01", f"an answer to {self.client.named(index)}", described)
         self.judged["MACS-Q-XX-01"] += 1
         if index == 0x20:
             self._judge_position(signed(data), taken)
@@ -256,34 +255,34 @@ class Sequence(Steps):
             if self.follows("busy_after_abort"):
                 is_busy, busy = not data & 0x0800, self.model.busy(taken)
                 self._judge(index, is_busy, busy, "busy")
-        elif index in (0x22, 0x23, 0x25, 0x26):
+        elif index in PARAMETER_QUERIES:
             wanted = self.model.parameters.answer(index)
             if data != wanted:
-                name = self.bench.named(index)
-                raise Mismatch(BLAME[index], f"{name} {wanted:08X}", f"data {data:08X}")
-            self.judged[BLAME[index]] += 1
+                name = self.client.named(index)
+                raise Mismatch(DIAGNOSIS[index], f"{name} {wanted:08X}", f"data {data:08X}")
+            self.judged[DIAGNOSIS[index]] += 1
         elif index == 0x24 and data != self.release:
-            raise Mismatch(BLAME_OTHERWISE, f"release {self.release:08X}", f"{data:08X}")
+            raise Mismatch(DIAGNOSIS_OTHERWISE, f"release {self.release:08X}", f"{data:08X}")
 
     def _judge(self, index: int, seen: int, admissible: frozenset[int], what: str) -> None:
-        name = BLAME.get(index, BLAME_OTHERWISE)
+        name = DIAGNOSIS.get(index, DIAGNOSIS_OTHERWISE)
         if seen not in admissible:
             raise Mismatch(name, f"{what} in {sorted(admissible)}", f"{what} {seen}")
         if len(admissible) == 1:
             self.judged[name] += 1
 
-    def _judge_position(self, position: int, taken: Window) -> None:
+    def _judge_position(self, position: int, taken: TimeWindow) -> None:
         model, slack = self.model, self._slack
         lowest, highest = model.bounds(taken)
         if self.watch is not None:
             self.watch(model.forecast, Sample(position, taken), slack)
-        name = self._blamed_for_a_place(taken)
+        name = self._diagnosis_of_place(taken)
         if not lowest - slack <= position <= highest + slack:
             raise Mismatch(name, f"position {lowest}..{highest}", f"position {position}")
         self.judged[name] += 1
         model.learn_position(position, taken)
 
-    def _blamed_for_a_place(self, taken: Window) -> str:
+    def _diagnosis_of_place(self, taken: TimeWindow) -> str:
         """The requirement of a counter reading: of the motion under way, or of the one that ended
         where nobody has looked since."""
         forecast = self.model.forecast
@@ -291,26 +290,30 @@ class Sequence(Steps):
             modes: Iterable[str] = (forecast.rested.timelines[0].after,)
         else:
             modes = sorted(forecast.modes(taken))
-        return next((BLAME_MODE[mode] for mode in modes if mode in BLAME_MODE), "MACS-Q-20-01")
+        return next(
+            (DIAGNOSIS_OF_MODE[mode] for mode in modes if mode in DIAGNOSIS_OF_MODE), "MACS-Q-20-01"
+        )
 
-    def _tell(self, index: int, parameter: int = 0) -> tuple[bytes, Window]:
+    def _exchange(self, index: int, parameter: int = 0) -> tuple[bytes, TimeWindow]:
         """Send a request; where time is virtual and nothing disturbs, by the shortest way.  There
         gate and meter are asked once about an index that stores nothing."""
-        if self._is_direct and index not in self.bench.may_be_silent:
+        if self._is_direct and index not in self._may_be_silent:
             is_cleared = index in self._cleared
-            frame, received, taken = self.bench.swift(index, parameter, self._timeout_s, is_cleared)
-            if not is_cleared and index not in SETTINGS:
+            frame, received, taken = self.client.swift(
+                index, parameter, self._timeout_s, is_cleared
+            )
+            if not is_cleared and index not in PARAMETERS:
                 self._cleared.add(index)
         else:
-            exchange = self.bench.send(self.bench.request(index, parameter))
+            exchange = self.client.send(self.client.request(index, parameter))
             frame, received, taken = exchange.request, exchange.reply.raw, exchange.taken
         self._log.append((frame, received))
         return received, taken
 
-    def lost(self, request: Any, wanted: Kind, name: str) -> None:
+    def lost(self, request: Any, wanted: ReplyKind, name: str) -> None:
         """Send a request that must not be executed and gets just that reply; `name`: the
         requirement that says so."""
-        exchange = self.bench.in_vain(request)
+        exchange = self.client.in_vain(request)
         self._log.append((exchange.request, exchange.reply.raw))
         if exchange.kind is not wanted:
             raise Mismatch(name, wanted.value, str(exchange.reply))
@@ -319,31 +322,31 @@ class Sequence(Steps):
     def synchronise(self) -> None:
         """Do what 11h does by the frame that all modules obey and none answers; what comes of it
         must be beyond doubt."""
-        self._settle_doubt()
-        exchange = self.bench.synchronise()
+        self._resolve_doubt()
+        exchange = self.client.synchronise()
         assert exchange is not None, "only a face that has such a frame has this operation"
         self._log.append((exchange.request, exchange.reply.raw))
         ((kind, after),) = self.model.outcomes(0x11, 0, exchange.taken).items()
         self.model.learn(0x11, 0, kind, after)
 
-    def _kind_of(self, received: bytes) -> Kind:
-        kind = self._kinds[received] = self.bench.kind_of(received)
+    def _kind_of(self, received: bytes) -> ReplyKind:
+        kind = self._kinds[received] = self.client.kind_of(received)
         return kind
 
     def restart(self) -> None:
         """00h, and the deaf time after it."""
         self.command(0x00)
-        self.pause(self.bench.awake_surely_s)
+        self.pause(self.driver.motion.awake_surely_s)
 
     def pause(self, seconds: float) -> None:
         """Let time pass."""
         self._log.append(round(seconds * 1e9))
-        self.bench.wait(seconds)
+        self.client.wait(seconds)
 
     def pause_until_taken(self, number: int, offset_ns: int) -> None:
         """Wait so that the next request is taken over about when something ends: the motion, or a
         stage of it; `number` picks which of those that are still to come."""
-        aimed_ns = self.target.now_ns + self.bench.frame_ns
+        aimed_ns = self.target.now_ns + self.client.frame_ns
         ends = self.model.forecast.ends_after(aimed_ns)
         if not ends:
             return
@@ -354,9 +357,9 @@ class Sequence(Steps):
 
     # --- staying inside ---------------------------------------------------------------------------
 
-    def _now(self) -> Window:
+    def _now(self) -> TimeWindow:
         now_ns = self.target.now_ns
-        return Window(now_ns, now_ns)
+        return TimeWindow(now_ns, now_ns)
 
     @property
     def is_resting(self) -> bool:
@@ -372,12 +375,12 @@ class Sequence(Steps):
             if self.target.travel_guard is not None and not self._is_left_alone(now_ns + AHEAD_NS):
                 self.command(0x18)
             return self.model.name_of(RESTING)
-        modes = forecast.modes(Window(now_ns, now_ns))
+        modes = forecast.modes(TimeWindow(now_ns, now_ns))
         if now_ns >= self._inside_until_ns and not self._is_kept_inside(now_ns + AHEAD_NS):
             self.command(0x18)
         return self.model.name_of(modes)
 
-    def _settle_doubt(self) -> None:
+    def _resolve_doubt(self) -> None:
         """Ask where an axis at rest is, if that is in doubt, so that the next motion starts from
         one place."""
         forecast = self.model.forecast
@@ -393,7 +396,7 @@ class Sequence(Steps):
     def _is_kept_inside(self, later_ns: int) -> bool:
         if not self._is_left_alone(later_ns):
             return False
-        lowest, highest = self.model.forecast.bounds(Window(later_ns, later_ns))
+        lowest, highest = self.model.forecast.bounds(TimeWindow(later_ns, later_ns))
         gone = max(self.home - self.shaft(lowest), self.shaft(highest) - self.home)
         room = self.max_travel - RAMP_MARGIN
         if not self.is_guarded and 0 <= gone < room:
@@ -421,41 +424,9 @@ class Sequence(Steps):
         span = min(SPAN, self.room)
         return self.home - self.offset + (fraction - 0x80) * span // 0x80
 
-    def way(self, byte: int) -> int:
-        """A direction, among those the device has."""
-        return 1 if self.known("vel_f6_direction") else -1 if byte & 1 else 1
-
-    def value(self, values: Choices, legal: Choices, byte: int) -> int:
-        """One of the values; only a legal one if the device takes others somehow (AMB-60)."""
-        chosen = values if self.follows("param_range_policy") else legal
-        return chosen[byte % len(chosen)]
-
-    def period(self, byte: int) -> int:
-        """A period for 0Dh, now and then 0."""
-        if not byte and self.follows("zero_period_0d"):
-            return 0
-        return max(PERIODS[byte % len(PERIODS)], self.fastest)
-
-    def torque(self, byte: int) -> int:
-        """A torque limit, legal or not."""
-        imax = self.model.parameters.imax
-        values = (1, 0x40, imax - 1, 0, imax, imax + 1, 0xFF)
-        plain = self.follows("torque_range", "torque_over")
-        return min(0xFF, values[byte % (len(values) if plain else 3)])
-
-    def catch_up(self, byte: int) -> int:
-        """A speed for 0Eh; never 0 if the device refuses that (MACS-AMB-47)."""
-        return max(byte, 0 if self.follows("zero_catchup") else 1) << 8
-
-    def stops(self, byte: int) -> int:
-        """A mode for 03h."""
-        if not self.follows(*UNRULED_STOPS):
-            return byte & 1
-        return self.value((0, 8, 9, 1, 2, 8), (0, 8, 9, 1, 0, 8), byte)
-
     def here(self) -> int:
         """Some admissible present position."""
-        self._settle_doubt()
+        self._resolve_doubt()
         return self.model.forecast.bounds(self._now())[0]
 
     @property
@@ -475,47 +446,39 @@ class Sequence(Steps):
         return self.is_resting or self.changes <= CHANGES
 
 
-def drive(bench: Bench, origin: int, target: int) -> int:
+def drive(driver: AxisDriver, origin: int, target: int) -> int:
     """Move between two places inside the envelope, judging nothing; give where the axis then is."""
-    exchange = bench.command(0x13, target)
-    if exchange.kind is Kind.ACCEPTED:
-        end = bench.to_position(exchange, origin, target).end
+    exchange = driver.client.command(0x13, target)
+    if exchange.kind is ReplyKind.ACCEPTED:
+        end = driver.motion.to_position(exchange, origin, target).end
         assert end is not None, "a move has one"
-        bench.wait_until(end.latest_ns)
-        bench.wait(0 if bench.target.is_virtual else SETTLING_S)
-    return bench.position()
+        driver.client.wait_until(end.latest_ns)
+        driver.client.wait(0 if driver.client.target.is_virtual else SWINGING_S)
+    return driver.client.position()
 
 
 def begin(
-    bench: Bench,
+    driver: AxisDriver,
     home: int | None,
-    law_known: Callable[[Bench], AxisModel],
-    operations: tuple[Operation, ...],
-) -> Sequence:
+    law_known: Callable[[AxisDriver], AxisModel],
+    operations: tuple[AxisOperation, ...],
+) -> AxisSequence:
     """Bring the module to a known state, always the same, and give a sequence of these operations
     to play."""
-    position = bench.ready(BEGIN_PERIOD, BEGIN_COEFFICIENT)
+    position = driver.motion.ready(BEGIN_PERIOD, BEGIN_COEFFICIENT)
     if home is not None and position != home:
-        position = drive(bench, position, home)
-    model = law_known(bench)
-    ff = bench.stopped_on()  # of the sequence before: the next motion clears it
+        position = drive(driver, position, home)
+    model = law_known(driver)
+    ff = driver.status.stopped_on()  # of the sequence before: the next motion clears it
     model.forecast = Forecast.of([Timeline("HD", position, ff=ff)])
     start = position if home is None else home
-    return Sequence(bench, model, start, bench.value(0x24), operations)
+    return AxisSequence(driver, model, start, driver.client.value(0x24), operations)
 
 
-def read_parameters(bench: Bench) -> Parameters:
+def read_parameters(driver: AxisDriver) -> Parameters:
     """Everything the model must know of a module at rest."""
-    speeds, modes = bench.value(0x25), bench.value(0x26)
-    return Parameters(
-        superior=signed(bench.value(0x22)),
-        inferior=signed(bench.value(0x23)),
-        catch_up=speeds >> 24,
-        period=speeds & 0xFFFF,
-        coefficient=modes >> 24,
-        torque=modes >> 16 & 0xFF,
-        standby=modes >> 12 & 0xF,
-        stops=modes >> 8 & 0xF,
-        tolerance=modes & 0xFF,
-        imax=bench.imax,
-    )
+    found = driver.client.parameters()
+    values = {
+        part.name: part.taken(part.parameter(found[index])) for index, part in PARAMETERS.items()
+    }
+    return Parameters(imax=driver.client.imax, **values)

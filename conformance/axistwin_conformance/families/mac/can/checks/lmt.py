@@ -8,15 +8,15 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver import factory
-from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
 from axistwin_conformance.families.mac.axis.driver.rig import OFF_S
-from axistwin_conformance.families.mac.axis.exchanges import Kind
-from axistwin_conformance.families.mac.axis.model.forecast import Window
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.checks.messages import (
     await_boot_up,
     beat,
-    boot_patience_s,
+    boot_silence_limit_s,
     is_free,
     judge_due,
     judge_form,
@@ -24,8 +24,8 @@ from axistwin_conformance.families.mac.can.checks.messages import (
     restart,
     silenced,
 )
-from axistwin_conformance.families.mac.can.collect_replies import replies, slack_ns, told
-from axistwin_conformance.families.mac.can.driver import Bench, RigBench
+from axistwin_conformance.families.mac.can.collect_replies import described, replies, slack_ns
+from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.families.mac.can.probes.destructive import (
     ALONE,
     DESTRUCTIVE,
@@ -56,176 +56,198 @@ REPLIED_BY_THE_CONVENTION: Final = frozenset((*WHO, LMT_STORE))
 POWERED: Final = (*DESTRUCTIVE, "rig")
 
 
-def lmt_replies(bench: Bench, frame: Frame, *, is_awaited: bool = False) -> tuple[Frame, ...]:
+def lmt_replies(driver: CanDriver, frame: Frame, *, is_awaited: bool = False) -> tuple[Frame, ...]:
     """Everything that comes of an LMT frame; of one that is answered, as late as a reply may."""
-    return replies(bench, frame, is_awaited=is_awaited)
+    return replies(driver, frame, is_awaited=is_awaited)
 
 
-def silently(bench: Bench, frame: Frame, requirement: str) -> Window:
+def silently(driver: CanDriver, frame: Frame, requirement: str) -> TimeWindow:
     """Judge that nobody answers an LMT frame; give when it was heard."""
-    sent_ns = bench.target.now_ns
-    heard = lmt_replies(bench, frame)
-    bench.session.expect(not heard, requirement, f"silence to {codec.explain(frame)}", told(heard))
-    return Window(sent_ns, sent_ns + slack_ns(bench, 0))
+    sent_ns = driver.client.target.now_ns
+    received = lmt_replies(driver, frame)
+    driver.session.expect(
+        not received, requirement, f"silence to {codec.explain(frame)}", described(received)
+    )
+    return TimeWindow(sent_ns, sent_ns + slack_ns(driver, 0))
 
 
-def take_address(bench: Bench, frame: Frame, requirement: str = "MACC-LMT-02") -> None:
+def take_address(driver: CanDriver, frame: Frame, requirement: str = "MACC-LMT-02") -> None:
     """Judge the reply to an address that can be had: 11 00 00 and zeros, of 8 or 7 bytes."""
-    heard = lmt_replies(bench, frame, is_awaited=True)
-    is_one = len(heard) == 1 and heard[0].identifier == codec.LMT_REPLY
-    length = len(heard[0].data) if is_one else 0
+    received = lmt_replies(driver, frame, is_awaited=True)
+    is_one = len(received) == 1 and received[0].identifier == codec.LMT_REPLY
+    length = len(received[0].data) if is_one else 0
     lengths = {8: 0, 7: 1}
     wanted = b"\x11".ljust(length, b"\0")
-    bench.session.expect(
-        is_one and length in lengths and heard[0].data == wanted, requirement,
-        "7E4h 11 00 00 and zeros", told(heard),
-    )  # fmt: skip
-    bench.reading("lmt_dlc", lengths[length], requirement)
+    driver.session.expect(
+        is_one and length in lengths and received[0].data == wanted,
+        requirement,
+        "7E4h 11 00 00 and zeros",
+        described(received),
+    )
+    driver.judge.reading("lmt_dlc", lengths[length], requirement)
 
 
-def store(bench: Bench) -> None:
+def store(driver: CanDriver) -> None:
     """What a module of the whole convention wants beside (MACC-AMB-12)."""
-    if bench.known("lmt_other"):
-        configure(bench, codec.lmt(LMT_STORE))
+    if driver.readings.known("lmt_other"):
+        configure(driver, codec.lmt(LMT_STORE))
 
 
-def serves_meanwhile(bench: Bench) -> bool:
+def serves_meanwhile(driver: CanDriver) -> bool:
     """False on a module that was found to serve no requests while its address is set."""
-    return bench.session.reading("lmt_sdo") == "served"
+    return driver.session.reading("lmt_sdo") == "served"
 
 
-def no_boot_up(bench: Bench, requirement: str) -> None:
+def no_boot_up(driver: CanDriver, requirement: str) -> None:
     """Judge that the module does not restart after a frame that completes no procedure; in another
     reading it does (MACC-AMB-10)."""
-    is_booted = bench.boot_up(boot_patience_s(bench)) is not None
-    bench.reading("lmt_incomplete", int(is_booted), requirement)
+    is_booted = driver.client.boot_up(boot_silence_limit_s(driver)) is not None
+    driver.judge.reading("lmt_incomplete", int(is_booted), requirement)
 
 
-def stays(bench: Bench, requirement: str, *others: int) -> None:
+def stays(driver: CanDriver, requirement: str, *others: int) -> None:
     """Judge that the module is where it was, and at none of these addresses."""
-    bench.session.expect(
-        answers(bench, bench.address), requirement, f"still at {bench.address}", "silence"
+    driver.session.expect(
+        answers(driver, driver.client.address),
+        requirement,
+        f"still at {driver.client.address}",
+        "silence",
     )
     for other in others:
-        if other in codec.ADDRESSES and other != bench.address:
-            bench.session.expect(
-                not answers(bench, other), requirement, f"silence at {other}", "an answer"
+        if other in codec.ADDRESSES and other != driver.client.address:
+            driver.session.expect(
+                not answers(driver, other), requirement, f"silence at {other}", "an answer"
             )
 
 
-def procedure(bench: Bench, new: int, length: int = codec.TRANSFER_BYTES) -> None:
+def procedure(driver: CanDriver, new: int, length: int = codec.TRANSFER_BYTES) -> None:
     """Give an address in three frames, judged by where the module is in the end."""
-    old = bench.address
+    old = driver.client.address
     for frame in (codec.lmt_enter(length), codec.lmt_address(new, length)):
-        configure(bench, frame)
-    store(bench)
-    bench.target.take_spontaneous()
-    configure(bench, codec.lmt_leave(length))
-    boot_up, _ = await_boot_up(bench, address=new)
-    is_there = boot_up is not None and answers(bench, new)
+        configure(driver, frame)
+    store(driver)
+    driver.client.target.take_spontaneous()
+    configure(driver, codec.lmt_leave(length))
+    boot_up, _ = await_boot_up(driver, address=new)
+    is_there = boot_up is not None and answers(driver, new)
     names = ("MACC-LMT-01", "MACC-LMT-04")
-    bench.session.expect(is_there, names, f"boots and answers as {new}", "does not")
-    bench.address = new
+    driver.session.expect(is_there, names, f"boots and answers as {new}", "does not")
+    driver.client.address = new
     if old != new:
-        bench.session.step(not answers(bench, old), f"silence at {old}", "an answer")
+        driver.session.step(not answers(driver, old), f"silence at {old}", "an answer")
 
 
 # --- the procedure -------------------------------------------------------------------------------
 
 
-@check("MACC-LMT-01", "MACC-LMT-02", "MACC-LMT-03", "MACC-BOOT-01", "MACC-BOOT-02", "MACC-BOOT-03",
-       "MACC-BOOT-04", safety=DESTRUCTIVE, needs=ALONE)  # fmt: skip
+@check(
+    "MACC-LMT-01",
+    "MACC-LMT-02",
+    "MACC-LMT-03",
+    "MACC-BOOT-01",
+    "MACC-BOOT-02",
+    "MACC-BOOT-03",
+    "MACC-BOOT-04",
+    safety=DESTRUCTIVE,
+    needs=ALONE,
+)
 def the_address_is_given_in_three_steps(session: Session) -> None:
     """Entering is not answered, the address is, leaving is not; with leaving the module boots under
     the new address, and keeps it."""
-    bench = Bench(session)
-    bench.at_rest()
-    with address_put_back(bench):
+    driver = CanDriver(session)
+    driver.motion.at_rest()
+    with address_put_back(driver):
         for new in NEW_ADDRESSES:
-            if new != bench.address:
-                _judge_steps(bench, new)
+            if new != driver.client.address:
+                _judge_steps(driver, new)
 
 
-def _judge_steps(bench: Bench, new: int) -> None:
-    session, old = bench.session, bench.address
-    silently(bench, codec.lmt_enter(), "MACC-LMT-02")
-    take_address(bench, codec.lmt_address(new))
-    if serves_meanwhile(bench):
-        stays(bench, "MACC-LMT-03", new)
-    store(bench)
-    bench.target.take_spontaneous()
-    since = silently(bench, codec.lmt_leave(), "MACC-LMT-02")
-    if bench.deaf_s > 1.0:
+def _judge_steps(driver: CanDriver, new: int) -> None:
+    session, old = driver.session, driver.client.address
+    silently(driver, codec.lmt_enter(), "MACC-LMT-02")
+    take_address(driver, codec.lmt_address(new))
+    if serves_meanwhile(driver):
+        stays(driver, "MACC-LMT-03", new)
+    store(driver)
+    driver.client.target.take_spontaneous()
+    since = silently(driver, codec.lmt_leave(), "MACC-LMT-02")
+    if driver.motion.deaf_s > 1.0:
         for address in (old, new):
-            heard = replies(bench, bench.request(0x20, address=address).frame(), is_awaited=False)
-            session.expect(not heard, "MACC-BOOT-04", "silence until the boot-up", told(heard))
-    boot_up, before = await_boot_up(bench, address=new)
+            received = replies(
+                driver, driver.client.request(0x20, address=address).frame(), is_awaited=False
+            )
+            session.expect(
+                not received, "MACC-BOOT-04", "silence until the boot-up", described(received)
+            )
+    boot_up, before = await_boot_up(driver, address=new)
     session.expect(boot_up is not None, ("MACC-BOOT-01", "MACC-BOOT-03"), f"as {new}", "none")
     assert boot_up is not None
-    session.expect(not before, "MACC-BOOT-01", "nothing before it", told_of(before))
-    again, as_old = bench.boot_up(0, new), bench.boot_up(0, old)
+    session.expect(not before, "MACC-BOOT-01", "nothing before it", described_all(before))
+    again, as_old = driver.client.boot_up(0, new), driver.client.boot_up(0, old)
     session.expect(again is None, "MACC-BOOT-01", "one boot-up message", "two")
     session.expect(as_old is None, "MACC-BOOT-03", f"none as {old}", "one")
-    judge_form(bench, boot_up)
-    judge_time(bench, since, boot_up, "MACC-BOOT-04")
-    session.expect(answers(bench, new), "MACC-LMT-01", f"answers as {new}", "silence")
-    session.expect(not answers(bench, old), "MACC-LMT-01", f"silence at {old}", "an answer")
-    bench.address = new
-    one = restart(bench)
+    judge_form(driver, boot_up)
+    judge_time(driver, since, boot_up, "MACC-BOOT-04")
+    session.expect(answers(driver, new), "MACC-LMT-01", f"answers as {new}", "silence")
+    session.expect(not answers(driver, old), "MACC-LMT-01", f"silence at {old}", "an answer")
+    driver.client.address = new
+    restarted = restart(driver)
     session.expect(
-        one.boot_up is not None and answers(bench, new), "MACC-LMT-03",
-        f"still {new} after a restart", "silence",
-    )  # fmt: skip
+        restarted.boot_up is not None and answers(driver, new),
+        "MACC-LMT-03",
+        f"still {new} after a restart",
+        "silence",
+    )
 
 
-def told_of(messages: tuple[object, ...]) -> str:
+def described_all(messages: tuple[object, ...]) -> str:
     """What came too early, in words."""
-    return " ".join(str(one) for one in messages)
+    return " ".join(str(message) for message in messages)
 
 
 @check("MACC-LMT-04", "MACC-LMT-01", safety=DESTRUCTIVE, needs=ALONE)
 def addresses_at_the_bounds_can_be_had(session: Session) -> None:
     """01h, 7Fh and what lies beside the powers of two between them can be given."""
-    bench = Bench(session)
-    bench.at_rest()
-    with address_put_back(bench):
+    driver = CanDriver(session)
+    driver.motion.at_rest()
+    with address_put_back(driver):
         for new in BOUNDS:
-            procedure(bench, new)
+            procedure(driver, new)
 
 
 @check("MACC-LMT-04", "MACC-LMT-01", safety=DESTRUCTIVE, needs=("alone", "virtual"), level="full")
 def every_address_can_be_had(session: Session) -> None:
     """Each of 01h to 7Fh can be given, and is answered at while no other is."""
-    bench = Bench(session)
-    bench.at_rest()
-    with address_put_back(bench):
+    driver = CanDriver(session)
+    driver.motion.at_rest()
+    with address_put_back(driver):
         for new in reversed(codec.ADDRESSES):
-            procedure(bench, new)
+            procedure(driver, new)
 
 
 @check("MACC-LMT-01", safety=DESTRUCTIVE, needs=ALONE)
 def lmt_frames_may_be_shorter_and_hold_anything(session: Session) -> None:
     """Seven bytes are as good as eight, and fewer too, and what the bytes behind hold is all
     the same; one byte is too few."""
-    bench = Bench(session)
-    bench.at_rest()
+    driver = CanDriver(session)
+    driver.motion.at_rest()
     lengths = LENGTHS if session.reading("lmt_dlc") == "8" else (7, 8)
-    with address_put_back(bench):
+    with address_put_back(driver):
         for number, length in enumerate(lengths):
             new = NEW_ADDRESSES[number % 2]
             steps = (b"\x04\x01", bytes([0x11, new]))
             for step in steps:
-                configure(bench, _padded(step, length))
-            store(bench)
-            configure(bench, _padded(b"\x04\x00", length))
-            boot_up, _ = await_boot_up(bench, address=new)
+                configure(driver, _padded(step, length))
+            store(driver)
+            configure(driver, _padded(b"\x04\x00", length))
+            boot_up, _ = await_boot_up(driver, address=new)
             session.expect(boot_up is not None, None, f"boots as {new}", f"none, {length} bytes")
-            bench.address = new
-        configure(bench, Frame(codec.LMT_REQUEST, b"\x04"))
-        silently(bench, codec.lmt_address(NEW_ADDRESSES[0]), "MACC-LMT-01")
-        configure(bench, codec.lmt_leave())
-        bench.boot_up(boot_patience_s(bench))
-        stays(bench, "MACC-LMT-01")
+            driver.client.address = new
+        configure(driver, Frame(codec.LMT_REQUEST, b"\x04"))
+        silently(driver, codec.lmt_address(NEW_ADDRESSES[0]), "MACC-LMT-01")
+        configure(driver, codec.lmt_leave())
+        driver.client.boot_up(boot_silence_limit_s(driver))
+        stays(driver, "MACC-LMT-01")
 
 
 def _padded(head: bytes, length: int) -> Frame:
@@ -239,54 +261,56 @@ def _padded(head: bytes, length: int) -> Frame:
 def an_abandoned_procedure_leaves_the_old_address(session: Session) -> None:
     """A restart after the address was given, before leaving, keeps the old one; it ends the
     configuration mode, too."""
-    bench = Bench(session)
-    bench.at_rest()
-    if not serves_meanwhile(bench):
+    driver = CanDriver(session)
+    driver.motion.at_rest()
+    if not serves_meanwhile(driver):
         session.skip("while its address is set it takes no reset (MACC-AMB-11)")
-    new = next(one for one in NEW_ADDRESSES if one != bench.address)
-    with address_put_back(bench):
-        configure(bench, codec.lmt_enter())
-        take_address(bench, codec.lmt_address(new), "MACC-LMT-03")
-        one = restart(bench)
-        session.expect(one.boot_up is not None, "MACC-LMT-03", f"as {bench.address}", "none")
-        stays(bench, "MACC-LMT-03", new)
-        silently(bench, codec.lmt_address(new), "MACC-LMT-06")
-        silently(bench, codec.lmt_leave(), "MACC-LMT-03")
-        bench.boot_up(boot_patience_s(bench))
-        stays(bench, "MACC-LMT-03", new)
+    new = next(address for address in NEW_ADDRESSES if address != driver.client.address)
+    with address_put_back(driver):
+        configure(driver, codec.lmt_enter())
+        take_address(driver, codec.lmt_address(new), "MACC-LMT-03")
+        restarted = restart(driver)
+        session.expect(
+            restarted.boot_up is not None, "MACC-LMT-03", f"as {driver.client.address}", "none"
+        )
+        stays(driver, "MACC-LMT-03", new)
+        silently(driver, codec.lmt_address(new), "MACC-LMT-06")
+        silently(driver, codec.lmt_leave(), "MACC-LMT-03")
+        driver.client.boot_up(boot_silence_limit_s(driver))
+        stays(driver, "MACC-LMT-03", new)
 
 
 @check("MACC-LMT-05", "MACC-LMT-07", safety=DESTRUCTIVE, needs=ALONE)
 def addresses_out_of_range_are_refused(session: Session) -> None:
     """00h and 80h to FFh get 11 01 00, and the module keeps the address it has."""
-    bench = Bench(session)
-    bench.at_rest()
+    driver = CanDriver(session)
+    driver.motion.at_rest()
     every = (0, *range(0x80, 0x100))
     readings = {b"\x11\x01\x00": 0, b"\x11\xff\x00": 1}
-    with address_put_back(bench):
-        silently(bench, codec.lmt_enter(), "MACC-LMT-05")
+    with address_put_back(driver):
+        silently(driver, codec.lmt_enter(), "MACC-LMT-05")
         for bad in every if session.transport.is_virtual else BAD_ADDRESSES:
-            heard = lmt_replies(bench, codec.lmt_address(bad), is_awaited=True)
-            outcome: int | str = f"{told(heard)} to address {bad:02X}h" if heard else 2
-            if len(heard) == 1 and heard[0].identifier == codec.LMT_REPLY:
-                rest, length = heard[0].data[3:], len(heard[0].data)
+            received = lmt_replies(driver, codec.lmt_address(bad), is_awaited=True)
+            outcome: int | str = f"{described(received)} to address {bad:02X}h" if received else 2
+            if len(received) == 1 and received[0].identifier == codec.LMT_REPLY:
+                rest, length = received[0].data[3:], len(received[0].data)
                 if not any(rest) and length in (7, 8):
-                    outcome = readings.get(heard[0].data[:3], outcome)
-            bench.reading("lmt_error_reply", outcome, "MACC-LMT-05")
-        bench.target.take_spontaneous()
-        configure(bench, codec.lmt_leave())
-        no_boot_up(bench, "MACC-LMT-07")
+                    outcome = readings.get(received[0].data[:3], outcome)
+            driver.judge.reading("lmt_error_reply", outcome, "MACC-LMT-05")
+        driver.client.target.take_spontaneous()
+        configure(driver, codec.lmt_leave())
+        no_boot_up(driver, "MACC-LMT-07")
         masked = [bad & 0x7F for bad in BAD_ADDRESSES]
-        stays(bench, "MACC-LMT-05", *masked)
+        stays(driver, "MACC-LMT-05", *masked)
 
 
 @check("MACC-LMT-06", "MACC-ID-03", safety=DESTRUCTIVE, needs=ALONE)
 def without_entering_no_address_is_taken(session: Session) -> None:
     """An address given outside configuration mode is ignored in silence; extended frames and those
     of another mode do not enter it."""
-    bench = Bench(session)
-    bench.at_rest()
-    new = next(one for one in NEW_ADDRESSES if one != bench.address)
+    driver = CanDriver(session)
+    driver.motion.at_rest()
+    new = next(address for address in NEW_ADDRESSES if address != driver.client.address)
     body = codec.lmt_enter().data
     entries: list[tuple[Frame | None, str]] = [
         (None, "MACC-LMT-06"),
@@ -295,130 +319,136 @@ def without_entering_no_address_is_taken(session: Session) -> None:
         (Frame(codec.LMT_REQUEST, is_remote=True, asked_length=8), "MACC-ID-03"),
         (Frame(codec.LMT_REPLY, body), "MACC-LMT-06"),
     ]
-    with address_put_back(bench):
+    with address_put_back(driver):
         for entry, name in entries:
             if entry is not None:
-                silently(bench, entry, name)
-            silently(bench, codec.lmt_address(new), name)
-            silently(bench, codec.lmt_leave(), name)
-            bench.boot_up(boot_patience_s(bench))
-            stays(bench, name, new)
+                silently(driver, entry, name)
+            silently(driver, codec.lmt_address(new), name)
+            silently(driver, codec.lmt_leave(), name)
+            driver.client.boot_up(boot_silence_limit_s(driver))
+            stays(driver, name, new)
 
 
 @check("MACC-LMT-07", safety=DESTRUCTIVE, needs=ALONE)
 def leaving_without_an_address_does_nothing_else(session: Session) -> None:
     """Entering and leaving without an address restarts nothing, and ends the configuration mode."""
-    bench = Bench(session)
-    bench.at_rest()
-    new = next(one for one in NEW_ADDRESSES if one != bench.address)
-    with address_put_back(bench):
-        silently(bench, codec.lmt_enter(), "MACC-LMT-07")
-        bench.target.take_spontaneous()
-        silently(bench, codec.lmt_leave(), "MACC-LMT-07")
-        no_boot_up(bench, "MACC-LMT-07")
-        stays(bench, "MACC-LMT-07")
-        silently(bench, codec.lmt_address(new), "MACC-LMT-07")
-        stays(bench, "MACC-LMT-07", new)
+    driver = CanDriver(session)
+    driver.motion.at_rest()
+    new = next(address for address in NEW_ADDRESSES if address != driver.client.address)
+    with address_put_back(driver):
+        silently(driver, codec.lmt_enter(), "MACC-LMT-07")
+        driver.client.target.take_spontaneous()
+        silently(driver, codec.lmt_leave(), "MACC-LMT-07")
+        no_boot_up(driver, "MACC-LMT-07")
+        stays(driver, "MACC-LMT-07")
+        silently(driver, codec.lmt_address(new), "MACC-LMT-07")
+        stays(driver, "MACC-LMT-07", new)
 
 
 @check("MACC-LMT-08", safety=DESTRUCTIVE, needs=ALONE)
 def requests_are_served_at_the_old_address_meanwhile(session: Session) -> None:
     """In configuration mode, before and after the address is given, uploads and downloads are
     served at the old address; or none is."""
-    bench = Bench(session)
-    bench.at_rest()
-    new = next(one for one in NEW_ADDRESSES if one != bench.address)
-    with address_put_back(bench):
+    driver = CanDriver(session)
+    driver.motion.at_rest()
+    new = next(address for address in NEW_ADDRESSES if address != driver.client.address)
+    with address_put_back(driver):
         for frame in (codec.lmt_enter(), codec.lmt_address(new)):
-            configure(bench, frame)
+            configure(driver, frame)
             for index in (*codec.ANSWERED, 0x0F, 0x18):
-                kind = bench.within(QUIET_S + bench.target.uncertainty_ns / 1e9, index).kind
-                served = Kind.ANSWER if index in codec.ANSWERED else Kind.ACCEPTED
-                outcome = {served: 0, Kind.SILENCE: 1}.get(kind, f"{kind.value} to {index:02X}h")
-                bench.reading("lmt_sdo", outcome)
-        session.expect(not answers(bench, new), None, f"silence at {new}", "an answer")
+                kind = driver.client.within(
+                    QUIET_S + driver.client.target.uncertainty_ns / 1e9, index
+                ).kind
+                served = ReplyKind.ANSWER if index in codec.ANSWERED else ReplyKind.ACCEPTED
+                outcome = {served: 0, ReplyKind.SILENCE: 1}.get(
+                    kind, f"{kind.value} to {index:02X}h"
+                )
+                driver.judge.reading("lmt_sdo", outcome)
+        session.expect(not answers(driver, new), None, f"silence at {new}", "an answer")
 
 
 @check("MACC-LMT-09", "MACC-LMT-03", safety=DESTRUCTIVE, needs=ALONE)
 def other_lmt_services_are_ignored(session: Session) -> None:
     """Selective switching, inquiries, storing and bit timing get no reply and change nothing, in
     configuration mode or not; the procedure around them still holds."""
-    bench = Bench(session)
-    bench.at_rest()
+    driver = CanDriver(session)
+    driver.motion.at_rest()
     services = [*SWITCHES, *WHO, LMT_STORE]
     if session.transport.is_virtual:
         services = [*services, RATE_SERVICES[0]]
-    new = next(one for one in NEW_ADDRESSES if one != bench.address)
-    with address_put_back(bench):
+    new = next(address for address in NEW_ADDRESSES if address != driver.client.address)
+    with address_put_back(driver):
         for service in services:
-            _judge_service(bench, service, is_configuring=False)
-        stays(bench, "MACC-LMT-09")
-        configure(bench, codec.lmt_enter())
+            _judge_service(driver, service, is_configuring=False)
+        stays(driver, "MACC-LMT-09")
+        configure(driver, codec.lmt_enter())
         for service in services:
-            _judge_service(bench, service, is_configuring=True)
-        configure(bench, codec.lmt_address(new))
-        store(bench)
-        configure(bench, codec.lmt_leave())
-        boot_up, _ = await_boot_up(bench, address=new)
+            _judge_service(driver, service, is_configuring=True)
+        configure(driver, codec.lmt_address(new))
+        store(driver)
+        configure(driver, codec.lmt_leave())
+        boot_up, _ = await_boot_up(driver, address=new)
         session.expect(
-            boot_up is not None and answers(bench, new), ("MACC-LMT-09", "MACC-LMT-03"),
-            f"as {new}", "silence",
-        )  # fmt: skip
+            boot_up is not None and answers(driver, new),
+            ("MACC-LMT-09", "MACC-LMT-03"),
+            f"as {new}",
+            "silence",
+        )
 
 
-def _judge_service(bench: Bench, service: int, *, is_configuring: bool) -> None:
-    heard = lmt_replies(bench, codec.lmt(service))
-    if heard and all(one.identifier == codec.LMT_REPLY for one in heard):
+def _judge_service(driver: CanDriver, service: int, *, is_configuring: bool) -> None:
+    received = lmt_replies(driver, codec.lmt(service))
+    if received and all(frame.identifier == codec.LMT_REPLY for frame in received):
         outcome: int | tuple[int, ...] | str = 1
-    elif heard:
-        outcome = f"{told(heard)} to service {service:02X}h"
+    elif received:
+        outcome = f"{described(received)} to service {service:02X}h"
     else:
         is_telling = is_configuring and service in REPLIED_BY_THE_CONVENTION
-        outcome = 0 if is_telling and not bench.known("lmt_other") else (0, 1)
-    bench.reading("lmt_other", outcome, "MACC-LMT-09")
+        outcome = 0 if is_telling and not driver.readings.known("lmt_other") else (0, 1)
+    driver.judge.reading("lmt_other", outcome, "MACC-LMT-09")
 
 
 @check("MACC-EMCY-05", safety=DESTRUCTIVE, needs=ALONE)
 def the_address_procedure_does_not_put_the_lifebeat_off(session: Session) -> None:
     """Ten seconds after the module's own last request it speaks, whatever came on 7E5h since: an
     address that is given and not yet taken over, or nothing given at all."""
-    bench = Bench(session)
-    if silenced(bench) or is_free(bench):
+    driver = CanDriver(session)
+    if silenced(driver) or is_free(driver):
         session.skip("it sends no such message, or sends it in any case")
-    bench.at_rest()
+    driver.motion.at_rest()
     procedures = [(codec.lmt_enter(), codec.lmt_address(NEW_ADDRESSES[0]))]
     if session.reading("lmt_incomplete") == "ignore":  # first: nothing is given yet
         procedures.insert(0, (codec.lmt_enter(), codec.lmt_leave()))
-    with address_put_back(bench):
+    with address_put_back(driver):
         for frames in procedures:
-            own = bench.ask(0x20).taken
-            bench.target.take_spontaneous()
-            bench.wait(LIFEBEAT_S / 2)
+            own = driver.client.ask(0x20).taken
+            driver.client.target.take_spontaneous()
+            driver.client.wait(LIFEBEAT_S / 2)
             for frame in frames:
-                configure(bench, frame)
-            message = beat(bench)
+                configure(driver, frame)
+            message = beat(driver)
             if message is None:
                 session.fail(None, "a lifebeat", "none")
-            judge_due(bench, own, message, "MACC-EMCY-05")
+            judge_due(driver, own, message, "MACC-EMCY-05")
 
 
 @check("MACC-EMCY-03", safety=DESTRUCTIVE, needs=ALONE)
 def the_lifebeat_comes_under_the_address_it_has(session: Session) -> None:
     """A module that was given another address speaks under 080h plus that one."""
-    bench = Bench(session)
-    if silenced(bench):
+    driver = CanDriver(session)
+    if silenced(driver):
         session.skip("it sends no such message")
-    bench.at_rest()
-    with address_put_back(bench):
-        new = next(one for one in NEW_ADDRESSES if one != bench.address)
-        give_address(bench, new)
-        bench.address = new
-        session.step(answers(bench, new), f"as {new}", "silence")
-        bench.target.take_spontaneous()
-        message = beat(bench)
-        said = [str(one.frame) for one in bench.target.take_spontaneous()]
-        told_ = f"a message under {codec.EMERGENCY + new:03X}h"
-        session.expect(message is not None, None, told_, " ".join(said) or "none")
+    driver.motion.at_rest()
+    with address_put_back(driver):
+        new = next(address for address in NEW_ADDRESSES if address != driver.client.address)
+        give_address(driver, new)
+        driver.client.address = new
+        session.step(answers(driver, new), f"as {new}", "silence")
+        driver.client.target.take_spontaneous()
+        message = beat(driver)
+        texts = [str(arrival.frame) for arrival in driver.client.target.take_spontaneous()]
+        wanted_text = f"a message under {codec.EMERGENCY + new:03X}h"
+        session.expect(message is not None, None, wanted_text, " ".join(texts) or "none")
 
 
 # --- what the address is for ---------------------------------------------------------------------
@@ -427,46 +457,51 @@ def the_lifebeat_comes_under_the_address_it_has(session: Session) -> None:
 @check("MACC-GEN-01", "MACC-GEN-02", "MACC-ID-01", safety=DESTRUCTIVE, needs=ALONE)
 def a_lone_module_other_than_1_obeys_all_in_silence(session: Session) -> None:
     """A module that is not 1 obeys 600h and answers none of it; the same module as 1 answers."""
-    bench = Bench(session)
-    bench.at_rest()
-    with address_put_back(bench):
+    driver = CanDriver(session)
+    driver.motion.at_rest()
+    with address_put_back(driver):
         for address in (NEW_ADDRESSES[0], codec.SPOKESMAN):
-            give_address(bench, address)
-            bench.address = address
-            session.expect(answers(bench, address), "MACC-ID-01", f"as {address}", "silence")
-            value = TORQUE.other(bench)
+            give_address(driver, address)
+            driver.client.address = address
+            session.expect(answers(driver, address), "MACC-ID-01", f"as {address}", "silence")
+            value = TORQUE.other(driver)
             is_one = address == codec.SPOKESMAN
-            heard = replies(bench, bench.to_all(0x0C, value).frame(), is_awaited=is_one)
-            is_spoken = len(heard) == is_one
-            session.expect(is_spoken, "MACC-GEN-02", f"{address} answers as 1 only", told(heard))
-            seen = TORQUE.read(bench)
+            received = replies(driver, driver.client.to_all(0x0C, value).frame(), is_awaited=is_one)
+            is_spoken = len(received) == is_one
+            session.expect(
+                is_spoken, "MACC-GEN-02", f"{address} answers as 1 only", described(received)
+            )
+            seen = TORQUE.read(driver)
             session.expect(seen == value, "MACC-GEN-01", f"torque {value:02X}", f"{seen:02X}")
 
 
 @check("MACC-LMT-03", "MACC-PERS-01", safety=POWERED, needs=("alone", "rig:power"))
 def the_address_outlives_the_supply_once_it_holds(session: Session) -> None:
     """A power cut amid the procedure leaves the old address; one after it, the new one."""
-    bench = RigBench(session)
-    bench.at_rest()
-    old, new = bench.address, next(one for one in NEW_ADDRESSES if one != bench.address)
-    with address_put_back(bench):
-        configure(bench, codec.lmt_enter())
-        configure(bench, codec.lmt_address(new))
-        _cycle(bench, old, "MACC-LMT-03")
-        stays(bench, "MACC-LMT-03", new)
-        give_address(bench, new)
-        bench.address = new
-        _cycle(bench, new, "MACC-PERS-01")
-        stays(bench, "MACC-PERS-01", old)
+    driver = CanDriver(session)
+    driver.motion.at_rest()
+    old, new = (
+        driver.client.address,
+        next(address for address in NEW_ADDRESSES if address != driver.client.address),
+    )
+    with address_put_back(driver):
+        configure(driver, codec.lmt_enter())
+        configure(driver, codec.lmt_address(new))
+        _cycle(driver, old, "MACC-LMT-03")
+        stays(driver, "MACC-LMT-03", new)
+        give_address(driver, new)
+        driver.client.address = new
+        _cycle(driver, new, "MACC-PERS-01")
+        stays(driver, "MACC-PERS-01", old)
 
 
-def _cycle(bench: RigBench, address: int, requirement: str) -> None:
-    bench.rig.power_off()
-    bench.wait(OFF_S)
-    bench.target.take_spontaneous()
-    bench.rig.power_on()
-    boot_up, _ = await_boot_up(bench, address=address)
-    bench.session.expect(boot_up is not None, requirement, f"boots as {address}", "does not")
+def _cycle(driver: CanDriver, address: int, requirement: str) -> None:
+    driver.session.rig.power_off()
+    driver.client.wait(OFF_S)
+    driver.client.target.take_spontaneous()
+    driver.session.rig.power_on()
+    boot_up, _ = await_boot_up(driver, address=address)
+    driver.session.expect(boot_up is not None, requirement, f"boots as {address}", "does not")
 
 
 # --- factory reset -------------------------------------------------------------------------------
@@ -475,34 +510,38 @@ def _cycle(bench: RigBench, address: int, requirement: str) -> None:
 @check("MACC-CMD-01-01", "MACC-CMD-01-02", "MACC-CMD-1C-01", safety=DESTRUCTIVE, needs=ALONE)
 def a_factory_reset_brings_the_factory_values(session: Session) -> None:
     """2001h writes the factory values over all parameters; the module boots and answers as 1."""
-    bench = Bench(session)
-    place = bench.finish(bench.go(bench.ready() + 25))
-    changed = factory.spoil(bench, 0)
-    with address_put_back(bench):
-        give_address(bench, NEW_ADDRESSES[0])
-        bench.address = NEW_ADDRESSES[0]
-        session.step(answers(bench, bench.address), f"as {bench.address}", "silence")
-        is_restarted = _reset_to_factory(bench)
-        bench.reading("factory_reset_scope", int(not is_restarted), "MACC-CMD-01-02")
-        session.expect(
-            answers(bench, FACTORY_ADDRESS), "MACC-CMD-01-01", "answers on 581h", "silence"
+    driver = CanDriver(session)
+    place = driver.motion.finish(driver.motion.go(driver.motion.ready() + 25))
+    changed = factory.overwrite(driver, 0)
+    with address_put_back(driver):
+        give_address(driver, NEW_ADDRESSES[0])
+        driver.client.address = NEW_ADDRESSES[0]
+        session.step(
+            answers(driver, driver.client.address), f"as {driver.client.address}", "silence"
         )
-        silent = not answers(bench, NEW_ADDRESSES[0])
+        is_restarted = _reset_to_factory(driver)
+        driver.judge.reading("factory_reset_scope", int(not is_restarted), "MACC-CMD-01-02")
+        session.expect(
+            answers(driver, FACTORY_ADDRESS), "MACC-CMD-01-01", "answers on 581h", "silence"
+        )
+        silent = not answers(driver, NEW_ADDRESSES[0])
         session.expect(silent, "MACC-CMD-01-01", f"silence at {NEW_ADDRESSES[0]}", "an answer")
-        factory.judge_values(bench, changed)
-        factory.judge_again(bench, lambda: _reset_to_factory(bench))
-        kept = bench.position()
+        factory.judge_values(driver, changed)
+        factory.judge_again(driver, lambda: _reset_to_factory(driver))
+        kept = driver.client.position()
         session.expect(kept == place, "MACC-CMD-01-01", f"position {place} kept", kept)
 
 
-def _reset_to_factory(bench: Bench) -> bool:
+def _reset_to_factory(driver: CanDriver) -> bool:
     """Send 2001h, judge the reply.  True if the module restarts as module 1."""
-    bench.target.take_spontaneous()
-    exchange = bench.within(QUIET_S * 2, 0x01)
-    outcome: int | str = {Kind.ACCEPTED: 0, Kind.SILENCE: 1}.get(exchange.kind, str(exchange.reply))
-    bench.reading("reset_reply", outcome, "MACC-CMD-01-01")
-    boot_up, _ = await_boot_up(bench, boot_patience_s(bench), FACTORY_ADDRESS)
-    old, bench.address = bench.address, FACTORY_ADDRESS
-    is_old = old != FACTORY_ADDRESS and bench.boot_up(0, old) is not None
-    bench.session.expect(not is_old, "MACC-CMD-01-02", f"no boot-up message as {old}", "one")
+    driver.client.target.take_spontaneous()
+    exchange = driver.client.within(QUIET_S * 2, 0x01)
+    outcome: int | str = {ReplyKind.ACCEPTED: 0, ReplyKind.SILENCE: 1}.get(
+        exchange.kind, str(exchange.reply)
+    )
+    driver.judge.reading("reset_reply", outcome, "MACC-CMD-01-01")
+    boot_up, _ = await_boot_up(driver, boot_silence_limit_s(driver), FACTORY_ADDRESS)
+    old, driver.client.address = driver.client.address, FACTORY_ADDRESS
+    is_old = old != FACTORY_ADDRESS and driver.client.boot_up(0, old) is not None
+    driver.session.expect(not is_old, "MACC-CMD-01-02", f"no boot-up message as {old}", "one")
     return boot_up is not None

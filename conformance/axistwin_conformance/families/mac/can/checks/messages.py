@@ -1,7 +1,7 @@
 """What a module says unasked: boot-up and lifebeat, and when it listens again (BOOT, EMCY, CMD-00).
 
 Times are judged from both ends of what was seen: an instant that a module fixes while it takes over
-a request lies in that exchange's window (`Exchange.taken`).
+a request lies in that exchange's window (`AxisExchange.taken`).
 """
 
 from __future__ import annotations
@@ -13,27 +13,28 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S, Exchange, segment
-from axistwin_conformance.families.mac.axis.exchanges import Kind
-from axistwin_conformance.families.mac.axis.model.forecast import Window
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, AxisExchange
+from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.checks.identifiers import judge_general
 from axistwin_conformance.families.mac.can.collect_replies import (
+    described,
     everybody,
     replies,
     slack_ns,
-    strangers,
-    told,
     unasked,
+    unknown_addresses,
 )
-from axistwin_conformance.families.mac.can.driver import Bench
+from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.families.mac.can.probes.errors import stopped_beyond
 from axistwin_conformance.families.mac.can.probes.messages import (
     LIFEBEAT_S,
     longest_boot_s,
     payload_readings,
-    said,
+    spontaneous_messages,
 )
 from axistwin_conformance.transport.can import Arrival
 from axistwin_conformance.transport.can_frame import Frame
@@ -48,7 +49,9 @@ SPOKEN_TO_S: Final = 3.0  # between requests that keep a lifebeat away
 SPOKEN_TO_TIMES: Final = 8
 ALMOST_S: Final = 9.99  # as late as that a request still puts it off
 TRAFFIC_S: Final = 1.0  # between frames that are not for this module
-LONG_SEGMENT: Final = segment(1465, 0xFFFF)  # 12 s: a lifebeat comes in it, and one after it
+LONG_SEGMENT: Final = segment_parameter(
+    1465, 0xFFFF
+)  # 12 s: a lifebeat comes in it, and one after it
 SELDOM_S: Final = 30.0  # a module that says nothing after ten seconds says nothing in these either
 AFTERWARDS_S: Final = 3.0  # what is said twice is said again by then
 EDGE_S: Final = 0.02  # before the boot-up message, where a request must be lost
@@ -62,53 +65,55 @@ NMT_STOP, NMT_PREPARE, NMT_RESET, NMT_RESTART, NMT_START = 0x02, 0x80, 0x81, 0x8
 
 
 @dataclass(frozen=True, slots=True)
-class Restart:
+class SeenRestart:
     """What came of 2000h: the exchange, when the restart began, the boot-up message, if any, and
     what this module said before it."""
 
-    exchange: Exchange
-    since: Window
+    exchange: AxisExchange
+    since: TimeWindow
     boot_up: Arrival | None
     before: tuple[Arrival, ...]
 
 
-def boot_patience_s(bench: Bench) -> float:
+def boot_silence_limit_s(driver: CanDriver) -> float:
     """How long a boot-up message is waited for."""
-    if "boot_time_ms" in bench.session.readings:
-        return bench.awake_surely_s + bench.target.uncertainty_ns / 1e9
-    return longest_boot_s(bench)
+    if "boot_time_ms" in driver.session.readings:
+        return driver.motion.awake_surely_s + driver.client.target.uncertainty_ns / 1e9
+    return longest_boot_s(driver)
 
 
-def restart(bench: Bench) -> Restart:
+def restart(driver: CanDriver) -> SeenRestart:
     """Send 2000h and listen up to the boot-up message."""
-    bench.target.take_spontaneous()
-    exchange = bench.within(QUIET_S + bench.target.uncertainty_ns / 1e9, 0x00)
-    boot_up, before = await_boot_up(bench)
-    return Restart(exchange, taken_over(bench, exchange), boot_up, before)
+    driver.client.target.take_spontaneous()
+    exchange = driver.client.within(QUIET_S + driver.client.target.uncertainty_ns / 1e9, 0x00)
+    boot_up, before = await_boot_up(driver)
+    return SeenRestart(exchange, taken_over(driver, exchange), boot_up, before)
 
 
-def taken_over(bench: Bench, exchange: Exchange) -> Window:
+def taken_over(driver: CanDriver, exchange: AxisExchange) -> TimeWindow:
     """When a request was taken over to which nothing need come: a wait in vain is no part of it."""
     taken = exchange.taken
-    if exchange.kind is not Kind.SILENCE:
+    if exchange.kind is not ReplyKind.SILENCE:
         return taken
-    return Window(taken.earliest_ns, taken.earliest_ns + bench.frame_ns)
+    return TimeWindow(taken.earliest_ns, taken.earliest_ns + driver.client.frame_ns)
 
 
 def await_boot_up(
-    bench: Bench, seconds: float | None = None, address: int | None = None
+    driver: CanDriver, seconds: float | None = None, address: int | None = None
 ) -> tuple[Arrival | None, tuple[Arrival, ...]]:
     """The boot-up message of the module, or of that address, and what it said before; None if none
     comes."""
-    whom = bench.address if address is None else address
-    deadline_ns = bench.target.now_ns + round((seconds or boot_patience_s(bench)) * 1e9)
+    whom = driver.client.address if address is None else address
+    deadline_ns = driver.client.target.now_ns + round(
+        (seconds or boot_silence_limit_s(driver)) * 1e9
+    )
     before: list[Arrival] = []
 
     def is_ours(frame: Frame) -> bool:
         return codec.spontaneous_from(frame) == whom
 
-    while (left_ns := deadline_ns - bench.target.now_ns) > 0:
-        arrival = bench.target.receive_spontaneous(is_ours, left_ns / 1e9)
+    while (left_ns := deadline_ns - driver.client.target.now_ns) > 0:
+        arrival = driver.client.target.receive_spontaneous(is_ours, left_ns / 1e9)
         if arrival is None:
             break
         if codec.boot_up_form(arrival.frame) is not None:
@@ -117,27 +122,29 @@ def await_boot_up(
     return None, tuple(before)
 
 
-def judge_form(bench: Bench, boot_up: Arrival, requirement: str = "MACC-BOOT-02") -> None:
+def judge_form(driver: CanDriver, boot_up: Arrival, requirement: str = "MACC-BOOT-02") -> None:
     """Which reading of MACC-AMB-04 a boot-up message shows."""
     form = codec.boot_up_form(boot_up.frame)
     readings = list(codec.BOOT_UP_FORMS)
     outcome: int | str = readings.index(form) if form else str(boot_up.frame)
-    bench.reading("bootup_form", outcome, requirement)
+    driver.judge.reading("bootup_form", outcome, requirement)
 
 
-def judge_time(bench: Bench, since: Window, boot_up: Arrival, requirement: str) -> None:
+def judge_time(driver: CanDriver, since: TimeWindow, boot_up: Arrival, requirement: str) -> None:
     """The time from a restart to its boot-up message: 2 s, or what the device was found to take."""
-    deaf_ns = round(bench.deaf_s * 1e9)
-    slack = slack_ns(bench, deaf_ns)
-    sent_ns = boot_up.time_ns - bench.target.least_time_ns(boot_up.frame)
+    deaf_ns = round(driver.motion.deaf_s * 1e9)
+    slack = slack_ns(driver, deaf_ns)
+    sent_ns = boot_up.time_ns - driver.client.target.least_time_ns(boot_up.frame)
     is_held = since.earliest_ns - slack <= sent_ns - deaf_ns <= since.latest_ns + slack
     passed_ms = round((sent_ns - since.latest_ns) / 1e6)
-    session, found = bench.session, round(deaf_ns / 1e6)
+    session, found = driver.session, round(deaf_ns / 1e6)
     if not is_held and "boot_time_ms" not in session.readings:
         session.expect(
-            passed_ms in BOOT_MS, requirement,
-            f"boot-up {BOOT_MS[0]}..{BOOT_MS[-1]} ms after the restart", f"{passed_ms} ms",
-        )  # fmt: skip
+            passed_ms in BOOT_MS,
+            requirement,
+            f"boot-up {BOOT_MS[0]}..{BOOT_MS[-1]} ms after the restart",
+            f"{passed_ms} ms",
+        )
         found = passed_ms
     else:
         session.expect(is_held, requirement, f"boot-up after {found} ms", f"{passed_ms} ms")
@@ -147,248 +154,282 @@ def judge_time(bench: Bench, since: Window, boot_up: Arrival, requirement: str) 
 @check("MACC-BOOT-01", "MACC-BOOT-02", "MACC-CMD-00-01", "MACC-CMD-00-02", safety=MOVES)
 def a_reset_is_answered_and_ends_with_one_boot_up_message(session: Session) -> None:
     """2000h gets 60h, then one boot-up message: 00h under 700h plus the address."""
-    bench = Bench(session)
-    bench.ready()
-    one = restart(bench)
-    reply = one.exchange.reply
-    outcome: int | str = {Kind.ACCEPTED: 0, Kind.SILENCE: 1}.get(reply.kind, str(reply))
-    bench.reading("reset_reply", outcome, "MACC-CMD-00-02")
-    strange = [str(early.frame) for early in one.before if not codec.is_emergency(early.frame)]
-    if one.boot_up is None and strange:
+    driver = CanDriver(session)
+    driver.motion.ready()
+    restarted = restart(driver)
+    reply = restarted.exchange.reply
+    outcome: int | str = {ReplyKind.ACCEPTED: 0, ReplyKind.SILENCE: 1}.get(reply.kind, str(reply))
+    driver.judge.reading("reset_reply", outcome, "MACC-CMD-00-02")
+    strange = [
+        str(early.frame) for early in restarted.before if not codec.is_emergency(early.frame)
+    ]
+    if restarted.boot_up is None and strange:
         session.fail("MACC-BOOT-02", "00h under 700h plus the address", " ".join(strange))
     session.expect(
-        one.boot_up is not None, ("MACC-BOOT-01", "MACC-CMD-00-01"), "a boot-up message", "none"
+        restarted.boot_up is not None,
+        ("MACC-BOOT-01", "MACC-CMD-00-01"),
+        "a boot-up message",
+        "none",
     )
-    assert one.boot_up is not None
+    assert restarted.boot_up is not None
     session.expect(
-        not one.before, "MACC-BOOT-01", "nothing before the boot-up message",
-        " ".join(str(early.frame) for early in one.before),
-    )  # fmt: skip
+        not restarted.before,
+        "MACC-BOOT-01",
+        "nothing before the boot-up message",
+        " ".join(str(early.frame) for early in restarted.before),
+    )
     session.expect(
-        one.boot_up.time_ns > one.since.latest_ns, "MACC-CMD-00-02",
-        "the reply first", "the boot-up message first",
-    )  # fmt: skip
-    judge_form(bench, one.boot_up)
-    again = unasked(bench, AFTERWARDS_S, lambda frame: codec.boot_up_form(frame) is not None)
-    others = [other for other in session.neighbours if bench.boot_up(0, other) is not None]
+        restarted.boot_up.time_ns > restarted.since.latest_ns,
+        "MACC-CMD-00-02",
+        "the reply first",
+        "the boot-up message first",
+    )
+    judge_form(driver, restarted.boot_up)
+    again = unasked(driver, AFTERWARDS_S, lambda frame: codec.boot_up_form(frame) is not None)
+    others = [other for other in session.neighbours if driver.client.boot_up(0, other) is not None]
     session.expect(not again, "MACC-BOOT-01", "one boot-up message", f"{1 + len(again)} of them")
     session.expect(not others, "MACC-BOOT-01", "no other module restarts", f"{others} as well")
-    late = bench.target.receive(codec.is_reply, 0)
+    late = driver.client.target.receive(codec.is_reply, 0)
     session.expect(
-        late is None, "MACC-CMD-00-02", "no reply but the one before the restart",
+        late is None,
+        "MACC-CMD-00-02",
+        "no reply but the one before the restart",
         "none" if late is None else str(late.frame),
-    )  # fmt: skip
-    bench.alive("MACC-CMD-00-01")
+    )
+    driver.judge.alive("MACC-CMD-00-01")
 
 
-@check("MACC-GEN-01", "MACC-GEN-02", "MACC-GEN-03", "MACC-BOOT-01",
-       safety=MOVES, needs=("neighbour",))  # fmt: skip
+@check(
+    "MACC-GEN-01", "MACC-GEN-02", "MACC-GEN-03", "MACC-BOOT-01", safety=MOVES, needs=("neighbour",)
+)
 def a_reset_for_all_restarts_all(session: Session) -> None:
     """2000h on 600h restarts every module, each of which says when it is there again; module 1
     alone acknowledges it."""
-    benches = everybody(session)
-    first = benches[0]
-    for bench in benches:
-        bench.at_rest()
-    first.target.take_spontaneous()
+    drivers = everybody(session)
+    first = drivers[0]
+    for driver in drivers:
+        driver.motion.at_rest()
+    first.client.target.take_spontaneous()
     if session.reading("reset_reply") == "ack":
-        kind = judge_general(first, first.to_all(0x00))
-        is_right = kind in (Kind.ACCEPTED, Kind.SILENCE)  # without a module 1 there is no reply
+        kind = judge_general(first, first.client.to_all(0x00))
+        is_right = kind in (
+            ReplyKind.ACCEPTED,
+            ReplyKind.SILENCE,
+        )  # without a module 1 there is no reply
         session.expect(is_right, "MACC-GEN-02", "60h", kind.value)
     else:
-        replies(first, first.to_all(0x00).frame(), is_awaited=False)
+        replies(first, first.client.to_all(0x00).frame(), is_awaited=False)
         session.not_run("MACC-GEN-02", "this device restarts without a reply")
         session.not_run("MACC-GEN-03", "this device restarts without a reply")
-    first.wait(boot_patience_s(first))
-    frames = [one.frame for one in first.target.take_spontaneous()]
-    booted = [codec.spontaneous_from(one) for one in frames if codec.boot_up_form(one) is not None]
-    for bench in benches:
-        count = booted.count(bench.address)
-        told_ = f"one boot-up message of {bench.address}"
-        session.expect(count == 1, ("MACC-GEN-01", "MACC-BOOT-01"), told_, f"{count} of them")
-        bench.alive("MACC-GEN-01")
+    first.client.wait(boot_silence_limit_s(first))
+    frames = [arrival.frame for arrival in first.client.target.take_spontaneous()]
+    booted = [
+        codec.spontaneous_from(frame) for frame in frames if codec.boot_up_form(frame) is not None
+    ]
+    for driver in drivers:
+        count = booted.count(driver.client.address)
+        wanted_text = f"one boot-up message of {driver.client.address}"
+        session.expect(count == 1, ("MACC-GEN-01", "MACC-BOOT-01"), wanted_text, f"{count} of them")
+        driver.judge.alive("MACC-GEN-01")
 
 
 @check("MACC-BOOT-04", safety=MOVES)
 def the_boot_up_message_comes_two_seconds_after_the_reset(session: Session) -> None:
     """Three restarts take 2 s each, to the frame; or what this device was found to take."""
-    bench = Bench(session)
-    bench.ready()
+    driver = CanDriver(session)
+    driver.motion.ready()
     for _ in range(3):
-        one = restart(bench)
-        if one.boot_up is None:
+        restarted = restart(driver)
+        if restarted.boot_up is None:
             session.fail(None, "a boot-up message", "none")
-        judge_time(bench, one.since, one.boot_up, "MACC-BOOT-04")
-        bench.alive()
+        judge_time(driver, restarted.since, restarted.boot_up, "MACC-BOOT-04")
+        driver.judge.alive()
 
 
 @check("MACC-BOOT-04", "MACC-CMD-00-01", safety=MOVES)
 def until_its_boot_up_message_it_serves_nothing(session: Session) -> None:
     """What is sent between reset and boot-up message gets no reply, then or later: no effect."""
-    bench = Bench(session)
-    start = bench.ready()
-    exchange = bench.within(QUIET_S, 0x00)
-    frames = [bench.request(0x20).frame(), bench.request(0x0F, 0x77).frame(), codec.sync()]
-    frames += [bench.request(0x12).frame(), bench.request(0x20, 0, 0x01).frame()]
+    driver = CanDriver(session)
+    start = driver.motion.ready()
+    exchange = driver.client.within(QUIET_S, 0x00)
+    frames = [
+        driver.client.request(0x20).frame(),
+        driver.client.request(0x0F, 0x77).frame(),
+        codec.sync(),
+    ]
+    frames += [driver.client.request(0x12).frame(), driver.client.request(0x20, 0, 0x01).frame()]
     if not session.envelope.is_guarded:
-        frames.append(bench.request(0x13, start + 500).frame())
-    until_ns = exchange.taken.earliest_ns + round((bench.deaf_surely_s) * 1e9)
-    while bench.target.now_ns < until_ns - round(2 * QUIET_S * 1e9):
+        frames.append(driver.client.request(0x13, start + 500).frame())
+    until_ns = exchange.taken.earliest_ns + round((driver.motion.deaf_surely_s) * 1e9)
+    while driver.client.target.now_ns < until_ns - round(2 * QUIET_S * 1e9):
         for frame in frames:
-            heard = replies(bench, frame, is_awaited=False)
+            received = replies(driver, frame, is_awaited=False)
             wanted = f"silence to {codec.explain(frame)}"
-            session.expect(not heard, "MACC-BOOT-04", wanted, told(heard))
-    boot_up, _ = await_boot_up(bench)
+            session.expect(not received, "MACC-BOOT-04", wanted, described(received))
+    boot_up, _ = await_boot_up(driver)
     session.step(boot_up is not None, "a boot-up message", "none")
-    late = bench.target.receive(codec.is_reply, AFTERWARDS_S)
+    late = driver.client.target.receive(codec.is_reply, AFTERWARDS_S)
     session.expect(
-        late is None, "MACC-BOOT-04", "nothing answered afterwards",
+        late is None,
+        "MACC-BOOT-04",
+        "nothing answered afterwards",
         "nothing" if late is None else str(late.frame),
-    )  # fmt: skip
-    place, coefficient = bench.position(), bench.value(0x26) >> 24
+    )
+    place, coefficient = driver.client.position(), driver.client.parameter(0x0F)
     session.expect(
-        (place, coefficient) == (start, 0), ("MACC-BOOT-04", "MACC-CMD-00-01"),
-        f"position {start}, AA 00: nothing was executed", f"position {place}, AA {coefficient:02X}",
-    )  # fmt: skip
+        (place, coefficient) == (start, 0),
+        ("MACC-BOOT-04", "MACC-CMD-00-01"),
+        f"position {start}, AA 00: nothing was executed",
+        f"position {place}, AA {coefficient:02X}",
+    )
 
 
 @check("MACC-BOOT-04", "MACC-CMD-00-01", safety=MOVES)
 def with_its_boot_up_message_it_serves_everything(session: Session) -> None:
     """A request is lost up to the boot-up message, and answered right behind it."""
-    bench = Bench(session)
-    bench.ready()
+    driver = CanDriver(session)
+    driver.motion.ready()
     if session.transport.is_lossless:
-        exchange = bench.within(QUIET_S, 0x00)
-        since_ns = taken_over(bench, exchange).latest_ns
-        bench.wait_until(since_ns + round((bench.deaf_s - EDGE_S) * 1e9))
-        heard = replies(bench, bench.request(0x20).frame(), is_awaited=False)
-        session.expect(not heard, "MACC-BOOT-04", "silence just before", told(heard))
-        bench.wait_awake()
-    one = restart(bench)
-    session.step(one.boot_up is not None, "a boot-up message", "none")
+        exchange = driver.client.within(QUIET_S, 0x00)
+        since_ns = taken_over(driver, exchange).latest_ns
+        driver.client.wait_until(since_ns + round((driver.motion.deaf_s - EDGE_S) * 1e9))
+        received = replies(driver, driver.client.request(0x20).frame(), is_awaited=False)
+        session.expect(not received, "MACC-BOOT-04", "silence just before", described(received))
+        driver.motion.wait_awake()
+    restarted = restart(driver)
+    session.step(restarted.boot_up is not None, "a boot-up message", "none")
     for index in (*codec.ANSWERED, 0x0F):
-        kind = bench.command(index).kind
-        wanted = Kind.ANSWER if index in codec.ANSWERED else Kind.ACCEPTED
+        kind = driver.client.command(index).kind
+        wanted = ReplyKind.ANSWER if index in codec.ANSWERED else ReplyKind.ACCEPTED
         session.expect(kind is wanted, ("MACC-BOOT-04", "MACC-CMD-00-01"), wanted.value, kind.value)
 
 
 @check("MACC-BOOT-04", safety="motion")
 def network_management_neither_hinders_nor_restarts_it(session: Session) -> None:
     """Frames of network management are ignored: requests are served as before, nothing restarts."""
-    bench = Bench(session)
-    bench.at_rest()
+    driver = CanDriver(session)
+    driver.motion.at_rest()
     try:
         for command in (NMT_STOP, NMT_PREPARE, NMT_RESET, NMT_RESTART):
-            bench.target.take_spontaneous()
-            bench.target.send(codec.nmt(command, bench.address))
-            is_served = bench.within(QUIET_S, 0x20).kind is Kind.ANSWER
-            seconds = bench.awake_surely_s if command in (NMT_RESET, NMT_RESTART) else QUIET_S
-            is_restarted = bench.boot_up(seconds) is not None
+            driver.client.target.take_spontaneous()
+            driver.client.target.send(codec.nmt(command, driver.client.address))
+            is_served = driver.client.within(QUIET_S, 0x20).kind is ReplyKind.ANSWER
+            seconds = (
+                driver.motion.awake_surely_s if command in (NMT_RESET, NMT_RESTART) else QUIET_S
+            )
+            is_restarted = driver.client.boot_up(seconds) is not None
             is_ignored = is_served and not is_restarted
             if is_ignored and command == NMT_PREPARE:
                 continue  # requests are served in that state in any case
-            bench.reading("nmt_supported", int(not is_ignored))
+            driver.judge.reading("nmt_supported", int(not is_ignored))
     finally:
-        bench.target.send(codec.nmt(NMT_START, bench.address))
-    bench.alive()
+        driver.client.target.send(codec.nmt(NMT_START, driver.client.address))
+    driver.judge.alive()
 
 
 # --- lifebeat ------------------------------------------------------------------------------------
 
 
-def silenced(bench: Bench) -> bool:
+def silenced(driver: CanDriver) -> bool:
     """True on a module that was found to send no such message; then none may come."""
-    return bench.session.reading("emcy_payload") == "none"
+    return driver.session.reading("emcy_payload") == "none"
 
 
-def beat(bench: Bench, after_ns: int = LIFEBEAT_NS) -> Arrival | None:
+def beat(driver: CanDriver, after_ns: int = LIFEBEAT_NS) -> Arrival | None:
     """The next message of this module, which is left alone so long; None if none comes in time."""
-    return bench.emergency((after_ns + slack_ns(bench, after_ns)) / 1e9)
+    return driver.client.emergency((after_ns + slack_ns(driver, after_ns)) / 1e9)
 
 
-def is_free(bench: Bench) -> bool:
+def is_free(driver: CanDriver) -> bool:
     """True on a module that was found to speak every ten seconds whatever happens."""
-    return bench.session.reading("lifebeat_restart") == "free"
+    return driver.session.reading("lifebeat_restart") == "free"
 
 
 def judge_due(
-    bench: Bench, since: Window, message: Arrival, requirement: str, what: str = "the request"
+    driver: CanDriver,
+    since: TimeWindow,
+    message: Arrival,
+    requirement: str,
+    what: str = "the request",
 ) -> None:
     """Judge that a message was sent ten seconds after something in that window."""
-    slack = slack_ns(bench, LIFEBEAT_NS)
-    sent_ns = message.time_ns - bench.target.least_time_ns(message.frame) - LIFEBEAT_NS
-    bench.session.expect(
-        since.earliest_ns - slack <= sent_ns <= since.latest_ns + slack, requirement,
+    slack = slack_ns(driver, LIFEBEAT_NS)
+    sent_ns = message.time_ns - driver.client.target.least_time_ns(message.frame) - LIFEBEAT_NS
+    driver.session.expect(
+        since.earliest_ns - slack <= sent_ns <= since.latest_ns + slack,
+        requirement,
         f"{LIFEBEAT_S:.3f} s after {what}, give or take {slack / 1e6:.1f} ms",
         f"{(sent_ns - since.latest_ns + LIFEBEAT_NS) / 1e9:.4f} s",
-    )  # fmt: skip
+    )
 
 
-def judge_payload(bench: Bench, message: Arrival, status: bytes, requirement: str) -> None:
+def judge_payload(driver: CanDriver, message: Arrival, status: bytes, requirement: str) -> None:
     """Eight bytes under 080h plus the address, in one reading of MACC-AMB-05."""
     frame = message.frame
-    bench.session.expect(
+    driver.session.expect(
         len(frame.data) == codec.EMERGENCY_BYTES, requirement, "eight bytes", str(frame)
     )
     outcome = payload_readings(message, status)
     assert isinstance(outcome, tuple | str)
-    bench.reading("emcy_payload", outcome, requirement)
+    driver.judge.reading("emcy_payload", outcome, requirement)
 
 
 @check("MACC-EMCY-01", "MACC-EMCY-03")
 def a_lifebeat_comes_every_ten_seconds_of_silence(session: Session) -> None:
     """Ten seconds after the last request, and every ten from then on, the module says eight bytes
     under 080h plus its address."""
-    bench = Bench(session)
-    bench.target.take_spontaneous()
-    own = bench.ask(0x21)
-    bench.must(Kind.ANSWER, own)
+    driver = CanDriver(session)
+    driver.client.target.take_spontaneous()
+    own = driver.client.ask(0x21)
+    driver.judge.must(ReplyKind.ANSWER, own)
     status = own.reply.data.to_bytes(4, "big")
-    message = beat(bench)
+    message = beat(driver)
     if message is None:
-        _judge_silence(bench)
-    if message is None or silenced(bench):
+        _judge_silence(driver)
+    if message is None or silenced(driver):
         came = "a message of a module found to send none"
-        bench.reading("emcy_payload", 3 if message is None else came, "MACC-EMCY-01")
+        driver.judge.reading("emcy_payload", 3 if message is None else came, "MACC-EMCY-01")
         session.not_run("MACC-EMCY-03", "it sends no such message")
         return
-    if not is_free(bench):
-        judge_due(bench, own.taken, message, "MACC-EMCY-01")
+    if not is_free(driver):
+        judge_due(driver, own.taken, message, "MACC-EMCY-01")
     for number in range(BEATS if session.transport.is_virtual else BEATS_REAL):
-        judge_payload(bench, message, status, "MACC-EMCY-03")
-        following = beat(bench)
+        judge_payload(driver, message, status, "MACC-EMCY-03")
+        following = beat(driver)
         if following is None:
             session.fail("MACC-EMCY-01", f"another one {LIFEBEAT_S:.0f} s later", "none")
-        gap = Window(message.time_ns, message.time_ns)
-        judge_due(bench, gap, following, "MACC-EMCY-01", f"lifebeat {number + 1}")
+        gap = TimeWindow(message.time_ns, message.time_ns)
+        judge_due(driver, gap, following, "MACC-EMCY-01", f"lifebeat {number + 1}")
         session.expect(
             following.frame == message.frame, "MACC-EMCY-03", message.frame, following.frame
         )
         message = following
-    bench.alive("MACC-EMCY-01")
+    driver.judge.alive("MACC-EMCY-01")
 
 
-def _judge_silence(bench: Bench) -> None:
+def _judge_silence(driver: CanDriver) -> None:
     """Judge that a module without a lifebeat has none later, or under SYNC's identifier, either."""
-    late = bench.emergency(SELDOM_S)
-    stray = bench.target.receive(lambda frame: frame.identifier == codec.SYNC, 0)
-    came = " ".join(str(one.frame) for one in (late, stray) if one is not None)
-    bench.session.expect(
+    late = driver.client.emergency(SELDOM_S)
+    stray = driver.client.target.receive(lambda frame: frame.identifier == codec.SYNC, 0)
+    came = " ".join(str(arrival.frame) for arrival in (late, stray) if arrival is not None)
+    driver.session.expect(
         not came, ("MACC-EMCY-01", "MACC-EMCY-03"), "a message after ten seconds, or none", came
     )
 
 
 def _restarted_by(
-    bench: Bench, own: Window, messages: Sequence[Arrival], *, is_for_all: bool
+    driver: CanDriver, own: TimeWindow, messages: Sequence[Arrival], *, is_for_all: bool
 ) -> int | tuple[int, ...] | str:
     """Which readings of MACC-AMB-06 explain what was said from an own request on, up to ten seconds
     and a little after it, with other traffic meanwhile; `is_for_all`: traffic that `any` counts."""
-    slack = slack_ns(bench, LIFEBEAT_NS)
+    slack = slack_ns(driver, LIFEBEAT_NS)
     earliest, latest = own.earliest_ns + LIFEBEAT_NS - slack, own.latest_ns + LIFEBEAT_NS + slack
     if not messages:
         return 1 if is_for_all else "no lifebeat, though nobody spoke to it"
     if len(messages) > 1:
-        words = ", ".join(f"{(one.time_ns - own.latest_ns) / 1e9:.3f} s" for one in messages)
+        words = ", ".join(
+            f"{(message.time_ns - own.latest_ns) / 1e9:.3f} s" for message in messages
+        )
         return f"{len(messages)} messages within ten seconds: after {words}"
     if earliest <= messages[0].time_ns <= latest + slack:
         return (0, 2) if is_for_all else (0, 1, 2)
@@ -399,154 +440,158 @@ def _restarted_by(
 def requests_to_it_put_the_lifebeat_off(session: Session) -> None:
     """A module that is asked something every few seconds keeps silent; ten seconds after the last
     request it speaks, whatever the request was."""
-    bench = Bench(session)
-    if silenced(bench):
+    driver = CanDriver(session)
+    if silenced(driver):
         session.skip("it sends no such message")
-    bench.ask(0x20)
-    bench.target.take_spontaneous()
+    driver.client.ask(0x20)
+    driver.client.target.take_spontaneous()
     requests = (0x20, 0x12, 0x11, 0x28, 0x26)
-    heard: list[Arrival] = []
+    received: list[Arrival] = []
     for number in range(SPOKEN_TO_TIMES):
-        bench.within(QUIET_S, requests[number % len(requests)])
-        heard += said(bench, SPOKEN_TO_S)
-    if heard:
-        gaps = [later.time_ns - one.time_ns for one, later in pairwise(heard)]
-        slack = slack_ns(bench, LIFEBEAT_NS)
+        driver.client.within(QUIET_S, requests[number % len(requests)])
+        received += spontaneous_messages(driver, SPOKEN_TO_S)
+    if received:
+        gaps = [later.time_ns - earlier.time_ns for earlier, later in pairwise(received)]
+        slack = slack_ns(driver, LIFEBEAT_NS)
         is_regular = all(abs(gap - LIFEBEAT_NS) <= slack for gap in gaps)
-        is_regular &= len(heard) >= int(SPOKEN_TO_S * SPOKEN_TO_TIMES / LIFEBEAT_S)
-        came = f"{len(heard)} messages amid requests"
-        bench.reading("lifebeat_restart", 2 if is_regular else came, "MACC-EMCY-05")
+        is_regular &= len(received) >= int(SPOKEN_TO_S * SPOKEN_TO_TIMES / LIFEBEAT_S)
+        came = f"{len(received)} messages amid requests"
+        driver.judge.reading("lifebeat_restart", 2 if is_regular else came, "MACC-EMCY-05")
         session.expect(is_regular, "MACC-EMCY-01", "every ten seconds", came)
         return
-    bench.reading("lifebeat_restart", (0, 1), "MACC-EMCY-05")
+    driver.judge.reading("lifebeat_restart", (0, 1), "MACC-EMCY-05")
     for index in requests if session.transport.is_virtual else requests[:1]:
-        bench.wait(SPOKEN_TO_S)  # or it could be the last message that is counted from
-        own = bench.within(QUIET_S, index)
-        message = beat(bench)
+        driver.client.wait(SPOKEN_TO_S)  # or it could be the last message that is counted from
+        own = driver.client.within(QUIET_S, index)
+        message = beat(driver)
         if message is None:
             session.fail("MACC-EMCY-01", "a lifebeat", f"none after {index:02X}h")
         session.expect(True, "MACC-EMCY-01", "a lifebeat", "one")
-        judge_due(bench, taken_over(bench, own), message, "MACC-EMCY-05")
+        judge_due(driver, taken_over(driver, own), message, "MACC-EMCY-05")
 
 
 @check("MACC-EMCY-01", "MACC-EMCY-05", safety=MOVES)
 def a_lifebeat_comes_amid_a_motion_as_well(session: Session) -> None:
     """Ten seconds after the last request it speaks though a segment lasts; the end of that does not
     put the next lifebeat off."""
-    bench = Bench(session)
-    if silenced(bench) or is_free(bench):
+    driver = CanDriver(session)
+    if silenced(driver) or is_free(driver):
         session.skip("it sends no such message, or sends it in any case")
-    bench.ready()
-    own = bench.accepted(0x1E, LONG_SEGMENT)
-    bench.target.take_spontaneous()
-    message = beat(bench)
+    driver.motion.ready()
+    own = driver.judge.accepted(0x1E, LONG_SEGMENT)
+    driver.client.target.take_spontaneous()
+    message = beat(driver)
     if message is None:
         session.fail("MACC-EMCY-01", "a lifebeat amid a segment", "none")
-    judge_due(bench, own.taken, message, "MACC-EMCY-01", "the segment was taken")
-    following = beat(bench)
+    judge_due(driver, own.taken, message, "MACC-EMCY-01", "the segment was taken")
+    following = beat(driver)
     if following is None:
         names = ("MACC-EMCY-01", "MACC-EMCY-05")
         session.fail(names, "another one ten seconds later", "none")
-    since = Window(message.time_ns, message.time_ns)
-    judge_due(bench, since, following, "MACC-EMCY-05", "the lifebeat before")
-    bench.at_rest()
+    since = TimeWindow(message.time_ns, message.time_ns)
+    judge_due(driver, since, following, "MACC-EMCY-05", "the lifebeat before")
+    driver.motion.at_rest()
 
 
 @check("MACC-EMCY-05", needs=("virtual",))
 def a_request_in_the_last_moment_puts_the_lifebeat_off(session: Session) -> None:
     """Asked 9.99 s after the last request, again and again, the module never speaks."""
-    bench = Bench(session)
-    if silenced(bench) or is_free(bench):
+    driver = CanDriver(session)
+    if silenced(driver) or is_free(driver):
         session.skip("it sends no such message, or sends it in any case")
-    own = bench.ask(0x20)
-    bench.target.take_spontaneous()
+    own = driver.client.ask(0x20)
+    driver.client.target.take_spontaneous()
     for _ in range(BEATS):
-        bench.wait_until(own.taken.earliest_ns + round(ALMOST_S * 1e9) - bench.frame_ns)
-        own = bench.ask(0x20)
-        heard = said(bench, 0)
-        session.expect(not heard, None, "silence", " ".join(str(one.frame) for one in heard))
-    message = beat(bench)
+        driver.client.wait_until(
+            own.taken.earliest_ns + round(ALMOST_S * 1e9) - driver.client.frame_ns
+        )
+        own = driver.client.ask(0x20)
+        received = spontaneous_messages(driver, 0)
+        session.expect(
+            not received, None, "silence", " ".join(str(arrival.frame) for arrival in received)
+        )
+    message = beat(driver)
     if message is None:
         session.fail(None, "a lifebeat at last", "none")
-    judge_due(bench, own.taken, message, "MACC-EMCY-05")
+    judge_due(driver, own.taken, message, "MACC-EMCY-05")
 
 
 @check("MACC-EMCY-05")
 def what_is_not_for_it_does_not_put_the_lifebeat_off(session: Session) -> None:
     """General requests, SYNC, requests to others and network management once a second: ten seconds
     after the module's own last request it speaks all the same."""
-    bench = Bench(session)
-    if silenced(bench):
+    driver = CanDriver(session)
+    if silenced(driver):
         session.skip("it sends no such message")
-    other = strangers(session)[0]
+    other = unknown_addresses(session)[0]
     traffic = (
-        (bench.to_all(0x20).frame(), True),
+        (driver.client.to_all(0x20).frame(), True),
         (codec.sync(), True),
-        (bench.request(0x20, address=other).frame(), False),
+        (driver.client.request(0x20, address=other).frame(), False),
         (Frame(codec.EMERGENCY + other, bytes(codec.EMERGENCY_BYTES)), False),
         (codec.nmt(NMT_START, other), False),
     )
     for frame, is_for_all in traffic if session.transport.is_virtual else traffic[:2]:
-        own = bench.ask(0x20).taken
-        bench.target.take_spontaneous()
-        over_ns = own.latest_ns + LIFEBEAT_NS + 2 * slack_ns(bench, LIFEBEAT_NS)
+        own = driver.client.ask(0x20).taken
+        driver.client.target.take_spontaneous()
+        over_ns = own.latest_ns + LIFEBEAT_NS + 2 * slack_ns(driver, LIFEBEAT_NS)
         messages: list[Arrival] = []
-        while (left_s := (over_ns - bench.target.now_ns) / 1e9) > 0:
+        while (left_s := (over_ns - driver.client.target.now_ns) / 1e9) > 0:
             if left_s > TRAFFIC_S:
-                bench.target.send(frame)
-            messages += said(bench, min(TRAFFIC_S, left_s))
-        outcome = _restarted_by(bench, own, messages, is_for_all=is_for_all)
+                driver.client.target.send(frame)
+            messages += spontaneous_messages(driver, min(TRAFFIC_S, left_s))
+        outcome = _restarted_by(driver, own, messages, is_for_all=is_for_all)
         if isinstance(outcome, str):
             outcome = f"{outcome}, amid {codec.explain(frame)}"
-        bench.reading("lifebeat_restart", outcome)
+        driver.judge.reading("lifebeat_restart", outcome)
 
 
 @check("MACC-EMCY-05", safety=MOVES)
 def the_boot_up_message_begins_the_ten_seconds(session: Session) -> None:
     """After a restart the first lifebeat comes ten seconds after the boot-up message."""
-    bench = Bench(session)
-    if silenced(bench) or is_free(bench):
+    driver = CanDriver(session)
+    if silenced(driver) or is_free(driver):
         session.skip("it sends no such message, or sends it in any case")
-    bench.ready()
-    booted = restart(bench).boot_up
+    driver.motion.ready()
+    booted = restart(driver).boot_up
     if booted is None:
         session.fail(None, "a boot-up message", "none")
-    message = beat(bench)
+    message = beat(driver)
     if message is None:
         session.fail(None, "a lifebeat", "none")
-    since = Window(booted.time_ns, booted.time_ns)
-    judge_due(bench, since, message, "MACC-EMCY-05", "the boot-up message")
+    since = TimeWindow(booted.time_ns, booted.time_ns)
+    judge_due(driver, since, message, "MACC-EMCY-05", "the boot-up message")
 
 
 @check("MACC-EMCY-03", "MACC-EMCY-04", "MACC-EMCY-02", safety=MOVES)
 def the_lifebeat_repeats_the_status(session: Session) -> None:
     """With a software stop tripped, the lifebeat shows it as 2001h does, with error code 0; the
     stop itself is no error and is not told at once."""
-    bench = Bench(session)
-    if silenced(bench):
+    driver = CanDriver(session)
+    if silenced(driver):
         session.skip("it sends no such message")
-    bench.target.take_spontaneous()
-    with stopped_beyond(bench):
-        at_once = said(bench, POLL_S)
-        own = bench.ask(0x21)
-        bench.must(Kind.ANSWER, own)
+    driver.client.target.take_spontaneous()
+    with stopped_beyond(driver):
+        at_once = spontaneous_messages(driver, POLL_S)
+        own = driver.client.ask(0x21)
+        driver.judge.must(ReplyKind.ANSWER, own)
         status = own.reply.data.to_bytes(4, "big")
         session.step(status[1] != 0, "2001h shows the stop", status.hex(" "))
-        message = beat(bench)
-    if not is_free(bench):
-        _judge_trigger(bench, at_once)
+        message = beat(driver)
+    if not is_free(driver):
+        _judge_trigger(driver, at_once)
     if message is None:
         session.fail(("MACC-EMCY-03", "MACC-EMCY-04"), "a lifebeat", "none")
-    judge_payload(bench, message, status, "MACC-EMCY-03")
-    judge_payload(bench, message, status, "MACC-EMCY-04")
-    if is_free(bench):
+    judge_payload(driver, message, status, "MACC-EMCY-03")
+    judge_payload(driver, message, status, "MACC-EMCY-04")
+    if is_free(driver):
         session.not_run("MACC-EMCY-02", "what comes at once may be a lifebeat")
 
 
-def _judge_trigger(bench: Bench, at_once: Sequence[Arrival]) -> None:
+def _judge_trigger(driver: CanDriver, at_once: Sequence[Arrival]) -> None:
     """Whether a stop bit is part of the error code (MACC-AMB-29)."""
     seen = "FF000000h"
     if at_once:
-        held = bench.session.readings.get("emcy_trigger_mask", ALL_OR_NONE)
+        held = driver.session.readings.get("emcy_trigger_mask", ALL_OR_NONE)
         seen = held if held != seen else ALL_OR_NONE
-    bench.session.quirk("MACC-EMCY-02", "emcy_trigger_mask", seen)
+    driver.session.quirk("MACC-EMCY-02", "emcy_trigger_mask", seen)

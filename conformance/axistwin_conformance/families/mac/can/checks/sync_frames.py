@@ -6,19 +6,20 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.motion import Exchange, segment, velocity
-from axistwin_conformance.families.mac.axis.model.forecast import Forecast, Window
+from axistwin_conformance.families.mac.axis.driver.client import AxisExchange
+from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
+from axistwin_conformance.families.mac.axis.model.forecast import Forecast, TimeWindow
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probes.sync import back, is_held
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.collect_replies import (
+    described,
     everybody,
     replies,
-    strangers,
-    told,
+    unknown_addresses,
 )
-from axistwin_conformance.families.mac.can.driver import Bench
+from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.transport.can_frame import Frame
 
 ORDER = 70  # of this module in a run; see `Family.modules`
@@ -29,175 +30,185 @@ SLOW: Final = 0x8000  # 4 ms an increment: frames on the bus are told apart from
 SEVERAL: Final = 3
 
 
-def preload(bench: Bench, index: int, parameter: int = 0) -> None:
+def preload(driver: CanDriver, index: int, parameter: int = 0) -> None:
     """Arm, and hold a motion back."""
-    bench.accepted(0x10)
-    bench.accepted(index, parameter)
+    driver.judge.accepted(0x10)
+    driver.judge.accepted(index, parameter)
 
 
-def started(bench: Bench, frame: Frame) -> Exchange:
+def started(driver: CanDriver, frame: Frame) -> AxisExchange:
     """What begins with a frame that is not answered, for forecasts."""
-    return _begun(bench.say(frame))
+    return _begun(driver.client.broadcast(frame))
 
 
-def _begun(window: Window) -> Exchange:
-    return Exchange(b"", codec.SILENCE, window)
+def _begun(window: TimeWindow) -> AxisExchange:
+    return AxisExchange(b"", codec.SILENCE, window)
 
 
-def sync_silently(bench: Bench, frame: Frame, requirement: str) -> None:
+def sync_silently(driver: CanDriver, frame: Frame, requirement: str) -> None:
     """Judge that nobody answers."""
-    heard = replies(bench, frame, is_awaited=False)
-    bench.session.expect(not heard, requirement, f"silence to {frame}", told(heard))
+    received = replies(driver, frame, is_awaited=False)
+    driver.session.expect(not received, requirement, f"silence to {frame}", described(received))
 
 
 @check("MACC-SYNC-01", "MACC-SYNC-03", safety=MOVES)
 def sync_starts_a_preloaded_move(session: Session) -> None:
     """A move held back by 2010h begins with the frame 080h, and is the one that 2011h begins."""
-    bench = Bench(session)
-    start = bench.ready(PERIOD, 1)
+    driver = CanDriver(session)
+    start = driver.motion.ready(PERIOD, 1)
     for begin in ("SYNC", "2011h"):
-        preload(bench, 0x13, start + STEPS)
-        session.expect(is_held(bench, start), "MACC-SYNC-01", f"at {start}", bench.position())
+        preload(driver, 0x13, start + STEPS)
+        session.expect(
+            is_held(driver, start), "MACC-SYNC-01", f"at {start}", driver.client.position()
+        )
         by_frame = begin == "SYNC"
-        exchange = started(bench, codec.sync()) if by_frame else bench.accepted(0x11)
-        forecast = bench.to_position(exchange, start, start + STEPS)
+        exchange = started(driver, codec.sync()) if by_frame else driver.judge.accepted(0x11)
+        forecast = driver.motion.to_position(exchange, start, start + STEPS)
         name = "MACC-SYNC-01" if by_frame else "MACC-SYNC-03"
-        bench.watch(forecast, name)
+        driver.motion.watch(forecast, name)
         session.expect(True, "MACC-SYNC-03", "the same motion", "the same")
-        bench.at_rest()
-        bench.finish(bench.go(start))
+        driver.motion.at_rest()
+        driver.motion.finish(driver.motion.go(start))
 
 
 @check("MACC-SYNC-01", "MACC-SYNC-03", safety=MOVES)
 def sync_starts_velocity_and_homing_too(session: Session) -> None:
     """2015h and 2014h held back by 2010h begin with the frame 080h as well."""
-    bench = Bench(session)
+    driver = CanDriver(session)
     names = ("MACC-SYNC-01", "MACC-SYNC-03")
-    start = bench.ready(PERIOD)
-    period = bench.gentle(0x2000, 1.0)
-    preload(bench, 0x15, velocity(1, period))
-    session.expect(is_held(bench, start), "MACC-SYNC-01", f"at {start}", bench.position())
-    exchange = started(bench, codec.sync())
-    forecast = bench.to_velocity(exchange, start, 1, period)
+    start = driver.motion.ready(PERIOD)
+    period = driver.limits.gentle(0x2000, 1.0)
+    preload(driver, 0x15, velocity(1, period))
+    session.expect(is_held(driver, start), "MACC-SYNC-01", f"at {start}", driver.client.position())
+    exchange = started(driver, codec.sync())
+    forecast = driver.motion.to_velocity(exchange, start, 1, period)
     for _ in range(4):
-        bench.wait(0.05)
-        bench.follow(forecast, names, bench.allowance(period))
-    bench.at_rest()
-    bench.finish(bench.go_plainly(start))
-    if abs(start) > bench.room():
+        driver.client.wait(0.05)
+        driver.motion.follow(forecast, names, driver.limits.allowance(period))
+    driver.motion.at_rest()
+    driver.motion.finish(driver.motion.go_plainly(start))
+    if abs(start) > driver.limits.room():
         return
-    place = bench.finish(bench.go(start + STEPS if start >= 0 else start - STEPS))
-    preload(bench, 0x14)
-    exchange = started(bench, codec.sync())
-    bench.watch(bench.to_position(exchange, place, 0), names)
+    place = driver.motion.finish(driver.motion.go(start + STEPS if start >= 0 else start - STEPS))
+    preload(driver, 0x14)
+    exchange = started(driver, codec.sync())
+    driver.motion.watch(driver.motion.to_position(exchange, place, 0), names)
 
 
 @check("MACC-SYNC-01", safety=MOVES)
 def one_sync_starts_one_motion_once(session: Session) -> None:
     """A second SYNC starts nothing again, and the next move begins without any."""
-    bench = Bench(session)
-    start = bench.ready(PERIOD)
-    preload(bench, 0x13, start + STEPS)
-    exchange = started(bench, codec.sync())
-    place = bench.finish(bench.to_position(exchange, start, start + STEPS))
+    driver = CanDriver(session)
+    start = driver.motion.ready(PERIOD)
+    preload(driver, 0x13, start + STEPS)
+    exchange = started(driver, codec.sync())
+    place = driver.motion.finish(driver.motion.to_position(exchange, start, start + STEPS))
     for _ in range(SEVERAL):
-        bench.say(codec.sync())
-    session.expect(is_held(bench, place), None, f"at {place}", bench.position())
-    bench.accepted(0x13, start)
+        driver.client.broadcast(codec.sync())
+    session.expect(is_held(driver, place), None, f"at {place}", driver.client.position())
+    driver.judge.accepted(0x13, start)
     if session.reading("sync_arm_lifetime") == "permanent":
-        session.expect(is_held(bench, place), None, f"held back at {place}", bench.position())
-        bench.reading("sync_arm_lifetime", 2)
-        exchange = started(bench, codec.sync())
-        bench.finish(bench.to_position(exchange, place, start))
-        bench.at_rest()
+        session.expect(
+            is_held(driver, place), None, f"held back at {place}", driver.client.position()
+        )
+        driver.judge.reading("sync_arm_lifetime", 2)
+        exchange = started(driver, codec.sync())
+        driver.motion.finish(driver.motion.to_position(exchange, place, start))
+        driver.motion.at_rest()
         return
-    bench.wait(STEPS * PERIOD * TICK_NS / 1e9 + 0.1)
-    end = bench.position()
+    driver.client.wait(STEPS * PERIOD * TICK_NS / 1e9 + 0.1)
+    end = driver.client.position()
     if end == place:
-        bench.reading("sync_arm_lifetime", 2)
+        driver.judge.reading("sync_arm_lifetime", 2)
     session.expect(end == start, None, f"back at {start} by itself", end)
 
 
 @check("MACC-SYNC-02", "MACC-SYNC-04", safety="passive")
 def sync_is_not_answered(session: Session) -> None:
     """Nobody answers SYNC, and where nothing is preloaded nothing moves."""
-    bench = Bench(session)
-    place = bench.position()
+    driver = CanDriver(session)
+    place = driver.client.position()
     for data in (b"", b"", b"\0", bytes(8)):
-        sync_silently(bench, codec.sync(data), "MACC-SYNC-02")
-        bench.alive("MACC-SYNC-02")
-    session.expect(is_held(bench, place), "MACC-SYNC-04", f"2000h still {place}", bench.position())
+        sync_silently(driver, codec.sync(data), "MACC-SYNC-02")
+        driver.judge.alive("MACC-SYNC-02")
+    session.expect(
+        is_held(driver, place), "MACC-SYNC-04", f"2000h still {place}", driver.client.position()
+    )
 
 
 @check("MACC-SYNC-02", "MACC-SYNC-04", safety=MOVES)
 def sync_is_not_answered_by_who_obeys_it_either(session: Session) -> None:
     """SYNC that starts a motion is not answered; one during segments changes nothing."""
-    bench = Bench(session)
-    start = bench.ready(SLOW)
-    preload(bench, 0x13, start + 20)
-    sync_silently(bench, codec.sync(), "MACC-SYNC-02")
-    bench.wait(20 * SLOW * TICK_NS / 1e9 + 0.1)
-    place = bench.position()
+    driver = CanDriver(session)
+    start = driver.motion.ready(SLOW)
+    preload(driver, 0x13, start + 20)
+    sync_silently(driver, codec.sync(), "MACC-SYNC-02")
+    driver.client.wait(20 * SLOW * TICK_NS / 1e9 + 0.1)
+    place = driver.client.position()
     session.expect(place == start + 20, "MACC-SYNC-02", f"{start + 20}, started", place)
-    steps = back(bench, 20)
-    exchange = bench.accepted(0x16, segment(steps, SLOW))
-    sync_silently(bench, codec.sync(), "MACC-SYNC-04")
-    bench.wait_until(exchange.taken.latest_ns + 20 * SLOW * TICK_NS + 100_000_000)
+    steps = back(driver, 20)
+    exchange = driver.judge.accepted(0x16, segment_parameter(steps, SLOW))
+    sync_silently(driver, codec.sync(), "MACC-SYNC-04")
+    driver.client.wait_until(exchange.taken.latest_ns + 20 * SLOW * TICK_NS + 100_000_000)
     place += steps
-    session.expect(bench.position() == place, "MACC-SYNC-04", place, bench.position())
+    session.expect(
+        driver.client.position() == place, "MACC-SYNC-04", place, driver.client.position()
+    )
 
 
 @check("MACC-SYNC-04", "MACC-SYNC-01", safety=MOVES)
 def sync_neither_arms_nor_spends_what_is_armed(session: Session) -> None:
     """SYNC with nothing preloaded moves nothing and arms nothing: the next move begins at once."""
-    bench = Bench(session)
-    start = bench.ready(PERIOD)
-    bench.finish(bench.go(start + 5))
+    driver = CanDriver(session)
+    start = driver.motion.ready(PERIOD)
+    driver.motion.finish(driver.motion.go(start + 5))
     for _ in range(SEVERAL):
-        bench.say(codec.sync())
-    session.expect(is_held(bench, start + 5), "MACC-SYNC-04", start + 5, bench.position())
-    forecast = bench.go(start + STEPS)
-    bench.watch(forecast, "MACC-SYNC-04", samples=3)
-    bench.at_rest()
-    place = bench.position()
-    bench.accepted(0x10)
-    bench.say(codec.sync())
-    bench.accepted(0x13, start)
-    session.expect(is_held(bench, place), "MACC-SYNC-04", f"held at {place}", bench.position())
-    exchange = started(bench, codec.sync())
-    bench.finish(bench.to_position(exchange, place, start), "MACC-SYNC-01")
+        driver.client.broadcast(codec.sync())
+    session.expect(is_held(driver, start + 5), "MACC-SYNC-04", start + 5, driver.client.position())
+    forecast = driver.motion.go(start + STEPS)
+    driver.motion.watch(forecast, "MACC-SYNC-04", samples=3)
+    driver.motion.at_rest()
+    place = driver.client.position()
+    driver.judge.accepted(0x10)
+    driver.client.broadcast(codec.sync())
+    driver.judge.accepted(0x13, start)
+    session.expect(
+        is_held(driver, place), "MACC-SYNC-04", f"held at {place}", driver.client.position()
+    )
+    exchange = started(driver, codec.sync())
+    driver.motion.finish(driver.motion.to_position(exchange, place, start), "MACC-SYNC-01")
 
 
 @check("MACC-SYNC-05", safety=MOVES)
 def data_of_a_sync_frame_are_ignored(session: Session) -> None:
     """SYNC with one to eight bytes starts what is preloaded like one without; or none of them
     does."""
-    bench = Bench(session)
-    start = bench.ready(PERIOD)
+    driver = CanDriver(session)
+    start = driver.motion.ready(PERIOD)
     lengths = range(1, 9) if session.transport.is_virtual else (1, 8)
     for length in lengths:
-        preload(bench, 0x13, start + STEPS)
-        exchange = started(bench, codec.sync(bytes([0x80] * length)))
-        if is_held(bench, start):
-            bench.reading("sync_dlc", 1)
-            exchange = started(bench, codec.sync())
+        preload(driver, 0x13, start + STEPS)
+        exchange = started(driver, codec.sync(bytes([0x80] * length)))
+        if is_held(driver, start):
+            driver.judge.reading("sync_dlc", 1)
+            exchange = started(driver, codec.sync())
         else:
-            bench.reading("sync_dlc", 0)
-        bench.finish(bench.to_position(exchange, start, start + STEPS))
-        bench.at_rest()
-        bench.finish(bench.go(start))
+            driver.judge.reading("sync_dlc", 0)
+        driver.motion.finish(driver.motion.to_position(exchange, start, start + STEPS))
+        driver.motion.at_rest()
+        driver.motion.finish(driver.motion.go(start))
 
 
 @check("MACC-SYNC-01", "MACC-ID-03", safety=MOVES)
 def no_other_frame_is_taken_for_sync(session: Session) -> None:
     """Neither an emergency message of another module nor an extended or remote frame 080h starts
     what is preloaded."""
-    bench = Bench(session)
-    start = bench.ready(PERIOD)
-    preload(bench, 0x13, start + STEPS)
+    driver = CanDriver(session)
+    start = driver.motion.ready(PERIOD)
+    preload(driver, 0x13, start + STEPS)
     lifebeat = bytes(codec.EMERGENCY_BYTES)
-    others = strangers(session)
-    frames = [(Frame(codec.EMERGENCY + one, lifebeat), "MACC-SYNC-01") for one in others]
+    others = unknown_addresses(session)
+    frames = [(Frame(codec.EMERGENCY + other, lifebeat), "MACC-SYNC-01") for other in others]
     frames += [(Frame(codec.SYNC + base), "MACC-SYNC-01") for base in (0x400, 0x700, 0x80, 0x100)]
     frames += [
         (Frame(codec.SYNC, is_extended=True), "MACC-ID-03"),
@@ -205,23 +216,23 @@ def no_other_frame_is_taken_for_sync(session: Session) -> None:
         (Frame(codec.SYNC, is_remote=True), "MACC-ID-03"),
     ]
     for frame, name in frames:
-        bench.target.send(frame)
-        place = bench.position()
+        driver.client.target.send(frame)
+        place = driver.client.position()
         session.expect(place == start, name, f"held at {start} after {frame}", place)
-    session.expect(is_held(bench, start), "MACC-SYNC-01", start, bench.position())
-    exchange = started(bench, codec.sync())
-    bench.finish(bench.to_position(exchange, start, start + STEPS), "MACC-SYNC-01")
+    session.expect(is_held(driver, start), "MACC-SYNC-01", start, driver.client.position())
+    exchange = started(driver, codec.sync())
+    driver.motion.finish(driver.motion.to_position(exchange, start, start + STEPS), "MACC-SYNC-01")
 
 
 # --- several modules -----------------------------------------------------------------------------
 
 
 def _courses(
-    benches: list[Bench], exchange: Exchange, starts: list[int], steps: int
+    drivers: list[CanDriver], exchange: AxisExchange, starts: list[int], steps: int
 ) -> list[Forecast]:
     return [
-        bench.to_position(exchange, start, start + steps)
-        for bench, start in zip(benches, starts, strict=True)
+        driver.motion.to_position(exchange, start, start + steps)
+        for driver, start in zip(drivers, starts, strict=True)
     ]
 
 
@@ -229,51 +240,57 @@ def _courses(
 def one_sync_starts_all_modules_together(session: Session) -> None:
     """What is preloaded in several modules begins with one SYNC, or one 2011h to all, in all of
     them in the same window, and they stay in step."""
-    benches = everybody(session)
-    first = benches[0]
-    starts = [bench.ready(SLOW) for bench in benches]
+    drivers = everybody(session)
+    first = drivers[0]
+    starts = [driver.motion.ready(SLOW) for driver in drivers]
     try:
         for name, arm, begin in (
             ("MACC-SYNC-01", None, codec.sync()),
-            ("MACC-GEN-01", first.to_all(0x10).frame(), first.to_all(0x11).frame()),
+            ("MACC-GEN-01", first.client.to_all(0x10).frame(), first.client.to_all(0x11).frame()),
         ):
             if arm is not None:
                 replies(first, arm)
-            for bench, start in zip(benches, starts, strict=True):
+            for driver, start in zip(drivers, starts, strict=True):
                 if arm is None:
-                    bench.accepted(0x10)
-                bench.accepted(0x13, start + STEPS)
-            held = all(is_held(one, start) for one, start in zip(benches, starts, strict=True))
+                    driver.judge.accepted(0x10)
+                driver.judge.accepted(0x13, start + STEPS)
+            held = all(
+                is_held(module, start) for module, start in zip(drivers, starts, strict=True)
+            )
             session.expect(held, name, "all held back", "not all")
             exchange = started(first, begin)
-            forecasts = _courses(benches, exchange, starts, STEPS)
+            forecasts = _courses(drivers, exchange, starts, STEPS)
             for _ in range(4):
-                for bench, forecast in zip(benches, forecasts, strict=True):
-                    bench.follow(forecast, name, bench.allowance(SLOW))
-            for bench, forecast in zip(benches, forecasts, strict=True):
-                bench.finish(forecast, name)
-            _all_back(benches, starts)
+                for driver, forecast in zip(drivers, forecasts, strict=True):
+                    driver.motion.follow(forecast, name, driver.limits.allowance(SLOW))
+            for driver, forecast in zip(drivers, forecasts, strict=True):
+                driver.motion.finish(forecast, name)
+            _all_back(drivers, starts)
     finally:
-        _all_back(benches, starts)
+        _all_back(drivers, starts)
 
 
 @check("MACC-SYNC-01", "MACC-SYNC-04", safety=MOVES, needs=("neighbour",))
 def sync_leaves_a_module_that_is_not_armed_alone(session: Session) -> None:
     """Of two modules only the one that was told to wait begins with SYNC."""
     armed, other = everybody(session)[:2]
-    starts = [bench.ready(PERIOD) for bench in (armed, other)]
+    starts = [driver.motion.ready(PERIOD) for driver in (armed, other)]
     preload(armed, 0x13, starts[0] + STEPS)
     exchange = started(armed, codec.sync())
-    armed.finish(armed.to_position(exchange, starts[0], starts[0] + STEPS), "MACC-SYNC-01")
-    place = other.position()
+    armed.motion.finish(
+        armed.motion.to_position(exchange, starts[0], starts[0] + STEPS), "MACC-SYNC-01"
+    )
+    place = other.client.position()
     session.expect(place == starts[1], "MACC-SYNC-04", f"still at {starts[1]}", place)
-    armed.finish(armed.go_plainly(starts[0]))
+    armed.motion.finish(armed.motion.go_plainly(starts[0]))
 
 
-def _all_back(benches: list[Bench], starts: list[int]) -> None:
-    for bench, start in zip(benches, starts, strict=True):
-        bench.at_rest()
-        bench.go_plainly(start)
-    for bench, start in zip(benches, starts, strict=True):
-        bench.wait(abs(bench.position() - start) * bench.period * TICK_NS / 1e9 + 0.1)
-        bench.session.step(bench.position() == start, start, bench.position())
+def _all_back(drivers: list[CanDriver], starts: list[int]) -> None:
+    for driver, start in zip(drivers, starts, strict=True):
+        driver.motion.at_rest()
+        driver.motion.go_plainly(start)
+    for driver, start in zip(drivers, starts, strict=True):
+        driver.client.wait(
+            abs(driver.client.position() - start) * driver.motion.period * TICK_NS / 1e9 + 0.1
+        )
+        driver.session.step(driver.client.position() == start, start, driver.client.position())

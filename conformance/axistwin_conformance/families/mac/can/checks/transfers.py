@@ -3,33 +3,31 @@ matter, and that nothing else is said or done."""
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import cache
-from importlib import resources
+from dataclasses import replace
 from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.motion import SLOWEST
-from axistwin_conformance.families.mac.axis.driver.unknown_modules import stranger_at
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
+from axistwin_conformance.families.mac.axis.driver.unknown_modules import unknown_module_at
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.can import codec
-from axistwin_conformance.families.mac.can.codec import Request
+from axistwin_conformance.families.mac.can.codec import CanRequest
 from axistwin_conformance.families.mac.can.collect_replies import (
+    described,
     everybody,
     exactly,
     outcome_of,
     replies,
     reply_frame,
     the_reply,
-    told,
     unasked,
 )
-from axistwin_conformance.families.mac.can.driver import Bench
+from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.families.mac.can.settings import SETTINGS, TORQUE, held, unchanged
+from axistwin_conformance.sequences.golden import GoldenExchange, golden_exchanges
 from axistwin_conformance.transport.can_frame import Frame
 
 ORDER = 40  # of this module in a run; see `Family.modules`
@@ -54,53 +52,32 @@ LOCKED: Final = (0x02, 0x13)
 LOCKED_BY_THE_LIST: Final = (0x03, 0x09, 0x0A, 0x0D, 0x0F, 0x14)
 
 
-def judge_accepted(bench: Bench, one: Request, requirement: str) -> None:
+def judge_accepted(driver: CanDriver, request: CanRequest, requirement: str) -> None:
     """60h, what was named, four zeros; nothing else."""
-    exactly(bench, one.frame(), reply_frame(one, codec.ACCEPTED), requirement)
+    exactly(driver, request.frame(), reply_frame(request, codec.ACCEPTED), requirement)
 
 
-def judge_refused(bench: Bench, one: Request, requirement: str) -> None:
+def judge_refused(driver: CanDriver, request: CanRequest, requirement: str) -> None:
     """80h, what was named, four zeros, or a reason instead (MACC-AMB-17); nothing else."""
-    heard, wanted = replies(bench, one.frame()), reply_frame(one, codec.REFUSED)
-    is_refusal = len(heard) == 1 and heard[0].data[:4] == wanted.data[:4]
-    is_whole = is_refusal and len(heard[0].data) == codec.TRANSFER_BYTES
-    bench.session.expect(
-        is_whole and heard[0].identifier == wanted.identifier, requirement,
-        f"{wanted} alone", told(heard),
-    )  # fmt: skip
+    received, wanted = replies(driver, request.frame()), reply_frame(request, codec.REFUSED)
+    is_refusal = len(received) == 1 and received[0].data[:4] == wanted.data[:4]
+    is_whole = is_refusal and len(received[0].data) == codec.TRANSFER_BYTES
+    driver.session.expect(
+        is_whole and received[0].identifier == wanted.identifier,
+        requirement,
+        f"{wanted} alone",
+        described(received),
+    )
     if requirement == "MACC-SDO-02":
-        bench.reading("abort_code_form", int(heard[0] != wanted), requirement)
+        driver.judge.reading("abort_code_form", int(received[0] != wanted), requirement)
 
 
 # --- the manual's examples -----------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class GoldenExchange:
-    """A worked example of the manual, corrected: frames both ways."""
-
-    name: str
-    request: Frame
-    reply: Frame
-    requirements: tuple[str, ...]
-
-
 def _frame(text: str) -> Frame:
     identifier, _, data = text.partition(" ")
     return Frame(int(identifier, 16), bytes.fromhex(data))
-
-
-@cache
-def golden_exchanges() -> tuple[GoldenExchange, ...]:
-    """Load the manual's examples, shipped beside this module."""
-    path = resources.files("axistwin_conformance.mac_can") / "golden" / "exchanges.toml"
-    rows = tomllib.loads(path.read_text(encoding="utf-8"))["exchange"]
-    return tuple(
-        GoldenExchange(
-            row["name"], _frame(row["request"]), _frame(row["reply"]), tuple(row["requirements"])
-        )
-        for row in rows
-    )
 
 
 GOLDEN_IDS: Final = (
@@ -112,41 +89,52 @@ GOLDEN_IDS: Final = (
 @check(*GOLDEN_IDS, safety=MOVES)
 def the_manuals_examples_get_their_replies(session: Session) -> None:
     """Every worked example, its misprints corrected, gets the reply that belongs to it."""
-    benches = everybody(session)
-    for golden in golden_exchanges():
+    drivers = everybody(session)
+    for golden in golden_exchanges("mac_can", _frame):
         number = golden.request.identifier - codec.REQUEST
         if number == codec.GENERAL_ADDRESS:
-            _judge_golden_to_all(benches[0], golden)
+            _judge_golden_to_all(drivers[0], golden)
             continue
-        bench = benches[(number - 1) % len(benches)]
-        bench.ready()
-        request = replace(golden.request, identifier=codec.REQUEST + bench.address)
-        heard = replies(bench, request)
-        bench.at_rest()
-        wanted = replace(golden.reply, identifier=codec.REPLY + bench.address)
+        driver = drivers[(number - 1) % len(drivers)]
+        driver.motion.ready()
+        request = replace(golden.request, identifier=codec.REQUEST + driver.client.address)
+        received = replies(driver, request)
+        driver.motion.at_rest()
+        wanted = replace(golden.reply, identifier=codec.REPLY + driver.client.address)
         if golden.reply.data[0] == 0x42:  # where the axis stands is not the manual's affair
-            shown = {b"\x42": 0, b"\x43": 1}.get(heard[0].data[:1] if heard else b"", told(heard))
-            bench.reading("upload_scs", shown, "MACC-SDO-03")
-            heard = tuple(replace(one, data=b"\x42" + one.data[1:4] + bytes(4)) for one in heard)
+            shown = {b"\x42": 0, b"\x43": 1}.get(
+                received[0].data[:1] if received else b"", described(received)
+            )
+            driver.judge.reading("upload_scs", shown, "MACC-SDO-03")
+            received = tuple(
+                replace(frame, data=b"\x42" + frame.data[1:4] + bytes(4)) for frame in received
+            )
         session.expect(
-            heard == (wanted,), golden.requirements, f"{wanted} to {request}", told(heard)
+            received == (wanted,),
+            golden.requirements,
+            f"{wanted} to {request}",
+            described(received),
         )
 
 
-def _judge_golden_to_all(bench: Bench, golden: GoldenExchange) -> None:
-    session, heard = bench.session, replies(bench, golden.request)
+def _judge_golden_to_all(driver: CanDriver, golden: GoldenExchange[Frame]) -> None:
+    session, received = driver.session, replies(driver, golden.request)
     if codec.SPOKESMAN not in (session.address, *session.neighbours):
-        hint = stranger_at(bench, codec.SPOKESMAN) if heard else ""
-        session.expect(not heard, "MACC-GEN-02", "silence: no module 1", told(heard), hint)
+        hint = unknown_module_at(driver.client, codec.SPOKESMAN) if received else ""
+        session.expect(
+            not received, "MACC-GEN-02", "silence: no module 1", described(received), hint
+        )
         for name in ("MACC-GEN-01", "MACC-GEN-03"):
             session.not_run(name, "there is no module 1 on this bus")
         return
-    data, wanted = tuple(one.data for one in heard), golden.reply.data
-    if bench.known("sync_without_preload"):  # its 2011h starts nothing (MACS-AMB-34)
-        data, wanted = tuple(one[:4] for one in data), bytes([codec.REFUSED]) + wanted[1:4]
-    session.expect(data == (wanted,), golden.requirements, golden.reply, told(heard))
-    whence = {codec.REPLY + 1: 0, codec.REQUEST + 1: 1}.get(heard[0].identifier, told(heard))
-    bench.reading("general_reply_id", whence, "MACC-GEN-03")
+    data, wanted = tuple(frame.data for frame in received), golden.reply.data
+    if driver.readings.known("sync_without_preload"):  # its 2011h starts nothing (MACS-AMB-34)
+        data, wanted = tuple(payload[:4] for payload in data), bytes([codec.REFUSED]) + wanted[1:4]
+    session.expect(data == (wanted,), golden.requirements, golden.reply, described(received))
+    whence = {codec.REPLY + 1: 0, codec.REQUEST + 1: 1}.get(
+        received[0].identifier, described(received)
+    )
+    driver.judge.reading("general_reply_id", whence, "MACC-GEN-03")
 
 
 # --- the form of replies -------------------------------------------------------------------------
@@ -155,102 +143,102 @@ def _judge_golden_to_all(bench: Bench, golden: GoldenExchange) -> None:
 @check("MACC-SDO-01", safety=MOVES)
 def accepted_downloads_are_answered_with_60h_and_zeros(session: Session) -> None:
     """Every accepted download gets 60h, its index, its sub-index and four zeros, once."""
-    bench = Bench(session)
-    bench.ready()
-    for one in SETTINGS.values():
-        value = one.parameter(one.read(bench))
-        judge_accepted(bench, bench.request(one.index, value), "MACC-SDO-01")
-    judge_accepted(bench, bench.request(0x07, 0), "MACC-SDO-01")
+    driver = CanDriver(session)
+    driver.motion.ready()
+    for setting in SETTINGS.values():
+        value = setting.parameter(setting.read(driver))
+        judge_accepted(driver, driver.client.request(setting.index, value), "MACC-SDO-01")
+    judge_accepted(driver, driver.client.request(0x07, 0), "MACC-SDO-01")
     for index in WITHOUT_PARAMETER:
-        judge_accepted(bench, bench.request(index), "MACC-SDO-01")
-    place = bench.position()
-    judge_accepted(bench, bench.request(0x13, place), "MACC-SDO-01")
-    bench.at_rest()
+        judge_accepted(driver, driver.client.request(index), "MACC-SDO-01")
+    place = driver.client.position()
+    judge_accepted(driver, driver.client.request(0x13, place), "MACC-SDO-01")
+    driver.motion.at_rest()
 
 
 @check("MACC-SDO-02", "MACC-SDO-12", safety=MOVES)
 def refused_downloads_are_answered_with_80h_and_zeros(session: Session) -> None:
     """During a move what it locks gets 80h, its index, its sub-index and four zeros; the move goes
     on and nothing is stored."""
-    bench = Bench(session)
-    start = bench.ready(SLOWEST, 0)
-    before = held(bench)[1:]
+    driver = CanDriver(session)
+    start = driver.motion.ready(SLOWEST, 0)
+    before = held(driver)[1:]
     locked = list(LOCKED)
     if session.reading("motion_lock_set") == "can_list":
         locked += LOCKED_BY_THE_LIST
     for number, index in enumerate(locked):  # there and back, each long enough for three replies
-        forecast = bench.go(start + (0 if number % 2 else LONG))
+        forecast = driver.motion.go(start + (0 if number % 2 else LONG))
         parameter = start - 300
-        if (one := SETTINGS.get(index)) is not None:
-            parameter = one.parameter(one.values[0])
+        if (setting := SETTINGS.get(index)) is not None:
+            parameter = setting.parameter(setting.values[0])
         for sub_index in (0x00, 0x01, 0xFF):
-            judge_refused(bench, bench.request(index, parameter, sub_index), "MACC-SDO-02")
-            bench.follow(forecast, "MACC-SDO-12", bench.allowance(SLOWEST))
-        bench.watch(forecast, "MACC-SDO-12", samples=2)
-    after = held(bench)[1:]
+            judge_refused(driver, driver.client.request(index, parameter, sub_index), "MACC-SDO-02")
+            driver.motion.follow(forecast, "MACC-SDO-12", driver.limits.allowance(SLOWEST))
+        driver.motion.watch(forecast, "MACC-SDO-12", samples=2)
+    after = held(driver)[1:]
     session.expect(after == before, "MACC-SDO-12", before, after)
 
 
 @check("MACC-SDO-03")
 def uploads_are_answered_with_42h_and_four_bytes(session: Session) -> None:
     """Every upload of 2000h to 2007h gets 42h, its index, its sub-index and four bytes, once."""
-    bench = Bench(session)
+    driver = CanDriver(session)
     for index in codec.ANSWERED:
-        reply = the_reply(bench, bench.request(index), "MACC-SDO-03")
+        reply = the_reply(driver, driver.client.request(index), "MACC-SDO-03")
         spelling = reply.answer_spelling
         shown: int | str = str(reply) if spelling is None else int(spelling != "42h")
-        bench.reading("upload_scs", shown, "MACC-SDO-03")
+        driver.judge.reading("upload_scs", shown, "MACC-SDO-03")
 
 
 @check("MACC-SDO-07")
 def the_filler_of_an_upload_does_not_matter(session: Session) -> None:
     """An upload gets the same reply whatever its last four bytes are."""
-    bench = Bench(session)
+    driver = CanDriver(session)
     fillers = (*FILLERS, session.random.getrandbits(32))
     for index in codec.ANSWERED:
-        plain = the_reply(bench, bench.request(index), None)
+        plain = the_reply(driver, driver.client.request(index), None)
         for filler in fillers:
-            reply = the_reply(bench, bench.request(index, filler), None)
+            reply = the_reply(driver, driver.client.request(index, filler), None)
             # Temperature and supply may differ by a count from one reply to the next.
             is_same = reply.kind is plain.kind and (index == 0x27 or reply.data == plain.data)
             session.expect(is_same, None, f"{plain}, filler {filler:08X}", reply)
 
 
-def _judge_sub_index(bench: Bench, index: int, sub_index: int, plain: int) -> None:
-    one = bench.request(index, 0, sub_index)
-    heard = replies(bench, one.frame())
-    reply = codec.parse(heard[0] if len(heard) == 1 else None, bench.byte_order)
-    outcome: int | str = told(heard)
-    if len(heard) == 1 and not codec.mismatch(one, heard[0]):
-        if reply.kind is Kind.ANSWER and reply.data == plain:
+def _judge_sub_index(driver: CanDriver, index: int, sub_index: int, plain: int) -> None:
+    request = driver.client.request(index, 0, sub_index)
+    received = replies(driver, request.frame())
+    reply = codec.parse(received[0] if len(received) == 1 else None, driver.client.byte_order)
+    outcome: int | str = described(received)
+    if len(received) == 1 and not codec.mismatch(request, received[0]):
+        if reply.kind is ReplyKind.ANSWER and reply.data == plain:
             outcome = 0
-        elif reply.kind is Kind.REFUSED:
+        elif reply.kind is ReplyKind.REFUSED:
             outcome = 1
-    bench.reading("subindex_policy", outcome)
+    driver.judge.reading("subindex_policy", outcome)
 
 
 @check("MACC-SDO-09")
 def any_sub_index_is_repeated_and_selects_nothing(session: Session) -> None:
     """An upload with any sub-index repeats it and tells the same, or is refused for it."""
-    bench = Bench(session)
+    driver = CanDriver(session)
     for index in (0x20, 0x22, 0x23, 0x24, 0x25, 0x26):
-        plain = bench.value(index)
+        plain = driver.client.value(index)
         every = index == 0x22 and session.transport.is_virtual
         for sub_index in range(1, 0x100) if every else SUB_INDICES:
-            _judge_sub_index(bench, index, sub_index, plain)
+            _judge_sub_index(driver, index, sub_index, plain)
 
 
 @check("MACC-SDO-09", safety="stored")
 def a_download_with_a_sub_index_sets_the_same(session: Session) -> None:
     """A download with any sub-index sets what it sets without one, or is refused and sets
     nothing."""
-    bench = Bench(session)
+    driver = CanDriver(session)
     for sub_index in SUB_INDICES:
-        before, value = TORQUE.read(bench), TORQUE.other(bench)
-        one = bench.request(0x0C, value, sub_index)
-        outcome = outcome_of(bench, one, {Kind.ACCEPTED: 0, Kind.REFUSED: 1})
-        bench.reading("subindex_policy", outcome)
-        wanted, seen = (value, before)[outcome == 1], TORQUE.read(bench)
+        before, value = TORQUE.read(driver), TORQUE.other(driver)
+        request = driver.client.request(0x0C, value, sub_index)
+        outcome = outcome_of(driver, request, {ReplyKind.ACCEPTED: 0, ReplyKind.REFUSED: 1})
+        driver.judge.reading("subindex_policy", outcome)
+        wanted, seen = (value, before)[outcome == 1], TORQUE.read(driver)
         session.expect(seen == wanted, None, f"torque {wanted:02X}", f"{seen:02X}")
 
 
@@ -261,56 +249,62 @@ def a_download_with_a_sub_index_sets_the_same(session: Session) -> None:
 def numbers_travel_most_significant_byte_first(session: Session) -> None:
     """A number is written and read with its most significant byte first, or, all of them, the other
     way round."""
-    bench = Bench(session)
+    driver = CanDriver(session)
     for index in (0x0C, 0x0E, 0x0F, 0x1C):  # those whose place in download and upload differs
-        one = SETTINGS[index]
-        before = bench.value(one.query)
-        value = one.other(bench)
+        setting = SETTINGS[index]
+        before = driver.client.value(setting.stored.query)
+        value = setting.other(driver)
         outcome: int | str = f"{index:02X}h: neither order sets it"
         for number, order in enumerate(("big", "little")):
-            asked = codec.request(bench.address, index, one.parameter(value), byte_order=order)
-            replies(bench, asked.frame())
-            answer = replies(bench, codec.request(bench.address, one.query).frame())
+            asked = codec.request(
+                driver.client.address, index, setting.parameter(value), byte_order=order
+            )
+            replies(driver, asked.frame())
+            answer = replies(
+                driver, codec.request(driver.client.address, setting.stored.query).frame()
+            )
             data = codec.parse(answer[0], order).data if len(answer) == 1 else None
-            if data is not None and data >> one.shift & one.mask == value:
+            if data is not None and setting.stored.read(data) == value:
                 outcome = number
                 break
-        bench.reading("can_byte_order", outcome, "MACC-SDO-04")
-        bench.command(index, one.parameter(before >> one.shift & one.mask))
+        driver.judge.reading("can_byte_order", outcome, "MACC-SDO-04")
+        driver.client.command(index, setting.parameter(setting.stored.read(before)))
 
 
 @check("MACC-SDO-04", safety="stored")
 def every_byte_of_a_number_keeps_its_place(session: Session) -> None:
     """Four different bytes written by 2009h and 200Ah are read back by 2002h and 2003h, and two
     written by 200Dh by 2005h."""
-    bench = Bench(session)
+    driver = CanDriver(session)
     longs = (0x01020304, 0x3FFEFDFC, 0xFEDCBA98, 0x00000001, 0xFFFFFFFF, 0x00010000)
     for index, values in ((0x09, longs), (0x0A, longs), (0x0D, (0xF012, 0x12F0, 0x2000))):
         for value in values:
-            bench.command(index, value)
-            seen = SETTINGS[index].read(bench)
+            driver.client.command(index, value)
+            seen = SETTINGS[index].read(driver)
             session.expect(seen == value, None, f"{value:08X}", f"{seen:08X}")
 
 
 @check("MACC-SDO-08", safety=MOVES)
 def bytes_without_a_meaning_may_hold_anything(session: Session) -> None:
     """A download sets the same whatever its don't-care bytes hold, or is refused for them."""
-    bench = Bench(session)
-    bench.ready()
+    driver = CanDriver(session)
+    driver.motion.ready()
     for index, mask in DONT_CARE.items():
-        one = SETTINGS[index]
+        setting = SETTINGS[index]
         for filler in (mask, mask & 0xAA55AA55, mask & session.random.getrandbits(32)):
-            before, value = one.read(bench), one.other(bench)
-            asked = bench.request(index, one.parameter(value) | filler)
-            outcome = outcome_of(bench, asked, {Kind.ACCEPTED: 0, Kind.REFUSED: int(filler > 0)})
-            bench.reading("dont_care_digits", outcome)
-            wanted, seen = (value, before)[outcome == 1], one.read(bench)
+            before, value = setting.read(driver), setting.other(driver)
+            asked = driver.client.request(index, setting.parameter(value) | filler)
+            outcome = outcome_of(
+                driver, asked, {ReplyKind.ACCEPTED: 0, ReplyKind.REFUSED: int(filler > 0)}
+            )
+            driver.judge.reading("dont_care_digits", outcome)
+            wanted, seen = (value, before)[outcome == 1], setting.read(driver)
             session.expect(seen == wanted, None, f"{index:02X}h {wanted:X}", f"{seen:X}")
     for index in (0x07, *WITHOUT_PARAMETER):
-        asked = bench.request(index, 0xFFFFFF00 if index == 0x07 else 0xFFFFFFFF)
-        outcome = outcome_of(bench, asked, {Kind.ACCEPTED: 0, Kind.REFUSED: 1})
-        bench.reading("dont_care_digits", outcome)
-    bench.disarm()
+        asked = driver.client.request(index, 0xFFFFFF00 if index == 0x07 else 0xFFFFFFFF)
+        outcome = outcome_of(driver, asked, {ReplyKind.ACCEPTED: 0, ReplyKind.REFUSED: 1})
+        driver.judge.reading("dont_care_digits", outcome)
+    driver.motion.disarm()
 
 
 # --- reading is not writing ----------------------------------------------------------------------
@@ -319,40 +313,45 @@ def bytes_without_a_meaning_may_hold_anything(session: Session) -> None:
 @check("MACC-SDO-05")
 def reading_an_index_does_not_do_what_writing_it_does(session: Session) -> None:
     """Uploads of 2000h to 200Fh, twice, neither restart the module nor change anything."""
-    bench = Bench(session)
-    before = held(bench)
-    bench.target.take_spontaneous()
+    driver = CanDriver(session)
+    before = held(driver)
+    driver.client.target.take_spontaneous()
     for index in (*codec.QUERIES, *codec.QUERIES):
-        replies(bench, bench.request(index, 0xFFFFFFFF).frame())
-    booted = unasked(bench, RESTART_SHOWS_S, lambda frame: codec.boot_up_form(frame) is not None)
-    session.expect(not booted, None, "no restart", [str(one.frame) for one in booted])
-    unchanged(bench, before, "MACC-SDO-05")
+        replies(driver, driver.client.request(index, 0xFFFFFFFF).frame())
+    booted = unasked(driver, RESTART_SHOWS_S, lambda frame: codec.boot_up_form(frame) is not None)
+    session.expect(not booted, None, "no restart", [str(arrival.frame) for arrival in booted])
+    unchanged(driver, before, "MACC-SDO-05")
 
 
 @check("MACC-SDO-05", safety=MOVES)
 def download_and_upload_of_an_index_are_two_things(session: Session) -> None:
     """What 20xxh writes shows elsewhere; no upload of 2000h to 200Fh is one of their downloads."""
-    bench = Bench(session)
-    start = bench.ready()
-    place = bench.finish(bench.go(start + 7))
+    driver = CanDriver(session)
+    start = driver.motion.ready()
+    place = driver.motion.finish(driver.motion.go(start + 7))
     for index, shown, kept in (
-        (0x02, 0x26, 0x22), (0x03, 0x26, 0x23), (0x09, 0x22, 0x23), (0x0A, 0x23, 0x22),
-    ):  # fmt: skip
-        one = SETTINGS[index]
-        before, value = bench.value(kept), one.other(bench)
-        bench.accepted(index, one.parameter(value))
+        (0x02, 0x26, 0x22),
+        (0x03, 0x26, 0x23),
+        (0x09, 0x22, 0x23),
+        (0x0A, 0x23, 0x22),
+    ):
+        setting = SETTINGS[index]
+        before, value = driver.client.value(kept), setting.other(driver)
+        driver.judge.accepted(index, setting.parameter(value))
         session.expect(
-            one.read(bench) == value, None, f"{value:X} in {shown:02X}h", one.read(bench)
+            setting.read(driver) == value, None, f"{value:X} in {shown:02X}h", setting.read(driver)
         )
-        after = bench.value(kept)
+        after = driver.client.value(kept)
         session.expect(after == before, None, f"{kept:02X}h {before:08X}", f"{after:08X}")
     for index in (0x02, 0x03):  # an axis in standby may swing by one increment
-        bench.accepted(index, 0)
-    before_all = held(bench)
+        driver.judge.accepted(index, 0)
+    before_all = held(driver)
     for index in codec.QUERIES:
-        replies(bench, bench.request(index).frame(), is_awaited=False)
-    unchanged(bench, before_all, "MACC-SDO-05")
-    session.expect(bench.position() == place, None, f"still at {place}", bench.position())
+        replies(driver, driver.client.request(index).frame(), is_awaited=False)
+    unchanged(driver, before_all, "MACC-SDO-05")
+    session.expect(
+        driver.client.position() == place, None, f"still at {place}", driver.client.position()
+    )
 
 
 # --- when, and how often -------------------------------------------------------------------------
@@ -361,19 +360,19 @@ def download_and_upload_of_an_index_are_two_things(session: Session) -> None:
 @check("MACC-SDO-13", "MACC-SDO-06", safety=MOVES)
 def a_motion_is_answered_when_it_is_taken_over(session: Session) -> None:
     """A long move is acknowledged at once; neither its course nor its end is told."""
-    bench = Bench(session)
-    start = bench.ready(SLOWEST)
+    driver = CanDriver(session)
+    start = driver.motion.ready(SLOWEST)
     sent_ns = session.transport.now_ns
-    exchange = bench.accepted(0x13, start + LONG, requirement="MACC-SDO-13")
+    exchange = driver.judge.accepted(0x13, start + LONG, requirement="MACC-SDO-13")
     took_s = (session.transport.now_ns - sent_ns) / 1e9
     session.expect(took_s < ACKNOWLEDGED_WITHIN_S, "MACC-SDO-13", "60h at once", f"{took_s:.3f} s")
-    end = bench.to_position(exchange, start, start + LONG).end
+    end = driver.motion.to_position(exchange, start, start + LONG).end
     assert end is not None
     listen_s = LISTEN_S if session.transport.is_virtual else LISTEN_REAL_S
     left_s = (end.latest_ns - session.transport.now_ns) / 1e9
-    extra = bench.target.receive(codec.is_reply, left_s + listen_s)
+    extra = driver.client.target.receive(codec.is_reply, left_s + listen_s)
     session.expect(
         extra is None, "MACC-SDO-06", "silence", "silence" if extra is None else extra.frame
     )
-    place = bench.position()
+    place = driver.client.position()
     session.expect(place == start + LONG, "MACC-SDO-13", start + LONG, place)

@@ -12,14 +12,14 @@ from functools import cmp_to_key
 from typing import Final
 
 from axistwin_conformance.core.probing import Measured, Outcome, probe
-from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.probes.rig import TOO_MUCH_VOLTS
 from axistwin_conformance.families.mac.axis.probes.running_on import travel_guard
 from axistwin_conformance.families.mac.axis.probes.stops import rest
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.can import codec
-from axistwin_conformance.families.mac.can.driver import Bench
+from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.families.mac.can.probes.messages import (
     LATE_S,
     LIFEBEAT_S,
@@ -27,8 +27,8 @@ from axistwin_conformance.families.mac.can.probes.messages import (
     lifebeat,
     longest_boot_s,
     payload_readings,
-    said,
     speaks,
+    spontaneous_messages,
 )
 from axistwin_conformance.transport.rig import Rig
 
@@ -57,120 +57,122 @@ NOT_TOGETHER: Final = {OVER, UNDER}
 
 
 @contextmanager
-def stopped_beyond(bench: Bench) -> Iterator[None]:
+def stopped_beyond(driver: CanDriver) -> Iterator[None]:
     """A move that a software stop ends, and the stops off again."""
-    start = travel_guard(bench, 10)
-    bench.accepted(0x13, start + BEYOND)
-    rest(bench)
+    start = travel_guard(driver, 10)
+    driver.judge.accepted(0x13, start + BEYOND)
+    rest(driver)
     yield
-    bench.at_rest()
-    bench.accepted(0x03, 0)
+    driver.motion.at_rest()
+    driver.judge.accepted(0x03, 0)
 
 
 @probe(safety=MOVES, switch="emcy_payload", serves=MESSAGES)
-def emcy_payload_of_a_stopped_axis(bench: Bench) -> Outcome:
+def emcy_payload_of_a_stopped_axis(driver: CanDriver) -> Outcome:
     """The lifebeat beside 2001h while ff shows a stop."""
-    with stopped_beyond(bench):
-        status = bytes(bench.data_bytes(0x21))
-        message = lifebeat(bench)
+    with stopped_beyond(driver):
+        status = bytes(driver.client.data_bytes(0x21))
+        message = lifebeat(driver)
     if not status[1]:
-        bench.session.skip("2001h shows no stop, and so is all zeros")
+        driver.session.skip("2001h shows no stop, and so is all zeros")
     return 3 if message is None else payload_readings(message, status)
 
 
 @probe(safety=MOVES)
-def emcy_trigger_mask(bench: Bench) -> Outcome:
+def emcy_trigger_mask(driver: CanDriver) -> Outcome:
     """A software stop tripped, twice: whether the module speaks at once."""
-    speaks(bench)
+    speaks(driver)
     spoke = set()
     for _ in range(TIMES):
-        bench.target.take_spontaneous()
-        with stopped_beyond(bench):
-            spoke.add(bool(said(bench, 0)))
+        driver.client.target.take_spontaneous()
+        with stopped_beyond(driver):
+            spoke.add(bool(spontaneous_messages(driver, 0)))
     return Measured(ALL_BYTES) if spoke == {True} else 0
 
 
 # --- with a rig ----------------------------------------------------------------------------------
 
 
-def speaks_when(bench: Bench, act: Callable[[Rig], object]) -> bool:
+def speaks_when(driver: CanDriver, act: Callable[[Rig], object]) -> bool:
     """Whether the module says something when that is done."""
-    since_ns = bench.ask(0x20).taken.earliest_ns
-    bench.target.take_spontaneous()
-    act(bench.session.rig)
-    messages = said(bench, SHOWS_S + bench.target.uncertainty_ns / 1e9)
-    if bench.target.now_ns - since_ns > (LIFEBEAT_S - LATE_S) * 1e9:
-        bench.session.skip("the rig took so long that it may have been a lifebeat")
+    since_ns = driver.client.ask(0x20).taken.earliest_ns
+    driver.client.target.take_spontaneous()
+    act(driver.session.rig)
+    messages = spontaneous_messages(driver, SHOWS_S + driver.client.target.uncertainty_ns / 1e9)
+    if driver.client.target.now_ns - since_ns > (LIFEBEAT_S - LATE_S) * 1e9:
+        driver.session.skip("the rig took so long that it may have been a lifebeat")
     return bool(messages)
 
 
 @probe(safety=WORKED, needs=("rig:supply",))
-def emcy_on_clear(bench: Bench) -> Outcome:
+def emcy_on_clear(driver: CanDriver) -> Outcome:
     """Over-voltage that comes and goes, twice: when the module speaks."""
-    speaks(bench)
-    bench.at_rest()
+    speaks(driver)
+    driver.motion.at_rest()
     comes, goes = set(), set()
     for _ in range(TIMES):
-        comes.add(speaks_when(bench, BEGIN[OVER]))
-        goes.add(speaks_when(bench, lambda rig: rig.reset()))
-    bench.reinitialise()  # 2001h remembers the over-voltage
+        comes.add(speaks_when(driver, BEGIN[OVER]))
+        goes.add(speaks_when(driver, lambda rig: rig.reset()))
+    driver.motion.reinitialise()  # 2001h remembers the over-voltage
     if comes != {True}:
         return "nothing is said of an over-voltage"
     return int(goes != {True})
 
 
 @probe(safety=WORKED, needs=("rig:supply", "rig:temperature", "rig:micro_cut"))
-def emcy_code_map(bench: Bench) -> Outcome:
+def emcy_code_map(driver: CanDriver) -> Outcome:
     """Code and register of each error of 2001h; of two at once, where the rig is exact."""
-    speaks(bench)
-    if bench.session.reading("emcy_payload") == "status_first":
-        bench.session.skip("its messages carry no code")
-    codes = {bit: code for bit in BEGIN if any(code := _code_of(bench, bit))}
+    speaks(driver)
+    if driver.session.reading("emcy_payload") == "status_first":
+        driver.session.skip("its messages carry no code")
+    codes = {bit: code for bit in BEGIN if any(code := _code_of(driver, bit))}
 
-    def precedes(one: int, other: int) -> int:
-        if {one, other} == NOT_TOGETHER or not bench.session.rig.is_exact:
+    def precedes(switch: int, other: int) -> int:
+        if {switch, other} == NOT_TOGETHER or not driver.session.rig.is_exact:
             return 0
-        seen = _code_of(bench, one, other)
-        return (seen == codes[other]) - (seen == codes[one])
+        seen = _code_of(driver, switch, other)
+        return (seen == codes[other]) - (seen == codes[switch])
 
     order = sorted(codes, key=cmp_to_key(precedes))
     if tuple((bit, *codes[bit]) for bit in order) == codec.ERROR_CODES:
         return 0
-    told = [f"{bit:02X}/{codes[bit][0]:04X}/{codes[bit][1]:02X}" for bit in order]
-    return Measured(",".join(told)) if told else "no error has a code"
+    described = [f"{bit:02X}/{codes[bit][0]:04X}/{codes[bit][1]:02X}" for bit in order]
+    return Measured(",".join(described)) if described else "no error has a code"
 
 
-def _code_of(bench: Bench, *bits: int) -> tuple[int, int]:
+def _code_of(driver: CanDriver, *bits: int) -> tuple[int, int]:
     """Code and register that the module tells while these errors are there."""
-    bench.at_rest()
-    bench.target.take_spontaneous()
+    driver.motion.at_rest()
+    driver.client.target.take_spontaneous()
     for bit in bits:
-        BEGIN[bit](bench.session.rig)
-    messages = said(bench, SHOWS_S + bench.target.uncertainty_ns / 1e9)
-    faults = bench.data_bytes(0x21)[0]
-    message = messages[-1] if messages else lifebeat(bench)
-    bench.session.rig.reset()
-    bench.reinitialise()
+        BEGIN[bit](driver.session.rig)
+    messages = spontaneous_messages(driver, SHOWS_S + driver.client.target.uncertainty_ns / 1e9)
+    faults = driver.client.data_bytes(0x21)[0]
+    message = messages[-1] if messages else lifebeat(driver)
+    driver.session.rig.reset()
+    driver.motion.reinitialise()
     if faults & (HOT | CUT | OVER | UNDER) != sum(bits):
-        bench.session.skip(f"2001h shows {faults:02X} instead of {sum(bits):02X}")
+        driver.session.skip(f"2001h shows {faults:02X} instead of {sum(bits):02X}")
     data = b"" if message is None else message.frame.data
     return int.from_bytes(data[:2], "little"), int.from_bytes(data[2:3], "big")
 
 
 @probe(safety=WORKED, needs=("rig:temperature",))
-def fault_ack_while_present(bench: Bench) -> Outcome:
+def fault_ack_while_present(driver: CanDriver) -> Outcome:
     """2000h while it is too hot."""
-    bench.at_rest()
-    BEGIN[HOT](bench.session.rig)
-    bench.wait(SHOWS_S)
-    is_hot = bool(bench.data_bytes(0x21)[0] & HOT)
-    bench.target.take_spontaneous()
-    kind = bench.within(QUIET_S, 0x00).kind
-    is_restarted = kind is not Kind.REFUSED and bench.boot_up(longest_boot_s(bench)) is not None
-    bench.session.rig.reset()
-    bench.reinitialise()
+    driver.motion.at_rest()
+    BEGIN[HOT](driver.session.rig)
+    driver.client.wait(SHOWS_S)
+    is_hot = bool(driver.client.data_bytes(0x21)[0] & HOT)
+    driver.client.target.take_spontaneous()
+    kind = driver.client.within(QUIET_S, 0x00).kind
+    is_restarted = (
+        kind is not ReplyKind.REFUSED and driver.client.boot_up(longest_boot_s(driver)) is not None
+    )
+    driver.session.rig.reset()
+    driver.motion.reinitialise()
     if not is_hot:
-        bench.session.skip("2001h shows no fault")
-    if kind is Kind.REFUSED:
+        driver.session.skip("2001h shows no fault")
+    if kind is ReplyKind.REFUSED:
         return 1
     return 0 if is_restarted else f"{kind.value}, and no boot-up message"

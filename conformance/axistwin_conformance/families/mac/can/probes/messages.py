@@ -11,11 +11,12 @@ from itertools import pairwise
 from typing import Final
 
 from axistwin_conformance.core.probing import Measured, Outcome, probe
-from axistwin_conformance.families.mac.axis.driver.motion import DEAF_S, QUIET_S
-from axistwin_conformance.families.mac.axis.exchanges import Kind
-from axistwin_conformance.families.mac.axis.model.forecast import Window
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
+from axistwin_conformance.families.mac.axis.driver.motion import DEAF_S
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
 from axistwin_conformance.families.mac.can import codec
-from axistwin_conformance.families.mac.can.driver import Bench
+from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.transport.can import Arrival
 
 ORDER = 30  # of this module in a run; see `Family.modules`
@@ -36,34 +37,36 @@ NEVER_SPEAKS: Final = "it says nothing unasked but its boot-up message"
 # --- lifebeat ------------------------------------------------------------------------------------
 
 
-def said(bench: Bench, seconds: float) -> list[Arrival]:
+def spontaneous_messages(driver: CanDriver, seconds: float) -> list[Arrival]:
     """The emergency and lifebeat messages of the module within that time."""
-    bench.wait(seconds)
-    return [one for one in bench.target.take_spontaneous() if _is_ours(bench, one)]
+    driver.client.wait(seconds)
+    return [
+        arrival for arrival in driver.client.target.take_spontaneous() if _is_ours(driver, arrival)
+    ]
 
 
-def _is_ours(bench: Bench, one: Arrival) -> bool:
-    address = codec.spontaneous_from(one.frame)
-    return address == bench.address and codec.is_emergency(one.frame)
+def _is_ours(driver: CanDriver, arrival: Arrival) -> bool:
+    address = codec.spontaneous_from(arrival.frame)
+    return address == driver.client.address and codec.is_emergency(arrival.frame)
 
 
-def lifebeat(bench: Bench) -> Arrival | None:
+def lifebeat(driver: CanDriver) -> Arrival | None:
     """The next message of that kind, for which the module is left alone; None: none in time."""
-    bench.target.take_spontaneous()
-    return bench.emergency(LIFEBEAT_S + LATE_S + bench.target.uncertainty_ns / 1e9)
+    driver.client.target.take_spontaneous()
+    return driver.client.emergency(LIFEBEAT_S + LATE_S + driver.client.target.uncertainty_ns / 1e9)
 
 
-def speaks(bench: Bench) -> None:
+def speaks(driver: CanDriver) -> None:
     """Leave the probe if there is no such message on this device."""
-    if bench.session.reading("emcy_payload") == "none":
-        bench.session.skip(NEVER_SPEAKS)
+    if driver.session.reading("emcy_payload") == "none":
+        driver.session.skip(NEVER_SPEAKS)
 
 
 @probe(serves=MESSAGES)
-def emcy_payload(bench: Bench) -> Outcome:
+def emcy_payload(driver: CanDriver) -> Outcome:
     """What comes after 10 s of silence, beside 2001h."""
-    status = bytes(bench.data_bytes(0x21))
-    message = lifebeat(bench)
+    status = bytes(driver.client.data_bytes(0x21))
+    message = lifebeat(driver)
     return 3 if message is None else payload_readings(message, status)
 
 
@@ -82,24 +85,27 @@ def payload_readings(message: Arrival, status: bytes) -> Outcome:
 
 
 @probe(serves=MESSAGES)
-def lifebeat_restart(bench: Bench) -> Outcome:
+def lifebeat_restart(driver: CanDriver) -> Outcome:
     """2000h once, then each second on 600h: when the module speaks within 10 s of its own
     request."""
-    speaks(bench)
-    bench.wait(LATE_S)  # so that a message of before is not taken for one of now
-    bench.target.take_spontaneous()
-    before = said(bench, LATE_S)
-    own = bench.ask(0x20).taken
+    speaks(driver)
+    driver.client.wait(LATE_S)  # so that a message of before is not taken for one of now
+    driver.client.target.take_spontaneous()
+    before = spontaneous_messages(driver, LATE_S)
+    own = driver.client.ask(0x20).taken
     over_ns = own.latest_ns + round((LIFEBEAT_S + LATE_S) * 1e9)
-    general = bench.to_all(0x20).frame()
-    while over_ns - bench.target.now_ns > LATE_S * 1e9:
-        bench.target.send(general)
-        bench.wait(min(GENERAL_S, (over_ns - bench.target.now_ns) / 1e9 - LATE_S))
-    messages = [*before, *said(bench, (over_ns - bench.target.now_ns) / 1e9)]
-    return _restarted_by(own, [one.time_ns for one in messages])
+    general = driver.client.to_all(0x20).frame()
+    while over_ns - driver.client.target.now_ns > LATE_S * 1e9:
+        driver.client.target.send(general)
+        driver.client.wait(min(GENERAL_S, (over_ns - driver.client.target.now_ns) / 1e9 - LATE_S))
+    messages = [
+        *before,
+        *spontaneous_messages(driver, (over_ns - driver.client.target.now_ns) / 1e9),
+    ]
+    return _restarted_by(own, [message.time_ns for message in messages])
 
 
-def _restarted_by(own: Window, spoken_ns: Sequence[int]) -> Outcome:
+def _restarted_by(own: TimeWindow, spoken_ns: Sequence[int]) -> Outcome:
     """The reading of MACC-AMB-06: spoken 10 s after the own request, not at all, or otherwise; a
     free-running module has then spoken 10 s before that, too."""
     if not spoken_ns:
@@ -118,76 +124,76 @@ def _restarted_by(own: Window, spoken_ns: Sequence[int]) -> Outcome:
 
 
 @probe(safety="motion")
-def nmt_supported(bench: Bench) -> Outcome:
+def nmt_supported(driver: CanDriver) -> Outcome:
     """000h 02 and the address, then 2000h; then 000h 01 to make it good."""
-    bench.at_rest()
-    bench.target.send(codec.nmt(NMT_STOP, bench.address))
-    kind = bench.within(QUIET_S, 0x20).kind
-    bench.target.send(codec.nmt(NMT_START, bench.address))
-    if kind is Kind.ANSWER:
+    driver.motion.at_rest()
+    driver.client.target.send(codec.nmt(NMT_STOP, driver.client.address))
+    kind = driver.client.within(QUIET_S, 0x20).kind
+    driver.client.target.send(codec.nmt(NMT_START, driver.client.address))
+    if kind is ReplyKind.ANSWER:
         return 0
-    is_back = bench.within(QUIET_S, 0x20).kind is Kind.ANSWER
-    return 1 if kind is Kind.SILENCE and is_back else f"{kind.value} after 000h 02"
+    is_back = driver.client.within(QUIET_S, 0x20).kind is ReplyKind.ANSWER
+    return 1 if kind is ReplyKind.SILENCE and is_back else f"{kind.value} after 000h 02"
 
 
 @dataclass(frozen=True, slots=True)
 class Restart:
     """What came of 2000h: the reply, when the restart began, the boot-up message if one came."""
 
-    reply: Kind
+    reply: ReplyKind
     since_ns: int
     boot_up: Arrival | None
 
 
-def longest_boot_s(bench: Bench) -> float:
+def longest_boot_s(driver: CanDriver) -> float:
     """How long a boot-up message is waited for while nobody knows when it comes."""
-    return LONGEST_BOOT_S if bench.target.is_virtual else LONGEST_REAL_BOOT_S
+    return LONGEST_BOOT_S if driver.client.target.is_virtual else LONGEST_REAL_BOOT_S
 
 
-def restarted(bench: Bench) -> Restart:
+def restarted(driver: CanDriver) -> Restart:
     """Send 2000h at rest and wait for the boot-up message."""
-    bench.at_rest()
-    bench.target.take_spontaneous()
-    exchange = bench.within(QUIET_S, 0x00)
-    if exchange.kind is Kind.SILENCE:  # it restarts when it would have replied (MACC-AMB-26)
-        answered_ns = exchange.taken.earliest_ns + bench.target.round_trip.median_ns
-        since_ns = answered_ns - bench.frame_ns
+    driver.motion.at_rest()
+    driver.client.target.take_spontaneous()
+    exchange = driver.client.within(QUIET_S, 0x00)
+    if exchange.kind is ReplyKind.SILENCE:  # it restarts when it would have replied (MACC-AMB-26)
+        answered_ns = exchange.taken.earliest_ns + driver.client.target.round_trip.median_ns
+        since_ns = answered_ns - driver.client.frame_ns
     else:
         since_ns = exchange.taken.latest_ns
-    return Restart(exchange.kind, since_ns, bench.boot_up(longest_boot_s(bench)))
+    return Restart(exchange.kind, since_ns, driver.client.boot_up(longest_boot_s(driver)))
 
 
 @probe(safety="motion", switch="reset_reply")
-def reply_to_a_reset(bench: Bench) -> Outcome:
+def reply_to_a_reset(driver: CanDriver) -> Outcome:
     """2000h."""
-    one = restarted(bench)
-    readings = {Kind.ACCEPTED: 0, Kind.SILENCE: 1}
-    if one.boot_up is None:
-        return f"{one.reply.value}, and no boot-up message"
-    return readings.get(one.reply, one.reply.value)
+    restart = restarted(driver)
+    readings = {ReplyKind.ACCEPTED: 0, ReplyKind.SILENCE: 1}
+    if restart.boot_up is None:
+        return f"{restart.reply.value}, and no boot-up message"
+    return readings.get(restart.reply, restart.reply.value)
 
 
 @probe(safety="motion")
-def bootup_form(bench: Bench) -> Outcome:
+def bootup_form(driver: CanDriver) -> Outcome:
     """2000h, then the message that comes."""
-    message = restarted(bench).boot_up
+    message = restarted(driver).boot_up
     form = None if message is None else codec.boot_up_form(message.frame)
-    return Measured(form) if form else f"no boot-up message for {longest_boot_s(bench):.0f} s"
+    return Measured(form) if form else f"no boot-up message for {longest_boot_s(driver):.0f} s"
 
 
 @probe(safety="motion", switch="boot_time_ms")
-def time_to_the_boot_up(bench: Bench) -> Outcome:
+def time_to_the_boot_up(driver: CanDriver) -> Outcome:
     """2000h, then the time to the boot-up message."""
-    one = restarted(bench)
-    if one.boot_up is None:
-        return f"no boot-up message for {longest_boot_s(bench):.0f} s"
-    begun_ns = one.boot_up.time_ns - bench.target.least_time_ns(one.boot_up.frame)
-    step_ms = 1 if bench.target.is_virtual else REAL_STEP_MS
-    passed_ms = step_ms * round((begun_ns - one.since_ns) / (step_ms * 1e6))
+    restart = restarted(driver)
+    if restart.boot_up is None:
+        return f"no boot-up message for {longest_boot_s(driver):.0f} s"
+    begun_ns = restart.boot_up.time_ns - driver.client.target.least_time_ns(restart.boot_up.frame)
+    step_ms = 1 if driver.client.target.is_virtual else REAL_STEP_MS
+    passed_ms = step_ms * round((begun_ns - restart.since_ns) / (step_ms * 1e6))
     default_ms = round(DEAF_S * 1e3)
     doubt_ms = 0
-    if not bench.target.is_virtual:
-        doubt_ms = REAL_CLOCK_MS + bench.target.uncertainty_ns // 10**6
-    if one.reply is Kind.SILENCE:
-        doubt_ms += bench.target.round_trip.median_ns // 10**6
+    if not driver.client.target.is_virtual:
+        doubt_ms = REAL_CLOCK_MS + driver.client.target.uncertainty_ns // 10**6
+    if restart.reply is ReplyKind.SILENCE:
+        doubt_ms += driver.client.target.round_trip.median_ns // 10**6
     return Measured(str(default_ms if abs(passed_ms - default_ms) <= doubt_ms else passed_ms))

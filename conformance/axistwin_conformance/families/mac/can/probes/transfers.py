@@ -16,12 +16,12 @@ from dataclasses import replace
 from typing import Final
 
 from axistwin_conformance.core.probing import Measured, Outcome, probe
-from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.probing import reply_of
 from axistwin_conformance.families.mac.can import codec
-from axistwin_conformance.families.mac.can.codec import Reply, Request
-from axistwin_conformance.families.mac.can.driver import Bench
+from axistwin_conformance.families.mac.can.codec import CanReply, CanRequest
+from axistwin_conformance.families.mac.can.driver import CanDriver
 
 ORDER = 20  # of this module in a run; see `Family.modules`
 
@@ -38,201 +38,208 @@ FROM_MODULE_1: Final = (codec.REPLY + codec.SPOKESMAN, codec.REQUEST + codec.SPO
 # --- order of bytes, spelling --------------------------------------------------------------------
 
 
-def _raw(bench: Bench, index: int) -> bytes:
+def _raw(driver: CanDriver, index: int) -> bytes:
     """The four bytes of an answer as they came; zeros without one."""
-    reply: Reply = bench.ask(index).reply
-    is_answer = reply.frame is not None and reply.kind is Kind.ANSWER
+    reply: CanReply = driver.client.ask(index).reply
+    is_answer = reply.frame is not None and reply.kind is ReplyKind.ANSWER
     return bytes(reply.frame.data[4:]) if reply.frame and is_answer else codec.ZEROS
 
 
 @probe(safety="stored")
-def can_byte_order(bench: Bench) -> Outcome:
+def can_byte_order(driver: CanDriver) -> Outcome:
     """200Ch with the value in its last byte, then in its first, and the torque in 2006h."""
-    own = _raw(bench, 0x26)[TORQUE_AT]
+    own = _raw(driver, 0x26)[TORQUE_AT]
     value = TORQUE if own != TORQUE else OTHER_TORQUE
     shown = []
     for order in (BIG, LITTLE):
-        _write_torque(bench, order, value)
-        shown.append(_raw(bench, 0x26)[TORQUE_AT])
-        _write_torque(bench, order, own)
+        _write_torque(driver, order, value)
+        shown.append(_raw(driver, 0x26)[TORQUE_AT])
+        _write_torque(driver, order, own)
     # What the wrong order has put there must not stay: the probes that follow move.
-    _write_torque(bench, shown.index(value) if value in shown else BIG, own)
+    _write_torque(driver, shown.index(value) if value in shown else BIG, own)
     if shown.count(value) != 1:
         return f"{value:02X} in the last byte, then in the first: {shown[0]:02X}, {shown[1]:02X}"
-    return _learnt(bench, shown.index(value))
+    return _learnt(driver, shown.index(value))
 
 
-def _write_torque(bench: Bench, order: int, value: int) -> None:
+def _write_torque(driver: CanDriver, order: int, value: int) -> None:
     """200Ch, in that order of bytes whatever is known of it."""
     data = bytes([0, 0, 0, value]) if order == BIG else bytes([value, 0, 0, 0])
-    bench.send(replace(bench.request(0x0C), data=data))
+    driver.client.send(replace(driver.client.request(0x0C), data=data))
 
 
-def _learnt(bench: Bench, order: int) -> int:
+def _learnt(driver: CanDriver, order: int) -> int:
     """What was remembered before this was known is read again, and the fence learns it now.  Only
     the torque may have changed, where noise has kept it from being put back: it is a byte, and was
     read rightly before."""
-    run = bench.session.run
+    run = driver.session.run
     if run.memory is not None:
         run.readings["can_byte_order"] = ("big", "little")[order]
-        again = run.family.remember(bench.session)
-        run.memory = replace(again, torque=run.memory.torque)
+        again = run.family.remember(driver.session)
+        parameters = {**again.parameters, 0x0C: run.memory.parameters[0x0C]}
+        run.memory = replace(again, parameters=parameters)
     return order
 
 
 @probe()
-def upload_scs(bench: Bench) -> Outcome:
+def upload_scs(driver: CanDriver) -> Outcome:
     """The first byte of the answer to 2000h."""
-    reply: Reply = bench.ask(0x20).reply
+    reply: CanReply = driver.client.ask(0x20).reply
     spelling = reply.answer_spelling
     return str(reply) if spelling is None else Measured(spelling)
 
 
-def refusals(bench: Bench) -> Iterator[Request]:
+def refusals(driver: CanDriver) -> Iterator[CanRequest]:
     """Requests that a module refuses at rest, by one requirement or another, and that do
     nothing."""
-    yield bench.request(0x12)
-    yield bench.request(0x28)
-    yield replace(bench.request(0x20), index_low=DEVICE_TYPE[0], index_high=DEVICE_TYPE[1])
-    yield replace(bench.request(0x12), command=OTHER_COMMAND)
+    yield driver.client.request(0x12)
+    yield driver.client.request(0x28)
+    yield replace(driver.client.request(0x20), index_low=DEVICE_TYPE[0], index_high=DEVICE_TYPE[1])
+    yield replace(driver.client.request(0x12), command=OTHER_COMMAND)
 
 
 @probe()
-def abort_code_form(bench: Bench) -> Outcome:
+def abort_code_form(driver: CanDriver) -> Outcome:
     """The last four bytes of a refusal at rest."""
-    for one in refusals(bench):
-        reply: Reply = bench.send(one, QUIET_S).reply
-        if reply.kind is Kind.REFUSED:
+    for refusal in refusals(driver):
+        reply: CanReply = driver.client.send(refusal, QUIET_S).reply
+        if reply.kind is ReplyKind.REFUSED:
             return 1 if reply.abort_code else 0
-    return bench.session.skip("nothing that does no harm is refused")
+    return driver.session.skip("nothing that does no harm is refused")
 
 
 # --- who answers what all are told ----------------------------------------------------------------
 
 
-def answer_to_all(bench: Bench, one: Request) -> Reply | None:
+def answer_to_all(driver: CanDriver, request: CanRequest) -> CanReply | None:
     """What module 1 says to a request on 600h, on either identifier; None for nothing."""
-    bench.target.drain()
-    bench.target.send(one.frame())
-    seconds = QUIET_S * 2 + bench.target.uncertainty_ns / 1e9
-    arrival = bench.target.receive(lambda frame: frame.identifier in FROM_MODULE_1, seconds)
-    return None if arrival is None else codec.parse(arrival.frame, bench.byte_order)
+    driver.client.target.drain()
+    driver.client.target.send(request.frame())
+    seconds = QUIET_S * 2 + driver.client.target.uncertainty_ns / 1e9
+    arrival = driver.client.target.receive(lambda frame: frame.identifier in FROM_MODULE_1, seconds)
+    return None if arrival is None else codec.parse(arrival.frame, driver.client.byte_order)
 
 
-def has_module_1(bench: Bench) -> bool:
+def has_module_1(driver: CanDriver) -> bool:
     """True if the module that answers is known to be there."""
-    return codec.SPOKESMAN in (bench.session.address, *bench.session.neighbours)
+    return codec.SPOKESMAN in (driver.session.address, *driver.session.neighbours)
 
 
 @probe()
-def general_reply_id(bench: Bench) -> Outcome:
+def general_reply_id(driver: CanDriver) -> Outcome:
     """The identifier of what comes to 2000h, or to what is refused, on 600h."""
-    for one in (bench.request(0x20), *refusals(bench)):
-        reply = answer_to_all(bench, replace(one, address=codec.GENERAL_ADDRESS))
+    for request in (driver.client.request(0x20), *refusals(driver)):
+        reply = answer_to_all(driver, replace(request, address=codec.GENERAL_ADDRESS))
         if reply is not None and reply.frame is not None:
             return FROM_MODULE_1.index(reply.frame.identifier)
-    if has_module_1(bench):
+    if has_module_1(driver):
         return "silence, whatever all are told"
-    return bench.session.skip("module 1 alone answers, and it is not on this bus")
+    return driver.session.skip("module 1 alone answers, and it is not on this bus")
 
 
 @probe()
-def general_upload(bench: Bench) -> Outcome:
+def general_upload(driver: CanDriver) -> Outcome:
     """2000h on 600h."""
-    reply = answer_to_all(bench, bench.to_all(0x20))
-    if reply is None and not has_module_1(bench):
-        bench.session.skip("module 1 alone answers, and it is not on this bus")
+    reply = answer_to_all(driver, driver.client.to_all(0x20))
+    if reply is None and not has_module_1(driver):
+        driver.session.skip("module 1 alone answers, and it is not on this bus")
     if reply is None:
         return 1
-    return reply_of(reply.kind, {Kind.ANSWER: 0})
+    return reply_of(reply.kind, {ReplyKind.ANSWER: 0})
 
 
 # --- frames and indices --------------------------------------------------------------------------
 
 
 @probe()
-def short_frame(bench: Bench) -> Outcome:
+def short_frame(driver: CanDriver) -> Outcome:
     """2000h in a frame of four bytes."""
-    short = replace(bench.request(0x20), length=SHORT_BYTES)
-    return reply_of(bench.send(short, QUIET_S).kind, {Kind.SILENCE: 0, Kind.ANSWER: 1})
+    short = replace(driver.client.request(0x20), length=SHORT_BYTES)
+    return reply_of(
+        driver.client.send(short, QUIET_S).kind, {ReplyKind.SILENCE: 0, ReplyKind.ANSWER: 1}
+    )
 
 
 @probe()
-def subindex_policy(bench: Bench) -> Outcome:
+def subindex_policy(driver: CanDriver) -> Outcome:
     """2000h with sub-index 01."""
-    return reply_of(bench.ask(0x20, 0x01).kind, {Kind.ANSWER: 0, Kind.REFUSED: 1})
+    return reply_of(driver.client.ask(0x20, 0x01).kind, {ReplyKind.ANSWER: 0, ReplyKind.REFUSED: 1})
 
 
 @probe()
-def unknown_index(bench: Bench) -> Outcome:
+def unknown_index(driver: CanDriver) -> Outcome:
     """A download of 2012h and an upload of 2008h at rest."""
-    down, up = (bench.send(bench.request(index), QUIET_S).reply for index in (0x12, 0x28))
-    told = f"{down} to the download of 2012h, {up} to the upload of 2008h"
-    if up.kind is Kind.ANSWER and up.data:
-        return told
+    down, up = (
+        driver.client.send(driver.client.request(index), QUIET_S).reply for index in (0x12, 0x28)
+    )
+    described = f"{down} to the download of 2012h, {up} to the upload of 2008h"
+    if up.kind is ReplyKind.ANSWER and up.data:
+        return described
     pairs = {
-        (Kind.REFUSED, Kind.REFUSED): 0,
-        (Kind.ACCEPTED, Kind.ANSWER): 1,
-        (Kind.SILENCE, Kind.SILENCE): 2,
+        (ReplyKind.REFUSED, ReplyKind.REFUSED): 0,
+        (ReplyKind.ACCEPTED, ReplyKind.ANSWER): 1,
+        (ReplyKind.SILENCE, ReplyKind.SILENCE): 2,
     }
-    return pairs.get((down.kind, up.kind), told)
+    return pairs.get((down.kind, up.kind), described)
 
 
 @probe()
-def od_outside_20(bench: Bench) -> Outcome:
+def od_outside_20(driver: CanDriver) -> Outcome:
     """An upload of 1000h."""
     low, high = DEVICE_TYPE
-    kind = bench.send(replace(bench.request(0x20), index_low=low, index_high=high), QUIET_S).kind
-    return reply_of(kind, {Kind.REFUSED: 0, Kind.ANSWER: 1, Kind.SILENCE: 2})
+    kind = driver.client.send(
+        replace(driver.client.request(0x20), index_low=low, index_high=high), QUIET_S
+    ).kind
+    return reply_of(kind, {ReplyKind.REFUSED: 0, ReplyKind.ANSWER: 1, ReplyKind.SILENCE: 2})
 
 
 @probe()
-def imax_value(bench: Bench) -> Outcome:
+def imax_value(driver: CanDriver) -> Outcome:
     """The torque that the limit 80h stands for."""
-    bench.session.skip("no request tells it")
+    driver.session.skip("no request tells it")
 
 
 # --- what takes a write ---------------------------------------------------------------------------
 
 
-def torque(bench: Bench) -> int:
+def torque(driver: CanDriver) -> int:
     """The torque limit that 2006h shows."""
-    return bench.data_bytes(0x26)[1]
+    return driver.client.parameter(0x0C)
 
 
 @probe(safety="stored")
-def dont_care_digits(bench: Bench) -> Outcome:
+def dont_care_digits(driver: CanDriver) -> Outcome:
     """200Ch with FF FF FF before the value, then 2006h."""
-    with bench.torque_kept():
-        bench.command(0x0C, OTHER_TORQUE)
-        kind = bench.command(0x0C, 0xFFFFFF00 | TORQUE).kind
-        after = torque(bench)
-    if (kind, after) in ((Kind.ACCEPTED, TORQUE), (Kind.REFUSED, OTHER_TORQUE)):
-        return int(kind is Kind.REFUSED)
+    with driver.motion.torque_kept():
+        driver.client.command(0x0C, OTHER_TORQUE)
+        kind = driver.client.command(0x0C, 0xFFFFFF00 | TORQUE).kind
+        after = torque(driver)
+    if (kind, after) in ((ReplyKind.ACCEPTED, TORQUE), (ReplyKind.REFUSED, OTHER_TORQUE)):
+        return int(kind is ReplyKind.REFUSED)
     return f"{kind.value}, then 2006h shows {after:02X}"
 
 
 @probe(safety="stored")
-def sdo_other_ccs(bench: Bench) -> Outcome:
+def sdo_other_ccs(driver: CanDriver) -> Outcome:
     """200Ch by 22h instead of 23h, then 2006h."""
-    with bench.torque_kept():
-        bench.command(0x0C, OTHER_TORQUE)
-        one = replace(bench.request(0x0C, TORQUE), command=OTHER_COMMAND)
-        kind = bench.send(one, QUIET_S).kind
-        after = torque(bench)
+    with driver.motion.torque_kept():
+        driver.client.command(0x0C, OTHER_TORQUE)
+        request = replace(driver.client.request(0x0C, TORQUE), command=OTHER_COMMAND)
+        kind = driver.client.send(request, QUIET_S).kind
+        after = torque(driver)
     fitting = {
-        (Kind.REFUSED, OTHER_TORQUE): 0,
-        (Kind.ACCEPTED, TORQUE): 1,
-        (Kind.SILENCE, OTHER_TORQUE): 2,
+        (ReplyKind.REFUSED, OTHER_TORQUE): 0,
+        (ReplyKind.ACCEPTED, TORQUE): 1,
+        (ReplyKind.SILENCE, OTHER_TORQUE): 2,
     }
     return fitting.get((kind, after), f"{kind.value}, then 2006h shows {after:02X}")
 
 
 @probe(safety=("motion", "stored"), switch="abort_code_form")
-def abort_code_form_in_motion(bench: Bench) -> Outcome:
+def abort_code_form_in_motion(driver: CanDriver) -> Outcome:
     """The last four bytes of the refusal of 2013h during a move."""
-    start = bench.ready()
-    bench.accepted(0x13, start + 100)
-    reply: Reply = bench.command(0x13, start).reply
-    bench.command(0x18)
-    return int(bool(reply.abort_code)) if reply.kind is Kind.REFUSED else f"{reply} in motion"
+    start = driver.motion.ready()
+    driver.judge.accepted(0x13, start + 100)
+    reply: CanReply = driver.client.command(0x13, start).reply
+    driver.client.command(0x18)
+    return int(bool(reply.abort_code)) if reply.kind is ReplyKind.REFUSED else f"{reply} in motion"

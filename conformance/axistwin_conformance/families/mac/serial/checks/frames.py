@@ -8,13 +8,14 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.client import Part
-from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S, SAFE_PERIOD
-from axistwin_conformance.families.mac.axis.driver.unknown_modules import stranger_at
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, Part
+from axistwin_conformance.families.mac.axis.driver.motion import SAFE_PERIOD, segment_parameter
+from axistwin_conformance.families.mac.axis.driver.unknown_modules import unknown_module_at
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.parameters import settings_of, values_of
 from axistwin_conformance.families.mac.serial import codec
-from axistwin_conformance.families.mac.serial.codec import ETX, STX, Request
-from axistwin_conformance.families.mac.serial.driver import NACKED_BY_MANY, Bench
+from axistwin_conformance.families.mac.serial.codec import ETX, STX, SerialRequest
+from axistwin_conformance.families.mac.serial.driver import NACKED_BY_MANY, SerialDriver
 
 ORDER = 10  # of this module in a run; see `Family.modules`
 
@@ -42,9 +43,9 @@ NOT_HEX: Final = (b"2G", b"G0", b" 2", b"2 ", b"+2", b"-2", b"2_", b"x2", b"2\x0
 @check("MACS-LINE-01", "MACS-REPLY-16")
 def it_talks_38400_baud_and_no_other_rate(session: Session) -> None:
     """A query is answered at 38400 baud within the time-out, and gets no answer at other rates."""
-    bench = Bench(session)
+    driver = SerialDriver(session)
     before_ns = session.target.now_ns
-    bench.alive()
+    driver.judge.alive()
     took_ms = (session.target.now_ns - before_ns) / 1e6
     session.expect(took_ms < 500, "MACS-REPLY-16", "a reply within 500 ms", f"{took_ms:.1f} ms")
     session.info("MACS-REPLY-16", f"a query and its answer take {took_ms:.2f} ms")
@@ -57,8 +58,8 @@ def it_talks_38400_baud_and_no_other_rate(session: Session) -> None:
     try:
         for rate in OTHER_RATES:
             session.target.baud = rate
-            reply = bench.send(bench.request(0x20), QUIET_S).reply
-            is_answered = reply.kind in (Kind.ANSWER, Kind.ACCEPTED)
+            reply = driver.client.send(driver.client.request(0x20), QUIET_S).reply
+            is_answered = reply.kind in (ReplyKind.ANSWER, ReplyKind.ACCEPTED)
             if is_answered and session.target.is_pty:
                 session.not_run("MACS-LINE-01", "what is behind this pty hears us at any rate")
                 return
@@ -67,18 +68,18 @@ def it_talks_38400_baud_and_no_other_rate(session: Session) -> None:
     finally:
         session.target.baud = own_rate
         session.target.wait(QUIET_S)
-    bench.alive("MACS-LINE-01")
+    driver.judge.alive("MACS-LINE-01")
 
 
 @check("MACS-LINE-02", "MACS-REPLY-07")
 def xoff_and_xon_arrive_as_bytes_of_the_reply(session: Session) -> None:
     """Every answer and every refusal carries 13h as its second byte, an answer Xon as its last."""
-    bench = Bench(session)
-    refusal = bench.send(bench.request(0x12), QUIET_S).reply.raw
+    driver = SerialDriver(session)
+    refusal = driver.client.send(driver.client.request(0x12), QUIET_S).reply.raw
     session.expect(
         refusal[1:2] in (b"", b"\x13"), "MACS-LINE-02", "06 13 17", refusal.hex(" ")
     )  # silence is a reading of MACS-AMB-58
-    reply = bench.must(Kind.ANSWER, bench.ask(0x20)).reply
+    reply = driver.judge.must(ReplyKind.ANSWER, driver.client.ask(0x20)).reply
     session.expect(
         reply.raw[:3] == b"\x06\x13\x02",
         ("MACS-LINE-02", "MACS-REPLY-07"),
@@ -93,81 +94,87 @@ def xoff_and_xon_arrive_as_bytes_of_the_reply(session: Session) -> None:
 @check("MACS-FRAME-01", "MACS-FRAME-02")
 def shorter_frames_get_no_reply(session: Session) -> None:
     """A frame with any one byte left out is not answered, and the next whole one is, once."""
-    bench = Bench(session)
-    whole = bench.request(0x20, 0x12345678).encode()
+    driver = SerialDriver(session)
+    whole = driver.client.request(0x20, 0x12345678).encode()
     every = 1 if session.target.is_virtual else 4
     for missing in range(0, len(whole), every):
-        exchange = bench.send(whole[:missing] + whole[missing + 1 :], QUIET_S)
+        exchange = driver.client.send(whole[:missing] + whole[missing + 1 :], QUIET_S)
         _no_success(session, exchange.reply, f"20 bytes, byte {missing} left out", "MACS-FRAME-01")
-        bench.alive("MACS-FRAME-01")
+        driver.judge.alive("MACS-FRAME-01")
     for length in (1, 4, 11, 20):
-        exchange = bench.send(whole[:length], QUIET_S)
+        exchange = driver.client.send(whole[:length], QUIET_S)
         _no_success(session, exchange.reply, f"{length} bytes", "MACS-FRAME-01")
-        bench.alive("MACS-FRAME-01")
-    bench.alive("MACS-FRAME-02")
+        driver.judge.alive("MACS-FRAME-01")
+    driver.judge.alive("MACS-FRAME-02")
 
 
 @check("MACS-FRAME-01")
 def longer_frames_get_no_reply(session: Session) -> None:
     """A frame with one byte too many between Stx and Etx is not answered; the next whole one is."""
-    bench = Bench(session)
-    whole = bench.request(0x20).encode()
+    driver = SerialDriver(session)
+    whole = driver.client.request(0x20).encode()
     for place in (4, 6, 8, 10, 17, 18, 19, 20):
         longer = whole[:place] + b"0" + whole[place:]
-        exchange = bench.send(longer, QUIET_S)
+        exchange = driver.client.send(longer, QUIET_S)
         _no_success(session, exchange.reply, f"22 bytes, a 0 before byte {place}", None)
-        bench.alive()
+        driver.judge.alive()
 
 
-def _no_success(session: Session, reply: codec.Reply, what: str, requirement: str | None) -> None:
-    is_success = reply.kind in (Kind.ACCEPTED, Kind.ANSWER)
+def _no_success(
+    session: Session, reply: codec.SerialReply, what: str, requirement: str | None
+) -> None:
+    is_success = reply.kind in (ReplyKind.ACCEPTED, ReplyKind.ANSWER)
     session.expect(not is_success, requirement, f"no success for {what}", reply)
 
 
 @check("MACS-FRAME-02", "MACS-FRAME-12")
 def another_length_field_drops_the_frame(session: Session) -> None:
     """A frame whose length field is not 014 is dropped without a reply."""
-    bench = Bench(session)
+    driver = SerialDriver(session)
     for length in WRONG_LENGTH_FIELDS:
-        frame = replace(bench.request(0x20), length=length)
-        _is_dropped(bench, frame, ("MACS-FRAME-02", "MACS-FRAME-12"))
+        frame = replace(driver.client.request(0x20), length=length)
+        _is_dropped(driver, frame, ("MACS-FRAME-02", "MACS-FRAME-12"))
 
 
 @check("MACS-FRAME-12")
 def another_byte_for_etx_drops_the_frame(session: Session) -> None:
     """A frame whose last byte is not Etx is dropped without a reply."""
-    bench = Bench(session)
+    driver = SerialDriver(session)
     for end in WRONG_ENDS:
         if end == bytes([STX]):
             # Stx there begins a new frame, which the next query then restarts (MACS-FRAME-11).
-            bench.send(replace(bench.request(0x20), end=end), QUIET_S)
-            bench.alive()
+            driver.client.send(replace(driver.client.request(0x20), end=end), QUIET_S)
+            driver.judge.alive()
             continue
-        _is_dropped(bench, replace(bench.request(0x20), end=end))
+        _is_dropped(driver, replace(driver.client.request(0x20), end=end))
 
 
-def _is_dropped(bench: Bench, frame: Request, names: tuple[str, ...] = ("MACS-FRAME-12",)) -> None:
-    kind = bench.send(frame, QUIET_S + bench.target.uncertainty_ns / 1e9).kind
-    readings = {Kind.SILENCE: 0, Kind.NACK: 1}
-    bench.reading(
+def _is_dropped(
+    driver: SerialDriver, frame: SerialRequest, names: tuple[str, ...] = ("MACS-FRAME-12",)
+) -> None:
+    kind = driver.client.send(frame, QUIET_S + driver.client.target.uncertainty_ns / 1e9).kind
+    readings = {ReplyKind.SILENCE: 0, ReplyKind.NACK: 1}
+    driver.judge.reading(
         "bad_frame_reply", readings.get(kind, f"{kind.value} to a malformed frame"), names
     )
-    bench.alive("MACS-FRAME-12")
+    driver.judge.alive("MACS-FRAME-12")
 
 
 @check("MACS-FRAME-03", "MACS-REPLY-02", "MACS-REPLY-11")
 def every_other_checksum_is_nacked(session: Session) -> None:
     """A query is answered under the right checksum and gets one byte 15h under any other."""
-    bench = Bench(session)
-    frame = bench.request(0x28, 0, 0xAF)
-    bench.must(Kind.ANSWER, bench.send(frame), "MACS-FRAME-03")
-    if bench.is_nacked_by_many:
+    driver = SerialDriver(session)
+    frame = driver.client.request(0x28, 0, 0xAF)
+    driver.judge.must(ReplyKind.ANSWER, driver.client.send(frame), "MACS-FRAME-03")
+    if driver.client.is_nacked_by_many:
         session.skip(NACKED_BY_MANY)
     # 95h is the sum of 014 and 97h that of Stx 014: the two usual mistakes are always tried.
     offsets = range(1, 0x100) if session.target.is_virtual else (1, 0x0F, 0x10, 0x95, 0x97, 0xFF)
     for offset in offsets:
-        exchange = bench.send(frame.with_wrong_checksum(offset))
-        bench.must(Kind.NACK, exchange, ("MACS-FRAME-03", "MACS-REPLY-02", "MACS-REPLY-11"))
+        exchange = driver.client.send(frame.with_wrong_checksum(offset))
+        driver.judge.must(
+            ReplyKind.NACK, exchange, ("MACS-FRAME-03", "MACS-REPLY-02", "MACS-REPLY-11")
+        )
     extra = session.target.receive(1, QUIET_S)
     session.expect(not extra, "MACS-REPLY-02", "nothing after 15h", extra.hex(" "))
 
@@ -175,153 +182,176 @@ def every_other_checksum_is_nacked(session: Session) -> None:
 @check("MACS-FRAME-03", "MACS-FRAME-04")
 def digits_are_read_in_upper_case(session: Session) -> None:
     """Letters of a frame in lower case are refused as no digits, or read like upper case."""
-    bench = Bench(session)
+    driver = SerialDriver(session)
     _in_lower_case(
-        bench, bench.request(0x28, 0, 0xAF), Kind.ANSWER, ("MACS-FRAME-03", "MACS-FRAME-04")
+        driver,
+        driver.client.request(0x28, 0, 0xAF),
+        ReplyKind.ANSWER,
+        ("MACS-FRAME-03", "MACS-FRAME-04"),
     )
-    bench.alive("MACS-FRAME-03")
+    driver.judge.alive("MACS-FRAME-03")
 
 
 @check("MACS-FRAME-04", safety="stored")
 def digits_of_commands_are_read_in_upper_case(session: Session) -> None:
     """Nor is an index, or a parameter, read otherwise; written is what is stored already."""
-    bench = Bench(session)
-    _in_lower_case(bench, bench.request(0x0C, bench.data_bytes(0x26)[1]), Kind.ACCEPTED)
+    driver = SerialDriver(session)
+    _in_lower_case(
+        driver, driver.client.request(0x0C, driver.client.parameter(0x0C)), ReplyKind.ACCEPTED
+    )
     for index, query in ((0x09, 0x22), (0x0A, 0x23)):
-        _in_lower_case(bench, bench.request(index, bench.value(query)), Kind.ACCEPTED)
+        _in_lower_case(
+            driver, driver.client.request(index, driver.client.value(query)), ReplyKind.ACCEPTED
+        )
 
 
 def _in_lower_case(
-    bench: Bench, upper: Request, success: Kind, requirement: Part = "MACS-FRAME-04"
+    driver: SerialDriver,
+    upper: SerialRequest,
+    success: ReplyKind,
+    requirement: Part = "MACS-FRAME-04",
 ) -> None:
     """Send a frame as it should be spelt, then in lower case, if that is another one."""
     if upper.in_lower_case() == upper:
         return
-    expected = bench.must(success, bench.send(upper), requirement).reply.data
-    reply = bench.send(upper.in_lower_case(), QUIET_S).reply
+    expected = driver.judge.must(success, driver.client.send(upper), requirement).reply.data
+    reply = driver.client.send(upper.in_lower_case(), QUIET_S).reply
     if reply.kind is success:
         outcome: int | str = 1 if reply.data == expected else f"another answer: {reply}"
-    elif reply.kind in (Kind.REFUSED, Kind.SILENCE, Kind.NACK):
+    elif reply.kind in (ReplyKind.REFUSED, ReplyKind.SILENCE, ReplyKind.NACK):
         outcome = 0
     else:
         outcome = str(reply)
-    bench.reading("lowercase_hex", outcome, "MACS-FRAME-04")
+    driver.judge.reading("lowercase_hex", outcome, "MACS-FRAME-04")
 
 
 @check("MACS-FRAME-06")
 def digits_printed_x_have_no_effect_in_queries(session: Session) -> None:
     """A query gives the same answer whatever its parameter digits are, all under the checksum."""
-    bench = Bench(session)
+    driver = SerialDriver(session)
     for index in (0x22, 0x24, 0x28):
-        plain = bench.value(index)
+        plain = driver.client.value(index)
         for parameter in (1, 0xABCDEF01, 0xFFFFFFFF, session.random.getrandbits(32)):
-            exchange = bench.send(bench.request(index, parameter))
+            exchange = driver.client.send(driver.client.request(index, parameter))
             outcome: int | str = 1
-            if exchange.kind is Kind.ANSWER:
+            if exchange.kind is ReplyKind.ANSWER:
                 same = exchange.reply.data == plain
                 outcome = 0 if same else f"{exchange.reply} instead of {plain:08X}"
-            elif exchange.kind is not Kind.REFUSED:
+            elif exchange.kind is not ReplyKind.REFUSED:
                 outcome = str(exchange.reply)
-            bench.reading("dont_care_digits", outcome)
+            driver.judge.reading("dont_care_digits", outcome)
 
 
 @check("MACS-FRAME-07", "MACS-REPLY-13")
 def only_its_own_address_and_ff_reach_it(session: Session) -> None:
     """No frame for another individual address, nor for 80h..FEh, gets a reply."""
-    bench = Bench(session)
+    driver = SerialDriver(session)
     taken = {session.address, *session.neighbours}
     others = [address for address in range(0xFF) if address not in taken]
     if not session.target.is_virtual:
         near = [session.address ^ 1, session.address + 1, session.address ^ 0x40, 0x7F, 0x80, 0xFE]
         others = [address for address in dict.fromkeys(near) if address in others]
     for address in others:
-        exchange = bench.send(bench.request(0x20, address=address), QUIET_S)
+        exchange = driver.client.send(driver.client.request(0x20, address=address), QUIET_S)
         names = ("MACS-FRAME-07", "MACS-REPLY-13") if address < 0x80 else ("MACS-FRAME-07",)
-        is_silent = exchange.kind is Kind.SILENCE
-        hint = "" if is_silent or address >= 0x80 else stranger_at(bench, address)
-        wanted = f"{Kind.SILENCE.value} ({codec.explain(exchange.request)})"
+        is_silent = exchange.kind is ReplyKind.SILENCE
+        hint = "" if is_silent or address >= 0x80 else unknown_module_at(driver.client, address)
+        wanted = f"{ReplyKind.SILENCE.value} ({codec.explain(exchange.request)})"
         session.expect(is_silent, names, wanted, exchange.reply, hint)
-    bench.alive()
+    driver.judge.alive()
 
 
 @check("MACS-FRAME-08", "MACS-Q-XX-02")
 def queries_end_at_29h(session: Session) -> None:
     """20h..29h are answered with data; 2Ah..2Fh and everything above are not assigned."""
-    bench = Bench(session)
+    driver = SerialDriver(session)
     for index in range(0x20, 0x2A):
-        bench.must(Kind.ANSWER, bench.ask(index), "MACS-FRAME-08")
+        driver.judge.must(ReplyKind.ANSWER, driver.client.ask(index), "MACS-FRAME-08")
     above = range(0x30, 0x100) if session.target.is_virtual else (0x30, 0x40, 0x80, 0xFF)
     for index in (*range(0x2A, 0x30), *above):
-        bench.reading("unknown_index", unassigned(bench, index), ("MACS-FRAME-08", "MACS-Q-XX-02"))
+        driver.judge.reading(
+            "unknown_index", unassigned(driver, index), ("MACS-FRAME-08", "MACS-Q-XX-02")
+        )
 
 
 @check("MACS-CMD-XX-01", "MACS-FRAME-08")
 def unassigned_commands_are_refused(session: Session) -> None:
     """04h, 05h, 06h, 12h, 1Dh and 1Fh are refused, whatever their parameters."""
-    bench = Bench(session)
+    driver = SerialDriver(session)
     names = "MACS-CMD-XX-01", "MACS-FRAME-08"
     for index in (0x04, 0x05, 0x06, 0x12, 0x1D, 0x1F):
         for parameter in (0, 1, 0xFFFFFFFF):
-            outcome = unassigned(bench, index, parameter)
-            if parameter and outcome == 0 and bench.known("unknown_index"):
-                bench.reading("dont_care_digits", 1, names)  # for its digits, not for its index
+            outcome = unassigned(driver, index, parameter)
+            if parameter and outcome == 0 and driver.readings.known("unknown_index"):
+                driver.judge.reading(
+                    "dont_care_digits", 1, names
+                )  # for its digits, not for its index
             else:
-                bench.reading("unknown_index", outcome, names)
+                driver.judge.reading("unknown_index", outcome, names)
 
 
-def unassigned(bench: Bench, index: int, parameter: int = 0) -> int | str:
+def unassigned(driver: SerialDriver, index: int, parameter: int = 0) -> int | str:
     """Which reading of MACS-AMB-58 an unassigned index shows."""
-    reply = bench.send(bench.request(index, parameter), QUIET_S).reply
-    if reply.kind is Kind.ANSWER:
+    reply = driver.client.send(driver.client.request(index, parameter), QUIET_S).reply
+    if reply.kind is ReplyKind.ANSWER:
         return 2 if reply.data == 0 else f"{index:02X}h: {reply}"
-    if reply.kind is Kind.ACCEPTED and index < 0x20 and bench.known("unknown_index") == 2:
+    if (
+        reply.kind is ReplyKind.ACCEPTED
+        and index < 0x20
+        and driver.readings.known("unknown_index") == 2
+    ):
         return 2  # commands have no answer to put zeros into
-    readings = {Kind.REFUSED: 0, Kind.ACCEPTED: 1, Kind.SILENCE: 3}
+    readings = {ReplyKind.REFUSED: 0, ReplyKind.ACCEPTED: 1, ReplyKind.SILENCE: 3}
     return readings.get(reply.kind, f"{index:02X}h: {reply}")
 
 
 @check("MACS-FRAME-09")
 def the_sub_index_matters_only_to_memory_queries(session: Session) -> None:
     """A sub-index other than 00 is ignored, or refused, wherever it is not a byte address."""
-    bench = Bench(session)
+    driver = SerialDriver(session)
     for index in (0x20, 0x22, 0x26):
-        plain = bench.value(index)
+        plain = driver.client.value(index)
         for sub_index in (0x01, 0x10, 0xFF):
-            reply = bench.send(bench.request(index, 0, sub_index)).reply
+            reply = driver.client.send(driver.client.request(index, 0, sub_index)).reply
             outcome: int | str = str(reply)
-            if reply.kind is Kind.REFUSED:
+            if reply.kind is ReplyKind.REFUSED:
                 outcome = 1
-            elif reply.kind is Kind.ANSWER and reply.data == plain:
+            elif reply.kind is ReplyKind.ANSWER and reply.data == plain:
                 outcome = 0
-            bench.reading("subindex_policy", outcome)
-    before, at = bench.data_bytes(0x28, IMAX_ADDRESS - 1), bench.data_bytes(0x28, IMAX_ADDRESS)
+            driver.judge.reading("subindex_policy", outcome)
+    before, at = (
+        driver.client.data_bytes(0x28, IMAX_ADDRESS - 1),
+        driver.client.data_bytes(0x28, IMAX_ADDRESS),
+    )
     session.expect(
-        before[1:] == at[:3], None,
-        f"28h AF to begin with {bytes(before[1:]).hex()}", bytes(at).hex(),
-    )  # fmt: skip
+        before[1:] == at[:3],
+        None,
+        f"28h AF to begin with {bytes(before[1:]).hex()}",
+        bytes(at).hex(),
+    )
 
 
 @check("MACS-FRAME-10")
 def noise_between_frames_is_ignored(session: Session) -> None:
     """Bytes before Stx and behind Etx do not disturb the frame beside them."""
-    bench = Bench(session)
-    frame = bench.request(0x20).encode()
+    driver = SerialDriver(session)
+    frame = driver.client.request(0x20).encode()
     for noise in NOISE:
-        bench.must(Kind.ANSWER, bench.send(noise + frame))
+        driver.judge.must(ReplyKind.ANSWER, driver.client.send(noise + frame))
         session.expect(
             not session.target.receive(1, QUIET_S), None, "one reply", "more than one reply"
         )
-    bench.send(noise, QUIET_S)
-    bench.alive()
+    driver.client.send(noise, QUIET_S)
+    driver.judge.alive()
 
 
 @check("MACS-FRAME-11")
 def stx_begins_anew(session: Session) -> None:
     """Stx inside an unfinished frame restarts reception: half a frame and a whole one get one."""
-    bench = Bench(session)
-    frame = bench.request(0x20).encode()
+    driver = SerialDriver(session)
+    frame = driver.client.request(0x20).encode()
     for cut in range(1, len(frame)) if session.target.is_virtual else (1, 4, 10, 20):
-        bench.must(Kind.ANSWER, bench.send(frame[:cut] + frame))
+        driver.judge.must(ReplyKind.ANSWER, driver.client.send(frame[:cut] + frame))
         extra = session.target.receive(1, QUIET_S)
         session.expect(not extra, None, "one reply", f"then {extra.hex(' ')}")
 
@@ -329,57 +359,66 @@ def stx_begins_anew(session: Session) -> None:
 @check("MACS-FRAME-13")
 def characters_that_are_no_digits_are_refused(session: Session) -> None:
     """Something else than a hex digit in index or sub-index, under a right checksum, is refused."""
-    bench = Bench(session)
+    driver = SerialDriver(session)
     for characters in NOT_HEX:
         for frame in (
-            replace(bench.request(0x20), index=characters),
-            replace(bench.request(0x28), sub_index=characters),
+            replace(driver.client.request(0x20), index=characters),
+            replace(driver.client.request(0x28), sub_index=characters),
         ):
-            _is_refused_as_malformed(bench, frame)
+            _is_refused_as_malformed(driver, frame)
 
 
 @check("MACS-FRAME-13", safety="stored")
 def parameters_that_are_no_digits_are_refused(session: Session) -> None:
     """Something else than a hex digit in a stored value is refused, and the value stays."""
-    bench = Bench(session)
-    before = bench.value(0x22)
+    driver = SerialDriver(session)
+    before = driver.client.value(0x22)
     for characters in NOT_HEX:
-        frame = replace(bench.request(0x09), parameters=b"000000" + characters)
-        _is_refused_as_malformed(bench, frame)
-        after = bench.value(0x22)
+        frame = replace(driver.client.request(0x09), parameters=b"000000" + characters)
+        _is_refused_as_malformed(driver, frame)
+        after = driver.client.value(0x22)
         session.expect(after == before, None, f"22h still {before:08X}", f"{after:08X}")
 
 
 @check("MACS-FRAME-13", safety=("motion", "stored"), level="full")
 def no_command_takes_another_character_for_a_digit(session: Session) -> None:
     """A character that is no hex digit in any place that matters, of any command, is refused."""
-    bench = Bench(session)
-    bench.ready()
-    speeds, modes, place = bench.value(0x25), bench.value(0x26), bench.position()
+    driver = SerialDriver(session)
+    driver.motion.ready()
+    speeds, modes, place = (
+        driver.client.value(0x25),
+        driver.client.value(0x26),
+        driver.client.position(),
+    )
+    stops = {query: driver.client.value(query) for query in (0x22, 0x23)}
+    one_step = segment_parameter(1, SAFE_PERIOD)
     harmless = {
-        0x02: modes >> 12 & 0xF, 0x03: modes >> 8 & 0xF, 0x07: 0,
-        0x09: bench.value(0x22), 0x0A: bench.value(0x23), 0x0C: modes >> 16 & 0xFF,
-        0x0D: speeds & 0xFFFF, 0x0E: speeds >> 24 << 8, 0x0F: modes >> 24,
-        0x13: place, 0x15: 0, 0x16: 0x10000 | SAFE_PERIOD, 0x1C: modes & 0xFF,
-        0x1E: 0x10000 | SAFE_PERIOD,
-    }  # fmt: skip
-    for index, parameter in harmless.items():
+        **settings_of(values_of({0x25: speeds, 0x26: modes, **stops})),
+        0x07: 0,
+        0x13: place,
+        0x15: 0,
+        0x16: one_step,
+        0x1E: one_step,
+    }
+    for index, parameter in sorted(harmless.items()):
         digits = codec.eight_digits(parameter)
         for number in SIGNIFICANT_DIGITS[index]:
-            spoilt = digits[:number] + b"G" + digits[number + 1 :]
-            _is_refused_as_malformed(bench, replace(bench.request(index), parameters=spoilt))
-    found = bench.value(0x25), bench.value(0x26), bench.position()
-    told = f"25h, 26h, 20h still {speeds:08X}, {modes:08X}, {place}"
-    session.expect(found == (speeds, modes, place), None, told, found)
+            corrupted = digits[:number] + b"G" + digits[number + 1 :]
+            _is_refused_as_malformed(
+                driver, replace(driver.client.request(index), parameters=corrupted)
+            )
+    found = driver.client.value(0x25), driver.client.value(0x26), driver.client.position()
+    described = f"25h, 26h, 20h still {speeds:08X}, {modes:08X}, {place}"
+    session.expect(found == (speeds, modes, place), None, described, found)
 
 
-def _is_refused_as_malformed(bench: Bench, frame: Request) -> None:
-    reply = bench.send(frame, QUIET_S).reply
-    if reply.kind is Kind.NACK:
-        bench.reading("bad_frame_reply", 1)
+def _is_refused_as_malformed(driver: SerialDriver, frame: SerialRequest) -> None:
+    reply = driver.client.send(frame, QUIET_S).reply
+    if reply.kind is ReplyKind.NACK:
+        driver.judge.reading("bad_frame_reply", 1)
         return
-    bench.session.expect(
-        reply.kind is Kind.REFUSED,
+    driver.session.expect(
+        reply.kind is ReplyKind.REFUSED,
         None,
         f"refused, for {codec.explain(frame.encode())}",
         reply,
@@ -389,25 +428,25 @@ def _is_refused_as_malformed(bench: Bench, frame: Request) -> None:
 @check("MACS-FRAME-10", level="full")
 def noise_through_a_reply_does_not_deafen_it(session: Session) -> None:
     """A query right behind noise that begins during a reply and ends after it is answered."""
-    bench = Bench(session)
+    driver = SerialDriver(session)
     if not session.target.is_virtual:
         session.skip("needs a line on which nothing is lost: noise runs into the reply")
-    frame = bench.request(0x20).encode()
+    frame = driver.client.request(0x20).encode()
     session.target.send(frame + b"\xff" * (4 * codec.ANSWER_BYTES) + frame)
-    session.target.wait(10 * codec.ANSWER_BYTES * bench.byte_ns / 1e9)
+    session.target.wait(10 * codec.ANSWER_BYTES * session.target.byte_ns / 1e9)
     arrived = session.target.drain()
     last = codec.parse(arrived[-codec.ANSWER_BYTES :])
-    session.expect(last.kind is Kind.ANSWER, None, "an answer at last", arrived.hex(" "))
-    bench.alive()
+    session.expect(last.kind is ReplyKind.ANSWER, None, "an answer at last", arrived.hex(" "))
+    driver.judge.alive()
 
 
 @check("MACS-FRAME-14")
 def typing_may_be_slow(session: Session) -> None:
     """A frame whose characters come with long pauses is answered like any other."""
-    bench = Bench(session)
+    driver = SerialDriver(session)
     gap_s = VERY_SLOW_TYPING_GAP_S if session.target.is_virtual else SLOW_TYPING_GAP_S
-    frame = bench.request(0x20).encode()
+    frame = driver.client.request(0x20).encode()
     for byte in frame[:-1]:
         session.target.send(bytes([byte]))
         session.target.wait(gap_s)
-    bench.must(Kind.ANSWER, bench.send(frame[-1:]))
+    driver.judge.must(ReplyKind.ANSWER, driver.client.send(frame[-1:]))

@@ -7,18 +7,18 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S, Exchange, velocity
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, AxisExchange
+from axistwin_conformance.families.mac.axis.driver.motion import velocity
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.probes.stops import restarted_ns
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.families.mac.serial.codec import GENERAL_ADDRESS
-from axistwin_conformance.families.mac.serial.driver import Bench
+from axistwin_conformance.families.mac.serial.driver import SerialDriver
 from axistwin_conformance.families.mac.serial.probes.line import general_replies
 
 ORDER = 180  # of this module in a run; see `Family.modules`
 
-PARAMETER_QUERIES: Final = (0x22, 0x23, 0x25, 0x26)
 POLL_S: Final = 0.05
 # What MACS-CMD-00-02 leaves to MACS-AMB-21: a host may talk 2.5 s after 00h, and what it sends
 # within 1.5 s must not count.
@@ -28,27 +28,29 @@ DEAF_MS: Final = range(1500, 2501)
 @check("MACS-CMD-00-03", "MACS-CMD-00-02", "MACS-CMD-00-01", safety=MOVES)
 def after_00h_it_is_deaf_for_two_seconds(session: Session) -> None:
     """00h is acknowledged, or not; then every frame is lost for 2 s, without reply or effect."""
-    bench = Bench(session)
-    start = bench.ready()
-    exchange = bench.command(0x00)
-    outcome: int | str = {Kind.ACCEPTED: 0, Kind.SILENCE: 1}.get(exchange.kind, exchange.kind.value)
-    bench.reading("reset_reply", outcome, "MACS-CMD-00-03")
+    driver = SerialDriver(session)
+    start = driver.motion.ready()
+    exchange = driver.client.command(0x00)
+    outcome: int | str = {ReplyKind.ACCEPTED: 0, ReplyKind.SILENCE: 1}.get(
+        exchange.kind, exchange.kind.value
+    )
+    driver.judge.reading("reset_reply", outcome, "MACS-CMD-00-03")
     from_ns = exchange.taken.earliest_ns
-    deaf_until_ns = from_ns + round(bench.deaf_surely_s * 1e9)
+    deaf_until_ns = from_ns + round(driver.motion.deaf_surely_s * 1e9)
     frames = itertools.cycle(
         (
-            bench.request(0x20),
-            *bench.nacked_alone(bench.request(0x20)),  # not even a Nack
-            bench.request(0x13, start + 500),
-            bench.request(0x0F, 0x77),
+            driver.client.request(0x20),
+            *driver.client.nacked_alone(driver.client.request(0x20)),  # not even a Nack
+            driver.client.request(0x13, start + 500),
+            driver.client.request(0x0F, 0x77),
         )
     )
     last_ns = deaf_until_ns - 100_000_000 - round((POLL_S + session.target.line_s) * 1e9)
     while session.target.now_ns < last_ns:
-        lost = bench.send(next(frames), POLL_S)
-        bench.taken_in_time(lost, deaf_until_ns, "the deafness")
-        bench.must(Kind.SILENCE, lost, "MACS-CMD-00-02")
-    awake_ns = _first_answer_ns(bench, from_ns)
+        lost = driver.client.send(next(frames), POLL_S)
+        driver.motion.taken_in_time(lost, deaf_until_ns, "the deafness")
+        driver.judge.must(ReplyKind.SILENCE, lost, "MACS-CMD-00-02")
+    awake_ns = _first_answer_ns(driver, from_ns)
     deaf_ms = round((awake_ns - from_ns) / 1e6)
     session.expect(
         deaf_ms in DEAF_MS,
@@ -57,74 +59,84 @@ def after_00h_it_is_deaf_for_two_seconds(session: Session) -> None:
         f"the first answer after {deaf_ms} ms",
     )
     session.info("MACS-CMD-00-02", f"deaf for {deaf_ms} ms, to {POLL_S * 1000:.0f} ms")
-    boot_ms = round(bench.deaf_s * 1000)
+    boot_ms = round(driver.motion.deaf_s * 1000)
     is_held = abs(deaf_ms - boot_ms) <= (3 * POLL_S + 2 * session.target.line_s) * 1000
     session.quirk("MACS-CMD-00-02", "boot_time_ms", str(boot_ms if is_held else deaf_ms))
-    place, coefficient = bench.position(), bench.value(0x26) >> 24
+    place, coefficient = driver.client.position(), driver.client.parameter(0x0F)
     session.expect(
-        place == start and coefficient != 0x77, ("MACS-CMD-00-02", "MACS-CMD-00-01"),
-        "what was sent meanwhile had no effect", f"position {place}, AA {coefficient:02X}",
-    )  # fmt: skip
+        place == start and coefficient != 0x77,
+        ("MACS-CMD-00-02", "MACS-CMD-00-01"),
+        "what was sent meanwhile had no effect",
+        f"position {place}, AA {coefficient:02X}",
+    )
 
 
-def _first_answer_ns(bench: Bench, from_ns: int) -> int:
+def _first_answer_ns(driver: SerialDriver, from_ns: int) -> int:
     """When the module was first heard again; far too late if never."""
-    while bench.target.now_ns < from_ns + 4_000_000_000:
-        exchange = bench.send(bench.request(0x20), POLL_S)
-        if exchange.kind is Kind.ANSWER:
+    while driver.client.target.now_ns < from_ns + 4_000_000_000:
+        exchange = driver.client.send(driver.client.request(0x20), POLL_S)
+        if exchange.kind is ReplyKind.ANSWER:
             return exchange.taken.earliest_ns
-    return bench.target.now_ns
+    return driver.client.target.now_ns
 
 
 @check("MACS-CMD-00-01", "MACS-CMD-00-02", safety=MOVES)
 def just_after_two_seconds_it_listens(session: Session) -> None:
     """A frame that ends 2.02 s after 00h's reply is answered, one at 1.98 s is lost."""
-    bench = Bench(session)
+    driver = SerialDriver(session)
     if not session.target.is_lossless:
         session.skip("needs exact timing: only virtual time without noise tells 1.98 s from 2.02 s")
-    bench.ready()
-    for after_s, kind in ((-0.02, Kind.SILENCE), (0.02, Kind.ANSWER)):
-        since_ns = restarted_ns(bench)
-        bench.wait_until(since_ns + round((bench.deaf_s + after_s) * 1e9) - bench.frame_ns)
-        exchange = bench.send(bench.request(0x20), POLL_S)
+    driver.motion.ready()
+    for after_s, kind in ((-0.02, ReplyKind.SILENCE), (0.02, ReplyKind.ANSWER)):
+        since_ns = restarted_ns(driver)
+        driver.client.wait_until(
+            since_ns + round((driver.motion.deaf_s + after_s) * 1e9) - driver.client.frame_ns
+        )
+        exchange = driver.client.send(driver.client.request(0x20), POLL_S)
         session.expect(
-            exchange.kind is kind, "MACS-CMD-00-02",
-            f"{kind.value} {bench.deaf_s + after_s:.2f} s after 00h", exchange.kind.value,
-        )  # fmt: skip
-        bench.wait_awake()
-    bench.alive("MACS-CMD-00-01")
+            exchange.kind is kind,
+            "MACS-CMD-00-02",
+            f"{kind.value} {driver.motion.deaf_s + after_s:.2f} s after 00h",
+            exchange.kind.value,
+        )
+        driver.motion.wait_awake()
+    driver.judge.alive("MACS-CMD-00-01")
 
 
 # --- several modules -----------------------------------------------------------------------------
 
 
-def general(bench: Bench, index: int, parameter: int = 0) -> Exchange:
+def general(driver: SerialDriver, index: int, parameter: int = 0) -> AxisExchange:
     """Send a frame to the general address."""
-    return bench.send(bench.request(index, parameter, address=GENERAL_ADDRESS), QUIET_S * 2)
+    return driver.client.send(
+        driver.client.request(index, parameter, address=GENERAL_ADDRESS), QUIET_S * 2
+    )
 
 
-def _everybody(session: Session) -> list[Bench]:
-    return [Bench(session, address) for address in (session.address, *session.neighbours)]
+def _everybody(session: Session) -> list[SerialDriver]:
+    return [SerialDriver(session, address) for address in (session.address, *session.neighbours)]
 
 
 @check("MACS-MULTI-03", "MACS-REPLY-08", needs=("alone",))
 def the_general_address_is_answered_by_module_00(session: Session) -> None:
     """A query to FF is answered by module 00 with address FF; others keep silent."""
-    bench = Bench(session)
-    _judge_general_reply(bench, general(bench, 0x20).reply)
-    bench.alive("MACS-MULTI-03")
+    driver = SerialDriver(session)
+    _judge_general_reply(driver, general(driver, 0x20).reply)
+    driver.judge.alive("MACS-MULTI-03")
 
 
-def _judge_general_reply(bench: Bench, reply: codec.Reply) -> None:
+def _judge_general_reply(driver: SerialDriver, reply: codec.SerialReply) -> None:
     """Who answered a query to FF (MACS-AMB-16), and as whom (MACS-AMB-17)."""
-    session = bench.session
-    if reply.kind not in (Kind.ANSWER, Kind.SILENCE, Kind.GARBAGE):
+    session = driver.session
+    if reply.kind not in (ReplyKind.ANSWER, ReplyKind.SILENCE, ReplyKind.GARBAGE):
         session.fail("MACS-MULTI-03", "one answer, or silence", reply)
-    bench.reading("general_reply_policy", general_replies(bench, reply.kind), "MACS-MULTI-03")
-    if reply.kind is Kind.ANSWER:
+    driver.judge.reading(
+        "general_reply_policy", general_replies(driver, reply.kind), "MACS-MULTI-03"
+    )
+    if reply.kind is ReplyKind.ANSWER:
         own = dict.fromkeys((session.address, *session.neighbours), 1)
         echo = {**own, GENERAL_ADDRESS: 0}.get(reply.address or 0, f"{reply}")
-        bench.reading("general_echo", echo, "MACS-REPLY-08")
+        driver.judge.reading("general_echo", echo, "MACS-REPLY-08")
     else:
         session.not_run("MACS-REPLY-08", "nobody is heard alone, so the address cannot be read")
 
@@ -133,12 +145,12 @@ def _judge_general_reply(bench: Bench, reply: codec.Reply) -> None:
 def modules_with_distinct_addresses_answer_for_themselves(session: Session) -> None:
     """Each module on the line answers its own address, and only that."""
     session.info("MACS-MULTI-01", "why one has to be 00 shows in frames to all (MACS-MULTI-03)")
-    for bench in _everybody(session):
-        reply = bench.must(Kind.ANSWER, bench.ask(0x24)).reply
+    for driver in _everybody(session):
+        reply = driver.judge.must(ReplyKind.ANSWER, driver.client.ask(0x24)).reply
         session.expect(
-            reply.address == bench.address,
+            reply.address == driver.client.address,
             ("MACS-MULTI-01", "MACS-REPLY-13", "MACS-FRAME-07"),
-            f"{bench.address:02X}",
+            f"{driver.client.address:02X}",
             f"{reply.address:02X}",
         )
 
@@ -146,15 +158,15 @@ def modules_with_distinct_addresses_answer_for_themselves(session: Session) -> N
 @check("MACS-MULTI-03", "MACS-REPLY-08", "MACS-REPLY-12", needs=("neighbour",))
 def one_module_answers_for_all(session: Session) -> None:
     """A query to FF on a shared line gets exactly one answer, module 00's, as address FF."""
-    bench = Bench(session)
-    reply = general(bench, 0x20).reply
+    driver = SerialDriver(session)
+    reply = general(driver, 0x20).reply
     extra = session.target.receive(1, QUIET_S)
     if extra:  # several speak on top of one another
-        reply = codec.Reply(Kind.GARBAGE, reply.raw + extra)
-    _judge_general_reply(bench, reply)
-    bench.wait(QUIET_S)
+        reply = codec.SerialReply(ReplyKind.GARBAGE, reply.raw + extra)
+    _judge_general_reply(driver, reply)
+    driver.client.wait(QUIET_S)
     session.target.drain()
-    bench.alive("MACS-REPLY-12")
+    driver.judge.alive("MACS-REPLY-12")
 
 
 @check("MACS-MULTI-02", "MACS-MULTI-03", safety=MOVES, needs=("neighbour",))
@@ -162,32 +174,38 @@ def general_commands_are_executed_by_all(session: Session) -> None:
     """0Dh, 0Fh and 13h to FF change and move every module on the line; one reply comes."""
     everybody = _everybody(session)
     first = everybody[0]
-    before = [(bench.ready(0x1000), bench.value(0x25), bench.value(0x26)) for bench in everybody]
+    before = [
+        (driver.motion.ready(0x1000), driver.client.parameter(0x0D), driver.client.parameter(0x0F))
+        for driver in everybody
+    ]
     try:
-        period = first.slowed(0x0ABC)
+        period = first.limits.slowed(0x0ABC)
         for index, parameter in ((0x0D, period), (0x0F, 2)):
             _general_reply(first, general(first, index, parameter))
-        for bench in everybody:
-            seen = (bench.value(0x25) & 0xFFFF, bench.value(0x26) >> 24)
+        for driver in everybody:
+            seen = (driver.client.parameter(0x0D), driver.client.parameter(0x0F))
             session.expect(
-                seen == (period, 2), "MACS-MULTI-02", f"{(period, 2)} at {bench.address:02X}", seen
+                seen == (period, 2),
+                "MACS-MULTI-02",
+                f"{(period, 2)} at {driver.client.address:02X}",
+                seen,
             )
         general(first, 0x15, velocity(1, 0x2000))
-        first.wait(0.3)
+        first.client.wait(0.3)
         general(first, 0x18)
-        for bench, (start, _, _) in zip(everybody, before, strict=True):
-            moved = bench.position() - start
+        for driver, (start, _, _) in zip(everybody, before, strict=True):
+            moved = driver.client.position() - start
             session.expect(
-                moved > 10, "MACS-MULTI-02", f"{bench.address:02X} moved with all", moved
+                moved > 10, "MACS-MULTI-02", f"{driver.client.address:02X} moved with all", moved
             )
     finally:
-        for bench, (start, speeds, modes) in zip(everybody, before, strict=True):
-            bench.command(0x18)
-            bench.command(0x0D, speeds & 0xFFFF)
-            bench.command(0x0F, modes >> 24)
-            bench.finish(bench.go_plainly(start))
+        for driver, (start, own_period, own_coefficient) in zip(everybody, before, strict=True):
+            driver.client.command(0x18)
+            driver.client.command(0x0D, own_period)
+            driver.client.command(0x0F, own_coefficient)
+            driver.motion.finish(driver.motion.go_plainly(start))
 
 
-def _general_reply(bench: Bench, exchange: Exchange) -> None:
-    kind = Kind.ANSWER if exchange.kind is Kind.ACCEPTED else exchange.kind
-    bench.reading("general_reply_policy", general_replies(bench, kind), "MACS-MULTI-03")
+def _general_reply(driver: SerialDriver, exchange: AxisExchange) -> None:
+    kind = ReplyKind.ANSWER if exchange.kind is ReplyKind.ACCEPTED else exchange.kind
+    driver.judge.reading("general_reply_policy", general_replies(driver, kind), "MACS-MULTI-03")

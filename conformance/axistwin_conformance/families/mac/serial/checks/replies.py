@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import tomllib
-from dataclasses import dataclass
-from functools import cache
-from importlib import resources
 from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.motion import QUIET_S, SLOWEST, velocity
-from axistwin_conformance.families.mac.axis.driver.unknown_modules import stranger_at
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
+from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
+from axistwin_conformance.families.mac.axis.driver.motion import velocity
+from axistwin_conformance.families.mac.axis.driver.unknown_modules import unknown_module_at
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.serial import codec
-from axistwin_conformance.families.mac.serial.driver import NACKED_BY_MANY, Bench
+from axistwin_conformance.families.mac.serial.driver import NACKED_BY_MANY, SerialDriver
 from axistwin_conformance.families.mac.serial.probes.line import nack_readings, rx_during_xoff
+from axistwin_conformance.sequences.golden import golden_exchanges
 
 ORDER = 20  # of this module in a run; see `Family.modules`
 
@@ -25,54 +24,31 @@ ACKNOWLEDGED_WITHIN_S: Final = 0.5
 LONG: Final = 100  # increments at the slowest speed: longer than that
 
 
-@dataclass(frozen=True, slots=True)
-class GoldenExchange:
-    """A worked example of the manual, corrected: bytes both ways."""
-
-    name: str
-    request: bytes
-    reply: bytes
-    moves: bool
-    sum: int
-    requirements: tuple[str, ...]
-
-
-@cache
-def golden_exchanges() -> tuple[GoldenExchange, ...]:
-    """Load the manual's examples, shipped beside this module."""
-    path = resources.files("axistwin_conformance.mac_serial") / "golden" / "exchanges.toml"
-    rows = tomllib.loads(path.read_text(encoding="utf-8"))["exchange"]
-    return tuple(
-        GoldenExchange(
-            row["name"],
-            bytes.fromhex(row["request"]),
-            bytes.fromhex(row["reply"]),
-            row["moves"],
-            int(row["sum"], 16),
-            tuple(row["requirements"]),
-        )
-        for row in rows
-    )
-
-
 def readdressed(frame: bytes, address: int) -> bytes:
     """The same example for another module: address and checksum replaced."""
     summed = codec.two_digits(address) + frame[6:18]
     return frame[:4] + summed + codec.two_digits(codec.checksum(summed)) + frame[20:]
 
 
-@check("MACS-FRAME-01", "MACS-FRAME-03", "MACS-REPLY-01", "MACS-CMD-15-01", "MACS-CMD-16-01",
-       "MACS-CMD-1E-01", safety=("motion", "stored"))  # fmt: skip
+@check(
+    "MACS-FRAME-01",
+    "MACS-FRAME-03",
+    "MACS-REPLY-01",
+    "MACS-CMD-15-01",
+    "MACS-CMD-16-01",
+    "MACS-CMD-1E-01",
+    safety=("motion", "stored"),
+)
 def the_manuals_examples_get_their_printed_replies(session: Session) -> None:
     """Every worked example of the manual, its misprints corrected, gets 06 13 1A."""
-    bench = Bench(session)
-    for golden in golden_exchanges():
+    driver = SerialDriver(session)
+    for golden in golden_exchanges("mac_serial", bytes.fromhex):
         if golden.request[6:7] == b"2":
             continue  # the query depends on where the axis stands; it has a check of its own
-        bench.ready()
-        exchange = bench.send(readdressed(golden.request, bench.address))
-        bench.at_rest()
-        bench.must(Kind.ACCEPTED, exchange, golden.requirements)
+        driver.motion.ready()
+        exchange = driver.client.send(readdressed(golden.request, driver.client.address))
+        driver.motion.at_rest()
+        driver.judge.must(ReplyKind.ACCEPTED, exchange, golden.requirements)
         spelled = exchange.reply.xon_spelling
         assert spelled is not None
         session.quirk("MACS-REPLY-01", "xon_byte", spelled)
@@ -81,37 +57,37 @@ def the_manuals_examples_get_their_printed_replies(session: Session) -> None:
 @check("MACS-REPLY-07", "MACS-REPLY-08", "MACS-REPLY-09", "MACS-REPLY-10")
 def every_answer_has_the_form_of_the_manual(session: Session) -> None:
     """Queries 20h..29h answer 21 bytes: 011, the address asked, the second digit of the index."""
-    bench = Bench(session)
+    driver = SerialDriver(session)
     for index in range(0x20, 0x2A):
-        reply = bench.must(Kind.ANSWER, bench.ask(index), "MACS-REPLY-07").reply
+        reply = driver.judge.must(ReplyKind.ANSWER, driver.client.ask(index), "MACS-REPLY-07").reply
         session.expect(
-            reply.address == bench.address,
+            reply.address == driver.client.address,
             "MACS-REPLY-08",
-            f"address {bench.address:02X}",
+            f"address {driver.client.address:02X}",
             f"{reply.address:02X}",
         )
-        _judge_digit(bench, index, reply)
-        _judge_length(bench, index, reply)
+        _judge_digit(driver, index, reply)
+        _judge_length(driver, index, reply)
 
 
-def _judge_digit(bench: Bench, index: int, reply: codec.Reply) -> None:
+def _judge_digit(driver: SerialDriver, index: int, reply: codec.SerialReply) -> None:
     printed = {0x21: "status_reply_digit", 0x23: "reply23_digit"}
     wanted = index & 0x0F
     if index in printed:  # both pages print digit 2, copied from the page of 22h
         outcome = {wanted: 0, 2: 1}.get(reply.digit or 0, f"digit {reply.digit}")
-        bench.reading(printed[index], outcome, "MACS-REPLY-09")
+        driver.judge.reading(printed[index], outcome, "MACS-REPLY-09")
         return
-    bench.session.expect(
+    driver.session.expect(
         reply.digit == wanted, "MACS-REPLY-09", f"digit {wanted} to {index:02X}h", reply.digit
     )
 
 
-def _judge_length(bench: Bench, index: int, reply: codec.Reply) -> None:
+def _judge_length(driver: SerialDriver, index: int, reply: codec.SerialReply) -> None:
     if index == 0x28:
         outcome = {b"011": 0, b"014": 1}.get(reply.length, f"length {reply.length!r}")
-        bench.reading("reply28_length", outcome, "MACS-REPLY-10")
+        driver.judge.reading("reply28_length", outcome, "MACS-REPLY-10")
         return
-    bench.session.expect(
+    driver.session.expect(
         reply.length == b"011", "MACS-REPLY-10", f"011 to {index:02X}h", reply.length.decode()
     )
 
@@ -119,13 +95,13 @@ def _judge_length(bench: Bench, index: int, reply: codec.Reply) -> None:
 @check("MACS-REPLY-02", "MACS-REPLY-11", "MACS-REPLY-12")
 def a_nack_is_one_byte_and_nothing_follows(session: Session) -> None:
     """A wrong checksum gets the single byte 15h, for queries and commands, no Xoff, no Xon."""
-    bench = Bench(session)
-    if bench.is_nacked_by_many:
+    driver = SerialDriver(session)
+    if driver.client.is_nacked_by_many:
         session.skip(NACKED_BY_MANY)
     for index in (0x20, 0x29, 0x2A, 0x04, 0x12):
-        exchange = bench.send(bench.request(index).with_wrong_checksum())
+        exchange = driver.client.send(driver.client.request(index).with_wrong_checksum())
         names = ("MACS-REPLY-02", "MACS-REPLY-11") if 0x20 <= index < 0x2A else ("MACS-REPLY-02",)
-        bench.must(Kind.NACK, exchange, names)
+        driver.judge.must(ReplyKind.NACK, exchange, names)
         extra = session.target.receive(3, QUIET_S)
         session.expect(
             not extra, ("MACS-REPLY-02", "MACS-REPLY-12"), "silence after 15h", extra.hex(" ")
@@ -135,39 +111,47 @@ def a_nack_is_one_byte_and_nothing_follows(session: Session) -> None:
 @check("MACS-REPLY-02", "MACS-FRAME-07")
 def a_wrong_checksum_for_somebody_else_is_not_nacked(session: Session) -> None:
     """Only the module that the address field shows Nacks a wrong checksum."""
-    bench = Bench(session)
+    driver = SerialDriver(session)
     taken = {session.address, *session.neighbours}
     other = next(address for address in (0x55, 0x2A, 0x15) if address not in taken)
-    stranger_at(bench, other)  # it would Nack, as it has to
-    outcome = nack_readings(bench, other)
-    bench.reading("nack_scope", outcome, "MACS-REPLY-02")
-    bench.alive("MACS-FRAME-07")
+    unknown_module_at(driver.client, other)  # it would Nack, as it has to
+    outcome = nack_readings(driver, other)
+    driver.judge.reading("nack_scope", outcome, "MACS-REPLY-02")
+    driver.judge.alive("MACS-FRAME-07")
 
 
-@check("MACS-REPLY-03", "MACS-REPLY-05", "MACS-REPLY-06", "MACS-CMD-13-02", "MACS-CMD-0D-02",
-       safety=("motion", "stored"))  # fmt: skip
+@check(
+    "MACS-REPLY-03",
+    "MACS-REPLY-05",
+    "MACS-REPLY-06",
+    "MACS-CMD-13-02",
+    "MACS-CMD-0D-02",
+    safety=("motion", "stored"),
+)
 def refusals_change_nothing(session: Session) -> None:
     """During a move 13h and 0Dh get 06 13 17, a wrong checksum still 15; the move goes on."""
-    bench = Bench(session)
-    start = bench.ready(SLOWEST)
-    forecast = bench.go(start + 60)
-    wrong = bench.send(bench.request(0x13, start - 500).with_wrong_checksum())
-    bench.must(Kind.NACK, wrong, "MACS-REPLY-06")
+    driver = SerialDriver(session)
+    start = driver.motion.ready(SLOWEST)
+    forecast = driver.motion.go(start + 60)
+    wrong = driver.client.send(driver.client.request(0x13, start - 500).with_wrong_checksum())
+    driver.judge.must(ReplyKind.NACK, wrong, "MACS-REPLY-06")
     names = ("MACS-REPLY-03", "MACS-REPLY-05", "MACS-CMD-13-02")
-    refusal = bench.refused(0x13, start - 500, requirement=names)
+    refusal = driver.judge.refused(0x13, start - 500, requirement=names)
     spelled = refusal.reply.xonerror_spelling
     assert spelled is not None
     session.quirk("MACS-REPLY-03", "xonerror_byte", spelled)
-    bench.wait(0.1)
-    bench.follow(forecast, ("MACS-REPLY-05", "MACS-CMD-13-02"), bench.allowance(SLOWEST))
-    lock = bench.command(0x0D, bench.slowed(0x2123))
-    if lock.kind is Kind.ACCEPTED:
-        bench.reading("motion_lock_set", 1, "MACS-CMD-0D-02")
-        bench.at_rest()
+    driver.client.wait(0.1)
+    driver.motion.follow(
+        forecast, ("MACS-REPLY-05", "MACS-CMD-13-02"), driver.limits.allowance(SLOWEST)
+    )
+    lock = driver.client.command(0x0D, driver.limits.slowed(0x2123))
+    if lock.kind is ReplyKind.ACCEPTED:
+        driver.judge.reading("motion_lock_set", 1, "MACS-CMD-0D-02")
+        driver.motion.at_rest()
         return
-    bench.must(Kind.REFUSED, lock, "MACS-CMD-0D-02")
-    bench.watch(forecast, ("MACS-REPLY-05", "MACS-CMD-13-02"), samples=3)
-    kept = bench.value(0x25) & 0xFFFF
+    driver.judge.must(ReplyKind.REFUSED, lock, "MACS-CMD-0D-02")
+    driver.motion.watch(forecast, ("MACS-REPLY-05", "MACS-CMD-13-02"), samples=3)
+    kept = driver.client.parameter(0x0D)
     session.expect(
         kept == SLOWEST, ("MACS-REPLY-05", "MACS-CMD-0D-02"), "25h still FFFF", f"{kept:04X}"
     )
@@ -176,22 +160,38 @@ def refusals_change_nothing(session: Session) -> None:
 @check("MACS-REPLY-04", safety=("motion", "stored"))
 def a_nacked_frame_does_nothing(session: Session) -> None:
     """Commands under a wrong checksum neither move, store, re-initialise nor stop anything."""
-    bench = Bench(session)
-    start = bench.ready()
-    before = [bench.value(index) for index in (0x20, 0x22, 0x23, 0x25, 0x26)]
+    driver = SerialDriver(session)
+    start = driver.motion.ready()
+    before = [driver.client.value(index) for index in (0x20, 0x22, 0x23, 0x25, 0x26)]
     for index, parameter in (
-        (0x13, start + 200), (0x15, velocity(1, 0x1000)), (0x16, 0x00640640), (0x0B, 0),
-        (0x09, 0x1234), (0x0A, 0x1234), (0x0C, 0x11), (0x0D, 0x0777), (0x0E, 0x4400),
-        (0x0F, 0x33), (0x1C, 0x22), (0x02, 1), (0x03, 9), (0x00, 0),
-    ):  # fmt: skip
-        bench.must(Kind.NACK, bench.send(bench.request(index, parameter).with_wrong_checksum(3)))
+        (0x13, start + 200),
+        (0x15, velocity(1, 0x1000)),
+        (0x16, 0x00640640),
+        (0x0B, 0),
+        (0x09, 0x1234),
+        (0x0A, 0x1234),
+        (0x0C, 0x11),
+        (0x0D, 0x0777),
+        (0x0E, 0x4400),
+        (0x0F, 0x33),
+        (0x1C, 0x22),
+        (0x02, 1),
+        (0x03, 9),
+        (0x00, 0),
+    ):
+        driver.judge.must(
+            ReplyKind.NACK,
+            driver.client.send(driver.client.request(index, parameter).with_wrong_checksum(3)),
+        )
     session.target.wait(QUIET_S)
-    after = [bench.value(index) for index in (0x20, 0x22, 0x23, 0x25, 0x26)]
+    after = [driver.client.value(index) for index in (0x20, 0x22, 0x23, 0x25, 0x26)]
     session.expect(after == before, None, _hex(before), _hex(after))
-    forecast = bench.turn(1, SLOWEST)
-    bench.must(Kind.NACK, bench.send(bench.request(0x18).with_wrong_checksum()))
-    bench.wait(0.2)
-    bench.follow(forecast, None, bench.allowance(SLOWEST))
+    forecast = driver.motion.turn(1, SLOWEST)
+    driver.judge.must(
+        ReplyKind.NACK, driver.client.send(driver.client.request(0x18).with_wrong_checksum())
+    )
+    driver.client.wait(0.2)
+    driver.motion.follow(forecast, None, driver.limits.allowance(SLOWEST))
 
 
 def _hex(values: list[int]) -> str:
@@ -201,70 +201,74 @@ def _hex(values: list[int]) -> str:
 @check("MACS-REPLY-12", "MACS-REPLY-14", "MACS-CMD-13-01", safety=("motion", "stored"))
 def nothing_is_said_that_was_not_asked(session: Session) -> None:
     """A long move is acknowledged at once, and neither its course nor its end sends a byte."""
-    bench = Bench(session)
-    start = bench.ready(SLOWEST)
+    driver = SerialDriver(session)
+    start = driver.motion.ready(SLOWEST)
     sent_ns = session.target.now_ns
-    exchange = bench.accepted(0x13, start + LONG, requirement=("MACS-REPLY-14", "MACS-CMD-13-01"))
+    exchange = driver.judge.accepted(
+        0x13, start + LONG, requirement=("MACS-REPLY-14", "MACS-CMD-13-01")
+    )
     took_s = (session.target.now_ns - sent_ns) / 1e9
     session.expect(
         took_s < ACKNOWLEDGED_WITHIN_S, "MACS-REPLY-14", "06 13 1A at once", f"{took_s:.3f} s"
     )
-    end = bench.to_position(exchange, start, start + LONG).end
+    end = driver.motion.to_position(exchange, start, start + LONG).end
     assert end is not None
     listen_s = LISTEN_S if session.target.is_virtual else LISTEN_REAL_S
     extra = session.target.receive(1, (end.latest_ns - session.target.now_ns) / 1e9 + listen_s)
     session.expect(not extra, "MACS-REPLY-12", "silence", extra.hex(" "))
-    bench.alive("MACS-REPLY-12")
+    driver.judge.alive("MACS-REPLY-12")
 
 
 @check("MACS-REPLY-12")
 def at_rest_it_keeps_silent(session: Session) -> None:
     """A module at rest says nothing on its own."""
-    bench = Bench(session)
+    driver = SerialDriver(session)
     extra = session.target.receive(1, LISTEN_S if session.target.is_virtual else LISTEN_REAL_S)
     session.expect(not extra, None, "silence", extra.hex(" "))
-    bench.alive()
+    driver.judge.alive()
 
 
 @check("MACS-REPLY-13", safety=("motion", "stored"))
 def frames_for_another_module_do_nothing(session: Session) -> None:
     """Commands for another address neither move this module nor change its parameters."""
-    bench = Bench(session)
-    start = bench.ready()
-    before = [bench.value(index) for index in (0x20, 0x25, 0x26)]
+    driver = SerialDriver(session)
+    start = driver.motion.ready()
+    before = [driver.client.value(index) for index in (0x20, 0x25, 0x26)]
     taken = {session.address, *session.neighbours}
     other = next(address for address in (0x33, 0x4C, 0x5A) if address not in taken)
-    hint = stranger_at(bench, other)  # before it is told anything
+    hint = unknown_module_at(driver.client, other)  # before it is told anything
     if hint:
         session.fail("MACS-REPLY-13", f"silence at {other:02X}h", "an answer to 20h", hint)
     cases = [(0x0D, 0x1456), (0x0F, 0x21), (0x0B, 0)]
     if not session.envelope.is_guarded:  # or a module that nobody has named might be there and move
         cases.insert(0, (0x13, start + 300))
     for index, parameter in cases:
-        exchange = bench.send(bench.request(index, parameter, address=other), QUIET_S)
-        bench.must(Kind.SILENCE, exchange)
-    after = [bench.value(index) for index in (0x20, 0x25, 0x26)]
+        exchange = driver.client.send(
+            driver.client.request(index, parameter, address=other), QUIET_S
+        )
+        driver.judge.must(ReplyKind.SILENCE, exchange)
+    after = [driver.client.value(index) for index in (0x20, 0x25, 0x26)]
     session.expect(after == before, None, _hex(before), _hex(after))
 
 
 @check("MACS-REPLY-15")
 def what_comes_during_a_reply_is_kept_or_lost(session: Session) -> None:
     """A second query sent on top of the first one's answer is answered too, or lost; no harm."""
-    bench = Bench(session)
+    driver = SerialDriver(session)
     if not session.target.is_virtual:
         session.skip("needs exact timing: only virtual time puts a byte between Etx and a reply")
-    bench.again(rx_during_xoff)
-    bench.alive()
+    driver.judge.again(rx_during_xoff)
+    driver.judge.alive()
 
 
 @check("MACS-REPLY-16")
 def reply_times_are_recorded(session: Session) -> None:
     """The time from the last byte of a request to the first of its reply is reported."""
-    bench = Bench(session)
-    frame = bench.request(0x20)
+    driver = SerialDriver(session)
+    frame = driver.client.request(0x20)
     waits_ms = []
     for _ in range(10):
-        window = bench.send(frame).taken
+        window = driver.client.send(frame).taken
         waits_ms.append((window.latest_ns - window.earliest_ns) / 1e6)
     session.expect(max(waits_ms) < 500, None, "below 500 ms", f"{max(waits_ms):.3f} ms")
     session.info(None, f"reply latency {min(waits_ms):.3f}..{max(waits_ms):.3f} ms")

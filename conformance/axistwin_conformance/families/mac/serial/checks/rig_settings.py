@@ -7,14 +7,14 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.checks.rig_power import POWER
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
 from axistwin_conformance.families.mac.axis.driver.rig import OFF_S
-from axistwin_conformance.families.mac.axis.exchanges import Kind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.serial.address_recovery import (
     brought_back,
     has_rate,
     other_address,
     program_address,
 )
-from axistwin_conformance.families.mac.serial.driver import RigBench
+from axistwin_conformance.families.mac.serial.driver import SerialDriver
 from axistwin_conformance.families.mac.serial.probes.destructive import DESTRUCTIVE, FACTORY_BAUD
 
 ORDER = 260  # of this module in a run; see `Family.modules`
@@ -23,36 +23,44 @@ ORDER = 260  # of this module in a run; see `Family.modules`
 @check("MACS-PERS-01", "MACS-CMD-1B-01", safety=(*DESTRUCTIVE, "rig"), needs=("alone", *POWER))
 def the_rate_outlives_the_supply(session: Session) -> None:
     """The rate of 1Bh is kept over power-off."""
-    bench = RigBench(session)
-    if not has_rate(bench):
+    driver = SerialDriver(session)
+    if not has_rate(driver):
         session.skip("a plain socket carries bytes, not a rate")
-    bench.begin()
-    rate, value = (9600, 0x01) if bench.target.baud == FACTORY_BAUD else (FACTORY_BAUD, 0x03)
-    with brought_back(bench, is_readdressed=False):
-        if bench.send(bench.request(0x1B, value), QUIET_S * 2).kind is Kind.REFUSED:
-            bench.reading("cmd_1b_supported", 1, "MACS-CMD-1B-01")
+    driver.rig.begin()
+    rate, value = (
+        (9600, 0x01) if driver.client.target.baud == FACTORY_BAUD else (FACTORY_BAUD, 0x03)
+    )
+    with brought_back(driver, is_readdressed=False):
+        if (
+            driver.client.send(driver.client.request(0x1B, value), QUIET_S * 2).kind
+            is ReplyKind.REFUSED
+        ):
+            driver.judge.reading("cmd_1b_supported", 1, "MACS-CMD-1B-01")
             session.not_run("MACS-PERS-01", "the rate cannot be changed on this device")
             return
-        bench.target.baud = rate
-        bench.wait_awake()
-        bench.alive("MACS-CMD-1B-01")
-        bench.power_cycle()
+        driver.client.target.baud = rate
+        driver.motion.wait_awake()
+        driver.judge.alive("MACS-CMD-1B-01")
+        driver.rig.power_cycle()
         session.expect(
-            bench.ask(0x20).kind is Kind.ANSWER, "MACS-PERS-01", f"an answer at {rate}", "silence"
+            driver.client.ask(0x20).kind is ReplyKind.ANSWER,
+            "MACS-PERS-01",
+            f"an answer at {rate}",
+            "silence",
         )
 
 
 @check("MACS-PERS-02", "MACS-CMD-08-02", safety=(*DESTRUCTIVE, "rig"), needs=("alone", *POWER))
 def the_address_outlives_the_supply(session: Session) -> None:
     """The address of 08h is kept over power-off."""
-    bench = RigBench(session)
-    bench.begin()
-    new = other_address(bench)
-    with brought_back(bench):
-        program_address(bench, new)
-        bench.rig.power_off()
-        bench.wait(OFF_S)
-        bench.rig.power_on()
-        bench.wait_awake()
-        bench.address = new
-        bench.alive(("MACS-PERS-02", "MACS-CMD-08-02"))
+    driver = SerialDriver(session)
+    driver.rig.begin()
+    new = other_address(driver)
+    with brought_back(driver):
+        program_address(driver, new)
+        driver.session.rig.power_off()
+        driver.client.wait(OFF_S)
+        driver.session.rig.power_on()
+        driver.motion.wait_awake()
+        driver.client.address = new
+        driver.judge.alive(("MACS-PERS-02", "MACS-CMD-08-02"))

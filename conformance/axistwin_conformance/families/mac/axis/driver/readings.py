@@ -1,0 +1,42 @@
+"""Which readings of the manual a device has shown, as far as known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mac.axis.model.kinematics import Law
+
+
+class AxisReadings:
+    """The readings of the device of one session."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def known(self, switch: str, look: Callable[[], int] | None = None) -> int:
+        """The number of the reading this device follows, as far as known, asking by `look` if it
+        has not shown itself yet; what fits no reading counts as the default here, and so does what
+        this module's manual does not leave open."""
+        run = self._session.run
+        readings = run.ledger.ambiguity_of(switch).switches[switch]
+        seen = run.readings.get(switch)
+        if seen in readings:
+            return readings.index(seen)
+        if look is None or not run.ledger.asks(switch):
+            return 0
+        outcome = look()
+        run.readings.setdefault(switch, readings[outcome])
+        return outcome
+
+    @property
+    def law(self) -> Law:
+        """The readings that shape profiles, as this device has shown them."""
+        seen = self._session.readings
+        return Law(
+            ramp=seen.get("ramp_law", "equal_time"),
+            change=seen.get("vel_change_law", "ramp_length"),
+            stop=seen.get("stop_ramp_law", "climbed"),
+            triangle=seen.get("triangle_law", "mirror"),
+            step=seen.get("step_phase", "end"),
+        )
