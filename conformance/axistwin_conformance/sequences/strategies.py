@@ -10,6 +10,7 @@ from unittest import mock
 
 from hypothesis import HealthCheck, Phase, configuration, settings
 from hypothesis.internal.conjecture import providers
+from hypothesis.internal.constants_ast import Constants
 
 STEPS: Final = 50
 
@@ -45,7 +46,7 @@ def reproducible() -> Iterator[None]:
         configuration.set_hypothesis_home_dir(folder)
         providers.CONSTANTS_CACHE.cache.clear()
         try:
-            with mock.patch.object(providers, "_get_local_constants", providers.Constants):
+            with mock.patch.object(providers, "_get_local_constants", Constants):
                 yield
         finally:
             providers.CONSTANTS_CACHE.cache.clear()
