@@ -59,20 +59,14 @@ def make_options(
     from axistwin_conformance.engine.plan import Options
 
     family = find_family(model)
-    endpoint, rate = choose_endpoint(
-        family.transport_kind,
-        model,
-        {"--port": port, "--can": can},
-        {"--baud": baud, "--bitrate": bitrate},
-    )
+    endpoints, rates = {"--port": port, "--can": can}, {"--baud": baud, "--bitrate": bitrate}
+    endpoint, rate = choose_endpoint(family.transport_kind, model, endpoints, rates)
     is_builtin, is_twin = endpoint is None, endpoint is None or is_twin_url(endpoint)
     address, neighbours = _addresses(family, address, neighbours, is_builtin=is_builtin)
-    if is_builtin and rate is not None:
-        _check_rate(family, model, rate)
+    _check_rate(family, model, rate if is_builtin else None)
     _check_duration(duration, level)
     _refuse_foreign(family, model, of_families)
     others = {"an ID": ids, "--level": level, "--detect": is_detection}
-    allowed = parse_allowed(allow, is_builtin=is_builtin)
     options = Options(
         family=family,
         model=model,
@@ -80,7 +74,7 @@ def make_options(
         address=address,
         neighbours=neighbours,
         rate=rate or family.default_rate,
-        allowed=allowed,
+        allowed=parse_allowed(allow, is_builtin=is_builtin),
         settings=family.options.settings(of_families, is_builtin=is_builtin, is_twin=is_twin),
         level=level or FULL,
         seed=seed,
@@ -115,9 +109,9 @@ def _with_rig(options: Options, kind: str | None, command: str | None) -> Option
     return replace(options, rig=choice)
 
 
-def _check_rate(family: Family, model: str, rate: int) -> None:
+def _check_rate(family: Family, model: str, rate: int | None) -> None:
     """Raise UsageError for a rate that no device of the family has."""
-    if rate not in (family.rates or (rate,)):
+    if rate is not None and rate not in (family.rates or (rate,)):
         known = ", ".join(map(str, family.rates))
         raise UsageError(
             f"{family.transport_kind.rate_option} {rate}: {with_article(model)} knows {known}"
@@ -143,6 +137,8 @@ def _recording(family: Family, model: str, word: str, others: Mapping[str, objec
     for name, other in others.items():
         if other:
             raise UsageError(f"--replay plays its operations and nothing else: leave out {name}")
+    if not family.operation_bytes:
+        raise UsageError(f"--replay: nothing records operations of {with_article(model)}")
     return load_recording(word, model, family.operation_bytes)
 
 
@@ -177,9 +173,10 @@ def _check_duration(duration: float | None, level: str | None) -> None:
 def _addresses(
     family: Family, address: int | None, neighbours: tuple[int, ...], *, is_builtin: bool
 ) -> tuple[int, tuple[int, ...]]:
-    """The address to judge and those of further modules, of which the built-in twin has one."""
+    """The address to judge and those of further modules, of which the built-in twin has one where
+    there is an address for it."""
     address = family.default_address if address is None else address
-    if is_builtin and not neighbours:
+    if is_builtin and not neighbours and len(family.addresses) > 1:
         neighbours = (_other_address(family, address),)
     for one in (address, *neighbours):
         if one not in family.addresses:

@@ -242,8 +242,8 @@ def _wrong(session: Session) -> None:
 def _drifting(session: Session) -> None:
     """It would have to be at 20 after 2 ms."""
     band = [(0, -1, 1), (1_000_000, 9, 11), (2_000_000, 19, 21)]
-    session.sample("move 1", [(1_000_000, 10)], band[:2])
-    session.sample("move 1", [(2_000_000, 27)], band[2:])
+    session.motions.sample("move 1", [(1_000_000, 10)], band[:2])
+    session.motions.sample("move 1", [(2_000_000, 27)], band[2:])
     session.expect(ask(session, "M") == "n", None, "19..21", 27)
 
 

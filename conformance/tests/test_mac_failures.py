@@ -386,11 +386,11 @@ def test_the_failing_run_is_plotted_and_no_other() -> None:
     """Measured against predicted, for the report."""
     moves = (operation("move", 0xF0), operation("ask the position", 0, 0, 0xA0))
     case = Case(Device(at_times()), is_lossless=True)
-    before = case.session.motion_count
+    before = case.session.motions.count
     case.runner.run((*moves, *moves))
-    assert case.session.motion_count == before
+    assert case.session.motions.count == before
     case.runner.run((*moves, *moves), is_plotted=True)
-    motions = case.session.motions[before:]
+    motions = case.session.motions.kept[before:]
     assert motions
     for motion in motions:
         for time_ns, position in motion.measured:

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from msc_twin import TwinPort, check_of, session_on, target_of
 
 from axistwin_conformance.base.errors import TargetError, WrongDevice
-from axistwin_conformance.base.transcript import Direction, Record
+from axistwin_conformance.base.transcript import Direction, Record, last_exchange
 from axistwin_conformance.cli import conform
 from axistwin_conformance.core.family import Violation
 from axistwin_conformance.core.session import Session
@@ -298,7 +298,7 @@ def test_what_came_before_our_sign_is_what_is_blamed() -> None:
     session = session_of(port)
     port.spoil = lambda data: codec.with_wrong_checksum(data) if len(data) > 1 else data
     MscDriver(session).ask(codec.RQSTAT)
-    request, came = session.last_exchange()
+    request, came = last_exchange(session.records())
     assert (request, came) == (ACK, b"")
     breach = FAMILY.diagnose(session, request, came)
     assert isinstance(breach, Violation)

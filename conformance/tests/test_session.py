@@ -221,10 +221,10 @@ def test_in_virtual_time_nothing_is_asked_twice(toy: Any, session: Session) -> N
 def test_motions_are_kept_by_name_the_first_ones_and_the_last(session: Session) -> None:
     """Samples under one name are one motion; what failed last is never pushed out."""
     for number in range(MOTIONS_KEPT + 3):
-        session.sample(f"move {number}", [(1, 10)], [(0, 0, 1), (1, 9, 11)])
-        session.sample(f"move {number}", [(2, 20)])
-    names = [one.name for one in session.motions]
-    assert session.motion_count == MOTIONS_KEPT + 3
+        session.motions.sample(f"move {number}", [(1, 10)], [(0, 0, 1), (1, 9, 11)])
+        session.motions.sample(f"move {number}", [(2, 20)])
+    names = [one.name for one in session.motions.kept]
+    assert session.motions.count == MOTIONS_KEPT + 3
     assert names == [*(f"move {n}" for n in range(MOTIONS_KEPT - 1)), f"move {MOTIONS_KEPT + 2}"]
-    assert session.motions[-1].measured == ((1, 10), (2, 20))
-    assert session.motions[-1].predicted == ((0, 0, 1), (1, 9, 11))
+    assert session.motions.kept[-1].measured == ((1, 10), (2, 20))
+    assert session.motions.kept[-1].predicted == ((0, 0, 1), (1, 9, 11))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import islice
@@ -92,6 +92,17 @@ class Transcript:
                 one = replace(one, data=whole.pop().data + one.data)
             whole.append(one)
         return tuple(whole if limit is None else whole[-limit:])
+
+
+def last_exchange(records: Iterable[Record]) -> tuple[bytes, bytes]:
+    """What the host sent last, and what came since; nothing sent: empty."""
+    request, reply = b"", b""
+    for record in records:
+        if record.direction is Direction.HOST:
+            request, reply = record.data, b""
+        elif record.direction is Direction.DEVICE:
+            reply += record.data
+    return request, reply
 
 
 def _belong_together(earlier: Record, later: Record) -> bool:

@@ -17,11 +17,11 @@ from typing import Any, NoReturn, Protocol, cast
 
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.errors import AttemptVoid, TargetError
-from axistwin_conformance.base.events import FailureStored, Listener, MotionSampled
+from axistwin_conformance.base.events import Listener, MotionSampled
 from axistwin_conformance.base.ledger import Ledger
 from axistwin_conformance.base.line_quality import LineQuality, SilenceLimit
 from axistwin_conformance.base.recording import Recording
-from axistwin_conformance.base.transcript import Direction, Record
+from axistwin_conformance.base.transcript import Record
 from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.base.write_budget import WriteBudget
 from axistwin_conformance.core.identity import Identity, Model
@@ -135,6 +135,39 @@ class Run:
     settings: Any = None  # what the family's options have been set to, beside the envelope
 
 
+class Motions:
+    """Where the axis was, and where it had to be, in the first motions of a check and the last."""
+
+    def __init__(self, check: str) -> None:
+        self._check = check
+        self.count = 0  # sampled so far, kept or not
+        self._kept: dict[str, MotionSampled] = {}
+
+    def sample(
+        self,
+        name: str,
+        measured: Iterable[tuple[int, int]] = (),
+        predicted: Iterable[tuple[int, int, int]] = (),
+    ) -> None:
+        """Record what was measured: (time_ns, position), and predicted: (time_ns, lowest, highest),
+        both in the order of time on the target's clock.  Samples given under the same name belong
+        to one motion."""
+        before = self._kept.get(name)
+        if before is None:
+            self.count += 1
+            if len(self._kept) == MOTIONS_KEPT:
+                self._kept.popitem()
+        so_far = before or MotionSampled(self._check, name, (), ())
+        self._kept[name] = MotionSampled(
+            self._check, name, (*so_far.measured, *measured), (*so_far.predicted, *predicted)
+        )
+
+    @property
+    def kept(self) -> tuple[MotionSampled, ...]:
+        """The first ones and the last."""
+        return tuple(self._kept.values())
+
+
 class Session:
     """One check's view of the run."""
 
@@ -156,8 +189,7 @@ class Session:
         self.is_replayed = False  # True: the check itself has found out how often they fail
         self.is_reproduced = False  # True: the last reply was wrong, and too often so for noise
         self.passed: dict[str, int] = {}
-        self.motion_count = 0  # sampled so far, kept or not
-        self._motions: dict[str, MotionSampled] = {}
+        self.motions = Motions(name)  # for the plots of the report
         self._named: set[tuple[str, str]] = set()  # requirement, switch: said already
         self._started_at = run.target.transcript.position
 
@@ -172,11 +204,6 @@ class Session:
         return cast(SerialTransport, self.run.target)
 
     @property
-    def model(self) -> Model:
-        """The model named by the user."""
-        return self.run.model
-
-    @property
     def address(self) -> int:
         """The device's address on its line."""
         return self.run.address
@@ -187,24 +214,9 @@ class Session:
         return self.run.neighbours
 
     @property
-    def seed(self) -> int:
-        """The run's seed; `random` is already derived from it."""
-        return self.run.seed
-
-    @property
     def envelope(self) -> Envelope:
         """The bounds of motion."""
         return self.run.envelope
-
-    @property
-    def allowed(self) -> frozenset[str]:
-        """The safety classes granted to this run."""
-        return self.run.allowed
-
-    @property
-    def identity(self) -> Mapping[str, str]:
-        """What the probe found out about the device."""
-        return self.run.identity.values if self.run.identity else {}
 
     @property
     def memory(self) -> Any:
@@ -290,23 +302,9 @@ class Session:
             if not is_interrupted and restore():
                 self.run.cleanups.remove(cleanup)
 
-    def last_exchange(self) -> tuple[bytes, bytes]:
-        """What was sent last in this session, and what came since; nothing sent: empty."""
-        request, reply = b"", b""
-        for one in self.records():
-            if one.direction is Direction.HOST:
-                request, reply = one.data, b""
-            elif one.direction is Direction.DEVICE:
-                reply += one.data
-        return request, reply
-
-    def records(self) -> tuple[Record, ...]:
-        """All that was said in this session."""
-        return self.transport.transcript.since(self._started_at)
-
-    def excerpt(self) -> tuple[Record, ...]:
-        """The end of what was said in this session, for a reader who wants to follow."""
-        return self.transport.transcript.since(self._started_at, EXCERPT_RECORDS)
+    def records(self, limit: int | None = None) -> tuple[Record, ...]:
+        """All that was exchanged in this session, or the end of it."""
+        return self.transport.transcript.since(self._started_at, limit)
 
     def void_attempt(self, text: str) -> NoReturn:
         """Give the attempt up: what was spoilt must not be repeated; the check is replayed."""
@@ -442,38 +440,6 @@ class Session:
         """Write a line into the transcript, for the reader of a failure."""
         self.transport.mark(text)
 
-    def record(self, recording: Recording) -> None:
-        """Keep the operations after which the device failed, and tell them at once."""
-        self.recording = recording
-        self.run.emit(FailureStored(recording.check, recording))
-
-    def sample(
-        self,
-        name: str,
-        measured: Iterable[tuple[int, int]] = (),
-        predicted: Iterable[tuple[int, int, int]] = (),
-    ) -> None:
-        """Record where the axis was and where it had to be, for the plots of the report.
-
-        `measured`: (time_ns, position), `predicted`: (time_ns, lowest, highest), both in the order
-        of time on the target's clock.  Samples given under the same name belong to one motion.
-        """
-        before = self._motions.get(name)
-        if before is None:
-            self.motion_count += 1
-            if len(self._motions) == MOTIONS_KEPT:
-                self._motions.popitem()
-        check = self.check.name if self.check else ""
-        so_far = before or MotionSampled(check, name, (), ())
-        self._motions[name] = MotionSampled(
-            check, name, (*so_far.measured, *measured), (*so_far.predicted, *predicted)
-        )
-
-    @property
-    def motions(self) -> tuple[MotionSampled, ...]:
-        """The motions sampled in this check: the first ones and the last."""
-        return tuple(self._motions.values())
-
     def conclude(
         self, trouble: str, verdict: Verdict = Verdict.INCONCLUSIVE
     ) -> tuple[Finding, ...]:
@@ -489,7 +455,7 @@ class Session:
             for one in self.findings
             if verdict is not Verdict.FAIL or one.verdict is Verdict.FAIL
         ]
-        transcript = self.excerpt() if verdict is Verdict.FAIL and trouble else ()
+        transcript = self.records(EXCERPT_RECORDS) if verdict is Verdict.FAIL and trouble else ()
         named = self.check.requirements if self.check else ()
         if trouble:
             rest = [
@@ -527,7 +493,7 @@ class Session:
         expected: tuple[str, ...] = (),
         actual: str | None = None,
     ) -> None:
-        excerpt = self.excerpt()
+        excerpt = self.records(EXCERPT_RECORDS)
         if verdict is Verdict.FAIL and not self.failed_after[0]:
             self.failed_after = self.transport.last_sent, self._asked[self.transport.last_sent]
         wanted = verdict in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.QUIRK)

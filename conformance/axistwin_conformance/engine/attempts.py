@@ -89,7 +89,7 @@ class Attempts:
         run.target.forget_late()
         started = time.monotonic()
         outcome, trouble, verdict, disturbance = self._run(session, check)
-        for motion in session.motions:
+        for motion in session.motions.kept:
             self._emit(motion)
         findings = session.conclude(trouble, verdict)
         seconds = time.monotonic() - started

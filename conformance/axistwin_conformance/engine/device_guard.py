@@ -28,10 +28,11 @@ from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.errors import AttemptVoid, RigError, TargetError, TwinCrashed
 from axistwin_conformance.base.events import Listener, Outcome
 from axistwin_conformance.base.ledger import Ledger
+from axistwin_conformance.base.transcript import last_exchange
 from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.base.write_budget import WriteBudget
 from axistwin_conformance.core.family import Violation
-from axistwin_conformance.core.session import QUIET_WAIT_S, Run, Session, Stop
+from axistwin_conformance.core.session import EXCERPT_RECORDS, QUIET_WAIT_S, Run, Session, Stop
 from axistwin_conformance.engine.attempts import describe
 from axistwin_conformance.engine.plan import Options
 from axistwin_conformance.engine.result import CheckResult
@@ -274,7 +275,7 @@ class DeviceGuard:
         """Judge the last reply of a session beside the checks; True if the device failed by it
         (rule 4).  `act`: what it was asked for, one of `ACTS` or the name of a probe."""
         run = session.run
-        request, reply = session.last_exchange()
+        request, reply = last_exchange(session.records())
         is_surely_its_own = run.target.crash or run.target.is_lossless
         if not is_surely_its_own and not (reply and session.is_reproduced and self.is_sane(run)):
             return False
@@ -297,7 +298,7 @@ class DeviceGuard:
         check = Check.named(act, behaviour, __name__, requirements=(violation.requirement,))
         finding = Finding(
             violation.requirement, Verdict.FAIL, "beside the checks", (violation.expected,),
-            violation.actual, session.excerpt(),
+            violation.actual, session.records(EXCERPT_RECORDS),
         )  # fmt: skip
         result = CheckResult(check, Outcome.DONE, (finding,), tuple(session.retries), 0.0, "")
         self.violations.append(result)

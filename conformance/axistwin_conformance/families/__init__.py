@@ -1,9 +1,14 @@
 """The device families, each in a folder of its own; `catalog` finds them.
 
-A folder on the path of imports that has `axistwin_conformance/families/NAME` adds a family to the
-suite: the folders of all such places are looked through.
+A family is a folder here, or a folder `axistwin_conformance/families/NAME` anywhere on Python's
+path; its `family.py` declares it.
 """
 
-import pkgutil
+import sys
+from pathlib import Path
 
-__path__ = pkgutil.extend_path(__path__, __name__)
+__path__ += [
+    folder
+    for folder in (f"{place}/axistwin_conformance/families" for place in sys.path)
+    if folder not in __path__ and Path(folder).is_dir()
+]

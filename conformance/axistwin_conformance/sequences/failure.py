@@ -20,6 +20,7 @@ from typing import Final, NoReturn
 
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.errors import AttemptVoid, TargetError, counted
+from axistwin_conformance.base.events import FailureStored
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.core.session import Run, Session, Stop
 from axistwin_conformance.sequences.runner import Mismatch, Operations, Runner, SequenceResult
@@ -82,22 +83,21 @@ class Failure:
 
     def _store(self) -> None:
         session, mismatch = self.session, self.mismatch
-        session.record(
-            Recording(
-                session.model.name,
-                self.result.operations,
-                check=session.check.name if session.check else "",
-                seed=session.seed,
-                requirement=", ".join(session.run.ledger.own((mismatch.requirement,))),
-                expected=mismatch.expected,
-                actual=mismatch.actual,
-                words=self.result.words,
-                readings=dict(session.readings),
-                suite_version=metadata.version("axistwin"),
-                found=b"".join(self.found.operations),
-                history=tuple(self.history),
-            )
+        recording = session.recording = Recording(
+            session.run.model.name,
+            self.result.operations,
+            check=session.check.name if session.check else "",
+            seed=session.run.seed,
+            requirement=", ".join(session.run.ledger.own((mismatch.requirement,))),
+            expected=mismatch.expected,
+            actual=mismatch.actual,
+            words=self.result.words,
+            readings=dict(session.readings),
+            suite_version=metadata.version("axistwin"),
+            found=b"".join(self.found.operations),
+            history=tuple(self.history),
         )
+        session.run.emit(FailureStored(recording.check, recording))
 
     def _fail(self) -> NoReturn:
         mismatch = self.mismatch

@@ -36,7 +36,7 @@ def diagnose(session: Session, request: bytes, reply: bytes | None) -> Violation
         return Violation("MSC-LNK-01", awaited, came)
     if question.name in codec.WRITES:
         return None  # what may follow is left open (MSC-AMB-36)
-    if question.name == "RFLAGS" and not session.model.facts.has_rflags:
+    if question.name == "RFLAGS" and not session.run.model.facts.has_rflags:
         return None
     answer = codec.parse(reply[1:])
     if answer is None:

@@ -47,7 +47,7 @@ class MscDriver:
     @property
     def has_rflags(self) -> bool:
         """True for the models that the manual gives RFLAGS (MSC-MOD-01)."""
-        return bool(self.session.model.facts.has_rflags)
+        return bool(self.session.run.model.facts.has_rflags)
 
     def reading(
         self, switch: str, seen: str | Sequence[str], requirement: str | Sequence[str] | None = None

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from axistwin_conformance.base.errors import TargetError, WrongDevice
+from axistwin_conformance.base.transcript import last_exchange
 from axistwin_conformance.core.identity import Identity
 from axistwin_conformance.core.session import ATTEMPTS, REPLY_TIMEOUT_S, Run, Session
 from axistwin_conformance.families.msc import codec
@@ -91,7 +92,7 @@ def identify(session: Session) -> Identity:
     words = exchange.reply.numbers if exchange.reply is not None else ()
     text = _status_in_words(words[0]) if words else "status unknown"
     values = {"status": f"{words[0]}" if words else "unknown"}
-    return Identity(f"{session.model.title}, unit {driver.unit}, {text}", values)
+    return Identity(f"{session.run.model.title}, unit {driver.unit}, {text}", values)
 
 
 def _status_in_words(status: int) -> str:
@@ -147,7 +148,7 @@ def _refuse_another_model(driver: MscDriver) -> None:
     """Raise WrongDevice for a controller that has RFLAGS where the model named has not, or the
     reverse (MSC-MOD-01).  The twin made for the run is what it is: the checks judge that."""
     session = driver.session
-    name, run = session.model.name, session.run
+    name, run = session.run.model.name, session.run
     if session.target.is_builtin:
         return
     if not driver.has_rflags and "rig" not in run.allowed and not _is_twin(run):
@@ -206,7 +207,7 @@ def stop(session: Session) -> None:
         last is not None and last.is_request and last.name in codec.WRITES
     )
     if not is_over:
-        request, said = session.last_exchange()
+        request, said = last_exchange(session.records())
         MscDriver(session).client.wait_until_quiet(
             after=MscExchange(request, said) if request else None
         )

@@ -53,7 +53,7 @@ class AxisFamily(Family):
             values |= snapshot.climate(session, measures)
         described = [f"release {values['release']}"]
         described += [values[name] for name in ("temperature", "supply") if name in values]
-        where = f"{session.model.title} at {self._address_text(session.address)}"
+        where = f"{session.run.model.title} at {self._address_text(session.address)}"
         return Identity(f"{where}, {', '.join(described)}", values | own_values)
 
     @abstractmethod

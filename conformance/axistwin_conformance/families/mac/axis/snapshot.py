@@ -69,7 +69,7 @@ class MacFacts:
 
 def facts_of(session: Session) -> MacFacts:
     """The facts of the model under test."""
-    facts = session.model.facts
+    facts = session.run.model.facts
     assert isinstance(facts, MacFacts)
     return facts
 
@@ -84,7 +84,7 @@ def climate(session: Session, measures: AxisReply) -> dict[str, str]:
     celsius, volts = facts.celsius(tt), facts.volts(vv)
     if not PLAUSIBLE_CELSIUS[0] <= celsius <= PLAUSIBLE_CELSIUS[1]:
         raise WrongDevice(
-            f"not a {session.model.name}: its temperature byte {tt:02X}h would mean"
+            f"not a {session.run.model.name}: its temperature byte {tt:02X}h would mean"
             f" {celsius:.0f} °C; try another model"
         )
     return {"temperature": f"{celsius:.1f} °C", "supply": f"{volts:.1f} V"}

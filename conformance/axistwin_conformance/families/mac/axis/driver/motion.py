@@ -360,7 +360,7 @@ class AxisMotion:
         margin_ns = taken.latest_ns - middle_ns
         is_new = self._plotted is None or self._plotted[0] != start_ns
         if self._plotted is None or is_new:
-            number = self._session.motion_count + 1
+            number = self._session.motions.count + 1
             self._plotted = start_ns, f"{MOTION_NAMES[first.mode]} {number}", start_ns
         _, name, since_ns = self._plotted
         self._plotted = start_ns, name, middle_ns
@@ -371,7 +371,7 @@ class AxisMotion:
             window = TimeWindow(now_ns - margin_ns, now_ns + margin_ns)
             lowest, highest = forecast.bounds(self._widened(window, forecast))
             band.append((now_ns, lowest - allowance, highest + allowance))
-        self._session.sample(name, [(middle_ns, sample.position)], band)
+        self._session.motions.sample(name, [(middle_ns, sample.position)], band)
 
     def watch(self, forecast: Forecast, requirement: Part = None, samples: int = 6) -> int:
         """Judge the whole motion: some places on its way, and its end.  Give the final place."""

@@ -1,0 +1,1 @@
+"""A fifth family of devices, to show what one takes: a lamp on a serial line."""

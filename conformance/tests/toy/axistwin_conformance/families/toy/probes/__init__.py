@@ -1,0 +1,1 @@
+"""What the manual of the lamp leaves open."""
