@@ -2,6 +2,7 @@
 with CAN."""
 
 import os
+import re
 import signal
 import sys
 from collections.abc import Generator
@@ -13,6 +14,7 @@ import pytest
 VCAN = Path("/sys/class/net/vcan0")
 BY_HAND = frozenset({"soak", "vcan"})
 DEAR = BY_HAND | {"system", "strength"}
+DEAR_FILE = re.compile(rf"^pytestmark = (\[\s*)?pytest\.mark\.({'|'.join(DEAR)})\b", re.MULTILINE)
 # What a fast test does not do, in the words of Python's audit hooks.
 NOT_FAST = frozenset(
     {"subprocess.Popen", "os.fork", "os.posix_spawn", "socket.bind", "socket.connect", "openpty"}
@@ -44,6 +46,12 @@ def _refuse_what_is_not_fast(event: str, arguments: tuple[Any, ...]) -> None:
     if event in NOT_FAST and running:
         test = running.pop()
         raise AssertionError(f"{test} is no fast test ({event}): mark it 'system' or 'strength'")
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Of what is dear as a whole, a fast run does not even read the tests."""
+    is_fast = config.option.markexpr == "fast" and collection_path.suffix == ".py"
+    return (is_fast and bool(DEAR_FILE.search(collection_path.read_text("utf-8")))) or None
 
 
 @pytest.hookimpl(tryfirst=True)

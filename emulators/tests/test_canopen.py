@@ -21,7 +21,7 @@ from axistwin import testing
 
 pytestmark = pytest.mark.system
 
-PATIENCE_S = 5.0
+PATIENCE_S = 20.0
 
 
 @dataclass

@@ -86,14 +86,14 @@ def test_ten_million_bytes_pass_in_seconds() -> None:
     """Random bytes cost next to nothing."""
     data = random.Random(3).randbytes(10_000_000)
     device = MacSerial("mac23", 0)
-    begun = time.perf_counter()
+    begun = time.process_time()
     at = 0
     while at < len(data):
         piece = data[at : at + 65536]
         size = max(1, device.quiet_prefix(piece))
         device.receive(Chunk(at * 260_416, piece[:size], LineFormat(38400)))
         at += size
-    assert time.perf_counter() - begun < 10
+    assert time.process_time() - begun < 10
 
 
 # ---- any treatment ----

@@ -314,9 +314,9 @@ def test_a_program_that_waits_for_a_time_asks_for_its_scan() -> None:
 def test_an_hour_of_waiting_is_not_run() -> None:
     """Less than a thousandth of a second of the computer's, where an hour has 360000 scans."""
     bench = ProgramBench(Worker).at(0)
-    began = time.perf_counter()
+    began = time.process_time()
     bench.runner.wake(HOUR_NS)
-    assert time.perf_counter() - began < 0.05
+    assert time.process_time() - began < 0.05
     bench.flags.set(200, on=True)
     bench.runner.wake(HOUR_NS + 10 * NS_PER_MS)
     assert bench.value(2000) == 1
@@ -326,10 +326,10 @@ def test_an_hour_of_waiting_is_not_run() -> None:
 def test_an_hour_of_scans_takes_seconds() -> None:
     """Each is done; that is measured generously here, and stands in the page on macroprograms."""
     bench = ProgramBench(Ticks)
-    began = time.perf_counter()
+    began = time.process_time()
     bench.runner.wake(HOUR_NS)
     assert bench.value(2000) == 360_001
-    assert time.perf_counter() - began < 20
+    assert time.process_time() - began < 20
 
 
 def test_the_same_is_done_each_time() -> None:

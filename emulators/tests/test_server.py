@@ -209,7 +209,7 @@ def test_stopping_takes_no_time_and_is_final(tmp_path: Path) -> None:
     with bench.open():
         begin = time.monotonic()
         bench.server.stop()
-        assert time.monotonic() - begin < 1.0
+        assert time.monotonic() - begin < TIMEOUT_S
     assert threading.active_count() == threads - 1
     assert not os.path.lexists(bench.pty.url)
     bench.server.stop()

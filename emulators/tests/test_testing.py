@@ -79,11 +79,11 @@ def test_a_start_that_fails_leaves_nothing_behind(monkeypatch: pytest.MonkeyPatc
 def test_a_twin_on_a_pty_stops_while_a_client_waits() -> None:
     """The client sees a hang-up; nothing hangs."""
     with testing.start("mac23") as twin:
-        port = opened(twin, timeout=5)
+        port = opened(twin, timeout=60)
     start = time.monotonic()
     with pytest.raises(serial.SerialException):
         port.read(1)
-    assert time.monotonic() - start < 2
+    assert time.monotonic() - start < 30
     port.close()
 
 

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from axistwin.ports.dialect import CanDialect
 from axistwin.wire.can_frame import EXTENDED_MAX, STANDARD_MAX, CanFrame
 
-TIMEOUT_S = 5.0
+TIMEOUT_S = 20.0
 """For what must come; nothing waits that long unless it fails."""
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import canopen
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
-TIMEOUT_S = 10.0
+TIMEOUT_S = 30.0
 
 
 def until(condition: Callable[[], object]) -> None:

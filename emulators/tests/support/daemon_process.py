@@ -15,7 +15,7 @@ from click.testing import CliRunner, Result
 
 from axistwin.cli.program import main
 
-TIMEOUT_S = 10.0
+TIMEOUT_S = 30.0
 
 
 def invoke(*arguments: str) -> Result:

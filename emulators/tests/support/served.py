@@ -10,7 +10,7 @@ from echo_line import EchoLine
 from axistwin.runtime.line import Line
 from axistwin.runtime.serving.line_server import Port, Server
 
-TIMEOUT_S = 5.0
+TIMEOUT_S = 20.0
 """How long anything may take before a test fails."""
 
 EVERY_BYTE = bytes(range(256))

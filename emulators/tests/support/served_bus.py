@@ -13,7 +13,7 @@ from axistwin.runtime.clock import PacedClock
 from axistwin.runtime.serving.bus_server import BusPort, BusServer
 from axistwin.runtime.storage import Stores
 
-TIMEOUT_S = 5.0
+TIMEOUT_S = 20.0
 """How long anything may take before a test fails."""
 
 POSITION = can.Message(

@@ -101,7 +101,7 @@ class AxisSequence(Steps):
 
     def __post_init__(self) -> None:
         driver, envelope = self.driver, self.driver.session.envelope
-        self.client, self.target = driver.client, driver.client.target
+        self.client, self._target = driver.client, driver.client.target
         self._may_be_silent = driver.client.face.may_be_silent
         self.is_guarded, self._max_travel = envelope.is_guarded, envelope.max_travel
         self.room, self.fastest = driver.limits.room(), driver.limits.fastest
@@ -346,33 +346,33 @@ class AxisSequence(Steps):
     def pause_until_taken(self, number: int, offset_ns: int) -> None:
         """Wait so that the next request is taken over about when something ends: the motion, or a
         stage of it; `number` picks which of those that are still to come."""
-        aimed_ns = self.target.now_ns + self.client.frame_ns
+        aimed_ns = self._target.now_ns + self.client.frame_ns
         ends = self.model.forecast.ends_after(aimed_ns)
         if not ends:
             return
         end_ns = ends[number % len(ends)] + offset_ns
-        if not self.target.is_virtual or not self._is_kept_inside(end_ns + AHEAD_NS):
+        if not self._target.is_virtual or not self._is_kept_inside(end_ns + AHEAD_NS):
             end_ns = min(end_ns, aimed_ns + BYSTANDING_NS)
         self.pause(max(0, end_ns - aimed_ns) / 1e9)
 
     # --- staying inside ---------------------------------------------------------------------------
 
     def _now(self) -> TimeWindow:
-        now_ns = self.target.now_ns
+        now_ns = self._target.now_ns
         return TimeWindow(now_ns, now_ns)
 
     @property
     def is_resting(self) -> bool:
         """True if the axis is at rest for certain."""
-        return self.target.now_ns >= self.model.forecast.over_ns
+        return self._target.now_ns >= self.model.forecast.over_ns
 
     def _look_after(self) -> str:
         """Stop an axis that would leave the envelope before the next operation is over.  Give the
         states it may have been in."""
-        now_ns, forecast = self.target.now_ns, self.model.forecast
+        now_ns, forecast = self._target.now_ns, self.model.forecast
         if now_ns >= forecast.over_ns:
             self.changes = 0
-            if self.target.travel_guard is not None and not self._is_left_alone(now_ns + AHEAD_NS):
+            if self._target.travel_guard is not None and not self._is_left_alone(now_ns + AHEAD_NS):
                 self.command(0x18)
             return self.model.name_of(RESTING)
         modes = forecast.modes(TimeWindow(now_ns, now_ns))
@@ -389,7 +389,7 @@ class AxisSequence(Steps):
 
     def _is_left_alone(self, later_ns: int) -> bool:
         """True if the fence has no reason to end a motion until then."""
-        travel_guard = self.target.travel_guard
+        travel_guard = self._target.travel_guard
         deadline_ns = None if travel_guard is None else travel_guard.deadline_ns
         return deadline_ns is None or deadline_ns >= later_ns
 
@@ -402,7 +402,7 @@ class AxisSequence(Steps):
         if not self.is_guarded and 0 <= gone < room:
             # Whatever it is told: no motion here is faster than the shortest period.
             time_ns = (room - gone) * PERIODS[0] * TICK_NS
-            self._inside_until_ns = self.target.now_ns + time_ns // 2 - AHEAD_NS
+            self._inside_until_ns = self._target.now_ns + time_ns // 2 - AHEAD_NS
         return gone <= room
 
     def has_room(self, period: int) -> bool:
