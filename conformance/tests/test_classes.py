@@ -44,7 +44,7 @@ def public_members(cls: type) -> set[str]:
     for base in own_bases(cls):
         members |= {*vars(base), *inspect.get_annotations(base)}
         source = inspect.getsource(base)
-        members |= {part.split(":")[0].split(" ")[0] for part in _assigned(source)}
+        members |= set(_assigned(source))
     return {name for name in members if not name.startswith("_")}
 
 
@@ -52,8 +52,9 @@ def _assigned(source: str) -> Iterator[str]:
     for line in source.splitlines():
         target, sign, _ = line.strip().partition(" = ")
         for name in target.split(", ") if sign else ():
-            if name.startswith("self.") and name.removeprefix("self.").isidentifier():
-                yield name.removeprefix("self.")
+            attribute = name.removeprefix("self.").partition(":")[0]
+            if name.startswith("self.") and attribute.isidentifier():
+                yield attribute
 
 
 def test_class_names_are_unique() -> None:

@@ -27,7 +27,7 @@ def performed(data: bytes, *, is_direct: bool = True) -> AxisSequence:
     run = new_runner().begin()
     assert run._is_direct
     run._is_direct = is_direct
-    run.target.drain = bytes  # type: ignore[method-assign]  # looking for stray bytes takes time
+    run.client.target.drain = bytes  # type: ignore[method-assign]  # looking for stray bytes takes time
     run.perform(data)
     return run
 
@@ -96,7 +96,7 @@ def test_a_wait_for_an_instant_ends_about_the_end_of_the_motion() -> None:
     end = run.model.forecast.end
     assert end is not None
     run.operate(*operation("wait for an instant", 0xFE, 0))
-    aimed_ns = run.target.now_ns + run.driver.client.frame_ns
+    aimed_ns = run.client.target.now_ns + run.driver.client.frame_ns
     assert end.earliest_ns <= aimed_ns <= end.latest_ns
     run.conclude()
     run.leave()
@@ -159,7 +159,7 @@ def test_a_frame_that_stores_nothing_passes_the_gate_once() -> None:
     """Each kind of frame is shown to the gate, each one that stores to gate and meter."""
     run = new_runner().begin()
     seen, metered = list[bytes](), list[bytes]()
-    run.target.gate, run.target.meter = seen.append, metered.append
+    run.client.target.gate, run.client.target.meter = seen.append, metered.append
     for name in ("ask the position", "stop", "set the ramp") * 3:
         run.operate(*operation(name, 2))
     assert [one[6:8] for one in seen] == [b"20", b"18", b"0F", b"0F", b"0F"]

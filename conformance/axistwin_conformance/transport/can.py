@@ -141,7 +141,7 @@ class CanTransport(Transport):
         self._unanswered = 0  # requests since the last drain, less the replies
         self._last_reply: Frame | None = None
         self.bitrate = bitrate
-        self.error_frames = self.foreign_frames = 0
+        self._error_frames = self._foreign_frames = 0
         self._foreign: set[int] = set()  # identifiers, and `EXTENDED` for all of 29 bits
 
     def least_time_ns(self, frame: Frame) -> int:
@@ -244,13 +244,13 @@ class CanTransport(Transport):
         if self._foreign:
             names = [f"{one:03X}h" if one >= 0 else "29-bit ones" for one in sorted(self._foreign)]
             more = ", ..." if len(names) > FOREIGN_TOLD else ""
-            count = f"; {self.foreign_frames} so far" if self.foreign_frames else ""
+            count = f"; {self._foreign_frames} so far" if self._foreign_frames else ""
             told.append(
                 f"others talk on this bus; their frames are left out:"
                 f" {', '.join(names[:FOREIGN_TOLD])}{more}{count}"
             )
-        if self.error_frames:
-            told.append(f"{self.error_frames} error frames on the bus: is the bit rate right?")
+        if self._error_frames:
+            told.append(f"{self._error_frames} error frames on the bus: is the bit rate right?")
         return (*told, *super().remarks)
 
     def close(self) -> None:
@@ -296,23 +296,23 @@ class CanTransport(Transport):
         if message is None:
             return False
         if message.is_error_frame or message.is_fd:
-            self.error_frames += message.is_error_frame
+            self._error_frames += message.is_error_frame
             form = "an error frame" if message.is_error_frame else "a CAN FD frame"
-            if self.error_frames <= ERRORS_MARKED:
+            if self._error_frames <= ERRORS_MARKED:
                 self.mark(f"{form} on the bus: {message.arbitration_id:X}h {message.data.hex(' ')}")
             return True
         try:
             frame = _frame_of(message)
         except ValueError as error:  # an adapter's line was disturbed: no bus carries such a frame
-            self.error_frames += 1
-            if self.error_frames <= ERRORS_MARKED:
+            self._error_frames += 1
+            if self._error_frames <= ERRORS_MARKED:
                 self.mark(f"the adapter told of a frame that cannot be: {error}")
             return True
         is_marked = self._marks_own and not message.is_rx
         if is_marked or (self._is_echoing and self._is_echo(frame)):
             return True
         if self._foreign and _line_of(frame) in self._foreign:
-            self.foreign_frames += 1
+            self._foreign_frames += 1
             return True
         arrival = Arrival(frame, self._arrived(frame.pack()))
         if self._is_spontaneous(frame):

@@ -65,8 +65,6 @@ def judged(folder: Path, *ids: str) -> dict[str, str]:
 
 def test_the_twin_on_vcan0_conforms_in_full(tmp_path: Path) -> None:
     """Everything that the wire shows without a rig conforms, in real time."""
-    # On a busy machine an exchange takes too long now and then for a motion to be told apart: then
-    # nothing is said of it, and it is asked again.
     with twins(tmp_path):
         verdicts = judged(tmp_path)
         assert len(verdicts) > LEAST_JUDGED

@@ -52,7 +52,7 @@ class JudgedAxis:
     def operate(self, what: int, first: int, second: int, pause: int) -> None:
         """Do an operation and look at what the model makes of it."""
         self.sequence.operate(what, first, second, pause)
-        model, now_ns = self.sequence.model, self.sequence.target.now_ns
+        model, now_ns = self.sequence.model, self.sequence.client.target.now_ns
         forecast, has_stops = model.forecast, model.parameters.limits is not None
         is_held = model.preloaded is not None
         if now_ns >= forecast.over_ns:
