@@ -140,13 +140,13 @@ class CanTransport(Transport):
         self._unasked: deque[Arrival] = deque(maxlen=FRAMES_KEPT)
         self._unanswered = 0  # requests since the last drain, less the replies
         self._last_reply: Frame | None = None
-        self.bitrate = bitrate
-        self._error_frames = self._foreign_frames = 0
+        self._bitrate = bitrate
+        self.error_frames = self._foreign_frames = 0
         self._foreign: set[int] = set()  # identifiers, and `EXTENDED` for all of 29 bits
 
     def least_time_ns(self, frame: Frame) -> int:
         """How long a frame is on the bus at least; 0 where the bit rate is not known."""
-        return 0 if self.bitrate is None else frame.least_bits * 1_000_000_000 // self.bitrate
+        return 0 if self._bitrate is None else frame.least_bits * 1_000_000_000 // self._bitrate
 
     # --- sending ----------------------------------------------------------------------------------
 
@@ -249,8 +249,8 @@ class CanTransport(Transport):
                 f"others talk on this bus; their frames are left out:"
                 f" {', '.join(names[:FOREIGN_TOLD])}{more}{count}"
             )
-        if self._error_frames:
-            told.append(f"{self._error_frames} error frames on the bus: is the bit rate right?")
+        if self.error_frames:
+            told.append(f"{self.error_frames} error frames on the bus: is the bit rate right?")
         return (*told, *super().remarks)
 
     def close(self) -> None:
@@ -296,16 +296,16 @@ class CanTransport(Transport):
         if message is None:
             return False
         if message.is_error_frame or message.is_fd:
-            self._error_frames += message.is_error_frame
+            self.error_frames += message.is_error_frame
             form = "an error frame" if message.is_error_frame else "a CAN FD frame"
-            if self._error_frames <= ERRORS_MARKED:
+            if self.error_frames <= ERRORS_MARKED:
                 self.mark(f"{form} on the bus: {message.arbitration_id:X}h {message.data.hex(' ')}")
             return True
         try:
             frame = _frame_of(message)
         except ValueError as error:  # an adapter's line was disturbed: no bus carries such a frame
-            self._error_frames += 1
-            if self._error_frames <= ERRORS_MARKED:
+            self.error_frames += 1
+            if self.error_frames <= ERRORS_MARKED:
                 self.mark(f"the adapter told of a frame that cannot be: {error}")
             return True
         is_marked = self._marks_own and not message.is_rx
@@ -341,7 +341,7 @@ class CanTransport(Transport):
     @property
     def rate(self) -> int | None:
         """The bit rate, if it was asked for here."""
-        return self.bitrate
+        return self._bitrate
 
     def _stop_by(self, data: bytes) -> None:
         self.send(unpack(data))
