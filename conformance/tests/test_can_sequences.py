@@ -266,7 +266,7 @@ def test_the_twin_to_shrink_on_is_one_on_a_bus_with_the_same_readings() -> None:
     case = Case(readings={"ramp_law": "equal_increments"})
     twin = failure.open_twin(case.session)
     assert isinstance(twin, CanTransport)
-    assert twin.bitrate == BITRATE
+    assert twin.rate == BITRATE
     assert "quirk.ramp_law=equal_increments" in twin.description
     other = case.runner.on(failure.twin_session(case.session, twin))
     assert other.run((operation("turn", 0, 2), operation("nudge"))).mismatch is None
