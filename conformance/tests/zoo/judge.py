@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
 from types import FrameType
+from typing import Any
 
 from small_scratch import small_scratch
 
@@ -123,11 +124,13 @@ def _together(mutant: Mutant, checks: Sequence[Check], claims: frozenset[str]) -
     return found
 
 
-def wrong(checks: Iterable[str], model: str, address: int | None = None) -> list[Flaw]:
+def wrong(
+    checks: Iterable[str], model: str, address: int | None = None, **scratch: Any
+) -> list[Flaw]:
     """What these checks, which must all be done, find wrong with a twin that nobody has tampered
     with: check, requirement, what was seen."""
     names = set(checks)
-    options = make_options(model=model, ids=tuple(sorted(names)), address=address)
+    options = make_options(model=model, ids=tuple(sorted(names)), address=address, **scratch)
     result = Engine(options).run(lambda event: None)
     assert not NEVER & names
     found = [
