@@ -1,7 +1,7 @@
 """How a probe is written: a function that asks the device one question of the ledger.
 
 It is named after the switch that it tells, is handed the device as its family's checks handle it
-(`Family.bench`), has the evidence for a docstring, and returns
+(`Family.driver`), has the evidence for a docstring, and returns
 
     a number     the reading seen, 0 the default, in the order of the ledger
     numbers      the readings that explain what came, where this look cannot tell them apart

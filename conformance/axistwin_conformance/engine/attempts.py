@@ -6,7 +6,7 @@ Rules.
 2. A check that crashes is an error of the suite: inconclusive for all that it names.
 3. A twin that crashes in this process is a device that died: all that the check names has failed,
    as far as nothing else was said of it, since nothing but the device can have been the reason.
-4. What the fence holds back has not been sent: what it was to show is not run.
+4. What the travel guard holds back has not been sent: what it was to show is not run.
 5. Nothing leaves the suite that the check has not declared, or for which no EEPROM write is left.
 """
 

@@ -105,7 +105,7 @@ class DeviceGuard:
         return run
 
     def _equip(self, run: Run) -> None:
-        """Put rig, meter and fence to the run's target; raises TargetError without its rig."""
+        """Give the target its rig, meter and travel guard; raises TargetError without a rig."""
         family, target = self.options.family, run.target
         try:
             run.rig = self.options.rig.open(target, run.address, self._tell_question)

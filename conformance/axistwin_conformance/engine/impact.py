@@ -1,7 +1,7 @@
 """What a plan would do to the device, class by class: what `--dry-run` tells.
 
 It is told from what checks and probes declare, to which the guard holds them frame by frame, and
-from the bounds that the fence and the budget enforce.
+from the bounds that the travel guard and the budget enforce.
 """
 
 from __future__ import annotations

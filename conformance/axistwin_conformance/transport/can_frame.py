@@ -1,7 +1,7 @@
 """Frames of a classical CAN bus: as values, and as bytes.
 
-Gate, fence, meter, transcript and recordings of the engine take bytes, whatever carries them.  A
-frame packed for them tells its own length, so that several may stand in a row:
+Gate, travel guard, meter, transcript and recordings of the engine take bytes, whatever carries
+them.  A frame packed for them tells its own length, so that several may stand in a row:
 
     4 bytes   identifier, most significant first; top bit: 29-bit form, next bit: remote
     1 byte    length; of a remote frame the one it asks for

@@ -1,8 +1,8 @@
 """Targets: the way from the suite to a device on a byte line.
 
 A `SerialTransport` wraps a pyserial port: the built-in twin by URL (virtual time), a pty, `socket://`,
-`rfc2217://` or a real port.  Clock, transcript, fence and what becomes of trouble are those of
-every `Transport`.
+`rfc2217://` or a real port.  Clock, transcript, travel guard and what becomes of trouble are those
+of every `Transport`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 """What every way from the suite to a device has, whatever it carries: transcript, clock, measured
-round trip, gate, fence and meter, and one word for trouble.
+round trip, gate, travel guard and meter, and one word for trouble.
 
 Sources.  Behind a `Transport` stands a source: a serial port, a bus.  If it tells a time of its own
 (`virtual_time_ns`), that is the clock, exact, and time passes only while we wait; else the clock is
@@ -11,7 +11,7 @@ Late.  A busy host, or a network, holds one exchange up for longer than any othe
 looks like a device's fault, may be none: such moments are noted (`late`), and whoever judges
 repeats what had one (`noise`).
 
-Bytes.  Gate, fence, meter and transcript take bytes; what they stand for is the family's affair.
+Bytes.  Gate, travel guard, meter and transcript take bytes; the family knows what they mean.
 
 Trouble.  A source that is closed, vanished or stuck raises `TargetError`, nothing else.  A twin in
 this process may also fall over a mistake of its own: whatever comes out of its source and is no
@@ -273,7 +273,7 @@ class Transport(ABC):
                 break
 
     def _announced(self, data: bytes) -> int:
-        """Let gate, fence, meter and transcript see what is about to be sent; return the time.
+        """Show gate, travel guard, meter and transcript what is about to be sent; return the time.
 
         Raises what they raise, and then nothing must be sent.
         """
@@ -291,7 +291,7 @@ class Transport(ABC):
         return started_ns
 
     def _arrived(self, data: bytes) -> int:
-        """Let transcript and fence see what has come; return the time."""
+        """Let transcript and travel guard see what has come; return the time."""
         now_ns = self.now_ns
         self.transcript.note(now_ns, Direction.DEVICE, data)
         if self.travel_guard is not None:

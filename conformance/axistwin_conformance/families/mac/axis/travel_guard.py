@@ -1,4 +1,4 @@
-"""The fence: no frame leaves the suite that asks an axis to leave the envelope.
+"""The travel guard: no frame leaves the suite that asks an axis to leave the envelope.
 
 It reads every byte either way, below checks, hooks and shrinking alike, and keeps for each axis on
 the line an interval of where the shaft may be or may still go (`Axis.reach`), in increments from
@@ -153,7 +153,7 @@ class ReceivedReply:
 
 
 class Reader(Protocol):
-    """How the fence understands what passes, on one face of the module."""
+    """How the travel guard understands what passes, on one face of the module."""
 
     def foreseen(self, data: bytes, /) -> list[SentRequest]:
         """What these bytes would ask for if they followed what was sent so far."""

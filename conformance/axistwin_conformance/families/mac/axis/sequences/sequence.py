@@ -388,7 +388,7 @@ class AxisSequence(Steps):
             self.query(0x20)
 
     def _is_left_alone(self, later_ns: int) -> bool:
-        """True if the fence has no reason to end a motion until then."""
+        """True if the travel guard has no reason to end a motion until then."""
         travel_guard = self._target.travel_guard
         deadline_ns = None if travel_guard is None else travel_guard.deadline_ns
         return deadline_ns is None or deadline_ns >= later_ns

@@ -69,7 +69,7 @@ def _write_torque(driver: CanDriver, order: int, value: int) -> None:
 
 
 def _learnt(driver: CanDriver, order: int) -> int:
-    """What was remembered before this was known is read again, and the fence learns it now.  Only
+    """The snapshot is read again in the byte order now known, and the travel guard learns it.  Only
     the torque may have changed, where noise has kept it from being put back: it is a byte, and was
     read rightly before."""
     run = driver.session.run
