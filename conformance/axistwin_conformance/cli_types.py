@@ -49,12 +49,18 @@ def _there(
 
 def refuse_lost(ctx: click.Context) -> None:
     """Raise UsageError for options beside --compare or --list that would be dropped in silence."""
-    typed = [one for one in ctx.command.params if one.name and _is_typed(ctx, one.name)]
-    names = {one.name for one in typed}
+    typed = [
+        parameter
+        for parameter in ctx.command.params
+        if parameter.name and _is_typed(ctx, parameter.name)
+    ]
+    names = {parameter.name for parameter in typed}
     if "compare" in names:
-        _refuse("--compare", (one for one in typed if one.name not in BESIDE_COMPARE))
+        _refuse(
+            "--compare", (parameter for parameter in typed if parameter.name not in BESIDE_COMPARE)
+        )
     elif "is_list" in names:
-        _refuse("--list", (one for one in typed if one.name in LOST_BESIDE_LIST))
+        _refuse("--list", (parameter for parameter in typed if parameter.name in LOST_BESIDE_LIST))
 
 
 def _is_typed(ctx: click.Context, name: str) -> bool:
@@ -62,6 +68,6 @@ def _is_typed(ctx: click.Context, name: str) -> bool:
 
 
 def _refuse(option: str, lost: Iterable[click.Parameter]) -> None:
-    for one in lost:
-        word = next((name for name in one.opts if name.startswith("--")), "the ID")
+    for parameter in lost:
+        word = next((name for name in parameter.opts if name.startswith("--")), "the ID")
         raise UsageError(f"{option} runs nothing: leave out {word}")

@@ -178,10 +178,10 @@ def _addresses(
     address = family.default_address if address is None else address
     if is_builtin and not neighbours and len(family.addresses) > 1:
         neighbours = (_other_address(family, address),)
-    for one in (address, *neighbours):
-        if one not in family.addresses:
+    for number in (address, *neighbours):
+        if number not in family.addresses:
             low, high = family.addresses[0], family.addresses[-1]
-            raise UsageError(f"address {one} is out of range: choose {low} to {high}")
+            raise UsageError(f"address {number} is out of range: choose {low} to {high}")
     if len({address, *neighbours}) <= len(neighbours):
         raise UsageError("--address and every --neighbour must differ from one another")
     return address, neighbours

@@ -143,7 +143,7 @@ def check(
         _refuse_unknown(name, "safety", classes, SAFETY_CLASSES)
         _refuse_unknown(name, "level", (level,), LEVELS)
         _refuse_unknown(name, "needs", needs, tuple(NEEDS))
-        if ("rig" in classes) is not any(one == BENCH or one.startswith(RIG) for one in needs):
+        if ("rig" in classes) is not any(need == BENCH or need.startswith(RIG) for need in needs):
             raise TypeError(f"{name}: safety 'rig' and a need of 'rig:...' or 'bench' go together")
         return Check(
             name, function, requirements, classes, level, tuple(needs), behaviour,

@@ -115,7 +115,10 @@ class StatesCovered:
     @property
     def text(self) -> str:
         """That in a line."""
-        states = [f"{state} {sum(one.values())}" for state, one in sorted(self.counts.items())]
+        states = [
+            f"{state} {sum(operations.values())}"
+            for state, operations in sorted(self.counts.items())
+        ]
         pairs = sum(map(len, self.counts.values()))
         return (
             f"{self.check}: {self.operations} operations in {self.sequences} sequences; answered"

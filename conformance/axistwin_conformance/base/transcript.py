@@ -54,7 +54,7 @@ class Transcript:
         return len(self._records)
 
     def __iter__(self) -> Iterator[Record]:
-        return (Record(*one) for one in self._records)
+        return (Record(*record) for record in self._records)
 
     @property
     def position(self) -> int:
@@ -73,10 +73,12 @@ class Transcript:
     @property
     def has_echo(self) -> bool:
         """True if a request has come back as it was: we hear ourselves."""
-        heard = b"".join(one.data for one in self if one.direction is Direction.DEVICE)
+        heard = b"".join(record.data for record in self if record.direction is Direction.DEVICE)
         return any(
-            one.direction is Direction.HOST and len(one.data) >= SURELY_OURS and one.data in heard
-            for one in self
+            record.direction is Direction.HOST
+            and len(record.data) >= SURELY_OURS
+            and record.data in heard
+            for record in self
         )
 
     def since(self, position: int, limit: int | None = None) -> tuple[Record, ...]:
@@ -87,10 +89,10 @@ class Transcript:
         wanted = min(self._count - position, len(self._records))
         pieces = islice(self._records, len(self._records) - wanted, None)
         whole: list[Record] = []
-        for one in (Record(*piece) for piece in pieces):
-            if self._is_in_pieces and whole and _belong_together(whole[-1], one):
-                one = replace(one, data=whole.pop().data + one.data)
-            whole.append(one)
+        for record in (Record(*piece) for piece in pieces):
+            if self._is_in_pieces and whole and _belong_together(whole[-1], record):
+                record = replace(record, data=whole.pop().data + record.data)
+            whole.append(record)
         return tuple(whole if limit is None else whole[-limit:])
 
 

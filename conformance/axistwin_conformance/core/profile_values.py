@@ -84,7 +84,11 @@ class Choice:
         if str(value) in self.readings:
             return str(value)
         number = number_of(value)
-        meant = (one for one in self.readings if number is not None and _is(one, number))
+        meant = (
+            candidate
+            for candidate in self.readings
+            if number is not None and _is(candidate, number)
+        )
         return next(meant, None)
 
     @property

@@ -85,22 +85,24 @@ def _ask_until_believed(run: Run, probe: Probe, device_guard: ProbeGuard) -> Det
     for _ in range(MOST_ATTEMPTS):
         run.target.forget_late()
         try:
-            one = _ask(run, probe, device_guard)
+            detection = _ask(run, probe, device_guard)
         except AttemptVoid as error:
             if not device_guard.is_sane(run):
                 raise TargetError(f"it was lost while asked for {probe.switch}: {error}") from error
             why = str(error)
             continue
-        is_usual = one.reading == run.ledger.ambiguity_of(probe.switch).default_of(probe.switch)
+        is_usual = detection.reading == run.ledger.ambiguity_of(probe.switch).default_of(
+            probe.switch
+        )
         if run.target.too_slow and not is_usual:
             return Detection(probe.switch, None, run.target.too_slow)
         late = tuple(run.target.late)
         is_quiet = is_usual and not late and not run.quality.is_noisy
-        answer = (one.candidates, late)
+        answer = (detection.candidates, late)
         is_agreed = told.count(answer) > bool(late)
-        is_agreed |= is_usual and any(before == one.candidates for before, _ in told)
+        is_agreed |= is_usual and any(before == detection.candidates for before, _ in told)
         if run.target.is_lossless or is_quiet or is_agreed:
-            return one
+            return detection
         why = "this host or the line was late" if late else why
         told.append(answer)
         run.readings.clear()
@@ -111,7 +113,7 @@ def _ask_until_believed(run: Run, probe: Probe, device_guard: ProbeGuard) -> Det
 
 def _narrowed(run: Run, before: Detection, after: Detection) -> Detection:
     """What two looks at the same switch tell together."""
-    left = tuple(one for one in before.candidates if one in after.candidates)
+    left = tuple(candidate for candidate in before.candidates if candidate in after.candidates)
     if not left:
         return before
     reading = left[0] if len(left) == 1 else None

@@ -139,7 +139,7 @@ class DeviceGuard:
             with contextlib.suppress(Exception):
                 self.options.family.stop(Session(run))
         finally:  # this is cut short as well
-            held = "; ".join([str(run.memory), *(one.what for one in run.cleanups)])
+            held = "; ".join([str(run.memory), *(cleanup.what for cleanup in run.cleanups)])
             self.trouble(f"interrupted again, could not {tidying}; it held: {held}")
 
     # --- between checks --------------------------------------------------------------------------
@@ -200,14 +200,14 @@ class DeviceGuard:
     def run_cleanups(self, run: Run) -> None:
         """Give back what a check or probe still owes: only then the device hears anything else."""
         while run.cleanups and not run.target.crash:
-            one, is_back, why = run.cleanups[-1], False, ""
+            cleanup, is_back, why = run.cleanups[-1], False, ""
             try:
-                is_back = one.restore()
+                is_back = cleanup.restore()
             except (Stop, AttemptVoid) as error:
                 why = f": {error}"
             if not is_back:
-                self.trouble(f"not put back: {one.what}{why}")
-            run.cleanups.remove(one)
+                self.trouble(f"not put back: {cleanup.what}{why}")
+            run.cleanups.remove(cleanup)
 
     def _put_back(self, run: Run, session: Session, *, is_leaving: bool) -> None:
         try:

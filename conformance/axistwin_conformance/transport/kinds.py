@@ -39,11 +39,11 @@ class TransportKind:
         """What was said, as reports show it: bytes in hex, frames as candump's log has them."""
         if self.word == "line":
             return in_hex(data)
-        return " ".join(one.candump for one in unpack_all(data))
+        return " ".join(frame.candump for frame in unpack_all(data))
 
     def twin_url(self, model: str, address: int, neighbours: tuple[int, ...]) -> str:
         """The built-in twin, in virtual time, with its neighbours on one line or bus."""
-        devices = ",".join(f"{model}:{one}" for one in (address, *neighbours))
+        devices = ",".join(f"{model}:{each}" for each in (address, *neighbours))
         return f"{self.twin}{devices}?time=virtual"
 
     @property

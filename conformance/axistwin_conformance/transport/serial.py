@@ -252,7 +252,7 @@ class SerialTransport(Transport):
             return self._port.in_waiting
 
     def _own_ns(self, said: Sequence[Record]) -> int:
-        return sum(len(one.data) for one in said) * self.byte_ns
+        return sum(len(record.data) for record in said) * self.byte_ns
 
     # --- what the base asks for -------------------------------------------------------------------
 
@@ -308,9 +308,9 @@ def _handlers() -> set[str]:
     found = set()
     for package in serial.protocol_handler_packages:
         places = importlib.import_module(package).__path__ if package != TWIN_HANDLER else []
-        found |= {one.name for one in pkgutil.iter_modules(places)}
+        found |= {module.name for module in pkgutil.iter_modules(places)}
     prefix = "protocol_"
-    return {one.removeprefix(prefix) for one in found if one.startswith(prefix)}
+    return {name.removeprefix(prefix) for name in found if name.startswith(prefix)}
 
 
 def open_target(url: str, baud: int, *, is_builtin: bool = False) -> SerialTransport:
@@ -342,7 +342,7 @@ def _one_line(error: BaseException) -> str:
     if number is not None:
         return os.strerror(number)
     text = " ".join(str(error).split())
-    if any(f"({one}, " in text for one in NO_SERIAL_PORT):  # a file, /dev/null
+    if any(f"({number}, " in text for number in NO_SERIAL_PORT):  # a file, /dev/null
         return "it is no serial port"
     if found := re.search(r"\[Errno (-?\d+)\] (.+)$", text):
         return found[2]
