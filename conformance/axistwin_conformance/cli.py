@@ -349,7 +349,7 @@ def _compare(old: Path, new: Path, is_json: bool, model: str | None) -> int:
         click.echo(json.dumps(compare.as_object(found, notes), ensure_ascii=False))
     else:
         compare.print_changes(terminal.make_console(), found, notes)
-    return int(any(one.is_worse for one in found))
+    return int(any(item.is_worse for item in found))
 
 
 def _show(engine: Engine, is_list: bool, is_json: bool) -> int:

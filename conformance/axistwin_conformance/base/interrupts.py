@@ -56,8 +56,8 @@ def heeded() -> Iterator[None]:
 
 def run_is_over() -> None:
     """From here to the end of the block of `heeded` a first one is let pass, a later one heard."""
-    for one in _interrupters:
-        one.let_pass()
+    for interrupter in _interrupters:
+        interrupter.let_pass()
 
 
 _interrupters: Final[list[_Interrupter]] = []  # what is heeded, one in another
@@ -85,7 +85,7 @@ def is_held_back() -> bool:
 def is_hurried() -> bool:
     """True if somebody has interrupted what makes the device safe: nothing long must begin, and
     what has, ends."""
-    return any(one.hurried_s is not None for one in _clean_ups)
+    return any(clean_up.hurried_s is not None for clean_up in _clean_ups)
 
 
 @contextlib.contextmanager
@@ -191,7 +191,7 @@ class _CleanUp(_Handler):
 
 def _is_dropped(frame: FrameType | None) -> bool:
     """True where nobody would hear of what is raised."""
-    callbacks = {getattr(one, "__code__", None) for one in gc.callbacks}
+    callbacks = {getattr(callback, "__code__", None) for callback in gc.callbacks}
     while frame is not None:
         code = frame.f_code
         if code in callbacks or code.co_name == "__del__":

@@ -161,18 +161,18 @@ def parse_ledger(name: str, text: str) -> Ledger:
 
 def _switches(ambiguities: Iterable[Ambiguity]) -> dict[str, Ambiguity]:
     """Every switch with the ambiguity it belongs to."""
-    return {switch: one for one in ambiguities for switch in one.switches}
+    return {switch: ambiguity for ambiguity in ambiguities for switch in ambiguity.switches}
 
 
 def _covering(requirements: Iterable[Requirement], foreign: frozenset[str]) -> dict[str, str]:
     """Whose requirement each one of another ledger is here."""
     covering: dict[str, str] = {}
-    for one in requirements:
-        for other in one.covers:
+    for requirement in requirements:
+        for other in requirement.covers:
             if other not in foreign:
-                raise ValueError(f"{one.id}: covers {other}, which is no requirement there")
-            if (owner := covering.setdefault(other, one.id)) != one.id:
-                raise ValueError(f"{one.id}: {other} is covered by {owner} already")
+                raise ValueError(f"{requirement.id}: covers {other}, which is no requirement there")
+            if (owner := covering.setdefault(other, requirement.id)) != requirement.id:
+                raise ValueError(f"{requirement.id}: {other} is covered by {owner} already")
     return covering
 
 

@@ -146,7 +146,9 @@ def _recording(path: Path, told: Mapping[str, Any], model: str, size: int) -> Re
     ):
         raise UsageError(f"{path} holds no operations: give [[operations]] with hex each")
     operations = tuple(
-        one for row in rows for one in _operations(row["hex"], size, f"{path}: operation")
+        operation
+        for row in rows
+        for operation in _operations(row["hex"], size, f"{path}: operation")
     )
     readings = told.get("readings")
     return Recording(

@@ -74,14 +74,14 @@ def as_toml(model: str, ledger: Ledger, detections: Iterable[Detection], heading
     lines = [f"# {line}" for line in heading.splitlines()]
     lines += [f'model = "{model}"', "", "[quirks]"]
     unknown = []
-    for one in detections:
-        ambiguity = ledger.ambiguity_of(one.switch)
-        words = _one_line(f"{ambiguity.id}: {one.evidence}")
-        if one.reading is None:
-            unknown.append(f"# {one.switch}: {words}")
+    for detection in detections:
+        ambiguity = ledger.ambiguity_of(detection.switch)
+        words = _one_line(f"{ambiguity.id}: {detection.evidence}")
+        if detection.reading is None:
+            unknown.append(f"# {detection.switch}: {words}")
             continue
-        hidden = "# " if one.reading == ambiguity.default_of(one.switch) else ""
-        lines.append(f'{hidden}{one.switch} = "{one.reading}"  # {words}')
+        hidden = "# " if detection.reading == ambiguity.default_of(detection.switch) else ""
+        lines.append(f'{hidden}{detection.switch} = "{detection.reading}"  # {words}')
     return "\n".join([*lines, *(["", "# Not known:", *unknown] if unknown else []), ""])
 
 
@@ -196,7 +196,7 @@ def held_to(
             unseen.append(switch)
     missing = f"not seen: {', '.join(unseen)}" if unseen else ""
     if departures:
-        verdict, reasons = Verdict.FAIL, [one.text for one in departures]
+        verdict, reasons = Verdict.FAIL, [departure.text for departure in departures]
     elif seen_count:
         verdict, reasons = Verdict.PASS, [f"{seen_count} readings seen, all as it says"]
     else:

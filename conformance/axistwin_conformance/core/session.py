@@ -451,9 +451,9 @@ class Session:
         """
         # A pass is taken back by any trouble, a quirk only by a failure.
         judged = [
-            one.requirement
-            for one in self.findings
-            if verdict is not Verdict.FAIL or one.verdict is Verdict.FAIL
+            finding.requirement
+            for finding in self.findings
+            if verdict is not Verdict.FAIL or finding.verdict is Verdict.FAIL
         ]
         transcript = self.records(EXCERPT_RECORDS) if verdict is Verdict.FAIL and trouble else ()
         named = self.check.requirements if self.check else ()

@@ -98,7 +98,7 @@ class WorkerResult:
 def _is_clean(result: CheckResult) -> bool:
     """True if there is nothing to look into."""
     done = result.outcome is Outcome.DONE
-    return done and not any(one.verdict in WRONG for one in result.findings)
+    return done and not any(finding.verdict in WRONG for finding in result.findings)
 
 
 # --- in a worker ---------------------------------------------------------------------------------

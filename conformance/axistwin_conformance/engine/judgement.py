@@ -83,24 +83,28 @@ def _told(finding: Finding) -> str:
 
 
 def _exit_status(result: Result) -> int:
-    verdicts = [one.verdict for one in result.requirements]
+    verdicts = [requirement.verdict for requirement in result.requirements]
     if result.refusal:
         return USAGE if result.is_misused else UNREACHABLE
     if Verdict.FAIL in verdicts or _departs(result):
         return FAILS
     if result.is_interrupted:
         return INTERRUPTED
-    has_error = any(one.outcome is Outcome.ERROR for one in result.checks)
+    has_error = any(check.outcome is Outcome.ERROR for check in result.checks)
     if Verdict.INCONCLUSIVE in verdicts or result.problems or has_error:
         return UNSETTLED
     if result.options.is_only_detection and result.readings:
         return CONFORMS
-    return CONFORMS if any(one.is_judgement for one in verdicts) else USAGE
+    return CONFORMS if any(verdict.is_judgement for verdict in verdicts) else USAGE
 
 
 def _departs(result: Result) -> str:
     """In which readings the device is not what the profile says that the user gave; empty: none."""
-    return "; ".join(one.text for one in result.profile.departures) if result.profile else ""
+    return (
+        "; ".join(departure.text for departure in result.profile.departures)
+        if result.profile
+        else ""
+    )
 
 
 def _profile_sentence(result: Result, ledger: Ledger) -> str:
@@ -118,7 +122,9 @@ def _profile_sentence(result: Result, ledger: Ledger) -> str:
 def _replay_sentence(result: Result, recording: Recording) -> str:
     """Whether recorded operations fail again."""
     many = counted(len(recording.operations), "recorded operation")
-    failed = [one.requirement.id for one in result.requirements if one.verdict is Verdict.FAIL]
+    failed = [
+        judged.requirement.id for judged in result.requirements if judged.verdict is Verdict.FAIL
+    ]
     if not failed:
         return f"Not reproduced: after {many} every reply is admissible."
     named = recording.requirement
@@ -142,8 +148,8 @@ def _sentence(result: Result, ledger: Ledger) -> str:
     """The closing sentence, fit to be quoted alone."""
     model, total = result.options.model, len(result.requirements)
     count = dict.fromkeys(Verdict, 0)
-    for one in result.requirements:
-        count[one.verdict] += 1
+    for requirement in result.requirements:
+        count[requirement.verdict] += 1
     judged = sum(number for verdict, number in count.items() if verdict.is_judgement)
     scope = f"{judged} of {total} requirements judged"
     if result.refusal:

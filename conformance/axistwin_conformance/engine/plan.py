@@ -268,7 +268,9 @@ def _no_match(word: str, ids: Sequence[str], checks: Sequence[str]) -> str:
     tails = [key.removeprefix(known) for key in ids if key.startswith(known)]
     below = list(dict.fromkeys(tail.partition("-")[0] for tail in tails))
     near = difflib.get_close_matches(word, checks, n=1)
-    near += [known + one for one in difflib.get_close_matches(last, [*below, *tails], n=1)]
+    near += [
+        known + near_name for near_name in difflib.get_close_matches(last, [*below, *tails], n=1)
+    ]
     if near:
         hint = f"; did you mean {near[0]}?"
     else:

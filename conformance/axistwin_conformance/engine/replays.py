@@ -81,9 +81,9 @@ class Attempt:
         """What would be told against the device, comparable between attempts; empty if nothing."""
         is_noisy |= bool(self.late)  # a reading may come of it as well
         told: list[object] = [
-            (one.requirement, _without_numbers(" ".join((one.text, *one.expected))))
-            for one in self.result.findings
-            if one.verdict is Verdict.FAIL or (is_noisy and one.verdict is Verdict.QUIRK)
+            (finding.requirement, _without_numbers(" ".join((finding.text, *finding.expected))))
+            for finding in self.result.findings
+            if finding.verdict is Verdict.FAIL or (is_noisy and finding.verdict is Verdict.QUIRK)
         ]
         if is_noisy:
             told += sorted(self.readings.items())
@@ -211,7 +211,7 @@ class Replays:
         passed = self._passed()
         # Without what was late: more than a few that complain of the same are not held for noise.
         surprises = [told[:-1] for one in self._all if (told := self._surprise(one))]
-        alike = max((surprises.count(one) for one in surprises), default=0)
+        alike = max((surprises.count(surprise) for surprise in surprises), default=0)
         if passed and not self._quiet_surprises() and alike < LEAST_ALIKE:
             return self._with_history(passed[0].result, PASSED_WITH_RETRIES)
         return self._inconclusive(passed, surprises)
@@ -220,7 +220,7 @@ class Replays:
         self, passed: list[Attempt], surprises: list[tuple[object, ...]]
     ) -> CheckResult:
         count = len(self._all)
-        most = max((surprises.count(one) for one in surprises), default=0)
+        most = max((surprises.count(surprise) for surprise in surprises), default=0)
         void = sum(one.is_void for one in self._all)
         decisive = next((one for one in self._all if self._surprise(one)), self._all[-1])
         text = (
@@ -234,7 +234,7 @@ class Replays:
             how = "was late, or replies came twice," if doubled else "was late"
             text += f"; this host or the line {how} in {late} of them"
         result = replace(decisive.result, outcome=Outcome.DONE).withdrawn(text)
-        judged = {one.requirement for one in result.findings}
+        judged = {finding.requirement for finding in result.findings}
         more = tuple(
             Finding(name, Verdict.INCONCLUSIVE, text)
             for name in result.check.requirements

@@ -36,13 +36,13 @@ class CheckResult:
         """Return the result with every judgement withdrawn: the device was lost under it."""
         withdrawn = (
             replace(
-                one,
+                finding,
                 verdict=Verdict.INCONCLUSIVE,
-                text=join_texts(f"{one.verdict}, but {reason}", one.text),
+                text=join_texts(f"{finding.verdict}, but {reason}", finding.text),
             )
-            if one.verdict.is_judgement
-            else one
-            for one in self.findings
+            if finding.verdict.is_judgement
+            else finding
+            for finding in self.findings
         )
         return replace(
             self, findings=tuple(withdrawn), outcome=Outcome.TROUBLE, trouble=self.trouble or reason
@@ -98,5 +98,5 @@ class Result:
     @property
     def has_ended_early(self) -> bool:
         """True if the user wants no more than one failure, and there is one."""
-        failed = any(one.verdict is Verdict.FAIL for one in self.checks)
+        failed = any(check.verdict is Verdict.FAIL for check in self.checks)
         return failed and self.options.is_exitfirst

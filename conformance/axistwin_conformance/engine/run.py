@@ -107,15 +107,15 @@ class Engine:
         if result.profile is not None:
             self._emit(result.profile)
         armed = load_armed(self.family.name)
-        for one in result.requirements:
-            self._emit(one.as_event(armed))
+        for requirement in result.requirements:
+            self._emit(requirement.as_event(armed))
         self._finish(time.monotonic() - started)
         return result
 
     def _finish(self, seconds: float) -> None:
         result, counts = self._result, dict.fromkeys(Verdict, 0)
-        for one in result.requirements:
-            counts[one.verdict] += 1
+        for requirement in result.requirements:
+            counts[requirement.verdict] += 1
         if result.profile is not None:
             counts[result.profile.verdict] += 1
         finished = events.RunFinished(

@@ -93,13 +93,17 @@ class Soak:
     def add(self, result: CheckResult, seed: int) -> CheckResult | None:
         """Count a round; return it under a name of its own if it found something new."""
         outcomes = {
-            (one.requirement, one.verdict.value) for one in result.findings if one.verdict in WRONG
+            (finding.requirement, finding.verdict.value)
+            for finding in result.findings
+            if finding.verdict in WRONG
         }
         if result.outcome is not Outcome.DONE:
             outcomes.add((result.check.name, result.outcome.value))
         if not outcomes:
             held = self._held.setdefault(result.check.name, Counter())
-            held.update(one.requirement for one in result.findings if one.verdict.is_judgement)
+            held.update(
+                finding.requirement for finding in result.findings if finding.verdict.is_judgement
+            )
             return None
         self._wrong.append(seed)
         is_new = not outcomes <= self._known

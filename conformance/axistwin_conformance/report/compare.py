@@ -81,7 +81,10 @@ def _verdicts(report: Report) -> dict[str, tuple[Verdict, str]]:
         for one in _profile(report).get("departures", ())
     }  # fmt: skip
     requirements = report["requirements"]
-    return said | {one["id"]: (Verdict(one["verdict"]), one["reason"]) for one in requirements}
+    return said | {
+        requirement["id"]: (Verdict(requirement["verdict"]), requirement["reason"])
+        for requirement in requirements
+    }
 
 
 def _unsaid(report: Report, key: str) -> tuple[Verdict, str]:
@@ -126,13 +129,13 @@ def as_object(found: Sequence[Change], notes: Sequence[str]) -> Mapping[str, Any
     return {
         "changes": [
             {
-                "requirement": one.requirement,
-                "old": one.old.value,
-                "new": one.new.value,
-                "worse": one.is_worse,
-                "reason": one.reason,
+                "requirement": change.requirement,
+                "old": change.old.value,
+                "new": change.new.value,
+                "worse": change.is_worse,
+                "reason": change.reason,
             }
-            for one in found
+            for change in found
         ],
         "differences": list(notes),
     }
@@ -146,15 +149,15 @@ def print_changes(console: Console, found: Sequence[Change], notes: Sequence[str
         table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
         for title in ("requirement", "was", "is", "reason"):
             table.add_column(title, no_wrap=title != "reason")
-        for one in found:
-            was, now = (Text(each.value, STYLE[each]) for each in (one.old, one.new))
-            table.add_row(one.requirement, was, now, one.reason)
+        for change in found:
+            was, now = (Text(each.value, STYLE[each]) for each in (change.old, change.new))
+            table.add_row(change.requirement, was, now, change.reason)
         console.print(table)
     else:
-        for one in found:
-            reason = f": {one.reason}" if one.reason else ""
-            line = f"{one.requirement}  {one.old.value} → {one.new.value}{reason}"
+        for change in found:
+            reason = f": {change.reason}" if change.reason else ""
+            line = f"{change.requirement}  {change.old.value} → {change.new.value}{reason}"
             console.print(line, markup=False, soft_wrap=True)
-    worse = sum(one.is_worse for one in found)
+    worse = sum(change.is_worse for change in found)
     count = f"{len(found)} verdict{'' if len(found) == 1 else 's'} changed"
     console.print(f"{count}, {worse or 'none'} for the worse." if found else "No verdict changed.")

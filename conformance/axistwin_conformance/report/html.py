@@ -108,7 +108,7 @@ def render(report: Report) -> str:
     profile = _profile_article(report)
     shown = [*profile, *articles]
     counts = Counter(one.judged["verdict"] for one in shown)
-    armed = [one for one in articles if one.judged["armed"]]
+    armed = [article for article in articles if article.judged["armed"]]
     page = _template().render(
         report=report,
         run=report["run"],
@@ -122,12 +122,14 @@ def render(report: Report) -> str:
         shown=shown,
         told=[one for one in shown if one.slug in ("fail", "inconclusive")],
         others=[one for one in shown if one.slug not in ("fail", "inconclusive")],
-        covered=sum(bool(one.judged["checks"]) for one in articles),
-        armed=None if any(one.judged["armed"] is None for one in articles) else len(armed),
+        covered=sum(bool(article.judged["checks"]) for article in articles),
+        armed=None if any(article.judged["armed"] is None for article in articles) else len(armed),
         gaps={
-            "not covered": [one.id for one in articles if one.coverage == NOT_COVERED],
-            "not armed": [one.id for one in articles if one.armed == NOT_ARMED],
-            "not on the wire": [one.id for one in articles if one.coverage == NOT_ON_WIRE],
+            "not covered": [article.id for article in articles if article.coverage == NOT_COVERED],
+            "not armed": [article.id for article in articles if article.armed == NOT_ARMED],
+            "not on the wire": [
+                article.id for article in articles if article.coverage == NOT_ON_WIRE
+            ],
         },
         quirks=[one for one in report["readings"] if one["reading"] != one["default"]],
         followed=[one for one in report["readings"] if one["reading"] == one["default"]],

@@ -46,7 +46,9 @@ def plain(value: object, explain: Explain | None = None, spell: Spell = in_hex) 
         case list() | tuple():
             return [plain(one, explain, spell) for one in value]
     if is_dataclass(value) and not isinstance(value, type):
-        named = {one.name: plain(getattr(value, one.name), explain, spell) for one in fields(value)}
+        named = {
+            field.name: plain(getattr(value, field.name), explain, spell) for field in fields(value)
+        }
         if isinstance(value, Record):
             named["data"] = spell(value.data)
             if explain is not None:
@@ -90,9 +92,9 @@ def fold(told: Iterable[Mapping[str, Any]]) -> Report:
     }  # fmt: skip
     started: dict[str, Any] = {}
     motions: list[dict[str, Any]] = []
-    for one in told:
-        body = {key: value for key, value in one.items() if key != "event"}
-        match one["event"]:
+    for event in told:
+        body = {key: value for key, value in event.items() if key != "event"}
+        match event["event"]:
             case "run_started":
                 report["run"] = body
             case "identified":

@@ -147,10 +147,10 @@ def _evidence(judged: Mapping[str, Any], evidence: list[tuple[Any, Any]]) -> str
 
 def transcript_lines(records: list[Mapping[str, Any]]) -> Iterator[str]:
     """The records as lines: ms from the first one, who, hex, decoded."""
-    for one in records:
-        time_ms = (one["time_ns"] - records[0]["time_ns"]) / 1e6
-        words = f"{one['data']}  {one['decoded']}" if one["data"] else one["text"]
-        who = "" if one["direction"] == "note" else one["direction"]
+    for record in records:
+        time_ms = (record["time_ns"] - records[0]["time_ns"]) / 1e6
+        words = f"{record['data']}  {record['decoded']}" if record["data"] else record["text"]
+        who = "" if record["direction"] == "note" else record["direction"]
         yield f"{time_ms:12.3f}  {who:7}  {words}"
 
 

@@ -293,12 +293,12 @@ class TerminalReport:
 
     def _quirks(self) -> None:
         """Readings of the manual other than the default; all of them are in the report."""
-        others = [one for one in self._readings if one.reading != one.default]
+        others = [reading for reading in self._readings if reading.reading != reading.default]
         if others:
             self._print()
             self._print("Quirks", style="bold")
-        for one in others:
-            self._print(f"  {one.switch}={one.reading}  {one.ambiguity}: {one.question}")
+        for other in others:
+            self._print(f"  {other.switch}={other.reading}  {other.ambiguity}: {other.question}")
 
     def _departures(self) -> None:
         """What is not as the profile says; of one that holds, a line."""
@@ -311,10 +311,12 @@ class TerminalReport:
         self._print(title.append(word, STYLE[judged.verdict]))
         if not judged.departures:
             self._print(f"  {judged.reason}")
-        for one in judged.departures:
-            found = " or ".join(one.found)
-            self._print(f"  {one.switch}  expected {one.expected}, found {found}", style="red")
-            self._print(f"      {one.ambiguity}: {one.question}", style="dim")
+        for departure in judged.departures:
+            found = " or ".join(departure.found)
+            self._print(
+                f"  {departure.switch}  expected {departure.expected}, found {found}", style="red"
+            )
+            self._print(f"      {departure.ambiguity}: {departure.question}", style="dim")
 
     def _coverage(self) -> None:
         """How much of the ledger the suite can judge at all, and how surely."""
@@ -332,7 +334,11 @@ class TerminalReport:
         if event.trouble:
             self._print(f"   {event.trouble}", style="yellow")
         # One sequence usually breaks several requirements: it is printed once, with the last.
-        worst = [one for one in event.findings if one.verdict in (Verdict.FAIL, event.verdict)]
+        worst = [
+            finding
+            for finding in event.findings
+            if finding.verdict in (Verdict.FAIL, event.verdict)
+        ]
         for one in worst:
             self._finding(one, event.trouble)
         if worst and worst[-1].transcript:
@@ -353,10 +359,14 @@ class TerminalReport:
     def _transcript(self, records: Sequence[Record]) -> None:
         self._print("   transcript  (ms from its beginning)")
         origin_ns = records[0].time_ns
-        for one in records:
-            time_ms = (one.time_ns - origin_ns) / 1e6
-            words = one.text if not one.data else f"{self._spell(one.data)}  {self._explain(one)}"
-            who = "" if one.direction is Direction.NOTE else one.direction.value
+        for record in records:
+            time_ms = (record.time_ns - origin_ns) / 1e6
+            words = (
+                record.text
+                if not record.data
+                else f"{self._spell(record.data)}  {self._explain(record)}"
+            )
+            who = "" if record.direction is Direction.NOTE else record.direction.value
             self._print(f"   {time_ms:12.3f}  {who:7}  {words}")
 
 
@@ -401,12 +411,12 @@ def print_deeds(console: Console, told: Sequence[Impact]) -> None:
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
     for title in ("class", "by", "what would be done to the device, and within which bounds"):
         table.add_column(title, no_wrap=title == "class", overflow="fold")
-    for one in told:
-        words = Text(one.what)
-        words.append(f"\n→ {one.within}", style="dim")
-        if one.safety == "destructive":
-            words.append(f"\n→ {', '.join(one.checks) or 'questions only'}", style="yellow")
-        table.add_row(one.safety, one.who, words)
+    for text in told:
+        words = Text(text.what)
+        words.append(f"\n→ {text.within}", style="dim")
+        if text.safety == "destructive":
+            words.append(f"\n→ {', '.join(text.checks) or 'questions only'}", style="yellow")
+        table.add_row(text.safety, text.who, words)
     console.print()
     console.print(table)
     console.print()

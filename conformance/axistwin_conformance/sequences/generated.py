@@ -42,7 +42,7 @@ def run_lists(runner: Runner, examples: int, operations: int) -> None:
     session, size = runner.session, operations * runner.operation_bytes
     lists = (runner.split(session.random.randbytes(size)) for _ in range(examples))
     results = (runner.run(one, is_counted=True) for one in lists)
-    failed = next((one for one in results if one.mismatch), None)
+    failed = next((result for result in results if result.mismatch), None)
     if failed is not None:
         Failure(runner, failed).conclude()
     runner.credit()
