@@ -230,6 +230,7 @@ def test_a_port_is_not_shared(master_and_name: tuple[int, str]) -> None:
     assert isinstance(first, SerialTransport)
 
 
+@pytest.mark.system
 def test_an_exchange_is_a_send_and_a_receive(toy: Any) -> None:
     """The reply, when it was asked for and when it was there; all of it in the transcript."""
     target = toy.open(())

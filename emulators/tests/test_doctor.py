@@ -31,6 +31,7 @@ def test_every_check_says_ok_or_the_remedy() -> None:
         assert finding.ok == (finding.remedy == "")
 
 
+@pytest.mark.system
 def test_a_machine_that_runs_these_tests_can_run_twins() -> None:
     """Status 0, whatever else is missing."""
     result = CliRunner().invoke(main, ["doctor"])
