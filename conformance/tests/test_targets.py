@@ -209,6 +209,7 @@ def test_a_socket_is_a_target_and_its_end_is_trouble() -> None:
         target.close()
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     "url", ["/dev/no-such-port", "socket://127.0.0.1:1", "nonsense://x", "socket://nowhere"]
 )
