@@ -392,7 +392,7 @@ def test_real_time_passes_by_itself(opened: Opener) -> None:
 
 def test_time_may_be_many_times_as_fast(opened: Opener) -> None:
     """Time-outs stay the host's own seconds."""
-    bus = opened(time=1000)
+    bus = opened(time=50)  # at more, hundreds of them come while another process has its turn
     message = bus.recv(5.0)
     assert message is not None
     assert message.arbitration_id == 0x081  # the lifebeat of 10 s
