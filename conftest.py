@@ -21,6 +21,8 @@ NOT_FAST = frozenset(
 )
 running: list[str] = []
 """The fast test that is under way, if one is."""
+refused: list[str] = []
+"""What it was refused, and may have swallowed."""
 
 
 def pytest_configure() -> None:
@@ -44,8 +46,8 @@ def pytest_configure() -> None:
 
 def _refuse_what_is_not_fast(event: str, arguments: tuple[Any, ...]) -> None:
     if event in NOT_FAST and running:
-        test = running.pop()
-        raise AssertionError(f"{test} is no fast test ({event}): mark it 'system' or 'strength'")
+        refused.append(f"{running.pop()} is no fast test ({event}): mark it 'system' or 'strength'")
+        raise AssertionError(refused[0])
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
@@ -81,12 +83,21 @@ def _seconds(item: pytest.Item) -> float:
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
     """Let a fast test start no process and open no port."""
+    refused.clear()
     if item.get_closest_marker("fast") is not None:
         running.append(item.nodeid)
     try:
         return (yield)
     finally:
         running.clear()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call() -> Generator[None, object, object]:
+    """Fail it also where it takes the refusal for an error of its own."""
+    result = yield
+    assert not refused, refused[0]
+    return result
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

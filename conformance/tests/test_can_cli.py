@@ -80,6 +80,7 @@ def test_a_bit_rate_that_no_bus_has_is_a_mistake(bitrate: str) -> None:
     assert run("mac23-can", "--bitrate", bitrate).exit_code == 2
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     ("words", "reason"),
     [

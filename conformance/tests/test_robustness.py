@@ -17,6 +17,8 @@ from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.transport.serial import TWIN_HANDLER, SerialTransport
 
+pytestmark = pytest.mark.strength
+
 SECOND = 1_000_000_000
 SOON_S = 15.0  # of the device's time, from its loss to the end of the run
 SOON_REAL_S = 30.0

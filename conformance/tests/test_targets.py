@@ -209,6 +209,7 @@ def test_a_socket_is_a_target_and_its_end_is_trouble() -> None:
         target.close()
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     "url", ["/dev/no-such-port", "socket://127.0.0.1:1", "nonsense://x", "socket://nowhere"]
 )
@@ -230,6 +231,7 @@ def test_a_port_is_not_shared(master_and_name: tuple[int, str]) -> None:
     assert isinstance(first, SerialTransport)
 
 
+@pytest.mark.system
 def test_an_exchange_is_a_send_and_a_receive(toy: Any) -> None:
     """The reply, when it was asked for and when it was there; all of it in the transcript."""
     target = toy.open(())

@@ -21,6 +21,8 @@ from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.families.mac.serial.diagnosis import diagnose
 from axistwin_conformance.transport.serial import TWIN_HANDLER, SerialTransport
 
+pytestmark = pytest.mark.strength
+
 REFUSED, NACK = b"\x06\x13\x17", b"\x15"
 Answer = Callable[[bytes], bytes]
 
@@ -212,7 +214,6 @@ def falls(data: bytes) -> bytes:
 CRASH = "the built-in twin crashed: ZeroDivisionError: oops (test_wrong_replies.py:"
 
 
-@pytest.mark.strength
 def test_a_twin_that_crashes_fails_what_was_asked_of_it_and_is_replaced() -> None:
     """Exit 1; the checks behind it run on a fresh twin."""
     judged = judge({0x14: falls}, "MACS-CMD-14", "MACS-CMD-15-01")

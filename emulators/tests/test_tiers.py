@@ -13,6 +13,7 @@ DEAR = {
     "fork": "import os; os.fork() or os._exit(0)",
     "pty": "import pty; pty.openpty()",
     "socket": "import socket; socket.create_server(('127.0.0.1', 0)).close()",
+    "secret": "import contextlib, os\n with contextlib.suppress(BaseException): os.openpty()",
 }
 
 
@@ -30,8 +31,8 @@ def test_a_fast_test_that_does_something_dear_fails_and_says_so(tmp_path: Path) 
         shutil.copy(ROOT / name, tmp_path)
     lines = ["import pytest", "def test_nothing(): pass"]
     for name, deed in DEAR.items():
-        lines += [f"def test_{name}(): {deed}"]
-        lines += ["@pytest.mark.system", f"def test_marked_{name}(): {deed}"]
+        lines += [f"def test_{name}():\n {deed}"]
+        lines += ["@pytest.mark.system", f"def test_marked_{name}():\n {deed}"]
     (tmp_path / "test_all.py").write_text("\n".join(lines), "utf-8")
     out = told(tmp_path, "test_all.py")
     assert f"{len(DEAR)} failed, {len(DEAR) + 1} passed" in out, out
