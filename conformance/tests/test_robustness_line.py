@@ -65,7 +65,7 @@ def judge(peer: Peer, ids: tuple[str, ...] = MOVING, *, detects: bool = False) -
 
 @pytest.fixture(autouse=True)
 def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(line_quality, "PATIENCE_S", SHORT_S)
+    monkeypatch.setattr(line_quality, "SILENCE_LIMIT_S", SHORT_S)
 
 
 @pytest.mark.parametrize("name", ANSWERS)

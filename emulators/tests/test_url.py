@@ -392,7 +392,7 @@ def test_send_break_returns_and_the_line_works_on(port: Any) -> None:
     port.break_condition = True
     port.break_condition = False
     port.write(QUERY)
-    port.timeout = 0.5
+    port.timeout = 5.0
     assert port.read(ANSWER_LENGTH) == ANSWER
 
 
