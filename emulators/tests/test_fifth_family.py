@@ -9,6 +9,8 @@ import pytest
 
 from axistwin import discovery
 
+pytestmark = pytest.mark.system
+
 TOY = Path(__file__).parent / "support" / "toy_twin"
 FAMILY = TOY / "axistwin" / "devices" / "toy"
 LINES_MAX = 200
@@ -79,7 +81,6 @@ def test_a_fifth_family_is_behind_the_url(tmp_path: Path) -> None:
     assert done.stdout.splitlines() == ["b'K' 3 on", "b'0\\n'"], done.stderr
 
 
-@pytest.mark.system
 def test_a_fifth_family_works_in_the_fixture(tmp_path: Path) -> None:
     """Attributes, controls, mistakes, power, and what a failing test is told."""
     (tmp_path / "test_lamp.py").write_text(
