@@ -455,13 +455,20 @@ def known_reasons(family: Family) -> dict[str, str]:
 
 
 def write(
-    family: Family, taken: Sequence[Mutation], sampler: Sampler, reasons: Mapping[str, str]
+    family: Family,
+    ordered: Sequence[Mutation],
+    taken: Sequence[Mutation],
+    sampler: Sampler,
+    reasons: Mapping[str, str],
 ) -> None:
-    """Write survivors.toml: one entry each, with the reason if there is one."""
+    """Write survivors.toml: one entry for each of the sample, with the reason if there is one, and
+    for each that has one from another sample, unless its line has changed."""
+    outcomes = {one.name: sampler.outcome(one) for one in taken}
     rows = ["# Written by scripts/mutate; only the reasons are written by hand.\n"]
     rows += ["# What the black-box suite does not see; without a reason: a hole of the suite.\n"]
-    for one in taken:
-        if (outcome := sampler.outcome(one)) in ("equivalent", "survived"):
+    for one in sorted(ordered, key=lambda one: (one.path, one.line, one.name)):
+        outcome = outcomes.get(one.name, "equivalent" if one.name in reasons else "")
+        if outcome in ("equivalent", "survived"):
             rows.append(
                 "\n[[survivor]]\n"
                 f"mutation = {json.dumps(one.name, ensure_ascii=False)}\n"
@@ -516,7 +523,7 @@ def main() -> int:
             return 2
     taken = sampler.judged(ordered, options.count)
     outcomes = Counter(sampler.outcome(one) for one in taken)
-    write(family, taken, sampler, reasons)
+    write(family, ordered, taken, sampler, reasons)
     print(f"seed {options.seed}: {summary(outcomes)}")
     return int(outcomes["survived"] > 0)
 

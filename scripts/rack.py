@@ -2,9 +2,9 @@
 
 On two lines are a MAC23 at 0 and a MAC34 at 5; on the first the MAC23 is judged, on the second the
 MAC34.  On the bus, a hub with an slcan adapter for a pty, are two MAC23, of which the first is
-judged.  What each says about the other stays out of it.  On the third line is an MSC.  The verdicts
-are printed one after the other, whole.  Used by ``scripts/run``; ends with status 0 when every twin
-conforms.
+judged.  What each says about the other stays out of it.  On the third line is an MSC.  At the end
+stand one table with the verdicts of all, and what failed, in at most 40 lines of 80 columns.  Used
+by ``scripts/run``; ends with status 0 when every twin conforms.
 """
 
 from __future__ import annotations
@@ -16,12 +16,15 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import IO
+from typing import Any
 
+WIDTH, MOST_LINES = 80, 40
+LINES_AROUND = 12  # of those: what is printed before the verdicts, and behind them
 ENDING_S = 20.0  # a judgement that is broken off stops the axis and puts everything back first
 INTERRUPTED = 130
 
@@ -98,11 +101,22 @@ class Ended(BaseException):
 
 @dataclass(slots=True)
 class Judgement:
-    """A judgement that runs; what it prints waits in a file until it is its turn."""
+    """A judgement that runs; what it finds goes into a folder, what it says into a file there."""
 
     place: Place
     process: subprocess.Popen[str]
-    said: IO[str]
+    folder: Path
+
+    @property
+    def report(self) -> dict[str, Any]:
+        """What came of it; empty if it came to nothing."""
+        path = self.folder / "report.json"
+        return json.loads(path.read_text("utf-8")) if path.is_file() else {}
+
+    @property
+    def said(self) -> str:
+        """All that it has printed."""
+        return (self.folder / "said").read_text("utf-8")
 
 
 @contextlib.contextmanager
@@ -130,42 +144,98 @@ def running(place: Place, folder: Path) -> Iterator[subprocess.Popen[str]]:
                 if event.get("event") != "ready":
                     told = f"{log.read_text()}run: the twins at {place.link} did not start"
                     raise SystemExit(told)
-                print(f"ready {event['device']} on {event['url']}", flush=True)
+            print(
+                f"ready: {', '.join(name for name, _ in place.devices)} on {place.link}", flush=True
+            )
             yield daemon
         finally:
             daemon.send_signal(signal.SIGTERM)
             daemon.wait(ENDING_S)
 
 
-def judge(place: Place, said: IO[str] | None) -> subprocess.Popen[str]:
-    """Start to judge the twin at a place; it prints into ``said``, or at once."""
-    command = [sys.executable, "-m", "axistwin", *place.judging()]
-    return subprocess.Popen(
-        command, stdout=said, stderr=said and subprocess.STDOUT, text=True, process_group=0
-    )
+def judge(place: Place, folder: Path) -> Judgement:
+    """Start to judge the twin at a place."""
+    folder.mkdir()
+    command = [sys.executable, "-m", "axistwin", *place.judging(), "--report", str(folder)]
+    with (folder / "said").open("w") as said:
+        process = subprocess.Popen(
+            command, stdout=said, stderr=subprocess.STDOUT, text=True, process_group=0
+        )
+    return Judgement(place, process, folder)
 
 
-def judge_all() -> int:
-    """Judge every twin, all at the same time; the worst exit status.
-
-    The first one is followed while it goes; the others are printed when they are done.
-    """
+def judge_all(folder: Path) -> int:
+    """Judge every twin, all at the same time; the worst exit status."""
     with contextlib.ExitStack() as stack:
-        begun: list[Judgement] = []
+        begun = []
         for place in PLACES:
-            said = stack.enter_context(tempfile.TemporaryFile("w+"))
-            process = judge(place, said if begun else None)
-            stack.callback(_end, process)
-            begun.append(Judgement(place, process, said))
-        names = ", ".join(place.judged for place in PLACES)
-        print(f"\njudging {names} at the same time", flush=True)
-        for number, one in enumerate(begun):
-            print(f"\n$ axistwin {' '.join(one.place.judging())}", flush=True)
+            begun.append(judge(place, folder / f"{place.judged}-report"))
+            stack.callback(_end, begun[-1].process)
+        print(f"judging {', '.join(place.judged for place in PLACES)} at the same time", flush=True)
+        for one in begun:
             one.process.wait()
-            if number:
-                one.said.seek(0)
-                print(one.said.read(), end="", flush=True)
+            print(f"{one.place.judged} is judged", flush=True)
+        found = [(one.place.judging(), one.report or one.said) for one in begun]
+        print("\n".join(["", *verdicts(found)]), flush=True)
         return max(one.process.returncode for one in begun)
+
+
+def verdicts(found: Sequence[tuple[Sequence[str], Mapping[str, Any] | str]]) -> list[str]:
+    """The table of what was found, and below it what failed: of each judgement its words, and its
+    report, or what it said if there is none."""
+    rows = [("twin", "verdict", "judged", "failed", "open", "seconds")]
+    failures: list[list[str]] = []
+    for words, report in found:
+        if isinstance(report, str):
+            rows.append((words[1], "no verdict", "", "", "", ""))
+            failures.append([words[1], *report.splitlines()[-3:]])
+            continue
+        finished, counts = report["finished"], report["finished"]["counts"]
+        judged = sum(counts[name] for name in ("pass", "fail", "quirk"))
+        verdict = {0: "conforms", 1: "does not conform"}.get(finished["exit_status"], "no verdict")
+        rows.append(
+            (
+                words[1], verdict, f"{judged} of {len(report['requirements'])}",
+                str(counts["fail"]), str(counts["inconclusive"]), f"{finished['seconds']:.0f}",
+            )
+        )  # fmt: skip
+        if finished["exit_status"]:
+            failures.append([words[1], *_sentences(report), f"again: axistwin {' '.join(words)}"])
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    table = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+    room = MOST_LINES - LINES_AROUND - len(table)
+    return [*table, *_fitting(failures, room // max(1, len(failures)))]
+
+
+def _sentences(report: Mapping[str, Any]) -> list[str]:
+    """What failed, check by check; if nothing did, why there is no verdict."""
+    told = [
+        f"{check['name']}: {finding['sentence'] or finding['text']}"
+        for check in report["checks"]
+        for finding in check["findings"]
+        if finding["verdict"] == "fail"
+    ]
+    return list(dict.fromkeys(told)) or [report["finished"]["sentence"]]
+
+
+def _fitting(failures: Sequence[Sequence[str]], most: int) -> list[str]:
+    """As much of what failed as finds room, wrapped; `most`: lines of each twin."""
+    lines: list[str] = []
+    for name, *told, last in failures:
+        end = _wrapped(last)
+        block = ["", f"{name}:"]
+        for number, sentence in enumerate(told):
+            more = _wrapped(sentence)
+            if len(block) + len(more) + len(end) + 1 > most:
+                block.append(f"  and {len(told) - number} more")
+                break
+            block += more
+        lines += [*block, *end]
+    return lines
+
+
+def _wrapped(text: str) -> list[str]:
+    return textwrap.wrap(text, WIDTH, initial_indent="  ", subsequent_indent="    ")
 
 
 def _end(process: subprocess.Popen[str]) -> None:
@@ -184,12 +254,13 @@ def run(*, is_once: bool) -> int:
     with contextlib.ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="axistwin-")))
         daemons = [stack.enter_context(running(place, folder / place.judged)) for place in PLACES]
-        status = judge_all()
+        status = judge_all(folder)
         told = "all conform" if status == 0 else f"status {status}"
         print(f"\n{len(PLACES)} twins judged: {told}", flush=True)
         if not is_once:
             where = ", ".join(f"{one.link} ({Path(one.link).resolve()})" for one in PLACES)
-            print(f"They stay open at {where}; Ctrl-C ends them.", flush=True)
+            print("\n".join(textwrap.wrap(f"They stay open at {where}; Ctrl-C ends them.", WIDTH)))
+            sys.stdout.flush()
             with contextlib.suppress(KeyboardInterrupt, Ended):
                 for daemon in daemons:
                     daemon.wait()

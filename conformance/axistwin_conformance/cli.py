@@ -128,7 +128,7 @@ def _family_options(function: Function) -> Function:
 @click.option(
     "--allow",
     metavar="CLASS,...",
-    help="What may be done beside passive tests: motion, stored, rig, destructive. "
+    help="What may be done beside passive tests: motion, stored, negative, rig, destructive. "
     "Default: nothing on a port or a bus, everything on the built-in twin.",
 )
 @_family_options
@@ -192,6 +192,13 @@ def _family_options(function: Function) -> Function:
     help="Play just the operations of a failure again; 0 if it does not come again.",
 )
 @click.option(
+    "--restore",
+    type=WordPath(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Put back what a run found, from the file it named before it wrote anything; judge"
+    " nothing. Port and address are those of the file.",
+)
+@click.option(
     "--report",
     type=WordPath(file_okay=False, path_type=Path),
     metavar="DIR",
@@ -203,11 +210,12 @@ def _family_options(function: Function) -> Function:
     nargs=2,
     type=WordPath(path_type=Path),
     metavar="OLD NEW",
-    help="Show which verdicts changed between two report.json; run nothing.",
+    help="Show which verdicts changed between two reports, folders or report.json; run nothing.",
 )
 @click.option("--list", "is_list", is_flag=True, help="List requirements and checks; run nothing.")
 @click.option("--dry-run", is_flag=True, help="Show the plan; run nothing.")
 @click.option("--json", "is_json", is_flag=True, help="One JSON object per event instead of text.")
+@click.option("-v", "--verbose", is_flag=True, help="Show what passes, too, and whole transcripts.")
 @click.pass_context
 def conform(ctx: click.Context, /, **given: Any) -> None:  # fmt: skip
     """Judge MODEL against its manual, requirement by requirement.
@@ -224,9 +232,12 @@ def conform(ctx: click.Context, /, **given: Any) -> None:  # fmt: skip
     axistwin conform mac23 --replay out/operations/...   one failure again
     axistwin conform mac23 --port ./mac --allow motion --detect mac.toml
                                                          its profile, for axistwin run --profile
-    axistwin conform --compare old/report.json new/report.json
+    axistwin conform --compare old new                   what changed between two --report
+    axistwin conform mac23 --port ./mac --allow motion,stored,destructive lock_08_1b
+                                                         one question, by its switch
 
-    ID is a requirement, the beginning of some, or the name of a check.
+    ID is a requirement, the beginning of some, the name of a check, or that of a switch
+    (axistwin models MODEL lists them), which is then asked for.
     """
     try:
         refuse_lost(ctx)
@@ -282,9 +293,11 @@ def _conform(
     is_list: bool,
     dry_run: bool,
     is_json: bool,
+    verbose: bool,
     report: Path | None,
     detect: Path | None,
     compare: tuple[Path, Path] | None,
+    restore: Path | None,
     **given: Any,
 ) -> int:
     try:
@@ -296,13 +309,15 @@ def _conform(
         from axistwin_conformance.engine.run import Engine
 
         given["report"] = "" if report is None else str(report)
+        if restore is not None:
+            return _put_back(restore, given)
         engine = Engine(make_options(is_detection=detect is not None, **given))
         if is_list or dry_run:
             return _show(engine, is_list, is_json)
         if detect is not None and not detect.parent.is_dir():  # before a long run, not after it
             raise UsageError(f"--detect {detect}: there is no folder {detect.parent}")
         with interrupts.heeded():
-            status = _run(engine, is_json, report)
+            status = _run(engine, is_json, report, is_verbose=verbose)
             if detect is not None:
                 _write_profile(engine, detect, is_json)
         return status
@@ -313,6 +328,27 @@ def _conform(
         raise UsageError(
             f"the suite needs {missing}: pip install 'axistwin[conformance]'"
         ) from error
+
+
+def _put_back(path: Path, given: dict[str, Any]) -> int:
+    """Put back what a file says; the exit status."""
+    from axistwin_conformance.base.events import Note
+    from axistwin_conformance.engine.device import keeping
+    from axistwin_conformance.engine.device.restoring import put_back
+    from axistwin_conformance.families.catalog import find_family
+
+    if given["ids"] or given["replay"]:
+        raise UsageError("--restore judges nothing: leave out --replay and every ID")
+    kept = keeping.load(path, given["model"])
+    kind = find_family(kept.model).transport_kind
+    if given["port"] is None and given["can"] is None:
+        given[kind.option.removeprefix("--")] = kept.endpoint
+    given["address"] = kept.address if given["address"] is None else given["address"]
+    with interrupts.heeded():
+        return put_back(
+            make_options(is_detection=False, **given), path,
+            lambda event: click.echo(event.text) if isinstance(event, Note) else None,
+        )  # fmt: skip
 
 
 def _write_profile(engine: Engine, path: Path, is_json: bool) -> None:
@@ -332,7 +368,8 @@ def _write_profile(engine: Engine, path: Path, is_json: bool) -> None:
         write_profile(path, as_toml(options.model, engine.ledger, detections, heading))
     except OSError as error:
         raise UsageError(f"cannot write the profile {path}: {error.strerror}") from error
-    click.echo(f"profile: {path}", err=is_json)
+    found = "" if options.is_only_detection else f": {engine.found}"  # there the run says it
+    click.echo(f"profile: {path}{found}", err=is_json)
 
 
 def _compare(old: Path, new: Path, is_json: bool, model: str | None) -> int:
@@ -368,7 +405,7 @@ def _show(engine: Engine, is_list: bool, is_json: bool) -> int:
     return 0
 
 
-def _run(engine: Engine, is_json: bool, report: Path | None) -> int:
+def _run(engine: Engine, is_json: bool, report: Path | None, *, is_verbose: bool) -> int:
     from axistwin_conformance.engine.eta import Eta, weigh
     from axistwin_conformance.report import json as report_json
     from axistwin_conformance.report import terminal
@@ -390,7 +427,13 @@ def _run(engine: Engine, is_json: bool, report: Path | None) -> int:
             pace = Eta(weigh(engine.plan()), past, afterwards_s=duration_s)
             shown = stack.enter_context(
                 terminal.TerminalReport(
-                    console, engine.ledger, explain, pace, engine.options.report, spell
+                    console,
+                    engine.ledger,
+                    explain,
+                    pace,
+                    engine.options.report,
+                    spell,
+                    is_verbose=is_verbose,
                 )
             )
         readers = _Readers(folder, shown)

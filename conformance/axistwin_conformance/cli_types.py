@@ -13,7 +13,9 @@ from axistwin_conformance.base.errors import UsageError
 
 # What goes with an option that runs nothing, by the name of its parameter; all else would be lost.
 BESIDE_COMPARE = frozenset({"compare", "is_json", "model"})  # a model is refused by its name
-LOST_BESIDE_LIST = frozenset({"dry_run", "report", "detect", "exitfirst", "duration", "replay"})
+LOST_BESIDE_LIST = frozenset(
+    {"dry_run", "report", "detect", "exitfirst", "duration", "replay", "restore", "verbose"}
+)
 
 
 class Word(click.ParamType[str]):

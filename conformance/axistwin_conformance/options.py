@@ -80,7 +80,7 @@ def make_options(
         seed=seed,
         words=ids,
         is_detection=is_detection,
-        is_only_detection=is_detection and not ids and level is None,
+        is_only_detection=_is_only_detection(family, ids, is_detection and level is None),
         expected=None if profile is None else _expected(profile, family, model),
         profile="" if profile is None else str(profile),
         is_exitfirst=exitfirst,
@@ -93,18 +93,23 @@ def make_options(
     return _with_rig(options, rig, rig_command)
 
 
+def _is_only_detection(family: Family, ids: tuple[str, ...], is_wanted: bool) -> bool:
+    """True if there is nothing to judge: every word is a switch, or there is none."""
+    switches = {probe.switch for probe in family.probes()} if ids else set()
+    return switches.issuperset(ids) if ids else is_wanted
+
+
 def _with_rig(options: Options, kind: str | None, command: str | None) -> Options:
     """The options with the rig that was chosen."""
     from axistwin_conformance.transport.rig import choose_rig
 
-    able = options.family.capabilities - options.settings.withheld.keys()
     choice = choose_rig(
         kind,
         command,
         options.url,
         is_allowed="rig" in options.allowed,
         transport_kind=options.family.transport_kind,
-        capabilities=able,
+        capabilities=options.family.rig_controls.keys() - options.settings.withheld.keys(),
     )
     return replace(options, rig=choice)
 

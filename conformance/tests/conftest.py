@@ -10,6 +10,7 @@ import sys
 import types
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, ClassVar
 
 import pytest
@@ -25,13 +26,21 @@ from axistwin_conformance.core.family import Family
 from axistwin_conformance.core.identity import Identity, Model
 from axistwin_conformance.core.probing import Probe, Seen
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.engine import device_guard
+from axistwin_conformance.engine.device import device_guard
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine, Envelope, Options
 from axistwin_conformance.families.mac.axis.options import OPTIONS, AxisSettings
+from axistwin_conformance.families.mac.axis.rig_controls import AXIS_CONTROLS
 from axistwin_conformance.report import json
 from axistwin_conformance.transport.serial import SerialTransport, open_target
 from axistwin_conformance.transport.transport import Transport
+
+
+@pytest.fixture(autouse=True)
+def own_state_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a run keeps of a device goes to no user's folder."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+
 
 STEP_NS = 1_000_000  # each exchange of the toy takes a millisecond
 
@@ -113,8 +122,9 @@ class ToyFamily(Family):
     addresses = range(8)
     default_address = 0
     default_rate = 9600
+    rig_controls = AXIS_CONTROLS
     options = OPTIONS
-    tidying = "stop the axis or put its parameters back"
+    impact: ClassVar = {"end": "stop the axis or put its parameters back"}
 
     def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> Transport:
         """Open a port."""
@@ -178,11 +188,15 @@ class Toy:
         return one
 
     def probe(
-        self, switch: str, look: Callable[[Session], Seen], safety: tuple[str, ...] = ("passive",)
+        self,
+        switch: str,
+        look: Callable[[Session], Seen],
+        safety: tuple[str, ...] = ("passive",),
+        needs: tuple[str, ...] = (),
     ) -> None:
         """Declare a question of the toy family."""
         name = self.module.__name__
-        question = Check.named(f"detect_{switch}", "Asked.", name, safety=safety)
+        question = Check.named(f"detect_{switch}", "Asked.", name, safety=safety, needs=needs)
         setattr(self.module, question.name, Probe(switch, look, question))
         self.family = vary(self.family, probe_modules=(name,))
 

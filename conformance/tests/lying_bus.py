@@ -15,6 +15,7 @@ from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.core.session import Envelope, Run, Session, Stop
+from axistwin_conformance.families.mac.axis.rig_controls import AXIS_CONTROLS
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.family import FAMILY, TWIN_BITRATE
 from axistwin_conformance.transport.can import CanTransport, split_words
@@ -110,7 +111,7 @@ def judge(
     target = open_liar(neighbours, says, hears, injects)
     try:
         run = make_run(target, neighbours)
-        run.rig = TwinRig(target, 1) if check.rig_needs else None
+        run.rig = TwinRig(target, 1, AXIS_CONTROLS) if check.rig_needs else None
         session = Session(run, check)
 
         def gate(data: bytes) -> None:

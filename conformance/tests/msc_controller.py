@@ -18,7 +18,8 @@ from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import Packet
 from axistwin_conformance.families.msc.family import FAMILY
 from axistwin_conformance.families.msc.options import TWIN_SCRATCH
-from axistwin_conformance.transport.rig import OF_A_CONTROLLER, Act, Rig
+from axistwin_conformance.families.msc.rig_controls import MSC_CONTROLS
+from axistwin_conformance.transport.rig import Act, Rig
 
 SCAN_NS = 10_000_000
 AREA = 32768
@@ -217,17 +218,18 @@ class PortRig(Rig):
     """Works that controller."""
 
     def __init__(self, session: Session, port: Controller, lacks: frozenset[str]) -> None:
-        super().__init__(session.target, OF_A_CONTROLLER - lacks)
+        super().__init__(session.target, MSC_CONTROLS)
+        self.capabilities -= lacks
         self._port = port
 
     def _work(self, act: Act) -> None:
         port, value = self._port, bool(act.value)
         port.scan()
-        match act.verb:
+        match act.control.capability:
             case "flag":
-                port.work(int(act.name), value)
+                port.work(act.number or 0, value)
             case "status":
-                port.set_status(int(act.name), value)
+                port.set_status(act.number or 0, value)
             case "program":
                 port.run_program(value)
             case "battery":

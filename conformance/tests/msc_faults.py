@@ -9,7 +9,8 @@ from msc_twin import TwinPort
 from zoo.mutant import MonkeyPatch, Mutant
 from zoo_msc.planting import alarms, around
 
-from axistwin.devices.msc.receiver import Receiver, Whom
+from axistwin.devices.msc.packets import Whom
+from axistwin.devices.msc.receiver import Receiver
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, STX

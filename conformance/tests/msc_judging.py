@@ -14,7 +14,8 @@ from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.core.session import Stop
 from axistwin_conformance.families.msc.family import FAMILY
-from axistwin_conformance.transport.rig import OF_A_CONTROLLER, TwinRig
+from axistwin_conformance.families.msc.rig_controls import MSC_CONTROLS
+from axistwin_conformance.transport.rig import TwinRig
 
 LINK_MODULES = tuple(
     f"axistwin_conformance.families.msc.checks.{name}"
@@ -36,7 +37,7 @@ def judge(name: str, port: TwinPort, **how: Any) -> tuple[Finding, ...]:
         "neighbours": port.others,
     }
     session = session_on(port, check, **(usual | how))
-    rig = TwinRig(session.target, port.unit, OF_A_CONTROLLER)
+    rig = TwinRig(session.target, port.unit, MSC_CONTROLS)
     session.run.rig, rig.is_exact = rig, True
     if "rig" not in check.safety:  # or the guard would let everything pass
         session.target.description = "axistwin://a-small-one?time=virtual"

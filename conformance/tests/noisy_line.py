@@ -65,8 +65,8 @@ class NoisyPort(PortInFront):
         """Read what noise leaves, as pyserial does."""
         deadline_ns = self.virtual_time_ns + round((self.timeout or 0) * 1e9)
         taken = b""
+        self._collect(0)
         while True:
-            self._collect(0)
             while (
                 self._arrived and self._arrived[0][0] <= self.virtual_time_ns and len(taken) < size
             ):
@@ -76,7 +76,7 @@ class NoisyPort(PortInFront):
                 return taken
             if self._arrived:
                 left_ns = max(1, min(left_ns, self._arrived[0][0] - self.virtual_time_ns))
-            self._collect(left_ns)
+            self._collect(left_ns, size - len(taken))
 
     @property
     def in_waiting(self) -> int:
@@ -107,10 +107,10 @@ class NoisyPort(PortInFront):
         while (left_ns := until_ns - self.virtual_time_ns) > 0:
             self._collect(left_ns)
 
-    def _collect(self, timeout_ns: int) -> None:
-        """Take what comes within the time, a first byte at most, into the queue."""
+    def _collect(self, timeout_ns: int, count: int = 1) -> None:
+        """Take what comes within the time into the queue, until there are so many bytes."""
         self.port.timeout = timeout_ns / 1e9
-        for byte in self.port.read(1) + self.port.read(self.port.in_waiting):
+        for byte in self.port.read(count) + self.port.read(self.port.in_waiting):
             kept, late_ns = self._spoil(byte)
             before_ns = self._arrived[-1][0] if self._arrived else 0
             ready_ns = max(before_ns, self.virtual_time_ns + late_ns)

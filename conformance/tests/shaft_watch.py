@@ -127,13 +127,11 @@ class Handled:
     def __getattr__(self, name: str) -> Any:
         """What the handle has, told as well."""
         value = getattr(self.inner, name)
-        return Handled(value, self.look) if name in ("inputs", "load") or callable(value) else value
+        return Handled(value, self.look) if name == "controls" or callable(value) else value
 
-    def __setattr__(self, name: str, value: Any) -> None:
-        """Set it between two looks."""
-        self.look()
-        setattr(self.inner, name, value)
-        self.look()
+    def __getitem__(self, name: str) -> Handled:
+        """One of the twin's controls, told when it is worked."""
+        return Handled(self.inner[name], self.look)
 
     def __call__(self, *given: Any) -> Any:
         """Do it between two looks."""

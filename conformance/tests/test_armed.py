@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from axistwin_conformance.base.armed import load_armed, parse_armed
+from axistwin_conformance.base.armed import load_armed, parse_table
 from axistwin_conformance.base.ledger import load_ledger
 
 
 def test_the_table_gives_the_mutants_of_each_requirement() -> None:
     """An empty list is a requirement that nothing has armed."""
     text = '[armed]\nMACS-LINE-01 = ["slow_line", "deaf"]\nMACS-LINE-02 = []\n'
-    assert parse_armed(text) == {"MACS-LINE-01": ("slow_line", "deaf"), "MACS-LINE-02": ()}
+    assert parse_table(text, "armed") == {"MACS-LINE-01": ("slow_line", "deaf"), "MACS-LINE-02": ()}
 
 
 @pytest.mark.parametrize(
@@ -20,7 +20,7 @@ def test_the_table_gives_the_mutants_of_each_requirement() -> None:
 def test_a_file_that_holds_something_else_is_refused(text: str) -> None:
     """It is made by us: a mistake in it is ours."""
     with pytest.raises(ValueError, match=r"armed\.toml"):
-        parse_armed(text)
+        parse_table(text, "armed")
 
 
 def test_a_family_without_the_file_is_unknown() -> None:

@@ -24,6 +24,8 @@ from axistwin_conformance.families.mac.can.diagnosis import diagnose
 from axistwin_conformance.families.mac.can.family import FAMILY
 from axistwin_conformance.transport.can_frame import Frame
 
+pytestmark = pytest.mark.strength
+
 # --- the ledger and the checks -------------------------------------------------------------------
 
 

@@ -142,8 +142,11 @@ def test_the_replay_command_repeats_interface_rate_and_bounds() -> None:
 
 def test_a_twin_named_on_the_bus_is_its_own_rig() -> None:
     """The rig acts through its handles; on another bus somebody has to be named."""
-    assert choose_rig(None, None, TWIN, is_allowed=True, transport_kind=BUS).kind == "twin"
-    assert choose_rig(None, None, "slcan:./x", is_allowed=True, transport_kind=BUS).kind == ""
+    for url, kind in ((TWIN, "twin"), ("slcan:./x", "")):
+        choice = choose_rig(
+            None, None, url, is_allowed=True, capabilities=frozenset(), transport_kind=BUS
+        )
+        assert choice.kind == kind
     result = run(
         "mac23-can", "--can", TWIN, "--address", "5", "--allow", "motion,stored,rig",
         "overheating_locks_motion",

@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from axistwin_conformance.base.errors import OutsideEnvelope
+from axistwin_conformance.core.readings import Readings
 from axistwin_conformance.families.mac.axis.travel_guard import AxisTravelGuard
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.codec import CanRequest
@@ -33,7 +34,9 @@ class Bus:
 
     def __init__(self, **readings: str) -> None:
         self.readings = readings
-        self.travel_guard = AxisTravelGuard(BusReader(readings), 2000, 10_000, OWN, readings)
+        self.travel_guard = AxisTravelGuard(
+            BusReader(readings), 2000, 10_000, OWN, Readings(readings)
+        )
         self.now_ns = 0
 
     def request(self, index: int, parameter: int = 0, address: int = OWN) -> CanRequest:

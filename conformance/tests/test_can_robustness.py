@@ -70,6 +70,12 @@ SCRIPTS: dict[str, Script] = {
     "forty at once": lambda frame: (Frame(0x581, b"\x60\x13\x20\x00" + bytes(4)),) * 40,
 }
 
+WRONG_MODULES = {
+    "half a reply": "MACC-SDO-03",
+    "always refused": "MACC-SDO-03",
+    "replies of module 2": "MACC-ID-01",
+}
+
 
 @pytest.fixture(autouse=True)
 def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -120,7 +126,7 @@ def judge(
 # --- nodes ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", SCRIPTS)
+@pytest.mark.parametrize("name", sorted(SCRIPTS.keys() - WRONG_MODULES.keys()))
 def test_who_is_no_module_is_unreachable(channel: str, name: str) -> None:
     """Exit 3, nothing is judged, and the line says what came instead."""
     result = judge(channel, after(0), SCRIPTS[name], PASSIVE)
@@ -130,7 +136,24 @@ def test_who_is_no_module_is_unreachable(channel: str, name: str) -> None:
     assert result.checks == []
 
 
-@pytest.mark.parametrize("name", ["silence", "garbage", "another node of CANopen", "forty at once"])
+@pytest.mark.parametrize("name", WRONG_MODULES)
+def test_who_replies_wrongly_is_a_module_that_has_failed(channel: str, name: str) -> None:
+    """Exit 1: what comes is of this protocol, and breaks one requirement."""
+    result = judge(channel, after(0), SCRIPTS[name], PASSIVE)
+    assert result.exit_status == 1, result.sentence
+    failed = {one.requirement.id for one in result.requirements if one.verdict is Verdict.FAIL}
+    assert WRONG_MODULES[name] in failed
+
+
+def test_a_module_that_refuses_all_from_a_motion_on_fails(channel: str) -> None:
+    """It answers in the protocol, always alike: judged, though the run ends for it."""
+    result = judge(channel, behind(0x13), SCRIPTS["another node of CANopen"])
+    assert result.exit_status == 1
+    failed = {one.requirement.id for one in result.requirements if one.verdict is Verdict.FAIL}
+    assert failed == {"MACC-SDO-03"}
+
+
+@pytest.mark.parametrize("name", ["silence", "garbage", "forty at once"])
 def test_who_is_lost_in_a_motion_is_neither_failed_nor_passed(channel: str, name: str) -> None:
     """Exit 4; what was judged before stands."""
     result = judge(channel, behind(0x13), SCRIPTS[name])

@@ -300,6 +300,9 @@ def test_what_is_really_sent_is_counted() -> None:
 class ToyFence:
     """Endless motion that has to be stopped after half a second."""
 
+    strayed = broken = ""
+    is_in_doubt = False
+
     def __init__(self) -> None:
         self.deadline_ns: int | None = 500_000_000
         self.heard: list[Frame] = []

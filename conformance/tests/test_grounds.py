@@ -15,7 +15,8 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.engine.plan import Options
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families.msc.options import NO_SCRATCH, TWIN_SCRATCH, ScratchArea
-from axistwin_conformance.transport.rig import OF_A_CONTROLLER, CommandRig, TwinRig, in_words
+from axistwin_conformance.families.msc.rig_controls import MSC_CONTROLS
+from axistwin_conformance.transport.rig import CommandRig, TwinRig
 from axistwin_conformance.transport.serial import SerialTransport, open_target
 
 PORT = "/dev/ttyUSB0"
@@ -162,16 +163,16 @@ def target() -> Iterator[SerialTransport]:
 
 def test_the_twin_of_a_controller_is_worked_by_its_handles(target: SerialTransport) -> None:
     """Flags of the machine, conditions, battery, program, supply; and all put back."""
-    rig, twin = TwinRig(target, 1, OF_A_CONTROLLER), target.twins[0]
-    rig.set_flag(3, True)
-    rig.set_status(9, True)
-    rig.set_battery(True)
-    rig.run_program(False)
+    rig, twin = TwinRig(target, 1, MSC_CONTROLS), target.twins[0]
+    rig.work("flag", True, number=3)
+    rig.work("status", True, number=9)
+    rig.work("battery", True)
+    rig.work("program", False)
     assert (twin.flags[3], twin.status & 1 << 9, twin.status & 1) == (True, 1 << 9, 0)
     assert rig.is_disturbed
     rig.reset()
     assert (twin.flags[3], twin.status & 1 << 9, twin.status & 1) == (False, 0, 1)
-    rig.power_off()
+    rig.work("power", False)
     assert not twin.is_powered
     rig.reset()
     assert twin.is_powered
@@ -184,11 +185,11 @@ def test_a_command_is_told_what_to_do_with_a_controller(
     """Verb, name and value of each act, and of what undoes it."""
     log = tmp_path / "said"
     template = f"sh -c 'echo $0 $1 $2 >> {log}' {{verb}} {{name}} {{value}}"
-    rig = CommandRig(target, template, OF_A_CONTROLLER)
-    rig.set_flag(3, True)
-    rig.set_status(1, True)
-    rig.set_battery(True)
-    rig.run_program(False)
+    rig = CommandRig(target, MSC_CONTROLS, template)
+    rig.work("flag", True, number=3)
+    rig.work("status", True, number=1)
+    rig.work("battery", True)
+    rig.work("program", False)
     rig.reset()
     said = log.read_text().splitlines()
     assert said[:4] == [
@@ -201,12 +202,12 @@ def test_a_command_is_told_what_to_do_with_a_controller(
 
 def test_a_person_is_asked_for_it_in_words(target: SerialTransport) -> None:
     """Numbers of flags and bits are in the sentence."""
-    rig = TwinRig(target, 1, OF_A_CONTROLLER)
+    rig = TwinRig(target, 1, MSC_CONTROLS)
     told = []
-    rig._work = lambda act: told.append((in_words(act), in_words(act.undone)))  # type: ignore[method-assign]
-    rig.set_flag(12, True)
-    rig.set_status(1, True)
-    rig.run_program(False)
+    rig._work = lambda act: told.append((act.order, act.undone.order))  # type: ignore[method-assign]
+    rig.work("flag", True, number=12)
+    rig.work("status", True, number=1)
+    rig.work("program", False)
     assert told == [
         ("Work the machine until flag 12 is on.", "Let flag 12 go off again."),
         ("Bring about the condition of status bit 1.", "End the condition of status bit 1."),

@@ -23,7 +23,10 @@ from interfaces import (
     TERMINAL_SERVER,
     WORST,
     Interface,
+    InterfaceBus,
+    InterfacePort,
     InterfaceRun,
+    Way,
     judged_behind,
 )
 from real_interface import RealWay, twin_behind
@@ -103,11 +106,12 @@ def test_an_interface_costs_a_controller_certainty_at_most(interface: Interface)
 
 
 def test_a_line_too_slow_to_tell_holds_nothing_against_a_device() -> None:
-    """What fails only because an exchange takes 0.3 s is inconclusive, with that for a reason."""
+    """What would fail only because an exchange takes 0.3 s is waited for, or left open for that."""
     run = healthy(judged_behind(FAR_AWAY, "refusals_change_nothing", seed=1))
     (one,) = run.result.checks
-    assert "an exchange takes up to" in one.trouble
-    assert run.verdicts["MACS-CMD-13-02"] is Verdict.INCONCLUSIVE
+    assert not one.trouble or "an exchange takes up to" in one.trouble
+    open_or_passed = (Verdict.PASS, Verdict.INCONCLUSIVE)
+    assert run.verdicts["MACS-CMD-13-02"] in open_or_passed
 
 
 REAL_WAYS = {
@@ -210,3 +214,25 @@ def test_whatever_the_interface_a_healthy_device_never_fails(
 ) -> None:
     """All that is judged at quick."""
     healthy(judged_behind(interface, model=model, rate=rate, seed=seed))
+
+
+@pytest.mark.strength(seconds=20)
+@pytest.mark.parametrize("calls", [400, 2600])
+@pytest.mark.parametrize(("model", "kind"), [("mac23", InterfacePort), ("mac23-can", InterfaceBus)])
+def test_an_interrupted_run_puts_back_what_it_found(
+    model: str, kind: type[Way[Any]], calls: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a busy host, wherever it is met, with what is late still on its way."""
+    left, send = [calls], kind._send
+
+    def interrupted(way: Way[Any], sent: Any) -> None:
+        left[0] -= 1
+        if left[0] == 0:
+            raise KeyboardInterrupt
+        send(way, sent)
+
+    monkeypatch.setattr(kind, "_send", interrupted)
+    run = judged_behind(BUSY_HOST, model=model, allow="motion,stored")
+    assert run.result.is_interrupted
+    assert (run.result.exit_status, run.result.problems) == (130, [])
+    assert (run.way.is_put_back, run.way.is_left_moving) == (True, False)

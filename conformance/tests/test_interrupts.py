@@ -16,6 +16,8 @@ import pytest
 
 from axistwin_conformance.base import interrupts
 
+pytestmark = pytest.mark.system
+
 ENDING = pytest.mark.parametrize("number", interrupts.ENDING, ids=lambda one: one.name)
 
 

@@ -31,6 +31,8 @@ from axistwin_conformance.sequences.runner import Mismatch
 from axistwin_conformance.sequences.shrink import Budget
 from axistwin_conformance.transport.serial import TWIN_HANDLER, SerialTransport
 
+pytestmark = pytest.mark.strength
+
 TRAVEL = 2000
 REPLY = "MACS-REPLY-01"  # what a surprise under 19h is about
 

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from axistwin_conformance.base.errors import OutsideEnvelope
+from axistwin_conformance.core.readings import Readings
 from axistwin_conformance.families.mac.axis.travel_guard import AxisTravelGuard
 from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.families.mac.serial.reader import LineReader
@@ -27,7 +28,7 @@ class Line:
     """A host and a module that says what the test tells it to, behind the fence."""
 
     def __init__(self, **readings: str) -> None:
-        self.travel_guard = AxisTravelGuard(LineReader(), 2000, 10_000, 0, readings)
+        self.travel_guard = AxisTravelGuard(LineReader(), 2000, 10_000, 0, Readings(readings))
         self.now_ns = 0
 
     def say(
@@ -101,6 +102,17 @@ def test_segments_add_up_until_the_axis_is_known_to_rest(line: Line) -> None:
     line.say(0x18)
     line.at(700)
     assert not line.refuses(0x16, 900 << 16 | 0x1000)
+
+
+def test_a_segment_that_waits_runs_from_where_a_ramped_stop_has_ended(line: Line) -> None:
+    """MACS-AMB-77: some 800 increments, a ramp of 240, then the 600 that waited; not 500 more."""
+    line.say(0x0F, 2)
+    line.say(0x15, 0x1000)
+    line.say(0x16, 600 << 16 | 0x1000)
+    line.now_ns += 2 * SECOND // 5
+    line.say(0x17)
+    assert not line.refuses(0x16, 200 << 16 | 0x1000)
+    assert line.refuses(0x16, 500 << 16 | 0x1000)
 
 
 def test_a_refused_segment_does_not_count_and_an_unanswered_one_may(line: Line) -> None:
@@ -240,8 +252,38 @@ def test_a_stop_is_never_held_back(line: Line) -> None:
     assert not line.refuses(0x18)
 
 
-def test_an_axis_turned_out_by_hand_may_come_back(line: Line) -> None:
+def test_an_axis_seen_where_nothing_leads_is_not_moved_again(line: Line) -> None:
+    """Two looks in a row, at places inside the envelope too: it does not what it is told."""
+    line.say(0x13, 900)
+    line.at(1400)
+    assert line.refuses(0x13, 600)
+    assert line.travel_guard.is_in_doubt, "it may have been noise"
+    line.at(700)
+    assert not line.refuses(0x13, 600)
+    line.at(1400)
+    line.at(1420)
+    assert line.travel_guard.strayed == (
+        "after 13h, which leads to +200..+400 from where the axis was found, it was seen at +920:"
+        " it is moved no more"
+    )
+    line.at(700)
+    for index in (0x11, 0x13, 0x14, 0x15, 0x16):
+        assert line.refuses(index, 0x00011000)
+    assert not line.refuses(0x18)
+
+
+def test_a_move_goes_on_to_its_number_of_the_new_count(line: Line) -> None:
+    """0Bh at 700 on the way to 900: it ends 900 further on, and is seen there."""
+    line.say(0x13, 900)
+    line.at(700)
+    line.say(0x0B)
+    line.at(900)
+    assert not line.travel_guard.is_in_doubt
+
+
+def test_an_axis_turned_out_by_the_rig_may_come_back(line: Line) -> None:
     """What does not lead further out is let through."""
+    line.travel_guard.worked("turn", (line.now_ns, line.now_ns))
     line.at(3000)
     assert line.refuses(0x13, 3001)
     assert not line.refuses(0x13, 600)
@@ -289,6 +331,7 @@ def test_an_edge_of_the_reference_in_motion_moves_the_origin(line: Line) -> None
     """Cleared near 700, the counter leaves 1800 above it, and no more."""
     line.say(0x07, 1)
     line.say(0x15, 0x4000)
+    line.now_ns += 4 * SECOND // 10
     line.at(700)
     line.travel_guard.worked("reference", (line.now_ns, line.now_ns))
     line.at(4)
@@ -315,3 +358,18 @@ def test_how_much_endless_motion_would_need_can_be_told(line: Line) -> None:
     line.say(0x15, 0x1000)
     needed = line.travel_guard.needed(SECOND)
     assert 2000 + 1953 - 200 < needed < 2000 + 1953 + 200
+
+
+def test_an_axis_seen_to_stand_is_still_until_something_could_move_it(
+    line: Line,
+) -> None:
+    """18h again need not be waited for; a motion that was refused has not moved it."""
+    assert not line.travel_guard.is_still(0), "nobody has looked"
+    for index, parameter in ((0x13, 600), (0x11, 0), (0x15, 0x0F1000), (0x16, 0x011000)):
+        line.travel_guard.seen_still(0)
+        line.say(index, parameter, REFUSED)
+        line.say(0x18)
+        assert line.travel_guard.is_still(0)
+        line.say(index, parameter)
+        line.say(0x18)
+        assert not line.travel_guard.is_still(0)

@@ -105,7 +105,7 @@ def test_the_fifth_segment_of_a_burst_is_refused() -> None:
 def test_a_fifo_that_counts_the_executing_segment_is_one_shorter() -> None:
     """The other reading of AMB-37."""
     axis = model()
-    axis.readings = {"fifo_counts_executing": 1}
+    axis.known = lambda switch: int(switch == "fifo_counts_executing")
     kinds = [tell(axis, 0x1E, segment_parameter(100, PERIOD), at(number)) for number in range(4)]
     assert kinds == [ReplyKind.ACCEPTED] * 3 + [ReplyKind.REFUSED]
 
@@ -207,3 +207,12 @@ def test_an_axis_abandoned_in_a_window_may_stand_where_it_turned_round_in_it() -
         tell(axis, 0x16, segment_parameter(-30, PERIOD), at(0.1))
         tell(axis, index, 0, at(1, 500))  # or when all is over
         assert axis.bounds(at(1000)) == (-10, 20), f"{index:02X}h"
+
+
+def test_where_a_row_turns_round_within_a_window_is_within_its_bounds() -> None:
+    """A reply that is long on its way: the axis may have been further than at either edge."""
+    row = (Segment(100, PERIOD), Segment(-100, PERIOD))
+    forecast = Forecast.of([Timeline("IN", 0, 0, segments=row)])
+    lowest, highest = forecast.bounds(at(5, 10))
+    assert lowest <= 50
+    assert 100 <= highest <= 101

@@ -57,7 +57,9 @@ SEEN = [
     ("stop_ramp_law", "ramp_length", "a_ramped_stop_on_the_ramp_descends_what_was_climbed"),
     ("busy_after_abort", "true", "a_hard_stop_stops_where_the_axis_is"),
     ("sync_without_preload", "refuse", "without_a_preloaded_motion_11h_moves_nothing"),
-    ("sync_arm_lifetime", "lost", "segments_are_not_held_by_10h"),
+    ("sync_arm_lifetime", "lost", "arming_in_motion_concerns_the_next_motion"),
+    ("arm_after_segment", "lost", "segments_are_not_held_by_10h"),
+    ("busy_after_17h", "true", "a_ramped_stop_in_full_motion_takes_one_ramp"),
     ("preload_policy", "refuse", "a_second_motion_replaces_the_preloaded_one"),
     ("preload_policy", "keep", "stops_and_power_off_drop_a_preloaded_motion"),
     ("armed_zero_velocity", "spend", "velocity_0_while_armed_at_rest"),
@@ -107,3 +109,28 @@ def test_another_reading_is_named_and_not_failed(switch: str, reading: str, chec
     failed = [one for one in findings if one["verdict"] == "fail"]
     assert any(text.startswith(f"{switch}={reading}") for text in quirks), findings
     assert (status, failed) == (0, [])
+
+
+@pytest.mark.parametrize("latency_us", [125, 685])
+def test_a_reply_that_comes_at_once_collides_with_no_byte_sent_before_it(latency_us: int) -> None:
+    """What is sent at a request's heels ends before this device replies, or nothing is judged."""
+    _, findings = judge(
+        f"reply_latency_us={latency_us}", "what_comes_during_a_reply_is_kept_or_lost"
+    )
+    told = {one["verdict"] for one in findings}
+    assert told <= ({"quirk", "pass"} if latency_us > 300 else {"not run"}), findings
+    assert told, findings
+
+
+@pytest.mark.parametrize("latency_ms", [60, 150, 300])
+def test_a_device_that_takes_long_to_reply_is_listened_to_for_as_long(latency_ms: int) -> None:
+    """Its replies are no silence, and what it does meanwhile is no other reading."""
+    names = (
+        "xoff_and_xon_arrive_as_bytes_of_the_reply", "refusals_change_nothing",
+        "queries_end_at_29h", "the_fifo_has_three_stages", "the_stops_mode_is_locked_in_motion",
+        "opening_the_reference_contact_zeroes_the_counter",
+        "just_after_two_seconds_it_listens",
+    )  # fmt: skip
+    status, findings = judge(f"reply_latency_us={latency_ms}000", *names, "--allow", "rig")
+    bad = [one for one in findings if one["verdict"] in ("fail", "inconclusive")]
+    assert (bad, status) == ([], 0)

@@ -14,6 +14,8 @@ from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import COMMA, Packet
 from axistwin_conformance.families.msc.family import FAMILY
 
+pytestmark = pytest.mark.strength
+
 UNKNOWN = "a_name_nobody_knows_is_refused"
 NO_COMMA = "a_name_without_its_comma_is_unknown"
 CASE = "names_are_upper_case"

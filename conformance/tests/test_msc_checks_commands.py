@@ -16,6 +16,8 @@ from axistwin_conformance.families.msc.codec import Packet
 from axistwin_conformance.families.msc.family import FAMILY
 from axistwin_conformance.families.msc.options import NO_SCRATCH, TWIN_SCRATCH, ScratchArea
 
+pytestmark = pytest.mark.strength
+
 REPLY_NS = 10_000_000
 MODULES = tuple(
     f"axistwin_conformance.families.msc.checks.{name}"

@@ -28,6 +28,8 @@ from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import Packet
 from axistwin_conformance.families.msc.family import FAMILY
 
+pytestmark = pytest.mark.strength
+
 ERROR_BIT = 12
 STATUS = "the_status_is_followed_by_what_carries_nothing"
 COUNTS = "the_program_sees_a_flag_and_the_host_its_count"

@@ -28,7 +28,7 @@ from msc_faults import (
 )
 from msc_judging import failed, judge, link_checks, troubles
 from msc_twin import TwinPort
-from zoo_msc import line, link, packets
+from zoo_msc import forms, line, link, packets
 from zoo_msc.planting import Receiver, State, hears
 
 from axistwin_conformance.base.verdicts import Verdict
@@ -36,6 +36,8 @@ from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.checks.golden import golden_exchanges
 from axistwin_conformance.families.msc.checks.packets import WRONG_SUMS
 from axistwin_conformance.families.msc.codec import ACK, NAK, STX
+
+pytestmark = pytest.mark.strength
 
 
 @pytest.mark.parametrize("name", link_checks())
@@ -153,7 +155,7 @@ LIES: dict[str, tuple[str, Make, str]] = {
     ),
     "its length counts the checksum": (
         "every_reply_is_a_packet_as_the_manual_draws_it",
-        packets_spoilt(lambda raw: with_byte(raw, 3, raw[3] + 2)), "MSC-PKT-06",
+        packets_spoilt(lambda raw: resummed(with_byte(raw, 3, raw[3] + 2))), "MSC-PKT-06",
     ),
     "its length goes low byte first": (
         "the_longest_body_is_served_and_its_reply_tells_134",
@@ -413,6 +415,10 @@ LIES: dict[str, tuple[str, Make, str]] = {
     "it refuses what breaks off for others": (
         "what_breaks_off_for_others_draws_nothing",
         with_fault(line.what_breaks_off_for_others_is_refused), "MSC-LNK-19",
+    ),
+    "it carries out what is written to others": (
+        "a_write_for_another_unit_stores_nothing_here",
+        with_fault(forms.writes_for_others_are_carried_out_silently), "MSC-LNK-19",
     ),
     "it answers inside another unit's packet": (
         "the_rest_of_another_units_packet_is_counted_off",

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+import time
+
 import pytest
 from msc_judging import link_checks
 
@@ -41,12 +44,15 @@ def test_the_written_exchanges_hold_for_unit_6() -> None:
     assert not [one for one in result.checks if one.verdict is not Verdict.PASS]
 
 
-def test_the_checks_of_the_link_take_seconds_of_virtual_time_and_hardly_any_real() -> None:
-    """None of them takes a second of ours."""
-    events: list[CheckFinished] = []
+def test_the_checks_of_the_link_take_seconds_of_virtual_time_and_little_of_the_processor() -> None:
+    """None of them takes long of the processor's time, however busy the machine is."""
+    ends_s = [time.process_time()]
     options = make_options(model="msc-250", ids=tuple(link_checks()))
     Engine(options).run(
-        lambda event: events.append(event) if isinstance(event, CheckFinished) else None
+        lambda event: (
+            ends_s.append(time.process_time()) if isinstance(event, CheckFinished) else None
+        )
     )
-    assert len(events) == len(link_checks())
-    assert max(one.seconds for one in events) < 2
+    assert len(ends_s) == 1 + len(link_checks())
+    # Of the first, with what is asked before it, too.
+    assert max(end_s - start_s for start_s, end_s in itertools.pairwise(ends_s)) < 20

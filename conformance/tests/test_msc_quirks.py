@@ -8,8 +8,10 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from quirk_twins import QuirkTwins, Readings
+from interfaces import PLAIN, judged_behind
+from quirk_twins import QuirkTwins, Readings, quirks_query
 
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import conform
 from axistwin_conformance.core.profile import load_profile
 
@@ -120,6 +122,37 @@ def test_three_readings_at_once_conform_with_those_three_named() -> None:
     TWINS.conforms_with(THREE, "quick")
 
 
+@pytest.mark.parametrize(
+    ("readings", "names"),
+    [
+        ("packet_timeout_ms=260", "a_header_that_announces_too_much_is_refused"),
+        ("packet_timeout_ms=260", "a_new_packet_ends_the_wait_for_the_hosts_sign"),
+        ("ack_timeout_ms=100", "another_byte_is_no_sign"),
+        ("ack_timeout_ms=100", "a_spoilt_character_while_it_talks_is_ignored"),
+        ("reply_delay_ms=900", "another_byte_is_no_sign"),
+        ("response_delay_ms=300", "a_new_packet_ends_the_wait_for_the_hosts_sign"),
+    ],
+)
+def test_times_at_the_edge_of_what_is_allowed_fail_no_check(readings: str, names: str) -> None:
+    """The suite listens for as long as the unit was measured to take, within its time limits."""
+    query = quirks_query(dict([readings.split("=")]))
+    engine = TWINS.engine_for(query, names, level="full")
+    result = engine.run(lambda event: None)
+    failed = [
+        finding
+        for ran in result.checks
+        for finding in ran.findings
+        if finding.verdict in (Verdict.FAIL, Verdict.INCONCLUSIVE)
+    ]
+    assert (result.exit_status, failed) == (0, [])
+
+
+def test_a_time_limit_as_long_as_a_packet_tells_nothing_of_overlength() -> None:
+    """T1 of 260 ms runs out while a packet of 249 characters ends: no reading is excluded."""
+    _, result = TWINS.detected("&quirk.packet_timeout_ms=260")
+    assert "overlength" not in result.readings
+
+
 @pytest.mark.soak
 def test_a_line_at_9600_baud_shows_the_same(tmp_path: Path) -> None:
     """All that can be asked over a pty, with times told in steps that the line does not blur."""
@@ -154,3 +187,13 @@ def test_a_twin_of_each_reading_conforms_with_that_quirk_named(switch: str, read
 def test_several_readings_at_once_conform_with_those_named(readings: Readings) -> None:
     """Readings that have to do with each other, or not."""
     TWINS.conforms_with(readings, "full")
+
+
+def test_a_unit_that_takes_long_to_answer_is_listened_to_for_both_of_two_packets() -> None:
+    """The second sign comes twice the delay after both packets: it was not lost."""
+    run = judged_behind(
+        PLAIN, "packets_behind_one_another_are_each_served",
+        "a_packet_right_behind_a_write_is_served", model="msc-250",
+        query="&quirk.response_delay_ms=300",
+    )  # fmt: skip
+    assert (run.failed, run.wrong_readings, run.result.exit_status) == ([], {}, 0)

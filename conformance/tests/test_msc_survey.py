@@ -15,6 +15,8 @@ from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families.msc import codec
 
+pytestmark = pytest.mark.strength
+
 SIZE = 32768  # of the data areas here
 IDS = ("MSC-DREAD", "MSC-BREAD", "MSC-PKT-06", "MSC-PROP-01", "MSC-PROP-02")
 

@@ -9,7 +9,7 @@ from axistwin_conformance.base.errors import AttemptVoid
 from axistwin_conformance.core.session import Stop
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK
-from axistwin_conformance.families.msc.driver import MscDriver
+from axistwin_conformance.families.msc.driver import ACKED, MscDriver
 
 
 def driver_on(port: TwinPort) -> MscDriver:
@@ -124,6 +124,31 @@ def test_a_value_is_written_again_but_a_flag_is_not_set_again() -> None:
     with pytest.raises(AttemptVoid):
         driver.set_flag(150)
     assert port.received.removeprefix(before).count(b"SFLAG") == 1
+
+
+@pytest.mark.parametrize("body", [codec.dwrite(2009, 5), codec.sflag(150)], ids=repr)
+def test_a_bare_ack_is_what_a_write_may_draw(body: bytes) -> None:
+    """Where bytes may get lost it is believed at once, also if a reply is waited for behind it."""
+    port = TwinPort()
+    session = session_on(port, check_of("stored"), target=target_of(port, is_lossless=False))
+    driver = MscDriver(session)
+    assert driver.draws(driver.client.request(body))[0] == ACKED
+    assert session.retries == []
+
+
+def test_a_packet_behind_the_ack_to_a_write_that_noise_has_broken_is_asked_again() -> None:
+    """Nobody says that: what follows the ACK must be sound."""
+    port = TwinPort()
+    session = session_on(port, check_of("stored"), target=target_of(port, is_lossless=False))
+    driver = MscDriver(session)
+    session.run.readings["write_reply"] = "empty_packet"
+    empty = codec.packet(1, codec.body("DWRITE"))
+    said = [ACK + codec.with_wrong_checksum(empty), ACK + empty]
+    port.spoil = lambda data: said.pop(0) if data == ACK else data
+    exchange = driver.ask(codec.dwrite(2008, 1))
+    assert exchange.reply is not None
+    assert exchange.reply.raw == empty
+    assert len(session.retries) == 1
 
 
 def test_a_repeat_that_noise_has_broken_voids_the_attempt_or_is_compared_by() -> None:

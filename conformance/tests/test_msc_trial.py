@@ -20,6 +20,8 @@ from axistwin_conformance.families.msc.family import FAMILY
 from axistwin_conformance.families.msc.options import ScratchArea
 from axistwin_conformance.families.msc.preflight.flag_check import try_flags
 
+pytestmark = pytest.mark.strength
+
 PORT = "axistwin://msc-250?time=virtual"
 INPUTS = "0-7"
 NAMED = range(128, 136)
@@ -32,15 +34,16 @@ def tried(port: TwinPort, flags: range = NAMED, *, is_lossless: bool = True) -> 
     session = session_on(port, target=target, settings=ScratchArea(range(0), flags))
     session.run.memory = FAMILY.remember(session)
     told = try_flags(session)
+    assert isinstance(told, str)
     assert FAMILY.restore(session, session.run.memory) == ()
     return told
 
 
-def judged(make: Callable[[], Controller]) -> Result:
+def judged(make: Callable[[], Controller], flags: range = NAMED) -> Result:
     """A run over a port with that controller behind it, of what flags are written for."""
     options = make_options(
         model="msc-250", port="/dev/ttyUSB0", allow="stored", variables=range(1024, 1400),
-        flags=NAMED, ids=("MSC-SFLAG-02", "MSC-CFLAG-02", "MSC-DWRITE-02"), level="quick",
+        flags=flags, ids=("MSC-SFLAG-02", "MSC-CFLAG-02", "MSC-DWRITE-02"), level="quick",
     )  # fmt: skip
     return Engine(options, lambda neighbours: target_of(make())).run(lambda event: None)
 
@@ -67,6 +70,12 @@ def next_one(self: Controller, number: int, *, on: bool) -> bytes | None:
     return Controller.turn(self, number + 1, on=on)
 
 
+def and_the_next_one(self: Controller, number: int, *, on: bool) -> bytes | None:
+    """The flag that was meant, and the one behind it."""
+    Controller.turn(self, number + 1, on=on)
+    return Controller.turn(self, number, on=on)
+
+
 def without_high_bit(self: Controller, number: int, *, on: bool) -> bytes | None:
     """The flag with the low seven bits of the number."""
     (self.on.add if on else self.on.discard)(number & 0x7F)
@@ -76,6 +85,11 @@ def without_high_bit(self: Controller, number: int, *, on: bool) -> bytes | None
 def lost(self: Controller, number: int, *, on: bool) -> bytes | None:
     """SFLAG is lost."""
     return b"" if on else Controller.turn(self, number, on=on)
+
+
+def never_off(self: Controller, number: int, *, on: bool) -> bytes | None:
+    """CFLAG acts as SFLAG."""
+    return Controller.turn(self, number, on=True)
 
 
 def lost_now_and_then(self: Controller, number: int, *, on: bool) -> bytes | None:
@@ -144,7 +158,7 @@ def test_inputs_that_were_named_fail_no_unit() -> None:
     """The line names them; what flags are not needed for is judged."""
     words = ["msc-250", "--port", PORT, "--allow", "stored", "--flags", INPUTS]
     ids = ["MSC-SFLAG-02", "MSC-DWRITE-02", "--level", "quick"]
-    result = CliRunner().invoke(conform, [*words, "--variables", "1024-1400", *ids])
+    result = CliRunner().invoke(conform, [*words, "--variables", "1024-1400", "-v", *ids])
     assert result.exit_code == 4, result.output
     named = "flags 0, 1, 2, 3, 4, 5, 6, 7 do not follow SFLAG and CFLAG (--flags 0-7)"
     assert f"problem: {named}" in result.output
@@ -159,6 +173,19 @@ def test_a_unit_that_loses_what_is_written_to_flags_does_not_pass() -> None:
     assert result.exit_status == 4
     assert verdict(result, "MSC-DWRITE-02") is Verdict.PASS
     assert any(one.endswith(REMEDY) for one in result.problems)
+
+
+@pytest.mark.parametrize(
+    ("turn", "requirement"), [(lost, "MSC-SFLAG-02"), (never_off, "MSC-CFLAG-02")]
+)
+def test_a_unit_that_loses_what_is_written_to_many_flags_fails(
+    turn: Callable[..., bytes | None], requirement: str
+) -> None:
+    """It acknowledges every time; no machine holds so many flags in one state."""
+    result = judged(twisted(turn=turn), range(128, 192))
+    assert result.exit_status == 1, result.sentence
+    assert verdict(result, requirement) is Verdict.FAIL
+    assert verdict(result, "MSC-DWRITE-02") is Verdict.PASS
 
 
 @pytest.mark.parametrize("turn", [next_one, without_high_bit, toggles, lost_now_and_then])
@@ -182,3 +209,12 @@ def test_flags_are_put_back_whatever_was_tried() -> None:
     result = judged(make)
     assert made[0].on == {129, 131}
     assert verdict(result, "MSC-SFLAG-02") is Verdict.PASS
+
+
+def test_a_unit_that_turns_the_next_flag_as_well_fails() -> None:
+    """Also where the next one is not named: all that can be seen at once is looked at."""
+    result = judged(twisted(turn=and_the_next_one))
+    assert result.exit_status == 1
+    assert verdict(result, "MSC-SFLAG-02") is Verdict.FAIL
+    (told,) = [one for one in result.checks if one.check.name == "trial"]
+    assert told.findings[0].actual == "flag 129 as well"

@@ -217,10 +217,43 @@ def test_on_a_noisy_line_a_failure_that_does_not_come_again_was_noise() -> None:
     assert settled(FAILS, PASSES, quality=noisy)[0] is Verdict.PASS
 
 
-def test_failures_at_different_places_are_not_the_device() -> None:
-    """Noise hits here and there."""
-    wandering = [attempt(Verdict.FAIL, place=(bytes([number]), 1)) for number in range(10)]
-    assert settled(*wandering)[0] is Verdict.INCONCLUSIVE
+def wandering(count: int, **given: Any) -> list[Callable[[bool], Attempt]]:
+    """So many attempts that fail each at another place."""
+    places = [(bytes([number]), 1) for number in range(count)]
+    return [attempt(Verdict.FAIL, place=place, **given) for place in places]
+
+
+def test_ten_attempts_that_fail_in_ten_ways_are_a_failure_on_a_sound_line() -> None:
+    """Noise hits here and there, but seldom, and not this check alone."""
+    verdict, count, _ = settled(*wandering(10))
+    assert (verdict, count) == (Verdict.FAIL, replays.MOST_ATTEMPTS)
+    spoilt = wandering(10, corrupted=("20h: U",))
+    assert settled(*spoilt)[0] is Verdict.FAIL, "what the device says may be garbage"
+    assert settled(*wandering(9), PASSES)[0] is Verdict.INCONCLUSIVE, "one has held"
+
+
+def test_on_a_noisy_line_failures_at_different_places_are_not_the_device() -> None:
+    """Whether it was noisy before, or becomes so meanwhile."""
+    assert settled(*wandering(10), quality=LineQuality(1000, 42))[0] is Verdict.INCONCLUSIVE
+    line, row = LineQuality(10_000, 0), wandering(10)
+
+    def tidy() -> bool:
+        line.note(is_corrupted=True)
+        return True
+
+    def one(is_strict: bool) -> Attempt:
+        return row.pop()(is_strict)
+
+    result = Replays(one, tidy, line).conclude()
+    assert result.verdict is Verdict.INCONCLUSIVE
+
+
+def test_what_breaks_off_elsewhere_each_time_is_judged_as_it_comes_on_a_sound_line() -> None:
+    """A device that answers 13h with other garbage each time is no noisy line."""
+    void = [attempt(disturbance=f"13h: garbage {number}") for number in range(3)]
+    verdict, _, strict = settled(*void, FAILS)
+    assert verdict is Verdict.FAIL
+    assert strict == [False] * 3 + [True] * 3
 
 
 def test_the_noisier_the_line_the_more_must_agree() -> None:

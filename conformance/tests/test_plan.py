@@ -6,10 +6,8 @@ from typing import Any
 
 import pytest
 
-from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.base.ledger import load_ledger
-from axistwin_conformance.core.probing import Probe, Seen
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.engine.plan import Plan, make_plan
 
@@ -141,21 +139,3 @@ def test_on_a_port_destructive_checks_run_only_if_named(bench: Any) -> None:
         assert "only if named" in reasons(plan_of(bench, words=words, **given))["destroying"]
     for words in (("destroying",), ("MACS-CMD-08-01",)):
         assert names(plan_of(bench, words=words, **given)) == ["destroying"]
-
-
-def test_a_question_that_takes_long_is_asked_only_for_what_it_serves(bench: Any) -> None:
-    """Unless the profile is wanted, or one is expected."""
-    check = Check("detect_x", lambda session: None, (), ("passive",), "quick", (), "Asked.", "")
-
-    def asked(serves: tuple[str, ...], **changes: Any) -> bool:
-        probe = Probe("x", lambda session: Seen((), ""), check, serves)
-        options = bench.options(words=("MACS-LINE-01",), **changes)
-        plan = make_plan(options, load_ledger("mac_serial"), bench.family.checks(), (probe,))
-        assert plan.probes or "takes long" in plan.unprobed[0][1]
-        return bool(plan.probes)
-
-    assert asked(())
-    assert asked(("MACS-LINE",))
-    assert not asked(("MACS-CMD",))
-    assert asked(("MACS-CMD",), is_detection=True)
-    assert asked(("MACS-CMD",), expected={})

@@ -7,8 +7,10 @@ from typing import Any
 import pytest
 
 from axistwin_conformance.cli import make_options
-from axistwin_conformance.engine import detection
+from axistwin_conformance.engine.device import detection
 from axistwin_conformance.engine.run import Engine
+
+pytestmark = pytest.mark.strength
 
 
 @pytest.mark.parametrize("model", ["mac23", "mac23-can"])

@@ -10,6 +10,7 @@ import pytest
 from click.testing import CliRunner
 from quirk_twins import QuirkTwins, Readings
 
+from axistwin.motion.ramp import RampedMotion, StopLaw
 from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.cli import conform, make_options
 from axistwin_conformance.core.profile import load_profile, write_profile
@@ -232,3 +233,75 @@ def test_configuration_in_a_profile_is_passed_over(tmp_path: Path) -> None:
 def test_three_readings_at_once_conform_with_those_three_named(readings: Readings) -> None:
     """A device that differs in three ways is told in three names."""
     TWINS.conforms_with(readings, "quick")
+
+
+def _candidates(query: str, switch: str) -> tuple[str, ...]:
+    """What a detection leaves open, or has told, of a switch."""
+    engine, _ = TWINS.detected(query)
+    return next(one.candidates for one in engine.detections if one.switch == switch)
+
+
+def test_a_lone_module_that_keeps_silent_to_ff_is_told_as_either_of_two(tmp_path: Path) -> None:
+    """Silence of a module that is not 00 fits addr00_only as it fits none."""
+    path = tmp_path / "unit.toml"
+    words = ["mac23", "--address", "5", "--port", "axistwin://mac23:5?time=virtual"]
+    result = CliRunner().invoke(conform, [*words, "--detect", str(path)])
+    assert result.exit_code == 0, result.output
+    text = path.read_text("utf-8")
+    assert "# general_reply_policy: MACS-AMB-16: addr00_only or none" in text
+    # A query with filled digits says nothing of a command.
+    assert "# dont_care_digits: MACS-AMB-62: ignore or refuse" in text
+
+
+def test_a_whole_ramp_while_slowing_down_is_a_reading_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """MACS-AMB-45 does not say that its second reading ends where the axis slows down anyway."""
+    monkeypatch.setattr(
+        RampedMotion,
+        "_stops_on_whole_ramp",
+        lambda self, at: (
+            self.ramp.rules.stop_law is StopLaw.RAMP_LENGTH and at.counter < at.ramp.length
+        ),
+    )
+    check = "a_ramped_stop_while_slowing_down_changes_nothing"
+    TWINS.conforms_with({"stop_ramp_law": "ramp_length"}, "full", check)
+
+
+@pytest.mark.parametrize(
+    ("query", "switch", "readings"),
+    [
+        # The samples of a slow module fit both laws; a ramp of equal increments has no formula.
+        (
+            "&quirk.reply_latency_us=20000",
+            "vel_change_law",
+            ("ramp_length", "constant_acceleration"),
+        ),
+        (
+            "&quirk.reply_latency_us=20000&quirk.ramp_law=equal_increments",
+            "vel_change_law",
+            ("ramp_length", "constant_acceleration"),
+        ),
+        ("&quirk.reply_latency_us=20000&quirk.vel_change_law=step", "vel_change_law", ("step",)),
+        (
+            "&quirk.reply_latency_us=20000&quirk.sync_during_interp=now",
+            "sync_during_interp",
+            ("now",),
+        ),
+    ],
+)
+def test_a_probe_tells_only_what_excludes_every_other_reading(
+    query: str, switch: str, readings: tuple[str, ...]
+) -> None:
+    """Where a look fits several readings, all of them are named."""
+    assert _candidates(query, switch) == readings
+
+
+def test_a_segment_that_disarms_says_nothing_of_what_11h_starts() -> None:
+    """MACS-AMB-71 comes before MACS-AMB-69: with nothing held back nothing can be dropped."""
+    _, result = TWINS.detected("&quirk.arm_after_segment=lost")
+    assert TWINS.named(result) == {"arm_after_segment": "lost"}
+
+
+def test_a_counter_cleared_on_a_ramp_is_judged_under_either_ramp_law() -> None:
+    """A ramp of equal increments takes longer, and so does the way to where it slows down."""
+    check = "a_move_whose_counter_is_cleared_on_the_ramp_keeps_to_it"
+    TWINS.conforms_with({"ramp_law": "equal_increments"}, "full", check)

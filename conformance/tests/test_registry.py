@@ -16,6 +16,7 @@ from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.core.family import Family
+from axistwin_conformance.core.probing import Seen
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.catalog import families, find_family
 
@@ -74,6 +75,16 @@ def test_a_check_imported_from_elsewhere_belongs_to_its_own_module_only(toy: Any
     foreign = check("MACS-LINE-01")(documented)
     vars(toy.module)["documented"] = foreign
     assert toy.family.checks() == ()
+
+
+def test_what_no_rig_works_of_a_family_is_refused_with_the_remedy(toy: Any) -> None:
+    """A controller's battery is no need of an axis, neither of its checks nor of its probes."""
+    toy.add(documented, "MACS-LINE-01", safety="rig", needs=("rig:battery",))
+    with pytest.raises(TypeError, match=r"documented.*'battery'.*hold"):
+        toy.family.checks()
+    toy.probe("cmd_1c_supported", lambda session: Seen((), ""), ("rig",), ("rig:battery",))
+    with pytest.raises(TypeError, match=r"cmd_1c_supported.*'battery'.*hold"):
+        toy.family.probes()
 
 
 def test_an_unknown_model_is_answered_with_the_nearest_name() -> None:

@@ -51,6 +51,28 @@ def compare(tmp_path: Path, old: Report, new: Report, *more: str) -> Result:
     return CliRunner().invoke(conform, ["--compare", *map(str, paths), *more])
 
 
+@pytest.mark.parametrize("name", ["report.json", "events.jsonl"])
+def test_the_folders_of_reports_are_compared(
+    tmp_path: Path, old: Report, wrong_run: list[dict[str, Any]], name: str
+) -> None:
+    """By report.json, or, where the run was killed before it wrote that, by the events."""
+    events = "".join(f"{json.dumps(event)}\n" for event in wrong_run)
+    text = {"report.json": report_json.to_text(old), "events.jsonl": events}[name]
+    folders = [tmp_path / "old", tmp_path / "new"]
+    for folder in folders:
+        folder.mkdir()
+        (folder / name).write_text(text)
+    result = CliRunner().invoke(conform, ["--compare", *map(str, folders)])
+    assert (result.exit_code, result.output) == (0, "No verdict changed.\n")
+
+
+def test_a_folder_without_a_report_is_named(tmp_path: Path) -> None:
+    """With the file that is missing."""
+    result = CliRunner().invoke(conform, ["--compare", str(tmp_path), str(tmp_path)])
+    assert result.exit_code == 2
+    assert f"cannot read {tmp_path / 'report.json'}" in result.output
+
+
 def test_equal_runs_have_changed_nothing(tmp_path: Path, old: Report, new: Report) -> None:
     """Exit 0, whatever the verdicts are; times and bytes always differ."""
     new["run"]["started_at"] = "2031-01-01T00:00:00+00:00"

@@ -9,7 +9,10 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from axistwin_conformance.base.classes import SAFETY_CLASSES
+from axistwin_conformance.base.events import Event
 from axistwin_conformance.base.ledger import load_ledger
+from axistwin_conformance.core.probing import Seen
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.engine import run as engine_module
 from axistwin_conformance.engine.eta import Eta
@@ -17,6 +20,8 @@ from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.options import make_options
 from axistwin_conformance.report import terminal
 from axistwin_conformance.report.terminal import TerminalReport
+
+pytestmark = pytest.mark.strength
 
 
 def answers(session: Session) -> None:
@@ -31,7 +36,19 @@ def reads_otherwise(session: Session) -> None:
     session.quirk(None, "xon_byte", "11h")
 
 
-def shown(toy: Any, pace: Eta | None = None, *, width: int = 100, **console: Any) -> str:
+def reads_as_well(session: Session) -> None:
+    """It is left out."""
+
+
+def shown(
+    toy: Any,
+    pace: Eta | None = None,
+    *,
+    width: int = 100,
+    is_verbose: bool = False,
+    allowed: frozenset[str] = frozenset(SAFETY_CLASSES),
+    **console: Any,
+) -> str:
     """Run the toy and give what was printed."""
     out = io.StringIO()
     face = TerminalReport(
@@ -39,9 +56,10 @@ def shown(toy: Any, pace: Eta | None = None, *, width: int = 100, **console: Any
         load_ledger("mac_serial"),
         toy.family.explain,
         pace,
+        is_verbose=is_verbose,
     )
     with face:
-        Engine(toy.options(), toy.open).run(face)
+        Engine(toy.options(allowed=allowed), toy.open).run(face)
     return out.getvalue()
 
 
@@ -97,12 +115,70 @@ def test_how_much_is_covered_and_armed_is_told(
 @pytest.mark.parametrize("width", [40, 80, 120])
 def test_on_a_narrow_terminal_no_word_is_cut_off(bench: Any, width: int) -> None:
     """A terminal has 80 columns, or 40: names can be copied, and what is asked can be read."""
-    text = shown(bench, width=width)
+    text = shown(bench, width=width, is_verbose=True)
     assert "…" not in text
     asked = load_ledger("mac_serial").requirements["MACS-REPLY-01"].text
     if width < 80:
         assert asked in " ".join(text.split())
     assert re.search(r"^MACS-REPLY-01 +quirk\b", text, re.MULTILINE)
+
+
+def is_wrong(session: Session) -> None:
+    """It answers as it should, whatever that takes, and however many words that takes."""
+    session.target.send(b"Q")
+    session.target.receive(1, 0.01)
+    session.fail(None, ["a first thing that is admissible here", "another"], "something else")
+
+
+@pytest.mark.parametrize("width", [40, 80, 120])
+def test_a_failure_fits_the_terminal_and_its_command_can_be_copied(toy: Any, width: int) -> None:
+    """Wrapped between words; a command goes on behind a backslash."""
+    toy.add(is_wrong, "MACS-LINE-01")
+    text = re.sub("\x1b\\[[0-9;?]*[A-Za-z]", "", shown(toy, width=width, force_terminal=True))
+    lines = [line.rpartition("\r")[2] for line in text.split("\n")]
+    assert max(map(len, lines)) <= width
+    text = "\n".join(lines)
+    failure = text[text.index("FAIL  is_wrong") :].partition("\n\n")[0]
+    assert max(map(len, failure.splitlines())) <= width
+    told = " ".join(failure.split())
+    words = "After the letter Q: expected a first thing that is admissible here or another;"
+    assert f"{words} came something else." in told
+    assert "MAC23/34 V24 expert manual r5 (2006), chapter I, 1Bh" in told
+    command = failure.partition("replay")[2].replace(" \\\n", " ")
+    assert " ".join(command.split()) == "axistwin conform toy --seed 5 is_wrong"
+
+
+def test_passes_are_shown_to_those_who_ask(bench: Any) -> None:
+    """A failure among a hundred passes is not looked for."""
+    assert "answers  pass" not in shown(bench)
+    assert "answers  pass" in shown(bench, is_verbose=True)
+
+
+def test_while_the_device_is_asked_how_it_reads_the_manual_the_bar_counts(toy: Any) -> None:
+    """A minute of silence looks as if the run hung."""
+    toy.add(answers, "MACS-LINE-01")
+    toy.probe("xon_byte", lambda session: Seen(("1Ah",), "seen"))
+    console = Console(file=io.StringIO(), force_terminal=True)
+    face = TerminalReport(console, load_ledger("mac_serial"), toy.family.explain)
+    bar: list[str] = []
+
+    def hear(event: Event) -> None:
+        face(event)
+        [task] = face.bar.tasks
+        bar.append(f"{task.description} {task.completed:.0f}/{task.total}")
+
+    with face:
+        Engine(toy.options(), toy.open).run(hear)
+    assert "asking how it reads the manual 1/1" in bar
+    assert "answers 0/1" in bar
+
+
+def test_checks_that_have_not_run_are_not_counted_as_if_they_had(bench: Any) -> None:
+    """Beside the verdict stands how many of the checks have judged."""
+    bench.add(reads_as_well, "MACS-LINE-01", safety="motion")
+    text = shown(bench, is_verbose=True, allowed=frozenset({"passive"}))
+    assert re.search(r"^MACS-LINE-01 +pass +.* 1 of 2 ", text, re.MULTILINE)
+    assert "1 of 2 checks not run" in text
 
 
 @pytest.mark.parametrize("width", [40, 80, 120])

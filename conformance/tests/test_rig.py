@@ -12,7 +12,6 @@ from typing import Any
 
 import pytest
 
-from axistwin_conformance.base.check import CAPABILITIES
 from axistwin_conformance.base.errors import CannotDo, RigError, UsageError
 from axistwin_conformance.base.events import CheckFinished, Outcome, RigQuestion
 from axistwin_conformance.base.verdicts import Verdict
@@ -20,36 +19,35 @@ from axistwin_conformance.cli import make_options
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
-from axistwin_conformance.families.catalog import find_family
-from axistwin_conformance.transport import rig as rig_module
+from axistwin_conformance.families.catalog import families, find_family
+from axistwin_conformance.families.mac.axis.rig_controls import AXIS_CONTROLS
 from axistwin_conformance.transport.rig import (
-    INPUTS,
-    OF_AN_AXIS,
     Act,
     CommandRig,
+    Console,
     PromptRig,
     Rig,
     RigChoice,
     TwinRig,
     choose_rig,
-    in_words,
     run_command,
 )
 from axistwin_conformance.transport.serial import SerialTransport, open_target
 from axistwin_conformance.transport.transport import Transport
 
-ALL = OF_AN_AXIS
+ALL = frozenset(AXIS_CONTROLS)
+INPUTS = tuple(one.name for one in AXIS_CONTROLS.values() if one.verb == "input")
 TWIN = "axistwin://mac23:0,mac23:1?time=virtual"
 RIG_CHECKS = tuple(one.name for one in find_family("mac23").checks() if one.rig_needs)
 # Every verb once, each away from rest.
 ACTS: tuple[tuple[str, Callable[[Rig], Any]], ...] = (
-    *((f"input {name} on", lambda rig, name=name: rig.set_input(name, True)) for name in INPUTS),
-    ("supply volts 46.5", lambda rig: rig.set_supply(46.5)),
-    ("temperature celsius 90", lambda rig: rig.set_temperature(90.0)),
-    ("hold shaft on", lambda rig: rig.hold_shaft(True)),
-    ("turn shaft -25", lambda rig: rig.turn_shaft(-25)),
-    ("fault micro_cut on", lambda rig: rig.fault("micro_cut", True)),
-    ("power supply off", lambda rig: rig.power_off()),
+    *((f"input {name} on", lambda rig, name=name: rig.work(name, True)) for name in INPUTS),
+    ("supply volts 46.5", lambda rig: rig.work("supply", 46.5)),
+    ("temperature celsius 90", lambda rig: rig.work("temperature", 90.0)),
+    ("hold shaft on", lambda rig: rig.work("hold", True)),
+    ("turn shaft -25", lambda rig: rig.work("turn", -25)),
+    ("fault micro_cut on", lambda rig: rig.work("micro_cut", True)),
+    ("power supply off", lambda rig: rig.work("power", False)),
 )
 
 
@@ -66,24 +64,24 @@ def target() -> Any:
 
 def test_the_twin_is_worked_by_its_handles(target: SerialTransport) -> None:
     """Each verb reaches the twin with that address, and no other."""
-    rig, (other, twin) = TwinRig(target, 1), target.twins
-    rig.set_input("positive_stop", True)
-    rig.set_supply(30.0)
-    rig.set_temperature(50.0)
-    rig.hold_shaft(True)
+    rig, (other, twin) = TwinRig(target, 1, AXIS_CONTROLS), target.twins
+    rig.work("positive_stop", True)
+    rig.work("supply", 30.0)
+    rig.work("temperature", 50.0)
+    rig.work("hold", True)
     assert (twin.inputs.positive_stop, twin.supply_volts, twin.load.held) == (True, 30.0, True)
     assert twin.temperature_celsius == 50.0
-    rig.hold_shaft(False)
-    rig.turn_shaft(-7)
+    rig.work("hold", False)
+    rig.work("turn", -7)
     assert (twin.position, other.position) == (-7, 0)
     assert not other.inputs.positive_stop
-    rig.power_off()
+    rig.work("power", False)
     assert not twin.is_powered
 
 
 def test_reset_brings_the_twin_back_to_rest(target: SerialTransport) -> None:
     """Whatever was worked; the usual supply and temperature are those it had."""
-    rig, twin = TwinRig(target, 0), target.twins[0]
+    rig, twin = TwinRig(target, 0, AXIS_CONTROLS), target.twins[0]
     usual = (twin.supply_volts, twin.temperature_celsius)
     for _, act in ACTS:
         act(rig)
@@ -97,9 +95,9 @@ def test_reset_brings_the_twin_back_to_rest(target: SerialTransport) -> None:
 
 def test_acts_are_bracketed_in_time_and_told_in_the_transcript(target: SerialTransport) -> None:
     """The twin's take no time."""
-    rig = TwinRig(target, 0)
+    rig = TwinRig(target, 0, AXIS_CONTROLS)
     begin_ns = target.now_ns
-    assert rig.set_input("reference", True) == (begin_ns, begin_ns)
+    assert rig.work("reference", True) == (begin_ns, begin_ns)
     told = [one.text for one in target.transcript.since(0, 99)]
     assert "rig: input reference on" in told
 
@@ -108,7 +106,7 @@ def test_acts_are_bracketed_in_time_and_told_in_the_transcript(target: SerialTra
 def test_only_in_virtual_time_are_the_acts_of_a_twin_exact(time: str, is_exact: bool) -> None:
     """Elsewhere time passes while the suite is at it."""
     target = open_target(f"axistwin://mac23?time={time}", 38400)
-    assert TwinRig(target, 0).is_exact is is_exact
+    assert TwinRig(target, 0, AXIS_CONTROLS).is_exact is is_exact
     target.close()
 
 
@@ -116,7 +114,7 @@ def test_a_line_without_that_twin_is_told() -> None:
     """Not a traceback."""
     target = open_target(TWIN, 38400)
     with pytest.raises(RigError, match="address 9"):
-        TwinRig(target, 9)
+        TwinRig(target, 9, AXIS_CONTROLS)
     target.close()
 
 
@@ -162,7 +160,7 @@ def relay(tmp_path: Path) -> Relay:
 @pytest.mark.system
 def test_a_command_gets_verb_name_and_value(relay: Relay, target: SerialTransport) -> None:
     """One run per act; reset undoes each, the shaft first and the supply last."""
-    rig = CommandRig(target, relay.template, ALL)
+    rig = CommandRig(target, AXIS_CONTROLS, relay.template)
     acts = [(words, act) for words, act in ACTS if not words.startswith("temperature")]
     for _, act in acts:
         act(rig)
@@ -179,18 +177,18 @@ def test_what_a_command_cannot_do_is_told_by_status_3(
     relay: Relay, target: SerialTransport
 ) -> None:
     """Which is no failure."""
-    rig = CommandRig(target, relay.template, ALL)
+    rig = CommandRig(target, AXIS_CONTROLS, relay.template)
     with pytest.raises(CannotDo, match="temperature celsius 90"):
-        rig.set_temperature(90.0)
+        rig.work("temperature", 90.0)
     assert not rig.is_disturbed
 
 
 @pytest.mark.system
 def test_a_command_that_fails_says_why_in_one_line(relay: Relay, target: SerialTransport) -> None:
     """The last line of its output; what it may have half done is still put back."""
-    rig = CommandRig(target, relay.template, ALL)
+    rig = CommandRig(target, AXIS_CONTROLS, relay.template)
     with pytest.raises(RigError, match=r"supply volts 13 ended with status 1: relay: no contact$"):
-        rig.set_supply(13.0)
+        rig.work("supply", 13.0)
     assert rig.is_disturbed
     rig.reset()
     assert relay.said[-1] == "supply volts rest"
@@ -199,9 +197,9 @@ def test_a_command_that_fails_says_why_in_one_line(relay: Relay, target: SerialT
 @pytest.mark.system
 def test_a_command_that_hangs_is_ended(relay: Relay, target: SerialTransport) -> None:
     """After its time-out."""
-    rig = CommandRig(target, relay.template, ALL, timeout_s=0.5)
+    rig = CommandRig(target, AXIS_CONTROLS, relay.template, timeout_s=0.5)
     with pytest.raises(RigError, match=r"did not end within 0\.5 s"):
-        rig.set_supply(14.0)
+        rig.work("supply", 14.0)
 
 
 @pytest.mark.system
@@ -218,10 +216,10 @@ def test_reset_puts_back_all_it_can_and_names_the_rest(
     relay: Relay, target: SerialTransport
 ) -> None:
     """One thing that fails does not keep the others disturbed."""
-    rig = CommandRig(target, relay.template, ALL)
-    rig.set_supply(30.0)
-    rig.hold_shaft(True)
-    rig.power_off()
+    rig = CommandRig(target, AXIS_CONTROLS, relay.template)
+    rig.work("supply", 30.0)
+    rig.work("hold", True)
+    rig.work("power", False)
     relay.path.write_text("import sys; sys.exit(sys.argv[1] == 'hold')\n")
     with pytest.raises(RigError, match=r"hold shaft is still on .*status 1") as caught:
         rig.reset()
@@ -231,9 +229,9 @@ def test_reset_puts_back_all_it_can_and_names_the_rest(
 @pytest.mark.system
 def test_a_command_is_asked_what_it_can_do(relay: Relay) -> None:
     """With the verb `can`; the plan then says exactly what is missing."""
-    choice = choose_rig(None, relay.template, "/dev/null", is_allowed=True)
+    choice = choose_rig(None, relay.template, "/dev/null", is_allowed=True, capabilities=ALL)
     assert choice.capabilities == ALL - {"temperature", "encoder", "amplifier"}
-    assert set(relay.said) == {f"can {name} -" for name in OF_AN_AXIS}
+    assert set(relay.said) == {f"can {name} -" for name in ALL}
     options = make_options(
         model="mac23", port="/dev/null", allow="motion,stored,rig", rig_command=relay.template
     )
@@ -246,7 +244,7 @@ def test_a_command_is_asked_what_it_can_do(relay: Relay) -> None:
 
 def test_without_rig_the_command_is_not_run(relay: Relay) -> None:
     """Nothing happens that was not allowed."""
-    choice = choose_rig(None, relay.template, "/dev/null", is_allowed=False)
+    choice = choose_rig(None, relay.template, "/dev/null", is_allowed=False, capabilities=ALL)
     assert (choice.capabilities, relay.said) == (frozenset(), [])
 
 
@@ -270,9 +268,9 @@ def test_a_person_is_asked_and_presses_enter(target: SerialTransport) -> None:
     """In words; a report is told that a question is open."""
     told: list[bool] = []
     person = Person(["\n", "\n"])
-    rig = PromptRig(target, person, lambda is_open, text: told.append(is_open))
-    rig.set_input("positive_stop", True)
-    rig.set_supply(46.5)
+    rig = PromptRig(target, AXIS_CONTROLS, person, lambda is_open, text: told.append(is_open))
+    rig.work("positive_stop", True)
+    rig.work("supply", 46.5)
     assert "Close the contact of the positive stop input." in person.asked[0]
     assert "Set the supply to 46.5 V." in person.asked[1]
     assert told == [True, False] * 2
@@ -281,19 +279,19 @@ def test_a_person_is_asked_and_presses_enter(target: SerialTransport) -> None:
 def test_what_a_person_skips_is_not_asked_again(target: SerialTransport) -> None:
     """Whatever else it takes."""
     person = Person(["s\n"])
-    rig = PromptRig(target, person)
+    rig = PromptRig(target, AXIS_CONTROLS, person)
     for _ in range(2):
         with pytest.raises(CannotDo):
-            rig.set_temperature(90.0)
+            rig.work("temperature", 90.0)
     assert len(person.asked) == 1
 
 
 def test_a_person_is_asked_to_put_everything_back(target: SerialTransport) -> None:
     """And if nobody answers, that is told instead of waited for."""
     person = Person(["\n", "\n", "\n"])
-    rig = PromptRig(target, person)
-    rig.hold_shaft(True)
-    rig.power_off()
+    rig = PromptRig(target, AXIS_CONTROLS, person)
+    rig.work("hold", True)
+    rig.work("power", False)
     with pytest.raises(RigError, match="power supply is still off"):
         rig.reset()
     assert "Let the shaft go." in person.asked[2]
@@ -302,24 +300,19 @@ def test_a_person_is_asked_to_put_everything_back(target: SerialTransport) -> No
 
 def test_the_end_of_input_is_no_consent(target: SerialTransport) -> None:
     """A closed terminal skips."""
-    rig = PromptRig(target, rig_module.Console(io.StringIO(""), io.StringIO()))
+    rig = PromptRig(target, AXIS_CONTROLS, Console(io.StringIO(""), io.StringIO()))
     with pytest.raises(CannotDo):
-        rig.hold_shaft(True)
+        rig.work("hold", True)
 
 
 def test_every_act_has_words_for_a_person() -> None:
     """Both to do it and to undo it."""
-    for name in CAPABILITIES:
-        verb = "input" if name in INPUTS else "fault" if name in rig_module.FAULTS else name
-        places = {
-            "supply": "volts", "temperature": "celsius", "power": "supply", "flag": "3",
-            "status": "1", "program": "macroprogram", "battery": "memory",
-        }  # fmt: skip
-        place = name if verb in ("input", "fault") else places.get(name, "shaft")
-        act = Act(verb, place, True)
-        assert in_words(act).endswith(".")
-        if verb != "turn":
-            assert in_words(act.undone).endswith(".")
+    for family in families():
+        for control in family.rig_controls.values():
+            act = Act(control, True, 3)
+            assert act.order.endswith(".")
+            if not control.is_step:
+                assert act.undone.order.endswith(".")
 
 
 # --- choosing ------------------------------------------------------------------------------------
@@ -344,7 +337,7 @@ def test_a_rig_that_cannot_be_meant_is_refused(
 ) -> None:
     """In one line, before anything is opened."""
     with pytest.raises(UsageError, match=complaint) as caught:
-        choose_rig(kind, command, "/dev/ttyUSB0", is_allowed=True)
+        choose_rig(kind, command, "/dev/ttyUSB0", is_allowed=True, capabilities=ALL)
     assert "\n" not in str(caught.value)
 
 
@@ -375,14 +368,14 @@ class FakeRig(Rig):
     """Notes what it is told; may fail or be unable."""
 
     def __init__(self, target: Transport, *, trouble: Exception | None = None) -> None:
-        super().__init__(target, ALL)
+        super().__init__(target, AXIS_CONTROLS)
         self.trouble = trouble
         self.done: list[str] = []
 
     def _work(self, act: Act) -> None:
         if self.trouble is not None:
             raise self.trouble
-        self.done.append(f"{act.verb} {act.name} {act.text}")
+        self.done.append(str(act))
 
 
 @dataclass(frozen=True, slots=True)
@@ -393,7 +386,7 @@ class FakeChoice(RigChoice):
     made: list[FakeRig] = field(default_factory=list)
     trouble: Exception | None = None
 
-    def open(self, target: Transport, address: int, notify: Any) -> Rig:
+    def open(self, target: Transport, address: int, controls: Any, notify: Any) -> Rig:
         """Make it."""
         self.made.append(FakeRig(target, trouble=self.trouble))
         return self.made[-1]
@@ -401,19 +394,19 @@ class FakeChoice(RigChoice):
 
 def holding(session: Session) -> None:
     """It holds the shaft and leaves it so."""
-    session.rig.hold_shaft(True)
+    session.rig.work("hold", True)
     session.expect(True, None, "", "")
 
 
 def crashing(session: Session) -> None:
     """It crashes with the shaft held."""
-    session.rig.hold_shaft(True)
+    session.rig.work("hold", True)
     raise ZeroDivisionError
 
 
 def interrupted(session: Session) -> None:
     """Somebody presses Ctrl-C."""
-    session.rig.power_off()
+    session.rig.work("power", False)
     raise KeyboardInterrupt
 
 
@@ -470,6 +463,6 @@ def test_a_question_stops_the_bar() -> None:
     face = TerminalReport(console, load_ledger("mac_serial"), str)
     with face:
         face(RigQuestion(True, "Hold the shaft fast."))
-        assert not face._progress.live.is_started
+        assert not face.bar.live.is_started
         face(RigQuestion(False, "Hold the shaft fast."))
-        assert face._progress.live.is_started
+        assert face.bar.live.is_started

@@ -12,7 +12,8 @@ from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families.catalog import find_family
-from axistwin_conformance.transport.rig import OF_AN_AXIS, Act, Rig, RigChoice, TwinRig
+from axistwin_conformance.families.mac.axis.rig_controls import AXIS_CONTROLS
+from axistwin_conformance.transport.rig import Act, Rig, RigChoice, TwinRig
 from axistwin_conformance.transport.transport import Transport
 
 pytestmark = pytest.mark.strength
@@ -27,7 +28,7 @@ class SlowRig(TwinRig):
     delay_s = 0.4
 
     def __init__(self, target: Transport, address: int) -> None:
-        super().__init__(target, address)
+        super().__init__(target, address, AXIS_CONTROLS)
         self.is_exact = False
 
     def _work(self, act: Act) -> None:
@@ -40,9 +41,9 @@ class SlowRig(TwinRig):
 class SlowChoice(RigChoice):
     """Hands out a slow rig."""
 
-    capabilities: frozenset[str] = OF_AN_AXIS
+    capabilities: frozenset[str] = frozenset(AXIS_CONTROLS)
 
-    def open(self, target: Transport, address: int, notify: Any) -> Rig:
+    def open(self, target: Transport, address: int, controls: Any, notify: Any) -> Rig:
         """Make it."""
         return SlowRig(target, address)
 

@@ -10,8 +10,8 @@ import pytest
 from axistwin_conformance.base.check import check
 from axistwin_conformance.base.errors import TargetError
 from axistwin_conformance.base.ledger import load_ledger
+from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.base.verdicts import Finding, Verdict, merge
-from axistwin_conformance.core import session as session_module
 from axistwin_conformance.core.session import MOTIONS_KEPT, Run, Session, Stop
 
 LINE, FRAME = "MACS-LINE-01", "MACS-FRAME-01"
@@ -178,7 +178,7 @@ def noisy(real_toy: Any) -> Session:
 def ask(session: Session) -> bytes:
     """A query of the toy."""
     bad: list[bytes] = []
-    for _ in range(session_module.ATTEMPTS):
+    for _ in range(RETRY.exchange):
         session.target.drain()
         session.target.send(b"Q")
         reply = session.target.receive(1, 0.0)
@@ -205,7 +205,7 @@ def test_the_same_bad_reply_every_time_is_the_device_s_own(real_toy: Any, noisy:
 @pytest.mark.strength
 def test_a_line_that_will_not_settle_is_inconclusive(real_toy: Any, noisy: Session) -> None:
     """Different garbage every time proves nothing about the device."""
-    Flaky(real_toy, [b"#", b"%"] * session_module.ATTEMPTS)
+    Flaky(real_toy, [b"#", b"%"] * RETRY.exchange)
     with pytest.raises(Stop):
         ask(noisy)
     assert noisy.findings[0].verdict is Verdict.INCONCLUSIVE

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from axistwin_conformance.sequences.shrink import Budget, shrink, towards_zero
+
+pytestmark = pytest.mark.strength
 
 Numbers = tuple[int, ...]
 PLENTY = Budget(10**9, 10**9, clock=lambda: 0.0)

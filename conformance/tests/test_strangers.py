@@ -7,9 +7,8 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import pytest
-import serial
-from as_real import PORT, RealTarget, real_options
 from bus_in_front import BITRATE, twin_bus
+from interfaces import PLAIN, judge_behind
 from lying_bus import Liar, Turn, as_it_is
 
 from axistwin_conformance.base.verdicts import Finding, Verdict
@@ -20,7 +19,8 @@ from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.families.mac.can import codec as can_codec
 from axistwin_conformance.transport.can import CanTransport
 from axistwin_conformance.transport.can_frame import Frame
-from axistwin_conformance.transport.serial import TWIN_HANDLER
+
+pytestmark = pytest.mark.strength
 
 LINE, BUS = find_family("mac23"), find_family("mac23-can")
 SERIAL = {
@@ -47,15 +47,15 @@ def alike(line: Any) -> None:
 
 def on_the_line(name: str, url: str, change: Change) -> Result:
     """Judge module 0 of the line by one check, as a real device."""
-    if TWIN_HANDLER not in serial.protocol_handler_packages:
-        serial.protocol_handler_packages.append(TWIN_HANDLER)
+    options = make_options(
+        model="mac23", port=PLAIN.url, ids=(name,), allow="motion,stored", level="full"
+    )
 
-    def opener(neighbours: tuple[int, ...]) -> RealTarget:
-        line = serial.serial_for_url(url, baudrate=38400)
+    def changed(line: Any) -> Any:
         change(line)
-        return RealTarget(line, PORT)
+        return line
 
-    return Engine(real_options(name, level="full"), opener).run(lambda event: None)
+    return judge_behind(PLAIN, options, url, before=changed).result
 
 
 def on_the_bus(

@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[2]
 SUITE_SIDE = ROOT / "conformance" / "tests" / "toy"
 TWIN_SIDE = ROOT / "emulators" / "tests" / "support" / "toy_twin"
 FAMILY = SUITE_SIDE / "axistwin_conformance" / "families" / "toy"
-MOST_LINES = 200  # of the suite's side
+MOST_LINES = 220  # of the suite's side
 TIME_LIMIT_S = 120.0
 UNLIKE = "axistwin://toy?time=virtual&quirk.acknowledge=A&quirk.keeps_level=false"
 GRANTED = ("--allow", "stored,rig")
@@ -67,7 +67,7 @@ def test_the_built_in_lamp_is_judged_and_reported(judged: Path) -> None:
     told = report(judged)
     assert told["device"]["summary"] == "a lamp at level 0"
     assert {one["id"]: one["verdict"] for one in told["requirements"]} == dict.fromkeys(
-        ("TOY-ASK-01", "TOY-SET-01", "TOY-SET-02", "TOY-MEM-01"), "pass"
+        ("TOY-ASK-01", "TOY-SET-01", "TOY-SET-02", "TOY-MEM-01", "TOY-BTN-01"), "pass"
     )
     assert {one["switch"]: one["reading"] for one in told["readings"]} == {
         "acknowledge": "K", "keeps_level": "true"
@@ -101,8 +101,10 @@ def test_a_port_gets_passive_tests_only(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stdout
     told = report(tmp_path)
     assert set(told["run"]["left_out"]) == {
-        "a_level_that_is_set_is_told", "the_level_outlives_the_supply"
-    }  # fmt: skip
+        "a_level_that_is_set_is_told",
+        "the_level_outlives_the_supply",
+        "the_button_turns_it_off",
+    }
     assert told["run"]["command"] == (
         "axistwin conform toy --port 'axistwin://toy?time=virtual' --baud 9600 --seed 0"
     )
@@ -129,7 +131,20 @@ def test_its_plan_is_shown(tmp_path: Path) -> None:
     assert "→ read first and put back" in plan
     listed = conform(tmp_path, "--list").stdout
     assert "TOY-AMB" not in listed
-    assert listed.count("→ ") == 4
+    assert listed.count("→ ") == 5
+
+
+def test_a_rig_works_what_only_this_family_has(tmp_path: Path) -> None:
+    """A row in its own folder: a command is asked for it, and is told of it in the row's words."""
+    rig = ("--port", "axistwin://toy?time=virtual", *GRANTED, "--report", "report", "TOY-BTN-01")
+    command = "sh -c 'echo $0 $1 $2 >> said' {verb} {name} {value}"
+    conform(tmp_path, *rig, "--rig-command", command)  # its lamp was not pressed
+    said = (tmp_path / "said").read_text("utf-8").splitlines()
+    assert {"can power -", "can press -", "press button on"} <= {*said}
+    conform(tmp_path, *rig, "--rig-command", "sh -c 'exit 3' {verb} {name} {value}")
+    assert report(tmp_path)["run"]["left_out"]["the_button_turns_it_off"] == (
+        "needs a rig that presses the button (--rig)"
+    )
 
 
 def test_what_a_family_costs() -> None:

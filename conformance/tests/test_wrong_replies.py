@@ -148,7 +148,7 @@ WRONG: dict[str, tuple[int, Answer, str]] = {
 def test_a_wrong_reply_to_the_engine_itself_fails_what_it_breaks(name: str) -> None:
     """Exit 1 with that requirement, whoever asked; what does not rest on it is judged."""
     index, how, requirement = WRONG[name]
-    judged = judge({index: how}, "MACS-LINE-02", "MACS-CMD-13-01")
+    judged = judge({index: how}, "MACS-LINE-02", "MACS-CMD-13-01", "version_word")
     assert judged.result.exit_status == 1, judged.result.sentence
     assert requirement in judged.failed
     assert judged.outcome("xoff_and_xon_arrive_as_bytes_of_the_reply") is Outcome.DONE
@@ -263,7 +263,10 @@ class FallsAtGeneralFrames(Faulty):
 
 def test_a_twin_that_crashes_at_a_general_frame_asked_late_has_failed() -> None:
     """Nobody need answer one, but nobody may fall over it: exit 1, and the run goes on."""
-    judged = judge(FallsAtGeneralFrames, "MACS-CMD-1B-01", allow="motion,stored,destructive")
+    judged = judge(
+        FallsAtGeneralFrames, "MACS-CMD-1B-01", "general_reply_policy",
+        allow="motion,stored,destructive",
+    )  # fmt: skip
     assert judged.result.exit_status == 1, judged.result.sentence
     assert "MACS-REPLY-01" in judged.failed
     assert judged.outcome("the_rate_can_be_programmed") is Outcome.DONE

@@ -25,3 +25,15 @@ __version__ = "0.1.0"
 _URL_HANDLERS = "axistwin.urlhandler"
 if _URL_HANDLERS not in serial.protocol_handler_packages:
     serial.protocol_handler_packages.append(_URL_HANDLERS)
+    _open = serial.Serial.open
+
+    def _open_device(port: serial.Serial) -> None:
+        """``serial.Serial.open``, which takes a URL for the name of a file."""
+        if str(port.port).startswith("axistwin://"):
+            raise serial.SerialException(
+                f"{port.port} is a URL: open it with serial.serial_for_url(...) in place of "
+                "serial.Serial(...)"
+            )
+        _open(port)
+
+    serial.Serial.open = _open_device  # type: ignore[method-assign, assignment]

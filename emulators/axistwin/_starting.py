@@ -3,13 +3,16 @@
 The program is loaded for some tenths of a second, in which nothing is open and nothing is to be put
 back.  KeyboardInterrupt is no good there: what it comes amid tells it as a mistake of the module
 that is being imported, or drops it.  So Ctrl-C ends the process by itself, until a command begins.
-Then it is KeyboardInterrupt again, except where a module is being imported.
+Then it is KeyboardInterrupt again, except where a module is being imported.  When nothing is left
+to do but to take the interpreter apart, Ctrl-C does nothing: it would end the process by the
+signal, not with a status.
 
 A program that only imports this package keeps its Ctrl-C as it is.  What is imported here is there
 already: ``signal``, which is not, takes time in which Ctrl-C would not work.
 """
 
 import _signal  # type: ignore[import-not-found]
+import atexit
 import os
 import sys
 
@@ -38,11 +41,13 @@ def install_signal_handler() -> bool:
         _signal.signal(_signal.SIGINT, _end_or_interrupt)
     except ValueError:
         return False
+    atexit.register(_ignore)  # the first of all, and so done last
     return True
 
 
 def restore_signal_handler() -> None:
     """Undo ``install_signal_handler``, for a process that goes on."""
+    atexit.unregister(_ignore)
     _signal.signal(_signal.SIGINT, _signal.default_int_handler)
 
 
@@ -61,6 +66,15 @@ def command_ends() -> None:
 def end() -> None:
     """End the process as Ctrl-C does."""
     os._exit(EXIT_INTERRUPTED)
+
+
+def _ignore() -> None:
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()  # as long as Ctrl-C ends a write that nobody reads
+    except (OSError, ValueError):
+        pass  # the interpreter tries again, and tells
+    _signal.signal(_signal.SIGINT, _signal.SIG_IGN)
 
 
 def _end_or_interrupt(number: int, frame: "FrameType | None") -> None:

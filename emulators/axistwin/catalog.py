@@ -6,6 +6,7 @@ Each family declares its models in ``devices/<family>/family.py``.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from reprlib import repr as shown  # of any depth and length
 from typing import Any, cast
 
 from axistwin import discovery
@@ -31,6 +32,9 @@ BITRATE_MAX = 1_000_000
 
 _SKEW_MIN_NS, _SKEW_MAX_NS = 30 * NS_PER_US, 200 * NS_PER_US
 _PROFILE_KEYS = ("model", "quirks")
+
+_PROFILE_BYTES_MAX = 20_000
+"""Several times what all quirks take; tomllib needs minutes for some that are larger."""
 
 _DIGITS_MAX = 1000
 """Of a number that is told to be out of range; Python itself does not read some thousands."""
@@ -145,7 +149,7 @@ def read_profile(path: str | Path, known_models: Iterable[str]) -> dict[str, Val
     model = profile["model"]
     if model not in names:
         raise UsageError(
-            f"profile {path}: key 'model' is {model!r}, but the line has {', '.join(names)}; "
+            f"profile {path}: key 'model' is {shown(model)}, but the line has {', '.join(names)}; "
             "give another profile"
         )
     quirks = profile.get("quirks", {})
@@ -153,7 +157,9 @@ def read_profile(path: str | Path, known_models: Iterable[str]) -> dict[str, Val
         raise UsageError(f"profile {path}: key 'quirks' is no table; write [quirks]")
     for name, value in quirks.items():
         if not isinstance(value, str | int):
-            raise UsageError(f"profile {path}: quirk {name} is {value!r}; write a text or a number")
+            raise UsageError(
+                f"profile {path}: quirk {name} is {shown(value)}; write a text or a number"
+            )
         try:
             _check_quirk(find_model(model), name, value)
         except UsageError as error:
@@ -193,7 +199,9 @@ def build_line(
         devices = [cast(SerialDevice, station.device) for station in stations]
         network = SerialNetwork(devices, start_ns=clock.now_ns(), paced=paced)
         network.host_format = devices[0].line_format
-        line = Line(network, clock, storage, stations, explain=used[0].explain)
+        is_alike = len({model.name for model in used}) == 1
+        family = used[0].family if is_alike else used[0].family.of_any_model()
+        line = Line(network, clock, storage, stations, explain=family.explain)
         for index, program in loads.items():
             line.twins[index].load_program(program)
             if not cold:
@@ -357,13 +365,22 @@ def _read_toml(path: str | Path) -> dict[str, Any]:
     import tomllib
 
     try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        with Path(path).open("rb") as file:
+            data = file.read(_PROFILE_BYTES_MAX + 1)
+        if len(data) > _PROFILE_BYTES_MAX:
+            raise UsageError(
+                f"profile {path}: it has more than {_PROFILE_BYTES_MAX} bytes; that is no profile"
+            )
+        return tomllib.loads(data.decode())
     except OSError as error:
         raise UsageError(
             f"profile {path}: cannot be read ({error.strerror}); give an existing file"
         ) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UsageError(f"profile {path}: this is no TOML ({error})") from None
+    except RecursionError:
+        raise UsageError(f"profile {path}: this is no profile (nested too deep)") from None
+    except ValueError as error:  # no UTF-8, no TOML, or a number of thousands of digits
+        reason = str(error).partition(";")[0]
+        raise UsageError(f"profile {path}: this is no TOML ({reason})") from None
 
 
 def _parse_number(text: str) -> int | None:

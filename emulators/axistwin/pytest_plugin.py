@@ -45,6 +45,12 @@ _TOLD_BY = (
     ("can", "CanError"),
 )
 
+_PATCHES = "axistwin.runtime.host.patches"
+_HOST_USERS = pytest.StashKey["list[object]"]()
+
+SLEPT_MIN_S = 0.02
+"""Less real sleep than this is no reason for a failure."""
+
 _STARTED = pytest.StashKey["list[StartedLine]"]()
 
 
@@ -95,9 +101,53 @@ def pytest_runtest_makereport(
         report.sections += [
             (f"axistwin {title}", text) for title, text in testing.exchanges(started)
         ]
+    if report.failed and call.when == "call" and (note := _note_of_sleep()):
+        report.sections.append(("axistwin time", note))
     if call.when == "teardown":
         started.clear()
     return report
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    """Note which ports the test opens that move the time of the process."""
+    before = _host_users()
+    try:
+        return (yield)
+    finally:
+        item.stash[_HOST_USERS] = [user for user in _host_users() if user not in before]
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown(item: pytest.Item) -> Iterator[None]:
+    """Put the clocks of the process back, also if the test has left a port open."""
+    try:
+        return (yield)
+    finally:
+        patches = sys.modules.get(_PATCHES)
+        if patches is not None:
+            for user in item.stash.get(_HOST_USERS, []):
+                patches.release(user)
+            patches.stop_watching()
+
+
+def _host_users() -> list[object]:
+    """What keeps the time of the process virtual."""
+    patches = sys.modules.get(_PATCHES)
+    return patches.users() if patches is not None else []
+
+
+def _note_of_sleep() -> str:
+    """What to say of a test that slept while the time of its twins stood still."""
+    patches = sys.modules.get(_PATCHES)
+    slept_s = patches.slept_s() if patches is not None else 0.0
+    if slept_s < SLEPT_MIN_S:
+        return ""
+    return (
+        f"The test slept {slept_s:.2f} s of real time, in which the virtual time of its twins "
+        "stood still.\nIf the program polls and sleeps, let its sleeping and its clocks move that "
+        'time:\nstart the twin with host_clock=True, or add "&host_clock=yes" to its URL.'
+    )
 
 
 def _without_our_frames(

@@ -22,6 +22,7 @@ wider scope, in unittest, or in a notebook.
 
 import contextlib
 import itertools
+import re
 import shutil
 import sys
 import tempfile
@@ -32,9 +33,11 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypedDict, Unpack, overl
 
 from axistwin import catalog
 from axistwin.devices.family import Carrier
-from axistwin.errors import UsageError, nearest
-from axistwin.kernel.time import NS_PER_S
+from axistwin.errors import AxistwinError, UsageError, nearest
+from axistwin.kernel.time import NS_PER_MS, NS_PER_S
 from axistwin.runtime.clock import check_advance
+from axistwin.runtime.host import patches
+from axistwin.runtime.simulation import HAND
 from axistwin.runtime.transcript import Transcript
 from axistwin.urlhandler import lines
 from axistwin.urlhandler.url import SCHEME, SPEED, LineOptions, addressed, parse_speed
@@ -55,6 +58,9 @@ TRANSCRIPT_BURSTS = 20_000
 
 _HEAD_LINES, _TAIL_LINES = 60, 90
 
+_ADDRESSEE = re.compile(r"(?:-> module|\(unit) (\d+)\b")
+"""The one whom a request is for, in the words of a transcript."""
+
 _numbers = itertools.count(1)
 _running: "dict[int, StartedLine]" = {}
 
@@ -67,9 +73,11 @@ class Options(TypedDict, total=False):
     model's name.  quirks: by name.  profile: a file of quirks.  state: a directory for what a real
     unit keeps.  baud: the devices' factory rate on a serial line.  bitrate: of a CAN bus.
     pacing: whether bytes and frames take time.  seed: of all that is random.  cold: switch the
-    devices on now; they start up first.  program: what runs in a controller: a class derived from
-    ``axistwin.macroprogram.Macroprogram``, ``FILE.py``, ``FILE.py:CLASS``, or the name of one that
-    comes with axistwin; of several controllers also a mapping of such by unit.
+    devices on now; they start up first.  host_clock: in virtual time, ``time.sleep``, the clocks of
+    ``time`` and asyncio's loop move the twin's time too, until ``stop``.  program: what runs in a
+    controller: a class derived from ``axistwin.macroprogram.Macroprogram``, ``FILE.py``,
+    ``FILE.py:CLASS``, or the name of one that comes with axistwin; of several controllers also a
+    mapping of such by unit.
     """
 
     time: str | float
@@ -82,6 +90,7 @@ class Options(TypedDict, total=False):
     pacing: bool
     seed: int
     cold: bool
+    host_clock: bool
     program: "ProgramSource | Mapping[int, ProgramSource]"
 
 
@@ -105,6 +114,7 @@ def forget_exchanges() -> None:
     """Begin the transcripts of all lines and buses in use anew."""
     for connection, _ in _in_use():
         connection.transcript.clear()
+        connection.journal.clear()
 
 
 def exchanges(stopped: Sequence["StartedLine"] = ()) -> list[tuple[str, str]]:
@@ -151,6 +161,9 @@ class StartedLine:
         self._advance: Callable[[int], object]
         with contextlib.ExitStack() as undo:
             self._start(devices, settings, undo)
+            if settings.get("host_clock"):
+                patches.use(self)
+                undo.callback(patches.release, self)
             self._stop = undo.pop_all()
         _running[self._number] = self
 
@@ -226,6 +239,7 @@ class StartedLine:
                 "or wait"
             )
         check_advance(seconds, UsageError)
+        self._line.note(f"advance({seconds:g})")
         self._advance(round(seconds * NS_PER_S))
 
     @property
@@ -369,12 +383,12 @@ def _on_bus(
 def condensed(connection: Connection) -> str:
     """What was said: runs of exchanges with one request shortened, and bounded."""
     spoken: list[list[str]] = []
-    for row in connection.render_transcript().splitlines():
+    for row in _rows(connection):
         if _said(row).startswith(">") or not spoken:
             spoken.append([])
         spoken[-1].append(row)
     kept: list[str] = []
-    for _, group in itertools.groupby(spoken, key=lambda exchange: _said(exchange[0])):
+    for _, group in itertools.groupby(spoken, key=_asked_and_done):
         run = list(group)
         kept += run[0]
         if len(run) > 2:
@@ -385,6 +399,47 @@ def condensed(connection: Connection) -> str:
     if dropped > 1:
         kept[_HEAD_LINES:-_TAIL_LINES] = [f"{'…':>15} {dropped} lines left out"]
     return "\n".join(kept)
+
+
+def _rows(connection: Connection) -> list[str]:
+    """What was said, done by hand, and told by the devices, in the order of time."""
+    said = deque(connection.render_transcript().splitlines())
+    done = [
+        f"{time_ns / NS_PER_MS:12.3f} ms * {who}: {what}"
+        for time_ns, who, what in tuple(connection.journal)
+    ]
+    if not said and not any(who == HAND for _, who, _ in connection.journal):
+        return []
+    rows: list[str] = []
+    for row in done:
+        # What was read at this very time was read before, what was written, after.
+        while said and (_time_ms(said[0]), _said(said[0])[:1] == ">") <= (_time_ms(row), False):
+            rows.append(said.popleft())
+        rows.append(row)
+    return [*_with_nobody(connection, [*rows, *said])]
+
+
+def _with_nobody(connection: Connection, rows: list[str]) -> Iterator[str]:
+    """``rows``, and behind requests to which nobody answered, that there is nobody to."""
+    there: dict[int, str] = {}
+    with contextlib.suppress(AxistwinError):  # a line that is stopped tells no address
+        there = {twin.address: twin.name for twin in connection.twins}
+    for row, following in itertools.zip_longest(rows, rows[1:], fillvalue=""):
+        yield row
+        to = _ADDRESSEE.search(row) if _said(row).startswith(">") else None
+        if to is None or not there or int(to[1]) in there or _said(following).startswith("<"):
+            continue
+        known = ", ".join(f"{name} has {address}" for address, name in there.items())
+        yield f"{row.partition(' ms ')[0]} ms * nobody has address {to[1]}: {known}"
+
+
+def _time_ms(row: str) -> float:
+    return float(row.partition(" ms ")[0])
+
+
+def _asked_and_done(exchange: list[str]) -> list[str]:
+    """What makes an exchange another one: its request, and what was done and told meanwhile."""
+    return [_said(row) for row in exchange if row is exchange[0] or _said(row).startswith("*")]
 
 
 def _said(row: str) -> str:

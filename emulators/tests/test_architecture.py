@@ -158,6 +158,7 @@ def imports_of(root: Path) -> dict[str, set[str]]:
     return graph
 
 
+@pytest.mark.strength
 @pytest.mark.parametrize("root", [TWINS, SUITE], ids=["twins", "suite"])
 def test_no_files_import_one_another_in_a_circle(root: Path) -> None:
     """Imports within functions and for types included."""
@@ -201,6 +202,7 @@ def test_no_folder_of_the_twins_has_more_than_fourteen_files() -> None:
     assert not {folder: size for folder, size in sizes.items() if size > FOLDER_FILES_MAX}
 
 
+@pytest.mark.strength
 def test_functions_fit_a_screen() -> None:
     """At most 70 lines each, and half of them not more than 8."""
     lengths = {
@@ -220,6 +222,7 @@ def test_files_stay_readable() -> None:
     assert not {path: length for path, length in lengths.items() if length > FILE_LINES_MAX}
 
 
+@pytest.mark.strength
 def test_every_test_says_in_one_line_what_it_shows() -> None:
     """The docstring is the behaviour."""
     tests = [

@@ -160,6 +160,7 @@ def test_a_module_alone_on_the_bus_keeps_one_lifebeat_for_who_comes() -> None:
     assert [each.frame.identifier for each in bus.receive(port)] == [0x081] * 3
 
 
+@pytest.mark.strength
 def test_time_does_not_run_away_from_who_computes_it() -> None:
     """Lifebeats that come faster than they can be computed slow time down, and end no sync."""
     passed_ns = 0

@@ -26,6 +26,7 @@ def test_another_cam_has_two_ends(master: int, position: int) -> None:
     assert cam_position([10, 60], master, 10, is_cyclic=False) == position
 
 
+@pytest.mark.strength
 @given(
     st.lists(INT32, min_size=1, max_size=64),
     st.integers(-(1 << 33), 1 << 33),

@@ -83,6 +83,7 @@ frame_lists = st.lists(
 )
 
 
+@pytest.mark.strength
 @given(frame_lists, st.sampled_from([None, 125_000, 500_000, 1_000_000, 83_333]))
 def test_every_frame_is_heard_once_by_each_other_station_in_one_order(
     offers: list[tuple[int, int, bytes, int]], bitrate: int | None
@@ -325,6 +326,7 @@ def bits_until_all_is_over(streams: list[str], listeners: int) -> int:
     raise AssertionError("without end")
 
 
+@pytest.mark.strength
 @given(
     st.lists(st.binary(max_size=8), min_size=1, max_size=3),
     st.integers(0, 2),
@@ -429,6 +431,7 @@ def test_127_stations_that_begin_together_are_heard_in_the_order_of_their_identi
     assert told[-1].end_ns == 2 * S + bits * BIT
 
 
+@pytest.mark.strength
 @given(st.lists(st.tuples(st.integers(0, 0x7FF), st.binary(max_size=8)), min_size=2, max_size=6))
 def test_who_begins_together_is_heard_by_arbitration(frames: list[tuple[int, bytes]]) -> None:
     """The keys never fall, as long as nobody has an identifier in common."""

@@ -120,6 +120,7 @@ def test_a_bus_without_time_is_never_behind() -> None:
         assert read(sender) == b"z\r" * 100
 
 
+@pytest.mark.strength
 def test_a_sleeping_client_harms_nobody() -> None:
     """It loses whole messages beyond its bound, counted; another one loses none."""
     bus = a_bus(paced=False)
@@ -140,6 +141,7 @@ def test_a_sleeping_client_harms_nobody() -> None:
     assert awake.take_dropped() == 0
 
 
+@pytest.mark.strength
 @given(st.lists(st.integers(0, 40), max_size=30), st.integers(1, 12))
 def test_messages_leave_in_pieces_of_any_size(sizes: list[int], frames: int) -> None:
     """What the descriptor takes piece by piece is what there was, with more coming meanwhile."""

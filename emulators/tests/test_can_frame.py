@@ -63,6 +63,7 @@ def naive_wire(frame: CanFrame) -> list[int]:
     return stuffed + delimiter_ack_end
 
 
+@pytest.mark.strength
 @given(frames())
 def test_every_frame_has_the_bits_that_a_naive_sender_puts_on_the_wire(frame: CanFrame) -> None:
     """Length and content, standard and extended, data and remote."""
@@ -71,6 +72,7 @@ def test_every_frame_has_the_bits_that_a_naive_sender_puts_on_the_wire(frame: Ca
     assert stuffed_bits(frame) == "".join(map(str, wire[:-10]))
 
 
+@pytest.mark.strength
 @given(frames())
 def test_no_six_equal_bits_follow_one_another_before_the_delimiter(frame: CanFrame) -> None:
     """And what is stuffed in can be taken out again."""
@@ -110,6 +112,7 @@ def test_lengths_lie_between_the_bare_frame_and_the_worst_case(frame: CanFrame, 
     assert bits < wire_bits(frame) <= bits + (bits - 10 - 1) // 4
 
 
+@pytest.mark.strength
 @given(frames())
 def test_no_frame_is_longer_than_the_worst_case(frame: CanFrame) -> None:
     """The bound of every response-time analysis: 135 bits with the intermission for 8 bytes."""
@@ -119,6 +122,7 @@ def test_no_frame_is_longer_than_the_worst_case(frame: CanFrame) -> None:
         assert wire_bits(frame) + 3 <= 135
 
 
+@pytest.mark.strength
 @given(frames(), frames())
 def test_the_lower_key_is_dominant_at_the_first_bit_that_differs(
     one: CanFrame, other: CanFrame

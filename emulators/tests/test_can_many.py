@@ -69,6 +69,7 @@ def assert_without_a_gap(heard: list[can.Message], first_start_ns: int) -> None:
         )
 
 
+@pytest.mark.strength
 def test_127_modules_boot_answer_and_move_on_one_bus(bus: AxistwinBus) -> None:
     """All boot in one instant, every one answers its own request, and one SYNC moves them all."""
     boots = hear(bus, 127, 3)

@@ -306,6 +306,7 @@ def test_everything_on_the_bus_is_kept_for_the_record() -> None:
     assert network.take_heard() == []
 
 
+@pytest.mark.strength
 def test_127_modules_boot_answer_and_move_on_one_bus() -> None:
     """Boot-ups by identifier, one answer each, and all moves end where they should."""
     modules = [MacCan(each, started=False) for each in range(1, 128)]

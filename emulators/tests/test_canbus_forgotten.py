@@ -50,6 +50,7 @@ def test_a_port_may_be_collected_while_a_frame_is_handed_out(
     assert open_names() == []
 
 
+@pytest.mark.strength
 def test_the_bus_ends_with_its_last_port_though_forgotten() -> None:
     """Swept away when another bus is opened, or at the end of the program."""
     bus = opened("last")

@@ -2,6 +2,7 @@
 
 import json
 
+import pytest
 from click.testing import CliRunner, Result
 
 from axistwin import catalog
@@ -21,9 +22,31 @@ def test_models_lists_every_model() -> None:
     assert [line.split()[0] for line in lines] == ["MODEL", *catalog.models()]
 
 
+@pytest.mark.parametrize("model", catalog.models())
+def test_models_of_one_fits_on_a_screen(model: str) -> None:
+    """Every quirk by name, in groups, nothing cut."""
+    lines = invoke("models", model).stdout.splitlines()
+    assert len(lines) <= 45
+    assert max(map(len, lines)) <= 80
+    assert set(catalog.models()[model].quirks) <= set(" ".join(lines).split())
+    assert all(quirk.group for quirk in catalog.models()[model].quirks.values())
+
+
+def test_quirks_are_found_by_a_word() -> None:
+    """Of the name, the ID, the group or the meaning."""
+    for word in ("xon_byte", "MACS-AMB-01", "Frames and", "last byte of the reply to an ACCEPTED"):
+        text = invoke("models", "mac23", word).stdout
+        assert text.startswith("Frames and replies\n")
+        assert "  xon_byte = 1Ah    [MACS-AMB-01]" in text
+    assert len(invoke("models", "mac23", "MACS-AMB-01").stdout.splitlines()) == 5
+    result = CliRunner().invoke(main, ("models", "mac23", "xon_bite"))
+    assert (result.exit_code, "did you mean xon_byte?" in result.output) == (2, True)
+    assert CliRunner().invoke(main, ("models", "mac23", "qqqqq")).exit_code == 2
+
+
 def test_models_of_one_lists_every_quirk_with_its_id() -> None:
     """Name, default, ID, meaning, values."""
-    text = invoke("models", "mac23").stdout
+    text = invoke("models", "mac23", "all").stdout
     for quirk in catalog.models()["mac23"].quirks.values():
         assert f"  {quirk.name} = {quirk.default}    [{quirk.source}]" in text
         assert quirk.doc in text

@@ -142,4 +142,4 @@ def test_a_rate_counts_in_both_directions() -> None:
     heard = listen(line, 10**9)
     assert bytes_at(heard, HOST) != b"hello"
     assert bytes_at(heard, 1) != b"hello"
-    assert not line.is_free
+    assert line.ahead_of_host() is None

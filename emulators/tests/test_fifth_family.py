@@ -36,7 +36,7 @@ def test_a_fifth_family_is_listed_after_the_others(tmp_path: Path) -> None:
     listed = run("-m", "axistwin", "models", cwd=tmp_path)
     names = [line.split()[0] for line in listed.stdout.splitlines()[1:]]
     assert names == [*discovery.models(), "toy"]
-    detailed = run("-m", "axistwin", "models", "toy", cwd=tmp_path)
+    detailed = run("-m", "axistwin", "models", "toy", "all", cwd=tmp_path)
     assert "acknowledge = K    [TOY-AMB-01]" in detailed.stdout
     assert "keeps_level = true    [TOY-AMB-02]" in detailed.stdout
     assert "toy" not in discovery.models()

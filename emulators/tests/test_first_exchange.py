@@ -63,6 +63,15 @@ def test_the_program_tells_the_same_story_in_virtual_time() -> None:
     assert MOVE_NS // EXCHANGE_NS <= polls <= MOVE_NS // EXCHANGE_NS + 1
 
 
+def test_the_program_ends_where_nobody_answers() -> None:
+    """With a word, and not never."""
+    url = "axistwin://mac23?address=5&time=virtual"
+    command = [sys.executable, str(HOST_PROGRAM), url]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert ended.returncode == 1
+    assert ended.stderr == "no whole reply to 02h: nothing\n"
+
+
 @pytest.mark.parametrize("where", ["pty", "virtual"])
 def test_a_move_takes_the_time_of_the_formula(axistwin: Starter, where: str) -> None:
     """From acknowledgement to the first poll at the target: the formula, to an exchange or two."""

@@ -46,6 +46,7 @@ def test_example_of_a_virtual_segment() -> None:
     assert not interpolator.is_executing(7 + 512_000_000)
 
 
+@pytest.mark.strength
 @SETTINGS
 @given(st.lists(SEGMENTS, min_size=1, max_size=4), st.sampled_from(StepPhase))
 def test_stored_segments_run_without_gap_or_rounding(
@@ -70,6 +71,7 @@ def test_stored_segments_run_without_gap_or_rounding(
     assert interpolator.displacement_at(start_ns + 10**9) == displacement
 
 
+@pytest.mark.strength
 @SETTINGS
 @given(st.lists(st.tuples(SEGMENTS, st.integers(0, 40_000)), max_size=12), st.data())
 def test_polling_and_running_change_nothing(
@@ -202,6 +204,7 @@ def test_a_segment_in_time_prevents_the_deceleration() -> None:
     assert late.displacement_at(51_000) == 6
 
 
+@pytest.mark.strength
 @SETTINGS
 @given(st.lists(SEGMENTS, min_size=1, max_size=4), st.integers(0, 300_000))
 def test_a_flush_stands_where_it_was(segments: list[Segment], now: int) -> None:
@@ -250,6 +253,7 @@ def test_the_step_in_progress_is_known() -> None:
     assert interpolator.step_in_progress(6000) is None
 
 
+@pytest.mark.strength
 @SETTINGS
 @given(st.lists(SEGMENTS, min_size=1, max_size=4), st.integers(0, 50_000), st.integers(-40, 40))
 def test_reach_is_the_first_time_at_a_displacement(
@@ -264,6 +268,7 @@ def test_reach_is_the_first_time_at_a_displacement(
     assert interpolator.reach_ns(displacement, after) == next(there, None)
 
 
+@pytest.mark.strength
 @SETTINGS
 @given(st.lists(SEGMENTS, min_size=1, max_size=4), st.integers(0, 50_000))
 def test_legs_are_seamless(segments: list[Segment], start: int) -> None:

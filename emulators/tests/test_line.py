@@ -222,6 +222,7 @@ def test_the_transcript_shows_both_directions_with_times_and_words(rig: Rig) -> 
     ]
 
 
+@pytest.mark.strength
 def test_a_transcript_is_bounded(rig: Rig) -> None:
     """A flood of bytes is shown cut, and only its end is kept."""
     for _ in range(220):

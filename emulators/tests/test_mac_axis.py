@@ -5,7 +5,7 @@ from mac_bench import PERIOD, SILENCE, TICK_NS, MacBench, S, moving
 
 from axistwin.devices.mac.axis.faults import FaultLatched
 from axistwin.devices.mac.axis.stops import StopMet
-from axistwin.devices.traces import StateChanged
+from axistwin.devices.traces import Refused, StateChanged
 from axistwin.kernel.effects import Trace
 
 # ---- faults (§5.9) ----
@@ -112,7 +112,11 @@ def test_the_mac34_has_faults_of_its_own(model: str) -> None:
 
 def told(bench: MacBench) -> list[tuple[str, int | str]]:
     """Kind and value of every trace so far."""
-    traces = [effect for effect in bench.effects if isinstance(effect, Trace)]
+    traces = [
+        effect
+        for effect in bench.effects
+        if isinstance(effect, Trace) and not isinstance(effect, Refused)
+    ]
     times = [trace.time_ns for trace in traces]
     assert times == sorted(times)
     named: list[tuple[str, int | str]] = []

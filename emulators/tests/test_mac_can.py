@@ -163,6 +163,7 @@ def test_what_is_stored_is_on_disk_before_the_reply_leaves(bench: CanBench) -> N
     assert bench.stores == {"torque": 0x33}
 
 
+@pytest.mark.strength
 @given(
     st.lists(
         st.tuples(

@@ -26,6 +26,14 @@ def verdict(reply: bytes) -> str:
     return names.get(reply) or ("Q" if len(reply) == 21 else reply.hex())
 
 
+# ---- the axis ----
+
+# Three bits of dd that a MAC34 uses are reserved on CAN (ledger §5.1).
+case("reserved_bits", {"0": (0, 0x0800), "1": (0x8EF0FF7F, 0xDF9F)})(
+    SERIAL_CASES["reserved_bits"][0]
+)
+
+
 # ---- SDO ----
 
 

@@ -4,8 +4,10 @@ import random
 
 import pytest
 
+from axistwin import catalog, testing
 from axistwin.devices.mac.serial.decode import explain
 from axistwin.devices.mac.serial.framing import answer, request
+from axistwin.runtime.transcript import Transcript
 
 
 @pytest.mark.parametrize(
@@ -28,6 +30,31 @@ from axistwin.devices.mac.serial.framing import answer, request
 def test_a_request_is_told_in_words(frame: bytes, words: str) -> None:
     """Index, meaning, module."""
     assert explain(frame) == words
+
+
+@pytest.mark.parametrize(
+    ("model", "words"),
+    [
+        ("mac23", "temperature 25.0 °C (60h), supply 24.0 V (73h)"),
+        ("mac34-1", "temperature 95.2 °C (60h), supply 46.0 V (73h)"),
+        ("mac34-2", "temperature 95.2 °C (60h), supply 92.0 V (73h)"),
+    ],
+)
+def test_measures_are_told_in_the_units_of_the_model(model: str, words: str) -> None:
+    """Each has scales of its own; on a line with several, only the bytes are sure."""
+    reply = answer(b"00", b"7", 0x60730860)
+    assert words in catalog.find_model(model).explain(reply)
+    with testing.start(f"{model}:0", f"{model}:1", time="virtual") as line:
+        transcript = line.line.transcript
+        assert isinstance(transcript, Transcript)
+        transcript.add(0, "device", reply)
+        assert words in line.transcript
+    other = "mac23" if model != "mac23" else "mac34-1"
+    with testing.start(f"{model}:0", f"{other}:1", time="virtual") as line:
+        transcript = line.line.transcript
+        assert isinstance(transcript, Transcript)
+        transcript.add(0, "device", reply)
+        assert "temperature 60h, supply 73h, " in line.transcript
 
 
 @pytest.mark.parametrize(

@@ -51,6 +51,7 @@ def test_arithmetic_wraps_at_32_bits(number: int, value: int) -> None:
     assert signed(number) == value
 
 
+@pytest.mark.strength
 @STRIDES
 @settings(max_examples=100)
 @given(ops=st.lists(st.tuples(st.booleans(), st.integers(0, 1020), VALUES), max_size=30))

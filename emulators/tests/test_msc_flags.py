@@ -60,6 +60,7 @@ def test_the_snapshot_has_its_bytes_upward_and_its_bits_downward(numbers: set[in
     assert {f for f in range(256) if flags.state(0, f)} == numbers
 
 
+@pytest.mark.strength
 @given(st.lists(st.tuples(st.booleans(), st.integers(0, 255)), max_size=40))
 def test_sflag_and_cflag_agree_with_a_set(steps: list[tuple[bool, int]]) -> None:
     """Read by RFLAG and RFLAGS alike (MSC-PROP-10, MSC-PROP-11)."""

@@ -37,6 +37,7 @@ def test_what_is_written_is_read(number: int, value: int) -> None:
     assert bench.value(4 * number) == bench.value(4 * number) == value
 
 
+@pytest.mark.strength
 @given(
     st.lists(st.tuples(st.integers(0, 63), st.lists(VALUES, min_size=1, max_size=32)), max_size=8)
 )

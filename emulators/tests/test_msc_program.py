@@ -111,6 +111,7 @@ ACTIONS = st.lists(
 )
 
 
+@pytest.mark.strength
 @given(ACTIONS, st.sampled_from(["running", "expired"]))
 @settings(max_examples=200)
 def test_a_program_that_rests_does_what_it_would_do_awake(

@@ -179,6 +179,30 @@ def test_a_unit_left_waiting_takes_the_nak_of_another_for_its_own() -> None:
     assert len(bench.devices[0].sent) == 3  # the reply again, which nobody asked for
 
 
+def test_a_kept_reply_is_repeated_when_its_time_limit_has_run_out_behind_another_packet() -> None:
+    """MSC-AMB-45: T2 goes on during the packet for another unit, and takes effect behind it."""
+    bench = MscBench(
+        3, pending_reply_on_stx="keep_if_foreign", ack_timeout_ms=200, packet_timeout_ms=1000
+    )
+    reply = bench.tell(dread(8, 3), 150)[1:]
+    packet_for_another = rqstat(9)
+    assert bench.tell(packet_for_another[:5], 100) == b""  # T2 is over meanwhile
+    assert bench.tell(packet_for_another[5:], 100) == reply
+    bench.tell(ACK)
+    assert bench.settle() == b""
+
+
+@pytest.mark.parametrize("heard", [2, 5])
+def test_a_kept_reply_outlives_a_packet_for_another_unit_that_breaks_off(heard: int) -> None:
+    """MSC-AMB-45: T1 ends that packet in silence, and the wait goes on."""
+    bench = MscBench(
+        3, pending_reply_on_stx="keep_if_foreign", ack_timeout_ms=5000, packet_timeout_ms=300
+    )
+    reply = bench.tell(dread(8, 3), 100)[1:]
+    assert bench.tell(rqstat(9)[:heard], 400) == b""
+    assert bench.tell(NAK, 100) == reply
+
+
 def test_on_one_pair_a_unit_is_silent_for_the_turnaround() -> None:
     """At least that long behind the last byte, however fast it is else."""
     bench = MscBench(2, response_delay_ms=0, turnaround_ms=3)

@@ -44,10 +44,8 @@ class Echo:
         return len(data) if end < 0 else end
 
     def receive(self, chunk: Chunk) -> list[Effect]:
-        """Note the bytes; a full stop ends a request.  Bad characters are dropped."""
+        """Note the bytes; a full stop ends a request."""
         effects: list[Effect] = []
-        if chunk.errors:
-            return effects
         for index, value in enumerate(chunk.data):
             assert not effects, "heard bytes beyond its own reaction"
             now = chunk.arrival_ns(index)
@@ -317,14 +315,39 @@ def test_backlog_counts_what_has_not_begun_and_purge_drops_it() -> None:
     assert [name for _, name in device.log] == ["a", "b"]
 
 
+class DroppingEcho(Echo):
+    """Its UART drops what has a bad stop bit."""
+
+    drops_bad_characters = True
+
+
 def test_a_break_ruins_no_later_request() -> None:
     """A device's UART drops it, with and without pacing."""
     for paced in (True, False):
-        network = SerialNetwork([Echo("a")], paced=paced)
+        network = SerialNetwork([DroppingEcho("a")], paced=paced)
         network.send_break(5_000_000)
         network.host_send(b"ab.")
         network.run_until(10**9)
         assert network.host_take() == b"ab="
+
+
+def test_a_device_that_says_nothing_of_bad_characters_is_handed_each_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """So a family that knows nothing of the short ways needs nothing for them."""
+    device = Echo("a")
+    chunks: list[Chunk] = []
+
+    def note(chunk: Chunk) -> list[Effect]:
+        chunks.append(chunk)
+        return []
+
+    monkeypatch.setattr(device, "receive", note)
+    network = SerialNetwork([device])
+    network.send_break(5_000_000)
+    network.host_send(b"ab.")
+    network.run_until(10**9)
+    assert [(each.data, each.errors) for each in chunks] == [(b"\0", (0,)), (b"ab.", ())]
 
 
 # -- without pacing --

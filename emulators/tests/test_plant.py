@@ -225,6 +225,7 @@ def test_braking_an_ideal_shaft_takes_no_way_or_the_way_ordered() -> None:
 # ---- both ----
 
 
+@pytest.mark.strength
 @SETTINGS
 @given(MECHANICS, MOVES, HOLDS, st.data())
 def test_the_shaft_never_passes_its_set_point_and_ends_on_target(
@@ -274,6 +275,7 @@ def test_polling_changes_nothing(
         assert polled.rest_ns(now) == left_alone.rest_ns(now)
 
 
+@pytest.mark.strength
 @SETTINGS
 @given(MECHANICS, MOVES, HOLDS, st.integers(-450, 450), st.integers(0, 20))
 def test_reach_and_settle_are_exact_to_the_nanosecond(

@@ -304,3 +304,22 @@ def test_a_client_sees_a_hang_up_when_the_server_ends(bench: Bench) -> None:
         bench.server.stop()
         with pytest.raises(serial.SerialException):
             client.read(1)
+
+
+def test_the_rest_of_a_client_that_closes_is_not_left_to_the_next(bench: Bench) -> None:
+    """What the line has not taken of it within about a second is dropped."""
+    bench.line.is_blocked = True
+    with opened(bench.link) as fd:
+        os.set_blocking(fd, False)
+        assert eventually(lambda: bench.names() == ["connected"])
+        for _ in range(100):
+            with contextlib.suppress(BlockingIOError):
+                os.write(fd, EVERY_BYTE)
+            time.sleep(0.001)
+    assert eventually(lambda: "disconnected" in bench.names())
+    kept = bench.line.host_backlog
+    assert 0 < kept <= 4096
+    bench.line.unblock()
+    time.sleep(0.1)
+    assert bench.names() == ["connected", "disconnected"]
+    assert len(bench.line.heard) == kept

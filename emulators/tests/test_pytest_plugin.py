@@ -352,6 +352,90 @@ def test_a_bug_of_ours_keeps_its_frames(pytester: pytest.Pytester) -> None:
     result.stdout.fnmatch_lines(["*axistwin*testing.py:*"])
 
 
+SLEEPER = """
+import threading
+import time
+from time import sleep
+
+import can
+import pytest
+import serial
+
+def poll(port, wait, target=2000):
+    port.write(b"\\x020140013000000007DBF\\x03")
+    assert port.read(3) == b"\\x06\\x13\\x1a"
+    for _ in range(60):
+        port.write(b"\\x0201400200000000000A2\\x03")
+        if int(port.read(21)[9:17], 16) == target:
+            return
+        wait(0.01)
+    raise TimeoutError("timed out")
+
+def opened(url):
+    return serial.serial_for_url(url, baudrate=38400, timeout=0.5)
+
+WAITS = [
+    lambda seconds: sleep(seconds),
+    lambda seconds: time.sleep(seconds),
+    lambda seconds: threading.Event().wait(seconds),
+]
+"""
+
+
+def test_a_test_that_slept_in_vain_says_so(pytester: pytest.Pytester) -> None:
+    """However it slept, with the fixture or a URL, and what to write; a test that does not, not."""
+    pytester.makepyfile(
+        SLEEPER
+        + """
+@pytest.mark.parametrize("wait", WAITS)
+def test_fixture(axistwin, wait):
+    poll(opened(axistwin("mac23", time="virtual").port), wait)
+
+def test_url():
+    poll(opened("axistwin://mac23?time=virtual"), sleep)
+
+def test_bus():
+    with can.Bus(interface="axistwin", channel="mac23-can", time="virtual") as bus:
+        sleep(0.1)
+        assert bus.virtual_time_ns
+
+def test_awake(axistwin):
+    poll(opened(axistwin("mac23", time="virtual").port), lambda seconds: None)
+
+def test_after(axistwin):
+    assert sleep is time.sleep and "built-in" in repr(sleep), "put back"
+    assert axistwin("mac23", time="virtual").port is None
+"""
+    )
+    result = run(pytester)
+    result.assert_outcomes(failed=7)
+    text = result.stdout.str()
+    assert len(re.findall(r"The test slept 0\.\d\d s of real time", text)) == 5
+    assert text.count("with host_clock=True, or add") == 5
+
+
+def test_a_test_that_sleeps_moves_the_twin(pytester: pytest.Pytester) -> None:
+    """With host_clock; what the test leaves open is put back behind it."""
+    pytester.makepyfile(
+        SLEEPER
+        + """
+kept = []
+
+@pytest.mark.parametrize("wait", WAITS)
+def test_fixture(axistwin, wait):
+    poll(opened(axistwin("mac23", time="virtual", host_clock=True).port), wait, 125)
+
+def test_url():
+    kept.append(opened("axistwin://mac23?time=virtual&host_clock=yes"))
+    poll(kept[0], sleep, 125)
+
+def test_after():
+    assert "built-in" in repr(sleep) and "built-in" in repr(time.monotonic)
+"""
+    )
+    run(pytester).assert_outcomes(passed=5)
+
+
 def test_the_fixture_is_documented(pytester: pytest.Pytester) -> None:
     """``pytest --fixtures`` shows how to use it."""
     result = run(pytester, "--fixtures")
@@ -378,4 +462,4 @@ def test_the_how_to_runs_as_printed(pytester: pytest.Pytester) -> None:
     page = (DOCS / "how-to" / "use-pytest.md").read_text(encoding="utf-8")
     for number, block in enumerate(re.findall(r"```python\n(.*?)```", page, re.DOTALL)):
         pytester.makepyfile(**{f"test_{number}": block})
-    run(pytester).assert_outcomes(passed=8)
+    run(pytester).assert_outcomes(passed=9)

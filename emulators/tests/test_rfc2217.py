@@ -95,6 +95,43 @@ def test_a_break_reaches_the_line_with_its_length(bench: Bench) -> None:
         assert 0 < bench.line.breaks[0] < TIMEOUT_S * 1000 * NS_PER_MS
 
 
+def test_a_break_without_end_holds_the_line_for_a_second_at_most(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nobody on the line could tell a longer one from it, and others wait."""
+    with bench.open() as client:
+        client.break_condition = True
+        client.write(b"x")
+        assert client.read(1) == b"x"
+        later_ns = bench.line.clock.now_ns() + 3600 * 1000 * NS_PER_MS
+        monkeypatch.setattr(bench.line.clock, "now_ns", lambda: later_ns)
+        client.break_condition = False
+        assert eventually(lambda: bench.line.breaks == [1000 * NS_PER_MS])
+
+
+def test_what_a_break_is_answered_with_reaches_the_client(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Settings come without bytes, and still there may be something to hear then."""
+
+    def answer(duration_ns: int) -> None:
+        bench.line.send(b"!")
+
+    monkeypatch.setattr(bench.line, "send_break", answer)
+    with bench.open() as client:
+        client.break_condition = True
+        client.break_condition = False
+        assert client.read(1) == b"!"
+
+
+def test_no_rate_is_slower_than_what_systems_have_a_name_for(bench: Bench) -> None:
+    """At one bit per second a byte would hold the line for ten seconds; it becomes 50."""
+    with bench.open(1) as client:
+        client.write(b"a")
+        assert client.read(1) == b"?"
+    assert bench.line.formats[-1] == LineFormat(50)
+
+
 def test_purging_the_output_drops_what_is_not_on_the_line_yet(bench: Bench) -> None:
     """pyserial's ``reset_output_buffer``."""
     bench.line.is_blocked = True

@@ -124,6 +124,7 @@ def test_a_controller_has_one_rate(tmp_path: Path) -> None:
     assert_one_clear_line(invoke("run", "msc-250", "--baud", "38400"), "38400", "9600")
     text = invoke("models", "msc-250").stdout
     assert "rate: 9600 baud, always" in text
+    text = invoke("models", "msc-250", "stx_while_waiting").stdout
     assert "  stx_while_waiting = serve    [MSC-AMB-27]" in text
 
 
@@ -145,3 +146,48 @@ def test_a_mistake_with_a_controller_is_one_clear_line(
 ) -> None:
     """Units, quirks and programs that do not exist are named, with what does."""
     assert_one_clear_line(invoke("run", *arguments), *parts)
+
+
+PROGRAM = "from axistwin.macroprogram import *\nclass P(Macroprogram):\n    def run(self):\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("        import sys\n        sys.exit(3)\n        yield\n", "p.py:5: SystemExit: 3"),
+        ("        yield\n        raise BaseException('odd')\n", "p.py:5: BaseException: odd"),
+        ("        while True: pass\n        yield\n", "p.py:4: it did not come back for 5 s"),
+        (
+            "        try: all(iter(lambda: 1, 0))\n        except Exception: yield\n",
+            "p.py:4: it did not come back for 5 s",
+        ),
+    ],
+    ids=["exit", "base", "loop", "loop that catches errors"],
+)
+def test_a_program_that_ends_or_never_ends_is_told_with_its_line(
+    tmp_path: Path, text: str, told: str
+) -> None:
+    """It stops with a script error, and the run goes on."""
+    (tmp_path / "p.py").write_text(PROGRAM + text, encoding="utf-8")
+    with daemon(tmp_path, "msc-250", "--program", "p.py", "--json") as process:
+        events = {event["event"]: event for event in (process.event(), process.event())}
+        assert events.keys() == {"ready", "program_error"}
+        assert told in str(events["program_error"]["error"])
+        status, _, err = process.end()
+    assert status == 0
+    assert "Traceback" not in err
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("raise BaseException('odd')\n", "p.py:1: BaseException: odd"),
+        ("\nwhile True: pass\n", "p.py:2: it did not come back"),
+    ],
+)
+def test_a_program_that_cannot_be_loaded_is_one_clear_line(
+    tmp_path: Path, text: str, told: str
+) -> None:
+    """Whatever it raises, and if it never comes back."""
+    (tmp_path / "p.py").write_text(text, encoding="utf-8")
+    assert_one_clear_line(invoke("run", "msc-250", "--program", str(tmp_path / "p.py")), told)

@@ -38,6 +38,15 @@ def reopened(folder: Path, name: str = "mac23-0", model: str = "mac23") -> dict[
         storage.close()
 
 
+def write(folder: Path, cells: dict[str, int]) -> None:
+    """Store ``cells`` of mac23-0, and its position live, as a process does."""
+    storage = Storage(folder)
+    slot = storage.slot("mac23-0", "mac23")
+    slot.save(cells, durable=True)
+    slot.save({"position": 30}, durable=False)
+    storage.close()
+
+
 def test_a_new_slot_is_empty_and_writes_nothing(tmp_path: Path) -> None:
     """Only a write makes files; the folder itself is made with its parents."""
     storage = Storage(tmp_path / "a" / "b")
@@ -98,6 +107,7 @@ steps = st.one_of(
 )
 
 
+@pytest.mark.strength
 @settings(max_examples=60, deadline=None)
 @given(st.lists(steps, max_size=12))
 def test_whatever_is_written_in_whatever_way_is_found_again(
@@ -183,6 +193,7 @@ def test_every_flipped_byte_of_a_state_file_is_an_error(folder: Path) -> None:
             reopened(folder)
 
 
+@pytest.mark.strength
 def test_of_two_live_entries_the_newest_whole_one_holds(folder: Path) -> None:
     """With any byte of the file damaged, one of the last two positions is found."""
     path = folder / "mac23-0.live"
@@ -254,6 +265,47 @@ def test_what_a_kill_leaves_behind_is_removed(folder: Path) -> None:
     assert reopened(folder)["position"] == 20
     names = sorted(path.name for path in folder.iterdir())
     assert names == ["lock", "mac23-0.live", "mac23-0.state", "notes.new"]
+
+
+def test_what_is_a_stranger_s_stays(folder: Path) -> None:
+    """Only what is left of the devices that are there is removed, and a link is not followed."""
+    (folder / "diary.state.new").write_text("mine")
+    (folder / "diary.live.new").write_text("mine")
+    (folder / "target").write_text("mine")
+    (folder / "mac23-0.state.new").symlink_to("target")
+    write(folder, {"torque": 3})
+    assert (folder / "diary.state.new").read_text() == "mine"
+    assert (folder / "diary.live.new").read_text() == "mine"
+    assert (folder / "target").read_text() == "mine"
+    assert not os.path.lexists(folder / "mac23-0.state.new")
+
+
+@pytest.mark.parametrize("is_link", [True, False], ids=["link", "file"])
+def test_a_lock_that_is_a_stranger_s_is_refused_and_left_untouched(
+    tmp_path: Path, is_link: bool
+) -> None:
+    """It is told in one line, and has its content still."""
+    (tmp_path / "diary").write_text("mine\n")
+    if is_link:
+        (tmp_path / "lock").symlink_to("diary")
+    else:
+        (tmp_path / "lock").write_text("mine\n")
+    with pytest.raises(StateError, match="choose another folder"):
+        Storage(tmp_path)
+    assert (tmp_path / "lock").read_text() == "mine\n"
+    assert (tmp_path / "diary").read_text() == "mine\n"
+
+
+def test_only_the_owner_may_write_what_is_made(tmp_path: Path) -> None:
+    """Whatever the umask."""
+    before = os.umask(0)
+    try:
+        write(tmp_path / "new" / "memory", {"torque": 3})
+    finally:
+        os.umask(before)
+    made = [tmp_path / "new", *(tmp_path / "new").rglob("*")]
+    assert len(made) >= 4
+    assert [path for path in made if path.stat().st_mode & 0o022] == []
 
 
 def test_one_name_given_twice_gets_two_slots(tmp_path: Path) -> None:

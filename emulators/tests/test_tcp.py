@@ -13,7 +13,7 @@ from axistwin import catalog
 from axistwin.errors import PortError, UsageError
 from axistwin.ports.rfc2217 import Rfc2217Port
 from axistwin.ports.tcp import CLIENTS_MAX, TcpPort, is_loopback, parse_address
-from axistwin.runtime.serving.line_server import Server
+from axistwin.runtime.serving.line_server import BAUD_MIN, TURN_NS, Server
 from axistwin.wire.framing import LineFormat
 
 pytestmark = pytest.mark.system
@@ -147,6 +147,24 @@ def test_a_flooder_that_gives_up_and_closes_leaves_the_line_free(scheme: str, ho
             other.write(b"\x0201400200000000000A2\x03")
             answer = other.read(21)
         assert answer.startswith(b"\x06\x13\x02"), answer
+
+
+def test_a_slow_client_that_sends_and_closes_leaves_the_line_free() -> None:
+    """Fifty bytes at one bit per second would take minutes; they go out for about a second."""
+    with contextlib.ExitStack() as stack:
+        line = stack.enter_context(catalog.build_line([catalog.parse_device("mac23")]))
+        slow, quiet = Rfc2217Port("127.0.0.1:0"), TcpPort("127.0.0.1:0")
+        server = Server(line, [slow, quiet])
+        server.start()
+        stack.callback(server.stop)
+        with socket.create_connection((slow.host, slow.port)) as client:
+            client.sendall(b"\xff\xfa\x2c\x01\0\0\0\1\xff\xf0" + b"U" * 50)
+            assert eventually(lambda: line.host_format.baud == BAUD_MIN)
+        assert eventually(lambda: not slow._connections)
+        assert line.host_busy_ns <= 2 * TURN_NS
+        other = stack.enter_context(serial.serial_for_url(quiet.url, timeout=TIMEOUT_S))
+        other.write(b"\x0201400200000000000A2\x03")
+        assert other.read(21).startswith(b"\x06\x13\x02")
 
 
 def test_a_client_that_sends_and_closes_is_heard_to_its_end(bench: Bench) -> None:

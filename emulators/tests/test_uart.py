@@ -1,10 +1,14 @@
 """What a receiver makes of levels."""
 
+import bit_by_bit
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from axistwin.kernel.schedule import NEVER
 from axistwin.wire.framing import LineFormat
 from axistwin.wire.uart import UartReceiver
-from axistwin.wire.waveform import Transmission, make_break
+from axistwin.wire.waveform import FINE_BITS, Transmission, make_break
 
 F1000 = LineFormat(1000)  # one bit is 1 ms
 MS = 1_000_000
@@ -14,12 +18,22 @@ def hear(
     line: list[Transmission], line_format: LineFormat = F1000, *, is_host: bool = False
 ) -> list[tuple[int, int]]:
     """All (done_ns, value) that a receiver gets from ``line``; at a device only the good ones."""
-    receiver = UartReceiver(0, line_format, is_host=is_host)
-    heard = []
-    while (character := receiver.next_character(line)) is not None:
-        if character.value is not None and (is_host or not character.is_bad):
-            heard.append((character.done_ns, character.value))
-        receiver.take(character)
+    heard = characters(line, UartReceiver((0,), line_format))
+    if is_host:
+        return [(done_ns, 0 if is_bad else value) for done_ns, value, is_bad in heard]
+    return [(done_ns, value) for done_ns, value, is_bad in heard if not is_bad]
+
+
+def characters(
+    line: list[Transmission], receiver: UartReceiver, most: int = 10**9
+) -> list[tuple[int, int, bool]]:
+    """Time, value and badness of all that ``receiver`` gets, taken ``most`` at a time."""
+    heard: list[tuple[int, int, bool]] = []
+    while receiver.next_done_ns(line) is not None:
+        chunk = receiver.characters(NEVER).first(most)
+        for place, value in enumerate(chunk.data):
+            heard.append((chunk.arrival_ns(place), value, place in chunk.errors))
+        assert receiver.take(len(chunk.data)) == heard[-1][0]
     return heard
 
 
@@ -72,11 +86,7 @@ def test_a_bad_character_is_handed_to_a_device_as_sampled() -> None:
         Transmission(1, 0, LineFormat(1000, 8, "E"), b"\x03"),  # parity 0, where 8N1 wants a stop
         Transmission(1, 50 * MS, F1000, b"a"),
     ]
-    receiver = UartReceiver(0, F1000, is_host=False)
-    heard = []
-    while (character := receiver.next_character(line)) is not None:
-        heard.append((character.done_ns, character.value, character.is_bad))
-        receiver.take(character)
+    heard = characters(line, UartReceiver((0,), F1000))
     assert heard == [(10 * MS, 3, True), (60 * MS, 0x61, False)]
 
 
@@ -90,8 +100,68 @@ def test_bad_parity_is_bad_or_nul() -> None:
 
 def test_a_restarted_receiver_takes_the_next_edge_for_a_start_bit() -> None:
     """In the middle of a character that is some data bit."""
-    receiver = UartReceiver(0, F1000, is_host=False)
-    receiver.search_from(5 * MS << 40)
-    character = receiver.next_character([Transmission(1, 0, F1000, b"\x5f")])
-    assert character is not None
-    assert character.edge == 6 * MS << 40
+    receiver = UartReceiver((0,), F1000, searched=5 * MS << FINE_BITS)
+    assert receiver.next_edge([Transmission(1, 0, F1000, b"\x5f")]) == 6 * MS << FINE_BITS
+
+
+FORMATS = st.sampled_from(
+    [
+        LineFormat(38400),
+        LineFormat(38400, 8, "N", 4),
+        LineFormat(19200),
+        LineFormat(115200),
+        LineFormat(9600, 7, "E"),
+        LineFormat(39000),
+        LineFormat(38411, 5, "O", 3),
+    ]
+)
+DRIVES = st.lists(
+    st.tuples(
+        st.integers(0, 3),  # who
+        st.integers(0, 60) | st.integers(0, 2_000_000),  # a pause before it
+        FORMATS,
+        st.binary(min_size=1, max_size=8),
+        st.sampled_from(["whole", "whole", "whole", "cut", "break"]),
+        st.integers(1, 3_000_000),  # how much of it
+    ),
+    min_size=1,
+    max_size=5,
+)
+
+
+@pytest.mark.strength
+@settings(max_examples=150, deadline=None)
+@given(DRIVES, FORMATS, st.just(0) | st.integers(0, 3_000_000 << FINE_BITS), st.integers(1, 9))
+def test_runs_of_levels_give_what_every_instant_looked_at_gives(
+    drives: list[tuple[int, int, LineFormat, bytes, str, int]],
+    line_format: LineFormat,
+    begin: int,
+    most: int,
+) -> None:
+    """Any rates, overlaps, cuts, breaks, deafness; from any instant on; at once or in parts."""
+    line: list[Transmission] = []
+    free = [0] * 4
+    for station, pause_ns, form, data, kind, length_ns in drives:
+        start_ns = free[station] + pause_ns
+        if kind == "break":
+            line.append(make_break(station, start_ns, length_ns, form))
+        else:
+            line.append(Transmission(station, start_ns, form, data))
+        if kind == "cut":
+            line[-1].cut(start_ns + min(length_ns, line[-1].end_ns - start_ns))
+        free[station] = line[-1].free_ns
+    line.sort(key=lambda each: (each.start_ns, each.station))
+    expected = bit_by_bit.hear(line, 0, line_format, begin)
+    assert characters(line, UartReceiver((0,), line_format, begin), most) == expected
+
+
+def test_a_long_stretch_is_sampled_window_by_window() -> None:
+    """Thousands of bytes at a wrong rate, a long rest, and a long break among them."""
+    line = [
+        Transmission(1, 7, LineFormat(1100), bytes(range(256)) * 2),
+        make_break(1, 10_000 * MS, 7_000 * MS, F1000),
+        Transmission(2, 90_000 * MS, LineFormat(800), bytes(range(256))),
+    ]
+    expected = bit_by_bit.hear(line, 0, F1000, 0)
+    assert len(expected) > 500
+    assert characters(line, UartReceiver((0,), F1000)) == expected

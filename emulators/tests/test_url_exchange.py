@@ -68,9 +68,9 @@ def open_side(url: str, **options: Any) -> Side:
     return Side(serial.serial_for_url(url, **{"baudrate": 38400, "timeout": 0.5, **options}))
 
 
-def open_slow_side(url: str) -> Side:
+def open_slow_side(url: str, **options: Any) -> Side:
     """The same with somebody who looks on: nothing takes a short way then."""
-    side = open_side(url)
+    side = open_side(url, **options)
     side.port.line.subscribe(lambda twin, trace: None)
     return side
 
@@ -117,6 +117,74 @@ def test_an_exchange_is_a_write_and_a_read(
             side.port.advance(pause_s)
             if reads_all:
                 side.port.reset_input_buffer()
+    assert one.seen() == other.seen()
+
+
+MSC_URLS = (
+    "axistwin://msc-250:1?time=virtual",
+    "axistwin://msc-250:1?time=virtual&quirk.response_delay_ms=0&quirk.reply_delay_ms=0",
+    "axistwin://msc-250:1,msc-250:2?time=virtual",
+    "axistwin://msc-250:1,msc-250:2?time=virtual&quirk.rs485_mode=four_wire",
+    "axistwin://msc-250:1?time=virtual&quirk.ack_order=ack_last&quirk.stx_while_waiting=serve",
+)
+
+
+def packet(body: bytes, unit: int = 1) -> bytes:
+    """A request to a controller."""
+    inner = bytes((unit, 0, len(body), 0, 0)) + body
+    return b"\x02" + inner + sum(inner).to_bytes(2, "big")
+
+
+MSC_SENT = st.sampled_from(
+    [
+        packet(b"RQSTAT,"),
+        packet(b"RQSTAT,"),
+        packet(b"RQSTAT,", 2),
+        packet(b"RQSTAT,", 3),
+        packet(b"DREAD,\x08\0"),
+        packet(b"DWRITE,\x08\0\0\0\0\x07"),
+        packet(b"RQSTAT,")[:9],
+        packet(b"RQSTAT,")[9:],
+        b"\x06",
+        b"\x06",
+        b"\x06" + packet(b"RQSTAT,"),
+        b"\x15",
+        b"x",
+        b"",
+    ]
+)
+MSC_STEPS = st.tuples(
+    MSC_SENT,
+    st.sampled_from([1, 23, 24, 24, 30, 0]),
+    st.sampled_from([0.05, 0.2, 1.0, 2.0, 0.0, 0.004]),
+    st.sampled_from([0.0, 0.0, 0.0, 0.0002, 0.3]),
+    st.sampled_from(["exchange", "exchange", "write", "both"]),
+)
+
+
+@pytest.mark.strength
+@settings(max_examples=150, deadline=None)
+@given(st.sampled_from(MSC_URLS), st.lists(MSC_STEPS, min_size=1, max_size=12))
+def test_controllers_answer_the_same_the_short_way(
+    url: str, steps: list[tuple[bytes, int, float, float, str]]
+) -> None:
+    """ACK and reply, repeats, time limits; asked in one call, or by ``write`` and ``read``."""
+    one, other = (open_(url, baudrate=9600) for open_ in (open_side, open_slow_side))
+    for data, size, timeout_s, pause_s, way in steps:
+        for side in (one, other):
+            if way != "exchange":
+                side.port.write(data)
+        if way != "write":
+            said = data if way == "exchange" else b""
+            expected = write_and_read(other.port, said, size, timeout_s)
+            if way == "exchange":
+                assert one.port.exchange(said, size, timeout_s) == expected
+            else:
+                one.port.timeout = timeout_s
+                assert one.port.read(size) == expected[1]
+        assert one.seen() == other.seen()
+        for side in (one, other):
+            side.port.advance(pause_s)
     assert one.seen() == other.seen()
 
 
@@ -185,7 +253,8 @@ def test_where_more_is_going_on_an_exchange_is_the_same_too(
         assert one.port.exchange(data, 21, 0.1) == expected
         assert one.seen() == other.seen()
     assert told[0] == told[1]
-    assert not outcomes or trouble in ("break", "leftover", "behind", "flood")
+    is_short = trouble in ("break", "leftover", "behind", "flood")
+    assert is_short or all(each is None for each in outcomes)
 
 
 @settings(max_examples=60, deadline=None)
@@ -225,3 +294,25 @@ def test_a_cancelled_read_cancels_an_exchange() -> None:
     began_ns, reply, now = port.exchange(QUERY, ANSWER_LENGTH, 1.0)
     assert (reply, now) == (b"", began_ns)
     assert len(port.read(ANSWER_LENGTH)) == ANSWER_LENGTH
+
+
+def test_a_controller_s_ack_and_reply_take_the_short_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also right behind the ACK of the host, which is still on its way."""
+    side = open_side(MSC_URLS[0], baudrate=9600)
+    outcomes = short_ways(side, monkeypatch)
+    for _ in range(3):
+        reply = side.port.exchange(packet(b"RQSTAT,"), 24, 1.0)[1]
+        assert len(reply) == 24
+        assert outcomes == [reply]
+        del outcomes[:]
+        side.port.write(b"\x06")
+
+
+def test_a_write_and_a_read_take_the_short_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is still to be sent when the host begins to listen is part of what it asks."""
+    side = open_side(URLS[0])
+    outcomes = short_ways(side, monkeypatch)
+    for _ in range(3):
+        side.port.write(QUERY)
+        assert len(side.port.read(ANSWER_LENGTH)) == ANSWER_LENGTH
+    assert [len(each or b"") for each in outcomes] == [ANSWER_LENGTH] * 3

@@ -1,7 +1,9 @@
 """What a suite asks of the port a dozen times per exchange costs next to nothing."""
 
+import sys
 import threading
 from collections.abc import Callable, Iterator
+from types import FrameType
 from typing import Any
 
 import pytest
@@ -104,3 +106,44 @@ def test_time_passes_as_far_as_the_bytes_asked_for(port: Any) -> None:
     start_ns = port.virtual_time_ns
     assert len(port.read(100)) == ANSWER_LENGTH
     assert port.virtual_time_ns - start_ns == 500_000_000
+
+
+def calls_of(action: Callable[[], object]) -> int:
+    """How many functions of Python it takes, once all that it remembers is remembered."""
+    for _ in range(5):
+        action()
+    calls = 0
+
+    def count(_frame: FrameType, event: str, _argument: object) -> None:
+        nonlocal calls
+        calls += event == "call"
+
+    former = sys.getprofile()
+    sys.setprofile(count)
+    try:
+        action()
+    finally:
+        sys.setprofile(former)
+    return calls
+
+
+@pytest.mark.parametrize(
+    ("modules", "writes", "calls_max"),
+    [(1, False, 50), (2, False, 82), (127, False, 82), (1, True, 95)],
+)
+def test_an_exchange_takes_few_calls(modules: int, writes: bool, calls_max: int) -> None:
+    """Each costs 0.1 to 0.2 microseconds, of which a whole exchange takes about ten."""
+    devices = ",".join(f"mac23:{address}" for address in range(modules))
+    url = f"axistwin://{devices}?time=virtual"
+    with serial.serial_for_url(url, baudrate=38400, timeout=0.03) as opened:
+        port: Any = opened
+        query = request(0x20, address=modules - 1)
+
+        def exchange() -> bytes:
+            if writes:
+                port.write(query)
+                return bytes(port.read(ANSWER_LENGTH))
+            return bytes(port.exchange(query, ANSWER_LENGTH, 0.03)[1])
+
+        assert len(exchange()) == ANSWER_LENGTH
+        assert calls_of(exchange) <= calls_max

@@ -1,5 +1,6 @@
 """Levels on the pair over time."""
 
+from bisect import bisect_right
 from itertools import pairwise
 
 import pytest
@@ -7,17 +8,27 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from axistwin.wire.framing import LineFormat
-from axistwin.wire.waveform import (
-    FINE_BITS,
-    Transmission,
-    is_space,
-    make_break,
-    next_fall,
-    parity_bit,
-)
+from axistwin.wire.waveform import FINE_BITS, Transmission, level_changes, make_break, parity_bit
 
 F1000 = LineFormat(1000)  # one bit is 1 ms
 MS = 1_000_000
+
+
+def changes(line: list[Transmission], station: int) -> list[int]:
+    """What ``station`` sees of the whole line."""
+    pieces = [(each.station, each.piece(0, 0, 10**6 * MS << FINE_BITS)) for each in line]
+    own = [piece for each, piece in pieces if each == station]
+    return level_changes(own, [piece for each, piece in pieces if each != station])
+
+
+def is_space(line: list[Transmission], station: int, fine: int) -> bool:
+    """The level at that instant."""
+    return bool(bisect_right(changes(line, station), fine) & 1)
+
+
+def next_fall(line: list[Transmission], station: int, fine: int) -> int | None:
+    """When mark next becomes space, at ``fine`` or later."""
+    return next((each for each in changes(line, station)[::2] if each >= fine), None)
 
 
 def levels(line: list[Transmission], station: int, bits: int) -> str:

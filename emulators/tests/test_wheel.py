@@ -81,7 +81,7 @@ def test_the_installed_suite_runs_from_an_empty_folder(
 ) -> None:
     """Ledgers and golden frames are inside the wheel: the quick level conforms anywhere."""
     result = run(
-        clean_python, "-m", "axistwin", "conform", model, "--level", "quick", folder=tmp_path
+        clean_python, "-m", "axistwin", "conform", model, "--level", "quick", "-v", folder=tmp_path
     )
     assert result.returncode == 0, result.stdout
     assert requirement in result.stdout

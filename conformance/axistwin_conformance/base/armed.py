@@ -1,7 +1,10 @@
-"""Which requirements are armed: proven able to fail, by a planted firmware fault they have caught.
+"""Two tables beside a family's checks that programs write.
 
-`armed.toml` beside a family's checks is written by the run over the mutants and holds a table
-`[armed]` of requirement = [names of mutants that a check naming the requirement has killed].
+`armed.toml`, by the run over the mutants: which requirements are armed, that is, proven able to
+fail by a planted firmware fault.  Requirement = [mutants that a check naming it has killed].
+
+`reads.toml`, by runs that watch: on which readings of the manual a check or a probe depends.
+Name = [switches that it looks up].
 """
 
 from __future__ import annotations
@@ -17,18 +20,27 @@ from axistwin_conformance.base.ledger import family_folder
 def load_armed(family: str) -> Mapping[str, tuple[str, ...]] | None:
     """Return requirement → mutants killed; None if nobody has tried.  Raises ValueError for a file
     that holds something else."""
-    path = family_folder(family) / "armed.toml"
-    if not path.is_file():
-        return None
-    return parse_armed(path.read_text(encoding="utf-8"))
+    return _load(family, "armed")
 
 
-def parse_armed(text: str) -> Mapping[str, tuple[str, ...]]:
-    """Read the table from TOML text; raises ValueError naming what is wrong with it."""
-    table = tomllib.loads(text).get("armed")
+@cache
+def load_reads(family: str) -> Mapping[str, tuple[str, ...]]:
+    """Return check or probe → the switches whose readings it looks up; empty if nobody has recorded
+    it.  Raises ValueError for a file that holds something else."""
+    return _load(family, "reads") or {}
+
+
+def _load(family: str, name: str) -> Mapping[str, tuple[str, ...]] | None:
+    path = family_folder(family) / f"{name}.toml"
+    return parse_table(path.read_text(encoding="utf-8"), name) if path.is_file() else None
+
+
+def parse_table(text: str, name: str) -> Mapping[str, tuple[str, ...]]:
+    """Read the table of that name from TOML; raises ValueError naming what is wrong with it."""
+    table = tomllib.loads(text).get(name)
     if not isinstance(table, dict):
-        raise ValueError("armed.toml: there is no table [armed]")
+        raise ValueError(f"{name}.toml: there is no table [{name}]")
     for key, names in table.items():
-        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-            raise ValueError(f"armed.toml: {key} is not a list of names")
+        if not isinstance(names, list) or not all(isinstance(one, str) for one in names):
+            raise ValueError(f"{name}.toml: {key} is not a list of names")
     return {key: tuple(names) for key, names in table.items()}

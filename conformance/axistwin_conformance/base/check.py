@@ -15,41 +15,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 from axistwin_conformance.base.classes import LEVELS, SAFETY_CLASSES
 
 RIG = "rig:"  # what a need of a rig's capability begins with
 BENCH = "bench"  # the need of what may go wrong where hands on the wiring have to be near
 
-# What a rig may be able to do, in words that follow "a rig that".
-CAPABILITIES: Final[Mapping[str, str]] = {
-    "reference": "works the reference input",
-    "positive_stop": "works the positive stop input",
-    "negative_stop": "works the negative stop input",
-    "reset": "works the reset input",
-    "supply": "sets the supply voltage",
-    "temperature": "sets the module's temperature",
-    "power": "switches the supply off and on",
-    "hold": "holds the shaft against the motor",
-    "turn": "turns the shaft by hand",
-    "micro_cut": "makes a micro-cut of the supply",
-    "amplifier": "makes the amplifier report a fault",
-    "encoder": "takes the encoder away",
-    "flag": "works the inputs, timers and motors behind the controller's flags",
-    "status": "brings about the conditions of the status word",
-    "program": "starts and stops the macroprogram",
-    "battery": "takes the battery of the memory away",
-}
-
-# What a check may need beside the device itself, and what to tell who does not have it.  Families
-# add what only their options meet (`declare_needs`).
+# What a check may need beside the device and its rig, and what to tell who does not have it.
+# Families add what only their options meet (`declare_needs`).
 NEEDS: dict[str, str] = {
     "neighbour": "needs a second module beside it (--neighbour ADDRESS)",
     "alone": "needs the module alone (no --neighbour)",
     "virtual": "needs virtual time: only the built-in twin can show it",
     "bench": "may disturb a controller that is in use: only on a bench (--allow rig)",
-    **{f"{RIG}{name}": f"needs a rig that {words} (--rig)" for name, words in CAPABILITIES.items()},
 }
 
 
@@ -142,13 +121,14 @@ def check(
             raise TypeError(f"{name}: safety= needs a class; choose from {SAFETY_CLASSES}")
         _refuse_unknown(name, "safety", classes, SAFETY_CLASSES)
         _refuse_unknown(name, "level", (level,), LEVELS)
-        _refuse_unknown(name, "needs", needs, tuple(NEEDS))
+        others = [need for need in needs if not need.startswith(RIG)]
+        _refuse_unknown(name, "needs", others, tuple(NEEDS))
         if ("rig" in classes) is not any(need == BENCH or need.startswith(RIG) for need in needs):
             raise TypeError(f"{name}: safety 'rig' and a need of 'rig:...' or 'bench' go together")
+        home = function.__module__
         return Check(
-            name, function, requirements, classes, level, tuple(needs), behaviour,
-            function.__module__, soaks,
-        )  # fmt: skip
+            name, function, requirements, classes, level, tuple(needs), behaviour, home, soaks
+        )
 
     return declare
 

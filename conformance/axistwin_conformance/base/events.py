@@ -2,8 +2,8 @@
 
 Order: RunStarted, [Identified], (CheckStarted, FailureStored*, MotionSampled*, CheckFinished)*,
 ReadingSeen*, ReadingUnknown*, [ProfileJudged], RequirementJudged*, RunFinished; Note, RigQuestion,
-StatesCovered and SoakProgress anywhere between.  In a soak a round that finds nothing has no
-CheckFinished.
+QuestionAsked, StatesCovered and SoakProgress anywhere between.  In a soak a round that finds
+nothing has no CheckFinished.
 A check numbered 0 is none of the plan: it tells what the device failed while no check was judging,
 and may stand before `Identified` and between two others.
 """
@@ -36,7 +36,8 @@ class RunStarted:
     `carrier`: line or bus; `baud`: of our end of the line, None on a bus; `bitrate`: of the bus in
     bit/s, None on a line and where its interface has one of its own.  `max_travel`, `max_speed`:
     None where the suite drives no axis.  `grounds`: what of a controller is the suite's to use, by
-    the name of the option that says so.
+    the name of the option that says so.  `questions`: how many the device is asked about its
+    readings.
     """
 
     suite_version: str
@@ -57,6 +58,7 @@ class RunStarted:
     checks: tuple[str, ...]
     left_out: Mapping[str, str]
     grounds: Mapping[str, str] = field(default_factory=dict)
+    questions: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,11 +227,19 @@ class RigQuestion:
 
 
 @dataclass(frozen=True, slots=True)
+class QuestionAsked:
+    """One more question is put to the device: which reading of a switch it follows."""
+
+    switch: str
+
+
+@dataclass(frozen=True, slots=True)
 class RequirementJudged:
     """All that is said about one requirement.
 
     `not_on_wire`: why no exchange can show it.  `armed`: the planted firmware faults that checks
-    naming this requirement have found; empty: not armed; None: nobody has looked.
+    naming this requirement have found; empty: not armed; None: nobody has looked.  `where`: title
+    and chapter of the source.
     """
 
     id: str
@@ -242,6 +252,7 @@ class RequirementJudged:
     verdict: Verdict
     reason: str
     checks: tuple[str, ...]
+    where: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,6 +284,7 @@ Event = (
     | CheckFinished
     | Note
     | RigQuestion
+    | QuestionAsked
     | ReadingSeen
     | ReadingUnknown
     | ProfileJudged

@@ -13,6 +13,7 @@ not have are questions it does not ask: there the default holds, and nobody look
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -23,6 +24,7 @@ from importlib.resources.abc import Traversable
 
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 
+CHAPTER = re.compile(r"[IVX]+(\.[0-9]+)?")
 ANY_READING = "*"  # in a list of readings: any other value is admissible too (a measured time)
 
 
@@ -39,6 +41,7 @@ class Requirement:
     """One thing asked of the device.
 
     `safety`: what judging it may do to the device.  `text`: the requirement in our words.
+    `where`: the source in words: title and chapter.
     `observable`: by what the wire shows it.  `quirks`: ids of the ambiguities it rests on.
     `not_on_wire`: why the wire cannot show it; empty if it can.  `covers`: what another ledger asks
     of the same axis, so that what is judged by its name is judged here by this one.
@@ -53,6 +56,42 @@ class Requirement:
     quirks: tuple[str, ...] = ()
     not_on_wire: str = ""
     covers: tuple[str, ...] = ()
+    where: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Sources:
+    """What the abbreviations of sources stand for.
+
+    `titles`: of manuals; the one without abbreviation is meant where none is named.  `places`: in a
+    manual; one that ends with a dash is followed by a number.
+    """
+
+    titles: Mapping[str, str]
+    places: Mapping[str, str]
+
+    def in_words(self, source: str) -> str:
+        """``S II, 13h``: the manual's title, and where in it."""
+        told: list[list[str]] = [[self.titles[""]]] if "" in self.titles else []
+        for part in source.split(", "):
+            named, _, rest = part.partition(" ")
+            if named in self.titles:
+                told.append([self.titles[named], *([self._place(rest)] if rest else [])])
+            elif told:
+                told[-1].append(self._place(part))
+            else:
+                told.append([part])
+        return "; ".join(", ".join(one) for one in told)
+
+    def _place(self, place: str) -> str:
+        if place in self.places:
+            return self.places[place]
+        prefix, _, number = place.rpartition("-")
+        if f"{prefix}-" in self.places:
+            return f"{self.places[f'{prefix}-']} {number}"
+        if place.startswith("Q"):
+            return f"request {place[1:]}"
+        return f"chapter {place}" if CHAPTER.fullmatch(place) else place
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +174,10 @@ def load_ledger(name: str) -> Ledger:
 def parse_ledger(name: str, text: str) -> Ledger:
     """Parse a ledger from TOML text; raises ValueError naming the entry that is wrong."""
     data = tomllib.loads(text)
-    requirements = {key: _requirement(key, row) for key, row in data["requirement"].items()}
+    sources = Sources(data.get("titles", {}), data.get("places", {}))
+    requirements = {
+        key: _requirement(key, row, sources) for key, row in data["requirement"].items()
+    }
     ambiguities = {key: _ambiguity(key, row) for key, row in data["ambiguity"].items()}
     _refuse_shared_switches(ambiguities.values())
     for requirement in requirements.values():
@@ -185,7 +227,7 @@ def _refuse_shared_switches(ambiguities: Iterable[Ambiguity]) -> None:
                 raise ValueError(f"{ambiguity.id}: the switch {switch} belongs to {owner} already")
 
 
-def _requirement(key: str, row: Mapping[str, object]) -> Requirement:
+def _requirement(key: str, row: Mapping[str, object], sources: Sources) -> Requirement:
     try:
         safety = frozenset(str(row["safety"]).split())
         if not safety <= set(SAFETY_CLASSES):
@@ -200,6 +242,7 @@ def _requirement(key: str, row: Mapping[str, object]) -> Requirement:
             quirks=_words(row.get("quirks", [])),
             not_on_wire=str(row.get("not_on_wire", "")),
             covers=_words(row.get("covers", [])),
+            where=sources.in_words(str(row["source"])),
         )
     except (KeyError, ValueError) as error:
         raise ValueError(f"requirement {key}: {error}") from error

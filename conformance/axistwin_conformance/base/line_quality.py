@@ -5,9 +5,16 @@ waited for that says nothing right.
 k times by noise alone has the chance p to the power of k; k is taken so that it is one in a million
 (`LineQuality.alike_needed`).
 
+Three things may be the matter with a reply, and each is counted by itself.  *Corrupted*: another
+one comes when it is asked for again; that is noise.  *Late*: this host or the line was slow; that
+makes a surprise less sure, and no line noisy.  *Wrong*: the same comes again, as often as noise
+does not do it; that is the device.
+
 A module is deaf for 2 s after a restart, and is asked nothing meanwhile.  A device that is silent
 or wrong for longer than `SILENCE_LIMIT_S`, with more bad replies in a row than noise makes on this
-line, is gone, babbles, or has become another one: the next exchange raises `TargetError`.
+line, is gone, babbles, or has become another one: the next exchange raises `TargetError`.  So it
+does after `LONGEST_LIMIT_S` and as many bad replies in a row as one exchange is tried, however
+noisy the line.
 """
 
 from __future__ import annotations
@@ -17,6 +24,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 from axistwin_conformance.base.errors import TargetError
+from axistwin_conformance.base.retry import RETRY
 
 FALSE_ALARM = 1e-6  # the chance left to noise of looking like the device
 FALSE_LOSS = 1e-9  # of looking like a device that is gone: that is asked after every exchange
@@ -24,6 +32,7 @@ LEAST_ALIKE = 3
 NOISY = 1e-3  # share of spoilt exchanges from which a line counts as noisy
 PRIOR_EXCHANGES = 20  # before anything is known, a line is taken to spoil one exchange in these
 SILENCE_LIMIT_S = 5.0
+LONGEST_LIMIT_S = 60.0  # on the noisiest line
 LEAST_BAD = 4
 
 
@@ -33,17 +42,26 @@ class LineQuality:
 
     exchanges: int = 0
     corrupted: int = 0
+    late: int = 0
+    wrong: int = 0
     votes: Counter[tuple[str, str]] = field(default_factory=Counter)  # how something is spelt
 
-    def note(self, *, is_corrupted: bool) -> None:
-        """Count one exchange."""
+    def note(self, *, is_corrupted: bool, is_late: bool = False) -> None:
+        """Count one exchange; what is late is not told from what it should be by that."""
         self.exchanges += 1
-        self.corrupted += is_corrupted
+        self.late += is_late
+        self.corrupted += is_corrupted and not is_late
+
+    def note_wrong(self) -> None:
+        """What was just taken for corrupted, came alike too often for that."""
+        self.wrong += 1
+        self.corrupted = max(0, self.corrupted - 1)
 
     @property
     def rate(self) -> float:
-        """The share of spoilt exchanges, estimated carefully while few are known."""
-        return (self.corrupted + 1) / (self.exchanges + PRIOR_EXCHANGES)
+        """The share of exchanges that the way may have changed, estimated carefully while few are
+        known."""
+        return (self.corrupted + self.late + 1) / (self.exchanges + PRIOR_EXCHANGES)
 
     @property
     def is_noisy(self) -> bool:
@@ -70,7 +88,9 @@ class LineQuality:
         return len(replies) >= needed and len(set(replies[-needed:])) == 1
 
     def __str__(self) -> str:
-        return f"{self.corrupted} of {self.exchanges} exchanges spoilt"
+        told = [f"{self.corrupted} of {self.exchanges} exchanges corrupted"]
+        told += [f"{self.late} late"] * bool(self.late) + [f"{self.wrong} wrong"] * bool(self.wrong)
+        return ", ".join(told)
 
 
 @dataclass(slots=True)
@@ -95,6 +115,7 @@ class SilenceLimit:
         self.bad += 1
         self.silent += is_silence
         lasted_s = (now_ns - self.since_ns) / 1e9
-        if self.bad >= max(needed, LEAST_BAD) and lasted_s >= SILENCE_LIMIT_S:
+        is_long = self.bad >= max(needed, LEAST_BAD) and lasted_s >= SILENCE_LIMIT_S
+        if is_long or (self.bad >= RETRY.exchange and lasted_s >= LONGEST_LIMIT_S):
             what = "nothing" if self.silent == self.bad else "nothing sensible"
             raise TargetError(f"{what} has come for {lasted_s:.0f} s, in {self.bad} attempts")

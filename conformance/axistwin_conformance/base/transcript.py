@@ -75,10 +75,7 @@ class Transcript:
         """True if a request has come back as it was: we hear ourselves."""
         heard = b"".join(record.data for record in self if record.direction is Direction.DEVICE)
         return any(
-            record.direction is Direction.HOST
-            and len(record.data) >= SURELY_OURS
-            and record.data in heard
-            for record in self
+            record.direction is Direction.HOST and is_echoed(record.data, heard) for record in self
         )
 
     def since(self, position: int, limit: int | None = None) -> tuple[Record, ...]:
@@ -94,6 +91,11 @@ class Transcript:
                 record = replace(record, data=whole.pop().data + record.data)
             whole.append(record)
         return tuple(whole if limit is None else whole[-limit:])
+
+
+def is_echoed(request: bytes, heard: bytes) -> bool:
+    """True if a request has come back as it was."""
+    return len(request) >= SURELY_OURS and request in heard
 
 
 def last_exchange(records: Iterable[Record]) -> tuple[bytes, bytes]:

@@ -65,7 +65,8 @@ class Finding:
     """One saying of one check about one requirement.
 
     `expected` lists every admissible outcome, `actual` is what came; `transcript` holds the
-    exchange that led here, for verdicts a reader will want to follow.
+    exchange that led here, for verdicts a reader will want to follow.  `sentence` says of a failure
+    what was done, what is admissible and what came.
     """
 
     requirement: str
@@ -74,3 +75,4 @@ class Finding:
     expected: tuple[str, ...] = ()
     actual: str | None = None
     transcript: tuple[Record, ...] = ()
+    sentence: str = ""

@@ -18,13 +18,15 @@ from typing import Any, ClassVar, TypeVar
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.recording import Recording
-from axistwin_conformance.base.transcript import Record
+from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.core.identity import Identity, Model
+from axistwin_conformance.core.lenient import Lenient
 from axistwin_conformance.core.probing import Probe
 from axistwin_conformance.core.session import Run, Session
 from axistwin_conformance.core.settings import FamilyOptions
+from axistwin_conformance.core.wording import Exchange
 from axistwin_conformance.transport.kinds import LINE, TransportKind
-from axistwin_conformance.transport.rig import OF_AN_AXIS
+from axistwin_conformance.transport.rig import POWER, RigControls, rig_controls
 from axistwin_conformance.transport.transport import Transport, TravelLimiter
 
 T = TypeVar("T")
@@ -45,10 +47,12 @@ class Family(ABC):
     `name`: of the family and of its ledger.  `addresses`: those a device can have.
     `default_rate`: of the line or bus; None: as the interface is set.  `rates`: the ones it can
     have; none named: any.  `transport_kind`: how the devices are reached, and what that is called.
-    `capabilities`: what of a rig serves such a device.  `options`: of the command line
-    that are its own.  `tidying`: what is done to a device at the end of a run, in words.
-    `impact`: safety class → what its checks do to a device, in words, for `--dry-run`.
+    `rig_controls`: what a rig may work of such a device.  `options`: of the command line that are
+    its own.
+    `impact`: safety class → what its checks do to a device, in words, for `--dry-run`;
+    under "end": what is done to one at the end of a run.
     `tried_needs`: those needs of checks that `unusable` tries before a check relies on them.
+    `glossary`: what abbreviations of the manual stand for, in the words of a failure.
     `operation_bytes`: of one recorded operation; 0: nothing of it is recorded.
     """
 
@@ -59,12 +63,12 @@ class Family(ABC):
     default_rate: int | None = None
     rates: tuple[int, ...] = ()
     transport_kind: TransportKind = LINE
-    capabilities: frozenset[str] = OF_AN_AXIS
+    rig_controls: RigControls = rig_controls(POWER)
     options: FamilyOptions = FamilyOptions()
-    tidying: str = "put back what it held"
     impact: ClassVar[Mapping[str, str]] = {}
     tried_needs: frozenset[str] = frozenset()
-    replay_module: str = ""
+    glossary: ClassVar[Mapping[str, str]] = {}
+    _replay_module: str = ""
     operation_bytes: int = 0
 
     # --- the way to a device ---------------------------------------------------------------------
@@ -80,6 +84,11 @@ class Family(ABC):
     @abstractmethod
     def explain(self, record: Record) -> str:
         """Put the bytes of a record into words."""
+
+    def in_words(self, request: bytes, reply: bytes) -> Exchange:
+        """Put an exchange into the words of a failure; shorter than `explain`, without what goes
+        without saying."""
+        return Exchange(self.explain(Record(0, Direction.HOST, request)))
 
     # --- the acts of the engine ------------------------------------------------------------------
 
@@ -108,6 +117,23 @@ class Family(ABC):
     def restore(self, session: Session, memory: Any) -> tuple[str, ...]:
         """Put back what differs; a sentence for each thing that could not be."""
 
+    def unsure(self, session: Session, memory: Any) -> tuple[str, ...]:
+        """A sentence for each thing that was written to although, as it has turned out, nobody
+        knows what it was: the memory of it rests on answers that have failed (`Run.doubted`)."""
+        return ()
+
+    def would_lose(self, session: Session, data: bytes) -> str:
+        """Why these bytes must not be written: nobody knows what they replace; empty: they may."""
+        return ""
+
+    def kept(self, memory: Any) -> Mapping[str, Any]:
+        """What `remember` read, as a file keeps it; empty: nothing is worth a file."""
+        return {}
+
+    def memory_of(self, held: Mapping[str, Any]) -> Any:
+        """The same the other way; raises ValueError, KeyError or TypeError for what is none."""
+        raise ValueError("nothing is kept of such a device")
+
     # --- what keeps a device safe ----------------------------------------------------------------
 
     def forbid(self, session: Session, data: bytes) -> str | None:
@@ -128,9 +154,10 @@ class Family(ABC):
         before anything is judged; raises UsageError for what is not there."""
         return
 
-    def unusable(self, session: Session, need: str) -> str:
+    def unusable(self, session: Session, need: str) -> str | Violation:
         """Why nothing can be judged by what the operator has named for that need of a check, after
-        a try; empty if it can.  What the try touches is put back."""
+        a try; empty if it can.  What the device broke in the try, if that was its fault.  What the
+        try touches is put back."""
         return ""
 
     def disturbs(self, readings: Mapping[str, str]) -> bool:
@@ -143,21 +170,26 @@ class Family(ABC):
         family gives; `reply` None: there was none, the twin had crashed."""
         return None
 
+    def lenient(self, session: Session, request: bytes, reply: bytes) -> Lenient | None:
+        """The reply to a sound request read under a lenient grammar, with each thing in which it
+        departs from the strict one named; None: nothing of this protocol, or silence."""
+        return None
+
     # --- its checks and probes -------------------------------------------------------------------
 
     @cached_property
     def modules(self) -> tuple[str, ...]:
         """The modules that hold its checks, in the order of a run (see `_modules`)."""
-        return _modules("checks", self.packages)
+        return _modules("checks", self._packages)
 
     @cached_property
     def probe_modules(self) -> tuple[str, ...]:
         """The modules that hold its quirk probes, in the order in which they are asked: what later
         probes rest on comes first."""
-        return _modules("probes", self.packages)
+        return _modules("probes", self._packages)
 
     @property
-    def packages(self) -> tuple[str, ...]:
+    def _packages(self) -> tuple[str, ...]:
         """The packages in which its `checks` and `probes` are; its own, and any it shares."""
         return (type(self).__module__.rpartition(".")[0],)
 
@@ -165,7 +197,7 @@ class Family(ABC):
         """The family's checks, in the order of its modules and of their text.
 
         Raises TypeError if two checks share a name (a name selects and replays exactly one), or
-        if one names a requirement that no ledger has.
+        if one names a requirement that no ledger has, or needs what no rig works of this family.
         """
         found: dict[str, Check] = {}
         for check in _found(self.modules, Check, lambda check: check.module):
@@ -180,7 +212,8 @@ class Family(ABC):
         """The family's quirk probes, in the order of their modules and of their text, without those
         that ask what its ledger does not.
 
-        Raises TypeError if two of them share a name, ValueError for a switch that no ledger has.
+        Raises TypeError if two of them share a name, or one needs what no rig works of this family;
+        ValueError for a switch that no ledger has.
         """
         book = load_ledger(self.name)
         found: dict[str, Probe] = {}
@@ -189,12 +222,13 @@ class Family(ABC):
                 continue
             if probe.check.name in found:
                 raise TypeError(f"two probes are named {probe.check.name}; rename one")
+            self._check_rig_needs(probe.check)
             found[probe.check.name] = probe
         return tuple(found.values())
 
     def replay_check(self, recording: Recording) -> Check:
         """The check that runs recorded operations; only where there are any (`operation_bytes`)."""
-        made = importlib.import_module(self.replay_module).replay_check(recording)
+        made = importlib.import_module(self._replay_module).replay_check(recording)
         assert isinstance(made, Check)
         own = self._own(made)
         assert own is not None, "what is recorded of an axis is judged by what covers it here"
@@ -205,10 +239,17 @@ class Family(ABC):
         book = load_ledger(self.name)
         if unknown := [name for name in check.requirements if not book.knows(name)]:
             raise TypeError(f"{check.name}: {unknown[0]} is no requirement of {book.name}")
+        self._check_rig_needs(check)
         names = book.own(check.requirements)
         if names == check.requirements or not names:
             return check if names else None
         return replace(check, requirements=names, shared=check.requirements)
+
+    def _check_rig_needs(self, check: Check) -> None:
+        for capability in check.rig_needs:
+            if capability not in self.rig_controls:
+                known = ", ".join(self.rig_controls)
+                raise TypeError(f"{check.name}: no rig works {capability!r}; choose from {known}")
 
 
 def _modules(kind: str, packages: Iterable[str]) -> tuple[str, ...]:

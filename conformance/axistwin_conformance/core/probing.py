@@ -44,14 +44,16 @@ class Probe:
 
     Two probes may tell the same switch: the second then narrows down what the first leaves open.
     `check` carries name, safety classes and needs, and is what the run attempts; `look` asks.
-    `serves`: beginnings of requirements.  A question that takes long is left out of a run that
-    judges none of those, unless the profile itself is wanted; empty: it is asked in every run.
     """
 
     switch: str
     look: Look
     check: Check
-    serves: tuple[str, ...] = ()
+
+    @property
+    def is_destructive(self) -> bool:
+        """True if the question may leave the device where nobody finds it."""
+        return "destructive" in self.check.safety
 
 
 Outcome = int | tuple[int, ...] | Measured | str
@@ -62,12 +64,8 @@ def probe(
     safety: str | Sequence[str] = "passive",
     needs: Sequence[str] = (),
     switch: str | None = None,
-    serves: tuple[str, ...] = (),
 ) -> Callable[[Callable[[Any], Outcome]], Probe]:
-    """Declare the function below as the probe of `switch`, or of the one it is named after.
-
-    `serves`: see `profile.Probe`.
-    """
+    """Declare the function below as the probe of `switch`, or of the one it is named after."""
     classes = (safety,) if isinstance(safety, str) else tuple(safety)
 
     def declare(function: Callable[[Any], Outcome]) -> Probe:
@@ -79,7 +77,7 @@ def probe(
 
         name = f"detect_{function.__name__}"
         check = Check.named(name, question, function.__module__, safety=classes, needs=tuple(needs))
-        return Probe(told, look, check, serves)
+        return Probe(told, look, check)
 
     return declare
 

@@ -18,7 +18,7 @@ from typing import Any, NoReturn, Protocol, cast
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.errors import AttemptVoid, TargetError
 from axistwin_conformance.base.events import Listener, MotionSampled
-from axistwin_conformance.base.ledger import Ledger
+from axistwin_conformance.base.ledger import Ambiguity, Ledger
 from axistwin_conformance.base.line_quality import LineQuality, SilenceLimit
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.base.transcript import Record
@@ -26,16 +26,15 @@ from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.base.write_budget import WriteBudget
 from axistwin_conformance.core.identity import Identity, Model
 from axistwin_conformance.core.profile import Detection
+from axistwin_conformance.core.readings import Readings
 from axistwin_conformance.core.settings import Envelope as Envelope
+from axistwin_conformance.core.wording import Exchange, sentence
 from axistwin_conformance.transport.kinds import TransportKind
 from axistwin_conformance.transport.rig import Rig
 from axistwin_conformance.transport.serial import SerialTransport
 from axistwin_conformance.transport.transport import Transport, TravelLimiter
 
 REPLY_TIMEOUT_S = 0.5  # MACS-REPLY-16: no reply time is specified; the ledger sets this for suites
-# With one byte in 50 lost, an exchange of 42 bytes fails as often as not: 24 attempts leave 1 in
-# 1 000 000 unsettled.
-ATTEMPTS = 24
 QUIET_WAIT_S = 0.1  # how long a line must be quiet before a request is sent again
 MOTIONS_KEPT = 8  # per check: the first ones and the last, which is the one that failed, if any did
 EXCERPT_RECORDS = 60  # of the transcript with a finding: enough for a sequence, still readable
@@ -68,6 +67,10 @@ class DeviceFamily(Protocol):
         """Of the family, and of its ledger."""
 
     @property
+    def models(self) -> Mapping[str, Model]:
+        """By their names."""
+
+    @property
     def addresses(self) -> range:
         """Those a device can have."""
 
@@ -88,6 +91,13 @@ class DeviceFamily(Protocol):
 
     def twin_url(self, model: str, address: int, neighbours: tuple[int, ...]) -> str:
         """The URL of the built-in twin."""
+
+    @property
+    def glossary(self) -> Mapping[str, str]:
+        """What the abbreviations of the manual stand for."""
+
+    def in_words(self, request: bytes, reply: bytes, /) -> Exchange:
+        """Put an exchange into the words of a failure."""
 
     def driver(self, session: Session, address: int | None = None) -> Any:
         """The device, or the one at an address, as checks and probes handle it."""
@@ -120,10 +130,12 @@ class Run:
     seed: int
     identity: Identity | None = None
     rig: Rig | None = None
+    doubted: set[bytes] = field(default_factory=set)  # requests of which an answer has failed
     memory: Any = None  # what the family's `remember` read; None in a run that is passive only
+    # What a hook of the family has seen fail, and goes on without: requirement, expected, came.
+    accusations: list[tuple[str, str, str]] = field(default_factory=list)
     cleanups: list[Cleanup] = field(default_factory=list)  # the last one is to be given back first
-    runaway: str = ""  # why the axis must not be moved any more
-    readings: dict[str, str] = field(default_factory=dict)  # switch → the reading seen in this run
+    readings: Readings = field(default_factory=Readings)
     detections: dict[str, Detection] = field(default_factory=dict)  # what the probes found out
     budget: WriteBudget = field(default_factory=WriteBudget)
     quality: LineQuality = field(default_factory=LineQuality)
@@ -133,6 +145,12 @@ class Run:
     shrinks: bool = True  # False: what fails here is shrunk elsewhere
     is_interrupted: bool = False  # a check has told what it knew first: now the run is to end
     settings: Any = None  # what the family's options have been set to, beside the envelope
+
+    @property
+    def strayed(self) -> str:
+        """Why the axes must not be moved any more; empty: they may."""
+        travel_guard = self.target.travel_guard
+        return "" if travel_guard is None else travel_guard.strayed
 
 
 class Motions:
@@ -182,7 +200,8 @@ class Session:
         self.is_strict = run.target.is_lossless  # True: replies are handed on as they come
         self.corrupted: list[str] = []  # what came wrong and was handed on all the same
         self._asked: Counter[bytes] = Counter()
-        self._late_count = run.target.late_count  # of all that came late before
+        self._late_count = run.target.lateness.count  # of all that came late before
+        self._repeated_count = run.target.lateness.repeated_count  # of these, what came twice
         self.failed_after = (b"", 0)  # what was sent last before the first failure, which time
         self.has_failed = False
         self.recording: Recording | None = None  # the operations that failed, if the check has any
@@ -217,11 +236,6 @@ class Session:
     def envelope(self) -> Envelope:
         """The bounds of motion."""
         return self.run.envelope
-
-    @property
-    def memory(self) -> Any:
-        """What the device held before anything was changed, as the family's `remember` read it."""
-        return self.run.memory
 
     @property
     def rig(self) -> Rig:
@@ -259,14 +273,19 @@ class Session:
         elif reply:
             self.run.silence_limit.good()
         if not bad:  # a device that never answers right must not make the line look noisy
-            is_late = self.transport.late_count > self._late_count
-            quality.note(is_corrupted=is_late or not is_good)
-        self._late_count = self.transport.late_count
+            # What came twice was hit on its way.
+            is_hit = self.transport.lateness.repeated_count > self._repeated_count
+            is_late = not is_hit and self.transport.lateness.count > self._late_count
+            quality.note(is_corrupted=is_hit or not is_good, is_late=is_late)
+        self._late_count = self.transport.lateness.count
+        self._repeated_count = self.transport.lateness.repeated_count
         bad.append(reply)
         self._asked[self.transport.last_sent] += 1
         if self.is_strict and not is_good:
             self.corrupted.append(self._numbered(reply))
         self.is_reproduced = not is_good and quality.is_reproduced(bad)
+        if self.is_reproduced:
+            quality.note_wrong()
         return is_good or self.is_strict or self.is_reproduced
 
     def note_broken_reply(self, heard: bytes) -> None:
@@ -373,7 +392,7 @@ class Session:
     def reading(self, switch: str) -> str:
         """The reading of an ambiguity this device is held to: the detected one, or the default."""
         default = self.run.ledger.ambiguity_of(switch).default_of(switch)
-        return self.run.readings.get(switch, default)
+        return str(self.run.readings.get(switch, default))
 
     def quirk(self, requirement: Requirements, name: str, reading: str | Sequence[str]) -> None:
         """Judge which admissible reading of ambiguity switch `name` the device follows here.
@@ -391,10 +410,12 @@ class Session:
             ambiguity.check_reading(name, one)
         held = self._held(name, seen)
         self.expect(
-            bool(set(held) & set(seen)), requirement,
-            [f"{name}={one}, as seen earlier in this run" for one in held],
-            f"{name}={' or '.join(seen)}", f"{ambiguity.id}: one reading, held for the whole run",
-        )  # fmt: skip
+            bool(set(held) & set(seen)),
+            requirement,
+            [f"{name}={one}, as it has been in this run so far" for one in held],
+            f"{name}={' or '.join(seen)}",
+            f"{_open_question(ambiguity)}; a device keeps to one reading",
+        )
         if ambiguity.default_of(name) in held:
             return
         departs = f", against {', '.join(ambiguity.departs)}" if ambiguity.departs else ""
@@ -403,6 +424,14 @@ class Session:
             if (one, name) not in self._named:
                 self._named.add((one, name))
                 self._record(one, Verdict.QUIRK, text)
+
+    def no_reading(
+        self, requirement: Requirements, name: str, readings: Iterable[str], came: str
+    ) -> NoReturn:
+        """Judge that no reading of ambiguity switch `name` explains what came."""
+        question = _open_question(self.run.ledger.ambiguity_of(name))
+        wanted = [f"{name}={reading}" for reading in readings]
+        self.fail(requirement, wanted, came, f"{question}; no reading explains what came")
 
     def _held(self, switch: str, seen: tuple[str, ...]) -> tuple[str, ...]:
         """The readings the device may still follow; what is seen first is held from then on."""
@@ -497,6 +526,20 @@ class Session:
         if verdict is Verdict.FAIL and not self.failed_after[0]:
             self.failed_after = self.transport.last_sent, self._asked[self.transport.last_sent]
         wanted = verdict in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.QUIRK)
+        told = "" if actual is None else failure_sentence(self, expected, actual, text)
         self.findings.append(
-            Finding(requirement, verdict, text, expected, actual, excerpt if wanted else ())
+            Finding(requirement, verdict, text, expected, actual, excerpt if wanted else (), told)
         )
+
+
+def failure_sentence(
+    session: Session, expected: Sequence[str], actual: str, remark: str = ""
+) -> str:
+    """A failure in words; see `wording`."""
+    records = session.records(EXCERPT_RECORDS)
+    family = session.run.family
+    return sentence(records, family.in_words, expected, actual, remark, family.glossary)
+
+
+def _open_question(ambiguity: Ambiguity) -> str:
+    return f"The manual leaves open ({ambiguity.id}): {ambiguity.question.rstrip('.')}"

@@ -29,6 +29,7 @@ from axistwin_conformance.base.errors import (
 from axistwin_conformance.base.events import Listener, Outcome
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.core.session import Run, Session, Stop
+from axistwin_conformance.engine.device import ladder
 from axistwin_conformance.engine.replays import Attempt, Replays
 from axistwin_conformance.engine.result import CheckResult
 
@@ -70,7 +71,7 @@ class Attempts:
             try:
                 if check.danger > 0:
                     self._guard.restore(run)
-                return self._guard.is_sane(run)
+                return self._guard.is_sane(run) and not run.strayed
             except TargetError:
                 return False  # found again, and told, when the check is over
 
@@ -86,12 +87,12 @@ class Attempts:
         session = Session(run, check)
         session.is_strict |= is_strict
         known = dict(run.readings)
-        run.target.forget_late()
+        run.target.lateness.forget()
         started = time.monotonic()
         outcome, trouble, verdict, disturbance = self._run(session, check)
         for motion in session.motions.kept:
             self._emit(motion)
-        findings = session.conclude(trouble, verdict)
+        findings = ladder.unproven(run, session.conclude(trouble, verdict))
         seconds = time.monotonic() - started
         result = CheckResult(
             check, outcome, findings, tuple(session.retries), seconds, trouble, session.recording
@@ -103,7 +104,7 @@ class Attempts:
         }
         return Attempt(
             result, disturbance, learnt, session.is_strict, tuple(session.corrupted),
-            session.failed_after, session.is_replayed, tuple(run.target.late),
+            session.failed_after, session.is_replayed, tuple(run.target.lateness.recent),
         )  # fmt: skip
 
     def _run(self, session: Session, check: Check) -> tuple[Outcome, str, Verdict, str]:
@@ -114,6 +115,7 @@ class Attempts:
         target.gate = lambda data: self._guard.guard(session, data)
         try:
             target.drain()
+            ladder.read_as_fits(session.run, check)
             target.mark(f"check {check.name}")
             for capability in check.rig_needs:  # it may have turned out since that it cannot
                 session.rig.require(capability)
@@ -135,6 +137,7 @@ class Attempts:
             outcome, trouble = Outcome.ERROR, describe(error)
         finally:
             target.gate = None
+            ladder.read_as_fits(session.run)
         return outcome, trouble, verdict, disturbance
 
 

@@ -3,6 +3,9 @@
 Checks differ in length by a factor of a thousand, so an earlier report of the same device is by far
 the best guide.  Without one, checks count by what they may do: motion takes longer than a query.
 The guess is scaled by how this run has gone so far.
+
+A run that takes twice the most that any sound device was seen to need (`most_s`) is held up by the
+device: it talks unasked, or answers nothing right.  Then it ends (`DeviceGuard.guard`).
 """
 
 from __future__ import annotations
@@ -11,10 +14,19 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 
 from axistwin_conformance.base.check import Check
+from axistwin_conformance.base.classes import SAFETY_CLASSES
+from axistwin_conformance.core.settings import Envelope
 from axistwin_conformance.engine.plan import Plan
 
-WEIGHTS = (1.0, 6.0, 6.0, 6.0, 8.0)  # passive, motion, stored, rig, destructive
+# passive, motion, stored, negative, rig, destructive
+WEIGHTS = (1.0, 6.0, 6.0, 6.0, 6.0, 8.0)
+assert len(WEIGHTS) == len(SAFETY_CLASSES)
 FULL_FACTOR = 2.0  # checks that only full runs do are the long ones
+MOST_S_AT_ALL, MOST_S_PER_WEIGHT, MOST_S_PER_PROBE = 60.0, 1.0, 2.0
+PLAIN_TRIP_NS = 30_000_000  # an exchange on a line on which nothing takes longer than that
+PLAIN_SPEED = 5000  # increments per second: that of the checks
+HELD_UP = 2  # times as long as that is no device's right
+HELD_UP_BY_NOISE = 4  # times as long again, on a noisy line
 CHECKS_NEEDED, SECONDS_NEEDED = 5, 2.0  # before a guess without a past is worth telling
 
 
@@ -25,6 +37,15 @@ def weigh(plan: Plan) -> dict[str, float]:
 
 def _weight(check: Check) -> float:
     return WEIGHTS[check.danger] * (FULL_FACTOR if check.level == "full" else 1.0)
+
+
+def most_s(plan: Plan, envelope: Envelope, trip_ns: int) -> float:
+    """The most that the checks and probes of a plan take on a real line, in s."""
+    usual_s = MOST_S_PER_WEIGHT * sum(weigh(plan).values()) + MOST_S_PER_PROBE * len(plan.probes)
+    slower = max(1.0, trip_ns / PLAIN_TRIP_NS)
+    if envelope.is_guarded and plan.to_run:
+        slower = max(slower, PLAIN_SPEED / max(1, envelope.max_speed))
+    return MOST_S_AT_ALL + usual_s * slower
 
 
 class Eta:

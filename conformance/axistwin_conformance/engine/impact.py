@@ -70,5 +70,6 @@ def _within(safety: str, options: Options) -> str:
         "rig": f"by --rig {options.rig.kind}, brought to rest after each check",
         "destructive": "last; not all of it can be put back",
         "passive": "nothing is changed",
+        "negative": "of what stored may write to alone, read first and put back",
     }
     return known[safety] if safety in known else options.settings.within(safety)

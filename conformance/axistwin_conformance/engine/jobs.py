@@ -36,6 +36,7 @@ from axistwin_conformance.base.write_budget import WriteBudget
 from axistwin_conformance.core.family import Family
 from axistwin_conformance.core.identity import Identity
 from axistwin_conformance.core.profile import Detection
+from axistwin_conformance.core.readings import Readings
 from axistwin_conformance.core.session import Envelope, Run, Session
 from axistwin_conformance.engine.attempts import Attempts, describe
 from axistwin_conformance.engine.result import CheckResult
@@ -135,7 +136,7 @@ def judge(setup: RunSetup, name: str, seed: int) -> WorkerResult:
             target=target, family=family, model=family.models[setup.model],
             ledger=load_ledger(family.name), address=setup.address, neighbours=setup.neighbours,
             allowed=setup.allowed, envelope=setup.envelope, seed=seed, identity=setup.identity,
-            readings=dict(setup.readings), detections=dict(setup.detections),
+            readings=Readings(setup.readings), detections=dict(setup.detections),
             budget=WriteBudget(), emit=events.append, shrinks=False, settings=setup.settings,
         )  # fmt: skip
         target.meter = lambda data: run.budget.note(family.stored_writes(data))
@@ -187,7 +188,8 @@ class Jobs:
 
     def begin(self, run: Run, check: Check, seed: int) -> None:
         """Let a worker run that check with that seed; nothing where that cannot be."""
-        if not self.count or self._is_lost or "alone" in check.needs:
+        is_mended = run.target.mender is not None  # which a worker would have to find out anew
+        if not self.count or self._is_lost or is_mended or "alone" in check.needs:
             return
         with _deaf():  # from the first: a worker that still starts would die of an interrupt
             if self._pool is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 
 from axistwin_conformance.base.check import Check
@@ -57,29 +58,31 @@ def _judge(
     missing = {c.name: why for c, why in unstarted.items() if requirement.id in c.requirements}
     verdict = merge(finding.verdict for _, finding in spoken)
     names = tuple(dict.fromkeys([name for name, _ in spoken] + list(missing)))
-    reason = _reason(requirement, verdict, [f for _, f in spoken], missing)
+    reason = _reason(requirement, verdict, [f for _, f in spoken], missing, len(names))
     return RequirementResult(requirement, verdict, reason, names, tuple(spoken))
 
 
 def _reason(
-    requirement: Requirement, verdict: Verdict, findings: list[Finding], missing: Mapping[str, str]
+    requirement: Requirement,
+    verdict: Verdict,
+    findings: list[Finding],
+    missing: Mapping[str, str],
+    total: int,
 ) -> str:
+    """Why this verdict, in a line; `missing`: checks that did not start, each with its reason."""
     if not findings and not missing:
         if requirement.not_on_wire:
             return f"not on the wire: {requirement.not_on_wire}"
         return NO_RIG if "rig" in requirement.safety else NOT_COVERED
     texts = [] if verdict is Verdict.PASS else [_told(f) for f in findings if f.verdict is verdict]
     if missing and verdict is not Verdict.FAIL:
-        part = f"{len(missing)} of its checks not run: " if findings else ""
-        texts += [part + why for why in dict.fromkeys(missing.values())]
+        for why, count in Counter(missing.values()).items():
+            texts.append(why if count == total else f"{count} of {total} checks not run: {why}")
     return join_texts(*dict.fromkeys(texts))
 
 
 def _told(finding: Finding) -> str:
-    if finding.actual is None:
-        return finding.text
-    admissible = " | ".join(finding.expected)
-    return join_texts(finding.text, f"admissible: {admissible}, came: {finding.actual}")
+    return finding.sentence or finding.text
 
 
 def _exit_status(result: Result) -> int:
@@ -107,16 +110,18 @@ def _departs(result: Result) -> str:
     )
 
 
-def _profile_sentence(result: Result, ledger: Ledger) -> str:
-    """What detection alone found out."""
+def profile_sentence(result: Result, ledger: Ledger) -> str:
+    """What detection found out."""
     others = [
         f"{switch}={reading}"
         for switch, reading in sorted(result.readings.items())
         if reading != ledger.ambiguity_of(switch).default_of(switch)
     ]
     unknown = sum(switch not in result.readings for switch in result.detections)
-    named = f"other than the default: {', '.join(others)}" if others else "all of them the default"
-    return f"{len(result.readings)} readings detected, {named}; {unknown} not known."
+    differ = "differs" if len(others) == 1 else "differ"
+    named = f"{len(others)} {differ} from the default: {', '.join(others)}" if others else ""
+    answered = counted(len(result.readings), "question")
+    return f"{answered} answered, {named or 'none differs from the default'}; {unknown} not known."
 
 
 def _replay_sentence(result: Result, recording: Recording) -> str:
@@ -175,7 +180,7 @@ def _sentence(result: Result, ledger: Ledger) -> str:
         why = f"{open_ends} stayed inconclusive" if open_ends else "; ".join(result.problems)
         return f"No verdict on {model}: nothing failed, but {why or 'a check crashed'}; {scope}."
     if result.options.is_only_detection and result.exit_status == CONFORMS:
-        return _profile_sentence(result, ledger)
+        return profile_sentence(result, ledger)
     if result.exit_status == USAGE:
         return _nothing_sentence(result)
     quirks = f", {count[Verdict.QUIRK]} of them with a quirk" if count[Verdict.QUIRK] else ""

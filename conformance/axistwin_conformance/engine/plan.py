@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import difflib
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from axistwin_conformance.base.check import BENCH, CAPABILITIES, NEEDS, RIG, Check
+from axistwin_conformance.base.armed import load_reads
+from axistwin_conformance.base.check import BENCH, NEEDS, RIG, Check
 from axistwin_conformance.base.classes import FULL, LEVELS, SAFETY_CLASSES, SOAK
 from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.base.ledger import Ledger
@@ -21,19 +22,22 @@ from axistwin_conformance.core.settings import Settings
 from axistwin_conformance.transport.rig import RigChoice
 from axistwin_conformance.transport.transport import is_twin_url
 
+NOT_ALLOWED, ONLY_AT = "not allowed: ", "only at --level "
+NOT_NEEDED = "no check of this run depends on it"
+
 
 @dataclass(frozen=True, slots=True)
 class Options:
     """What the user asked for.
 
-    `endpoint`: a pyserial URL or device, or INTERFACE:CHANNEL of python-can; None for the built-in
-    twin.  `rate`: of our end, None where the interface has its own.  `words`: requirement ids,
-    prefixes of them, or names of checks; none means everything.  `is_detection`: ask for the
-    profile with all that is allowed; `is_only_detection`: and judge nothing else.  `expected`: the
-    readings of a profile file, None without one.  `duration_s`: of a soak.  `recording`: play just
-    that, given as `replay_word`.  `report`: the folder of the report, empty without one.
-    `jobs`: processes that run random sequences on built-in twins.  `settings`: what the options of
-    the family have been set to.
+    `endpoint`: a pyserial URL or device, or INTERFACE:CHANNEL of python-can; None for the
+    built-in twin.  `rate`: of our end, None where the interface has its own.  `words`:
+    requirement ids, prefixes of them, names of checks or of switches; none means everything.
+    `is_detection`: ask for the profile with all that is allowed; `is_only_detection`: and judge
+    nothing else.  `expected`: the readings of a profile file, None without one.  `duration_s`: of
+    a soak.  `recording`: play just that, given as `replay_word`.  `report`: the folder of the
+    report, empty without one.  `jobs`: processes that run random sequences on built-in twins.
+    `settings`: what the options of the family have been set to.
     """
 
     family: Family
@@ -138,7 +142,8 @@ class Options:
 class Plan:
     """What will be run, in order, what will not and why; and the requirements asked about.
 
-    `probes`: what the detection phase will ask; `unprobed`: what it will not, and why.
+    `probes`: what the detection phase will ask; `unprobed`: what it will not, and why; `unneeded`:
+    what of that is asked if a check depends on it after all.
     """
 
     requirements: tuple[str, ...]
@@ -147,12 +152,18 @@ class Plan:
     probes: tuple[Probe, ...] = ()
     unprobed: tuple[tuple[Probe, str], ...] = ()
 
+    @property
+    def unneeded(self) -> tuple[Probe, ...]:
+        """See above."""
+        return tuple(probe for probe, reason in self.unprobed if reason == NOT_NEEDED)
+
 
 def make_plan(
     options: Options, ledger: Ledger, checks: Sequence[Check], probes: Sequence[Probe] = ()
 ) -> Plan:
     """Plan a run; raises UsageError for a word that selects nothing."""
-    requirements, chosen = _select(options.words, ledger, checks)
+    switches = [probe.switch for probe in probes]
+    requirements, chosen = _select(options.words, ledger, checks, switches)
     if options.is_only_detection:
         requirements, chosen = (), ()
     if options.recording is not None:
@@ -160,11 +171,12 @@ def make_plan(
         requirements = tuple(key for key in ledger.requirements if key in one.requirements)
         chosen = (one,)
     ordered = sorted(chosen, key=lambda check: check.danger)  # stable: the family's order stays
-    reasons = [(check, _obstacle(check, options)) for check in ordered]
+    reasons = [(check, _obstacle_of_check(check, options)) for check in ordered]
     to_run = tuple(check for check, reason in reasons if not reason)
     if options.level == SOAK and not any(check.soaks for check in to_run):
         raise UsageError(_nothing_to_soak(reasons))
-    asked = [(probe, _obstacle_of_probe(probe, options, to_run)) for probe in probes]
+    wanted = _wanted(options, ledger, to_run, probes)
+    asked = [(probe, _obstacle_of_probe(probe, options, to_run, wanted)) for probe in probes]
     return Plan(
         requirements,
         to_run,
@@ -189,19 +201,59 @@ def duration_word(seconds: float) -> str:
     return f"{seconds / UNITS[unit]:g}{unit}"
 
 
-def _obstacle_of_probe(probe: Probe, options: Options, to_run: Sequence[Check]) -> str:
-    """Say why a switch is not asked for.  Unless the profile itself is wanted, detection does
-    nothing to the device that the checks to be run do not do as well."""
+@dataclass(frozen=True, slots=True)
+class _Wanted:
+    """Switches: `named` by the user, with what their own questions rest on; `needed` by the checks
+    to be run, None: all of them."""
+
+    named: frozenset[str]
+    needed: frozenset[str] | None
+
+
+def _wanted(
+    options: Options, ledger: Ledger, to_run: Sequence[Check], probes: Sequence[Probe]
+) -> _Wanted:
+    """What is asked for.  A whole run asks everything, so does one of checks of which nobody has
+    recorded on what they depend."""
+    reads = load_reads(ledger.name)
+    chosen = [probe for probe in probes if probe.switch in options.words]
+    rest = _depended_on([probe.check.name for probe in chosen], reads, probes)
+    named = rest.union(probe.switch for probe in chosen)
+    names = [check.name for check in to_run]
+    is_whole = not options.words and options.recording is None
+    if is_whole or not reads.keys() >= set(names):
+        return _Wanted(named, None)
+    return _Wanted(named, _depended_on(names, reads, probes))
+
+
+def _depended_on(
+    names: Iterable[str], reads: Mapping[str, Sequence[str]], probes: Sequence[Probe]
+) -> frozenset[str]:
+    """The switches that checks and probes of these names look up, and all that the questions for
+    those look up in their turn."""
+    found: set[str] = set()
+    left = list(names)
+    while left:
+        fresh = set(reads.get(left.pop(), ())) - found
+        found |= fresh
+        left += [probe.check.name for probe in probes if probe.switch in fresh]
+    return frozenset(found)
+
+
+def _obstacle_of_probe(
+    probe: Probe, options: Options, to_run: Sequence[Check], wanted: _Wanted
+) -> str:
+    """Say why a switch is not asked for.  Unless the user names it, or wants the profile itself,
+    detection does nothing to the device that the checks to be run do not do as well."""
     obstacle = _obstacle(probe.check, options)
-    if obstacle or options.is_detection:
+    if obstacle or probe.switch in wanted.named or (options.is_detection and not wanted.named):
         return obstacle
-    judged = {name for check in to_run for name in check.requirements}
-    is_expected = options.expected is not None
-    if probe.serves and not is_expected and not any(one.startswith(probe.serves) for one in judged):
-        return f"it takes long, and no check of this run is about {', '.join(probe.serves)}"
     done = {"passive"}.union(*(check.safety for check in to_run))
     beyond = [name for name in SAFETY_CLASSES if name in probe.check.safety and name not in done]
-    return f"no check of this run is of class {', '.join(beyond)}" if beyond else ""
+    if beyond:
+        return f"no check of this run is of class {', '.join(beyond)}"
+    is_needed = wanted.needed is None or probe.switch in wanted.needed
+    return "" if is_needed else NOT_NEEDED
 
 
 def _obstacle(check: Check, options: Options) -> str:
@@ -209,20 +261,29 @@ def _obstacle(check: Check, options: Options) -> str:
     beyond = set(check.safety) - options.allowed
     forbidden = [name for name in SAFETY_CLASSES if name in beyond]  # told in one order
     if forbidden:
-        return f"not allowed: {', '.join(forbidden)} (--allow {','.join(forbidden)})"
+        return f"{NOT_ALLOWED}{', '.join(forbidden)} (--allow {','.join(forbidden)})"
     if LEVELS.index(check.level) > LEVELS.index(options.level):
-        return f"only at --level {check.level}"
-    if "destructive" in check.safety and not options.is_twin and not _is_named(check, options):
-        return "destructive: only if named, by its name or by the whole ID of a requirement"
+        return f"{ONLY_AT}{check.level}"
     missing = [name for name in check.needs if name not in options.provided]
     for capability, need in options.settings.withheld.items():
         if (of_rig := f"{RIG}{capability}") in missing:
             missing = [need, *(name for name in missing if name not in (of_rig, need))]
     reasons = [NEEDS[name] for name in missing if not name.startswith(RIG)]
-    rig = [CAPABILITIES[name.removeprefix(RIG)] for name in missing if name.startswith(RIG)]
+    controls = options.family.rig_controls
+    rig = [controls[name.removeprefix(RIG)].words for name in missing if name.startswith(RIG)]
     if rig:
         reasons.append(f"needs a rig that {' and '.join(rig)} (--rig)")
     return "; ".join(reasons)
+
+
+def _obstacle_of_check(check: Check, options: Options) -> str:
+    """The same; address and rate of a real device are left alone unless the user has named the
+    check."""
+    obstacle = _obstacle(check, options)
+    is_risked = options.is_twin or "destructive" not in check.safety or _is_named(check, options)
+    if is_risked or obstacle.startswith((NOT_ALLOWED, ONLY_AT)):
+        return obstacle
+    return "destructive: only if named, by its name or by the whole ID of a requirement"
 
 
 def _is_named(check: Check, options: Options) -> bool:
@@ -233,7 +294,7 @@ def _is_named(check: Check, options: Options) -> bool:
 
 
 def _select(
-    words: Sequence[str], ledger: Ledger, checks: Sequence[Check]
+    words: Sequence[str], ledger: Ledger, checks: Sequence[Check], switches: Sequence[str]
 ) -> tuple[tuple[str, ...], tuple[Check, ...]]:
     if not words:
         return tuple(ledger.requirements), tuple(checks)
@@ -242,8 +303,8 @@ def _select(
     for word in words:
         matching = {key for key in ledger.requirements if key.startswith(word.upper())}
         exact = {check.name for check in checks if check.name == word}
-        if not matching and not exact:
-            names = [check.name for check in checks]
+        if not matching and not exact and word not in switches:
+            names = [*(check.name for check in checks), *switches]
             raise UsageError(_no_match(word, tuple(ledger.requirements), names))
         requirements |= matching
         named |= exact

@@ -11,14 +11,16 @@
                   └─ passed by asking again: replayed strictly, so that a device whose fault is
                      cured by asking again does not pass for a noisy line
 
-Late is what this host or the line holds up (`Transport.late`).  What looks wrong in an attempt in
+Late is what this host or the line holds up (`Lateness`).  What looks wrong in an attempt in
 which anything was late, counts only beside attempts in which the very same was; and once something
 has looked wrong, what holds in such an attempt does not do either.
 
 *Often enough* follows from the line itself: with a share p of exchanges spoilt, the same surprise
 k times by noise alone has the chance p to the power of k; k is taken so that it is one in a million
 (`LineQuality.alike_needed`), and one in ten thousand that any k of all attempts are alike.  What
-needs more replays than there are stays inconclusive, k of n.
+needs more replays than there are stays inconclusive, k of n.  Where all attempts fail, each in
+another way, and the line spoils nothing beside (`_is_sound`), it is the device that is wrong in
+many ways.
 """
 
 from __future__ import annotations
@@ -33,7 +35,7 @@ from axistwin_conformance.base.events import Outcome
 from axistwin_conformance.base.line_quality import LEAST_ALIKE, LineQuality
 from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.engine.result import CheckResult
-from axistwin_conformance.transport.transport import TWICE
+from axistwin_conformance.transport.lateness import TWICE
 
 FALSE_ALARM_AMONG_MANY = 1e-4  # the same, of attempts picked from many
 MOST_ATTEMPTS = 10  # of one check, the first one included
@@ -108,12 +110,14 @@ class Replays:
     ) -> None:
         self._attempt, self._tidy, self._quality, self._most = attempt, tidy, quality, most
         self._all: list[Attempt] = []
+        self._was_sound = not quality.is_noisy
+        self._spoilt_between = 0  # exchanges between attempts
 
     def conclude(self) -> CheckResult:
         """Run, replay as often as needed, and give the result that can be believed."""
         is_strict = False
         while len(self._all) < self._most or self._is_promising():
-            if self._all and not self._tidy():
+            if self._all and not self._is_tidied():
                 return self._all[-1].result  # the device is lost: the engine finds out and says so
             one = self._attempt(is_strict)
             self._all.append(one)
@@ -127,6 +131,24 @@ class Replays:
                 break
             is_strict = self._next_is_strict(one)
         return self._given_up()
+
+    def _is_tidied(self) -> bool:
+        spoilt = self._quality.corrupted
+        is_there = self._tidy()
+        self._spoilt_between += self._quality.corrupted - spoilt
+        return is_there
+
+    @property
+    def _is_sound(self) -> bool:
+        """True on a line that spoilt next to nothing before the check, and nothing between its
+        attempts: what is spoilt in them is the device's doing."""
+        return self._was_sound and not self._spoilt_between
+
+    def _is_wrong_in_many_ways(self) -> bool:
+        """True if every attempt failed, none while this host or the line was late."""
+        return self._is_sound and all(
+            self._surprise(one) and not one.is_void and not one.late for one in self._all
+        )
 
     def _is_promising(self) -> bool:
         """True if more attempts may settle it: all fail, some of them alike, not yet enough.
@@ -163,7 +185,7 @@ class Replays:
         if one.is_void:
             tail = self._all[-self._quality.alike_needed :]
             same = {earlier.disturbance for earlier in tail} == {one.disturbance}
-            return same and len(tail) >= self._quality.alike_needed
+            return (same or self._is_sound) and len(tail) >= self._quality.alike_needed
         return one.is_strict or not one.is_quiet
 
     def _surprise(self, one: Attempt) -> tuple[object, ...]:
@@ -214,6 +236,9 @@ class Replays:
         alike = max((surprises.count(surprise) for surprise in surprises), default=0)
         if passed and not self._quiet_surprises() and alike < LEAST_ALIKE:
             return self._with_history(passed[0].result, PASSED_WITH_RETRIES)
+        if self._is_wrong_in_many_ways():
+            text = f"all {len(self._all)} attempts failed, in many ways, and nothing else did"
+            return self._with_history(self._all[-1].result, text)
         return self._inconclusive(passed, surprises)
 
     def _inconclusive(

@@ -39,6 +39,8 @@ class CheckResult:
                 finding,
                 verdict=Verdict.INCONCLUSIVE,
                 text=join_texts(f"{finding.verdict}, but {reason}", finding.text),
+                sentence=finding.sentence
+                and f"{finding.verdict.capitalize()}, but {reason}. {finding.sentence}",
             )
             if finding.verdict.is_judgement
             else finding
@@ -72,7 +74,7 @@ class RequirementResult:
         return events.RequirementJudged(
             one.id, one.kind, tuple(sorted(one.safety)), one.source, one.text, one.not_on_wire,
             None if armed is None else armed.get(one.id, ()),
-            self.verdict, self.reason, self.checks,
+            self.verdict, self.reason, self.checks, one.where,
         )  # fmt: skip
 
 

@@ -35,17 +35,19 @@ from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.errors import TargetError, TwinCrashed, UsageError, WrongDevice
 from axistwin_conformance.base.events import Listener, Outcome
 from axistwin_conformance.base.ledger import load_ledger
+from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.base.write_budget import WriteBudget
 from axistwin_conformance.core.probing import Probe
 from axistwin_conformance.core.profile import Detection, held_to
 from axistwin_conformance.core.session import Envelope, Run, Session
 from axistwin_conformance.engine.attempts import Attempts, describe
-from axistwin_conformance.engine.detection import detect, leave_out
-from axistwin_conformance.engine.device_guard import DeviceGuard, Opener
+from axistwin_conformance.engine.device.detection import detect, leave_out
+from axistwin_conformance.engine.device.device_guard import DeviceGuard, Opener
+from axistwin_conformance.engine.eta import most_s
 from axistwin_conformance.engine.impact import allowed_in_vain
 from axistwin_conformance.engine.jobs import Jobs
-from axistwin_conformance.engine.judgement import conclude
+from axistwin_conformance.engine.judgement import conclude, profile_sentence
 from axistwin_conformance.engine.plan import Options, Plan, make_plan
 from axistwin_conformance.engine.result import CheckResult, Result
 from axistwin_conformance.engine.soak import Soak
@@ -55,7 +57,6 @@ from axistwin_conformance.transport.transport import Transport
 __all__ = ["Engine", "Envelope", "Options", "Session"]
 
 ROUND_TRIPS = 20
-NEIGHBOUR_ATTEMPTS = 2
 ECHO = "what is sent comes back as it was: switch off the local echo of the adapter"
 MEANWHILE = 20  # checks: fewer are over before another process has even started
 
@@ -79,6 +80,7 @@ class Engine:
         self._cores = options.jobs if is_shared else 1
         self._jobs = Jobs(self._cores - 1, self._note)  # on one of them, this process is busy
         self._result = Result(options, self.plan(), problems=self._guard.problems)
+        self._unasked = list(self._result.plan.unneeded)
 
     def plan(self) -> Plan:
         """Return what will run and what will not; raises UsageError for a word without a match."""
@@ -153,6 +155,7 @@ class Engine:
                 checks=tuple(check.name for check in plan.to_run),
                 left_out={check.name: reason for check, reason in plan.left_out},
                 grounds=options.settings.named,
+                questions=len(plan.probes),
             )
         )
         if in_vain := allowed_in_vain(options):
@@ -207,16 +210,26 @@ class Engine:
         """Identity and readings; a device that fails and is lost by it, is judged all the same."""
         try:
             self._identify_unless_echoed(run)
-            self.family.preflight(Session(run))
+            self._survey(run)
             for probe, reason in self._result.plan.unprobed:
                 leave_out(run, probe, reason)
-            self._detect(run, is_destructive=False)
+            self._detect(run, self._probes(is_destructive=False))
             if self.options.is_only_detection:
-                self._detect(run, is_destructive=True)
-        except TargetError as error:
-            if not self._guard.violations:
+                self._detect(run, self._probes(is_destructive=True))
+        except (TargetError, UsageError) as error:  # what it has failed is not hidden by either
+            if not (self._guard.violations or self._guard.blocked):
                 raise
-            self._guard.block(str(error))
+            if not self._guard.blocked:
+                self._guard.block(self._guard.because(str(error)))
+
+    def _survey(self, run: Run) -> None:
+        """Look at what was named; a device that does not answer that, but answers else, is judged
+        as it would be with nothing named."""
+        try:
+            self._guard.climbing(run, "survey", self.family.preflight)
+        except TargetError:
+            if run.target.crash or not self._guard.is_sane(run):
+                raise
 
     def _identify_unless_echoed(self, run: Run) -> None:
         """Say so if nobody can be identified because we hear ourselves."""
@@ -233,11 +246,7 @@ class Engine:
         target, session = run.target, Session(run)
         # What is learnt from here on, kept on any way out.
         self._result.readings, self._result.detections = run.readings, run.detections
-        try:
-            run.identity = self.family.identify(session)
-        except TwinCrashed:
-            self._guard.record_violation(session, "identity")
-            raise
+        run.identity = self._guard.climbing(run, "identity", self.family.identify, is_blamed=False)
         if not self._guard.is_sane(run):
             raise TargetError("it answered once and then no more")
         self._meet_neighbours(run)
@@ -245,6 +254,7 @@ class Engine:
         samples = 3 if target.is_virtual else ROUND_TRIPS
         trip = target.measure_round_trip(lambda: self._is_sound(session), samples)
         self._guard.note_retries(session)
+        self._bound(target, trip.median_ns)
         if not target.is_virtual:
             known_ms = target.uncertainty_ns / 1e6
             self._note(
@@ -254,6 +264,14 @@ class Engine:
         self._emit(
             events.Identified(identity.summary, identity.values, trip.median_ns, trip.max_ns)
         )
+
+    def _bound(self, target: Transport, trip_ns: int) -> None:
+        """Say how long the run may take from now on, unless somebody else works its rig."""
+        if self.options.rig.kind in ("prompt", "command"):
+            return
+        bounds = self.options.settings.envelope
+        most = most_s(self._result.plan, bounds, trip_ns) + (self.options.duration_s or 0)
+        self._guard.begun_ns, self._guard.most_s = target.now_ns, most
 
     def _is_sound(self, session: Session) -> bool:
         """One good exchange; what had to be asked again tells nothing of how long one takes."""
@@ -266,7 +284,7 @@ class Engine:
         for address in () if self.options.is_builtin else run.neighbours:
             beside = Session(replace(run, address=address))
             try:
-                is_there = any(self.family.is_alive(beside) for _ in range(NEIGHBOUR_ATTEMPTS))
+                is_there = any(self.family.is_alive(beside) for _ in range(RETRY.recovery))
             except TargetError:  # given up for its silence; the device has answered before
                 is_there = False
             if not is_there:
@@ -289,19 +307,23 @@ class Engine:
             told.append(one)
         return tuple(told)
 
-    def _detect(self, run: Run, *, is_destructive: bool) -> None:
-        """Ask the probes that are (not) destructive; those that need the module alone on its line
-        get a line or bus of their own where that is possible (built-in twin)."""
-        mine = [
-            probe
-            for probe in self._result.plan.probes
-            if ("destructive" in probe.check.safety) is is_destructive
-        ]
-        if is_destructive and run.quality.is_noisy and not run.target.is_lossless:
-            for probe in mine:
+    @property
+    def found(self) -> str:
+        """What detection found out, in a sentence."""
+        return profile_sentence(self._result, self.ledger)
+
+    def _probes(self, *, is_destructive: bool) -> list[Probe]:
+        """Those of the plan that are (not) destructive."""
+        return [one for one in self._result.plan.probes if one.is_destructive is is_destructive]
+
+    def _detect(self, run: Run, probes: list[Probe]) -> None:
+        """Ask these probes; those that need the module alone on its line get a line or bus of their
+        own where that is possible (built-in twin)."""
+        if run.quality.is_noisy and not run.target.is_lossless:
+            for probe in (one for one in probes if one.is_destructive):
                 leave_out(run, probe, f"too risky on a noisy {run.target.word}: {run.quality}")
-            return
-        for is_alone, row in itertools.groupby(mine, lambda one: "alone" in one.check.needs):
+            probes = [one for one in probes if not one.is_destructive]
+        for is_alone, row in itertools.groupby(probes, lambda one: "alone" in one.check.needs):
             if is_alone and run.neighbours:
                 with self._guard.opened(()) as other:
                     self._inherit(other, run)
@@ -309,18 +331,46 @@ class Engine:
             else:
                 self._ask(run, list(row))
 
-    def _detect_late(self, run: Run) -> None:
-        """Ask the destructive probes amid the checks: what is lost there, ends no run."""
+    def _detect_late(self, run: Run, probes: list[Probe]) -> None:
+        """Ask these amid the checks: what is lost there, ends no run."""
         try:
-            self._detect(run, is_destructive=True)
+            if run.memory is not None:
+                self._guard.restore(run)
+            self._detect(run, probes)
         except TargetError as error:
             self._guard.block(str(error))
+
+    def _has_learnt(self, run: Run, result: CheckResult) -> bool:
+        """Ask what a check has looked up and nobody was to ask, and, if it has failed, what it has
+        guessed; True if it has taken the device for another than it is."""
+        switches = set(run.readings.looked_up)
+        # What has been recorded was not recorded on a device of which the guess is wrong.
+        if result.verdict is Verdict.FAIL and self.options.recording is None:
+            switches |= run.readings.guessed
+        missing = [one for one in self._unasked if one.switch in switches]
+        if not missing or run.is_interrupted or run.target.crash or self._guard.blocked:
+            return False
+        assumed = dict(run.readings)
+        self._unasked = [one for one in self._unasked if one not in missing]
+        # What only the check has seen is no answer to the question, and is held against it.
+        seen = {one.switch: assumed[one.switch] for one in missing if one.switch in assumed}
+        for switch in seen:
+            del run.readings[switch]
+        self._detect_late(run, missing)
+        for switch, reading in seen.items():
+            run.readings.setdefault(switch, reading)
+        learnt = {
+            switch
+            for switch, reading in run.readings.items()
+            if reading != assumed.get(switch, self.ledger.ambiguity_of(switch).default_of(switch))
+        }
+        return bool(learnt) and not self._guard.blocked
 
     def _ask(self, run: Run, probes: list[Probe]) -> None:
         if any(probe.check.danger > 0 for probe in probes) and not self._guard.remember(run):
             for probe in probes:
                 if probe.check.danger > 0:
-                    leave_out(run, probe, self._guard.unremembered)
+                    leave_out(run, probe, self._guard.passive_only)
             probes = [probe for probe in probes if probe.check.danger == 0]
         detect(run, probes, self._guard)
         if run.memory is None:
@@ -361,7 +411,7 @@ class Engine:
         for number, check in enumerate(checks, 1):
             if "destructive" in check.safety and not is_detected and not self._guard.blocked:
                 is_detected = True
-                self._detect_late(run)
+                self._detect_late(run, self._probes(is_destructive=True))
             self._emit(
                 events.CheckStarted(
                     number, len(checks), check.name, check.behaviour, check.requirements
@@ -376,6 +426,8 @@ class Engine:
                 raise KeyboardInterrupt
             if self._result.has_ended_early:
                 break
+        if checks and not is_detected and not self._is_over():  # they were named, no such check
+            self._detect_late(run, self._probes(is_destructive=True))
 
     def _keep(self, result: CheckResult, number: int, replay: str) -> None:
         self._result.checks.append(result)
@@ -420,15 +472,25 @@ class Engine:
         if run.neighbours and self._is_alone(run, check):
             return self._run_alone(run, check)
         if check.danger > 0 and not self._guard.remember(run):
-            return self._blocked_result(check, self._guard.unremembered)
+            return self._blocked_result(check, self._guard.passive_only)
         if "destructive" in check.safety and run.quality.is_noisy and not run.target.is_lossless:
             reason = f"too risky on a noisy {run.target.word}: {run.quality}"
             return self._left_out(check, reason)
         if reason := self._guard.of_no_use(run, check):
             return self._blocked_result(check, reason)
-        result = self._jobs.judged(run, check, self._attempts.believed)
+        result = self._jobs.judged(run, check, self._judged)
+        self._guard.doubt(run, result)
         # Interrupted, the run ends here: the device is made safe on its way out.
         return result if run.is_interrupted else self._after(run, check, result)
+
+    def _judged(self, run: Run, check: Check) -> CheckResult:
+        """Run a check; again when it has turned out that it depends on more than was asked for."""
+        while True:
+            run.readings.looked_up.clear()
+            run.readings.guessed.clear()
+            result = self._attempts.believed(run, check)
+            if not self._has_learnt(run, result):
+                return result
 
     def _after(self, run: Run, check: Check, result: CheckResult) -> CheckResult:
         """Bring the device to rest after a check and see whether it is still there (rule 5)."""
@@ -474,10 +536,10 @@ class Engine:
             return result
 
     def _blocked_result(self, check: Check, reason: str) -> CheckResult:
-        findings = tuple(
-            Finding(name, Verdict.INCONCLUSIVE, f"not started: {reason}")
-            for name in check.requirements
-        )
+        verdict, text = Verdict.INCONCLUSIVE, f"not started: {reason}"
+        if reason in self._guard.caused:
+            verdict, text = Verdict.NOT_RUN, reason
+        findings = tuple(Finding(name, verdict, text) for name in check.requirements)
         return CheckResult(check, Outcome.BLOCKED, findings, (), 0.0, reason)
 
     def _left_out(self, check: Check, reason: str) -> CheckResult:

@@ -1,7 +1,8 @@
-"""The report as one self-contained HTML page, indexed by requirement.
+"""The report as one self-contained HTML page: the verdict, what failed in words, then all the rest.
 
-From a requirement that failed, one click leads to its bytes: its row links to an article below that
-holds what was asked, what was admissible, what came, the exchange, and the command that replays it.
+Each check that failed has one article: what was done, expected and came, what the manual asks, the
+lines that decided and the plot of the motion.  From a requirement that failed, one click leads from
+its row to that article.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -20,6 +21,7 @@ import jinja2
 from axistwin_conformance.base.errors import counted
 from axistwin_conformance.base.recording import FOLDER
 from axistwin_conformance.engine.judgement import CONFORMS
+from axistwin_conformance.report.failures import SHOWN, Statement, decisive, statements
 from axistwin_conformance.report.json import Report
 from axistwin_conformance.report.plot import is_inside, plot
 
@@ -32,15 +34,11 @@ SIGNS = {
     "info": "i",
     "not run": "–",
 }
-SHOWN_RECORDS = 16  # of a transcript at once; what came before is folded away
-REPEATED_RECORDS = 3  # of a transcript that an earlier article shows whole
-
 NOT_COVERED, NOT_ON_WIRE, NOT_ARMED = "not covered", "not on the wire", "not armed"
 
 PROFILE = "profile"  # the anchor of its article
 
 WHOLE_EXCHANGES = 24  # with their beginnings; of a device that is wrong all over more is too much
-WHOLE_CHECKS = 2  # of a requirement with an exchange each; more only if shown nowhere else
 
 HEADLINES = {
     0: "conforms",
@@ -64,28 +62,34 @@ class TranscriptRow:
 
 
 @dataclass(frozen=True, slots=True)
-class Evidence:
-    """What one check said about one requirement.
+class Exhibit:
+    """One thing that a check saw: in words, what the manual asks, and the exchange.
 
-    `whole_at`: where the exchange is shown whole.  `motion`: drawn there and only there.
-    `has_plot`: it is drawn somewhere, at least with the other motions of the check.  `is_brief`:
-    only said in a line that leads to the exchange.  `cut`: how many records of a beginning are in
+    `rows`: those that decided; `earlier`: what came before them; `cut`: how many of these are in
     the report's other files only.
-    `operations`: the file beside the page that plays the failure again, if there is one.
+    """
+
+    statement: Statement
+    asked: Sequence[Mapping[str, Any]]
+    rows: Sequence[TranscriptRow] = ()
+    earlier: Sequence[TranscriptRow] = ()
+    cut: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class CheckArticle:
+    """One check that failed, or settled nothing.
+
+    `motion`: the one that failed.  `operations`: the file beside the page that plays the failure
+    again, if there is one.
     """
 
     anchor: str
+    slug: str
     check: Mapping[str, Any]
-    finding: Mapping[str, Any]
-    earlier: Sequence[TranscriptRow] = ()
-    rows: Sequence[TranscriptRow] = ()
-    left_out: int = 0
-    whole_at: str = ""
+    seen: Sequence[Exhibit]
     motion: Mapping[str, Any] | None = None
-    has_plot: bool = False
     operations: str = ""
-    is_brief: bool = False
-    cut: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,14 +101,15 @@ class Article:
     judged: Mapping[str, Any]
     coverage: str
     armed: str
-    evidence: list[Evidence] = field(default_factory=list)
-    held: list[tuple[str, str]] = field(default_factory=list)  # name of a check, what it said
+    told: list[CheckArticle] = field(default_factory=list)  # where it failed or stayed open
+    said: list[tuple[str, str, str]] = field(default_factory=list)  # check, verdict, its words
     departures: Sequence[Mapping[str, Any]] = ()  # of the profile's article: what is not as it says
 
 
 def render(report: Report) -> str:
     """Return the page."""
-    articles = _articles(report)
+    checks = _check_articles(report)
+    articles = _articles(report, checks)
     profile = _profile_article(report)
     shown = [*profile, *articles]
     counts = Counter(one.judged["verdict"] for one in shown)
@@ -120,8 +125,9 @@ def render(report: Report) -> str:
         counts={verdict: counts[verdict] for verdict in SIGNS},
         articles=articles,
         shown=shown,
-        told=[one for one in shown if one.slug in ("fail", "inconclusive")],
-        others=[one for one in shown if one.slug not in ("fail", "inconclusive")],
+        profile=profile,
+        failures=[one for one in checks if one.slug == "fail"],
+        open_ends=[one for one in checks if one.slug == "inconclusive"],
         covered=sum(bool(article.judged["checks"]) for article in articles),
         armed=None if any(article.judged["armed"] is None for article in articles) else len(armed),
         gaps={
@@ -183,30 +189,53 @@ def duration(seconds: float) -> str:
     return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60} min"
 
 
-def _articles(report: Report) -> list[Article]:
-    spoken: dict[str, list[tuple[Mapping[str, Any], Mapping[str, Any]]]] = {}
+def _check_articles(report: Report) -> list[CheckArticle]:
+    """An article for each check that failed or settled nothing, in the order of the run."""
+    requirements = {one["id"]: one for one in report["requirements"]}
+    articles: list[CheckArticle] = []
+    names: Counter[str] = Counter()
     for check in report["checks"]:
-        for finding in check["findings"]:
-            spoken.setdefault(finding["requirement"], []).append((check, finding))
-    shown: dict[object, str] = {}  # an exchange → the article that shows it whole
+        found = [one for one in statements(check) if one.verdict == check["verdict"]]
+        if not found:
+            continue
+        names[check["name"]] += 1
+        number = names[check["name"]]
+        anchor = f"{found[0].verdict}-{check['name']}{f'-{number}' if number > 1 else ''}"
+        is_cut = len(articles) >= WHOLE_EXCHANGES
+        asked = [[requirements[key] for key in one.requirements] for one in found]
+        seen = [_seen(one, what, is_cut) for one, what in zip(found, asked, strict=True)]
+        motion = check["motions"][-1] if check["motions"] else None
+        if motion is not None and (found[0].verdict != "fail" or is_inside(motion)):
+            motion = None  # it failed on something else
+        operations = _operations(check["replay"])
+        articles.append(
+            CheckArticle(anchor, slug(found[0].verdict), check, seen, motion, operations)
+        )
+    return articles
+
+
+def _seen(statement: Statement, asked: Sequence[Mapping[str, Any]], is_cut: bool) -> Exhibit:
+    rows = _rows(statement.transcript)
+    before = len(rows) - decisive(statement.transcript)
+    earlier = () if is_cut else rows[:before]
+    return Exhibit(statement, asked, rows[before:], earlier, before if is_cut else 0)
+
+
+def _articles(report: Report, checks: Sequence[CheckArticle]) -> list[Article]:
+    """What is known of each requirement."""
     articles = []
     for judged in report["requirements"]:
-        article = Article(
-            judged["id"], slug(judged["verdict"]), judged, _coverage(judged), _armed(judged)
-        )
-        said = spoken.get(judged["id"], [])
-        # First what decided: under a red requirement its bytes come before anything else.
-        for check, finding in sorted(
-            said, key=lambda pair: pair[1]["verdict"] != judged["verdict"]
-        ):
-            if finding["verdict"] == "pass":
-                article.held.append((check["name"], finding["text"]))
-            else:
-                number = sum(one.check is check for one in article.evidence)
-                anchor = f"{judged['id']}--{check['name']}{f'-{number + 1}' if number else ''}"
-                one = _evidence(anchor, check, finding, shown)
-                is_brief = len(article.evidence) >= WHOLE_CHECKS and one.whole_at != one.anchor
-                article.evidence.append(replace(one, is_brief=is_brief))
+        key = judged["id"]
+        article = Article(key, slug(judged["verdict"]), judged, _coverage(judged), _armed(judged))
+        for one in checks:
+            if any(key in seen.statement.requirements for seen in one.seen):
+                article.told.append(one)
+        for check in report["checks"]:
+            article.said.extend(
+                (check["name"], finding["verdict"], finding["text"])
+                for finding in check["findings"]
+                if finding["requirement"] == key and finding["verdict"] not in SHOWN
+            )
         articles.append(article)
     return articles
 
@@ -225,6 +254,7 @@ def _profile_article(report: Report) -> list[Article]:
         "kind": "profile",
         "safety": ("as the questions",),
         "source": judged["profile"],
+        "where": judged["profile"],
         "checks": (),
         "armed": (),
     }
@@ -248,36 +278,6 @@ def _armed(judged: Mapping[str, Any]) -> str:
         return "unknown"
     count = len(judged["armed"])
     return f"{counted(count, 'fault')} caught" if count else NOT_ARMED
-
-
-def _evidence(
-    anchor: str,
-    check: Mapping[str, Any],
-    finding: Mapping[str, Any],
-    shown: dict[object, str],
-) -> Evidence:
-    rows = _rows(finding["transcript"])
-    whole_at = shown.setdefault((check["name"], tuple(rows)), anchor) if rows else anchor
-    is_failing = finding["verdict"] == "fail"
-    motion = check["motions"][-1] if is_failing and check["motions"] else None
-    if motion is not None and is_inside(motion):
-        motion = None  # it failed on something else
-    is_whole, kept = whole_at == anchor, rows[-REPEATED_RECORDS:]
-    earlier = rows[:-SHOWN_RECORDS] if is_whole else []
-    is_cut = len(shown) > WHOLE_EXCHANGES
-    return Evidence(
-        anchor,
-        check,
-        finding,
-        earlier=() if is_cut else earlier,
-        rows=rows[-SHOWN_RECORDS:] if is_whole else kept,
-        left_out=0 if is_whole else len(rows) - len(kept),
-        whole_at=whole_at,
-        motion=motion if is_whole else None,
-        has_plot=motion is not None,
-        operations=_operations(check["replay"]),
-        cut=len(earlier) if is_cut else 0,
-    )
 
 
 def _operations(replay: str) -> str:

@@ -128,7 +128,12 @@ def to_text(report: Report) -> str:
 
 
 def load(path: Path) -> Report:
-    """Read a `report.json` or an `events.jsonl`; raises UsageError for anything else."""
+    """Read a `report.json`, an `events.jsonl`, or the folder of a report, where the first of these
+    that is there counts; raises UsageError for anything else."""
+    if path.is_dir():
+        stream = path / "events.jsonl"  # alone, if the run was killed
+        whole = path / "report.json"
+        path = stream if stream.exists() and not whole.exists() else whole
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:

@@ -17,10 +17,11 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 from xml.etree import ElementTree
 
+from axistwin_conformance.report.failures import source, statements
 from axistwin_conformance.report.json import Report
 
 UNTRUSTED = (2, 3, 130)  # exit statuses: nothing judged, unreachable, interrupted
@@ -91,12 +92,6 @@ def _case(report: Report, judged: Mapping[str, Any]) -> ElementTree.Element:
         name=key,
         time=f"{_seconds(report, key):.3f}",
     )
-    evidence = [
-        (check, finding)
-        for check in report["checks"]
-        for finding in check["findings"]
-        if finding["requirement"] == key and finding["verdict"] == verdict
-    ]
     told = {
         "requirement": key,
         "kind": judged["kind"],
@@ -113,7 +108,7 @@ def _case(report: Report, judged: Mapping[str, Any]) -> ElementTree.Element:
         element = _element(case, ELEMENTS[verdict], message=words)
         if ELEMENTS[verdict] != "skipped":
             element.set("type", verdict)
-            element.text = _evidence(judged, evidence)
+            element.text = _evidence(judged, report["checks"])
     elif reason:
         _element(case, "system-out").text = f"{verdict}: {reason}"
     return case
@@ -131,21 +126,21 @@ def _seconds(report: Report, key: str) -> float:
     )
 
 
-def _evidence(judged: Mapping[str, Any], evidence: list[tuple[Any, Any]]) -> str:
-    """Asked, admissible, came, the exchange, and the command that does it again."""
-    lines = [f"asked: {judged['text']} ({judged['source']})"]
-    for check, finding in evidence:
-        lines += ["", f"check: {check['name']}"]
-        if finding["text"]:
-            lines.append(f"remark: {finding['text']}")
-        if finding["actual"] is not None:
-            lines.append(f"admissible: {' | '.join(finding['expected'])}")
-            lines.append(f"came: {finding['actual']}")
-        lines += [f"replay: {check['replay']}", *transcript_lines(finding["transcript"])]
-    return "\n".join(lines)
+def _evidence(judged: Mapping[str, Any], checks: Sequence[Mapping[str, Any]]) -> str:
+    """What was seen, what the manual asks, the exchange, and the command that does it again."""
+    lines = []
+    for check in checks:
+        for one in statements(check):
+            if judged["id"] not in one.requirements or one.verdict != judged["verdict"]:
+                continue
+            lines += [one.sentence, f"manual: {judged['text']}{source(judged)}"]
+            lines += [f"remark: {one.remark}"] if one.remark else []
+            lines += [f"check: {check['name']}", f"replay: {check['replay']}"]
+            lines += [*transcript_lines(one.transcript), ""]
+    return "\n".join(lines[:-1])
 
 
-def transcript_lines(records: list[Mapping[str, Any]]) -> Iterator[str]:
+def transcript_lines(records: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """The records as lines: ms from the first one, who, hex, decoded."""
     for record in records:
         time_ms = (record["time_ns"] - records[0]["time_ns"]) / 1e6

@@ -1,11 +1,14 @@
-"""The face of a run at a terminal: progress while it goes, then verdicts, failures, one sentence.
+"""The face of a run at a terminal: progress while it goes, then failures, what stayed open, one
+sentence.
 
-On a terminal a bar shows where the run is; into a pipe or a log goes one plain line per check.
-Everything but a pass is told at once, so that a long run need not be waited for.
+On a terminal a bar shows where the run is.  Everything but a pass is told at once, so that a long
+run need not be waited for; passes, verdicts in a table and whole transcripts are for those who ask.
+No line is wider than the terminal.
 """
 
 from __future__ import annotations
 
+import shlex
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -30,17 +33,22 @@ from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.errors import counted, time_left
 from axistwin_conformance.base.events import Outcome
 from axistwin_conformance.base.ledger import Ledger
-from axistwin_conformance.base.transcript import Direction, Record
-from axistwin_conformance.base.verdicts import Finding, Verdict
+from axistwin_conformance.base.transcript import Record
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.engine.eta import Eta
 from axistwin_conformance.engine.impact import Impact, allowed_in_vain, impacts
 from axistwin_conformance.engine.judgement import UNREACHABLE
 from axistwin_conformance.engine.plan import Options, Plan
+from axistwin_conformance.report.by_hand import last_requests, send_command
+from axistwin_conformance.report.failures import Statement, decisive, manual, statements
+from axistwin_conformance.report.json import plain
 from axistwin_conformance.transport.kinds import in_hex
 
 LEFT_TOLD_EVERY_S = 60
 MOST_IN_HEX = 50  # operations told on the terminal: what is longer is about to be shrunk
 PLAIN_WIDTH = 120  # columns of a report that goes into a file or a pipe
+COMMAND_GOES_ON = " " * 6  # not below its beginning: bytes of a request would find no room
+NARROWEST = 20  # columns for words beside a label
 TABLE_WIDTH = 70  # columns below which a table of verdicts would leave no room for words
 TOLD_AT_ONCE = (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.QUIRK)
 
@@ -83,7 +91,7 @@ class TimeLeftColumn(ProgressColumn):
 
 class TerminalReport:
     """Listens to a run and prints it; `explain` puts a wire record into words, `spell` writes its
-    bytes."""
+    bytes.  `is_verbose`: also what passes, and transcripts as a whole."""
 
     def __init__(
         self,
@@ -93,14 +101,18 @@ class TerminalReport:
         pace: Eta | None = None,
         folder: str = "",
         spell: Callable[[bytes], str] = in_hex,
+        *,
+        is_verbose: bool = False,
     ) -> None:
         self._console = console
+        self._is_verbose = is_verbose
+        self._questions = self._asked = 0  # to the device about its readings: in all, so far
         self._pace = pace or Eta({})
         self._folder = folder  # of the report, empty if there is none
         self._told_left_at = time.monotonic()
         self._ledger = ledger
         self._explain, self._spell = explain, spell
-        self._progress = Progress(
+        self.bar = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
             MofNCompleteColumn(),
@@ -110,19 +122,20 @@ class TerminalReport:
             transient=True,
             disable=not console.is_terminal,
         )
-        self._task = self._progress.add_task("connecting", total=None)
+        self._task = self.bar.add_task("connecting", total=None)
         self._carrier = ""  # line or bus
-        self._failed: list[events.CheckFinished] = []
+        self._run: events.RunStarted | None = None
+        self._finished: list[events.CheckFinished] = []
         self._judged: list[events.RequirementJudged] = []
         self._readings: list[events.ReadingSeen] = []
         self._profile: events.ProfileJudged | None = None
 
     def __enter__(self) -> TerminalReport:
-        self._progress.start()
+        self.bar.start()
         return self
 
     def __exit__(self, *exception: object) -> None:
-        self._progress.stop()
+        self.bar.stop()
 
     def __call__(self, event: events.Event) -> None:
         """Take an event."""
@@ -131,21 +144,28 @@ class TerminalReport:
                 self._open(event)
             case events.Identified():
                 self._identify(event)
+            case events.QuestionAsked():
+                self._detecting()
             case events.CheckStarted():
                 self._pace.begin(event.name)
-                self._progress.update(self._task, description=event.name, total=event.total)
+                if event.total:
+                    done = event.number - 1
+                    self.bar.update(
+                        self._task, description=event.name, completed=done, total=event.total
+                    )
             case events.CheckFinished():
                 self._check(event)
             case events.FailureStored():
                 self._stored(event)
             case events.StatesCovered():
-                self._print(event.text, style="dim")
+                if self._is_verbose:
+                    self._print(event.text, style="dim")
             case events.SoakProgress():
                 self._soak(event)
             case events.Note():
                 self._print(f"note: {event.text}", style="yellow")
             case events.RigQuestion():  # a bar must not be drawn over the question
-                (self._progress.stop if event.is_open else self._progress.start)()
+                (self.bar.stop if event.is_open else self.bar.start)()
             case events.ReadingSeen():
                 self._readings.append(event)
             case events.ProfileJudged():
@@ -155,34 +175,61 @@ class TerminalReport:
             case events.RunFinished():
                 self._close(event)
 
-    def _print(self, text: str | Text = "", style: str = "") -> None:
-        # Bytes and commands are copied from here: a line is never broken.
-        self._console.print(text, style=style, markup=False, soft_wrap=True)
+    def _print(self, text: str | Text = "", style: str = "", label: str = "") -> None:
+        """Print a paragraph that is wrapped, beside its label if it has one; into a file or a pipe
+        a paragraph without label goes as one line, for those who search it."""
+        words = Text(text, style) if isinstance(text, str) else text
+        if not label and not self._console.is_terminal:
+            self._console.print(words, soft_wrap=True)
+            return
+        room = max(self._console.width - len(label), NARROWEST)
+        for line in words.wrap(self._console, room, overflow="fold") or [Text()]:
+            line.rstrip()
+            self._console.print(Text(label).append_text(line), soft_wrap=True)
+            label = " " * len(label)
+
+    def _print_command(self, label: str, command: str) -> None:
+        """Print a command to be copied: a line that is broken goes on behind a backslash, and a
+        word is never broken."""
+        lines = [label]
+        for word in map(shlex.quote, shlex.split(command)):
+            if len(lines[-1]) + len(word) + len(" \\") > self._console.width:
+                lines[-1] += "\\"
+                lines.append(COMMAND_GOES_ON)
+            lines[-1] += f"{word} "
+        for line in lines:
+            self._console.print(Text(line.rstrip()), soft_wrap=True)
 
     def _open(self, event: events.RunStarted) -> None:
         self._print(
             f"axistwin conform {event.model} · suite {event.suite_version}"
             f" · level {event.level} · seed {event.seed}"
         )
-        self._carrier = event.carrier
-        self._print(f"target   {event.target}, address {event.address}{_rate(event)}")
-        self._print(f"allowed  {', '.join(event.allowed)}")
-        self._print(f"plan     {_plan_line(len(event.checks), event.left_out)}")
+        self._run = event
+        self._carrier, self._questions = event.carrier, event.questions
+        self._print(f"{event.target}, address {event.address}{_rate(event)}", label="target   ")
+        self._print(", ".join(event.allowed), label="allowed  ")
+        self._print(_plan_line(len(event.checks), event.left_out), label="plan     ")
+
+    def _detecting(self) -> None:
+        self._asked += 1
+        words = "asking how it reads the manual"
+        self.bar.update(self._task, description=words, completed=self._asked, total=self._questions)
 
     def _identify(self, event: events.Identified) -> None:
         median_ms, max_ms = event.round_trip_median_ns / 1e6, event.round_trip_max_ns / 1e6
-        self._print(f"device   {event.summary}")
+        self._print(event.summary, label="device   ")
         self._print(
             f"{self._carrier:8} idle round trip {median_ms:.2f} ms, at most {max_ms:.2f} ms"
         )
 
     def _check(self, event: events.CheckFinished) -> None:
         self._pace.end(event.name, event.seconds)
-        self._progress.update(self._task, completed=event.number)
-        if event.verdict is Verdict.FAIL or event.outcome in (Outcome.ERROR, Outcome.TROUBLE):
-            self._failed.append(event)
+        if event.total:
+            self.bar.update(self._task, completed=event.number)
+        self._finished.append(event)
         word = event.verdict.value if event.outcome is not Outcome.ERROR else "error in the suite"
-        if not self._console.is_terminal or event.verdict in TOLD_AT_ONCE:
+        if self._is_verbose or event.verdict in TOLD_AT_ONCE or event.outcome is Outcome.ERROR:
             width = len(str(event.total))
             count = len(event.retries)
             retries = f" ({count} {'retry' if count == 1 else 'retries'})" if count else ""
@@ -202,7 +249,7 @@ class TerminalReport:
         left_s = max(0.0, event.duration_s - event.elapsed_s)
         self._pace.soak(left_s)
         words = f"soak round {event.round}, seed {event.seed}"
-        self._progress.update(self._task, description=words)
+        self.bar.update(self._task, description=words)
         now = time.monotonic()
         if not self._console.is_terminal and now - self._told_left_at >= LEFT_TOLD_EVERY_S:
             self._told_left_at = now
@@ -221,14 +268,17 @@ class TerminalReport:
     # The end.
 
     def _close(self, event: events.RunFinished) -> None:
-        self._progress.stop()
+        self.bar.stop()
         if event.exit_status != UNREACHABLE:
-            self._verdicts()
-            self._not_run()
-            self._quirks()
+            if self._is_verbose:
+                self._verdicts()
+            self._failures()
             self._departures()
-        for failed in self._failed:
-            self._failure(failed)
+            self._open_ends()
+            self._quirks()
+            self._not_run()
+        else:
+            self._failures()
         self._print()
         counts = " · ".join(f"{number} {verdict.value}" for verdict, number in event.counts.items())
         self._print(f"{counts} · {event.seconds:.1f} s")
@@ -265,7 +315,7 @@ class TerminalReport:
         table.add_column("requirement", no_wrap=True)
         table.add_column("verdict", no_wrap=True)
         table.add_column("what is asked, and what came of it")
-        table.add_column("checks", justify="right")
+        table.add_column("checks ran", justify="right")
         is_armed_known = all(one.armed is not None for one in self._judged)
         if is_armed_known:
             table.add_column("armed", justify="right")
@@ -273,23 +323,14 @@ class TerminalReport:
             words = Text(one.text)
             if one.reason:
                 words.append(f"\n→ {one.reason}", style=STYLE[one.verdict])
-            verdict, count = Text(one.verdict.value, STYLE[one.verdict]), str(len(one.checks))
+            verdict, count = Text(one.verdict.value, STYLE[one.verdict]), self._ran(one)
             armed = [str(len(one.armed)) if one.armed else "no"] if is_armed_known else []
             table.add_row(one.id, verdict, words, count, *armed)
         self._console.print(table)
 
     def _not_run(self) -> None:
         """What was not run, by reason: the reasons are few, the requirements many."""
-        reasons: dict[str, list[str]] = {}
-        for one in self._judged:
-            if one.verdict is Verdict.NOT_RUN:
-                reasons.setdefault(one.reason, []).append(one.id)
-        if reasons:
-            self._print()
-            self._print("Not run", style="bold")
-        for reason, names in reasons.items():
-            self._print(f"  {reason}")
-            self._console.print(Padding(" ".join(names), (0, 0, 0, 6), expand=False), style="dim")
+        self._by_reason("Not run", Verdict.NOT_RUN)
 
     def _quirks(self) -> None:
         """Readings of the manual other than the default; all of them are in the report."""
@@ -298,7 +339,8 @@ class TerminalReport:
             self._print()
             self._print("Quirks", style="bold")
         for other in others:
-            self._print(f"  {other.switch}={other.reading}  {other.ambiguity}: {other.question}")
+            words = f"{other.switch}={other.reading}  {other.ambiguity}: {other.question}"
+            self._print(words, label="  ")
 
     def _departures(self) -> None:
         """What is not as the profile says; of one that holds, a line."""
@@ -310,13 +352,12 @@ class TerminalReport:
         word = judged.verdict.value
         self._print(title.append(word, STYLE[judged.verdict]))
         if not judged.departures:
-            self._print(f"  {judged.reason}")
+            self._print(judged.reason, label="  ")
         for departure in judged.departures:
             found = " or ".join(departure.found)
-            self._print(
-                f"  {departure.switch}  expected {departure.expected}, found {found}", style="red"
-            )
-            self._print(f"      {departure.ambiguity}: {departure.question}", style="dim")
+            words = f"{departure.switch}  expected {departure.expected}, found {found}"
+            self._print(words, "red", label="  ")
+            self._print(f"{departure.ambiguity}: {departure.question}", "dim", label="      ")
 
     def _coverage(self) -> None:
         """How much of the ledger the suite can judge at all, and how surely."""
@@ -328,46 +369,72 @@ class TerminalReport:
             words += f"; {counted(len(self._readings), 'reading')} of the manual seen"
         self._print(words, style="dim")
 
-    def _failure(self, event: events.CheckFinished) -> None:
+    def _ran(self, one: events.RequirementJudged) -> str:
+        """How many of the checks that name a requirement have run."""
+        ran = {event.name for event in self._finished}
+        count = sum(name in ran for name in one.checks)
+        return f"{count}" if count == len(one.checks) else f"{count} of {len(one.checks)}"
+
+    def _failures(self) -> None:
+        """What failed, check by check, in words; checks that crashed, too."""
+        for event in self._finished:
+            if event.verdict is Verdict.FAIL or event.outcome in (Outcome.ERROR, Outcome.TROUBLE):
+                self._check_in_words(event)
+
+    def _check_in_words(self, event: events.CheckFinished) -> None:
         self._print()
-        self._print(f"── {event.name}", style="bold")
+        style = STYLE[event.verdict]
+        self._print(Text(f"{event.verdict.value.upper()}  ", style).append(event.name, "bold"))
         if event.trouble:
-            self._print(f"   {event.trouble}", style="yellow")
+            self._print(event.trouble, "yellow", label="   ")
+        found = statements(plain(event, self._explain, self._spell))
+        shown = [one for one in found if one.verdict == event.verdict.value]
+        for one in shown:
+            if one.sentence != event.trouble:
+                self._print(one.sentence, label="   ")
+            if one.remark:
+                self._print(one.remark, "dim", label="   remark      ")
+            asked = [plain(known) for known in self._ledger.requirements.values()]
+            for number, text in enumerate(manual(asked, one.requirements)):
+                self._print(text, label=" " * 15 if number else "   manual      ")
         # One sequence usually breaks several requirements: it is printed once, with the last.
-        worst = [
-            finding
-            for finding in event.findings
-            if finding.verdict in (Verdict.FAIL, event.verdict)
-        ]
-        for one in worst:
-            self._finding(one, event.trouble)
-        if worst and worst[-1].transcript:
-            self._transcript(worst[-1].transcript)
-        self._print(f"   replay      {event.replay}")
+        if shown and shown[-1].transcript:
+            self._transcript(shown[-1])
+        self._print_command("   replay      ", event.replay)
+        requests = last_requests(shown[-1].transcript) if shown else []
+        if self._run is not None and requests:
+            self._print_command("   by hand     ", send_command(self._run, *requests))
 
-    def _finding(self, one: Finding, told: str) -> None:
-        asked = self._ledger.requirements[one.requirement].text
-        self._print(f"   {one.requirement}  {one.verdict.value}", style=STYLE[one.verdict])
-        self._print(f"   asked       {asked}")
-        if one.text and one.text != told:
-            self._print(f"   remark      {one.text}")
-        if one.expected:
-            self._print(f"   admissible  {' | '.join(one.expected)}")
-        if one.actual is not None:
-            self._print(f"   came        {one.actual}")
+    def _transcript(self, one: Statement) -> None:
+        """The records that led to the verdict; all of them for those who ask."""
+        records = one.transcript
+        count = len(records) if self._is_verbose else decisive(records)
+        rest = len(records) - count
+        before = f"; {counted(rest, 'line')} before that: --verbose, --report" if rest else ""
+        self._print(f"(ms from its beginning{before})", "dim", label="   transcript  ")
+        origin_ns = records[0]["time_ns"]
+        for record in records[rest:]:
+            time_ms = (record["time_ns"] - origin_ns) / 1e6
+            who = "" if record["direction"] == "note" else record["direction"]
+            data = f"{record['data']}  " if record["data"] else ""
+            words = f"{data}{record['decoded'] or record['text']}"
+            self._print(words, label=f"   {time_ms:9.3f}  {who:7}  ")
 
-    def _transcript(self, records: Sequence[Record]) -> None:
-        self._print("   transcript  (ms from its beginning)")
-        origin_ns = records[0].time_ns
-        for record in records:
-            time_ms = (record.time_ns - origin_ns) / 1e6
-            words = (
-                record.text
-                if not record.data
-                else f"{self._spell(record.data)}  {self._explain(record)}"
-            )
-            who = "" if record.direction is Direction.NOTE else record.direction.value
-            self._print(f"   {time_ms:12.3f}  {who:7}  {words}")
+    def _open_ends(self) -> None:
+        """What stayed inconclusive, by reason: one trouble leaves many requirements open."""
+        self._by_reason("Inconclusive", Verdict.INCONCLUSIVE)
+
+    def _by_reason(self, title: str, verdict: Verdict) -> None:
+        reasons: dict[str, list[str]] = {}
+        for one in self._judged:
+            if one.verdict is verdict:
+                reasons.setdefault(one.reason, []).append(one.id)
+        if reasons:
+            self._print()
+            self._print(title, style="bold")
+        for reason, names in reasons.items():
+            self._print(reason, label="  ")
+            self._print(" ".join(names), "dim", label="      ")
 
 
 def _rate(event: events.RunStarted) -> str:
@@ -391,15 +458,13 @@ def print_plan(console: Console, plan: Plan, options: Options) -> None:
         heading = Text(check.name).append(f"  {'+'.join(check.safety)}", "dim")
         _print_entry(console, heading, Text(check.behaviour))
     for check, reason in plan.left_out:
-        text = f"left out: {check.name}: {reason}"
-        console.print(text, style="dim", markup=False, soft_wrap=True)
+        console.print(Text(f"left out: {check.name}: {reason}", "dim"), overflow="fold")
     undetected = dict.fromkeys((probe.switch, reason) for probe, reason in plan.unprobed)
     for switch, reason in undetected:
-        text = f"not detected: {switch}: {reason}"
-        console.print(text, style="dim", markup=False, soft_wrap=True)
+        console.print(Text(f"not detected: {switch}: {reason}", "dim"), overflow="fold")
     print_deeds(console, impacts(plan, options))
     if in_vain := allowed_in_vain(options):
-        console.print(in_vain, markup=False, soft_wrap=True)
+        console.print(Text(in_vain), overflow="fold")
     questions = counted(len(plan.probes), "question")
     console.print(f"First, {questions} would tell how it reads the manual.")
     checks = counted(len(plan.to_run), "check")

@@ -22,6 +22,7 @@ from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.errors import AttemptVoid, TargetError, counted
 from axistwin_conformance.base.events import FailureStored
 from axistwin_conformance.base.recording import Recording
+from axistwin_conformance.core.readings import Readings
 from axistwin_conformance.core.session import Run, Session, Stop
 from axistwin_conformance.sequences.runner import Mismatch, Operations, Runner, SequenceResult
 from axistwin_conformance.sequences.shrink import Budget, Shrunk, shrink, towards_zero
@@ -294,7 +295,7 @@ def twin_session(session: Session, twin: Transport) -> Session:
         target=twin, family=run.family, model=run.model, ledger=run.ledger, address=run.address,
         neighbours=run.neighbours, allowed=frozenset(SAFETY_CLASSES), envelope=run.envelope,
         settings=run.settings,
-        seed=run.seed, readings=dict(run.readings), detections=dict(run.detections),
+        seed=run.seed, readings=Readings(run.readings), detections=dict(run.detections),
     )  # fmt: skip
     if run.envelope.is_guarded:
         twin.travel_guard = run.family.travel_guard(other)

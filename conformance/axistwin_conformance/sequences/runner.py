@@ -10,13 +10,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import ClassVar, Final, Protocol
+from typing import ClassVar, Protocol
 
 from axistwin_conformance.base.errors import AttemptVoid
 from axistwin_conformance.base.events import StatesCovered
+from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.core.session import Session
-
-RUN_ATTEMPTS: Final = 5  # of one list that noise breaks off
 
 Operations = tuple[bytes, ...]
 
@@ -152,7 +151,7 @@ class Runner(ABC):
         self, operations: Operations, *, is_counted: bool = False, is_plotted: bool = False
     ) -> SequenceResult:
         """Play a list; one that noise breaks off begins anew, and raises AttemptVoid in the end."""
-        for attempt in range(RUN_ATTEMPTS, 0, -1):
+        for attempt in range(RETRY.sequence, 0, -1):
             try:
                 return self._once(operations, is_counted, is_plotted)
             except AttemptVoid:

@@ -26,7 +26,7 @@ import os
 import re
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final, NamedTuple, Protocol
 
 import can
@@ -34,7 +34,7 @@ import serial
 
 from axistwin_conformance.base.errors import TargetError, TwinCrashed, UsageError
 from axistwin_conformance.base.transcript import Transcript
-from axistwin_conformance.transport.can_frame import Frame, unpack
+from axistwin_conformance.transport.can_frame import Frame, unpack, unpack_all
 from axistwin_conformance.transport.transport import (
     SILENCE_NOTED_S,
     STOP_HEARD_NS,
@@ -184,7 +184,7 @@ class CanTransport(Transport):
         trip = self.round_trip
         due_ns = LONG_TRIP * trip.median_ns if self.is_virtual else trip.max_ns
         if trip.samples:
-            self.note_late(f"the reply to {request}", done_ns - sent_ns - due_ns)
+            self.lateness.note(f"the reply to {request}", done_ns - sent_ns - due_ns)
 
     # --- receiving --------------------------------------------------------------------------------
 
@@ -270,11 +270,14 @@ class CanTransport(Transport):
                     return found
             # A full store drops its oldest frame for each new one: then all have to be looked at.
             looked_at = len(store) if len(store) < FRAMES_KEPT else 0
-            left_ns = deadline_ns - self.now_ns
+            until_ns = self._held_until_ns if self.is_holding else deadline_ns
+            left_ns = until_ns - self.now_ns
             is_more = self._read(self._fenced(max(left_ns, 0)))
             late += left_ns <= 0
             if left_ns <= 0 and (not is_more or late > LATE_FRAMES):
-                break
+                if not self.is_holding:
+                    break
+                self._sort_in(unpack_all(self._given_up()), self.now_ns)
         if timeout_s >= SILENCE_NOTED_S:
             self._note_silence(started_ns)
         return None
@@ -314,16 +317,22 @@ class CanTransport(Transport):
         if self._foreign and _line_of(frame) in self._foreign:
             self._foreign_frames += 1
             return True
-        arrival = Arrival(frame, self._arrived(frame.pack()))
-        if self._is_spontaneous(frame):
-            self._unasked.append(arrival)
-            return True
-        self._waiting.append(arrival)
-        if self._unanswered <= 0 and frame == self._last_reply:
-            self.note_doubled(str(frame))
-        self._unanswered -= 1
-        self._last_reply = frame
+        handed, now_ns = self._arrived(frame.pack())
+        self._sort_in((frame,) if self.mender is None else unpack_all(handed), now_ns)
         return True
+
+    def _sort_in(self, frames: Sequence[Frame], now_ns: int) -> None:
+        """Put frames where they belong."""
+        for frame in frames:
+            arrival = Arrival(frame, now_ns)
+            if self._is_spontaneous(frame):
+                self._unasked.append(arrival)
+                continue
+            self._waiting.append(arrival)
+            if self._unanswered <= 0 and frame == self._last_reply:
+                self.lateness.note_doubled(str(frame))
+            self._unanswered -= 1
+            self._last_reply = frame
 
     def _is_echo(self, frame: Frame) -> bool:
         """True if we have sent that ourselves, and not had it back yet."""

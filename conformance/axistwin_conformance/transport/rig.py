@@ -1,14 +1,14 @@
 """The rig: whatever works the device's inputs, supply, temperature and shaft while it is judged.
 
-    TwinRig      the handles that the port or bus object of a twin in this process offers
+    TwinRig      the controls of a twin in this process, behind its port or bus object
     CommandRig   a command of the user's, run once per act, without a shell
     PromptRig    the person at the terminal, asked to do it
 
 Rules.
 
-1. A rig does only what it can (`capabilities`); asked for more it raises `CannotDo`, and what was
-   to be judged is then *not run*, with that reason.
-2. Every act is bracketed in time: a verb returns the target's clock (ns) before and after it, and
+1. A rig works what the table of a family has, as far as it can (`capabilities`); asked for more it
+   raises `CannotDo`, and what was to be judged is then *not run*, with that reason.
+2. Every act is bracketed in time: `work` returns the target's clock (ns) before and after it, and
    what is judged allows for the act anywhere between.  Only the twin's acts take no time.
 3. `reset` brings everything that was worked back to rest, on every way out; it tries all of it
    even if a part fails, then raises one `RigError` naming what is left.
@@ -25,20 +25,14 @@ import shlex
 import subprocess
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
-from typing import Any, Final, Protocol, TextIO
+from typing import Any, Final, Protocol, TextIO, TypeAlias
 
-from axistwin_conformance.base.check import CAPABILITIES
 from axistwin_conformance.base.errors import CannotDo, RigError, UsageError
 from axistwin_conformance.transport.kinds import LINE, TransportKind
 from axistwin_conformance.transport.transport import Transport, is_twin_url
 
-INPUTS: Final = ("reference", "positive_stop", "negative_stop", "reset")
-FAULTS: Final = ("micro_cut", "amplifier", "encoder")
-
-OF_A_CONTROLLER: Final = frozenset({"power", "flag", "status", "program", "battery"})
-OF_AN_AXIS: Final = frozenset(CAPABILITIES) - (OF_A_CONTROLLER - {"power"})
 KINDS: Final = ("twin", "prompt", "command")
 COMMAND_TIMEOUT_S: Final = 30.0
 CANNOT_STATUS: Final = 3
@@ -51,58 +45,96 @@ Notify = Callable[[bool, str], None]  # a question is open (True) or was answere
 
 
 @dataclass(frozen=True, slots=True)
-class Act:
-    """One thing to do: `verb` and `name` as a command gets them; `value` None means rest."""
+class RigControl:
+    """What a rig may work of a device.
 
-    verb: str
+    `capability`: what checks call it, and name as their need.  `name`: what a command gets behind
+    the verb; empty: the number that it is worked with.  `words`: it, behind "a rig that".
+    `orders`: to a person, to turn it on or set it, and to turn it off or set it back; {name} and
+    {value} are filled in.  `twin`: the control of a twin, {} the number; or the two, with their
+    values, that turn it on and off.  `verb`: the capability unless given.  `rest`: its value when
+    nobody works it; None: as it was found.  `is_step`: nothing of it is put back.
+    `is_optional`: at a device without it, it does nothing.
+    """
+
+    capability: str
     name: str
-    value: bool | float | int | None
+    words: str
+    orders: tuple[str, str]
+    twin: str | Mapping[bool, tuple[str, str | None]]
+    verb: str = ""
+    rest: bool | None = False
+    is_step: bool = False
+    is_optional: bool = False
+
+
+RigControls: TypeAlias = Mapping[str, RigControl]
+
+
+def rig_controls(*controls: RigControl) -> RigControls:
+    """The table of a family, by capability, in the order in which all is put back: a held shaft
+    before anything drives it, the supply after what works without it."""
+    return {control.capability: control for control in controls}
+
+
+POWER: Final = RigControl(
+    "power",
+    "supply",
+    "switches the supply off and on",
+    ("Switch the supply on.", "Switch the supply off."),
+    "power",
+    rest=True,
+)  # of every device
+
+
+@dataclass(frozen=True, slots=True)
+class Act:
+    """One thing to do; `value` None means rest."""
+
+    control: RigControl
+    value: bool | float | None
+    number: int | None = None
 
     @property
-    def capability(self) -> str:
-        """The capability that it takes."""
-        return self.name if self.verb in ("input", "fault") else self.verb
+    def words(self) -> tuple[str, str, str]:
+        """Verb, name and value as a command gets them, the value on, off, a number, or rest."""
+        control, value = self.control, self.value
+        if value is None or isinstance(value, bool):
+            text = {None: "rest", True: "on", False: "off"}[value]
+        else:
+            text = f"{value:+}" if control.is_step else f"{value:g}"
+        return control.verb or control.capability, control.name or str(self.number), text
 
-    @property
-    def text(self) -> str:
-        """The value as a command gets it: on, off, a number, or rest."""
-        if self.value is None:
-            return "rest"
-        if isinstance(self.value, bool):
-            return "on" if self.value else "off"
-        return f"{self.value:+d}" if self.verb == "turn" else f"{self.value:g}"
+    def __str__(self) -> str:
+        return " ".join(self.words)
 
     @property
     def is_at_rest(self) -> bool:
         """True if it leaves nothing to put back."""
-        if self.verb == "turn" or self.value is None:
-            return True
-        return self.value is (self.verb in _ON_AT_REST)
+        return self.control.is_step or self.value is self.control.rest
 
     @property
     def undone(self) -> Act:
         """The act that brings it back to rest."""
-        rest = None if self.verb in ("supply", "temperature") else self.verb in _ON_AT_REST
-        return Act(self.verb, self.name, rest)
+        return Act(self.control, self.control.rest, self.number)
 
-
-_ON_AT_REST: Final = ("power", "program")
-# What must be put back first: a held shaft, before anything drives it; what a start needs.
-_RESET_ORDER: Final = (
-    "hold", "fault", "input", "flag", "status", "battery", "temperature", "supply", "power",
-    "program",
-)  # fmt: skip
+    @property
+    def order(self) -> str:
+        """What a person is asked to do."""
+        order = self.control.orders[self.value is None or self.value is False]
+        return order.format(name=self.words[1], value=self.words[2])
 
 
 class Rig(ABC):
-    """The verbs, the same for every kind; `is_exact` if values and instants are as asked for."""
+    """Works the controls of a family, in so far as it can; `is_exact` if values and instants are as
+    asked for."""
 
     is_exact = False
 
-    def __init__(self, target: Transport, capabilities: frozenset[str]) -> None:
-        self._target = target
-        self._disturbed: dict[tuple[str, str], Act] = {}
-        self.capabilities = capabilities
+    def __init__(self, target: Transport, controls: RigControls) -> None:
+        self._target, self._controls = target, controls
+        self._disturbed: dict[tuple[str, int | None], Act] = {}
+        self.capabilities = frozenset(controls)
 
     @abstractmethod
     def _work(self, act: Act) -> None:
@@ -113,144 +145,75 @@ class Rig(ABC):
         """True while something is not at rest."""
         return bool(self._disturbed)
 
-    def set_input(self, name: str, active: bool) -> Window:
-        """Close (active) or open the contact of an input of `INPUTS`."""
-        return self._do(Act("input", name, active))
-
-    def set_supply(self, volts: float) -> Window:
-        """Set the supply voltage."""
-        return self._do(Act("supply", "volts", volts))
-
-    def set_temperature(self, celsius: float) -> Window:
-        """Set the temperature that the module measures."""
-        return self._do(Act("temperature", "celsius", celsius))
-
-    def power_off(self) -> Window:
-        """Cut the supply."""
-        return self._do(Act("power", "supply", False))
-
-    def power_on(self) -> Window:
-        """Apply the supply."""
-        return self._do(Act("power", "supply", True))
-
-    def hold_shaft(self, held: bool) -> Window:
-        """Hold the shaft so that the motor cannot turn it, or let it go."""
-        return self._do(Act("hold", "shaft", held))
-
-    def turn_shaft(self, increments: int) -> Window:
-        """Turn the shaft by hand; positive is clockwise, seen facing the flange."""
-        return self._do(Act("turn", "shaft", increments))
-
-    def fault(self, name: str, present: bool) -> Window:
-        """Let a fault of `FAULTS` be there, or be gone."""
-        return self._do(Act("fault", name, present))
-
-    def set_flag(self, number: int, on: bool) -> Window:
-        """Have the machine turn an input, timer or motor flag of a controller on, or off again."""
-        return self._do(Act("flag", str(number), on))
-
-    def set_status(self, bit: int, on: bool) -> Window:
-        """Bring about the condition of a bit of a controller's status word, or end it."""
-        return self._do(Act("status", str(bit), on))
-
-    def run_program(self, running: bool) -> Window:
-        """Start a controller's macroprogram, or stop it."""
-        return self._do(Act("program", "macroprogram", running))
-
-    def set_battery(self, flat: bool) -> Window:
-        """Let the battery of a controller's memory be empty, or put a good one in."""
-        return self._do(Act("battery", "memory", flat))
+    def work(self, capability: str, value: bool | float, *, number: int | None = None) -> Window:
+        """Turn a control on or off, or set it; `number`: which one, where it has numbers."""
+        return self._do(Act(self._controls[capability], value, number))
 
     def require(self, capability: str) -> None:
         """Raise CannotDo if the rig cannot do that."""
         if capability not in self.capabilities:
-            raise CannotDo(f"the rig cannot do this: no way that it {CAPABILITIES[capability]}")
+            words = self._controls[capability].words
+            raise CannotDo(f"the rig cannot do this: no way that it {words}")
 
     def reset(self) -> None:
         """Bring everything that was worked back to rest; raises RigError naming what is left."""
-        left = []
-        for act in sorted(self._disturbed.values(), key=lambda act: _RESET_ORDER.index(act.verb)):
+        left, order = [], list(self._controls.values())
+        for act in sorted(self._disturbed.values(), key=lambda act: order.index(act.control)):
             try:
                 self._do(act.undone)
             except (CannotDo, RigError) as error:
-                left.append(f"{act.verb} {act.name} is still {act.text} ({error})")
+                left.append("{} {} is still {} ({})".format(*act.words, error))
         self._disturbed.clear()
         if left:
             raise RigError("the rig is not at rest: " + "; ".join(left))
 
     def _do(self, act: Act) -> Window:
-        assert act.capability in CAPABILITIES, f"no rig knows {act}"
-        self.require(act.capability)
+        key = act.control.capability, act.number
+        self.require(act.control.capability)
         before_ns = self._target.now_ns
         if not act.is_at_rest:  # before it is done: half done is disturbed too
-            self._disturbed[act.verb, act.name] = act
+            self._disturbed[key] = act
         try:
             self._work(act)
         except CannotDo:
-            self._disturbed.pop((act.verb, act.name), None)
+            self._disturbed.pop(key, None)
             raise
         if act.is_at_rest:
-            self._disturbed.pop((act.verb, act.name), None)
-        self._target.mark(f"rig: {act.verb} {act.name} {act.text}")
+            self._disturbed.pop(key, None)
+        self._target.mark(f"rig: {act}")
         window = before_ns, self._target.now_ns
         if self._target.travel_guard is not None:  # the counter may not be what it was
-            self._target.travel_guard.worked(act.capability, window)
+            self._target.travel_guard.worked(act.control.capability, window)
         return window
 
 
 class TwinRig(Rig):
-    """Works the twin behind the target, by the handles that every twin offers."""
+    """Works the twin behind the target, by the controls that it offers under their names."""
 
-    def __init__(
-        self, target: Transport, address: int, capabilities: frozenset[str] = OF_AN_AXIS
-    ) -> None:
-        super().__init__(target, capabilities)
+    def __init__(self, target: Transport, address: int, controls: RigControls) -> None:
+        super().__init__(target, controls)
         self.is_exact = VIRTUAL in target.description  # else time passes while we are at it
         self._twin = _twin_at(target, address)
         self._usual = {
-            name: getattr(self._twin, name)
-            for name in ("supply_volts", "temperature_celsius")
-            if name.partition("_")[0] in capabilities
+            name: self._twin.controls[control.twin].value
+            for name, control in controls.items()
+            if control.rest is None
         }
 
     def _work(self, act: Act) -> None:
+        control, value = act.control, act.value
         try:
-            self._handle(act)
+            if isinstance(control.twin, str):
+                usual = self._usual.get(control.capability)
+                path, worked = control.twin.format(act.number), usual if value is None else value
+            else:
+                path, worked = control.twin[bool(value)]
+            self._twin.controls[path].set(worked)
         except Exception as error:  # whatever a twin raises, the run goes on without it
-            raise RigError(f"{act.verb} {act.name} {act.text}: {error}") from error
-
-    def _wire(self, act: Act) -> None:
-        """Work a contact.  One that this device has not does nothing, as at a real terminal block:
-        whether the device reacts is for the check to see."""
-        try:
-            setattr(self._twin.inputs, act.name, act.value)
-        except Exception as error:
+            if not control.is_optional:
+                raise RigError(f"{act}: {error}") from error
+            # As at a real terminal block: whether the device reacts is for the check to see.
             self._target.mark(f"rig: nothing is wired to it: {error}")
-
-    def _handle(self, act: Act) -> None:
-        twin, value = self._twin, act.value
-        match act.verb:
-            case "input":
-                self._wire(act)
-            case "supply" | "temperature":
-                name = f"{act.verb}_{act.name}"
-                setattr(twin, name, self._usual[name] if value is None else value)
-            case "power":
-                (twin.power_on if value else twin.power_off)()
-            case "hold":
-                twin.load.held = value
-            case "turn":
-                twin.push(value)
-            case "fault":
-                twin.set_fault(act.name, value)
-            case "flag":
-                twin.flags[int(act.name)] = value
-            case "status":
-                twin.set_status(int(act.name), value)
-            case "program":
-                (twin.start_program if value else twin.stop_program)()
-            case "battery":
-                twin.battery = "flat" if value else "good"
 
 
 def _twin_at(target: Transport, address: int) -> Any:
@@ -267,18 +230,17 @@ class CommandRig(Rig):
     def __init__(
         self,
         target: Transport,
+        controls: RigControls,
         template: str,
-        capabilities: frozenset[str],
         timeout_s: float = COMMAND_TIMEOUT_S,
     ) -> None:
-        super().__init__(target, capabilities)
+        super().__init__(target, controls)
         self._template = template
         self._timeout_s = timeout_s
 
     def _work(self, act: Act) -> None:
-        words = (act.verb, act.name, act.text)
-        if not run_command(self._template, words, self._timeout_s):
-            raise CannotDo(f"the rig's command cannot do {' '.join(words)}")
+        if not run_command(self._template, act.words, self._timeout_s):
+            raise CannotDo(f"the rig's command cannot do {act}")
 
 
 def run_command(template: str, words: tuple[str, str, str], timeout_s: float) -> bool:
@@ -344,11 +306,11 @@ class PromptRig(Rig):
     def __init__(
         self,
         target: Transport,
+        controls: RigControls,
         terminal: Terminal | None = None,
         notify: Notify = lambda is_open, text: None,
-        capabilities: frozenset[str] = OF_AN_AXIS,
     ) -> None:
-        super().__init__(target, capabilities)
+        super().__init__(target, controls)
         self._terminal = terminal or Console()
         self._notify = notify
         self._is_resetting = False
@@ -362,54 +324,19 @@ class PromptRig(Rig):
             self._is_resetting = False
 
     def _work(self, act: Act) -> None:
-        order = in_words(act)
         keys = "[Enter = done]" if self._is_resetting else "[Enter = done, s = skip]"
         limit_s = PUT_BACK_TIMEOUT_S if self._is_resetting else None
-        self._notify(True, order)
+        self._notify(True, act.order)
         try:
-            answer = self._terminal.ask(f"rig: {order} {keys}", limit_s)
+            answer = self._terminal.ask(f"rig: {act.order} {keys}", limit_s)
         finally:
-            self._notify(False, order)
+            self._notify(False, act.order)
         if self._is_resetting:
             if answer is None:
                 raise RigError("nobody said it was put back")
         elif answer is None or answer.strip().lower().startswith("s"):
-            self.capabilities -= {act.capability}  # not to be asked for again
-            raise CannotDo(f"skipped at the terminal: {order}")
-
-
-_ORDERS: Final[Mapping[tuple[str, str], tuple[str, str]]] = {
-    ("input", "reset"): ("Hold the reset input low.", "Release the reset input."),
-    ("power", "supply"): ("Switch the supply on.", "Switch the supply off."),
-    ("hold", "shaft"): ("Hold the shaft fast.", "Let the shaft go."),
-    ("supply", "volts"): ("Set the supply to {} V.", "Set the supply back to its usual voltage."),
-    ("temperature", "celsius"): (
-        "Bring the module to {} °C.",
-        "Bring the module back to its usual temperature.",
-    ),
-    ("program", "macroprogram"): ("Start the macroprogram.", "Stop the macroprogram."),
-    ("battery", "memory"): (
-        "Take the battery of the memory away.",
-        "Put a good battery of the memory in.",
-    ),
-    ("turn", "shaft"): ("Turn the shaft by about {} increments (+ is clockwise).", ""),
-}
-
-
-def in_words(act: Act) -> str:
-    """The act as one asks a person for it."""
-    name = act.name.replace("_", " ")
-    forms = {
-        "input": (f"Close the contact of the {name} input.", f"Open the {name} contact."),
-        "fault": (f"Let there be this fault: {name}.", f"End the fault: {name}."),
-        "flag": (f"Work the machine until flag {name} is on.", f"Let flag {name} go off again."),
-        "status": (
-            f"Bring about the condition of status bit {name}.",
-            f"End the condition of status bit {name}.",
-        ),
-    }
-    done, undone = _ORDERS.get((act.verb, act.name)) or forms[act.verb]
-    return (undone if act.value is False or act.value is None else done).format(act.text)
+            self.capabilities -= {act.control.capability}  # not to be asked for again
+            raise CannotDo(f"skipped at the terminal: {act.order}")
 
 
 # --- which rig a run has -------------------------------------------------------------------------
@@ -423,16 +350,22 @@ class RigChoice:
     command: str = ""
     capabilities: frozenset[str] = field(default=frozenset())
 
-    def open(self, target: Transport, address: int, notify: Notify) -> Rig | None:
-        """The rig for one open target; raises RigError if the target offers no handles."""
+    def open(
+        self, target: Transport, address: int, controls: RigControls, notify: Notify
+    ) -> Rig | None:
+        """The rig for one open target; raises RigError if the target is no twin's."""
+        rig: Rig
         match self.kind:
             case "twin":
-                return TwinRig(target, address, self.capabilities)
+                rig = TwinRig(target, address, controls)
             case "prompt":
-                return PromptRig(target, notify=notify, capabilities=self.capabilities)
+                rig = PromptRig(target, controls, notify=notify)
             case "command":
-                return CommandRig(target, self.command, self.capabilities)
-        return None
+                rig = CommandRig(target, controls, self.command)
+            case _:
+                return None
+        rig.capabilities = self.capabilities
+        return rig
 
     def words(self, is_default: bool) -> list[str]:
         """The options that choose it again; nothing where it is the default."""
@@ -447,8 +380,8 @@ def choose_rig(
     url: str,
     *,
     is_allowed: bool,
+    capabilities: Set[str],
     transport_kind: TransportKind = LINE,
-    capabilities: frozenset[str] = OF_AN_AXIS,
 ) -> RigChoice:
     """Read `--rig` and `--rig-command`; raises UsageError in one line.
 
@@ -466,7 +399,7 @@ def choose_rig(
     if kind == "prompt" and is_allowed and not (sys.stdin.isatty() and sys.stderr.isatty()):
         raise UsageError("--rig prompt needs a terminal with somebody to ask; try --rig command")
     if kind != "command":
-        return RigChoice(kind, "", capabilities if kind else frozenset())
+        return RigChoice(kind, "", frozenset(capabilities if kind else ()))
     if command is None:
         raise UsageError("--rig command needs --rig-command 'PROGRAM {verb} {name} {value}'")
     _check_template(command)

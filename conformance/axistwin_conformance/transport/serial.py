@@ -94,8 +94,10 @@ class SerialTransport(Transport):
 
     @property
     def is_direct(self) -> bool:
-        """True if `exchange` may be used: virtual time, no noise, nobody has to hold the axis."""
-        return self.is_virtual and self.is_lossless and self.travel_guard is None
+        """True if `exchange` may be used: virtual time, no noise, nobody has to hold the axis or
+        to mend what comes."""
+        is_plain = self.travel_guard is None and self.mender is None
+        return self.is_virtual and self.is_lossless and is_plain
 
     @property
     def is_pty(self) -> bool:
@@ -127,7 +129,7 @@ class SerialTransport(Transport):
             self._port.write(bytes(data))
         if not self.is_virtual:
             late_ns = self.now_ns - started_ns - len(data) * self.byte_ns
-            self.note_late("sending", late_ns, is_device_free=True)
+            self.lateness.note("sending", late_ns, is_device_free=True)
         return started_ns
 
     def note_exchange(self, data: bytes, received: int, sent_ns: int) -> None:
@@ -135,7 +137,7 @@ class SerialTransport(Transport):
         if self.is_virtual or not received or not self.round_trip.samples:
             return
         due_ns = self.round_trip.way_ns + (len(data) + received) * self.byte_ns
-        self.note_late(f"the reply to {data.hex(' ')}", self.now_ns - sent_ns - due_ns)
+        self.lateness.note(f"the reply to {data.hex(' ')}", self.now_ns - sent_ns - due_ns)
 
     def exchange(
         self, data: bytes, size: int, timeout_s: float, is_cleared: bool = False
@@ -183,11 +185,16 @@ class SerialTransport(Transport):
         started_ns = self.now_ns
         deadline_ns = started_ns + round(timeout_s * 1e9)
         while len(self._pending) < count:
-            left_ns = deadline_ns - self.now_ns
-            arrived = self._read(count - len(self._pending), self._fenced(max(left_ns, 0)))
+            until_ns = self._held_until_ns if self.is_holding else deadline_ns
+            left_ns = until_ns - self.now_ns
+            # What is handed on may be longer or shorter than what comes.
+            wanted = 1 if self.mender is not None else count - len(self._pending)
+            arrived = self._read(wanted, self._fenced(max(left_ns, 0)))
             # A look at a line in virtual time lets some pass: there the first one is enough.
-            if not arrived and (left_ns if not self.is_virtual else deadline_ns - self.now_ns) <= 0:
-                break
+            if not arrived and (left_ns if not self.is_virtual else until_ns - self.now_ns) <= 0:
+                if not self.is_holding:
+                    break
+                self._pending += self._given_up()
         taken = bytes(self._pending[:count])
         del self._pending[:count]
         if not taken and timeout_s >= SILENCE_NOTED_S:
@@ -210,14 +217,14 @@ class SerialTransport(Transport):
         if not self.is_virtual:
             self._read(max(self._waiting(), 1), 0) if self._waiting() else None
             now_ns = self.now_ns
-            self.note_late("a pause", now_ns - deadline_ns, is_device_free=True)
+            self.lateness.note("a pause", now_ns - deadline_ns, is_device_free=True)
         return (now_ns - started_ns) / 1e9
 
     def drain(self) -> bytes:
         """Throw away what has arrived and return it, for the record."""
         if waiting := self._waiting():
             self._read(min(waiting, DRAIN_BYTES), 0)
-        dropped = bytes(self._pending)
+        dropped = bytes(self._pending) + self._given_up()
         self._pending.clear()
         if dropped:
             self.mark(f"{len(dropped)} bytes nobody asked for were set aside")
@@ -240,10 +247,9 @@ class SerialTransport(Transport):
             raise self._trouble("receiving", error) from error
         if not self.is_virtual:
             late_ns = self.now_ns - begun_ns - SLICE_NS
-            self.note_late("listening", late_ns, is_device_free=True)
+            self.lateness.note("listening", late_ns, is_device_free=True)
         if data:
-            self._pending += data
-            self._arrived(data)
+            self._pending += self._arrived(data)[0]
         return bool(data)
 
     def _waiting(self) -> int:

@@ -32,12 +32,13 @@ from typing import Any, ClassVar, Protocol, cast
 
 from axistwin_conformance.base.errors import OutsideEnvelope, TargetError, TwinCrashed
 from axistwin_conformance.base.transcript import Direction, Record, Transcript
+from axistwin_conformance.transport.lateness import Lateness
 
 SILENCE_NOTED_S = 0.05  # shorter waits in vain are not worth a line in the transcript
+HELD_NS = 100_000_000  # of silence, after which nothing belongs to what has come any more
 STOP_HEARD_NS = 50_000_000  # the reply to a stop takes 3 ms at 9600 baud
 MOST_HUSHES = 20  # a device that never stops talking is not waited for
-LATE_NS = 30_000_000  # beyond the slowest exchange or the time asked for: no habit of a line
-TWICE = "twice: "  # before what came a second time, where what was late is listed
+USUAL_WAY_NS = 25_000_000  # half of the shortest time for which a silence is listened to
 SLOWEST_JUDGED_NS = 200_000_000  # an exchange: the checks know how to wait for one of that length
 TWIN_PREFIX = "axistwin:"  # what opens a twin in this process, on a line or on a bus
 
@@ -48,7 +49,18 @@ def is_twin_url(url: str) -> bool:
 
 
 class TravelLimiter(Protocol):
-    """What keeps the axes behind a carrier inside the envelope; it hears everything, either way."""
+    """What keeps the axes behind a carrier inside the envelope; it hears everything, either way.
+
+    `strayed`: why nothing that moves is sent any more; `broken`: the requirement that the device
+    has failed by that; both empty at first.
+    """
+
+    strayed: str
+    broken: str
+
+    @property
+    def is_in_doubt(self) -> bool:
+        """True if the next look at an axis decides on the last one."""
 
     def sending(self, data: bytes, now_ns: int, /) -> None:
         """Raise OutsideEnvelope if these bytes must not be sent."""
@@ -68,6 +80,23 @@ class TravelLimiter(Protocol):
 
     def worked(self, name: str, window: tuple[int, int], /) -> None:
         """Learn what the rig has done, and between which instants."""
+
+
+class Mender(Protocol):
+    """What hands on the replies of a device as a sound one would have put them."""
+
+    @property
+    def is_holding(self) -> bool:
+        """True if something has come and was not handed on yet."""
+
+    def begin(self, request: bytes, /) -> None:
+        """A request goes out."""
+
+    def hear(self, data: bytes, /) -> bytes:
+        """Something has come: return what can be handed on now."""
+
+    def give_up(self) -> bytes:
+        """Nothing more comes for now: return what was held back, as it came."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,12 +145,10 @@ class Transport(ABC):
         self.gate: Callable[[bytes], None] | None = None  # sees everything before it is sent
         self.travel_guard: TravelLimiter | None = None
         self.meter: Callable[[bytes], None] | None = None  # counts what is really sent
+        self.mender: Mender | None = None  # of a device whose replies depart by what is judged
+        self._held_ns = 0  # when the last came of what it holds back
         self.crash = ""  # of the twin behind it, once it has fallen over
-        self.late: list[str] = []  # what was held up, or came twice, since somebody cleared this
-        self.late_count, self._latest_ns = 0, 0  # in the whole run
-        self._doubled_late_count = 0  # of these, what came twice
-        self._doubled_count = 0  # what came twice, the device's habit or not
-        self._sent_count, self._sent_before = 0, 0  # requests, and those before `forget_late`
+        self.lateness = Lateness(self.mark, self.word, lambda: self.is_lossless)
 
     # --- what a kind of carrier adds --------------------------------------------------------------
 
@@ -178,9 +205,9 @@ class Transport(ABC):
         taken: list[int] = []
         own: list[int] = []
         for _ in range(samples):
-            self.forget_late()
+            self.lateness.forget()
             started_ns, position = self.now_ns, self.transcript.position
-            if exchange() and not (self.late and taken):
+            if exchange() and not (self.lateness.recent and taken):
                 taken.append(self.now_ns - started_ns)
                 own.append(self._own_ns(self.transcript.since(position)))
         if taken:
@@ -198,15 +225,7 @@ class Transport(ABC):
     @property
     def remarks(self) -> tuple[str, ...]:
         """What a reader should know of what happened here beside the exchanges."""
-        told = []
-        if count := self.late_count - self._doubled_late_count:
-            latest_ms = round(self._latest_ns / 1e6)
-            times = f"{count} times this host or the {self.word} was late"
-            told.append(f"{times}, by up to {latest_ms} ms; what looked wrong then was tried again")
-        if self._doubled_late_count:
-            times = f"{self._doubled_late_count} times a reply came twice"
-            told.append(f"{times}; what looked wrong then was tried again")
-        return tuple(told)
+        return self.lateness.remarks
 
     def _own_ns(self, said: Sequence[Record]) -> int:
         """What it takes on the way itself to say that; 0 where that is not known."""
@@ -214,9 +233,12 @@ class Transport(ABC):
 
     @property
     def line_ns(self) -> int:
-        """What the way there and back may add to a time that is the device's own; none of it counts
-        in virtual time, where everything is exact."""
-        return 0 if self.is_virtual else self.uncertainty_ns
+        """What has to be added to the time for which nothing or something must come: the way there
+        and back, and how long this device takes to reply.  In virtual time everything is exact, and
+        only a device counts that takes longer than those times allow for."""
+        if not self.is_virtual:
+            return self.uncertainty_ns
+        return max(0, self.round_trip.way_ns - USUAL_WAY_NS)
 
     @property
     def line_s(self) -> float:
@@ -230,36 +252,6 @@ class Transport(ABC):
             return ""
         slowest, most = (ns // 1_000_000 for ns in (self.uncertainty_ns, SLOWEST_JUDGED_NS))
         return f"an exchange takes up to {slowest} ms here, too long to tell; {most} ms would do"
-
-    def note_late(self, what: str, late_ns: int, *, is_device_free: bool = False) -> None:
-        """Remember that something took so much longer than it should, if that is more than a habit
-        of this line.
-
-        `is_device_free`: the device had no part in it, so that no two of these are the same.
-        """
-        if self.is_lossless or late_ns <= LATE_NS:
-            return
-        self.late_count += 1
-        self.late.append(f"{what}, number {self.late_count}" if is_device_free else what)
-        self._latest_ns = max(self._latest_ns, late_ns)
-        self.mark(f"late by {late_ns / 1e6:.0f} ms: {what}")
-
-    def forget_late(self) -> None:
-        """Begin anew: what was late before does not count."""
-        self.late.clear()
-        self._sent_before = self._sent_count
-
-    def note_doubled(self, what: str) -> None:
-        """Remember that a reply came twice, as a frame does of which the last bit is hit.  Of a
-        device that says most of them twice it is the habit, and none of the way's doing."""
-        self._doubled_count += 1
-        if self.is_lossless or 2 * self._doubled_count > self._sent_count:
-            return
-        self.late_count += 1
-        self._doubled_late_count += 1
-        number = self._sent_count - self._sent_before
-        self.late.append(f"{TWICE}{what}, after request {number}")
-        self.mark(f"twice, to one request: {what}")
 
     def mark(self, text: str) -> None:
         """Write a line into the transcript."""
@@ -284,19 +276,41 @@ class Transport(ABC):
             self.travel_guard.sending(data, started_ns)
         if self.meter is not None:
             self.meter(data)
+        if self.mender is not None:
+            self.mender.begin(data)
         self.last_sent = data
-        self._sent_count += 1
+        self.lateness.sent()
         self._clock_ns = None
         self.transcript.note(started_ns, Direction.HOST, data)
         return started_ns
 
-    def _arrived(self, data: bytes) -> int:
-        """Let transcript and travel guard see what has come; return the time."""
+    def _arrived(self, data: bytes) -> tuple[bytes, int]:
+        """Let transcript, mender and travel guard see what has come; return what of it is handed
+        on, and the time."""
         now_ns = self.now_ns
         self.transcript.note(now_ns, Direction.DEVICE, data)
-        if self.travel_guard is not None:
+        if self.mender is not None:
+            data, self._held_ns = self.mender.hear(data), now_ns
+        if self.travel_guard is not None and data:
             self.travel_guard.received(data, now_ns)
-        return now_ns
+        return data, now_ns
+
+    @property
+    def is_holding(self) -> bool:
+        """True if something has come of which the mender waits for the rest."""
+        return self.mender is not None and self.mender.is_holding
+
+    @property
+    def _held_until_ns(self) -> int:
+        """When what is held back is handed on at the latest."""
+        return self._held_ns + HELD_NS
+
+    def _given_up(self) -> bytes:
+        """What the mender holds back, as it came."""
+        data = b"" if self.mender is None else self.mender.give_up()
+        if self.travel_guard is not None and data:
+            self.travel_guard.received(data, self.now_ns)
+        return data
 
     def _note_silence(self, started_ns: int) -> None:
         passed_ms = (self.now_ns - started_ns) / 1e6

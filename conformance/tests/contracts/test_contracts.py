@@ -117,6 +117,7 @@ TALKS = {
         "--help",
         "run --help",
         "models --help",
+        "send --help",
         "decode --help",
         "doctor --help",
         "conform --help",
@@ -127,6 +128,8 @@ TALKS = {
         "models mac34-1",
         "models mac23-can",
         "models msc-250",
+        "models msc-250 all",
+        "models mac23 xon_byte",
         "models --json",
         "models msc-generic --json",
     ),
@@ -286,5 +289,5 @@ def test_nothing_recorded_tells_where_it_was_recorded() -> None:
 def test_every_record_has_its_test() -> None:
     """What nobody compares any more is deleted."""
     known = {run.name for run in (*HEALTHY, *FAULTY)}
-    assert {one.name for one in FOLDER.iterdir()} == known | {"words"}
+    assert {one.name for one in FOLDER.iterdir()} == known | {"words", "failures"}
     assert {one.stem for one in (FOLDER / "words").iterdir()} == {*TALKS}

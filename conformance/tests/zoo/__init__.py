@@ -7,6 +7,8 @@ named quirk is no kill; a fault that is another admissible reading of the manual
 
 from zoo import (
     commands,
+    edges,
+    effects,
     faults,
     framing,
     inputs,
@@ -22,7 +24,7 @@ from zoo.mutant import Mutant
 
 FAMILIES = (
     framing, replies, commands, queries, motion, interpolation, stops, sync, persistence, inputs,
-    faults,
+    faults, edges, effects,
 )  # fmt: skip
 
 ZOO: tuple[Mutant, ...] = tuple(

@@ -262,6 +262,17 @@ def after_a_factory_reset_it_is_deaf_for_half_a_second(patch: MonkeyPatch) -> No
     wrap(patch, MacModule, "_begin_boot", make_boot)
 
 
+@mutant("MACS-CMD-01-02")
+def the_factory_address_is_02(patch: MonkeyPatch) -> None:
+    """01h gives the address 02."""
+
+    def act(axis: Axis, _: int, go: Any_) -> None:
+        go()
+        axis.parameters.store("address", 2)
+
+    _factory_reset(patch, act)
+
+
 # --- parameters ----------------------------------------------------------------------------------
 
 
@@ -437,6 +448,19 @@ def no_rate_is_ever_changed(patch: MonkeyPatch) -> None:
         return module._refused if code is None else module._restart(True)
 
     patch.setitem(serial._FACE_COMMANDS, 0x1B, set_rate)
+
+
+@mutant("MACS-CMD-1B-01")
+def two_rates_are_exchanged(patch: MonkeyPatch) -> None:
+    """1Bh takes 01 for 19200 and 02 for 9600 baud."""
+    from axistwin.devices.mac.serial import device as serial
+
+    choose = serial._FACE_COMMANDS[0x1B]
+    patch.setitem(
+        serial._FACE_COMMANDS,
+        0x1B,
+        lambda module, n, general: choose(module, {1: 2, 2: 1}.get(n & 0xFF, n), general),
+    )
 
 
 @mutant("MACS-CMD-1C-01", "MACS-Q-26-01")

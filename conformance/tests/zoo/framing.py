@@ -254,13 +254,92 @@ def a_pause_drops_the_frame(patch: MonkeyPatch) -> None:
     def make(receive: Any_) -> Any_:
         def receiving(module: Any, chunk: Any) -> Any:
             if chunk.start_ns - getattr(module, "heard_ns", chunk.start_ns) > 1_000_000_000:
-                module._partial = b""
+                module.reception.partial = b""
             module.heard_ns = chunk.start_ns
             return receive(module, chunk)
 
         return receiving
 
     wrap(patch, MacSerial, "receive", make)
+
+
+@mutant("MACS-FRAME-07")
+def addresses_from_80_up_are_general(patch: MonkeyPatch) -> None:
+    """Every address from 80h up is that of all modules."""
+    wrap(
+        patch,
+        MacSerial,
+        "_concerns",
+        lambda concerns: (
+            lambda module, request: concerns(module, request) or (request.address or 0) >= 0x80
+        ),
+    )
+    frames(
+        patch,
+        lambda judge, module, frame, request: judge(
+            frame,
+            request._replace(address=framing.GENERAL_ADDRESS)
+            if (request.address or 0) >= 0x80
+            else request,
+        ),
+    )
+
+
+@mutant("MACS-FRAME-08")
+def indices_from_40_up_are_commands(patch: MonkeyPatch) -> None:
+    """The upper three bits of an index from 40h up are not looked at."""
+    frames(
+        patch,
+        lambda judge, module, frame, request: judge(
+            frame,
+            request._replace(command=request.command & 0x1F)
+            if (request.command or 0) >= 0x40
+            else request,
+        ),
+    )
+
+
+@mutant("MACS-FRAME-01")
+def a_frame_without_a_sum_passes(patch: MonkeyPatch) -> None:
+    """A frame whose Etx stands where the sum should be is taken for right."""
+    _frames_end_with_etx(patch)
+    take_apart = framing.take_apart
+
+    def whole(frame: bytes) -> bytes:
+        summed = frame[:18] + HEX[sum(frame[4:18]) & 0xFF] + frame[18:]
+        return (summed if len(frame) == 19 else frame)[:21].ljust(21, b"\0")
+
+    everywhere(patch, take_apart, lambda frame, any_case: take_apart(whole(frame), any_case))
+    frames(patch, lambda judge, module, frame, request: judge(whole(frame), request))
+
+
+@mutant("MACS-REPLY-13")
+def a_stop_for_another_stops(patch: MonkeyPatch) -> None:
+    """18h stops the axis, whoever it is for."""
+    wrap(patch, MacSerial, "_concerns", lambda concerns: lambda module, request: True)
+
+    def act(judge: Any_, module: MacSerial, _: bytes, request: Any) -> None:
+        if request.address in (module.address, framing.GENERAL_ADDRESS):
+            judge()
+        elif request.is_framed and request.is_sum_right and request.command == 0x18:
+            module._command(0x18, 0, general=False)
+
+    frames(patch, act)
+
+
+@mutant("MACS-MULTI-02")
+def motions_for_all_concern_module_00_only(patch: MonkeyPatch) -> None:
+    """The others take settings from FF, and no motion."""
+
+    def make(command: Any_) -> Any_:
+        def commanding(module: MacSerial, index: int, n: int, *, general: bool) -> Any:
+            if 0x13 <= index <= 0x16 and general and module.address:
+                return module._accepted
+            return command(module, index, n, general=general)
+
+        return commanding
+
+    wrap(patch, MacSerial, "_command", make)
 
 
 @mutant("MACS-MULTI-01")

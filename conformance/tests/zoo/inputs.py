@@ -166,6 +166,22 @@ def endless_motion_is_always_busy(patch: MonkeyPatch) -> None:
     )
 
 
+@mutant("MACS-BUSY-02")
+def an_axis_that_turns_back_is_never_busy(patch: MonkeyPatch) -> None:
+    """An axis that is held in endless motion is busy only if it turns the positive way."""
+
+    def is_back(drive: Drive, now: int) -> bool:
+        course = drive.plant._set_point if drive.kind is State.VE else None
+        return course is not None and course.leg_at(now).direction < 0
+
+    wrap(
+        patch,
+        Drive,
+        "is_busy",
+        lambda busy: lambda drive, now: not is_back(drive, now) and busy(drive, now),
+    )
+
+
 def _is_profile_over(drive: Drive, now: int) -> bool:
     motion = motion_of(drive)
     return motion is not None and motion.is_over(now)

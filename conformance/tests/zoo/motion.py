@@ -511,13 +511,17 @@ def a_fault_of_the_start_up_stays(patch: MonkeyPatch) -> None:
 
 @mutant("MACS-CMD-17-01")
 def a_ramped_stop_before_segments_lets_the_shaft_go(patch: MonkeyPatch) -> None:
-    """After 17h with a segment waiting, the place of rest is no longer held."""
+    """17h drops a segment that waits, and then the place of rest is no longer held."""
 
-    def flushing(drive: Drive, now: int) -> None:
-        if drive._segments_wait:
-            drive._end_segments(now)
+    def make(stop: Any_) -> Any_:
+        def stopping(drive: Drive, now: int) -> None:
+            stop(drive, now)
+            if drive._segments_wait:
+                drive._end_segments(now)
 
-    patch.setattr(Drive, "flush_waiting", flushing)
+        return stopping
+
+    wrap(patch, Drive, "ramped_stop", make)
 
 
 @mutant("MACS-STOP-01")

@@ -47,15 +47,15 @@ class Mutant:
         """Let every twin built in this process have the fault."""
         with MonkeyPatch.context() as patch:
             self.alter(patch)
-            _forget()
+            forget()
             try:
                 yield
             finally:
                 patch.undo()
-                _forget()
+                forget()
 
 
-def _forget() -> None:
+def forget() -> None:
     """Empty the caches of the twins: what was remembered was said by another firmware."""
     for name, module in list(sys.modules.items()):
         if name.startswith("axistwin."):

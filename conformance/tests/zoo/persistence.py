@@ -33,6 +33,12 @@ def the_period_is_not_stored(patch: MonkeyPatch) -> None:
 
 
 @mutant("MACS-PERS-01")
+def the_torque_limit_is_not_stored(patch: MonkeyPatch) -> None:
+    """0Ch is forgotten over power-off."""
+    _volatile(patch, "torque")
+
+
+@mutant("MACS-PERS-01")
 def the_stops_are_not_stored(patch: MonkeyPatch) -> None:
     """09h and 0Ah are forgotten over power-off."""
     _volatile(patch, "superior_stop", "inferior_stop")

@@ -163,6 +163,12 @@ def ram_is_read_at_its_beginning(patch: MonkeyPatch) -> None:
 
 
 @mutant("MACS-Q-29-01")
+def eeprom_is_told_last_byte_first(patch: MonkeyPatch) -> None:
+    """29h answers its four bytes in reverse."""
+    _memory(patch, 0x29, lambda value, image, address: _bytes(value, 3, 2, 1, 0))
+
+
+@mutant("MACS-Q-29-01")
 def eeprom_is_read_in_words(patch: MonkeyPatch) -> None:
     """29h ignores the last two bits of the sub-index."""
     _memory(

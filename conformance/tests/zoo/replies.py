@@ -82,6 +82,74 @@ def a_nacked_stop_stops(patch: MonkeyPatch) -> None:
     frames(patch, act)
 
 
+@mutant("MACS-REPLY-04")
+def a_nack_disarms(patch: MonkeyPatch) -> None:
+    """A wrong sum drops what 10h has armed."""
+
+    def act(judge: Any_, module: MacSerial, _: bytes, request: Any) -> None:
+        if request.is_framed and not request.is_sum_right:
+            module.axis._armed = False
+        judge()
+
+    frames(patch, act)
+
+
+@mutant("MACS-REPLY-05")
+def a_refusal_disarms(patch: MonkeyPatch) -> None:
+    """What is refused drops what 10h has armed."""
+
+    def make(obey: Any_) -> Any_:
+        def obeying(module: MacSerial, *frame: Any, **how: Any) -> Any:
+            reply = obey(module, *frame, **how)
+            module.axis._armed = module.axis._armed and reply != REFUSED
+            return reply
+
+        return obeying
+
+    wrap(patch, MacSerial, "_obey", make)
+
+
+@mutant("MACS-REPLY-06")
+def an_unassigned_index_needs_no_sum(patch: MonkeyPatch) -> None:
+    """An index without a meaning is refused before the sum is looked at."""
+
+    def act(judge: Any_, module: MacSerial, frame: bytes, request: Any) -> None:
+        index = request.command
+        is_none = index is not None and not module.axis.is_assigned(index) and index not in QUERIES
+        judge(frame, request._replace(is_sum_right=True) if is_none else request)
+
+    frames(patch, act)
+
+
+@mutant("MACS-REPLY-01")
+def acceptance_of_a_motion_has_no_xon(patch: MonkeyPatch) -> None:
+    """13h, 14h and 15h are acknowledged with 06 13."""
+
+    def make(command: Any_) -> Any_:
+        def commanding(module: MacSerial, index: int, n: int, *, general: bool) -> Any:
+            reply = command(module, index, n, general=general)
+            return reply[:2] if 0x13 <= index <= 0x15 and reply == ACCEPTED else reply
+
+        return commanding
+
+    wrap(patch, MacSerial, "_command", make)
+
+
+@mutant("MACS-REPLY-09")
+def eeprom_answers_as_ram(patch: MonkeyPatch) -> None:
+    """29h answers with digit 8."""
+    replies(
+        patch,
+        lambda data, _: _answer(data, b"9", lambda data: _summed(data[:8] + b"8" + data[9:])),
+    )
+
+
+@mutant("MACS-REPLY-10")
+def the_length_of_an_answer_counts_the_index(patch: MonkeyPatch) -> None:
+    """22h answers with 012, as if it repeated both digits of the index."""
+    replies(patch, lambda data, _: _answer(data, b"2", lambda data: data[:3] + b"012" + data[6:]))
+
+
 @mutant("MACS-REPLY-06", traps=(4,))
 def the_lock_is_tested_before_the_sum(patch: MonkeyPatch) -> None:
     """A command that would be refused is refused, right sum or not."""
@@ -141,6 +209,15 @@ def the_whole_index_is_echoed(patch: MonkeyPatch) -> None:
 def the_address_of_an_answer_is_ff(patch: MonkeyPatch) -> None:
     """Answers are made for everybody."""
     replies(patch, lambda d, _: _summed(d[:6] + b"FF" + d[8:]) if len(d) == 21 else d)
+
+
+@mutant("MACS-REPLY-08")
+def eeprom_answers_as_module_01(patch: MonkeyPatch) -> None:
+    """The address in the answer to 29h is 01."""
+    replies(
+        patch,
+        lambda data, _: _answer(data, b"9", lambda data: _summed(data[:6] + b"01" + data[8:])),
+    )
 
 
 @mutant("MACS-MULTI-01")

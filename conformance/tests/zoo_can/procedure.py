@@ -7,7 +7,6 @@ from typing import Any
 from zoo.mutant import Any_, MonkeyPatch, mutant, wrap
 
 from axistwin.devices.mac.axis.axis import Axis
-from axistwin.devices.mac.axis.parameters import Parameters
 from axistwin.devices.mac.can.device import MacCan
 from axistwin.wire.can_frame import CanFrame
 from zoo_can.planting import MODEL, UPLOAD, around, can_mutant, sends
@@ -417,20 +416,6 @@ def the_address_is_kept_in_ram(patch: MonkeyPatch) -> None:
         return powering_off
 
     wrap(patch, Axis, "power_off", make)
-
-
-@can_mutant("MACC-PERS-01")
-def the_torque_limit_is_not_stored(patch: MonkeyPatch) -> None:
-    """200Ch is forgotten over power-off."""
-
-    def make(store: Any_) -> Any_:
-        def storing(parameters: Parameters, name: str, value: int) -> None:
-            if name != "torque":
-                store(parameters, name, value)
-
-        return storing
-
-    wrap(patch, Parameters, "store", make)
 
 
 @can_mutant("MACC-BOOT-01")

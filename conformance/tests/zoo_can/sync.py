@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from zoo.mutant import Any_, MonkeyPatch, wrap
+from zoo.mutant import Any_, MonkeyPatch, on, wrap
 
 from axistwin.devices.mac.axis.axis import Axis
 from axistwin.devices.mac.can.device import MacCan
@@ -93,6 +93,18 @@ def sync_starts_moves_only(patch: MonkeyPatch) -> None:
         held = module.axis._preload
         if held is None or held[0] != 0x15:
             go()
+
+    around(patch, "_sync", act)
+
+
+@can_mutant("MACC-SYNC-03")
+def only_sync_starts_what_is_preloaded(patch: MonkeyPatch) -> None:
+    """2011h is accepted and starts nothing."""
+    on(patch, 0x11, lambda go, axis, now, n: True)
+
+    def act(_: Any_, module: MacCan, __: bytes) -> None:
+        if module.axis._preload is not None:
+            module.axis._synchronise(module._now, 0, module._now)
 
     around(patch, "_sync", act)
 

@@ -274,6 +274,17 @@ def a_move_is_acknowledged_when_it_is_over(patch: MonkeyPatch) -> None:
     around(patch, "_send", act)
 
 
+@can_mutant("MACC-SDO-13")
+def an_endless_motion_is_acknowledged_late(patch: MonkeyPatch) -> None:
+    """The reply to 2015h comes a second after it has begun."""
+
+    def act(go: Any_, module: MacCan, identifier: int, data: bytes, start_ns: int) -> Any:
+        is_late = data[:2] == b"\x60\x15"
+        return go(identifier, data, start_ns + (LATEST_NS if is_late else 0))
+
+    around(patch, "_send", act)
+
+
 @can_mutant("MACC-SDO-14")
 def uploads_are_refused_in_motion(patch: MonkeyPatch) -> None:
     """2005h and 2006h are answered at rest only."""
@@ -311,6 +322,12 @@ def an_upload_wants_zeros_behind_it(patch: MonkeyPatch) -> None:
         return module._refused(request, 0) if is_filled else serve()
 
     requests(patch, act)
+
+
+@can_mutant("MACC-SDO-07")
+def the_filler_of_an_upload_comes_back(patch: MonkeyPatch) -> None:
+    """The last byte behind an upload request is ORed into the answer."""
+    _changed(patch, READ, lambda reply, request: reply[:7] + bytes([reply[7] | request[7]]))
 
 
 @can_mutant("MACC-SDO-09", traps=(35,))

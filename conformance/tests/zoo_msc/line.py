@@ -187,17 +187,12 @@ def the_time_limit_begins_with_noise(patch: MonkeyPatch) -> None:
 
     def begin(go: Any_, receiver: Any, now: int) -> None:
         go()
-        noise_ns = getattr(receiver, "noise_ns", None)
+        noise_ns, receiver.noise_ns = getattr(receiver, "noise_ns", None), None
         receiver._packet_due -= now - noise_ns if noise_ns is not None else 0
         receiver._packet_due = max(receiver._packet_due, now + MS)
 
-    def rest(go: Any_, receiver: Any, now: int) -> None:
-        receiver.noise_ns = None
-        go()
-
     hears(patch, takes)
     around(patch, Receiver, "_begin_packet", begin)
-    around(patch, Receiver, "_rest", rest)
 
 
 @msc_mutant("MSC-LNK-11", "MSC-LNK-04", traps=(20,))

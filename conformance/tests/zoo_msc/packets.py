@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from axistwin.devices.msc import receiver as receiver_module
-from axistwin.devices.msc.packets import is_sum_right
+from axistwin.devices.msc.packets import concerned, is_sum_right
 from axistwin.devices.msc.receiver import REFUSED
 from zoo_msc.planting import (
     ACK,
@@ -200,7 +200,6 @@ def a_flags_reply_carries_its_unit_as_text(patch: MonkeyPatch) -> None:
 @msc_mutant("MSC-PKT-03", traps=(37,))
 def four_bits_of_a_unit_number_count(patch: MonkeyPatch) -> None:
     """31h, the character 1, is unit 1 as well."""
-    concerned = receiver_module.concerned
 
     def masked(unit: int, quirks: Any, *, is_rs232: bool) -> tuple[Whom, ...]:
         whom = concerned(unit, quirks, is_rs232=is_rs232)
@@ -212,7 +211,6 @@ def four_bits_of_a_unit_number_count(patch: MonkeyPatch) -> None:
 @msc_mutant("MSC-PKT-05", "MSC-LNK-19")
 def the_third_switch_is_not_read(patch: MonkeyPatch) -> None:
     """On RS-485 a unit answers the number 4 above or below its own too."""
-    concerned = receiver_module.concerned
 
     def masked(unit: int, quirks: Any, *, is_rs232: bool) -> tuple[Whom, ...]:
         whom = concerned(unit, quirks, is_rs232=is_rs232)
@@ -232,7 +230,6 @@ def replies_carry_unit_1(patch: MonkeyPatch) -> None:
 @msc_mutant("MSC-PKT-04")
 def on_rs232_another_number_is_answered_in_part(patch: MonkeyPatch) -> None:
     """A packet for another unit draws NAK if its number is even, and nothing if it is odd."""
-    concerned = receiver_module.concerned
 
     def mixed(unit: int, quirks: Any, *, is_rs232: bool) -> tuple[Whom, ...]:
         whom = concerned(unit, quirks, is_rs232=is_rs232)

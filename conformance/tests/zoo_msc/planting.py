@@ -10,8 +10,8 @@ from zoo.mutant import Any_, MonkeyPatch, mutant, wrap
 
 from axistwin.devices.msc import receiver as receiver_module
 from axistwin.devices.msc.commands import Commands
-from axistwin.devices.msc.packets import ACK, NAK, STX, is_sum_right
-from axistwin.devices.msc.receiver import LINE_FORMAT, Receiver, State, Whom
+from axistwin.devices.msc.packets import ACK, NAK, STX, Whom, is_sum_right
+from axistwin.devices.msc.receiver import LINE_FORMAT, Receiver, State
 from axistwin.kernel.schedule import NEVER
 
 __all__ = [

@@ -13,6 +13,7 @@ be keyword arguments of ``can.Bus``.
 ``seed=N``              the seed of everything random
 ``pacing=no``           frames take no time on the bus
 ``cold=yes``            switch the devices on now: they boot first
+``host_clock=yes``      the program's ``time.sleep`` and clocks move virtual time too
 ``bus=NAME``            a bus of this name, the same for all who open it
 ======================= ======================================================================
 

@@ -2,7 +2,6 @@
 
 import logging
 import threading
-import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -26,6 +25,7 @@ from axistwin.ports.can_message import frame_of, message_of
 from axistwin.runtime.any_twin import AnyTwin
 from axistwin.runtime.can_network import Arrival, ErrorReport
 from axistwin.runtime.clock import check_advance
+from axistwin.runtime.host.patches import really_sleep
 from axistwin.wire.can_bus import ControllerState, Fault
 from axistwin.wire.can_frame import INTERMISSION_BITS
 
@@ -181,8 +181,12 @@ class AxistwinBus(can.BusABC):
                         "nothing can ever arrive, and virtual time waits for nothing; "
                         "give recv a time-out"
                     )
-        if self._bus.is_virtual and threading.current_thread() is not threading.main_thread():
-            time.sleep(GIVE_WAY_S)
+        if (
+            self._bus.is_virtual
+            and not self._bus.clock.is_shared
+            and threading.current_thread() is not threading.main_thread()
+        ):
+            really_sleep(GIVE_WAY_S)
         return None
 
     def _patience_ns(self, timeout: float) -> Nanos:
@@ -191,6 +195,8 @@ class AxistwinBus(can.BusABC):
         return self._shared.options.span_ns(max(0.0, timeout))
 
     def _is_at_end(self) -> bool:
+        if self._bus.clock.is_shared:
+            return False
         return self._bus.is_virtual and self._bus.next_event_ns() is None and not self._has_news()
 
     def _has_news(self) -> bool:
@@ -298,7 +304,7 @@ class AxistwinBus(can.BusABC):
         autostart: bool = True,
         modifier_callback: Callable[[can.Message], None] | None = None,
     ) -> CyclicSendTaskABC:
-        if not self._bus.is_virtual:
+        if not self._bus.is_virtual or self._shared.options.host_clock:
             return super()._send_periodic_internal(
                 msgs, period, duration, autostart, modifier_callback
             )
@@ -381,6 +387,7 @@ class AxistwinBus(can.BusABC):
         self._check_open()
         check_advance(seconds)
         with self._translated():
+            self._bus.note(f"advance({seconds:g})")
             self._shared.advance(self._shared.options.span_ns(seconds), self._is_closed)
             self._check_open()
 

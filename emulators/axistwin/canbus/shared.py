@@ -14,6 +14,7 @@ from axistwin.canbus.channel import ChannelRequest
 from axistwin.errors import AxistwinError, UsageError
 from axistwin.kernel.time import NS_PER_S, Nanos
 from axistwin.runtime.bus import Bus
+from axistwin.runtime.host import patches
 
 
 class Task(Protocol):
@@ -104,6 +105,8 @@ def open_bus(request: ChannelRequest) -> SharedBus:
                     "shut that down, or choose another bus=NAME"
                 )
         found.users += 1
+        if found.options.host_clock:
+            patches.use(found)
         return found
 
 
@@ -114,6 +117,7 @@ def close_bus(shared: SharedBus) -> None:
         if shared.users:
             return
         del _shared[shared.name]
+    patches.release(shared)
     shared.bus.close()
 
 

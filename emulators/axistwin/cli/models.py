@@ -1,18 +1,32 @@
 """``axistwin models``: what can be run, and what can be switched in it."""
 
 import json
+from collections.abc import Iterable
+from itertools import chain
+from textwrap import wrap
+from typing import Final
 
 import click
 
 from axistwin import catalog
 from axistwin.devices.family import Model
+from axistwin.devices.switches import Quirk
+from axistwin.errors import UsageError, suggestion
+
+ALL: Final = "all"
+UNGROUPED: Final = "Quirks"
+SCREEN_COLUMNS: Final = 80
 
 
 @click.command()
 @click.argument("name", metavar="[MODEL]", required=False)
+@click.argument("word", metavar="[WORD]", required=False)
 @click.option("--json", "as_json", is_flag=True, help="As JSON.")
-def models(name: str | None, as_json: bool) -> None:
+def models(name: str | None, word: str | None, as_json: bool) -> None:
     """List the models, or one model's quirks.
+
+    With WORD, each quirk that has it in its name, ID, group or meaning is told with its values;
+    with the word all, all of them.
 
     A quirk is a switch for a point that the manuals leave open or contradict one another in, or in
     which real units may differ.  The first value is the default.  The ID names the point.
@@ -20,6 +34,7 @@ def models(name: str | None, as_json: bool) -> None:
     \b
     axistwin models
     axistwin models mac23
+    axistwin models mac23 reply
     axistwin run mac23 --quirk xon_byte=11h
     """
     known = catalog.models()
@@ -27,7 +42,10 @@ def models(name: str | None, as_json: bool) -> None:
         click.echo(json.dumps(_summaries(known)) if as_json else _table(known))
         return
     model = catalog.find_model(name)
-    click.echo(json.dumps(_summary(model, with_quirks=True)) if as_json else _details(model))
+    if as_json:
+        click.echo(json.dumps(_summary(model, with_quirks=True)))
+    else:
+        click.echo(_overview(model) if word is None else _details(model, word))
 
 
 def _summaries(known: dict[str, Model]) -> list[dict[str, object]]:
@@ -75,8 +93,8 @@ def _table(known: dict[str, Model]) -> str:
     )
 
 
-def _details(model: Model) -> str:
-    """One model and all its quirks, three lines each."""
+def _overview(model: Model) -> str:
+    """One model, and the names of its quirks in groups: a screen."""
     has_choice = len(model.bauds) > 1
     rates = {
         "serial": (
@@ -88,16 +106,45 @@ def _details(model: Model) -> str:
     }
     lines = [
         f"{model.name}: {model.description}",
-        f"addresses: {_addresses(model)}, default {model.default_address}",
-        rates[model.carrier],
-        "",
-        "quirks (--quirk NAME=VALUE):",
+        f"addresses: {_addresses(model)}, default {model.default_address}; {rates[model.carrier]}",
+        f"quirks (--quirk NAME=VALUE); of those with a WORD: axistwin models {model.name} WORD",
     ]
-    for quirk in model.quirks.values():
-        lines += [
-            "",
-            f"  {quirk.name} = {quirk.default}    [{quirk.source}]",
-            f"      {quirk.doc}",
-            f"      values: {', '.join(quirk.allowed)}",
-        ]
+    for group, quirks in _grouped(model.quirks.values()).items():
+        lines.append(f"{group or UNGROUPED}: {' '.join(quirk.name for quirk in quirks)}")
+    wrapped = (wrap(line, SCREEN_COLUMNS, subsequent_indent="    ") for line in lines)
+    return "\n".join(chain.from_iterable(wrapped))
+
+
+def _grouped(quirks: Iterable[Quirk]) -> dict[str, list[Quirk]]:
+    groups: dict[str, list[Quirk]] = {}
+    for quirk in quirks:
+        groups.setdefault(quirk.group, []).append(quirk)
+    return groups
+
+
+def _details(model: Model, word: str) -> str:
+    """The quirks that have ``word`` somewhere, by groups, three lines each.  Raises UsageError."""
+    found = [
+        quirk
+        for quirk in model.quirks.values()
+        if word == ALL
+        or any(
+            word.lower() in text.lower()
+            for text in (quirk.name, quirk.source, quirk.group, quirk.doc)
+        )
+    ]
+    if not found:
+        remedy = suggestion(word, model.quirks) or f"see 'axistwin models {model.name}'"
+        raise UsageError(f"no quirk of {model.name} has the word {word!r}; {remedy}")
+    lines: list[str] = []
+    for group, quirks in _grouped(found).items():
+        heading = group or UNGROUPED
+        lines += ["", heading] if lines else [heading]
+        for quirk in quirks:
+            lines += [
+                "",
+                f"  {quirk.name} = {quirk.default}    [{quirk.source}]",
+                f"      {quirk.doc}",
+                f"      values: {', '.join(quirk.allowed)}",
+            ]
     return "\n".join(lines)

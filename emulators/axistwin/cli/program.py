@@ -34,6 +34,10 @@ _OWN = {
         "axistwin.cli.run.command",
         "Run twins on a serial line or a CAN bus that any program can open.",
     ),
+    "send": (
+        "axistwin.cli.send",
+        "Send one command in words or bytes, and say what the reply means.",
+    ),
     "decode": ("axistwin.cli.decode", "Say what bytes of a line, or frames of a bus, mean."),
     "models": ("axistwin.cli.models", "List the models, or one model's quirks."),
     "doctor": ("axistwin.cli.doctor", "Say what this machine can do, and how to make it do more."),
@@ -172,6 +176,7 @@ def main() -> None:
     axistwin run mac23                     a MAC23 at ./mac23, for any program that opens a port
     axistwin run mac23:0 mac34-1:5         two modules on one line
     axistwin run mac23-can                 a MAC23 on vcan0, or behind an slcan adapter
+    axistwin send ./mac23 'go to 125'      one command in words, and the reply
     axistwin models mac23                  what can be switched
     axistwin decode mac23 capture.txt      what was said on a line, in words
     """

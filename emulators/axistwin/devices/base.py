@@ -4,8 +4,8 @@ The driver calls with the time; the device returns effects and says when it want
 Calls arrive in the order of time.  A device never looks at anything but its arguments.
 """
 
-from collections.abc import Mapping
-from typing import Protocol
+from collections.abc import Container, Mapping
+from typing import Any, Protocol, Self
 
 from axistwin.devices.snapshot import Snapshot
 from axistwin.kernel.effects import Effect
@@ -36,8 +36,42 @@ class Device(Protocol):
         """Whether cells change by themselves as time passes (the axis moves)."""
 
 
+class Reception(Protocol):
+    """What devices that have heard the same have of a message that is not complete."""
+
+    def is_like(self, other: Any) -> bool:
+        """Whether whoever has this is where those are who have ``other``."""
+
+    def copy(self) -> Self:
+        """The same, apart."""
+
+    def quiet_prefix(self, data: bytes, addresses: Container[int]) -> int:
+        """How many leading bytes of ``data`` complete no message that concerns ``addresses``."""
+
+    def addressed(self, data: bytes, at_address: Mapping[int, list[int]]) -> list[int]:
+        """Whom the last byte of ``data`` concerns, of those at their addresses."""
+
+    def hear(self, data: bytes) -> None:
+        """Take ``data``, which concerns nobody who shares this."""
+
+
+class Listener(Protocol):
+    """The part of a device that may share with others what all of them have heard."""
+
+    reception: Any
+    """A ``Reception`` of its family's own."""
+
+    def heeded_address(self, now: Nanos) -> int | None:
+        """The address of the messages that concern it; None: it cannot be told so simply now."""
+
+
 class SerialDevice(Device, Protocol):
-    """A device with a UART."""
+    """A device with a UART.
+
+    What it may have beside (both are looked at once, by ``getattr``): ``listener``, a ``Listener``,
+    saves asking it about messages for others; ``drops_bad_characters``, if true, tells that a
+    character with a bad stop bit is as if it had never been.
+    """
 
     @property
     def line_format(self) -> LineFormat:
@@ -57,7 +91,8 @@ class SerialDevice(Device, Protocol):
     def receive(self, chunk: Chunk) -> list[Effect]:
         """Take the bytes of ``chunk``; byte i counts as heard at ``chunk.arrival_ns(i)``.
 
-        At most the last byte of a chunk causes effects (the line keeps to ``quiet_prefix``).
+        At most the last byte of a chunk causes effects (the line keeps to ``quiet_prefix``).  A bad
+        character comes alone, and only to who does not drop it.
         """
 
 

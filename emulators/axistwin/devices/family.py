@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 
+from axistwin.errors import UsageError
 from axistwin.kernel.time import Nanos
 
 if TYPE_CHECKING:
@@ -56,9 +57,32 @@ class Family(ABC):
     def controls(self) -> "ControlTable":
         """What can be worked and seen of its devices."""
 
+    def of_any_model(self) -> "Family":
+        """What explains bytes of a line with several of its models."""
+        return self
+
     @abstractmethod
     def explain(self, data: Any) -> str:
         """Bytes of a serial line in either direction, or a ``CanFrame``, in words."""
+
+    def compose(self, text: str, address: int) -> Any:
+        """What ``text`` asks the device at ``address`` for, as ``explain`` takes it.
+
+        Raises UsageError, by default for everything.
+        """
+        raise UsageError(f"{text!r}: this model has no words yet; write bytes in hex")
+
+    def is_reply(self, request: Any, frame: Any) -> bool:
+        """Whether ``frame``, heard on a bus behind ``request``, answers it."""
+        return True
+
+    def completed(self, data: bytes) -> bytes:
+        """A request with the checksum that it lacks; anything else as it is."""
+        return data
+
+    def acknowledgement(self, reply: bytes) -> bytes:
+        """What a host says to ``reply``; empty for nothing, or while more of it is to come."""
+        return b""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,10 +7,11 @@ Rules
 2. A choice is a ``Literal``: its values are what a user writes, the default first.  A ``bool`` is
    written ``true`` or ``false``.  A number may be written ``11h``, ``0x11`` or ``17``.  A text has
    a form and a check.
+3. A class variable of text among the fields begins a group of that name.
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
 
 from axistwin.errors import UsageError, nearest, suggestion
@@ -53,7 +54,7 @@ class Quirk:
 
     allowed: the values in the order of the readings, or a single text describing a range.
     default: as a user would write it.  source: ledger ID.  kind: choice, bool, number or text.
-    check: whether a text is allowed beside the default.
+    check: whether a text is allowed beside the default.  group: what it belongs to, in words.
     """
 
     name: str
@@ -66,6 +67,7 @@ class Quirk:
     low: int = 0
     high: int = 0
     check: Callable[[str], bool] | None = None
+    group: str = ""
 
     def parse(self, value: Value) -> Value:
         """The setting that ``value`` (text of a command line, or a TOML value) means.
@@ -171,12 +173,27 @@ def _describe(name: str, hint: Any, default: Any, metadata: Mapping[str, Any]) -
 
 def switches(settings: type[Any], face: str = "") -> dict[str, Quirk]:
     """All switches of ``settings`` that belong to ``face``, by name, in the order of the fields."""
-    hints = get_type_hints(settings)
+    hints, groups = get_type_hints(settings), _groups(settings)
     return {
-        f.name: _describe(f.name, hints[f.name], f.default, f.metadata)
+        f.name: replace(
+            _describe(f.name, hints[f.name], f.default, f.metadata), group=groups[f.name]
+        )
         for f in fields(settings)
         if not face or face in f.metadata["faces"] or not f.metadata["faces"]
     }
+
+
+def _groups(settings: type[Any]) -> dict[str, str]:
+    """The group of each switch (rule 3); what a face tells anew belongs to a group of that face."""
+    groups: dict[str, str] = {}
+    for kind in reversed(settings.__mro__[:-1]):
+        group = ""
+        for name in kind.__annotations__:
+            if name.isupper():
+                group = getattr(settings, name)
+            else:
+                groups[name] = group
+    return groups
 
 
 Settings: TypeAlias = Mapping[str, Value] | Iterable[tuple[str, Value]]

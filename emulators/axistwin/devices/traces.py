@@ -3,7 +3,7 @@
 A trace changes nothing: it is for whoever looks on.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from axistwin.kernel.effects import Trace
 
@@ -13,21 +13,44 @@ class StateChanged(Trace):
     """The device is in another ``state``, in the words or the code of its family."""
 
     state: str
+    text: str = field(default="", compare=False)
+
+    def __str__(self) -> str:
+        return self.text or self.state
+
+
+@dataclass(frozen=True, slots=True)
+class Refused(Trace):
+    """The device refused what it was asked; ``reason`` in one sentence."""
+
+    reason: str
+
+    def __str__(self) -> str:
+        return self.reason
 
 
 @dataclass(frozen=True, slots=True)
 class ProgramStarted(Trace):
     """The user's program runs from its beginning."""
 
+    def __str__(self) -> str:
+        return "its program starts"
+
 
 @dataclass(frozen=True, slots=True)
 class ProgramStopped(Trace):
     """The user's program was stopped, or has stopped itself."""
 
+    def __str__(self) -> str:
+        return "its program has stopped"
+
 
 @dataclass(frozen=True, slots=True)
 class StrayReturn(Trace):
     """The user's program came to its end, which it must not."""
+
+    def __str__(self) -> str:
+        return "its program has stopped: run came to its end"
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,3 +58,6 @@ class ProgramFailed(Trace):
     """The user's program raised an exception; ``error`` says where and why."""
 
     error: str
+
+    def __str__(self) -> str:
+        return f"its program has stopped with an error: {self.error}"

@@ -40,22 +40,29 @@ class Schedule:
         for rank in range(len(self._parts)):
             self.touch(rank)
 
-    def touch(self, rank: int) -> None:
-        """Ask the part with this ``rank`` again when it wants to be woken."""
+    def touch(self, rank: int) -> Nanos:
+        """Ask the part with this ``rank`` again when it wants to be woken: then, or ``NEVER``."""
         due = self._parts[rank].next_event()
         if due is None:
-            self._due[rank] = NEVER
-        else:
-            self._due[rank] = due if due > self.now else self.now
+            due = NEVER
+        elif due < self.now:
+            due = self.now
+        self._due[rank] = due
+        return due
 
     def next_event(self) -> Nanos | None:
         """The time of the earliest event, or None when every part sleeps."""
         due = min(self._due)
         return None if due == NEVER else due
 
-    def is_idle_until(self, now: Nanos) -> bool:
-        """Whether no event is due by ``now``."""
-        return min(self._due) > now
+    def is_idle_until(self, now: Nanos, but: int = -1) -> bool:
+        """Whether no event is due by ``now``, whatever the part of rank ``but`` wants."""
+        if but < 0:
+            return min(self._due) > now
+        own, self._due[but] = self._due[but], NEVER
+        due = min(self._due)
+        self._due[but] = own
+        return due > now
 
     def run_next(self, limit: Nanos) -> bool:
         """Run the earliest event that is due by ``limit``; False if there is none.

@@ -102,7 +102,17 @@ _CO_GENERATOR: Final = 0x20
 """As in ``inspect.CO_GENERATOR``."""
 
 _OWN_FOLDER: Final = __file__.removesuffix("program.py")
-_OWN_FILES: Final = ("axistwin/devices/msc/program.py", "axistwin/programs/__init__.py")
+_CALLERS: Final = ("axistwin/devices/msc/program.py", "axistwin/programs/__init__.py")
+_OWN_FILES: Final = (*_CALLERS, "axistwin/cli/run/watchdog.py")
+
+
+class NeverReturns(BaseException):
+    """A program is stopped that would go on for ever; what catches errors does not catch it."""
+
+
+def calls_programs(file: str) -> bool:
+    """Whether it is in ``file`` that users' programs are called."""
+    return file.replace("\\", "/").endswith(_CALLERS)
 
 
 def located(error: BaseException) -> str:
@@ -114,7 +124,8 @@ def located(error: BaseException) -> str:
         if not (file.startswith(_OWN_FOLDER) or file.replace("\\", "/").endswith(_OWN_FILES)):
             place = f"{file}:{trace.tb_lineno}: "
         trace = trace.tb_next
-    kind = "" if isinstance(error, ProgramError | AxistwinError) else f"{type(error).__name__}: "
+    is_ours = isinstance(error, ProgramError | AxistwinError | NeverReturns)
+    kind = "" if is_ours else f"{type(error).__name__}: "
     return f"{place}{kind}{error}"
 
 

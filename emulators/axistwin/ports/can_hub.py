@@ -9,7 +9,6 @@ real daemon say is told in ``slcan`` and ``socketcand``, queues and their bounds
 """
 
 import socket
-import time
 from abc import abstractmethod
 from collections.abc import Callable
 from typing import Final
@@ -17,11 +16,11 @@ from typing import Final
 from axistwin.kernel.time import Nanos
 from axistwin.ports.can_client import CanClient
 from axistwin.ports.dialect import CanDialect
-from axistwin.ports.pty import PseudoTerminal, is_closed
+from axistwin.ports.pty import PseudoTerminal, PtyFarewell
 from axistwin.ports.slcan import SlcanPort
 from axistwin.ports.socketcand import SocketcandSession
 from axistwin.ports.stream import Stream
-from axistwin.ports.tcp import REST_S, Farewell, Listener
+from axistwin.ports.tcp import Farewell, Listener
 from axistwin.runtime.serving.bus_server import BusServer
 
 BUS_NAMES: Final = ("vcan0", "can0")
@@ -101,11 +100,6 @@ class CanStream(Stream):
         self._client.pump()
         self._flush()
 
-    def look(self) -> None:
-        """Held back: it may have gone."""
-        if self.running and self._is_abandoned():
-            self._on_end()
-
     def _flush(self) -> None:
         """Write, count what is lost, and hang up when that is the dialect's wish."""
         if not self._awaits_room and self._client.has_output:
@@ -155,25 +149,8 @@ class SlcanPtyPort(PseudoTerminal[BusServer]):
     def make_stream(self, server: BusServer, master: int, on_end: Callable[[], None]) -> Stream:
         """A new adapter."""
         return CanStream(
-            server, master, on_end, _PtyFarewell(master).is_over, SlcanPort(_bitrate(server))
+            server, master, on_end, PtyFarewell(master).is_over, SlcanPort(_bitrate(server))
         )
-
-
-class _PtyFarewell:
-    """Finds out that a client of a pty, who is not read, has closed it."""
-
-    def __init__(self, master: int) -> None:
-        self._master = master
-        self._closed_s: float | None = None
-
-    def is_over(self) -> bool:
-        """Whether it has closed, and had its time for what it had sent before."""
-        if not is_closed(self._master):
-            self._closed_s = None
-            return False
-        if self._closed_s is None:
-            self._closed_s = time.monotonic()
-        return time.monotonic() - self._closed_s >= REST_S
 
 
 class _CanListener(Listener[BusServer]):

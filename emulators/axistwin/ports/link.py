@@ -61,7 +61,13 @@ class Link:
                 f"choose another {self._option}"
             ) from None
         self._lock = lock
-        what = self._in_the_way()
+        try:
+            what = self._in_the_way()
+        except OSError as error:
+            raise PortError(
+                f"pty link {self.path}: cannot be created ({error.strerror}); "
+                f"choose another {self._option}"
+            ) from None
         if what is not None:
             raise PortError(
                 f"pty link {self.path}: {what} is there, which will not be replaced; "

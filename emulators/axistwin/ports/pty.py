@@ -33,6 +33,7 @@ import pty
 import select
 import struct
 import termios
+import time
 import tty
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -40,7 +41,7 @@ from typing import Any, Generic, TypeVar
 
 from axistwin.errors import PortError
 from axistwin.ports.link import Link
-from axistwin.ports.stream import SerialStream, Stream
+from axistwin.ports.stream import REST_S, SerialStream, Stream
 from axistwin.runtime.serving.base_server import BaseServer
 from axistwin.runtime.serving.line_server import Server
 from axistwin.wire.framing import LineFormat
@@ -178,7 +179,7 @@ class _PtyStream(SerialStream):
     def __init__(
         self, server: Server, master: int, line_format: LineFormat, on_end: Callable[[], None]
     ) -> None:
-        super().__init__(server, master, on_end)
+        super().__init__(server, master, on_end, PtyFarewell(master).is_over)
         self._present = bytearray(_SETTINGS.size)
         self._settings = b""
         self._format = line_format
@@ -233,9 +234,24 @@ def _wants_reading(master: int) -> bool:
     return bool(events & select.POLLIN) or not events & select.POLLHUP
 
 
-def is_closed(master: int) -> bool:
-    """Whether no client has the pty open."""
-    return bool(_events(master) & select.POLLHUP)
+class PtyFarewell:
+    """Finds out that a client of a pty, who is not read, has closed it."""
+
+    def __init__(self, master: int) -> None:
+        self._master = master
+        self._closed_s: float | None = None
+
+    def is_over(self) -> bool:
+        """Whether it has closed, and had its time for what it had sent before; the rest is lost."""
+        if not _events(self._master) & select.POLLHUP:
+            self._closed_s = None
+            return False
+        if self._closed_s is None:
+            self._closed_s = time.monotonic()
+        if time.monotonic() - self._closed_s < REST_S:
+            return False
+        termios.tcflush(self._master, termios.TCIFLUSH)  # or it would seem to be the next one's
+        return True
 
 
 def _events(master: int) -> int:

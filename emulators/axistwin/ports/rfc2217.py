@@ -15,13 +15,18 @@ from dataclasses import replace
 
 from serial import rfc2217
 
+from axistwin.kernel.time import NS_PER_S
 from axistwin.ports.stream import Stream
 from axistwin.ports.tcp import TcpPort, TcpStream
-from axistwin.runtime.serving.line_server import BACKLOG_MAX, Server
+from axistwin.runtime.serving.line_server import Server
 from axistwin.wire.framing import PARITIES, LineFormat
 
 _IAC = rfc2217.IAC
 _XON, _XOFF = b"\x11", b"\x13"
+
+# Of what a client sends after XOFF, and of a break: who holds the line for longer gains nothing.
+_HELD_MAX = 1024
+_BREAK_MAX_NS = NS_PER_S
 
 # A negotiation is a few bytes; without a bound, one that never ends would grow for ever.
 _NEGOTIATION_MAX = 64
@@ -172,7 +177,7 @@ class _Terminal:
         elif not on and self._break_since_ns is not None:
             # It goes out when its length is known, as one piece.
             duration_ns = self._server.line.clock.now_ns() - self._break_since_ns
-            self._server.line.send_break(max(1, duration_ns))
+            self._server.line.send_break(min(max(1, duration_ns), _BREAK_MAX_NS))
             self._break_since_ns = None
 
     @property
@@ -201,7 +206,7 @@ class _Terminal:
         """What goes to the line of ``data`` from the client; the rest is held back after XOFF."""
         if self._held is None:
             return data
-        self._held += data[: BACKLOG_MAX - len(self._held)]
+        self._held += data[: _HELD_MAX - len(self._held)]
         return b""
 
     def _release(self) -> None:

@@ -3,7 +3,7 @@
 Rules
 -----
 1. Reading stops while the line or bus has more to send than it should; the client then blocks in
-   its own write, as on a UART, and nothing piles up here.
+   its own write, as on a UART, and nothing piles up here.  One that has gone meanwhile is noticed.
 2. Writing never waits.  What the kernel does not take is kept up to a bound; beyond that the newest
    is lost, as in an overrun UART, and counted.
 3. Descriptors are read and written directly; a request and its answer cost one read and one write.
@@ -22,6 +22,10 @@ READ_MAX = 1024
 
 OUTPUT_MAX = 16 * 1024
 """Bytes kept for a client of a line that does not read, on top of what the kernel keeps."""
+
+
+REST_S = 1.0
+"""How long the rest of a client that has closed still goes out."""
 
 
 class Stream(ABC):
@@ -91,13 +95,15 @@ class Stream(ABC):
         if self.running:
             self._loop.remove_reader(self._fd)
 
-    def resume(self) -> None:
-        """Read again, unless the client has gone meanwhile: the rest of its flood is dropped."""
-        if not self.running:
-            return
-        if self._is_abandoned():
+    def look(self) -> None:
+        """Held back: the client may have gone; the rest of its flood is dropped then."""
+        if self.running and self._is_abandoned():
             self._on_end()
-        else:
+
+    def resume(self) -> None:
+        """Read again, if the client has not gone meanwhile."""
+        self.look()
+        if self.running:
             self._loop.add_reader(self._fd, self._readable)
 
     def write_some(self, data: bytes | bytearray) -> int:
@@ -176,6 +182,8 @@ class SerialStream(Stream):
         data = self.decoded(data)
         if data:
             self._server.input(self, data)
+        else:  # settings, which may have changed what the line does next
+            self._server.pump()
 
     def deliver(self, data: bytes) -> None:
         """Hand bytes from the line to the client; never waits."""

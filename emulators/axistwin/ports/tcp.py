@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from axistwin.errors import PortError, UsageError
-from axistwin.ports.stream import SerialStream, Stream
+from axistwin.ports.stream import REST_S, SerialStream, Stream
 from axistwin.runtime.serving.base_server import BaseServer
 from axistwin.runtime.serving.line_server import Server
 
@@ -34,9 +34,6 @@ _SEGMENT_BYTES = 1400
 
 # Bounds what the kernel keeps for a client that does not read.
 _SEND_BUFFER_BYTES = 64 * 1024
-
-REST_S = 1.0
-"""How long the rest of a client that has closed still goes out."""
 
 _LOOK_S = 0.2
 
@@ -59,7 +56,8 @@ def parse_address(text: str) -> tuple[str, int]:
     """
     host, colon, port = text.rpartition(":")
     host = host.removeprefix("[").removesuffix("]")
-    if not colon or not host or not port.isascii() or not port.isdecimal() or int(port) > 65535:
+    is_number = port.isascii() and port.isdecimal() and len(port) <= len("65535")
+    if not colon or not host or not is_number or int(port) > 65535:
         raise UsageError(
             f"address {text!r}: HOST:PORT is needed, port 0..65535 (0: any free one), "
             "such as 127.0.0.1:5000"
@@ -164,6 +162,11 @@ class Listener(ABC, Generic[ServerT]):
             listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_MAXSEG, _SEGMENT_BYTES)
             listener.bind(place)
             listener.listen(_BACKLOG)
+        except UnicodeError:  # neither the characters nor the length of a name
+            raise PortError(
+                f"{self.kind} {self.host}:{self.port}: no such host (no name of one); "
+                "give an address of this machine, such as 127.0.0.1"
+            ) from None
         except OSError as error:
             if listener is not None:
                 listener.close()

@@ -62,7 +62,9 @@ def _run(path: Path) -> ModuleType:
     except SyntaxError as error:
         place = f"{error.filename or path}:{error.lineno}" if error.lineno else str(path)
         raise UsageError(f"program {place}: {error.msg}") from error
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # whatever it is, it is the file's mistake
         raise UsageError(f"program {located(error)}") from error
     return module
 

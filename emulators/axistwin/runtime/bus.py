@@ -122,7 +122,7 @@ class Bus(Simulation[CanNetwork]):
                     or (port is not None and network.host_has_news(port))
                 ):
                     return now
-                if not clock.is_virtual:
+                if clock.is_shared:
                     self._sleep(earliest(network.next_event(), until_ns))
                     continue
                 if until_ns is None and network.next_event() is None:

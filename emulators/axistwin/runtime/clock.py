@@ -30,6 +30,11 @@ class VirtualClock:
     is_virtual = True
     """Whether time passes only when ``advance_to`` says so."""
 
+    @property
+    def is_shared(self) -> bool:
+        """Whether it moves while somebody waits, so that waiting is sleeping."""
+        return False
+
     def __init__(self, start_ns: Nanos = 0) -> None:
         self._now_ns = start_ns
 
@@ -58,6 +63,7 @@ class PacedClock:
     """
 
     is_virtual = False
+    is_shared = True
 
     def __init__(
         self,

@@ -30,6 +30,9 @@ class Present(Protocol):
     def set_power(self, index: int, on: bool) -> None:
         """Apply or cut the supply of device ``index`` now."""
 
+    def note(self, text: str) -> None:
+        """Keep for a transcript what is done now."""
+
 
 class DeviceAccess:
     """Works and reads the controls of device ``index`` of a simulation."""
@@ -49,6 +52,7 @@ class DeviceAccess:
         with self.simulation.present():
             if self.is_powered is not on:
                 self.is_powered = on
+                self.simulation.note(f"{self.name}: power {'on' if on else 'off'}")
                 self.simulation.set_power(self._index, on=on)
 
     def read(self, control: Control, *key: int | str) -> Any:
@@ -75,8 +79,18 @@ class DeviceAccess:
             from axistwin.programs import find_program
 
             arguments = tuple(map(find_program, arguments))
+        self._note(control, arguments, shown)
         write = getattr(self._device, control.write)
         self.simulation.act(self._index, lambda now: write(now, *arguments))
+
+    def _note(self, control: Control, arguments: tuple[Any, ...], shown: int | str | None) -> None:
+        """Keep what a hand does: ``inputs.reset = True``."""
+        *keys, value = arguments if arguments else (None,)
+        keys = keys if shown is None else [shown]
+        name = ".".join((control.name, *map(str, keys)))
+        given = value / control.scale if control.scale != 1 else getattr(value, "__name__", value)
+        text = name if not arguments else f"{name} = {given}"
+        self.simulation.note(f"{self.name}: {text}")
 
     def number(self, control: Control, key: int | str) -> int:
         """The number of a flag, or address of a variable, that ``key`` means."""

@@ -41,7 +41,6 @@ class Line(Simulation[SerialNetwork]):
         self.transcript = Transcript()
         self._explain = explain
         self._seen_bytes = 0
-        self._is_imaginary = clock.is_virtual and storage.is_volatile
         super().__init__(network, clock, storage, stations)
 
     # -- time ---------------------------------------------------------------------------------
@@ -91,7 +90,7 @@ class Line(Simulation[SerialNetwork]):
                     or stop()
                 ):
                     return now
-                if not clock.is_virtual:
+                if clock.is_shared:
                     self._sleep(earliest(network.next_event(missing), until_ns))
                     continue
                 reached_ns = network.run_until_heard(count or _FOREVER, until_ns)
@@ -195,24 +194,35 @@ class Line(Simulation[SerialNetwork]):
         sent, what was received (None: that is still to be waited for), and the time reached.  None
         instead: nothing was done, not even sent.
         """
-        if self._on_change is not None or self._subscribers or not self._is_imaginary:
+        if (
+            self._on_change is not None
+            or self._subscribers
+            or self.clock.is_shared
+            or not self._storage.is_volatile
+        ):
             return None
         with self._lock:
             now, network = self.sync(), self._network
-            if not network.is_free_for_host:
-                return None
             answer = network.host_ask(data, size, now + patience_ns)
+            began_ns = network.asked_ns
+            if began_ns is None:
+                return None
             if data:
                 self.transcript.add(now, "host", data)
             if answer is None:
-                return now, None, now
+                return began_ns, None, now
             reached_ns = network.now_ns
             self.clock.advance_to(reached_ns)
             if network.has_effects:
                 self._perform(network.take_effects())
             if answer:
                 self.transcript.add(reached_ns, "device", answer)
-            return now, answer, reached_ns
+            return began_ns, answer, reached_ns
+
+    @property
+    def has_news(self) -> bool:
+        """Whether ``receive`` would give something, even without looking at the clock."""
+        return bool(self._network.host_available)
 
     @property
     def available(self) -> int:
@@ -234,6 +244,12 @@ class Line(Simulation[SerialNetwork]):
         with self._lock:
             self.sync()
             return self._network.host_sent_ns
+
+    @property
+    def host_busy_ns(self) -> Nanos:
+        """How long the host's end still has to send, as it was at the last ``sync``."""
+        with self._lock:
+            return self._network.host_sent_ns - self._network.now_ns
 
     def purge_output(self) -> None:
         """Drop what the host's end has still to send."""

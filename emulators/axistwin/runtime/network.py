@@ -24,6 +24,7 @@ from typing import Final
 from axistwin.devices.base import SerialDevice
 from axistwin.kernel.effects import Effect, Silence, Store, Trace, Transmit
 from axistwin.kernel.time import Nanos
+from axistwin.runtime.audience import Audience
 from axistwin.runtime.device_network import DeviceNetwork
 from axistwin.wire.duplex_line import DuplexLine
 from axistwin.wire.framing import Chunk, LineFormat
@@ -63,11 +64,12 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
         else:
             self._line = (SerialLine if paced else InstantLine)(all_formats, start_ns)
         self._formats = formats
-        places = range(len(self.devices))
-        self._others = tuple(
-            tuple((each, self.devices[each]) for each in places if each != place)
-            for place in places
-        )
+        self._is_paced = paced
+        self._is_lone = len(devices) == 1
+        self._hear_one_another = not (self._is_lone or isinstance(self._line, DuplexLine))
+        self._audience = Audience(self.devices)
+        self._drops_bad = [getattr(each, "drops_bad_characters", False) for each in self.devices]
+        self.asked_ns: Nanos | None = None
         self._received = bytearray()
 
     # -- time --
@@ -144,10 +146,8 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
             offer = line.offer(horizon_ns)
             if offer is not None:
                 chunk, stations = offer
-                missing = count - len(self._received)
-                if len(chunk.data) > missing and HOST in stations:
-                    data = chunk.data[:missing]
-                    chunk = Chunk(chunk.start_ns, data, chunk.format, chunk.skipped)
+                if HOST in stations:
+                    chunk = chunk.first(count - len(self._received))
                 self._hear(chunk, stations)
             elif horizon_ns == due_ns:
                 schedule.run_next(horizon_ns)
@@ -167,25 +167,51 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
 
     def _hear(self, chunk: Chunk, stations: tuple[int, ...]) -> None:
         """Hand over as much of ``chunk`` as surely happens before anybody reacts."""
-        count = self._quiet_bytes(chunk.data, stations) + 1
-        if count < len(chunk.data):
-            chunk = Chunk(chunk.start_ns, chunk.data[:count], chunk.format, chunk.skipped)
-        self._line.accept(len(chunk.data))
+        if stations == (HOST,):
+            self._line.accept(len(chunk.data))
+            self._schedule.now = self._line.now_ns
+            self._host_hears(chunk.data)
+            return
+        heard, errors = chunk, chunk.errors
+        if errors:
+            if all(self._drops_bad[station - 1] for station in stations):
+                heard = chunk.without_errors()
+            else:  # a bad one comes alone
+                errors = ()
+                heard = chunk = chunk.first(chunk.errors[0] or 1)
+        asked = self._audience.heard_by(stations)
+        last = self._audience.quiet_prefix(heard.data, asked)
+        if last < len(heard.data):
+            heard = heard.first(last + 1)
+            for place in errors:
+                last += place <= last
+            self._line.accept(last + 1)
+        else:
+            self._line.accept(len(chunk.data))
         self._schedule.now = self._line.now_ns
-        for station in stations:
-            if station == HOST:
-                self._host_hears(chunk.data)
-            else:
-                self.apply(station - 1, self.devices[station - 1].receive(chunk))
-                self._schedule.touch(station - 1)
+        if not heard.data:
+            return
+        if stations[:1] == (HOST,):
+            self._host_hears(heard.data)
+        self._devices_hear(heard, asked)
 
-    def _quiet_bytes(self, data: bytes, stations: Iterable[int]) -> int:
+    def _devices_hear(self, chunk: Chunk, asked: Sequence[int]) -> None:
+        """Let ``asked`` and those who heed it take ``chunk``; the rest has heard it then."""
+        audience, now = self._audience, self._schedule.now
+        for index in audience.call_up(chunk.data, asked):
+            device = self.devices[index]
+            if not (chunk.errors and self._drops_bad[index]):
+                effects = device.receive(chunk)
+                if effects or device.line_format is not self._formats[index]:
+                    self.apply(index, effects)
+                self._schedule.touch(index)
+                audience.come_back(index, now)
+
+    def _quiet_bytes(self, data: bytes, stations: tuple[int, ...]) -> int:
         """How many leading bytes of ``data`` surely make none of ``stations`` react."""
-        quiet = len(data)
-        for station in stations:
-            if station != HOST and quiet:
-                quiet = min(quiet, self.devices[station - 1].quiet_prefix(data))
-        return quiet
+        if stations == (HOST,):
+            return len(data)
+        return self._audience.quiet_prefix(data, self._audience.heard_by(stations))
 
     def _host_hears(self, data: bytes) -> None:
         room = HOST_BUFFER_BYTES - len(self._received)
@@ -199,6 +225,7 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
     def apply(self, index: int, effects: Iterable[Effect]) -> None:
         """Put ``effects`` on the line or in the queue; the caller sees to the next event."""
         self.settled_ns = None
+        self._audience.leave(index)
         self._follow_format(index)
         for effect in effects:
             if type(effect) is Transmit:
@@ -217,6 +244,7 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
             self._line.set_format(index + 1, line_format)
 
     def _switch(self, index: int, *, on: bool) -> None:
+        self._audience.leave(index)
         (self._line.switch_on if on else self._line.switch_off)(index + 1)
 
     # -- the host's end --
@@ -233,7 +261,8 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
 
     def host_send(self, data: bytes) -> None:
         """Queue ``data`` behind what the host still sends."""
-        self.settled_ns = None
+        if not self._is_paced:  # else it takes time until something is heard of it
+            self.settled_ns = None
         self._line.transmit(HOST, self.now_ns, data)
 
     def host_exchange(self, now: Nanos, data: bytes) -> None:
@@ -252,7 +281,7 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
         line, schedule = self._line, self._schedule
         if not (
             line.is_transparent
-            and len(self.devices) == 1
+            and self._is_lone
             and 0 < len(data) <= STRETCH_BYTES
             and schedule.is_idle_until(now)
         ):
@@ -271,63 +300,109 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
         schedule.touch(0)
         return True
 
-    @property
-    def is_free_for_host(self) -> bool:
-        """Whether nothing is on the line, on which all understand each other."""
-        return not self._received and self._line.is_free
-
     def host_ask(self, data: bytes, size: int, limit_ns: Nanos) -> bytes | None:
-        """Send ``data`` now, and be where the host has ``size`` bytes, or at ``limit_ns``: heard.
+        """Send ``data``, and be where the host has ``size`` bytes, or at ``limit_ns``: heard.
 
-        No ``data``: only listen.
-        None: something else happens before, or the answer is longer; it is to be waited for, as
-        after ``host_send``.  Only if ``is_free_for_host``.  Effects may be left to take.
+        No ``data``: only what is still being sent, and listen.
+        None: there is no short way, nothing has happened, and ``data`` is to be sent; or it is sent
+        and the outcome to be waited for, since something else happens before, or the answer is
+        longer.  ``asked_ns`` tells which: when ``data`` began to be sent.  Effects may be left to
+        take.
         """
+        line, schedule, line_format = self._line, self._schedule, self._formats[0]
+        self.asked_ns = None
+        ahead = None if self._received else line.ahead_of_host()
+        if ahead is None:
+            return None
+        began_ns, sending, skipped = ahead
+        start_ns = began_ns
+        if sending:
+            start_ns += line_format.span_ns(skipped + len(sending))
+            data = sending + data
         if not data:
+            self.asked_ns = start_ns
             return b"" if self._stays_silent(limit_ns) else None
-        line, schedule = self._line, self._schedule
-        now, line_format = schedule.now, self._formats[0]
-        heard_ns = now + line_format.span_ns(len(data))
+        count = len(data)
+        heard_ns = began_ns + line_format.span_ns(skipped + count)
         index: int | None = 0
-        if len(self.devices) > 1 or self.devices[0].quiet_prefix(data) < len(data) - 1:
-            index = self._only_one_to_react(data)
+        if not self._is_lone or self.devices[0].quiet_prefix(data) < count - 1:
+            index = self._audience.only_one_to_react(data)
         if (
             index is None
             or heard_ns > limit_ns
-            or len(data) > STRETCH_BYTES
+            or count > STRETCH_BYTES
             or not schedule.is_idle_until(heard_ns)
         ):
-            self.host_send(data)
             return None
+        if sending:
+            line.forget()
+        self.asked_ns = start_ns
         line.now_ns = schedule.now = heard_ns
-        device, others = self.devices[index], self._others[index]
-        chunk = Chunk(now, data, line_format)
-        self._others_hear(index, chunk)
-        effects = device.receive(chunk)
-        start_ns, reply, count = heard_ns, b"", 0
-        for effect in effects:
-            if type(effect) is Transmit:
-                start_ns, reply = effect
-                count += 1
-        if start_ns < heard_ns:
-            start_ns = heard_ns
-        end_ns = start_ns + line_format.span_ns(len(reply))
-        fits = count < 2 and len(reply) <= size and end_ns <= limit_ns
-        if not fits or device.line_format is not self._formats[index]:
-            self.apply(index, effects)
-            schedule.touch(index)
-            return None
-        if len(reply) < size:
-            end_ns = limit_ns
-        if len(effects) > count:
-            self.apply(index, [effect for effect in effects if type(effect) is not Transmit])
-        due_ns = device.next_event()
-        is_calm = not others and (due_ns is None or due_ns > end_ns)
-        if not (is_calm or self._let_answer_pass(index, Transmit(start_ns, reply), end_ns)):
-            return None
-        line.now_ns = schedule.now = self.settled_ns = end_ns
-        schedule.touch(index)
-        return reply
+        chunk = Chunk(began_ns, data, line_format, skipped)
+        if not self._is_lone:
+            self._audience.leave(index)
+            self._others_hear(index, chunk)
+        return self._hear_out(index, self.devices[index].receive(chunk), size, limit_ns)
+
+    def _hear_out(
+        self, index: int, effects: Sequence[Effect], size: int, limit_ns: Nanos
+    ) -> bytes | None:
+        """What device ``index`` says, whose ``effects`` have come now: ``host_ask``."""
+        device, schedule, line_format = self.devices[index], self._schedule, self._formats[index]
+        now = begin_ns = end_ns = schedule.now
+        sent = 0  # of the stretch that began then
+        answers: list[tuple[Nanos, bytes, int]] = []
+        while True:
+            former, rest = len(answers), []
+            for effect in effects:
+                if type(effect) is Transmit:
+                    start_ns, data = effect
+                    if start_ns >= end_ns or now >= end_ns:
+                        begin_ns, sent = start_ns if start_ns > now else now, 0
+                    answers.append((begin_ns, data, sent))
+                    sent += len(data)
+                    end_ns = begin_ns + line_format.span_ns(sent)
+                    size -= len(data)
+                else:
+                    rest.append(effect)
+            until_ns = limit_ns if size else end_ns
+            if (
+                size < 0
+                or end_ns > limit_ns
+                or device.line_format is not line_format
+                or not (self._is_lone or self._lets_pass(index, answers, until_ns))
+            ):
+                for begin_ns, data, _ in answers[:former]:
+                    self._line.transmit(index + 1, begin_ns, data)
+                self.apply(index, effects)
+                schedule.touch(index)
+                return None
+            if rest:
+                self.apply(index, rest)
+            due_ns = schedule.touch(index)
+            if due_ns > until_ns or (due_ns == end_ns and not size):
+                break
+            schedule.now = now = due_ns
+            effects = device.wake(due_ns)
+        if self._hear_one_another:
+            for begin_ns, data, sent in answers:
+                self._others_hear(index, Chunk(begin_ns, data, line_format, sent))
+        self._line.now_ns = schedule.now = until_ns
+        if due_ns == until_ns:  # what it says now is none of this answer
+            self.perform(index, device.wake(due_ns))
+        self.settled_ns = until_ns
+        return answers[0][1] if len(answers) == 1 else b"".join([data for _, data, _ in answers])
+
+    def _lets_pass(
+        self, index: int, answers: Sequence[tuple[Nanos, bytes, int]], until_ns: Nanos
+    ) -> bool:
+        """Whether nobody but ``index`` has anything to do until then, its ``answers`` heard."""
+        if not self._schedule.is_idle_until(until_ns, but=index):
+            return False
+        if not self._hear_one_another:
+            return True
+        data, audience = b"".join([said for _, said, _ in answers]), self._audience
+        return audience.quiet_prefix(data, audience.others(index)) == len(data)
 
     def _stays_silent(self, limit_ns: Nanos) -> bool:
         """Be at ``limit_ns`` if nobody sends anything by then; False: somebody does, before."""
@@ -340,51 +415,14 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
         line.now_ns = schedule.now = self.settled_ns = limit_ns
         return True
 
-    def _only_one_to_react(self, data: bytes) -> int | None:
-        """The one device that reacts to ``data``, not before its end; None: there are others."""
-        found, is_found, last = 0, False, len(data) - 1
-        for index, device in enumerate(self.devices):
-            quiet = device.quiet_prefix(data)
-            if quiet < last or (quiet == last and is_found):
-                return None
-            if quiet == last:
-                found, is_found = index, True
-        return found
-
-    def _let_answer_pass(self, index: int, answer: Transmit, end_ns: Nanos) -> bool:
-        """Wake device ``index``, whose ``answer`` is not on the line yet, when it wants until then.
-
-        The others hear the answer.  False: it has more to say, or one of the others may have
-        something to do, and all of it is on the line now.
-        """
-        device, others = self.devices[index], self._others[index]
-        for _, other in others:
-            due_ns = other.next_event()
-            is_busy = due_ns is not None and due_ns <= end_ns
-            if is_busy or other.quiet_prefix(answer.data) < len(answer.data):
-                self._line.transmit(index + 1, answer.start_ns, answer.data)
-                self.settled_ns = None
-                self._schedule.touch(index)
-                return False
-        while (due_ns := device.next_event()) is not None and due_ns <= end_ns:
-            self._schedule.now = due_ns
-            effects = device.wake(due_ns)
-            speaks = any(type(effect) is Transmit for effect in effects)
-            if speaks:
-                self._line.transmit(index + 1, answer.start_ns, answer.data)
-            self.apply(index, effects)
-            if speaks:
-                self._schedule.touch(index)
-                return False
-        if answer.data and others:
-            self._others_hear(index, Chunk(answer.start_ns, answer.data, self._formats[0]))
-        return True
-
     def _others_hear(self, index: int, chunk: Chunk) -> None:
-        """All devices but ``index`` take ``chunk``, to which they do not react at once."""
-        for place, other in self._others[index]:
-            assert not other.receive(chunk), "a device has reacted that would not"
+        """All devices but ``index``, which is asked by itself, take ``chunk`` without reacting."""
+        audience = self._audience
+        audience.overhear(chunk.data)
+        for place in audience.others(index):
+            assert not self.devices[place].receive(chunk), "a device has reacted that would not"
             self._schedule.touch(place)
+            audience.come_back(place, self._schedule.now)
 
     def send_break(self, duration_ns: Nanos) -> None:
         """Hold the line at space for ``duration_ns`` (> 0), queued behind the host's bytes."""

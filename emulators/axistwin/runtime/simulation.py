@@ -14,10 +14,11 @@ Rules
 
 import threading
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, Self, TypeAlias, TypeVar, cast
+from typing import Any, ClassVar, Final, Generic, Self, TypeAlias, TypeVar, cast
 
 from axistwin.devices.base import TwinDevice
 from axistwin.devices.controls import ControlTable
@@ -30,6 +31,10 @@ from axistwin.runtime.clock import Clock
 from axistwin.runtime.device_network import DeviceNetwork
 from axistwin.runtime.storage import Slot, Stores
 from axistwin.runtime.twin import handle_class
+
+JOURNAL_MAX: Final = 1000
+HAND: Final = "test"
+"""Who does in the journal what is done by hand."""
 
 Subscriber: TypeAlias = Callable[[AnyTwin, Trace], None]
 
@@ -72,6 +77,8 @@ class Simulation(ABC, Generic[Net]):
         self._changed = threading.Condition(self._lock)
         self._on_change: Callable[[], None] | None = None
         self._subscribers: list[Subscriber] = []
+        self.journal: deque[tuple[Nanos, str, object]] = deque(maxlen=JOURNAL_MAX)
+        """When, who and what: done to the devices by hand, and told by them; for a transcript."""
         self._failure: StateError | None = None
         self._wakes = 0
         self._sleepers = 0
@@ -196,6 +203,10 @@ class Simulation(ABC, Generic[Net]):
 
         return unsubscribe
 
+    def note(self, text: str) -> None:
+        """Put what is done by hand, now, into the journal."""
+        self.journal.append((self.sync(), HAND, text))
+
     def save_moving(self) -> None:
         """Save, not durably, what has changed by itself: the positions of axes that move."""
         with self._lock:
@@ -270,6 +281,7 @@ class Simulation(ABC, Generic[Net]):
             if isinstance(effect, Store):
                 self._save(self._stations[index], dict(effect.cells), durable=effect.durable)
             else:
+                self.journal.append((effect.time_ns, self._stations[index].name, effect))
                 for subscriber in tuple(self._subscribers):
                     subscriber(self.twins[index], effect)
 

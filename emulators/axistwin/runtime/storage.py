@@ -14,7 +14,9 @@ Rules
 2. A file that cannot be read as a whole is an error for the user, and stays untouched byte for
    byte.  Of the two places in ``.live`` one may be torn: the other one holds then.
 3. A file half written under its other name is what a kill leaves behind; it was never
-   acknowledged, and is removed at the next start.
+   acknowledged, and is removed when the device is there again.
+4. Nothing of anybody else's is touched: links are not followed, a ``lock`` of other content is
+   refused, and only the owner may write what is made here, whatever the umask.
 """
 
 import contextlib
@@ -36,6 +38,8 @@ from axistwin.memory.record import (
 )
 
 _TEMPORARY = ".new"
+_FILE_MODE, _FOLDER_MODE = 0o644, 0o755
+_LOCK_BYTES_MAX = 32
 _Result = TypeVar("_Result")
 
 
@@ -78,15 +82,16 @@ class Storage:
         self.directory = Path(directory)
         self._slots: dict[str, FileSlot] = {}
         with _clear(self.directory, "cannot be used", "choose another folder"):
-            self.directory.mkdir(parents=True, exist_ok=True)
-            flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC
-            self._lock = os.open(self.directory / "lock", flags, 0o644)
+            for folder in (*reversed(self.directory.parents), self.directory):
+                if not folder.is_dir():
+                    folder.mkdir(_FOLDER_MODE, exist_ok=True)
+            flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
+            self._lock = os.open(self.directory / "lock", flags, _FILE_MODE)
         self._folder = -1
         try:
             self._claim()
             with _clear(self.directory, "cannot be used", "choose another folder"):
                 self._folder = os.open(self.directory, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-                self._remove_leftovers()
         except BaseException:
             self.close()
             raise
@@ -118,7 +123,7 @@ class Storage:
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            owner = os.pread(self._lock, 32, 0).decode("ascii", "replace").strip()
+            owner = os.pread(self._lock, _LOCK_BYTES_MAX, 0).decode("ascii", "replace").strip()
             raise StateError(
                 f"state {self.directory}: in use by another axistwin (process {owner or 'unknown'})"
                 "; stop it or choose another folder"
@@ -128,15 +133,16 @@ class Storage:
                 f"state {self.directory}: cannot be locked ({error.strerror});"
                 " choose a folder on another disk"
             ) from None
+        content = os.pread(self._lock, _LOCK_BYTES_MAX + 1, 0)
+        if content and not (content.endswith(b"\n") and content[:-1].isdigit()):
+            raise StateError(
+                f"state {self.directory}: the file 'lock' there is not axistwin's; "
+                "choose another folder"
+            )
         # A disk without room for a number has none for a memory either: better told now.
         with _clear(self.directory, "cannot be written", "make room, or choose another folder"):
             os.ftruncate(self._lock, 0)
             os.pwrite(self._lock, f"{os.getpid()}\n".encode(), 0)
-
-    def _remove_leftovers(self) -> None:
-        for kind in (".state", ".live"):
-            for path in sorted(self.directory.glob(f"*{kind}{_TEMPORARY}")):
-                path.unlink()
 
 
 class FileSlot:
@@ -151,6 +157,9 @@ class FileSlot:
         self._state = stem.with_name(stem.name + ".state")
         self._live = stem.with_name(stem.name + ".live")
         self._live_fd = -1
+        for path in (self._state, self._live):
+            with _clear(path, "cannot be used", "choose another folder"):
+                _temporary(path).unlink(missing_ok=True)
         state = self._read(self._state, self._decode_state)
         live = self._read(self._live, self._decode_live)
         if state is None and live is not None:
@@ -210,16 +219,16 @@ class FileSlot:
         if self._live_fd < 0:
             if not self._live.exists():
                 self._replace(self._live, entry + entry)
-            self._live_fd = os.open(self._live, os.O_WRONLY | os.O_CLOEXEC)
+            self._live_fd = os.open(self._live, os.O_WRONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
         written = os.pwrite(self._live_fd, entry, ENTRY_SIZE * (sequence % 2))
         if written != ENTRY_SIZE:
             raise OSError(None, "no room")
 
     def _replace(self, path: Path, data: bytes) -> None:
         """Give ``path`` the content ``data``: all of it or, whatever happens, none."""
-        new = path.with_name(path.name + _TEMPORARY)
+        new = _temporary(path)
         try:
-            with new.open("wb", buffering=0) as file:
+            with open(new, "xb", buffering=0, opener=_new_file) as file:
                 rest = memoryview(data)
                 while rest:
                     rest = rest[file.write(rest) :]
@@ -264,6 +273,15 @@ class FileSlot:
             assert reason is not None
             raise reason
         return max(records, key=lambda record: record.sequence)
+
+
+def _temporary(path: Path) -> Path:
+    """Where the next content of ``path`` is written."""
+    return path.with_name(path.name + _TEMPORARY)
+
+
+def _new_file(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_CLOEXEC, _FILE_MODE)
 
 
 Slot: TypeAlias = MemorySlot | FileSlot

@@ -66,6 +66,9 @@ class Twin:
         def __setattr__(self, name: str, value: Any) -> None:
             if not (name.startswith("_") or hasattr(type(self), name) or name in _PLAIN):
                 raise UsageError(self._no_such(name))
+            member = getattr(type(self), name, None)
+            if isinstance(member, property) and member.fset is None:
+                raise _NoSuchAttributeError(self._read_only(name))
             object.__setattr__(self, name, value)
 
     def _no_such(self, name: str) -> str:
@@ -76,6 +79,21 @@ class Twin:
             if name in table.attributes():
                 remedy = f"that is for a {table.noun}; known: {', '.join(known)}"
         return f"{self.name} is a {self._table.noun} and has no {name}: {remedy}"
+
+    def _read_only(self, name: str) -> str:
+        controls = [control for control in self._table if control.python_name]
+        units = {control.unit for control in controls if control.python_name == name} - {""}
+        remedy = ", ".join(
+            f"{control.python_name}({', '.join(control.parameters)}) would {control.doc}"
+            for control in controls
+            if control.unit in units and control.parameters is not None
+        )
+        if not remedy:
+            settable = (
+                each for each in controls if each.write and not (each.keys or each.parameters)
+            )
+            remedy = f"can be set: {', '.join(each.python_name for each in settable)}"
+        return f"{self.name}: {name} can only be read; {remedy}"
 
     def describe(self) -> Snapshot:
         """Everything worth showing of it, by name, as it is now."""

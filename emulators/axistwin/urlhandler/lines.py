@@ -13,6 +13,7 @@ from pathlib import Path
 
 from axistwin import catalog
 from axistwin.errors import UsageError
+from axistwin.runtime.host import patches
 from axistwin.runtime.line import Line
 from axistwin.urlhandler.url import LineOptions, TwinUrl
 
@@ -30,7 +31,8 @@ class OpenLine:
         self.options = options
         self.line = build_line(options)
         self.exclusive_owner: weakref.ref[object] | None = None
-        self._finalizer = weakref.finalize(self, self.line.close)
+        self._host_user = object() if options.host_clock else None
+        self._finalizer = weakref.finalize(self, _end, self.line, self._host_user)
         _living.add(self)
 
     @property
@@ -41,7 +43,22 @@ class OpenLine:
     def close(self) -> None:
         """Switch the twins off and keep what they keep; twice is once.  Raises StateError."""
         if self._finalizer.detach() is not None:
-            self.line.close()
+            _end(self.line, self._host_user)
+
+    def use_host_time(self) -> None:
+        """A port is open: what the host sleeps moves the line's time, if it is to."""
+        if self._host_user is not None:
+            patches.use(self._host_user)
+
+    def release_host_time(self) -> None:
+        """No port is open."""
+        if self._host_user is not None:
+            patches.release(self._host_user)
+
+
+def _end(line: Line, host_user: object) -> None:
+    patches.release(host_user)
+    line.close()
 
 
 def build_line(options: LineOptions) -> Line:

@@ -9,6 +9,7 @@ Time
   output buffer is full.  A look at ``in_waiting`` takes one byte time, and so do a ``read`` with
   ``timeout=0`` that finds nothing and ``out_waiting`` while there is something to send: loops end.
 - Real and scaled: the same calls sleep.  Time-outs are the client's own seconds, as on a pty.
+- ``host_clock=yes``: while the port is open, so do ``time.sleep`` and its like (``runtime.host``).
 - Nothing runs in the background; the line catches up whenever somebody looks at it.
 
 The port
@@ -117,6 +118,7 @@ class Serial(SerialBase):
         if not self.line.is_virtual:
             raise SerialException("advance: only virtual time can be moved; add time=virtual")
         check_advance(seconds)
+        self.line.note(f"advance({seconds:g})")
         self.line.advance(round(seconds * NS_PER_S))
 
     def exchange(self, data: bytes, size: int, timeout_s: float) -> tuple[int, bytes, int]:
@@ -160,7 +162,7 @@ class Serial(SerialBase):
         began_ns, heard, reached_ns = outcome
         if heard is not None:
             return began_ns, heard, reached_ns
-        heard = self._read_on(bytearray(), size, timeout_s, began_ns)
+        heard = self._read_on(bytearray(), size, timeout_s, reached_ns)
         return began_ns, heard, shared.line.sync()
 
     # -- life ---------------------------------------------------------------------------------
@@ -180,6 +182,7 @@ class Serial(SerialBase):
         self._configured = ()
         self._reconfigure_port()
         self.is_open = True
+        self._shared.use_host_time()
         self.reset_input_buffer()
 
     def close(self) -> None:
@@ -189,6 +192,8 @@ class Serial(SerialBase):
             self._input.clear()
             self._let_go_of_exclusive()
             self.line.wake()
+            assert self._shared is not None, "it was open"
+            self._shared.release_host_time()
 
     def _reconfigure_port(self) -> None:
         """Make the line's end what the settings say.  Raises ValueError and SerialException.
@@ -353,7 +358,7 @@ class Serial(SerialBase):
     def _next_chance(self, give_up_ns: Nanos) -> Nanos | None:
         """How far a wait without a time-out may go: in virtual time, it must not be for ever."""
         line = self.line
-        if not line.is_virtual:
+        if line.clock.is_shared:
             return None
         due_ns = line.next_event_ns()
         if due_ns is None or due_ns > give_up_ns:

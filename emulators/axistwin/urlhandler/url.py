@@ -14,6 +14,7 @@
 ``pacing=no``             bytes take no time on the line
 ``baud=9600``             the rate that the devices left the factory with
 ``cold=yes``              switch the devices on now: they start up first
+``host_clock=yes``        the program's ``time.sleep`` and clocks move virtual time too
 ``program=PROGRAM``       what runs in the controllers: a file, ``FILE.py:CLASS``, or a name
 ``program.UNIT=PROGRAM``  what runs in one of several
 ``line=NAME``             a line of this name, the same for all who open it
@@ -21,6 +22,7 @@
 """
 
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, Final
@@ -30,7 +32,9 @@ from axistwin import catalog
 from axistwin.errors import UsageError, nearest
 from axistwin.kernel.time import NS_PER_S, Nanos
 from axistwin.programs import ProgramSource
-from axistwin.runtime.clock import PacedClock, VirtualClock
+from axistwin.runtime.clock import Clock, PacedClock, VirtualClock
+from axistwin.runtime.host.patches import HOST, watch
+from axistwin.runtime.host.time import HostedClock
 from axistwin.runtime.storage import MemoryStorage, Storage
 
 SCHEME = "axistwin://"
@@ -39,6 +43,9 @@ PROGRAM_PREFIX = "program."
 
 VIRTUAL = "virtual"
 REAL = "real"
+
+_IN_A_TEST = "PYTEST_CURRENT_TEST"
+"""What is in the environment while pytest runs a test, which is told then what slept in vain."""
 
 SPEED = "speed"
 """What ``time=20`` is called on the command line, and asked for by mistake elsewhere."""
@@ -50,7 +57,7 @@ class TwinOptions:
 
     devices: ``MODEL`` or ``MODEL:ADDRESS`` each.  speed: seconds of the devices' time per real
     second, > 0, or None for virtual time.  cold: start the devices up now instead of finding them
-    ready.
+    ready.  host_clock: the host's own sleeping and clocks move the virtual time too.
     """
 
     devices: tuple[str, ...]
@@ -61,6 +68,7 @@ class TwinOptions:
     seed: int = 0
     pacing: bool = True
     cold: bool = False
+    host_clock: bool = False
 
     def span_ns(self, seconds: float) -> Nanos:
         """``seconds`` of the host's own time in the devices' time."""
@@ -69,11 +77,18 @@ class TwinOptions:
     def arguments(self) -> dict[str, Any]:
         """For ``build_line`` or ``build_bus`` of the catalog.  Raises UsageError and StateError."""
         specs = [catalog.parse_device(device) for device in self.devices]
+        clock: Clock = VirtualClock() if self.speed is None else PacedClock(self.speed)
+        if self.speed is None and not self.host_clock and _IN_A_TEST in os.environ:
+            watch()
+        if self.host_clock:
+            if self.speed is not None:
+                raise UsageError("host_clock: is for virtual time alone; write time=virtual too")
+            clock = HostedClock(HOST)
         return {
             "specs": specs,
             "quirks": catalog.all_settings(specs, self.profile, self.quirks),
             "seed": self.seed,
-            "clock": VirtualClock() if self.speed is None else PacedClock(self.speed),
+            "clock": clock,
             "paced": self.pacing,
             "storage": MemoryStorage() if self.state is None else Storage(self.state),
             "cold": self.cold,
@@ -253,6 +268,7 @@ COMMON_PARAMETERS: Final[Mapping[str, tuple[str, Callable[[str], Any]]]] = {
     "seed": ("seed", whole_number("seed", 0)),
     "pacing": ("pacing", yes_or_no("pacing")),
     "cold": ("cold", yes_or_no("cold")),
+    "host_clock": ("host_clock", yes_or_no("host_clock")),
 }
 """Name of a parameter -> field of ``TwinOptions``, parser."""
 

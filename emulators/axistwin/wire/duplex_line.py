@@ -31,7 +31,6 @@ class DuplexLine:
         self._up: SerialLine | InstantLine = kind(formats, now_ns)
         self._lines = (self._up, self._down)
         self._offered = self._down
-        self._has_one_device = len(formats) == 2
 
     def _of(self, station: int) -> SerialLine | InstantLine:
         """The line that ``station`` drives."""
@@ -56,10 +55,14 @@ class DuplexLine:
         """Whether bytes sent now would be heard now, as they are."""
         return self._down.is_transparent and self._up.is_transparent
 
-    @property
-    def is_free(self) -> bool:
-        """Whether nobody drives, and host and device understand each other."""
-        return self._has_one_device and self._down.is_free and self._up.is_free
+    def ahead_of_host(self) -> tuple[Nanos, bytes, int] | None:
+        """What the host still sends, or nothing, if no device does and all hear what is sent."""
+        up = self._up.ahead_of_host()
+        return None if up is None or up[1] else self._down.ahead_of_host()
+
+    def forget(self) -> None:
+        """Take off the line what ``ahead_of_host`` gave."""
+        self._down.forget()
 
     # -- what stations do --
 

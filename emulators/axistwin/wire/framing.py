@@ -4,6 +4,7 @@ All times are derived from the start of a stretch, so that no rounding adds up: 
 is ``start + (i + 1) characters``, rounded down to a nanosecond once.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -68,8 +69,9 @@ class Chunk(NamedTuple):  # made for every stretch: a third of a frozen dataclas
     ``start_ns`` is the beginning of the first start bit of the stretch they belong to, of which
     ``skipped`` bytes were handed over earlier; ``format`` gives the spacing, or None on a line
     without pacing, where every byte arrives at ``start_ns``.  Receivers go by ``arrival_ns`` alone.
-    ``errors`` are the indices of those bytes whose stop bit was bad.  A device is handed such a
-    byte in a chunk of its own.
+    ``times_ns`` are those of all bytes of the stretch from ``start_ns`` on, where there is no
+    regular spacing.  ``errors`` are the indices, in ascending order, of those bytes whose stop bit
+    was bad.  A device that does not drop them is handed such a byte in a chunk of its own.
     """
 
     start_ns: Nanos
@@ -77,9 +79,44 @@ class Chunk(NamedTuple):  # made for every stretch: a third of a frozen dataclas
     format: LineFormat | None
     skipped: int = 0
     errors: tuple[int, ...] = ()
+    times_ns: Sequence[Nanos] | None = None
 
     def arrival_ns(self, index: int) -> Nanos:
         """When byte ``index`` of ``data`` is complete at the receiver."""
         if self.format is None:
             return self.start_ns
+        if self.times_ns is not None:
+            return self.start_ns + self.times_ns[self.skipped + index]
         return self.start_ns + self.format.span_ns(self.skipped + index + 1)
+
+    @property
+    def end(self) -> int:
+        """How many bytes of the stretch there are up to its last one."""
+        return self.skipped + len(self.data)
+
+    def first(self, count: int) -> "Chunk":
+        """The first ``count`` bytes of it."""
+        if count >= len(self.data):
+            return self
+        start_ns, data, line_format, skipped, errors, times_ns = self
+        if errors:
+            errors = tuple(each for each in errors if each < count)
+        return Chunk(start_ns, data[:count], line_format, skipped, errors, times_ns)
+
+    def without_errors(self) -> "Chunk":
+        """The good bytes of it alone."""
+        bad = set(self.errors)
+        good = [place for place in range(len(self.data)) if place not in bad]
+        times_ns = [self.arrival_ns(place) - self.start_ns for place in good]
+        data = bytes(self.data[place] for place in good)
+        return Chunk(self.start_ns, data, self.format, times_ns=times_ns)
+
+    def with_nul(self) -> "Chunk":
+        """As a POSIX terminal tells it that checks its input: NUL in the place of a bad byte."""
+        if not self.errors:
+            return self
+        start_ns, data, line_format, skipped, errors, times_ns = self
+        shown = bytearray(data)
+        for place in errors:
+            shown[place] = 0
+        return Chunk(start_ns, bytes(shown), line_format, skipped, (), times_ns)

@@ -20,6 +20,7 @@ from bisect import insort
 from collections import deque
 from collections.abc import Sequence
 
+from axistwin.kernel.schedule import NEVER
 from axistwin.kernel.time import Nanos
 from axistwin.wire.framing import Chunk, LineFormat
 from axistwin.wire.serial_line import HOST, STRETCH_BYTES
@@ -53,12 +54,12 @@ class _Heard:
         self.offset = 0
 
     def next_piece(self) -> tuple[bytes, tuple[int, ...]]:
-        """What is handed over next: a stretch of good bytes, or a bad one alone, and where."""
-        start, end = self.offset, len(self.data)
-        bad = next((place for place in self.errors if place >= start), None)
-        if bad == start:
-            return self.data[start : start + 1], (0,)
-        return self.data[start : min(end if bad is None else bad, start + STRETCH_BYTES)], ()
+        """What is handed over next, and the places in it that are bad."""
+        start = self.offset
+        end = min(len(self.data), start + STRETCH_BYTES)
+        return self.data[start:end], tuple(
+            place - start for place in self.errors if start <= place < end
+        )
 
 
 class InstantLine:
@@ -91,10 +92,11 @@ class InstantLine:
         """Whether bytes sent now would be heard now, by all others, as they are."""
         return self._is_agreed and not self._waiting and not self._heard
 
-    @property
-    def is_free(self) -> bool:
-        """Never: nobody has to wait for bytes here."""
-        return False
+    def ahead_of_host(self) -> None:
+        """Nobody has to wait for bytes here."""
+
+    def forget(self) -> None:
+        """There is nothing to be forgotten."""
 
     # -- what stations do --
 
@@ -252,13 +254,13 @@ def _sample_all(
     group: Sequence[Transmission], station: int, line_format: LineFormat
 ) -> tuple[bytes, list[int]]:
     """All that the receiver of ``station`` makes of ``group`` at its true rate, and what is bad."""
-    receiver = UartReceiver(station, line_format, is_host=station == HOST)
-    receiver.search_from(group[0].start_ns << FINE_BITS)
+    receiver = UartReceiver((station,), line_format, group[0].start_ns << FINE_BITS)
     data, errors = bytearray(), []
-    while (character := receiver.next_character(group)) is not None:
-        if character.value is not None:
-            if character.is_bad:
-                errors.append(len(data))
-            data.append(character.value)
-        receiver.take(character)
+    while receiver.next_done_ns(group) is not None:
+        chunk = receiver.characters(NEVER)
+        receiver.take(len(chunk.data))
+        if station == HOST:
+            chunk = chunk.with_nul()
+        errors += [len(data) + each for each in chunk.errors]
+        data += chunk.data
     return bytes(data), errors

@@ -19,9 +19,10 @@ Theory
 *Clean*: one station drives at a time, all listeners were idle when it began and use its format.
 Then sampling gives back the bytes as sent, each complete one character after its start bit, and
 they are handed over in stretches without looking at a single bit.  *Disturbed*: as soon as
-transmissions overlap, formats differ, or a receiver is switched in the middle of a character, every
-receiver samples the combined levels, character by character, until all of them are back in step
-with a lone transmission in their own format.  Both ways give the same bytes at the same nanosecond.
+transmissions overlap, formats differ, or a receiver is switched in the middle of a character, the
+receivers sample the combined levels, until all of them are back in step with a lone transmission in
+their own format; stations that hear the same share a receiver.  Both ways give the same bytes at
+the same nanosecond.
 
 ::
 
@@ -36,13 +37,17 @@ from collections.abc import Sequence
 
 from axistwin.kernel.time import Nanos
 from axistwin.wire.framing import Chunk, LineFormat
-from axistwin.wire.uart import Character, UartReceiver
+from axistwin.wire.uart import UartReceiver
 from axistwin.wire.waveform import FINE_BITS, Transmission, make_break
 
 HOST = 0
 
 # How many bytes are offered at once: bounds the work that is thrown away when only few are taken.
 STRETCH_BYTES = 2048
+
+
+def _by_station(receiver: UartReceiver) -> int:
+    return receiver.stations[0]
 
 
 def _by_time(transmission: Transmission) -> tuple[Nanos, int]:
@@ -58,17 +63,15 @@ class SerialLine:
 
     def __init__(self, formats: Sequence[LineFormat], now_ns: Nanos = 0) -> None:
         self.now_ns = now_ns
-        self._receivers = [
-            UartReceiver(station, each, is_host=station == HOST)
-            for station, each in enumerate(formats)
-        ]
+        self._formats = list(formats)
+        self._receivers: list[UartReceiver] = []  # while it is disturbed; by their first station
         self._is_on = [True] * len(formats)
         self._transmissions: list[Transmission] = []
         self._is_clean = True
         self._listeners = self._find_listeners()
         self._agreed: Transmission | None = None  # known to be in every listener's format
         self._is_common = self._find_common()
-        self._sampled: tuple[UartReceiver, Character] | None = None
+        self._sampled: UartReceiver | None = None
 
     def _find_listeners(self) -> tuple[tuple[int, ...], ...]:
         """Who listens while station n drives."""
@@ -80,8 +83,7 @@ class SerialLine:
 
     def _find_common(self) -> bool:
         """Whether all stations have supply and understand each other."""
-        common = self._receivers[0].format
-        return all(self._is_on) and all(each.format == common for each in self._receivers)
+        return all(self._is_on) and all(each == self._formats[0] for each in self._formats)
 
     @property
     def is_silent(self) -> bool:
@@ -93,16 +95,37 @@ class SerialLine:
         """Never: bytes take their time."""
         return False
 
-    @property
-    def is_free(self) -> bool:
-        """Whether nobody drives, and all stations have supply and understand each other."""
-        return self._is_common and self._is_clean and not self._transmissions
+    def ahead_of_host(self) -> tuple[Nanos, bytes, int] | None:
+        """What the host still sends, or nothing, if nobody else does and all hear what is sent.
+
+        As in a chunk: when the stretch began, the bytes, how many of it were handed over earlier.
+        None: there is more to it.  ``forget`` leaves these bytes to who asked.
+        """
+        if not (self._is_common and self._is_clean):
+            return None
+        line = self._transmissions
+        if not line:
+            return self.now_ns, b"", 0
+        current = line[0]
+        if (
+            len(line) > 1
+            or current.station != HOST
+            or current.is_broken
+            or current.format != self._formats[0]
+        ):
+            return None
+        heard = current.heard
+        return current.start_ns, current.data(heard, current.count), heard
+
+    def forget(self) -> None:
+        """Take off the line what ``ahead_of_host`` gave."""
+        self._transmissions.clear()
 
     # -- what stations do --
 
     def format_of(self, station: int) -> LineFormat:
         """The format that ``station`` uses now."""
-        return self._receivers[station].format
+        return self._formats[station]
 
     def transmit(self, station: int, start_ns: Nanos, data: bytes) -> None:
         """Send ``data`` from ``start_ns`` on, or when ``station`` is done with what it sends."""
@@ -110,7 +133,7 @@ class SerialLine:
             return
         start_ns = max(start_ns, self.now_ns)
         last = self._last_of(station)
-        line_format = self._receivers[station].format
+        line_format = self._formats[station]
         if last is not None and start_ns < last.free_ns:
             if not last.is_broken and last.format == line_format:
                 last.extend(data)
@@ -126,15 +149,14 @@ class SerialLine:
             return
         last = self._last_of(station)
         start_ns = max(start_ns, self.now_ns, last.free_ns if last is not None else 0)
-        self._add(make_break(station, start_ns, duration_ns, self._receivers[station].format))
+        self._add(make_break(station, start_ns, duration_ns, self._formats[station]))
 
     def set_format(self, station: int, line_format: LineFormat) -> None:
         """Use ``line_format`` from now on; a character on its way in is lost."""
-        receiver = self._receivers[station]
-        if line_format == receiver.format:
+        if line_format == self._formats[station]:
             return
+        self._formats[station] = line_format
         self._restart_receiver(station)
-        receiver.format = line_format
         self._is_common = self._find_common()
 
     def switch_off(self, station: int) -> None:
@@ -143,6 +165,7 @@ class SerialLine:
             return
         self._is_on[station] = self._is_common = False
         self._listeners = self._find_listeners()
+        self._part(station)
         for transmission in self._of(station):
             transmission.cut(self.now_ns)
             if transmission.start_ns >= self.now_ns:
@@ -212,10 +235,8 @@ class SerialLine:
     def accept(self, count: int) -> None:
         """Take the first ``count`` bytes (>= 1) of what was just offered."""
         if self._sampled is not None:
-            receiver, character = self._sampled
-            self._sampled = None
-            receiver.take(character)
-            self._stand_at(character.done_ns)
+            receiver, self._sampled = self._sampled, None
+            self._stand_at(receiver.take(count))
             return
         current = self._transmissions[0]
         current.heard += count
@@ -236,15 +257,15 @@ class SerialLine:
             if self._undisturbed_until(current, arrival_ns) == arrival_ns:
                 return arrival_ns
             self._disturb()
-        characters = [each.next_character(self._transmissions) for each in self._active()]
-        return min((each.done_ns for each in characters if each is not None), default=None)
+        arrivals = [each.next_done_ns(self._transmissions) for each in self._receivers]
+        return min((each for each in arrivals if each is not None), default=None)
 
     def next_arrival_at(self, station: int) -> Nanos | None:
         """When ``station`` next gets a byte, as far as the line is known."""
         line = self._transmissions
         if all(each.station == station for each in line):
             return None
-        receiver = self._receivers[station]
+        searched = 0
         if self._is_clean:
             current = line[0]
             arrival_ns = current.start_ns + current.format.span_ns(current.heard + 1)
@@ -253,16 +274,11 @@ class SerialLine:
                 and self._undisturbed_until(current, arrival_ns) == arrival_ns
             ):
                 return arrival_ns
-            ahead = UartReceiver(station, receiver.format, is_host=receiver.is_host)
-            ahead.search_from(current.last_sample(current.heard))
-        else:
-            ahead = UartReceiver(station, receiver.format, is_host=receiver.is_host)
-            ahead.search_from(receiver.searched)
-        while (character := ahead.next_character(line)) is not None:
-            if character.value is not None:
-                return character.done_ns
-            ahead.take(character)
-        return None
+            searched = current.last_sample(current.heard)
+        for receiver in self._receivers:
+            if station in receiver.stations:
+                searched = receiver.searched
+        return UartReceiver((station,), self._formats[station], searched).next_done_ns(line)
 
     def peek_stretch(self) -> tuple[Chunk, tuple[int, ...]] | None:
         """The bytes that are to be heard undisturbed, as far as the line is known."""
@@ -305,9 +321,9 @@ class SerialLine:
 
     def _is_agreed_on(self, current: Transmission) -> bool:
         """Whether all who listen to ``current`` use its format."""
-        receivers, line_format = self._receivers, current.format
+        formats, line_format = self._formats, current.format
         for listener in self._listeners[current.station]:
-            own = receivers[listener].format
+            own = formats[listener]
             if own is not line_format and own != line_format:
                 return False
         return True
@@ -316,47 +332,80 @@ class SerialLine:
         """From the character under way on, let every receiver look at the bits."""
         current = self._transmissions[0]
         consumed = current.last_sample(current.heard)
-        for receiver in self._receivers:
-            receiver.search_from(consumed)
+        drivers = {each.station for each in self._transmissions}
+        alike: dict[object, list[int]] = {}
+        for station, line_format in enumerate(self._formats):
+            if self._is_on[station]:
+                is_alone = station == HOST or station in drivers
+                alike.setdefault(station if is_alone else line_format, []).append(station)
+        self._receivers = [
+            UartReceiver(tuple(stations), self._formats[stations[0]], consumed)
+            for stations in alike.values()
+        ]
         self._is_clean = False
 
-    def _sample_until(self, limit_ns: Nanos) -> tuple[Chunk, tuple[int, ...]] | None:
-        """The earliest character sampled by ``limit_ns``; None too when the line came clean."""
-        while not self._come_clean():
-            earliest = self._earliest_character(limit_ns)
-            if earliest is None:
-                self._stand_at(limit_ns)
-                return None
-            receiver, character = earliest
-            if character.value is not None:
-                self._sampled = earliest
-                start_ns = character.done_ns - receiver.format.span_ns(1)
-                data = bytes((character.value,))
-                errors = (0,) if character.is_bad else ()
-                chunk = Chunk(start_ns, data, receiver.format, errors=errors)
-                return chunk, (receiver.station,)
-            receiver.take(character)
-            self._stand_at(character.done_ns)
-        return None
+    def _part(self, station: int) -> None:
+        """Let ``station`` have no part in anybody's receiver any more."""
+        for receiver in self._receivers:
+            if station in receiver.stations:
+                receiver.stations = tuple(each for each in receiver.stations if each != station)
+                if not receiver.stations:
+                    self._receivers.remove(receiver)
+                return
 
-    def _earliest_character(self, limit_ns: Nanos) -> tuple[UartReceiver, Character] | None:
-        """The first character done by ``limit_ns``; of equals, that of the first station."""
-        earliest: tuple[UartReceiver, Character] | None = None
-        for receiver in self._active():
-            character = receiver.next_character(self._transmissions)
-            if character is not None and character.done_ns <= limit_ns:
-                limit_ns = character.done_ns - 1
-                earliest = receiver, character
-        return earliest
+    def _add_receiver(self, receiver: UartReceiver) -> None:
+        insort(self._receivers, receiver, key=_by_station)
+
+    def _split(self, receiver: UartReceiver) -> None:
+        """Give each of its stations a receiver of its own."""
+        self._receivers.remove(receiver)
+        for station in receiver.stations:
+            self._add_receiver(UartReceiver((station,), receiver.format, receiver.searched))
+
+    def _sample_until(self, limit_ns: Nanos) -> tuple[Chunk, tuple[int, ...]] | None:
+        """The earliest characters sampled by ``limit_ns``; None too when the line came clean."""
+        if self._come_clean():
+            return None
+        earliest = self._earliest_receiver(limit_ns)
+        if earliest is None:
+            self._stand_at(limit_ns)
+            return None
+        self._sampled, until_ns = earliest
+        chunk, stations = self._sampled.characters(until_ns), self._sampled.stations
+        return chunk.with_nul() if stations[0] == HOST else chunk, stations
+
+    def _earliest_receiver(self, limit_ns: Nanos) -> tuple[UartReceiver, Nanos] | None:
+        """Who gets the first characters by ``limit_ns``, and up to when no other gets any.
+
+        Of equals it is the first station.
+        """
+        earliest: UartReceiver | None = None
+        first_ns, until_ns = limit_ns + 1, limit_ns
+        for receiver in self._receivers:
+            done_ns = receiver.next_done_ns(self._transmissions)
+            if done_ns is None or done_ns > until_ns:
+                continue
+            if earliest is None or done_ns < first_ns:
+                if earliest is not None:
+                    until_ns = first_ns - 1
+                earliest, first_ns = receiver, done_ns
+            elif receiver.stations[0] > earliest.stations[-1]:
+                until_ns = done_ns
+            elif done_ns > first_ns:
+                until_ns = done_ns - 1
+            else:
+                self._split(earliest)
+                return self._earliest_receiver(limit_ns)
+        return None if earliest is None else (earliest, until_ns)
 
     def _stand_at(self, now_ns: Nanos) -> None:
         """Move to ``now_ns`` on a disturbed line, and forget what every receiver has consumed."""
         if now_ns > self.now_ns:
             self.now_ns = now_ns
+        for receiver in self._receivers:
+            receiver.pass_time(self.now_ns)
         fine = self.now_ns << FINE_BITS
-        for receiver in self._active():
-            receiver.pass_time(fine)
-        needed = min((each.searched for each in self._active()), default=fine)
+        needed = min((each.searched for each in self._receivers), default=fine)
         self._transmissions = [each for each in self._transmissions if each.fine_end >= needed]
         for transmission in self._transmissions:
             transmission.forget_before(transmission.begun_by(needed >> FINE_BITS) - 1)
@@ -368,15 +417,19 @@ class SerialLine:
             if not self._is_in_step(ahead[0], ahead[1].start_ns if len(ahead) > 1 else None):
                 return False
             ahead[0].heard = ahead[0].complete_by(self.now_ns)
-        elif any(each.next_character(self._transmissions) for each in self._active()):
+        elif any(each.next_edge(self._transmissions) is not None for each in self._receivers):
             return False
         self._transmissions = ahead
+        self._receivers = []
         self._is_clean = True
         self._agreed = None
         return True
 
     def _is_in_step(self, first: Transmission, clash_ns: Nanos | None) -> bool:
         """Whether every listener takes the next edge of ``first`` for the start bit that it is."""
+        for receiver in self._receivers:
+            if receiver.format != first.format and receiver.stations[0] != first.station:
+                return False
         index = first.complete_by(self.now_ns)
         done_ns = first.start_ns + first.format.span_ns(index + 1)
         if first.is_broken or (clash_ns is not None and clash_ns < done_ns):
@@ -386,20 +439,14 @@ class SerialLine:
             each.end_ns <= self.now_ns and each.fine_end > boundary for each in self._transmissions
         ):
             return False  # somebody has meddled with this character
-        for receiver in self._active():
-            character = receiver.next_character(self._transmissions)
-            if receiver.station == first.station:
-                if character is not None and (
-                    clash_ns is None or character.edge < clash_ns << FINE_BITS
-                ):
+        for receiver in self._receivers:
+            edge = receiver.next_edge(self._transmissions)
+            if first.station == receiver.stations[0]:
+                if edge is not None and (clash_ns is None or edge < clash_ns << FINE_BITS):
                     return False
-            elif character is None or character.edge != boundary or receiver.format != first.format:
+            elif edge != boundary:
                 return False
         return True
-
-    def _active(self) -> list[UartReceiver]:
-        """The receivers under supply, in the order of stations."""
-        return [each for each in self._receivers if self._is_on[each.station]]
 
     def _restart_receiver(self, station: int) -> None:
         """Let a receiver that was switched look for a new start bit."""
@@ -408,8 +455,10 @@ class SerialLine:
             current = self._transmissions[0]
             if current.start_ns < self.now_ns and current.station != station:
                 self._disturb()
-        if not self._is_clean:
-            self._receivers[station].search_from(self.now_ns << FINE_BITS)
+        if not self._is_clean and self._is_on[station]:
+            self._part(station)
+            fine = self.now_ns << FINE_BITS
+            self._add_receiver(UartReceiver((station,), self._formats[station], fine))
 
     # -- the queue of transmissions --
 
@@ -423,6 +472,12 @@ class SerialLine:
         return None
 
     def _add(self, transmission: Transmission) -> None:
+        for receiver in self._receivers:
+            if transmission.station in receiver.stations and len(receiver.stations) > 1:
+                self._part(transmission.station)
+                own = UartReceiver((transmission.station,), receiver.format, receiver.searched)
+                self._add_receiver(own)
+                break
         insort(self._transmissions, transmission, key=_by_time)
         self._line_changed()
 

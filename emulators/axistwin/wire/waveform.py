@@ -17,8 +17,11 @@ nanoseconds.  Each edge is rounded up to it once, from the start of its stretch:
 and converting back to nanoseconds gives exactly what ``LineFormat.span_ns`` gives.
 """
 
-from collections.abc import Iterator, Sequence
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
+from math import gcd
+from typing import NamedTuple
 
 from axistwin.kernel.time import NS_PER_S, Nanos
 from axistwin.wire.framing import LineFormat
@@ -26,9 +29,8 @@ from axistwin.wire.framing import LineFormat
 FINE_BITS = 40
 FINE_PER_S = NS_PER_S << FINE_BITS
 
-# Levels of a character by half bit (bit h of the integer: mark in half bit h), and its falling
-# edges in half bits from its start.
-Shape = tuple[int, tuple[int, ...]]
+_GRID_BYTES = 32
+"""Of usual rates the edges repeat after few characters: those of so many are known beforehand."""
 
 
 def parity_bit(parity: str, value: int) -> int:
@@ -37,20 +39,76 @@ def parity_bit(parity: str, value: int) -> int:
     return {"E": odd, "O": odd ^ 1, "M": 1, "S": 0}[parity]
 
 
-def _shape(line_format: LineFormat, value: int) -> Shape:
-    bits = [0] + [value >> place & 1 for place in range(line_format.data_bits)]
+def _runs(line_format: LineFormat, value: int) -> tuple[int, ...]:
+    """Where the level of a character changes, in half bits from its start: space, mark, ..."""
+    bits = [1, 0] + [value >> place & 1 for place in range(line_format.data_bits)]
     if line_format.parity != "N":
         bits.append(parity_bit(line_format.parity, value & ((1 << line_format.data_bits) - 1)))
-    levels = sum(3 << 2 * place for place, bit in enumerate(bits) if bit)
-    levels |= ((1 << line_format.stop_half_bits) - 1) << 2 * len(bits)
-    falls = [0] + [2 * n for n in range(1, len(bits)) if bits[n - 1] > bits[n]]
-    return levels, tuple(falls)
+    bits.append(1)
+    return tuple(2 * (n - 1) for n in range(1, len(bits)) if bits[n] != bits[n - 1])
 
 
 @lru_cache(maxsize=32)
-def shapes(line_format: LineFormat) -> tuple[Shape, ...]:
-    """The shape of each of the 256 bytes in ``line_format``."""
-    return tuple(_shape(line_format, value) for value in range(256))
+def _runs_of_bytes(line_format: LineFormat) -> tuple[tuple[int, ...], ...]:
+    return tuple(_runs(line_format, value) for value in range(256))
+
+
+def _fine_edge(line_format: LineFormat, half_bit: int) -> int:
+    """When ``half_bit`` of a stretch begins, from its start."""
+    return -(-half_bit * FINE_PER_S // (2 * line_format.baud))
+
+
+@lru_cache(maxsize=32)
+def _grid(line_format: LineFormat) -> tuple[int, int, tuple[int, ...]]:
+    """After how many characters edges fall on the same fraction, how long that is, the edges of it.
+
+    No edges where that is too many.
+    """
+    length, doubled = line_format.half_bits_per_byte, 2 * line_format.baud
+    period = doubled // gcd(doubled, FINE_PER_S * length)
+    count = period * length if period <= _GRID_BYTES else 0
+    edges = tuple(_fine_edge(line_format, half_bit) for half_bit in range(count))
+    return period, period * length * FINE_PER_S // doubled, edges
+
+
+class Piece(NamedTuple):
+    """Part of a transmission: characters from number ``first`` on, or a break without any.
+
+    The times are relative, to whatever its user likes; ``end_ns`` is when a driver lets go that
+    does not finish its character, else None.
+    """
+
+    start_ns: Nanos
+    end_ns: Nanos | None
+    format: LineFormat
+    first: int
+    data: bytes
+    is_break: bool
+
+    @property
+    def fine_end(self) -> int:
+        """When the driver lets go, if it does so in this piece."""
+        if self.end_ns is not None:
+            return self.end_ns << FINE_BITS
+        half_bits = (self.first + len(self.data)) * self.format.half_bits_per_byte
+        return (self.start_ns << FINE_BITS) + _fine_edge(self.format, half_bits)
+
+    def changes(self) -> list[int]:
+        """When it pulls to space, lets go, pulls, ..., in fine time."""
+        start, length = self.start_ns << FINE_BITS, self.format.half_bits_per_byte
+        if self.is_break:
+            return [start, self.fine_end]
+        runs, changes = _runs_of_bytes(self.format), []
+        period, step, grid = _grid(self.format)
+        for index, value in enumerate(self.data, self.first):
+            if grid:
+                rounds, rest = divmod(index, period)
+                origin, at = start + rounds * step, rest * length
+                changes += [origin + grid[at + each] for each in runs[value]]
+            else:
+                at = index * length
+                changes += [start + _fine_edge(self.format, at + each) for each in runs[value]]
+        return changes if self.end_ns is None else _before(changes, self.fine_end)
 
 
 class Transmission:
@@ -153,24 +211,22 @@ class Transmission:
     def edge(self, index: int, half_bit: int) -> int:
         """When ``half_bit`` of byte ``index`` begins."""
         half_bits = index * self.format.half_bits_per_byte + half_bit
-        return (self.start_ns << FINE_BITS) - (-half_bits * FINE_PER_S // (2 * self.format.baud))
+        return (self.start_ns << FINE_BITS) + _fine_edge(self.format, half_bits)
 
-    def is_space(self, fine: int) -> bool:
-        """Whether this driver pulls the line to space at ``fine``."""
-        elapsed = fine - (self.start_ns << FINE_BITS)
-        if elapsed < 0 or (self.is_broken and fine >= self.end_ns << FINE_BITS):
-            return False
-        index, half_bit = divmod(
-            elapsed * 2 * self.format.baud // FINE_PER_S, self.format.half_bits_per_byte
+    def piece(self, base_ns: Nanos, begin: int, until: int) -> Piece:
+        """What there is to look at between two fine times; ``base_ns`` is where its time begins."""
+        origin, per_byte = self.start_ns << FINE_BITS, FINE_PER_S * self.format.half_bits_per_byte
+        doubled = 2 * self.format.baud
+        first = max(0, begin - origin) * doubled // per_byte
+        last = min(self.count, (until - origin) * doubled // per_byte + 1)
+        return Piece(
+            self.start_ns - base_ns,
+            self.end_ns - base_ns if self.is_broken else None,
+            self.format,
+            first,
+            self.data(first, last) if first < last else b"",
+            self.is_broken and not self.count,
         )
-        if index >= self.count:
-            return self.is_broken and not self.count
-        levels, _ = shapes(self.format)[self._kept[index - self._first_kept]]
-        return not levels >> half_bit & 1
-
-    def drives(self, fine: int) -> bool:
-        """Whether the driver is on at ``fine``."""
-        return self.start_ns << FINE_BITS <= fine < self.fine_end
 
     def last_sample(self, index: int) -> int:
         """The middle of the first stop bit of the byte before ``index``: search starts there."""
@@ -178,23 +234,6 @@ class Transmission:
         if index == 0:
             return self.start_ns << FINE_BITS
         return self.edge(index - 1, line_format.half_bits_per_byte - line_format.stop_half_bits + 1)
-
-    def falls(self, fine: int) -> Iterator[int]:
-        """The times from ``fine`` on at which this driver goes from mark to space, in order."""
-        start = self.start_ns << FINE_BITS
-        if self.is_broken and not self.count:
-            if start >= fine:
-                yield start
-            return
-        elapsed = max(0, fine - start)
-        first = elapsed * 2 * self.format.baud // (FINE_PER_S * self.format.half_bits_per_byte)
-        table = shapes(self.format)
-        end = self.fine_end
-        for index in range(first, self.count):
-            for half_bit in table[self._kept[index - self._first_kept]][1]:
-                edge = self.edge(index, half_bit)
-                if fine <= edge < end:
-                    yield edge
 
 
 def make_break(
@@ -207,50 +246,33 @@ def make_break(
     return transmission
 
 
-def is_space(line: Sequence[Transmission], station: int, fine: int) -> bool:
-    """The level at ``station``'s receiver, which is off (mark) while the station itself drives."""
-    space = False
-    for transmission in line:
-        if transmission.station == station:
-            if transmission.drives(fine):
-                return False
-        elif not space:
-            space = transmission.is_space(fine)
-    return space
+def level_changes(own: Iterable[Piece], others: Sequence[Piece]) -> list[int]:
+    """When a receiver sees mark become space, space mark, ..., in ascending fine time.
 
-
-def next_fall(line: Sequence[Transmission], station: int, fine: int) -> int | None:
-    """When ``station``'s receiver next sees mark go to space, at ``fine`` or later.
-
-    None if no known transmission does that.
+    Of ``others`` space wins; while one of ``own`` drives, the receiver is off and sees mark.
     """
-    own = [each for each in line if each.station == station]
-    others = [each for each in line if each.station != station]
-    while True:
-        for transmission in own:
-            if transmission.drives(fine):
-                fine = transmission.fine_end
-                if is_space(line, station, fine):
-                    return fine  # the receiver comes back on in the middle of somebody's space
-        fall = _earliest_fall(others, fine)
-        for transmission in own:
-            release = transmission.fine_end
-            is_first = fine < release and (fall is None or release < fall)
-            if is_first and is_space(line, station, release):
-                return release
-        if fall is None or not any(each.drives(fall) for each in own):
-            return fall
-        fine = fall
+    if len(others) == 1:
+        changes = others[0].changes()
+    else:
+        changes = []
+        spaces: list[tuple[int, int]] = []
+        for piece in others:
+            edges = piece.changes()
+            spaces += zip(edges[::2], edges[1::2], strict=True)
+        for fall, rise in sorted(spaces):
+            if not changes or fall > changes[-1]:
+                changes += (fall, rise)
+            elif rise > changes[-1]:
+                changes[-1] = rise
+    for piece in own:
+        begin, end = piece.start_ns << FINE_BITS, piece.fine_end
+        behind = bisect_right(changes, end)
+        back_on = [end] if behind & 1 else []  # in the middle of somebody's space
+        changes = _before(changes, begin) + back_on + changes[behind:]
+    return changes
 
 
-def _earliest_fall(others: Sequence[Transmission], fine: int) -> int | None:
-    """The earliest falling edge of the combined levels of ``others``."""
-    earliest: int | None = None
-    for transmission in others:
-        for fall in transmission.falls(fine):
-            if earliest is not None and fall >= earliest:
-                break
-            if not any(each.is_space(fall - 1) for each in others):
-                earliest = fall
-                break
-    return earliest
+def _before(changes: list[int], end: int) -> list[int]:
+    """``changes`` of a level that is mark from ``end`` on."""
+    count = bisect_left(changes, end)
+    return [*changes[:count], end] if count & 1 else changes[:count]

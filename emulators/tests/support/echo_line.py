@@ -42,9 +42,14 @@ class EchoLine:
         return len(self._queued)
 
     @property
-    def host_sent_ns(self) -> Nanos:
-        """Far away."""
-        return self.clock.now_ns() + 1_000_000_000
+    def host_busy_ns(self) -> Nanos:
+        """What the bytes kept would take."""
+        return self.own_format.span_ns(len(self._queued))
+
+    @property
+    def has_news(self) -> bool:
+        """Whether it has something to say."""
+        return bool(self._answers)
 
     def next_event_ns(self) -> Nanos | None:
         """Nothing happens by itself."""

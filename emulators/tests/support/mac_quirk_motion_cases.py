@@ -152,6 +152,17 @@ def _(bench: MacBench) -> object:
     return bench.read(0x27) >> 8 & 0x08
 
 
+@case("busy_after_17h", {"false": (0x08, 0x08), "true": (0, 0x08)})
+def _(bench: MacBench) -> object:
+    """27h at rest after 17h; then after 18h, which gives up what 17h has left (MACS-AMB-51)."""
+    bench.do(0x13, 100_000)
+    bench.do(0x17)
+    bench.settle()
+    after_17h = bench.read(0x27) >> 8 & 0x08
+    bench.do(0x18)
+    return after_17h, bench.read(0x27) >> 8 & 0x08
+
+
 @case("abort_flush", {"true": 1, "false": 2001})
 def _(bench: MacBench) -> object:
     """How far the axis goes when a segment of one step follows 18h in a queue of three."""
@@ -171,17 +182,21 @@ def _(bench: MacBench) -> object:
     return verdict(bench.ask(0x11))
 
 
-@case("sync_arm_lifetime", {"kept": ("OF+PL", "VE+AR"), "lost": ("PO", "VE")})
+@case("sync_arm_lifetime", {"kept": "VE+AR", "lost": "VE"})
 def _(bench: MacBench) -> object:
-    """10h, a virtual segment, 13h; and 10h in motion."""
-    bench.do(0x10)
-    bench.do(0x1E, 0x00000400)
-    bench.do(0x13, 100_000)
-    told = bench.state().replace("HD", "OF")
-    bench.do(0x18)
+    """10h in motion."""
     bench.do(0x15, 0x320)
     bench.do(0x10)
-    return told, bench.state()
+    return bench.state()
+
+
+@case("arm_after_segment", {"kept": 0, "lost": 30})
+def _(bench: MacBench) -> object:
+    """10h, a virtual segment, 13h: where the axis then is without 11h."""
+    bench.do(0x10)
+    bench.do(0x1E, 0x00010400)
+    bench.do(0x13, 30)
+    return bench.settled_position()
 
 
 @case("preload_policy", {"replace": ("A", 200, 0), "refuse": ("R", 100, 0), "keep": ("A", 100, 50)})
@@ -296,6 +311,20 @@ def _(bench: MacBench) -> object:
     here = bench.device.position_at(bench.now)
     place = bench.settled_position()
     return told, "ramped" if 100 < place - here <= 121 and place < 200 else place
+
+
+@case("segments_after_17h", {"run": 40, "dropped": 0}, factory_ramp=1)
+def _(bench: MacBench) -> object:
+    """How far a segment that waits behind a 13h goes once 17h has stopped that."""
+    bench.do(0x13, 100_000)
+    bench.do(0x16, 0x00280400)
+    bench.do(0x17)
+    place = bench.settled_position()
+    before = type(bench)(factory_ramp=1)
+    before.do(0x13, 100_000)
+    before.do(0x1E, 0x00280400)
+    before.do(0x17)
+    return place - before.settled_position()
 
 
 # ---- stops, reference, counter, faults ----

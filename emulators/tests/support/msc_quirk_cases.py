@@ -329,6 +329,21 @@ def _(bench: MscBench) -> object:
 
 
 @case(
+    "pending_reply_on_stx",
+    {"drop": (b"", b""), "keep_if_foreign": (REPLY, b"")},
+    ack_timeout_ms=5000,
+)
+def _(bench: MscBench) -> object:
+    """NAK behind a whole packet for another unit; then behind one for this unit."""
+    bench.tell(dread(8), 100)
+    bench.tell(rqstat(2), 100)
+    foreign = bench.tell(NAK, 100)
+    bench.tell(rqstat(), 100)
+    bench.tell(ACK)
+    return foreign, bench.tell(NAK, 100)
+
+
+@case(
     "junk_while_waiting",
     {"ignore": (b"", REPLY, REPLY), "as_nak": (REPLY, REPLY, REPLY), "abandon": (b"", b"", b"")},
 )

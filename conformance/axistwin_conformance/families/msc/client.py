@@ -19,13 +19,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from axistwin_conformance.core.session import ATTEMPTS, Session
+from axistwin_conformance.base.retry import RETRY
+from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK, STX, Packet
 from axistwin_conformance.transport.serial import SerialTransport
 
 RECEIVED_AT_ONCE: Final = 4096
 QUIET_S: Final = 0.1  # after which a unit that is talking has ended
+UNMEASURED_S: Final = 0.6  # on top of the usual time-out, before a round trip is measured
 MARGIN_S: Final = 0.2  # on top of a measured time-out: one reply, and the way
 REPEATS: Final = 5  # MSC-LNK-09
 REPEAT_S: Final = 0.15  # the longest reply (§2.4)
@@ -127,15 +129,22 @@ class MscClient:
         """The packet whose first byte has been heard, behind these bytes."""
         received = STX
         while count := codec.missing_bytes(received):
-            more = self.receive(count)
+            # Its bytes follow one another: a repeat, after T2, is not to be taken for the rest.
+            own_s = count * self.target.byte_ns / 1e9
+            more = self.receive(count, self.session.reply_timeout_s + own_s)
             received += more
             if len(more) < count:
                 return None, strays + received
         return codec.parse(received), strays
 
     def limit_s(self, count: int) -> float:
-        """How long to wait for so many bytes that a unit sends without being told more."""
-        return self.session.reply_timeout_s + count * self.target.byte_ns / 1e9
+        """How long to wait for so many bytes that a unit sends without being told more.
+
+        The manual names no limit for its delays: until they are measured, more is allowed.
+        """
+        unmeasured_s = 0 if self.target.round_trip.max_ns else UNMEASURED_S
+        own_s = count * self.target.byte_ns / 1e9
+        return self.session.reply_timeout_s + unmeasured_s + own_s
 
     # --- time-outs of the unit --------------------------------------------------------------------
 
@@ -160,13 +169,17 @@ class MscClient:
     def wait_until_quiet(self, *, after: MscExchange | None = None) -> bytes:
         """Wait until nothing is left over of what was said before; return what still came.
 
-        A reply that comes again is acknowledged and thrown away (§4.3).  `after`: what was said
+        A reply that comes again is acknowledged and thrown away (§4.3).  Who then still talks after
+        twice the time in which all repeats are over, is not waited for.  `after`: what was said
         last; where that drew nothing at all, no reply is waiting to be acknowledged.
         """
         received, quiet_s = b"", self.quiet_limit_s
         if after is not None and after.is_silence:
             quiet_s = min(quiet_s, self.packet_timeout_s + MARGIN_S)
+        until_ns = self.target.now_ns + round(2 * quiet_s * 1e9)
         for _ in range(MOST_RECEIVED):
+            if self.target.now_ns >= until_ns:
+                break
             packet, strays = self._next_packet(quiet_s)
             if packet is None and not strays:
                 break
@@ -216,7 +229,7 @@ class MscClient:
         """
         bad: list[bytes] = []
         refused = 0
-        for _ in range(ATTEMPTS):
+        for _ in range(RETRY.exchange):
             if self._is_refusal(exchange, refused):
                 break
             if not exchange.is_naked or self.session.is_strict:
@@ -246,7 +259,10 @@ class MscClient:
 
     def _is_good(self, exchange: MscExchange, name: str, awaits: bool) -> bool:
         """True if a unit could say that to a sound packet, as far as is known of this one."""
-        return self.is_right(exchange, name) if awaits else exchange.is_acked
+        if awaits and name in codec.READS:
+            return self.is_right(exchange, name)
+        # Behind the ACK to a write nothing need come, even where it is waited for (MSC-AMB-36).
+        return exchange.is_acked and (exchange.reply is None or exchange.reply.is_sound)
 
     def is_right(self, exchange: MscExchange, name: str) -> bool:
         """True for what must come of a read, in the reading of this device."""
@@ -257,8 +273,13 @@ class MscClient:
             and reply.is_sound
             and reply.unit == self.unit
             and reply.name == name
-            and len(reply.raw) == self.reply_bytes(name)
+            and len(reply.raw) in self._reply_sizes(name)
         )
+
+    def _reply_sizes(self, name: str) -> set[int]:
+        """What the reply to a command may have, as far as the reading of this device is known."""
+        is_open = name == "RQSTAT" and "status_tail" not in self.session.readings
+        return {self.reply_bytes(name), codec.REPLY_BYTES[name] - 2 * is_open}
 
     def reply_bytes(self, name: str) -> int:
         """What the reply to a command has, in the reading of this device (MSC-AMB-38)."""
@@ -278,6 +299,10 @@ class MscClient:
         if first == STX or (sign == ACK and awaits):
             reply, extra = self.rest_of_packet() if first == STX else self._next_packet()
             replied_ns = self.target.now_ns
+            if answer is not None and not sign:  # it may be in the wrong order (MSC-LNK-07)
+                extra += self.listen(QUIET_S)
+            elif answer is not None and reply is not None and not reply.is_sound:
+                self.listen(QUIET_S)  # so that all of it is on record, whatever its length says
             if answer is not None and (reply or STX in extra):
                 self.target.send(answer)
         elif first and not sign:

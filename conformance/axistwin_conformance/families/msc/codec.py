@@ -82,6 +82,11 @@ def body(name: str, *fields: bytes) -> bytes:
     return name.encode("latin-1") + COMMA + b"".join(fields)
 
 
+def name_of(body: bytes) -> str:
+    """All of a body before its first comma (MSC-CMD-07)."""
+    return body.partition(COMMA)[0].decode("latin-1")
+
+
 def packet(
     unit: int,
     body: bytes,
@@ -162,7 +167,7 @@ class Packet:
     @property
     def name(self) -> str:
         """All before the first comma (MSC-CMD-07); the whole body if there is none."""
-        return self.body.partition(COMMA)[0].decode("latin-1")
+        return name_of(self.body)
 
     @property
     def payload(self) -> bytes:

@@ -10,14 +10,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
+from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.client import MscClient, MscExchange
 from axistwin_conformance.families.msc.codec import RQSTAT, Packet
 from axistwin_conformance.families.msc.link import MscLink, Names
 from axistwin_conformance.families.msc.scratch import SAFE_BLOCK, ScratchPlaces
-
-HOOK_ATTEMPTS: Final = 3  # between checks
 
 Readings = Mapping[str, str | tuple[str, ...]]
 
@@ -66,9 +65,9 @@ class MscDriver:
 
         Between checks nothing is judged: there it is asked again once the line is at rest.
         """
-        name = body.partition(codec.COMMA)[0].decode()
+        name = codec.name_of(body)
         exchange = self.ask(body, block)
-        for _ in range(0 if self.session.check is not None else HOOK_ATTEMPTS - 1):
+        for _ in range(0 if self.session.check is not None else RETRY.recovery - 1):
             if self.client.is_right(exchange, name):
                 break
             self.client.wait_until_quiet()

@@ -4,22 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.core.family import Family, Violation
 from axistwin_conformance.core.identity import Identity, Model
+from axistwin_conformance.core.lenient import Lenient
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.wording import Exchange
 from axistwin_conformance.families.msc import codec, snapshot
-from axistwin_conformance.families.msc.diagnosis import diagnose
 from axistwin_conformance.families.msc.driver import MscDriver
 from axistwin_conformance.families.msc.link import SHOUTING
 from axistwin_conformance.families.msc.options import OPTIONS
 from axistwin_conformance.families.msc.preflight.data_area import check_spans
 from axistwin_conformance.families.msc.preflight.flag_check import try_flags
+from axistwin_conformance.families.msc.replies.diagnosis import diagnose
+from axistwin_conformance.families.msc.replies.lenient import lenient
+from axistwin_conformance.families.msc.rig_controls import MSC_CONTROLS
 from axistwin_conformance.families.msc.safety import IMPACT, objection
 from axistwin_conformance.families.msc.snapshot import MscSnapshot
-from axistwin_conformance.transport.rig import OF_A_CONTROLLER
 from axistwin_conformance.transport.serial import SerialTransport, open_target
 
 BAUD: Final = 9600  # MSC-PHY-01
@@ -52,11 +55,11 @@ class Msc(Family):
     default_address = 1
     default_rate = BAUD
     rates = (BAUD,)
-    capabilities = OF_A_CONTROLLER
+    rig_controls = MSC_CONTROLS
     options = OPTIONS
     impact = IMPACT
     tried_needs = frozenset({"flags"})
-    replay_module = "axistwin_conformance.families.msc.checks.sequences"
+    _replay_module = "axistwin_conformance.families.msc.checks.sequences"
     operation_bytes = 4
 
     def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> SerialTransport:
@@ -72,6 +75,17 @@ class Msc(Family):
         """Put a packet, or what comes back, into words."""
         is_request = record.direction is Direction.HOST
         return (codec.explain_request if is_request else codec.explain)(record.data)
+
+    def in_words(self, request: bytes, reply: bytes) -> Exchange:
+        """Put an exchange into the words of a failure; the host's receipts are left out."""
+        packet = codec.parse(request)
+        words = "" if request in (codec.ACK, codec.NAK) else codec.explain_request(request)
+        unit, _, rest = words.partition(": ")
+        if packet is not None and not packet.name.isalpha():
+            words = f"{len(request)} bytes of a packet: {request.hex(' ').upper()}"
+        elif packet is not None:
+            words = rest if packet.unit == self.default_address else f"{rest}, to unit {unit}"
+        return Exchange(words, is_query=packet is not None and packet.name in codec.READS)
 
     def driver(self, session: Session, address: int | None = None) -> MscDriver:
         """A unit on the line."""
@@ -97,6 +111,14 @@ class Msc(Family):
         """See `snapshot.restore`."""
         return snapshot.restore(session, memory)
 
+    def kept(self, memory: MscSnapshot) -> Mapping[str, Any]:
+        """Variables and flags, of all units."""
+        return memory.as_object()
+
+    def memory_of(self, held: Mapping[str, Any]) -> MscSnapshot:
+        """See `MscSnapshot.from_object`."""
+        return MscSnapshot.from_object(held)
+
     def forbid(self, session: Session, data: bytes) -> str | None:
         """Why these bytes must not be sent; see `safety`."""
         return objection(session, data)
@@ -105,7 +127,7 @@ class Msc(Family):
         """See `check_spans`."""
         check_spans(session)
 
-    def unusable(self, session: Session, need: str) -> str:
+    def unusable(self, session: Session, need: str) -> str | Violation:
         """See `try_flags`; nothing else the operator names has to be tried."""
         return try_flags(session) if need == "flags" else ""
 
@@ -116,6 +138,10 @@ class Msc(Family):
     def diagnose(self, session: Session, request: bytes, reply: bytes | None) -> Violation | None:
         """See `diagnose`."""
         return diagnose(session, request, reply)
+
+    def lenient(self, session: Session, request: bytes, reply: bytes) -> Lenient | None:
+        """See `lenient`."""
+        return lenient(session, request, reply)
 
 
 FAMILY: Final = Msc()

@@ -75,7 +75,12 @@ class MscLink:
     def glance_s(self) -> float:
         """How long what must not come is listened for, where no time-out is at stake."""
         delay_s = int(self.session.reading("reply_delay_ms")) / 1000
-        return QUIET_S + delay_s + self.spare_ns / 1e9
+        return QUIET_S + delay_s + self.target.uncertainty_ns / 1e9
+
+    @property
+    def glance_amid_wait_s(self) -> float:
+        """The same while the unit waits for the host's sign: T2 must not run out meanwhile."""
+        return min(self.glance_s, self._client.ack_timeout_s / 2)
 
     @cached_property
     def latency_ns(self) -> int:
@@ -125,9 +130,10 @@ class MscLink:
         return is_twin_url(self.target.description)
 
     def only_on_a_twin(self) -> None:
-        """Skip on a real controller: what is wrong on purpose there, is a read."""
+        """Skip on a real controller, where nobody knows what a write of a strange body or number
+        changes."""
         if not self.is_twin:
-            self.session.skip("a write that is wrong on purpose is sent to a twin only")
+            self.session.skip("a write to a place that nobody has named is sent to a twin only")
 
     def _ask(self, body: bytes, **how: Any) -> MscExchange:
         return self._client.ask(self._client.request(body), **how)

@@ -73,8 +73,7 @@ def reply_kind_of(driver: MscDriver, raw: bytes) -> MscReplyKind:
 def glance_s(driver: MscDriver) -> float:
     """How long to listen for what a unit sends at once, as far as it is known how long it takes."""
     delay_s = int(driver.session.reading("reply_delay_ms")) / 1000
-    spare_ns = driver.target.line_ns
-    return QUIET_S + delay_s + spare_ns / 1e9
+    return QUIET_S + delay_s + driver.target.uncertainty_ns / 1e9
 
 
 def unanswered(driver: MscDriver, body: bytes = RQSTAT) -> tuple[Packet, int]:

@@ -5,7 +5,8 @@ Rules.
 1. The name of a writing command leaves us only in a check that declares it, and only with an
    address or flag that the operator has named, whatever else is wrong with the packet: a device
    that fails to look at the checksum has just written.  It is looked for in everything that is
-   sent, in pieces or inside the values of a block.
+   sent, in pieces or inside the values of a block.  Checks that send such packets on purpose are of
+   class negative.
 2. What a device would take for a packet, its sum being right, is one of the nine commands, of its
    right size, at an even address, with a flag below 256: commands that nobody has documented load
    and start macroprograms on the same port.  Anything else needs a check of class rig; and even
@@ -40,6 +41,8 @@ IMPACT: Final[Mapping[str, str]] = {
     " a wrong checksum; bytes that are no packet",
     "stored": "writes variables (DWRITE, BWRITE, of --variables) and flags (SFLAG, CFLAG, of"
     " --flags)",
+    "negative": "sends writes that no unit may carry out (DWRITE, BWRITE, SFLAG, CFLAG): under a"
+    " wrong checksum, cut short, to a unit that is not there",
     "motion": "lets the bench program work (SFLAG, CFLAG and BWRITE of --bench-program)",
     "rig": "power, inputs, status and macroprogram are worked; unknown names, bodies of a wrong"
     " size and odd addresses are sent",

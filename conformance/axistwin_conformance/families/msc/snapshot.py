@@ -13,19 +13,21 @@ at.
 from __future__ import annotations
 
 import contextlib
+import itertools
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from typing import Final
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
 
 from axistwin_conformance.base.errors import TargetError, WrongDevice
+from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.base.transcript import last_exchange
 from axistwin_conformance.core.identity import Identity
-from axistwin_conformance.core.session import ATTEMPTS, REPLY_TIMEOUT_S, Run, Session
+from axistwin_conformance.core.session import REPLY_TIMEOUT_S, Run, Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.client import QUIET_S, MscExchange
-from axistwin_conformance.families.msc.codec import ACK
+from axistwin_conformance.families.msc.codec import ACK, Packet
 from axistwin_conformance.families.msc.driver import MscDriver
-from axistwin_conformance.families.msc.options import PROGRAM_FLAGS
+from axistwin_conformance.families.msc.options import PROGRAM_FLAGS, ScratchArea
 from axistwin_conformance.families.msc.safety import Writing
 from axistwin_conformance.families.msc.scratch import (
     PROGRAM_BLOCK,
@@ -35,13 +37,11 @@ from axistwin_conformance.families.msc.scratch import (
 )
 from axistwin_conformance.transport.transport import is_twin_url
 
-PROBE_ATTEMPTS: Final = 4
 OTHER_QUESTIONS: Final = (codec.rflag(0), codec.dread(0), codec.RQSTAT)
 ZEROS: Final = bytes(codec.MAX_PACKET)
 MOST_TOLD: Final = 20  # of what a unit held, in a line
 LAST_LOOK_S: Final = 1.0  # for what comes late
 FACE_BYTES: Final = 16
-RESTORE_ATTEMPTS: Final = 4
 VALUE_ADDRESSES: Final = 4  # what one value takes up in the widest reading
 WITH_RFLAGS: Final = "msc-250 or msc-850-32"
 STATUS_WORDS: Final = (
@@ -126,19 +126,18 @@ def _end_packet(driver: MscDriver) -> bytes:
 def _is_answered(exchange: MscExchange, body: bytes) -> bool:
     """True for a sound reply to this question, and not to an earlier one."""
     reply = exchange.reply
-    name = body.partition(codec.COMMA)[0].decode()
-    return reply is not None and reply.is_sound and reply.name == name
+    return reply is not None and reply.is_sound and reply.name == codec.name_of(body)
 
 
 def _insisted(driver: MscDriver, body: bytes) -> MscExchange:
     """Ask until there is a sound reply; longer if what comes differs, which is noise."""
     seen = set()
-    for number in range(1, ATTEMPTS + 1):
+    for number in range(1, RETRY.exchange + 1):
         exchange = driver.ask(body)
         seen.add(exchange.raw)
         if _is_answered(exchange, body):
             break
-        if number >= PROBE_ATTEMPTS and len(seen) == 1:
+        if number >= RETRY.alike and len(seen) == 1:
             break
         driver.client.wait_until_quiet(after=exchange)
     return exchange
@@ -190,8 +189,7 @@ def sanity(session: Session) -> bool:
     try:
         for body in (codec.RQSTAT, codec.rflag(0), codec.dread(0)):
             exchange = driver.ask(body)
-            reply = exchange.reply
-            if exchange.is_acked and reply is not None and reply.is_sound:
+            if driver.client.is_right(exchange, codec.name_of(body)):
                 return True
             driver.client.wait_until_quiet(after=exchange)
             session.is_strict = True  # the first one was asked often enough for noise
@@ -223,6 +221,8 @@ class UnitContents:
     blocks: dict[int, tuple[int, ...]] = field(default_factory=dict)
     values: dict[int, int] = field(default_factory=dict)
     flags: dict[int, bool] = field(default_factory=dict)
+    refused: set[int] = field(default_factory=set)  # blocks and values that were not told
+    refused_flags: set[int] = field(default_factory=set)
 
 
 @dataclass(slots=True)
@@ -235,6 +235,31 @@ class MscSnapshot:
     units: Mapping[int, UnitContents]
     only_off: range
     touched: set[Writing] = field(default_factory=set)
+
+    def as_object(self) -> dict[str, Any]:
+        """The same as a file keeps it."""
+        units = {
+            str(unit): {"blocks": held.blocks, "values": held.values, "flags": held.flags}
+            for unit, held in self.units.items()
+        }
+        return {"units": units, "only_off": [self.only_off.start, self.only_off.stop]}
+
+    @classmethod
+    def from_object(cls, kept: Mapping[str, Any]) -> MscSnapshot:
+        """All of it to be put back; raises ValueError, KeyError or TypeError for what is none."""
+        units, touched = {}, set[Writing]()
+        for unit, one in kept["units"].items():
+            held = UnitContents(
+                {int(at): tuple(map(int, row)) for at, row in one["blocks"].items()},
+                {int(at): int(value) for at, value in one["values"].items()},
+                {int(number): bool(is_on) for number, is_on in one["flags"].items()},
+            )
+            touched |= {Writing("BWRITE", at) for at in held.blocks}
+            touched |= {Writing("DWRITE", at) for at in held.values}
+            touched |= {Writing("SFLAG", number) for number in held.flags}
+            units[int(unit)] = held
+        first, end = kept["only_off"]
+        return cls(units, range(first, end), touched)
 
     def __str__(self) -> str:
         text = []
@@ -265,6 +290,7 @@ def remember(session: Session) -> MscSnapshot:
         spans.append(range(address + PROGRAM_BLOCK.start, address + PROGRAM_BLOCK.stop))
         orders = range(flag, flag + PROGRAM_FLAGS)
     units = {session.address: _held(MscDriver(session), spans, [*flags, *orders], stride)}
+    run.settings = _readable(session, units[session.address])
     if not session.target.is_builtin:
         _refuse_what_moves(MscDriver(session), units[session.address], scratch.flags)
     for unit in session.neighbours:
@@ -279,10 +305,54 @@ def _held(
     held = UnitContents()
     for span in spans:
         blocks, values = layout(span, stride)
-        held.blocks |= {at: driver.read_block(at) for at in blocks}
-        held.values |= {at: driver.read(at) for at in values}
-    held.flags = _flags(driver, list(flags))
+        told = {at: _read(driver, codec.bread(at)) for at in blocks}
+        held.blocks |= {at: reply.values for at, reply in told.items() if reply is not None}
+        single = {at: _read(driver, codec.dread(at)) for at in values}
+        held.values |= {at: reply.values[0] for at, reply in single.items() if reply is not None}
+        refused = [at for at, reply in (told | single).items() if reply is None]
+        if refused and len(refused) == len(blocks) + len(values):
+            driver.read(refused[0])  # of a stretch that is not there, nobody is to blame
+        held.refused |= {*refused}
+    states = _flags(driver, list(flags))
+    held.flags = {number: is_on for number, is_on in states.items() if is_on is not None}
+    held.refused_flags = states.keys() - held.flags.keys()
     return held
+
+
+def _read(driver: MscDriver, body: bytes) -> Packet | None:
+    """The reply to a read; None if the unit refuses it."""
+    exchange = driver.ask(body)
+    if exchange.is_naked:
+        return None
+    is_right = driver.client.is_right(exchange, codec.name_of(body))
+    return exchange.reply if is_right else driver.query(body)
+
+
+def _readable(session: Session, held: UnitContents) -> ScratchArea:
+    """What was named, as far as it could be read: what cannot be put back is not to be touched.
+
+    An address that is refused between others that are served is the unit's failure.
+    """
+    scratch = scratch_of(session)
+    wanted = [f"ACK and what is at {at}, between others" for at in sorted(held.refused)]
+    wanted += [f"ACK and the state of flag {number}" for number in sorted(held.refused_flags)]
+    session.run.accusations += [("MSC-LNK-01", one, "NAK") for one in wanted]
+    of_program, its_flags = scratch.of_program
+    is_broken = held.refused.intersection(of_program) or held.refused_flags.intersection(its_flags)
+    unread = [place for at in held.refused for place in range(at, at + SAFE_BLOCK)]
+    return replace(
+        scratch,
+        variables=_longest(scratch.variables, unread),
+        flags=_longest(scratch.flags, held.refused_flags),
+        program=None if is_broken else scratch.program,
+    )
+
+
+def _longest(span: range, without: Iterable[int]) -> range:
+    """The longest part of a span that has none of these."""
+    ends = sorted({span.start - 1, *(one for one in without if one in span), span.stop})
+    parts = (range(first + 1, last) for first, last in itertools.pairwise(ends))
+    return max(parts, key=len, default=span)
 
 
 def _refuse_what_moves(driver: MscDriver, held: UnitContents, flags: range) -> None:
@@ -296,7 +366,8 @@ def _refuse_what_moves(driver: MscDriver, held: UnitContents, flags: range) -> N
     for at, value in held.values.items():
         if driver.read(at) != value:
             raise TargetError(f"the value at {at} changes by itself (--variables){said}")
-    for number, is_on in _flags(driver, list(flags)).items():
+    told = [number for number in flags if number in held.flags]
+    for number, is_on in _flags(driver, told).items():
         if is_on != held.flags[number]:
             raise TargetError(f"flag {number} changes by itself (--flags){said}")
 
@@ -314,13 +385,23 @@ def layout(span: range, stride: int) -> tuple[range, range]:
     return blocks, range(rest, span.stop, SAFE_STRIDE)
 
 
-def _flags(driver: MscDriver, numbers: list[int]) -> dict[int, bool]:
-    """The states of flags, all in one reply where the model has that."""
-    states = driver.flags() if numbers else None
-    if states is not None:
-        on = codec.flags_on(states)
+def _flags(driver: MscDriver, numbers: list[int]) -> dict[int, bool | None]:
+    """The states of flags, all in one reply where the model has that; None: refused."""
+    all_told = _read(driver, codec.RFLAGS) if numbers and driver.has_rflags else None
+    if all_told is not None:
+        on = codec.flags_on(all_told.payload)
         return {number: number in on for number in numbers}
-    return {number: driver.flag(number) for number in numbers}
+    if numbers and driver.has_rflags:
+        driver.session.run.accusations.append(("MSC-MOD-01", "ACK and all flags", "NAK"))
+    return {number: _flag(driver, number) for number in numbers}
+
+
+def _flag(driver: MscDriver, number: int) -> bool | None:
+    reply = _read(driver, codec.rflag(number))
+    if reply is None:
+        return None
+    driver.session.step(reply.numbers[0] in (0, 1), "0 or 1", reply.numbers[0])
+    return bool(reply.numbers[0])
 
 
 def restore(session: Session, memory: MscSnapshot) -> tuple[str, ...]:
@@ -348,20 +429,25 @@ def _write_back(driver: MscDriver, memory: MscSnapshot, held: UnitContents) -> l
     """Write back until all is as it was, some times at most; tell what is not."""
     blocks, values, flags = _touched_in(memory.touched, held)
     differs: list[str] = []
-    for _ in range(RESTORE_ATTEMPTS):
+    for _ in range(RETRY.recovery):
         differs = []
         for at in blocks:
-            if driver.read_block(at) != held.blocks[at]:
-                differs.append(f"the block at {at} differs")
+            if (block := driver.read_block(at)) != held.blocks[at]:
+                differs += [
+                    f"value {number} of the block at {at} is {now}, was {was}"
+                    for number, (now, was) in enumerate(zip(block, held.blocks[at], strict=True))
+                    if now != was
+                ]
                 driver.ask(codec.bwrite(at, held.blocks[at]))
         for at in values:
-            if driver.read(at) != held.values[at]:
-                differs.append(f"the value at {at} was {held.values[at]}")
+            if (value := driver.read(at)) != held.values[at]:
+                differs.append(f"the value at {at} is {value}, was {held.values[at]}")
                 driver.ask(codec.dwrite(at, held.values[at]))
         for number in flags:
             was = held.flags[number]
             if driver.flag(number) != was and not (was and number in memory.only_off):
-                differs.append(f"flag {number} was {'on' if was else 'off'}")
+                is_now, before = ("off", "on") if was else ("on", "off")
+                differs.append(f"flag {number} is {is_now}, was {before}")
                 driver.ask((codec.sflag if was else codec.cflag)(number))
         if not differs:
             break

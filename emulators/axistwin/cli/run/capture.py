@@ -9,14 +9,18 @@ Milliseconds of the twin's time, ``>`` from the host or ``<`` to it, all bytes i
 and what they mean.  A line that begins with ``#`` is a remark: the date at which a run began.
 
 A recording that cannot begin is a mistake of the user's.  One that cannot go on, because the disk
-is full, ends there and is told of once; what is recorded goes on, since more depends on it.
+is full or a pipe is not read, ends there and is told of once; what is recorded goes on, since more
+depends on it, and never waits for the file.
 """
 
 import contextlib
+import errno
+import io
+import os
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
+from axistwin.cli.run.outlet import Outlet
 from axistwin.errors import UsageError
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.runtime.line import Line
@@ -25,6 +29,12 @@ from axistwin.runtime.transcript import ARROWS, Burst, Direction, Transcript
 
 # A reply may reach us in pieces, late when the machine is busy; the other direction ends it anyway.
 PAUSE_NS: Nanos = 50 * NS_PER_MS
+ROOM_BYTES = 4 * 1024 * 1024
+"""What waits for a slow file."""
+
+_FAREWELL_S = 5.0
+"""How long the rest of a recording may take at the end."""
+
 FLUSH_S = 0.05
 """How long what was said may wait before it is in the file."""
 
@@ -33,48 +43,54 @@ class CaptureFile:
     """The text file at ``path``, to be written behind what it has.  Raises UsageError.
 
     heading: written at once.  on_failure: called with the reason, once, when the file cannot be
-    written any more; nothing is written from then on.
+    written any more; nothing is written from then on.  It may be called in another thread.
     """
 
     def __init__(self, path: str, heading: str, on_failure: Callable[[str], None]) -> None:
         self._on_failure = on_failure
         self._has_failed = False
+        self._text = io.StringIO()
+        self._fd = -1
         try:
-            self._file = Path(path).open("a", encoding="utf-8")  # noqa: SIM115
-            try:
-                self._file.write(heading)
-                self._file.flush()
-            except OSError:
-                with contextlib.suppress(OSError):
-                    self._file.close()
-                raise
+            # Or else the open would wait until somebody reads, if it is a pipe with a name.
+            flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC | os.O_NONBLOCK
+            self._fd = os.open(path, flags, 0o666)
+            os.write(self._fd, heading.encode())
+            os.set_blocking(self._fd, True)
         except OSError as error:
+            if self._fd >= 0:
+                os.close(self._fd)
+            reason = "nobody reads it" if error.errno == errno.ENXIO else error.strerror
             raise UsageError(
-                f"capture {path}: cannot be written ({error.strerror}); choose another file"
+                f"capture {path}: cannot be written ({reason}); choose another file"
             ) from None
+        self._outlet = Outlet(
+            self._fd, ROOM_BYTES, lambda error: self._fail(error.strerror or str(error))
+        )
 
     def write(self, text: str) -> None:
         """Write ``text``, to be seen after the next ``flush``."""
-        self._attempt(lambda: self._file.write(text))
+        self._text.write(text)
 
     def flush(self) -> None:
         """Hand over to the disk what waits to be written."""
-        self._attempt(self._file.flush)
+        text = self._text.getvalue()
+        self._text = io.StringIO()
+        if text and not self._has_failed and not self._outlet.put(text.encode()):
+            self._fail("it does not take what is said as fast as it comes")
 
     def close(self) -> None:
         """Flush and close."""
         self.flush()
-        with contextlib.suppress(OSError):  # told by the flush
-            self._file.close()
+        if self._outlet.close(_FAREWELL_S):
+            os.close(self._fd)
+        else:  # still in use
+            self._fail("it takes nothing")
 
-    def _attempt(self, action: Callable[[], object]) -> None:
-        if self._has_failed:
-            return
-        try:
-            action()
-        except OSError as error:
+    def _fail(self, reason: str) -> None:
+        if not self._has_failed:
             self._has_failed = True
-            self._on_failure(error.strerror or str(error))
+            self._on_failure(reason)
 
 
 class Recorder(Transcript):

@@ -1,24 +1,35 @@
-"""What ``axistwin run`` tells: ready lines and events on stdout, warnings on stderr."""
+"""What ``axistwin run`` tells: ready lines and events on stdout, warnings on stderr.
+
+Whoever does not read what is told stops nobody: from a bound on it is dropped, and counted.
+"""
 
 from __future__ import annotations
 
 import json
 import sys
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from typing import TYPE_CHECKING, cast
 
 import click
 
-from axistwin.cli.output import discard_stdout
+from axistwin.cli.run.outlet import Outlet
 
 if TYPE_CHECKING:
     from axistwin.runtime.any_twin import AnyTwin
     from axistwin.runtime.serving.base_server import Endpoint
 
 
+ROOM_BYTES = 64 * 1024
+"""What waits for a reader of stdout or stderr, on top of what the kernel keeps."""
+
+_FAREWELL_S = 1.0
+"""How long the rest of what is told may take at the end."""
+
+
 def warn(message: str) -> None:
-    """One line for people."""
+    """One line for people, of the start; later ones go through the ``Reporter``."""
     click.echo(f"axistwin: {message}", err=True)
 
 
@@ -40,18 +51,29 @@ _TOLD: Mapping[str, Callable[[Mapping[str, object]], str]] = {
 
 
 class Reporter:
-    """Events on stdout: ready lines for people, or everything as JSON for programs."""
+    """Events on stdout: ready lines for people, or everything as JSON for programs.
+
+    From any thread, and without waiting.
+    """
 
     def __init__(self, as_json: bool) -> None:
         self._as_json = as_json
+        self._lock = threading.Lock()
+        self._stdout = Outlet(1, ROOM_BYTES, self._lose_stdout)
+        self._stderr = Outlet(2, ROOM_BYTES, lambda error: None)
+        self._dropped = 0
         self.has_lost = False
 
     def lose(self, message: str, event: Mapping[str, object] | None = None) -> None:
         """Say that something asked for cannot be done any more; the exit status tells it too."""
         self.has_lost = True
-        warn(message)
+        self.warn(message)
         if event is not None:
             self.event(event)
+
+    def warn(self, message: str) -> None:
+        """One line for people; dropped if they have not read many others."""
+        self._stderr.put(_encoded(f"axistwin: {message}\n", sys.stderr.encoding))
 
     def ready(self, twins: Sequence[AnyTwin], ports: Sequence[Endpoint]) -> None:
         """One event per device: clients can connect."""
@@ -64,26 +86,51 @@ class Reporter:
                 )
             else:
                 where = " ".join(f"{port.kind}={port.describe()}" for port in ports)
-                self._say(f"ready {device} {where}")
+                self._stdout.put(_encoded(f"ready {device} {where}\n", sys.stdout.encoding))
 
-    def event(self, event: Mapping[str, object]) -> None:
-        """Tell one event; people are only told when clients can connect, and what goes wrong."""
+    def event(self, event: Mapping[str, object], patience_s: float = 0.0) -> None:
+        """Tell one event; people are only told when clients can connect, and what goes wrong.
+
+        patience_s: how long to wait for a reader who is behind before it is dropped.
+        """
         in_words = _TOLD.get(str(event["event"]))
         if in_words is not None:
-            warn(f"{event['url']}: {in_words(event)}")
-        if self._as_json:
-            now = datetime.now().astimezone().isoformat(timespec="milliseconds")
-            self._say(json.dumps({"event": event["event"], "time": now, **event}))
+            self.warn(f"{event['url']}: {in_words(event)}")
+        if not self._as_json:
+            return
+        with self._lock:
+            if self._dropped:
+                loss = {"event": "events_dropped", "count": self._dropped}
+                self._dropped *= not self._put(loss, patience_s)
+            if self._dropped or not self._put(event, patience_s):
+                self._dropped += 1
 
-    def _say(self, text: str) -> None:
+    def close(self) -> None:
+        """Tell what is left, as far as somebody reads it."""
+        self._stdout.close(_FAREWELL_S)
+        self._stderr.close(_FAREWELL_S)
+
+    def stopped(self) -> None:
+        """The run ends."""
+        self.event({"event": "stopped"}, _FAREWELL_S)
+
+    def _put(self, event: Mapping[str, object], patience_s: float) -> bool:
+        now = datetime.now().astimezone().isoformat(timespec="milliseconds")
+        text = json.dumps({"event": event["event"], "time": now, **event})
+        return self._stdout.put(text.encode("ascii") + b"\n", patience_s)
+
+    def _lose_stdout(self, error: OSError) -> None:
         """Whoever started us may have stopped listening, which is no reason to end."""
-        try:
-            sys.stdout.write(text + "\n")
-            sys.stdout.flush()
-        except OSError as error:
-            discard_stdout()
-            if not isinstance(error, BrokenPipeError):
-                self.lose(
-                    f"standard output cannot be written ({error.strerror}); nothing more is told "
-                    "there, the modules go on"
-                )
+        if not isinstance(error, BrokenPipeError):
+            self.lose(
+                f"standard output cannot be written ({error.strerror}); nothing more is told "
+                "there, the modules go on"
+            )
+
+
+def _encoded(text: str, encoding: str) -> bytes:
+    """``text`` for a reader; names of files that are no text come out as they are."""
+    try:
+        return text.encode(encoding, "surrogateescape")
+    except UnicodeEncodeError:
+        return text.encode(encoding, "backslashreplace")

@@ -43,6 +43,14 @@ class SerialRun(Run[Line]):
         self._baud = baud
         self._programs = programs
 
+    def watching(self) -> AbstractContextManager[None]:
+        """The programs, if there are any."""
+        if not self._programs:
+            return super().watching()
+        from axistwin.cli.run.watchdog import watching_programs
+
+        return watching_programs()
+
     def build(self) -> Line:
         """The line with its modules."""
         return catalog.build_line(
@@ -118,7 +126,7 @@ class _ProgramWatch:
 
     def _hear(self, twin: Twin, trace: Trace) -> None:
         if isinstance(trace, StrayReturn):
-            warn(f"{twin.name}: its program has stopped: run came to its end")
+            self._reporter.warn(f"{twin.name}: its program has stopped: run came to its end")
             self._reporter.event({"event": "stray_return", "device": twin.name})
         if not isinstance(trace, ProgramFailed):
             return
@@ -126,5 +134,5 @@ class _ProgramWatch:
             self._tell_error(twin.name, trace.error)
 
     def _tell_error(self, name: str, error: str) -> None:
-        warn(f"{name}: its program has stopped with an error: {error}")
+        self._reporter.warn(f"{name}: its program has stopped with an error: {error}")
         self._reporter.event({"event": "program_error", "device": name, "error": error})

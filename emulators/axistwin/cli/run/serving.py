@@ -64,6 +64,10 @@ class Run(ABC, Generic[SimulationT]):
         self.specs = specs
         self.shared = shared
 
+    def watching(self) -> AbstractContextManager[None]:
+        """What watches over the run, from before ``build``."""
+        return contextlib.nullcontext()
+
     @abstractmethod
     def build(self) -> SimulationT:
         """The devices and what connects them.  Raises UsageError and StateError."""
@@ -99,9 +103,10 @@ def perform(run: Run[SimulationT], reporter: Reporter) -> int:
             {"event": "capture_lost", "file": capture, "reason": reason},
         )
 
-    with contextlib.closing(Loop()) as loop:
+    with contextlib.closing(reporter), contextlib.closing(Loop()) as loop:
         loop.install_signal_handlers(_stop_signals())  # during the start: it ends when it can
         with (
+            run.watching(),
             run.build() as simulation,
             contextlib.closing(run.serve(simulation, reporter, loop)) as server,
             contextlib.ExitStack() as recording,
@@ -122,7 +127,7 @@ def perform(run: Run[SimulationT], reporter: Reporter) -> int:
                 server.run(on_ready=on_ready)
             finally:
                 systemd.notify("STOPPING=1")
-    reporter.event({"event": "stopped"})
+        reporter.stopped()
     return EXIT_USAGE if reporter.has_lost else 0
 
 

@@ -17,7 +17,7 @@ def notify(state: str) -> bool:
     try:
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as channel:
             channel.connect(address)
-            channel.send(state.encode())
+            channel.send(state.encode(), socket.MSG_DONTWAIT)
     except OSError:
         return False
     return True

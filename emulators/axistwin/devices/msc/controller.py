@@ -143,6 +143,11 @@ class MscController:
         """Whether each direction has wires of its own (rule 4)."""
         return self.is_rs232 or self.quirks.rs485_mode == "four_wire"
 
+    @property
+    def drops_bad_characters(self) -> bool:
+        """Whether they do not even spoil the packet that they stand in (MSC-AMB-43)."""
+        return self.quirks.uart_error == "drop_byte"
+
     def quiet_prefix(self, data: bytes) -> int:
         """How many leading bytes of ``data`` surely cause no effect."""
         return self._receiver.quiet_prefix(data) if self._powered else len(data)

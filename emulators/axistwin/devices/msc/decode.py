@@ -1,4 +1,4 @@
-"""Bytes of an executive port in words, for transcripts and traces.
+"""Bytes of an executive port in words, for transcripts and traces; and words in bytes.
 
 ``explain`` reads either direction: packets of a host and of a unit, single ACK and NAK characters.
 It judges what it sees (a wrong sum, a packet that breaks off) and never fails: what is no packet is
@@ -6,8 +6,10 @@ shown as hex.  The direction is not in the bytes: RFLAG asks for flag 1 with the
 answer "on".
 """
 
+import re
 from collections.abc import Callable
 from struct import iter_unpack
+from typing import Final
 
 from axistwin.devices.msc.packets import (
     ACK,
@@ -20,9 +22,11 @@ from axistwin.devices.msc.packets import (
     UNITS,
     body_length,
     is_sum_right,
+    packet,
 )
 from axistwin.devices.msc.status import StatusBit
 from axistwin.devices.words import in_words, incomplete, missing, spaced
+from axistwin.errors import UsageError, nearest
 
 _SIGNS = {ACK: "ACK", NAK: "NAK"}
 
@@ -192,3 +196,53 @@ _SAID: dict[bytes, Callable[[bytes], str]] = {
     b"RQSTAT": _rqstat,
     b"SFLAG": _flag,
 }
+
+
+# -- and back: words to a packet -----------------------------------------------------------------
+
+BLOCK: Final = 32
+"""Values that BWRITE has."""
+
+_VALUES: Final = {
+    "BREAD": 1,
+    "BWRITE": 1 + BLOCK,
+    "CFLAG": 1,
+    "DREAD": 1,
+    "DWRITE": 2,
+    "RFLAG": 1,
+    "RFLAGS": 0,
+    "RQSTAT": 0,
+    "SFLAG": 1,
+}
+"""How many numbers a command has; the first is a flag or an address, others are values."""
+
+_NOTES = re.compile(r"\([^)]*\)")
+_UNIT = re.compile(r"\(unit (\d+)\b")
+
+
+def compose(text: str, unit: int) -> bytes:
+    """The packet that ``text`` asks for.  Raises UsageError."""
+    if (told := _UNIT.search(text)) is not None:
+        unit = int(told[1])
+    rest = _NOTES.sub(" ", text)
+    name, *words = re.sub(r"\bat\b|[?:,]", " ", rest).split() or [""]
+    name = name.upper()
+    if name not in _VALUES:
+        raise UsageError(f"{text!r} is no command: {nearest(name, _VALUES)}")
+    numbers = [_number(name, word) for word in words]
+    wanted = _VALUES[name]
+    if len(numbers) != wanted:
+        raise UsageError(f"{text!r}: {name} has {wanted} numbers, not {len(numbers)}")
+    body = name.encode() + b","
+    if numbers:
+        body += (numbers[0] & 0xFFFF).to_bytes(2, "big")
+    for value in numbers[1:]:
+        body += (value & 0xFFFFFFFF).to_bytes(4, "big")
+    return packet(unit, body)
+
+
+def _number(name: str, word: str) -> int:
+    try:
+        return int(word[:-1], 16) if word.endswith("h") else int(word, 0)
+    except ValueError:
+        raise UsageError(f"{name}: {word} is no number; write 200, C8h or 0xC8") from None

@@ -46,6 +46,24 @@ class MscFamily(Family):
 
         return explain(data)
 
+    def compose(self, text: str, address: int) -> bytes:
+        """A packet."""
+        from axistwin.devices.msc.decode import compose
+
+        return compose(text, address)
+
+    def completed(self, data: bytes) -> bytes:
+        """A packet with its sum."""
+        from axistwin.devices.msc.packets import completed
+
+        return completed(data)
+
+    def acknowledgement(self, reply: bytes) -> bytes:
+        """ACK for a packet, which is repeated without (MSC-LNK-09)."""
+        from axistwin.devices.msc.packets import ACK_BYTE, is_packet
+
+        return ACK_BYTE if is_packet(reply) else b""
+
 
 _DESCRIPTIONS: Final = {
     "msc-250": "MSC-250 motion system controller",

@@ -29,6 +29,7 @@ from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.macroprogram.declarations import Array, FlagDeclaration, FlagInUse, Variable
 from axistwin.macroprogram.program import (
     Macroprogram,
+    NeverReturns,
     Program,
     Steps,
     attach,
@@ -153,7 +154,9 @@ class ProgramRunner:
         self._traces.append(ProgramStarted(now))
         try:
             program = self._program()
-        except Exception as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
             self._fail(now, error)
             return
         attach(program, self._scan)
@@ -189,7 +192,9 @@ class ProgramRunner:
                 self.instance.scan()
             if self._steps is not None:
                 is_over = self._step(self._steps)
-        except Exception as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # sys.exit too: it is the program that ends
             self._fail(now, error)
         else:
             self._apply(scan, now)
@@ -266,7 +271,9 @@ class ProgramRunner:
             return False  # so that a user's function is asked in scans alone
         try:
             return not awaited.holds()
-        except Exception:  # a condition of the user's own: its scan will tell
+        except KeyboardInterrupt:
+            raise
+        except BaseException:  # a condition of the user's own: its scan will tell
             return False
 
     def _next_change(self) -> Nanos | None:
@@ -288,7 +295,7 @@ class ProgramRunner:
 
     # -- ends --
 
-    def _fail(self, now: Nanos, error: Exception) -> None:
+    def _fail(self, now: Nanos, error: BaseException) -> None:
         """A script error."""
         self.error = located(error)
         self._status.set(StatusBit.BAD_OPCODE)
@@ -301,7 +308,7 @@ class ProgramRunner:
         self._status.set(StatusBit.RUNNING, on=False)
         self._flags.hold(now)
         if self._steps is not None:
-            with contextlib.suppress(Exception):  # it is over, whatever it does on its way out
+            with contextlib.suppress(Exception, SystemExit, NeverReturns):  # whatever it does
                 self._steps.close()
             self._steps = None
         for wanted in (self._scan.new_data, self._scan.new_flags, self._scan.new_timers):
@@ -379,7 +386,9 @@ def _made(program: object) -> Macroprogram:
         )
     try:
         made: object = program()
-    except Exception as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         raise UsageError(f"program {name} cannot be made: {located(error)}") from error
     if not isinstance(made, Macroprogram):
         raise UsageError(f"{name} is no program; derive a class from Macroprogram")

@@ -12,7 +12,7 @@ Rules
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 from axistwin.devices.msc.flags import parse_flag_map
 from axistwin.devices.switches import Quirk, Settings, number, parse_settings, quirk, switches
@@ -28,7 +28,7 @@ def _is_flag_map(text: str) -> bool:
 class MscQuirks:
     """One reading of the manual: what an MSC twin does wherever it is silent."""
 
-    # Time-outs and repeats
+    TIME_OUTS_AND_REPEATS: ClassVar[str] = "Time-outs and repeats"
     retransmit_limit: Literal["5_repeats", "5_total"] = quirk(
         "5_repeats", "MSC-AMB-01", "what the limit of five counts: repeats, or sendings in all"
     )
@@ -45,7 +45,7 @@ class MscQuirks:
         1000, 1, TIME_MAX_MS, "MSC-AMB-03", "packet time limit, ms (below 152 breaks BWRITE)"
     )
 
-    # Bodies
+    BODIES: ClassVar[str] = "Bodies"
     unknown_command: Literal["nak", "ack_ignore", "silent"] = quirk(
         "nak", "MSC-AMB-04", "a name that is none, the checksum right"
     )
@@ -63,7 +63,7 @@ class MscQuirks:
         "ack_first", "MSC-AMB-09", "a write is carried out when its ACK has left, or before"
     )
 
-    # Replies
+    REPLIES: ClassVar[str] = "Replies"
     reply_block: Literal["zero", "echo", "counter"] = quirk(
         "zero", "MSC-AMB-10", "block number of a reply: 0, the request's, or 1 more each reply"
     )
@@ -86,7 +86,7 @@ class MscQuirks:
         "as_unknown", "MSC-AMB-16", "a packet of length 0, the checksum right"
     )
 
-    # Data area
+    DATA_AREA: ClassVar[str] = "Data area"
     data_address_stride: Literal[4, 2, 1] = quirk(
         4, "MSC-AMB-18", "from one value to the next: 4 bytes, 2 words, 1 variable"
     )
@@ -100,7 +100,7 @@ class MscQuirks:
         "nak_atomic", "MSC-AMB-21", "a block that runs over the end of the data area"
     )
 
-    # Flags and status
+    FLAGS_AND_STATUS: ClassVar[str] = "Flags and status"
     flag_out_of_range: Literal["nak", "off", "mod256"] = quirk(
         "nak", "MSC-AMB-22", "a flag number above 255"
     )
@@ -114,9 +114,12 @@ class MscQuirks:
         "level", "MSC-AMB-26", "error bits of the status word when they are read"
     )
 
-    # What comes at the wrong moment
+    WHAT_COMES_AT_THE_WRONG_MOMENT: ClassVar[str] = "What comes at the wrong moment"
     stx_while_waiting: Literal["serve", "as_nak", "ignore"] = quirk(
         "serve", "MSC-AMB-27", "an STX while the host's ACK is awaited"
+    )
+    pending_reply_on_stx: Literal["drop", "keep_if_foreign"] = quirk(
+        "drop", "MSC-AMB-45", "the reply whose ACK is awaited when a packet for another unit begins"
     )
     junk_while_waiting: Literal["ignore", "as_nak", "abandon"] = quirk(
         "ignore", "MSC-AMB-28", "any other byte while the host's ACK is awaited"
@@ -165,7 +168,7 @@ class MscQuirks:
         "bad_packet", "MSC-AMB-43", "a character with a bad stop bit inside a packet"
     )
 
-    # Configuration
+    CONFIGURATION: ClassVar[str] = "Configuration"
     data_size: int = number(
         32768, 128, 65536, "MSC-DAT-01", "addresses of the data area: 0 to one less than this"
     )

@@ -46,8 +46,9 @@ from axistwin.devices.msc.packets import (
     NAK,
     NAK_BYTE,
     STX,
-    UNITS,
+    Whom,
     body_length,
+    concerned,
     is_sum_right,
     packet,
 )
@@ -78,15 +79,6 @@ class State(Enum):
     WAIT = "wait"
 
 
-class Whom(Enum):
-    """Whom a unit number concerns, for this unit."""
-
-    OWN = "own"
-    OTHER = "other"
-    REFUSED = "refused"  # answered with NAK
-    ALL = "all"  # obeyed in silence
-
-
 class Verdict(NamedTuple):
     """What becomes of a packet whose sum is right.
 
@@ -105,22 +97,6 @@ IGNORED: Final = Verdict(b"")
 
 Examiner: TypeAlias = Callable[[Nanos, bytes], Verdict]
 """Judges the body of a packet that was complete at a time."""
-
-
-def concerned(unit: int, quirks: MscQuirks, *, is_rs232: bool) -> tuple[Whom, ...]:
-    """Whom each value of the unit byte concerns, seen from ``unit``.
-
-    On RS-232 the number is 1, and 2..15 are as another unit's (MSC-AMB-12); there is no 0 and
-    nothing above 15 (MSC-AMB-13).
-    """
-    own = 1 if is_rs232 else unit
-    unchecked = {"silent": Whom.OTHER, "nak": Whom.REFUSED, "ignore": Whom.OWN}
-    others = unchecked[quirks.rs232_unit_check] if is_rs232 else Whom.OTHER
-    strange = {"silent": Whom.OTHER, "nak": Whom.REFUSED, "broadcast": Whom.ALL}
-    invalid = strange[quirks.invalid_unit]
-    return tuple(
-        Whom.OWN if byte == own else others if byte in UNITS else invalid for byte in range(256)
-    )
 
 
 class Receiver:
@@ -183,6 +159,8 @@ class Receiver:
         self._block = 0
         self._repeats = 0
         self._answer_due: Nanos = NEVER
+        # T2 of a reply whose fate depends on whom the packet on its way in is for (MSC-AMB-45).
+        self._kept_due: Nanos | None = None
 
     @property
     def is_busy(self) -> bool:
@@ -217,7 +195,7 @@ class Receiver:
         if nacks:
             self._sign(now, now, NAK_BYTE, self._rest)
         else:
-            self._rest(now)
+            self._end_foreign(now)
 
     def _give_up_waiting(self, now: Nanos) -> None:
         """T2 has run out (MSC-LNK-12)."""
@@ -323,6 +301,8 @@ class Receiver:
         if reading == "as_nak":
             self._repeat(now, now + self._delay_ns)
         elif reading == "serve":
+            if self._quirks.pending_reply_on_stx == "keep_if_foreign":
+                self._kept_due = self._answer_due
             self._answer_due = NEVER
             self._begin_packet(now)
         elif reading == "abandon":
@@ -362,6 +342,8 @@ class Receiver:
         self._missing = length + CHECKSUM_BYTES
         if quirks.packet_timeout_mode == "after_header":
             self._packet_due = now + self._packet_ns
+        if self._whom is not Whom.OTHER:
+            self._kept_due = None
         if self._whom is Whom.OTHER:
             self.state = State.SKIP
             if quirks.other_unit_framing == "hunt_stx":
@@ -379,11 +361,22 @@ class Receiver:
         """No more bytes of the packet are to come, or to be looked at."""
         self._packet_due = NEVER
         if self.state is State.SKIP:
-            self.state = State.IDLE
+            self._end_foreign(now)
         elif self.state is State.DISCARD:
             self._refuse(now)
         else:
             self._judge(bytes(self._packet), now)
+
+    def _end_foreign(self, now: Nanos) -> None:
+        """A packet for another unit is over: idle, or waiting as before it (MSC-AMB-45).
+
+        A T2 that ran out meanwhile takes effect now.
+        """
+        kept_due, self._kept_due = self._kept_due, None
+        if kept_due is None:
+            self.state = State.IDLE
+        else:
+            self.state, self._answer_due = State.WAIT, max(now, kept_due)
 
     def _judge(self, raw: bytes, now: Nanos) -> None:
         """A packet of legal length that concerns this unit is complete."""
@@ -493,6 +486,7 @@ class Receiver:
     def _rest(self, now: Nanos) -> None:
         """Nothing is under way any more."""
         self.state = State.IDLE
+        self._kept_due = None
         self._answer_due = NEVER
         self._look_at_kept(now)
 
@@ -522,6 +516,8 @@ class Receiver:
         if self._busy_until != NEVER:
             return size
         state, at = self.state, 0
+        if self._kept_due is not None:  # what follows this packet may be about the reply
+            return 0
         if state is State.BODY or state is State.DISCARD:
             return min(size, self._missing - 1)
         if state is State.HEADER:
@@ -545,7 +541,7 @@ class Receiver:
                 return at, False
             reading = quirks.stx_while_waiting if byte == STX else quirks.junk_while_waiting
             if reading == "serve":
-                return at, True
+                return at, quirks.pending_reply_on_stx == "drop"
             if reading == "abandon":
                 return at + 1, True
             if reading == "as_nak":

@@ -4,7 +4,8 @@ Rules
 -----
 1. One loop, one simulation, any number of ports.  Everything happens in the loop's thread.
 2. One alarm, set for the next moment at which there is something to do.  Nothing else ticks, so
-   what is at rest costs no processor time.
+   what is at rest costs no processor time.  What has come already is something to do: no reply
+   waits here, wherever the process is paused.
 3. Positions of moving axes are saved every ``SAVE_PERIOD_NS``, as long as one moves.
 
 What clients send and hear is the business of ``Server`` (a serial line) and ``BusServer``.
@@ -19,6 +20,9 @@ from axistwin.kernel.time import NS_PER_MS, NS_PER_S, Nanos
 from axistwin.runtime.serving.alarm import Alarm
 from axistwin.runtime.serving.loop import Loop
 from axistwin.runtime.simulation import Simulation, earliest
+
+LOOK_NS: Nanos = 200 * NS_PER_MS
+"""How often a client that is held back is looked after, in the twin's time."""
 
 SAVE_PERIOD_NS: Nanos = 50 * NS_PER_MS
 """How often the position of a moving axis is saved, in the twin's time."""
@@ -192,6 +196,11 @@ class BaseServer(ABC, Generic[SimulationT, EndpointT]):
     def _due_ns(self) -> Nanos | None:
         """When ``pump`` has something to do, positions to save apart; None: not by itself."""
 
+    @property
+    @abstractmethod
+    def _has_news(self) -> bool:
+        """Whether something has come for clients that ``pump`` would hand them."""
+
     def _go_off(self) -> None:
         self._alarm_ns = _UNKNOWN
         self.pump()
@@ -210,9 +219,11 @@ class BaseServer(ABC, Generic[SimulationT, EndpointT]):
 
     def _set_alarm(self) -> None:
         """Wake for what is due next, or a save; else not at all."""
-        due = self._due_ns()
-        if self._save_ns is not None:
-            due = earliest(due, self._save_ns)
+        due = earliest(self._due_ns(), self._save_ns)
+        # Asked last: whoever has looked at the simulation until now, here or in another thread, may
+        # have pushed time past the event that was due, and what came then waits for nothing.
+        if self._has_news:
+            due = self._simulation.clock.now_ns()
         if due == self._alarm_ns:
             return
         self._alarm_ns = due

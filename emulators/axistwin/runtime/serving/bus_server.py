@@ -13,16 +13,13 @@ Rules
 
 import time
 from collections.abc import Sequence
-from typing import Final, Protocol
+from typing import Protocol
 
-from axistwin.kernel.time import NS_PER_MS, Nanos
+from axistwin.kernel.time import Nanos
 from axistwin.runtime.bus import Bus
-from axistwin.runtime.serving.base_server import BaseServer, Endpoint, Report
+from axistwin.runtime.serving.base_server import LOOK_NS, BaseServer, Endpoint, Report
 from axistwin.runtime.serving.loop import Loop
 from axistwin.runtime.simulation import earliest
-
-LOOK_NS: Final[Nanos] = 200 * NS_PER_MS
-"""How often a client that is held back is looked after, in the twin's time."""
 
 
 class Member(Protocol):
@@ -152,8 +149,6 @@ class BusServer(BaseServer[Bus, BusPort]):
 
     def _due_ns(self) -> Nanos | None:
         """What the bus does next, or a member, a client or a look at who is held back."""
-        if any(member.has_news for member in self._members):
-            return self.bus.clock.now_ns()  # it came while others were pumped
         due = self.bus.next_event_ns()
         for member in self._members:
             due = earliest(due, member.next_event_ns())
@@ -162,3 +157,8 @@ class BusServer(BaseServer[Bus, BusPort]):
         if self._paused:
             due = earliest(due, self.bus.clock.now_ns() + LOOK_NS)
         return due
+
+    @property
+    def _has_news(self) -> bool:
+        """Whether a member has; it may have come while others were pumped."""
+        return any(member.has_news for member in self._members)

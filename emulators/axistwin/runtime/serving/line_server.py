@@ -9,26 +9,33 @@ Rules
 2. Bytes reach a client when they have arrived on the line.  The server wakes for the end of a
    stretch of bytes, not for each byte: a client sees an answer at the instant its last byte is
    complete, and of a long stretch whatever is complete at every ``Line.GRANULARITY_NS``.
-3. A client is not read while the line's host end has more than ``BACKLOG_MAX`` bytes to send.
-   Others still are: each may add one read, so none can shut out another.
-4. The host end of the line uses the rate and framing of the client that sent last; a client that
-   has none (raw TCP) gets those of the first device.
+3. A client has the line for ``TURN_NS`` at a time.  What takes longer waits here, and the client is
+   not read, while the line's host end has more than that to send.  Others still are: each may add
+   one turn, and what is held back leaves it ``ANSWER_NS`` for the answer, so none can shut out
+   another, however slow it is.  What waits when its client goes is dropped.
+4. The host end of the line uses the rate and framing of the client whose bytes it took last; a
+   client that has none (raw TCP) gets those of the first device.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol
+from dataclasses import replace
+from typing import Final, Protocol
 
-from axistwin.kernel.time import Nanos
+from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.runtime.line import Line
-from axistwin.runtime.serving.base_server import BaseServer, Endpoint, Report
+from axistwin.runtime.serving.base_server import LOOK_NS, BaseServer, Endpoint, Report
 from axistwin.runtime.serving.loop import Loop
+from axistwin.runtime.simulation import earliest
 from axistwin.wire.framing import LineFormat
 
-BACKLOG_MAX = 1024
-"""Bytes waiting to go out on the line above which a client that sends is no longer read."""
+TURN_NS: Final[Nanos] = 500 * NS_PER_MS
+"""How long the bytes of one client may take on the line before others get their turn."""
 
-# How many bytes are taken before the line is asked how much it has to send.
-_WEIGHED_BYTES = 256
+ANSWER_NS: Final[Nanos] = 100 * NS_PER_MS
+"""How long whoever was held back leaves the line to others after their bytes."""
+
+BAUD_MIN: Final = 50
+"""The slowest rate for which systems have a name; clients that are slower get it on the line."""
 
 
 class Client(Protocol):
@@ -46,6 +53,9 @@ class Client(Protocol):
 
     def pause(self) -> None:
         """Send nothing more to ``Server.input``."""
+
+    def look(self) -> None:
+        """Held back for some time: see whether there is still somebody."""
 
     def resume(self) -> None:
         """Send again."""
@@ -72,10 +82,11 @@ class Server(BaseServer[Line, Port]):
         super().__init__(line, ports, report, loop)
         self.line = line
         self._clients: list[Client] = []
-        self._paused: list[Client] = []
+        self._held_back: dict[Client, bytes] = {}
+        """Who is not read, and what the line has not taken yet of what they have sent."""
+        self._answered_ns: Nanos = 0
         self._talker: Client | None = None
         self._told_rates: set[tuple[Client, int]] = set()
-        self._unweighed = 0
 
     def _attach_ports(self) -> None:
         for port in self.ports:
@@ -92,30 +103,40 @@ class Server(BaseServer[Line, Port]):
     def remove_client(self, client: Client) -> None:
         """``client`` has gone."""
         self._clients.remove(client)
-        if client in self._paused:
-            self._paused.remove(client)
+        self._held_back.pop(client, None)
         if self._talker is client:
             self._talker = None
         self._told_rates = {told for told in self._told_rates if told[0] is not client}
 
     def input(self, client: Client, data: bytes) -> None:
         """``client`` has sent ``data``."""
-        self._talker = client
-        self._use_format(client.line_format())
-        if self.line.rate_mismatch is not None:
-            self._tell_mismatch(client)
-        answer = self.line.exchange(data)
-        self._unweighed += len(data)
-        if self._unweighed >= _WEIGHED_BYTES:
-            self._unweighed = 0
-            if self.line.host_backlog > BACKLOG_MAX:
-                client.pause()
-                self._paused.append(client)
+        if client in self._held_back:
+            self._held_back[client] += data
+            return
+        answer, rest = self._take_turn(client, data)
+        busy_ns = self.line.host_busy_ns
+        if rest or busy_ns > TURN_NS:
+            self._held_back[client] = rest
+            client.pause()
+        if self._held_back:
+            self._answered_ns = self.line.clock.now_ns() + busy_ns + ANSWER_NS
         self._expect_motion()
         self._set_alarm()
         # Last: what follows a write competes with the client for the processor.
         if answer:
             self._hand_out(answer)
+
+    def _take_turn(self, client: Client, data: bytes) -> tuple[bytes, bytes]:
+        """Send as much of ``data`` as one turn takes: the answer so far, and what is left."""
+        self._talker = client
+        self._use_format(client.line_format())
+        line, rest = self.line, b""
+        if line.rate_mismatch is not None:
+            self._tell_mismatch(client)
+        if line.host_format.span_ns(len(data)) > TURN_NS:
+            share = max(1, line.host_format.characters_within(TURN_NS))
+            data, rest = data[:share], data[share:]
+        return line.exchange(data), rest
 
     def _tell_mismatch(self, client: Client) -> None:
         """Report, once for each rate of a client, that no device understands it."""
@@ -133,19 +154,42 @@ class Server(BaseServer[Line, Port]):
         if self._talker is not None:
             self._use_format(self._talker.line_format())
         answer = self.line.receive()
-        if self._paused and self.line.host_backlog <= BACKLOG_MAX:
-            clients, self._paused = self._paused, []
-            for client in clients:
-                client.resume()
+        if self._held_back:
+            answer += self._give_turns()
         self._save()
         self._set_alarm()
         if answer:
             self._hand_out(answer)
 
+    def _give_turns(self) -> bytes:
+        """Let the line take what was held back, as far as it can; the answer so far."""
+        answer = b""
+        for client, data in tuple(self._held_back.items()):
+            if self._wait_ns(client):
+                client.look()
+                continue
+            del self._held_back[client]
+            if data:
+                more, rest = self._take_turn(client, data)
+                answer += more
+                self._held_back[client] = rest  # last, since it has had its turn
+            else:
+                client.resume()
+        return answer
+
+    def _wait_ns(self, client: Client) -> Nanos:
+        """How long ``client``, which is held back, has to wait for its next turn."""
+        wait_ns = self.line.host_busy_ns - TURN_NS
+        if client is not self._talker:
+            wait_ns = max(wait_ns, self._answered_ns - self.line.clock.now_ns())
+        return max(0, wait_ns)
+
     def _use_format(self, line_format: LineFormat | None) -> None:
         """The host end uses ``line_format``, or the first device's."""
         line = self.line
         wanted = line_format or line.device_format
+        if wanted.baud < BAUD_MIN:
+            wanted = replace(wanted, baud=BAUD_MIN)
         present = line.host_format
         if wanted is not present and wanted != present:
             line.host_format = wanted
@@ -156,10 +200,14 @@ class Server(BaseServer[Line, Port]):
             client.deliver(data)
 
     def _due_ns(self) -> Nanos | None:
-        """What the line does next, or a paused client's turn."""
-        line = self.line
-        due = line.next_event_ns()
-        if self._paused:
-            turn = line.host_sent_ns - line.host_format.span_ns(BACKLOG_MAX)
-            due = turn if due is None else min(due, turn)
+        """What the line does next, or the turn of a client that is held back, or a look at it."""
+        due = self.line.next_event_ns()
+        if self._held_back:
+            wait_ns = min(map(self._wait_ns, self._held_back))
+            due = earliest(due, self.line.clock.now_ns() + min(wait_ns, LOOK_NS))
         return due
+
+    @property
+    def _has_news(self) -> bool:
+        """Whether the line has bytes for the clients."""
+        return self.line.has_news

@@ -3,33 +3,41 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 from axistwin_conformance.base.errors import TargetError
 from axistwin_conformance.base.retry import RETRY
+from axistwin_conformance.base.transcript import Direction
 from axistwin_conformance.core.family import Family
 from axistwin_conformance.core.identity import Identity
+from axistwin_conformance.core.lenient import Lenient
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis import snapshot
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.exchanges import AxisReply, ReplyKind
 from axistwin_conformance.families.mac.axis.options import OPTIONS
+from axistwin_conformance.families.mac.axis.rig_controls import AXIS_CONTROLS
 from axistwin_conformance.families.mac.axis.safety import STORING, objection
 from axistwin_conformance.families.mac.axis.snapshot import AxisSnapshot
+from axistwin_conformance.families.mac.axis.words import GLOSSARY
+
+LATEST_RECORDS = 64  # of a transcript: more than one exchange has
 
 
 class AxisFamily(Family):
     """A family of motors with an axis of the MAC's kind."""
 
-    replay_module = "axistwin_conformance.families.mac.axis.checks.sequences"
+    _replay_module = "axistwin_conformance.families.mac.axis.checks.sequences"
     operation_bytes = 4
+    rig_controls = AXIS_CONTROLS
     options = OPTIONS
-    tidying = "stop the axis or put its parameters back"
+    glossary = GLOSSARY
 
     @property
-    def packages(self) -> tuple[str, ...]:
+    def _packages(self) -> tuple[str, ...]:
         """Its own, and that of the axis."""
-        return (*super().packages, __name__.rpartition(".")[0])
+        return (*super()._packages, __name__.rpartition(".")[0])
 
     # --- who is there ----------------------------------------------------------------------------
 
@@ -75,7 +83,7 @@ class AxisFamily(Family):
     # --- what keeps a device safe ----------------------------------------------------------------
 
     @abstractmethod
-    def indices(self, data: bytes) -> Iterable[int]:
+    def _indices(self, data: bytes) -> Iterable[int]:
         """The index of every command in these bytes that some reading would obey."""
 
     def is_alive(self, session: Session) -> bool:
@@ -94,13 +102,53 @@ class AxisFamily(Family):
         """See `snapshot.restore`."""
         return snapshot.restore(session, memory)
 
+    def lenient(self, session: Session, request: bytes, reply: bytes) -> Lenient | None:
+        """See `Family.lenient`; a reply that comes late is one that comes in its own time, but for
+        commands that move."""
+        return self._read_leniently(session, request, reply, _waited_ns(session, request))
+
+    @abstractmethod
+    def _read_leniently(
+        self, session: Session, request: bytes, reply: bytes, after_ns: int
+    ) -> Lenient | None:
+        """The same, of a reply that came so long after the request."""
+
+    def unsure(self, session: Session, memory: AxisSnapshot) -> tuple[str, ...]:
+        """See `snapshot.unsure`."""
+        return snapshot.unsure(session, memory)
+
+    def would_lose(self, session: Session, data: bytes) -> str:
+        """See `snapshot.would_lose`."""
+        return snapshot.would_lose(session, data)
+
+    def kept(self, memory: AxisSnapshot) -> Mapping[str, Any]:
+        """Position and parameters, of the neighbours as well."""
+        return memory.as_object()
+
+    def memory_of(self, held: Mapping[str, Any]) -> AxisSnapshot:
+        """See `AxisSnapshot.from_object`."""
+        return AxisSnapshot.from_object(held)
+
     def forbid(self, session: Session, data: bytes) -> str | None:
         """Why these bytes must not be sent: an index of a class that the check did not declare."""
-        return objection(session, self.indices(data))
+        return objection(session, self._indices(data))
 
     def stored_writes(self, data: bytes) -> int:
         """How many commands that write to the EEPROM these bytes hold."""
-        return sum(index in STORING for index in self.indices(data))
+        return sum(index in STORING for index in self._indices(data))
+
+
+def _waited_ns(session: Session, request: bytes) -> int:
+    """How long after a request, the last one sent, its reply began to come; 0 without one."""
+    transcript = session.transport.transcript
+    sent_ns: int | None = None
+    waited_ns = 0
+    for record in transcript.since(transcript.position - LATEST_RECORDS):
+        if record.direction is Direction.HOST:
+            sent_ns, waited_ns = (record.time_ns if record.data == request else None), 0
+        elif record.direction is Direction.DEVICE and sent_ns is not None:
+            waited_ns = waited_ns or record.time_ns - sent_ns
+    return max(0, waited_ns - session.transport.line_ns)
 
 
 def _insisted(driver: AxisDriver, index: int) -> AxisReply:

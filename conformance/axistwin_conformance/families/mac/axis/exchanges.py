@@ -25,6 +25,21 @@ class ReplyKind(Enum):
 
     __hash__ = object.__hash__  # a member is one object; what Enum computes takes its time
 
+    @property
+    def in_words(self) -> str:
+        """As the reply that is expected."""
+        return _KINDS_IN_WORDS[self]
+
+
+_KINDS_IN_WORDS: Final = {
+    ReplyKind.ACCEPTED: "that it is accepted",
+    ReplyKind.REFUSED: "that it is refused",
+    ReplyKind.NACK: "a Nack",
+    ReplyKind.ANSWER: "an answer",
+    ReplyKind.GARBAGE: "garbage",
+    ReplyKind.SILENCE: "no reply",
+}
+
 
 class AxisReply(Protocol):
     """A reply taken apart; its `str` says in words what came."""

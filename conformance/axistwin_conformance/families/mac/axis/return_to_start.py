@@ -1,39 +1,40 @@
-"""What an axis does that is sent home: one that goes away from there is not moved any more.
+"""How an axis that is sent home is followed: to the end of its way, whichever that is.
 
-Nobody knows what such a device does with the next target, and each further attempt to bring it back
-may lead it further away.  So it is stopped as soon as that is seen, and the run asks nothing more.
+What ends it is what is seen: it is home, it stands still elsewhere, it has gone astray (the travel
+guard then lets nothing move it any more), or it takes longer than it should.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
-from axistwin_conformance.base.errors import TargetError
-from axistwin_conformance.families.mac.axis.driver.client import AxisClient
+from axistwin_conformance.base import interrupts
+from axistwin_conformance.families.mac.axis.driver.client import LONGEST_WAIT_S, AxisClient
 
 LOOK_S: Final = 0.1  # from one look at an axis on its way to the next
-SWING: Final = 100  # increments: a shaft may swing, or be pushed, by fewer
+STILL_S: Final = 0.5  # who has not moved for so long, has not heard that it should
+MOST_LOOKS: Final = 1000  # in virtual time, where a way back of days is over in no time
 
 
-def is_runaway(client: AxisClient, origin: int, home: int, here: int) -> bool:
-    """True if an axis that was sent home is further from there than it was; what the run is then
-    told by (`Run.runaway`).  Never of the twin made for the run, which harms nobody."""
-    run = client.session.run
-    if run.envelope.is_guarded and abs(here - home) > abs(origin - home) + SWING:
-        run.runaway = f"sent from {origin} to {home}, the axis was at {here}: it is moved no more"
-    return bool(run.runaway)
-
-
-def wait_for_it(client: AxisClient, origin: int, home: int, until_ns: int) -> int:
-    """Wait for an axis that has been sent home, and stop it; give where it then is.  Raises
-    TargetError for one that goes astray."""
-    slice_s = LOOK_S if client.session.envelope.is_guarded else float("inf")
-    while (left_s := (until_ns - client.target.now_ns) / 1e9) > 0:
-        client.wait(min(left_s, slice_s))
-        if left_s > slice_s and is_runaway(client, origin, home, client.position()):
-            break
-    client.command(0x18)
-    here = client.position()
-    if is_runaway(client, origin, home, here):
-        raise TargetError(client.session.run.runaway)
-    return here
+def comes_back(
+    client: AxisClient, home: int, lasting_s: Callable[[int], float], deadline_ns: int
+) -> bool:
+    """Follow an axis on its way home; False as soon as it stands still elsewhere, has gone astray,
+    it is too late, or somebody wants it to end.  `lasting_s`: of a way of so many increments."""
+    target = client.target
+    last, since_ns, has_moved = None, target.now_ns, False
+    least_s = max(LOOK_S, (deadline_ns - since_ns) / 1e9 / MOST_LOOKS)
+    while target.now_ns < deadline_ns and not interrupts.is_hurried():
+        here = client.position()
+        if here == home:
+            return True
+        if client.session.run.strayed:
+            return False
+        if here != last:
+            last, since_ns, has_moved = here, target.now_ns, last is not None
+        elif target.now_ns - since_ns >= STILL_S * 1e9:
+            return False
+        left_s = min(lasting_s(abs(here - home)), LONGEST_WAIT_S)  # if it is where it says
+        client.wait(max(least_s, left_s) if target.is_virtual and has_moved else LOOK_S)
+    return False

@@ -39,7 +39,10 @@ def impact_of_axis(others: str, left_out: frozenset[int] = frozenset()) -> Mappi
     `others`: what the destructive ones change beside the parameters; `left_out`: the commands that
     this face of the module does not have.
     """
-    described = {"rig": "inputs, supply, temperature and shaft are worked, the supply is cut"}
+    described = {
+        "rig": "inputs, supply, temperature and shaft are worked, the supply is cut",
+        "end": "stop the axis or put its parameters back",
+    }
     for name, words in _IMPACT_OF.items():
         words = f"{words}, {others}" if name == "destructive" else words
         named = _named(index for index in _CLASS_OF.get(name, ()) if index not in left_out)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import Any, Final
 
 from axistwin_conformance.base import interrupts
 from axistwin_conformance.base.errors import OutsideEnvelope, TargetError, WrongDevice, time_left
@@ -21,7 +21,8 @@ from axistwin_conformance.families.mac.axis.parameters import (
     settings_of,
     values_of,
 )
-from axistwin_conformance.families.mac.axis.return_to_start import LOOK_S, is_runaway
+from axistwin_conformance.families.mac.axis.return_to_start import STILL_S, comes_back
+from axistwin_conformance.families.mac.axis.travel_guard import AxisTravelGuard, SentRequest
 
 KNOWN_GOOD: Final = (0x20, 0x24, 0x22)  # a module answers them in every state but deafness
 RESTORED: Final = (0x09, 0x0A, 0x0C, 0x0D, 0x0E, 0x0F, 0x02, 0x03, 0x1C)  # in this order
@@ -37,8 +38,6 @@ NAMES: Final = (  # of parameters, in the order of reports
 )
 DISJUNCTIONS: Final = 0x1F  # bits of the first byte of 21h that latch and lock (§5.9)
 PLAUSIBLE_CELSIUS: Final = (-20.0, 90.0)  # a MAC at rest; the models' scales differ by 70 degrees
-MOST_LOOKS: Final = 1000  # in virtual time, where a way back of days is over in no time
-STILL_S: Final = 0.5  # who has not moved for so long, has not heard that it should
 ANNOUNCED_S: Final = 3.0  # a longer way back is told before it begins
 
 
@@ -77,16 +76,26 @@ def facts_of(session: Session) -> MacFacts:
 # --- who is there --------------------------------------------------------------------------------
 
 
+def _is_plausible(celsius: float) -> bool:
+    return PLAUSIBLE_CELSIUS[0] <= celsius <= PLAUSIBLE_CELSIUS[1]
+
+
 def climate(session: Session, measures: AxisReply) -> dict[str, str]:
-    """Temperature and supply as an answer to 27h tells them; they tell the models apart."""
+    """Temperature and supply as an answer to 27h tells them; they tell the models apart.
+
+    A temperature that no model of the family can have makes no other model of it: it is wrong.
+    """
     tt, vv, _, _ = measures.data_bytes()
-    facts = facts_of(session)
+    facts, run = facts_of(session), session.run
     celsius, volts = facts.celsius(tt), facts.volts(vv)
-    if not PLAUSIBLE_CELSIUS[0] <= celsius <= PLAUSIBLE_CELSIUS[1]:
-        raise WrongDevice(
-            f"not a {session.run.model.name}: its temperature byte {tt:02X}h would mean"
-            f" {celsius:.0f} °C; try another model"
-        )
+    if not _is_plausible(celsius):
+        told = f"temperature byte {tt:02X}h would mean {celsius:.0f} °C"
+        if any(_is_plausible(model.facts.celsius(tt)) for model in run.family.models.values()):
+            raise WrongDevice(f"not a {run.model.name}: its {told}; try another model")
+        (requirement,) = run.ledger.own(("MACS-Q-27-01",))
+        coldest, hottest = PLAUSIBLE_CELSIUS
+        expected = f"a temperature from {coldest:.0f} to {hottest:.0f} °C"
+        session.run.accusations.append((requirement, expected, told))
     return {"temperature": f"{celsius:.1f} °C", "supply": f"{volts:.1f} V"}
 
 
@@ -108,7 +117,7 @@ def sanity(session: Session) -> bool:
 
 def stop(session: Session) -> None:
     """Stop without ramp, again until the module says it has heard it; its neighbours as well."""
-    memory: AxisSnapshot | None = session.memory
+    memory: AxisSnapshot | None = session.run.memory
     for address in (session.address, *(memory.neighbours if memory else ())):
         _stop(driver_of(session, address))
 
@@ -150,6 +159,26 @@ class AxisSnapshot:
         named = {PARAMETERS[index].name: value for index, value in self.parameters.items()}
         named["modes"] = named["standby"] << 4 | named["stops"]
         return {"position": self.position, **{name: named[name] for name in NAMES}}
+
+    def as_object(self) -> dict[str, Any]:
+        """The same as a file keeps it."""
+        return {
+            "position": self.position,
+            "parameters": {f"{index:02X}": value for index, value in self.parameters.items()},
+            "neighbours": {f"{at:02X}": one.as_object() for at, one in self.neighbours.items()},
+        }
+
+    @classmethod
+    def from_object(cls, held: Mapping[str, Any]) -> AxisSnapshot:
+        """Raises ValueError, KeyError or TypeError for what is none."""
+        parameters = {int(index, 16): int(value) for index, value in held["parameters"].items()}
+        if missing := set(RESTORED) - set(parameters):
+            raise ValueError(f"{min(missing):02X}h is missing")
+        neighbours = held["neighbours"].items()
+        return cls(
+            int(held["position"]), parameters,
+            {int(at, 16): cls.from_object(one) for at, one in neighbours},
+        )  # fmt: skip
 
     def __str__(self) -> str:
         own = ", ".join(f"{name} {value}" for name, value in self.named().items())
@@ -211,6 +240,61 @@ def restore(session: Session, memory: AxisSnapshot) -> tuple[str, ...]:
     return tuple(left)
 
 
+# --- what is not known after all -----------------------------------------------------------------
+
+
+class _Doubts:
+    """Which parameters are told by queries of which an answer has failed (`Run.doubted`), and what
+    was written to each: the travel guard hears all.  The built-in twin that has none is thrown
+    away, and nobody need know what it held."""
+
+    def __init__(self, session: Session) -> None:
+        travel_guard = session.transport.travel_guard
+        self._guard = travel_guard if isinstance(travel_guard, AxisTravelGuard) else None
+        requests = session.run.doubted if self._guard else ()
+        asked = {one.index for request in requests for one in self.understood(request)}
+        self.indices = {index for index, one in PARAMETERS.items() if one.query in asked}
+
+    def understood(self, data: bytes) -> list[SentRequest]:
+        """The requests in what is sent."""
+        return self._guard.reader.foreseen(data) if self._guard else []
+
+    def written(self, address: int) -> Mapping[int, int]:
+        """What was sent last for each parameter."""
+        return self._guard.written.get(address, {}) if self._guard else {}
+
+    def is_to_keep(self, address: int, index: int) -> bool:
+        """Whether it is doubtful and nothing has been written to it yet."""
+        return index in self.indices and index not in self.written(address)
+
+
+def unsure(session: Session, memory: AxisSnapshot) -> tuple[str, ...]:
+    """What was written to, and remembered by answers that have failed since."""
+    doubts, told = _Doubts(session), []
+    for address, snapshot in {session.address: memory, **memory.neighbours}.items():
+        where = "" if address == session.address else f"at {address:02X}h "
+        for index in sorted(doubts.indices & doubts.written(address).keys()):
+            one, last = PARAMETERS[index], doubts.written(address)[index]
+            told.append(
+                f"{where}{one.name} was written to, and what it was is not known: it was told as"
+                f" {snapshot.parameters[index]:X}h by a query that has failed; last written was"
+                f" {one.taken(last) & 0xFFFF_FFFF:X}h"
+            )
+    return tuple(told)
+
+
+def would_lose(session: Session, data: bytes) -> str:
+    """Why these bytes must not be sent: what they replace is not known, and still there."""
+    doubts = _Doubts(session)
+    everybody = (session.address, *session.neighbours)
+    for asked in doubts.understood(data) if doubts.indices else ():
+        for address in everybody if asked.address is None else (asked.address,):
+            if doubts.is_to_keep(address, asked.index):
+                name = PARAMETERS[asked.index].name
+                return f"would write {name}, and what it was is not known: its query has failed"
+    return ""
+
+
 def _put_back(driver: AxisDriver, memory: AxisSnapshot) -> tuple[str, ...]:
     session = driver.session
     _clear_fault(driver)
@@ -219,7 +303,7 @@ def _put_back(driver: AxisDriver, memory: AxisSnapshot) -> tuple[str, ...]:
         _drive_back(driver, memory.position)
         now = _read(driver)
     for _ in range(1 if session.transport.is_lossless else RETRY.presence):
-        repairs = _repairs(now, memory)
+        repairs = _repairs(driver, now, memory)
         if not repairs:
             break
         replies = {driver.client.command(index, parameter).kind for index, parameter in repairs}
@@ -245,9 +329,16 @@ def _clear_fault(driver: AxisDriver) -> None:
         driver.motion.wait_awake()
 
 
-def _repairs(now: AxisSnapshot, memory: AxisSnapshot) -> list[tuple[int, int]]:
-    """The commands that make what is what was; unchanged things are not written again."""
-    differing = [index for index in RESTORED if now.parameters[index] != memory.parameters[index]]
+def _repairs(driver: AxisDriver, now: AxisSnapshot, memory: AxisSnapshot) -> list[tuple[int, int]]:
+    """The commands that make what is what was; unchanged things are not written again, nor is what
+    is doubtful and nobody has written to."""
+    doubts, address = _Doubts(driver.session), driver.client.address
+    differing = [
+        index
+        for index in RESTORED
+        if now.parameters[index] != memory.parameters[index]
+        and not doubts.is_to_keep(address, index)
+    ]
     return list(settings_of(memory.parameters, differing).items())
 
 
@@ -258,7 +349,7 @@ def _drive_back(driver: AxisDriver, position: int) -> None:
     origin = driver.client.position()
     distance = abs(origin - position)
     is_too_far = distance > 2 * driver.session.envelope.max_travel
-    if is_too_far or driver.session.run.runaway or interrupts.is_hurried():
+    if is_too_far or driver.session.run.strayed or interrupts.is_hurried():
         return
     attempts, lasts_s = _attempts(driver.session), driver.motion.lasting_s(distance)
     if lasts_s >= ANNOUNCED_S and not driver.client.target.is_virtual:
@@ -273,29 +364,8 @@ def _drive_back(driver: AxisDriver, position: int) -> None:
             driver.client.command(0x13, position)
         except OutsideEnvelope:
             return  # told as not put back
-        is_back = _comes_back(driver, origin, position, deadline_ns)
+        is_back = comes_back(driver.client, position, driver.motion.lasting_s, deadline_ns)
         driver.client.command(0x18)
         is_over = driver.client.target.now_ns >= deadline_ns or interrupts.is_hurried()
-        if is_back or is_over or driver.session.run.runaway:
+        if is_back or is_over or driver.session.run.strayed:
             return
-
-
-def _comes_back(driver: AxisDriver, origin: int, position: int, deadline_ns: int) -> bool:
-    """Follow an axis on its way back; False as soon as it stands still elsewhere, it is too late,
-    or somebody wants it to end."""
-    target = driver.client.target
-    last, since_ns, has_moved = None, target.now_ns, False
-    least_s = max(LOOK_S, (deadline_ns - since_ns) / 1e9 / MOST_LOOKS)
-    while target.now_ns < deadline_ns and not interrupts.is_hurried():
-        here = driver.client.position()
-        if here == position:
-            return True
-        if is_runaway(driver.client, origin, position, here):
-            return False
-        if here != last:
-            last, since_ns, has_moved = here, target.now_ns, last is not None
-        elif target.now_ns - since_ns >= STILL_S * 1e9:
-            return False
-        left_s = driver.motion.lasting_s(abs(here - position))
-        driver.client.wait(max(least_s, left_s) if target.is_virtual and has_moved else LOOK_S)
-    return False

@@ -18,6 +18,11 @@ all places that then are possible are kept (`_origin_seen`): nothing the run doe
 that is used up.  A reference contact may open again and again: a move it can prolong is treated
 like endless motion until its target is seen.
 
+What is sent rests on what the device is believed to do.  A counter reading of a place where the
+axis cannot be (`_is_astray`) shows that it does something else; a second one in a row is no noise,
+and from then on nothing that moves is sent any more (`strayed`), so that it strays by one motion
+and not by their sum.  A shaft that the rig may have turned is taken to be where it is seen next.
+
 18h is never held back.  Any other request may be (`OutsideEnvelope`, which names what it would
 take): `foresee` asks beforehand, so that a check can be left out instead.  Judged is what a device
 does that follows the manual in the readings known of it; nothing can be said of one that obeys
@@ -26,20 +31,29 @@ frames with wrong checksums.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final, NoReturn, Protocol
 
 from axistwin_conformance.base.errors import OutsideEnvelope
+from axistwin_conformance.core.readings import Readings
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind, signed
 from axistwin_conformance.families.mac.axis.model.kinematics import (
+    RAMP_LEVELS,
     TICKS_PER_SECOND,
     ramp_increments,
 )
 from axistwin_conformance.families.mac.axis.parameters import PARAMETERS
+from axistwin_conformance.families.mac.axis.shaft import (
+    FACTORY_PERIOD,
+    SLOWEST_LEVEL_TICKS,
+    SLOWEST_TICKS,
+    Axis,
+    Interval,
+    join,
+    shift,
+)
 
 MARGIN_NS: Final = 30_000_000  # a frame at 9600 baud takes 22 ms; the rest is our own reaction
-FACTORY_PERIOD: Final = 0x0320
 # The readings that matter here, as the ledger names them (MACS-AMB-07, -36, -38, -51).
 F6_TURNS: Final = "negative"
 REPLACES: Final = "replace"
@@ -51,82 +65,9 @@ STOP: Final = 0x18
 PERIOD, COEFFICIENT = PARAMETERS[0x0D], PARAMETERS[0x0F]
 CUTTING: Final = frozenset({"power", "micro_cut", "supply"})  # a device may forget its place then
 ZERO_SLACK: Final = 2  # increments by which a cleared counter may swing
+SWING: Final = 100  # increments: a shaft may swing, or be pushed, by fewer
 MOTIONS: Final = frozenset({0x13, 0x14, 0x15, 0x16})
-Interval = tuple[int, int]
-
-
-def join(*intervals: Interval) -> Interval:
-    """The smallest interval around all of them."""
-    return min(low for low, _ in intervals), max(high for _, high in intervals)
-
-
-def shift(interval: Interval, by: Interval) -> Interval:
-    """Add two intervals."""
-    return interval[0] + by[0], interval[1] + by[1]
-
-
-@dataclass(frozen=True, slots=True)
-class Axis:
-    """What may be true of one axis.  Places are of the shaft, from where it was found.
-
-    `reach`: where it is or may still go.  `counter`: what the counter was at `seen_ns`.  `tip`:
-    where the last stored segment ends.  `target`: the counter a lone move goes to.  `speed`: of an
-    endless motion (increments per second, 0: none) that may be running since `since_ns`, in the
-    directions `directions`.  `held`: an endless motion that waits for 11h.  `may_move`: something
-    may still be under way or stored; `segment_speed`: of the fastest segment among it.  `edge`: the
-    counter where the reference contact was worked since it was read; `is_cut`: the supply was cut
-    since then.  `begun_ns`: when a motion was last asked for.
-    """
-
-    reach: Interval = (0, 0)
-    counter: Interval = (0, 0)
-    seen_ns: int = 0
-    tip: Interval = (0, 0)
-    offset: Interval = (0, 0)
-    target: int | None = None
-    period: int = FACTORY_PERIOD
-    coefficient: int = 0
-    speed: int = 0
-    since_ns: int = 0
-    begun_ns: int = 0
-    directions: Interval = (0, 0)
-    held: tuple[int, Interval] | None = None
-    is_armed: bool = False
-    may_move: bool = False
-    segment_speed: int = 0
-    has_reference: bool = False
-    edge: Interval | None = None
-    is_cut: bool = False
-
-    def grown(self, now_ns: int) -> Axis:
-        """The same with endless motion accounted for up to now."""
-        if not self.speed:
-            return self
-        far = self.speed * max(0, now_ns - self.since_ns) // 1_000_000_000 + 1
-        reach = (self.reach[0] + self.directions[0] * far, self.reach[1] + self.directions[1] * far)
-        return replace(self, reach=reach, since_ns=now_ns)
-
-    def joined(self, other: Axis) -> Axis:
-        """Either of two; nobody knows which."""
-        directions = join(self.directions, other.directions)
-        return replace(
-            other,
-            reach=join(self.reach, other.reach),
-            tip=join(self.tip, other.tip),
-            counter=join(self.counter, other.counter),
-            seen_ns=min(self.seen_ns, other.seen_ns),
-            offset=join(self.offset, other.offset),
-            target=self.target if self.target == other.target else None,
-            period=min(self.period, other.period),
-            coefficient=max(self.coefficient, other.coefficient),
-            speed=max(self.speed, other.speed),
-            since_ns=min(self.since_ns, other.since_ns) if self.speed else other.since_ns,
-            directions=directions,
-            held=self.held or other.held,
-            is_armed=self.is_armed or other.is_armed,
-            may_move=self.may_move or other.may_move,
-            segment_speed=max(self.segment_speed, other.segment_speed),
-        )
+MOVING: Final = MOTIONS | {0x11}
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,17 +119,38 @@ class AxisTravelGuard:
     """
 
     def __init__(
-        self, reader: Reader, max_travel: int, max_speed: int, own: int, readings: Mapping[str, str]
+        self, reader: Reader, max_travel: int, max_speed: int, own: int, readings: Readings
     ) -> None:
         self.reader = reader
         self.max_travel, self.max_speed, self.own = max_travel, max_speed, own
         self.readings = readings
         self.axes: dict[int, Axis] = {}
+        self.strayed = ""  # why nothing that moves is sent any more
+        self.broken = ""  # the requirement it fails by that
+        self.written: dict[int, dict[int, int]] = {}  # parameters, last value of each, by address
+        self.run_on = 0  # how many increments more 18h and stops may take, while that is asked
+        self._doubtful: set[int] = set()  # axes last seen where they cannot be
         self._found_periods: dict[int, int] = {}
         self._before: dict[int, Axis] = {}
         self._after: dict[int, Axis] = {}
         self._last: SentRequest | None = None  # the last request sent
         self._last_ns = 0
+
+    @property
+    def is_in_doubt(self) -> bool:
+        """True if an axis was last seen where it cannot be: the next reading tells whether that was
+        noise."""
+        return bool(self._doubtful) and not self.strayed
+
+    @property
+    def _run_on(self) -> int:
+        """Increments that 18h and stops still take, where that is a number (MACS-AMB-76)."""
+        number = self.readings.guess("brake_increments", "")
+        return int(number) if number.isdigit() else self.run_on
+
+    def _braking(self, speed: int) -> int:
+        """Increments a real axis may need to stop without ramp."""
+        return max(self._run_on, 2 + speed * speed // (2 * GENTLE_BRAKING))
 
     # --- what is sent -----------------------------------------------------------------------------
 
@@ -209,6 +171,9 @@ class AxisTravelGuard:
         requests = self.reader.foreseen(data)
         for asked in requests:
             self._account(after, asked, now_ns)
+            if asked.index in PARAMETERS:
+                for address in self.axes if asked.address is None else (asked.address,):
+                    self.written.setdefault(address, {})[asked.index] = asked.parameter
         self.reader.sent(data)
         self._before, self._after = before, after
         # Until the reply comes, the frame may have been obeyed or not.
@@ -221,6 +186,8 @@ class AxisTravelGuard:
 
     def _account(self, axes: dict[int, Axis], asked: SentRequest, now_ns: int) -> None:
         address, index, parameter, frame = asked.address, asked.index, asked.parameter, asked.raw
+        if index in MOVING and (self.strayed or self._doubtful):
+            raise OutsideEnvelope(self.strayed or "an axis was last seen where it cannot be")
         if index in MOTIONS and address is not None and address not in axes:
             self._refuse(
                 frame, f"nobody knows where the axis at {address:02X}h is", "--neighbour", address
@@ -229,8 +196,14 @@ class AxisTravelGuard:
             if candidate not in axes:
                 continue
             after = self._obeyed(axes[candidate], index, parameter, now_ns, frame)
-            if index in MOTIONS or index == 0x11:
-                after = replace(after, begun_ns=now_ns)
+            if index in MOVING:
+                after = replace(
+                    after,
+                    begun_ns=now_ns,
+                    begun_by=index,
+                    is_still=False,
+                    slowest_ticks=max(after.slowest_ticks, _level_ticks(after, index, parameter)),
+                )
             if index != STOP:
                 self._judge_reach(axes[candidate], after, now_ns, frame)
             axes[candidate] = after
@@ -250,7 +223,7 @@ class AxisTravelGuard:
             )
         is_begun = after.speed > before.speed or after.directions != before.directions
         if after.speed and is_begun and self._deadline_of(after) <= now_ns:
-            room = _braking(after.speed) + after.speed * 2 * MARGIN_NS // 1_000_000_000 + 2
+            room = self._braking(after.speed) + after.speed * 2 * MARGIN_NS // 1_000_000_000 + 2
             self._refuse(
                 frame,
                 "there is no room for motion without an end at that speed",
@@ -305,9 +278,15 @@ class AxisTravelGuard:
         return replace(axis, **changes.get(index, {}))
 
     def _cleared(self, axis: Axis, since_ns: int, now_ns: int) -> Axis:
-        """0Bh, between two instants: the counter is 0, where the shaft is known no better."""
-        offset = shift(axis.offset, self._counter_at(axis, now_ns))
-        return replace(axis, offset=offset, counter=(0, 0), seen_ns=since_ns, target=None)
+        """0Bh, between two instants: the counter is 0, where the shaft is known no better, and a
+        move under way ends at its old number of the new count."""
+        cleared = self._counter_at(axis, now_ns)
+        offset, reach = shift(axis.offset, cleared), axis.reach
+        if axis.may_move and not axis.speed and not axis.segment_speed:
+            reach = join(reach, shift(axis.tip, cleared))
+        return replace(
+            axis, offset=offset, counter=(0, 0), seen_ns=since_ns, target=None, reach=reach
+        )
 
     def _counter_at(self, axis: Axis, now_ns: int) -> Interval:
         """What the counter may be now, if nothing has cleared it since it was read."""
@@ -362,8 +341,9 @@ class AxisTravelGuard:
 
     def _stepped(self, axis: Axis, digits: int, period: int, frame: bytes) -> Axis:
         self._judge_period(period, frame)
-        is_signed = self.readings.get("segment_signed") != SEGMENTS_UNSIGNED
-        steps = signed(digits, 16) if is_signed else digits
+        steps = signed(digits, 16)
+        if steps != digits and self.readings.get("segment_signed") == SEGMENTS_UNSIGNED:
+            steps = digits
         tip = shift(axis.tip, (steps, steps))
         return replace(
             axis,
@@ -381,10 +361,9 @@ class AxisTravelGuard:
         speed = max(TICKS_PER_SECOND // period + 1, axis.speed)
         if axis.may_move:  # a move may be taken over at its own speed, in its own direction
             speed = max(speed, TICKS_PER_SECOND // axis.period + 1)
-        is_known = "vel_f6_direction" in self.readings and not axis.may_move
-        direction = (
-            -1 if selector == 0xF6 and self.readings.get("vel_f6_direction") == F6_TURNS else 1
-        )
+        f6_direction = self.readings.guess("vel_f6_direction", "")
+        is_known = f6_direction and not axis.may_move
+        direction = -1 if selector == 0xF6 and f6_direction == F6_TURNS else 1
         directions = (min(direction, 0), max(direction, 0)) if is_known else (-1, 1)
         if axis.is_armed:
             return replace(axis, held=(speed, directions))
@@ -396,14 +375,14 @@ class AxisTravelGuard:
         """17h, or 15h with period 0: what is left is the ramp."""
         if not axis.speed:
             return axis
-        far = ramp_increments(axis.coefficient) + _braking(axis.speed)
+        far = ramp_increments(axis.coefficient) + self._braking(axis.speed)
         reach = (axis.reach[0] + axis.directions[0] * far, axis.reach[1] + axis.directions[1] * far)
         return replace(axis, reach=reach, speed=0, directions=(0, 0), target=None)
 
     def _halted(self, axis: Axis, index: int, now_ns: int) -> Axis:
         """18h, 1Ah, 00h, 01h: at rest at once, nothing stored; unless the device reads it else."""
         counter = self._counter_at(axis, now_ns + 2 * MARGIN_NS)  # at rest, until it is read
-        far = _braking(axis.speed) if axis.speed else 0
+        far = self._braking(axis.speed) if axis.speed else 0
         reach = (axis.reach[0] + axis.directions[0] * far, axis.reach[1] + axis.directions[1] * far)
         is_factory = index == 0x01
         keeps = index in (0x18, 0x1A) and (
@@ -426,8 +405,10 @@ class AxisTravelGuard:
         )
 
     def worked(self, name: str, window: tuple[int, int]) -> None:
-        """The rig has worked `name` (of `rig.CAPABILITIES`) in this window of the clock, ns."""
-        for address, axis in self.axes.items():
+        """The rig has worked `name` (of `AXIS_CONTROLS`) in this window of the clock, ns."""
+        for address, found in self.axes.items():
+            axis = replace(found, is_worked=True, is_still=False)
+            self.axes[address] = axis
             if name == "reference":
                 edge = self._counter_at(axis, window[1])
                 self.axes[address] = replace(axis, edge=join(edge, axis.edge or edge))
@@ -488,7 +469,7 @@ class AxisTravelGuard:
             counter = signed(data)
             if axis is None:
                 self.axes[address] = Axis(offset=(-counter, -counter), seen_ns=self._last_ns)
-            else:
+            elif not self._is_astray(address, axis, counter, now_ns):
                 self.axes[address] = self._located(axis, counter, now_ns)
         elif axis is not None and index == PERIOD.query:
             period = PERIOD.read(data)
@@ -497,11 +478,44 @@ class AxisTravelGuard:
         elif axis is not None and index == COEFFICIENT.query:
             self.axes[address] = replace(axis, coefficient=COEFFICIENT.read(data))
 
+    def seen_still(self, address: int) -> None:
+        """The axis no longer runs on after what has ended its motion."""
+        if address in self.axes:
+            self.axes[address] = replace(
+                self.axes[address], is_still=True, slowest_ticks=SLOWEST_TICKS
+            )
+
+    def slowest_ticks(self, address: int) -> int:
+        """What an increment takes at most of anything that may have moved the axis since."""
+        return self.axes[address].slowest_ticks if address in self.axes else SLOWEST_LEVEL_TICKS
+
+    def is_still(self, address: int) -> bool:
+        """True if it was seen so, and nothing that could move it has happened since."""
+        return address in self.axes and self.axes[address].is_still
+
+    def _is_astray(self, address: int, axis: Axis, counter: int, now_ns: int) -> bool:
+        """True if the axis is seen where nothing it was asked for leads, by more than it may run on
+        or swing; told for good when the next reading says the same."""
+        axis = self._origin_seen(axis, counter, now_ns).grown(now_ns)
+        slack = SWING + (self._braking(axis.speed) if axis.speed else self._run_on)
+        (low, high), (lowest, highest) = shift(axis.offset, (counter, counter)), axis.reach
+        if axis.is_worked or (lowest - slack <= high and low <= highest + slack):
+            self._doubtful.discard(address)
+            return False
+        if address in self._doubtful and not self.strayed:
+            self.broken = f"MACS-CMD-{axis.begun_by:02X}-01"
+            self.strayed = (
+                f"after {axis.begun_by:02X}h, which leads to {lowest:+}..{highest:+} from where the"
+                f" axis was found, it was seen at {low:+}: it is moved no more"
+            )
+        self._doubtful.add(address)
+        return True
+
     def _located(self, axis: Axis, counter: int, now_ns: int) -> Axis:
         """Narrow down by a counter reading."""
         axis = self._origin_seen(axis, counter, now_ns)
         here = shift(axis.offset, (counter, counter))
-        axis = replace(axis, counter=(counter, counter), seen_ns=self._last_ns)
+        axis = replace(axis, counter=(counter, counter), seen_ns=self._last_ns, is_worked=False)
         if axis.speed and counter == axis.target:  # a move that the reference could have prolonged
             axis = replace(axis, speed=0, directions=(0, 0), may_move=False, target=None)
         if axis.speed:
@@ -547,7 +561,7 @@ class AxisTravelGuard:
             rooms.append(self.max_travel + axis.reach[0])
         if axis.directions[1] > 0:
             rooms.append(self.max_travel - axis.reach[1])
-        room = min(rooms) - _braking(axis.speed) - 1
+        room = min(rooms) - self._braking(axis.speed) - 1
         return axis.since_ns + room * 1_000_000_000 // axis.speed - MARGIN_NS
 
     def needed(self, wait_ns: int) -> int:
@@ -556,7 +570,7 @@ class AxisTravelGuard:
         for axis in self.axes.values():
             if axis.speed:
                 low, high = axis.grown(self._deadline_of(axis) + wait_ns).reach
-                margin = _braking(axis.speed) + axis.speed * 2 * MARGIN_NS // 1_000_000_000
+                margin = self._braking(axis.speed) + axis.speed * 2 * MARGIN_NS // 1_000_000_000
                 far.append(max(-low, high) + margin)
         return max(far)
 
@@ -565,6 +579,8 @@ class AxisTravelGuard:
         return tuple(self.reader.stop(address) for address, axis in self.axes.items() if axis.speed)
 
 
-def _braking(speed: int) -> int:
-    """Increments a real axis may need to stop without ramp."""
-    return 2 + speed * speed // (2 * GENTLE_BRAKING)
+def _level_ticks(axis: Axis, index: int, parameter: int) -> int:
+    """What an increment takes at the foot of the ramp of a motion asked for."""
+    if not axis.coefficient or index == 0x16:
+        return 0  # no slower than any speed that can be asked for
+    return RAMP_LEVELS * (parameter & 0xFFFF if index == 0x15 else axis.period)

@@ -133,7 +133,9 @@ class CanClient(AxisClient):
         def is_reply(frame: Frame) -> bool:
             return comes_from_there(frame) and not codec.mismatch(request, frame)
 
-        limit_s = self.session.reply_timeout_s if timeout_s is None else timeout_s
+        limit_s = (
+            self.session.reply_timeout_s if timeout_s is None else timeout_s + self.target.line_s
+        )
         return self.target.receive(is_reply, limit_s) or self.target.receive(comes_from_there, 0)
 
     def _window(

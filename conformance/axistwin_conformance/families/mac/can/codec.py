@@ -314,6 +314,18 @@ def parse(frame: Frame | None, byte_order: str = "big") -> CanReply:
     return CanReply(ReplyKind.GARBAGE, frame, index, sub_index, flaws=(flaw,))
 
 
+def index_of(frame: Frame) -> int | None:
+    """The index of a plain request for a known form of transfer; None for any other frame."""
+    is_whole = frame.is_plain and len(frame.data) == TRANSFER_BYTES
+    if not is_whole or not REQUEST <= frame.identifier <= REQUEST + ADDRESSES[-1]:
+        return None
+    command, low, high, sub_index = frame.data[:4]
+    bases = {DOWNLOAD: range(0x20), UPLOAD: QUERIES}
+    if high != INDEX_HIGH or sub_index or command not in bases or low >= len(bases[command]):
+        return None
+    return bases[command][low]
+
+
 def mismatch(request: CanRequest, frame: Frame) -> str:
     """What keeps a frame from a module's reply identifier from being the reply to this request:
     index, sub-index or direction; empty if nothing does.

@@ -90,7 +90,7 @@ def the_reply(driver: CanDriver, request: CanRequest, requirement: Part) -> CanR
     driver.session.expect(
         len(received) == 1 and not flaw,
         requirement,
-        f"one reply, on {own:03X}h, to {codec.explain(request.frame())}",
+        f"one reply, on {own:03X}h",
         described(received),
         flaw,
     )

@@ -8,20 +8,24 @@ from collections.abc import Iterable
 from functools import lru_cache
 from typing import Final
 
-from axistwin_conformance.base.transcript import Record
+from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.core.family import Violation
 from axistwin_conformance.core.identity import Model
+from axistwin_conformance.core.lenient import Lenient
 from axistwin_conformance.core.session import Run, Session
+from axistwin_conformance.core.wording import Exchange
 from axistwin_conformance.families.mac.axis.axis_family import AxisFamily
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver
 from axistwin_conformance.families.mac.axis.exchanges import AxisReply
 from axistwin_conformance.families.mac.axis.safety import impact_of_axis
 from axistwin_conformance.families.mac.axis.snapshot import MacFacts
 from axistwin_conformance.families.mac.axis.travel_guard import AxisTravelGuard
+from axistwin_conformance.families.mac.axis.words import exchange_words, request_words
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.client import bus_of
 from axistwin_conformance.families.mac.can.diagnosis import diagnose
 from axistwin_conformance.families.mac.can.driver import CanDriver
+from axistwin_conformance.families.mac.can.lenient import lenient
 from axistwin_conformance.families.mac.can.reader import BusReader
 from axistwin_conformance.transport.can import CanTransport, open_can_target
 from axistwin_conformance.transport.can_frame import Frame, unpack_all
@@ -88,6 +92,22 @@ class MacCan(AxisFamily):
         """Put the frames of a record into words."""
         return "; ".join(codec.explain(frame) for frame in unpack_all(record.data))
 
+    def in_words(self, request: bytes, reply: bytes) -> Exchange:
+        """Put an exchange into the words of a failure."""
+        frame, *others = unpack_all(request)
+        index = codec.index_of(frame)
+        if others or index is None:
+            return Exchange(self.explain(Record(0, Direction.HOST, request)))
+        came = [codec.parse(one) for one in unpack_all(reply)]
+        data = next((one.data for one in came if one.index == index), None)
+        address = frame.identifier - codec.REQUEST
+        to = {codec.GENERAL_ADDRESS: " to all", self.default_address: ""}.get(
+            address, f" to module {address}"
+        )
+        named = f"{'upload' if index in codec.QUERIES else 'download'} 20{frame.data[1]:02X}h"
+        words = request_words(index, int.from_bytes(frame.data[4:], "big"), named) + to
+        return exchange_words(words, index, data)
+
     def driver(self, session: Session, address: int | None = None) -> CanDriver:
         """A module on the bus."""
         return CanDriver(session, address)
@@ -116,7 +136,7 @@ class MacCan(AxisFamily):
 
         bus_of(session).leave_out_others(LISTEN_S, is_ours)
 
-    def indices(self, data: bytes) -> Iterable[int]:
+    def _indices(self, data: bytes) -> Iterable[int]:
         """The index of every request in these bytes that some reading would obey."""
         return _indices(data)
 
@@ -130,6 +150,13 @@ class MacCan(AxisFamily):
     def diagnose(self, session: Session, request: bytes, reply: bytes | None) -> Violation | None:
         """See `diagnose`."""
         return diagnose(session, request, reply)
+
+    def _read_leniently(
+        self, session: Session, request: bytes, reply: bytes, after_ns: int
+    ) -> Lenient | None:
+        """See `lenient`."""
+        is_identified = session.run.identity is not None
+        return lenient(request, reply, session.readings, after_ns, is_identified=is_identified)
 
 
 FAMILY: Final = MacCan()

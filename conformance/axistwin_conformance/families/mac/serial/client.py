@@ -130,7 +130,7 @@ class SerialClient(AxisClient):
         if not self.target.is_direct:
             return super().in_vain(request)
         data = request if isinstance(request, bytes) else request.encode()
-        received, taken = self.exchange(data, NACK_BYTES, QUIET_S)
+        received, taken = self.exchange(data, NACK_BYTES, self._limit_s(QUIET_S))
         return AxisExchange(data, codec.parse(received), taken)
 
     def _window(self, sent_ns: int, sent: int, received: int, done_ns: int) -> TimeWindow:

@@ -48,7 +48,7 @@ GENERAL_ADDRESS: Final = 0xFF
 IMAX_ADDRESS: Final = 0xAF  # MACS-Q-28-01
 
 _DIGIT_CHARACTERS: Final = b"0123456789ABCDEF"
-_DIGITS: Final = frozenset(_DIGIT_CHARACTERS)
+DIGITS: Final = frozenset(_DIGIT_CHARACTERS)
 
 
 def checksum(characters: bytes) -> int:
@@ -96,7 +96,7 @@ class SerialRequest:
     def is_well_formed(self) -> bool:
         """True if a module takes this for a frame: right fields, digits only, right checksum."""
         is_framed = (self.start, self.length, self.end) == (b"\x02", REQUEST_LENGTH_FIELD, b"\x03")
-        is_spelt = set(self.summed) <= _DIGITS and len(self.summed) == SUMMED_BYTES
+        is_spelt = set(self.summed) <= DIGITS and len(self.summed) == SUMMED_BYTES
         return is_framed and is_spelt and self.check is None
 
     def with_wrong_checksum(self, offset: int = 1) -> SerialRequest:
@@ -268,11 +268,15 @@ def explain_request(data: bytes) -> str:
     """Put a request, well-formed or not, into words: ``00: 13h go to position 000003E8``."""
     if len(data) != REQUEST_BYTES or data[0] != STX or data[20] != ETX:
         return f"malformed ({len(data)} bytes): {_text(data)}"
+    summed = data[4:18]
+    address, index = _text(summed[:2]), _text(summed[2:4])
+    return f"{address}: {index}h {_name(summed[2:4])} {_text(summed[6:])}{oddities(data)}"
+
+
+def oddities(data: bytes) -> str:
+    """What is unusual in a request of the right length, to be put behind its words."""
     summed, check = data[4:18], data[18:20]
-    address, index, sub_index = _text(summed[:2]), _text(summed[2:4]), _text(summed[4:6])
-    words = f"{address}: {index}h {_name(summed[2:4])} {_text(summed[6:])}"
-    if summed[4:6] != b"00":
-        words += f" sub-index {sub_index}"
+    words = "" if summed[4:6] == b"00" else f" sub-index {_text(summed[4:6])}"
     if data[1:4] != REQUEST_LENGTH_FIELD:
         words += f", length field {_text(data[1:4])}"
     if check != two_digits(checksum(summed)):
@@ -295,7 +299,7 @@ def explain_reply(reply: SerialReply) -> str:
 
 
 def _name(index: bytes) -> str:
-    if any(character not in _DIGITS for character in index.upper()):
+    if any(character not in DIGITS for character in index.upper()):
         return "unreadable index"
     number = int(index, 16)
     return COMMAND_NAMES.get(number) or QUERY_NAMES.get(number) or "unassigned"

@@ -10,7 +10,9 @@ from typing import Final
 from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.core.family import Violation
 from axistwin_conformance.core.identity import Model
+from axistwin_conformance.core.lenient import Lenient
 from axistwin_conformance.core.session import Run, Session
+from axistwin_conformance.core.wording import Exchange
 from axistwin_conformance.families.mac.axis.axis_family import AxisFamily
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver
@@ -18,9 +20,11 @@ from axistwin_conformance.families.mac.axis.exchanges import AxisReply, ReplyKin
 from axistwin_conformance.families.mac.axis.safety import impact_of_axis
 from axistwin_conformance.families.mac.axis.snapshot import MacFacts
 from axistwin_conformance.families.mac.axis.travel_guard import AxisTravelGuard
+from axistwin_conformance.families.mac.axis.words import exchange_words, request_words
 from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.families.mac.serial.diagnosis import diagnose
 from axistwin_conformance.families.mac.serial.driver import SerialDriver
+from axistwin_conformance.families.mac.serial.lenient import lenient
 from axistwin_conformance.families.mac.serial.reader import LineReader
 from axistwin_conformance.transport.serial import SerialTransport, open_target
 
@@ -71,6 +75,16 @@ class MacSerial(AxisFamily):
         is_request = record.direction is Direction.HOST
         return (codec.explain_request if is_request else codec.explain)(record.data)
 
+    def in_words(self, request: bytes, reply: bytes) -> Exchange:
+        """Put an exchange into the words of a failure."""
+        if len(request) != codec.REQUEST_BYTES or not set(request[4:18]) <= codec.DIGITS:
+            return Exchange(codec.explain_request(request).removeprefix("00: "))
+        address, index = int(request[4:6], 16), int(request[6:8], 16)
+        to = {codec.GENERAL_ADDRESS: " to all (FF)", self.default_address: ""}.get(address)
+        words = request_words(index, int(request[10:18], 16)) + codec.oddities(request)
+        words += f" to {address:02X}" if to is None else to
+        return exchange_words(words, index, codec.answer_data(reply))
+
     def driver(self, session: Session, address: int | None = None) -> SerialDriver:
         """A module on the line."""
         return SerialDriver(session, address)
@@ -98,7 +112,7 @@ class MacSerial(AxisFamily):
         imax: AxisReply = driver.client.ask(0x28, codec.IMAX_ADDRESS).reply
         return {} if imax.data is None else {"imax": f"{imax.data_bytes()[0]:02X}h"}
 
-    def indices(self, data: bytes) -> Iterable[int]:
+    def _indices(self, data: bytes) -> Iterable[int]:
         """The index of every whole frame in these bytes, whatever its checksum."""
         return _indices(data)
 
@@ -112,6 +126,12 @@ class MacSerial(AxisFamily):
     def diagnose(self, session: Session, request: bytes, reply: bytes | None) -> Violation | None:
         """See `diagnose`."""
         return diagnose(session, request, reply)
+
+    def _read_leniently(
+        self, session: Session, request: bytes, reply: bytes, after_ns: int
+    ) -> Lenient | None:
+        """See `lenient`."""
+        return lenient(request, reply, session.readings, after_ns)
 
 
 FAMILY: Final = MacSerial()

@@ -56,7 +56,7 @@ def _as_unknown_or(driver: MscDriver, kind: str, switch: str) -> Readings:
     )
 
 
-@check("MSC-CMD-10", "MSC-CMD-02", safety="rig", needs=BENCH)
+@check("MSC-CMD-10", "MSC-CMD-02", "MSC-CMD-01", safety="rig", needs=BENCH)
 def a_name_without_its_comma_is_unknown(session: Session) -> None:
     """RQSTAT and RFLAGS spelled without a comma are as unknown as any other name, unless this
     device does without."""
@@ -66,6 +66,11 @@ def a_name_without_its_comma_is_unknown(session: Session) -> None:
         raw = driver.client.request(body.rstrip(codec.COMMA))
         driver.follows(raw, "comma", _as_unknown_or(driver, SERVED, "comma"), names)
         driver.link.alive("MSC-CMD-02")
+    if driver.link.is_twin and session.reading("comma") == "required":
+        for body in driver.reads():
+            raw = driver.client.request(body.replace(codec.COMMA, b";", 1))
+            kind, exchange = driver.draws(raw)
+            session.expect(kind == driver.as_unknown, "MSC-CMD-01", driver.as_unknown, exchange)
 
 
 @check("MSC-CMD-09", safety="rig", needs=BENCH)

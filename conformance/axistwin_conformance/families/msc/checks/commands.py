@@ -74,7 +74,8 @@ def a_write_draws_its_ack_and_nothing_else(session: Session) -> None:
         is_empty = is_empty and reply is not None and not reply.payload
         if strays or (reply is not None and not is_empty):
             received = codec.explain(strays + (reply.raw if reply else b""))
-            session.fail(names, ["nothing behind the ACK", "an empty packet"], received)
+            both = (*names, "MSC-CMD-05")
+            session.fail(both, ["nothing behind the ACK", "an empty packet"], received)
         driver.reading("write_reply", "empty_packet" if is_empty else "none", names)
         driver.client.send(codec.ACK)
         driver.link.nothing_more(names, f"an ACK to the ACK of {name}")
@@ -88,7 +89,12 @@ def the_comma_is_there_without_values(session: Session) -> None:
     driver = MscDriver(session)
     for body in (RQSTAT, *([codec.RFLAGS] if driver.has_rflags else [])):
         reply = driver.served(body, None, "a reply")
-        session.expect(reply.body.startswith(body), None, f"{body!r} first", reply.body)
+        session.expect(
+            reply.body.startswith(body),
+            None,
+            f"a body that begins with {body.decode()}",
+            reply.body.decode("ascii", "backslashreplace"),
+        )
 
 
 @check("MSC-CMD-03")

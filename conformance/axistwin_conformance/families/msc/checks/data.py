@@ -82,7 +82,9 @@ def reading_changes_nothing(session: Session) -> None:
         again = [driver.read(address) for _ in range(3)]
         if set(again) != {first}:
             driver.scratch.may_be_moved(address)
-        session.expect(set(again) == {first}, "MSC-DREAD-04", f"{first} each time", again)
+        session.expect(
+            set(again) == {first}, "MSC-DREAD-04", f"{first} each time", ", ".join(map(str, again))
+        )
         block = driver.read_block(address)
         seen = driver.read(address)
         if seen != first:
@@ -179,6 +181,9 @@ def a_block_written_is_the_block_read(session: Session) -> None:
         text, seen = codec.listed(values), codec.listed(reply.values)
         session.expect(list(reply.values) == values, names, text, seen)
         _judge_singles(driver, address, reply.values)
+        driver.write(address, ~values[0])
+        changed, text = driver.read_block(address)[0], f"{~values[0]} first, written since"
+        session.expect(changed == ~values[0], ("MSC-BREAD-04", "MSC-PROP-12"), text, changed)
 
 
 def _judge_singles(driver: MscDriver, address: int, block: Sequence[int]) -> None:
@@ -223,6 +228,8 @@ def padding_is_stored_as_well(session: Session) -> None:
     driver = MscDriver(session)
     (address,) = driver.scratch.blocks(1)
     driver.write_block(address, driver.values(BLOCK_VALUES))
+    *_, (_, last) = driver.scratch.within_block(address)
+    driver.write(last, 7)  # whatever BWRITE stores there
     padded = [*driver.values(SHORT_ARRAY), *[0] * (BLOCK_VALUES - SHORT_ARRAY)]
     exchange = driver.ask(codec.bwrite(address, padded))
     session.expect(exchange.is_acked, "MSC-BWRITE-01", "ACK to 32 values", exchange)

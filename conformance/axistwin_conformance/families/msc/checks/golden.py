@@ -86,10 +86,10 @@ def _golden(row: Mapping[str, Any]) -> Golden:
     )
 
 
-@check(
-    "MSC-PKT-21", "MSC-PKT-12", "MSC-LNK-01", "MSC-LNK-02", "MSC-LNK-10", "MSC-LNK-14",
-    safety="stored", needs=("variables",),
-)  # fmt: skip
+JUDGED: Final = ("MSC-PKT-21", "MSC-PKT-12", "MSC-LNK-01", "MSC-LNK-02", "MSC-LNK-10", "MSC-LNK-14")
+
+
+@check(*JUDGED, safety="stored", needs=("variables",))
 def the_written_exchanges_of_variables_come_byte_for_byte(session: Session) -> None:
     """DWRITE, DREAD, BWRITE and BREAD of the ledger, the refused packet and the refused reply among
     them, are answered as written."""
@@ -107,8 +107,7 @@ def the_written_exchanges_of_variables_come_byte_for_byte(session: Session) -> N
         _play(driver, golden)
         said += 1
     if said:
-        names = ("MSC-PKT-21", "MSC-PKT-12", "MSC-LNK-01", "MSC-LNK-02", "MSC-LNK-10", "MSC-LNK-14")
-        session.expect(True, names, "as written", "as written")
+        session.expect(True, JUDGED, "as written", "as written")
 
 
 @check(
@@ -146,14 +145,14 @@ def _turn_on(driver: MscDriver, wanted: frozenset[int]) -> None:
     assert states is not None, "only where the model has RFLAGS"
     on = codec.flags_on(states)
     for number in sorted(wanted ^ on):
-        driver.session.rig.set_flag(number, number in wanted)
+        driver.session.rig.work("flag", number in wanted, number=number)
 
 
 def _bring_about(driver: MscDriver, wanted: int) -> None:
     status = driver.status()
     for bit in range(16):
         if (status ^ wanted) >> bit & 1:
-            driver.session.rig.set_status(bit, bool(wanted >> bit & 1))
+            driver.session.rig.work("status", bool(wanted >> bit & 1), number=bit)
 
 
 def _play(driver: MscDriver, golden: Golden) -> None:

@@ -9,7 +9,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.checks.packets import INVALID_UNITS
-from axistwin_conformance.families.msc.checks.time import judge_broken_off
+from axistwin_conformance.families.msc.checks.time import judge_broken_off, judge_pace
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, STX
 from axistwin_conformance.families.msc.driver import MscDriver
 
@@ -114,6 +114,28 @@ def the_rest_of_another_units_packet_is_counted_off(session: Session) -> None:
         driver.link.alive("MSC-LNK-19")
 
 
+@check("MSC-LNK-19", safety=("stored", "negative"), needs=("variables",))
+def a_write_for_another_unit_stores_nothing_here(session: Session) -> None:
+    """DWRITE and BWRITE to a unit that is not there draw nothing and leave this unit's variables as
+    they were."""
+    driver = MscDriver(session)
+    judge_skipped(driver)
+    judge_followed(driver)
+    spot = driver.scratch.block_spot()
+    before = driver.values(codec.BLOCK_VALUES)
+    driver.write_block(spot, before)
+    for body in (codec.dwrite(spot, ~before[0]), codec.bwrite(spot, [~one for one in before])):
+        raw = codec.packet(absent(session), body)
+        session.target.drain()
+        session.target.send(raw)
+        span_s = len(raw) * driver.link.byte_ns / 1e9
+        driver.link.nothing_more(
+            "MSC-LNK-19", "a write for another unit", span_s + driver.link.glance_s
+        )
+        seen = list(driver.read_block(spot))
+        session.expect(seen == before, None, "the variables as before", codec.listed(seen))
+
+
 # --- several units --------------------------------------------------------------------------------
 
 
@@ -133,6 +155,7 @@ def each_unit_answers_its_own_number_only(session: Session) -> None:
             names = ("MSC-PKT-05", "MSC-PKT-18", "MSC-PHY-02")
             session.expect(is_own, names, f"one reply of unit {unit}", exchange)
             own.link.nothing_more("MSC-PKT-05", f"the reply of unit {unit}")
+            judge_pace(present[unit], "MSC-PHY-02")
             continue
         session.target.drain()
         session.target.send(raw)

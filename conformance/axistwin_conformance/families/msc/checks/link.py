@@ -83,19 +83,20 @@ def _judge_after_write(driver: MscDriver, body: bytes, received: bytes) -> None:
     driver.reading("write_reply", "empty_packet" if received else "none", "MSC-LNK-14")
 
 
-@check("MSC-LNK-06", safety="stored", needs=("variables",))
+@check("MSC-LNK-06", safety=("stored", "negative"), needs=("variables",))
 def a_refused_write_stores_nothing(session: Session) -> None:
-    """DWRITE and BWRITE with a wrong checksum get NAK and leave the variables as they were; on a
-    twin only."""
+    """DWRITE and BWRITE with a wrong checksum get NAK and leave the variables as they were."""
     driver = MscDriver(session)
-    driver.link.only_on_a_twin()
     spot = driver.scratch.block_spot()
     before = list(range(100, 132))
     driver.write_block(spot, before)
     for body in (codec.dwrite(spot, -7), codec.bwrite(spot, [-7] * 32)):
+        whole = driver.client.request(body)
         for offset in (1, 0x100, 0xFFFF):
-            raw = codec.with_wrong_checksum(driver.client.request(body), offset)
+            raw = codec.with_wrong_checksum(whole, offset)
             driver.link.sign(raw, NAK, "MSC-LNK-06", codec.explain_request(raw))
+        for missing in (1, codec.CHECKSUM_BYTES):
+            driver.link.break_off(whole[:-missing])  # what it draws is LNK-03
         session.expect(
             driver.read(spot) == 100 and list(driver.read_block(spot)) == before,
             None,
@@ -104,12 +105,10 @@ def a_refused_write_stores_nothing(session: Session) -> None:
         )
 
 
-@check("MSC-LNK-06", safety="stored", needs=("flags",))
+@check("MSC-LNK-06", safety=("stored", "negative"), needs=("flags",))
 def a_refused_sflag_turns_nothing_on(session: Session) -> None:
-    """SFLAG and CFLAG with a wrong checksum get NAK and leave the flag as it was; on a twin
-    only."""
+    """SFLAG and CFLAG with a wrong checksum get NAK and leave the flag as it was."""
     driver = MscDriver(session)
-    driver.link.only_on_a_twin()
     number = driver.scratch.flags[0]
     before = driver.flag(number)
     for body in (codec.sflag(number), codec.cflag(number)):
@@ -119,12 +118,11 @@ def a_refused_sflag_turns_nothing_on(session: Session) -> None:
         session.expect(after is before, None, f"flag {number} as before", "on" if after else "off")
 
 
-@check("MSC-LNK-24", "MSC-LNK-04", safety="stored", needs=("variables",))
+@check("MSC-LNK-24", "MSC-LNK-04", safety=("stored", "negative"), needs=("variables",))
 def bytes_of_a_refused_packet_are_not_looked_at_again(session: Session) -> None:
     """A BWRITE with a wrong checksum and a good RQSTAT among its values draws one NAK, nothing
-    else; on a twin only."""
+    else."""
     driver = MscDriver(session)
-    driver.link.only_on_a_twin()
     body = codec.bwrite(driver.scratch.block_spot(), carrying(driver.client.request(RQSTAT)))
     raw = codec.with_wrong_checksum(driver.client.request(body))
     driver.link.sign(raw, NAK, ("MSC-LNK-24", "MSC-LNK-04"), "the whole packet")
@@ -237,8 +235,12 @@ def a_new_packet_ends_the_wait_for_the_hosts_sign(session: Session) -> None:
     """A packet sent instead of the ACK is served and the old reply is gone, or what this device
     reads there.  (WAIT 02h)"""
     driver = MscDriver(session)
-    is_short = 2 * driver.client.ack_timeout_s < 5 * driver.link.glance_s
-    if is_short and session.reading("ack_timeout_action") == "retransmit":
+    # Neither T2 nor, once the packet has begun, T1 may run out while it is looked.
+    limits = (driver.client.ack_timeout_s, driver.client.packet_timeout_s)
+    look_s = min(driver.link.glance_s, min(limits) / 5)
+    draws_s = (driver.link.latency_ns + 4 * driver.link.byte_ns + driver.link.spare_ns) / 1e9
+    if look_s < draws_s and session.reading("ack_timeout_action") == "retransmit":
+        driver.link.alive("MSC-LNK-16")
         session.skip("T2 is too short to tell its repeats from what a byte draws")
     first = driver.link.unanswered()
     raw = driver.client.request(SECOND)
@@ -247,7 +249,7 @@ def a_new_packet_ends_the_wait_for_the_hosts_sign(session: Session) -> None:
     for reading in ("as_nak", "ignore"):
         session.target.send(raw[sent : sent + 1])
         sent += 1
-        received, strays = driver.client.receive_packet(driver.link.glance_s)
+        received, strays = driver.client.receive_packet(look_s)
         if received is not None or strays:
             seen = reading
             break
@@ -353,7 +355,7 @@ def another_byte_is_no_sign(session: Session) -> None:
     driver.link.calm()
     first = driver.link.unanswered()
     session.target.send(JUNK)
-    again, strays = driver.client.receive_packet(driver.link.glance_s)
+    again, strays = driver.client.receive_packet(driver.link.glance_amid_wait_s)
     seen = "as_nak"
     if again is None and not strays:
         session.target.send(NAK)
@@ -422,6 +424,12 @@ def _talk_over(driver: MscDriver, sent: bytes, when: str) -> None:
         session.target.send(ACK)
 
 
+def _two_signs_s(driver: MscDriver, sent: int) -> float:
+    """How long to listen for the signs to two packets of so many bytes: the second is served when
+    the first one's has left."""
+    return sent * driver.link.byte_ns / 1e9 + driver.link.glance_s + driver.target.line_s
+
+
 @check("MSC-LNK-04", "MSC-LNK-16", needs=("alone",))
 def packets_behind_one_another_are_each_served(session: Session) -> None:
     """Two RQSTATs with wrong checksums without a pause between draw two NAKs, or one if this device
@@ -432,7 +440,7 @@ def packets_behind_one_another_are_each_served(session: Session) -> None:
     raw = codec.with_wrong_checksum(driver.client.request(RQSTAT))
     session.target.drain()
     session.target.send(raw + raw)
-    received = driver.client.listen(2 * len(raw) * driver.link.byte_ns / 1e9 + driver.link.glance_s)
+    received = driver.client.listen(_two_signs_s(driver, 2 * len(raw)))
     if received and not received.strip(NAK) and session.reading("noise_in_idle") == "nak":
         # What is left of a packet that was lost in part is refused too.
         driver.client.wait_until_quiet()
@@ -465,7 +473,7 @@ def a_packet_right_behind_a_write_is_served(session: Session) -> None:
         )
         session.target.drain()
         session.target.send(raw)
-        received = driver.client.listen(len(raw) * driver.link.byte_ns / 1e9 + driver.link.glance_s)
+        received = driver.client.listen(_two_signs_s(driver, len(raw)))
         is_kept = received == ACK + ACK
         if not is_kept:
             received += (
@@ -516,7 +524,8 @@ def a_repeat_carries_the_data_of_the_first_reply(session: Session) -> None:
     before = driver.read(program[1] + TICKS_AT)
     first = driver.link.unanswered(body)
     session.target.wait(SCANS_S)
-    again = driver.link.refuse()
+    driver.link.refuse()
+    again = driver.link.refuse()  # a repeat of a repeat is the first reply as well
     session.target.send(ACK)
     if again is None or not again.is_sound or again.name != "DREAD":
         session.fail("MSC-LNK-10", "the packet again", again)

@@ -167,7 +167,7 @@ def a_program_that_ends_turns_bit_0_off(session: Session) -> None:
         if session.reading("stopped_access") == "allow":
             session.expect(not program.is_running(), "MSC-STA-02", "nothing counts", "ticks go on")
     finally:
-        session.rig.run_program(True)
+        session.rig.work("program", True)
     is_on = program.until(lambda: bool(program.driver.status() & 1))
     session.expect(is_on, "MSC-STA-01", "bit 0 on again", "off")
     session.expect(program.is_running(), "MSC-STA-01", "ticks go on", "nothing counts")

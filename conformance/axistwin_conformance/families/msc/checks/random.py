@@ -103,7 +103,9 @@ def packets_may_come_in_pieces(session: Session) -> None:
         text = f"ACK to {len(parts)} pieces within {span_s:.2f} s"
         session.expect(received == ACK, None, text, codec.explain(received) or "nothing")
         strays = finish(driver, received)
-        session.expect(not strays, None, "one sign and one reply", strays.hex(" "))
+        session.expect(
+            not strays, None, "one sign and one reply", f"{codec.explain(strays)} as well"
+        )
 
 
 @check("MSC-PROP-04", soaks=True)
@@ -213,12 +215,13 @@ def bytes_without_02h_draw_nothing(session: Session) -> None:
 def after_any_junk_it_serves_again(session: Session) -> None:
     """After any junk, and the time in which what it began runs out, RQSTAT is served."""
     driver = MscDriver(session)
+    junk = bytes(LONGEST_JUNK)
     for _ in range(rounds(session, 16, FEW)):
-        junk = drawn_junk(driver)
         session.target.send(junk)
         session.target.wait(len(junk) * driver.link.byte_ns / 1e9)
         driver.client.wait_until_quiet()
         driver.link.alive("MSC-PROP-16")
+        junk = drawn_junk(driver)
 
 
 def drawn_junk(driver: MscDriver) -> bytes:

@@ -13,7 +13,7 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, STX
 from axistwin_conformance.families.msc.driver import MscDriver
-from axistwin_conformance.families.msc.link import MS
+from axistwin_conformance.families.msc.link import MS, Names
 
 ORDER = 30  # of this module in a run; see `Family.modules`
 
@@ -32,6 +32,12 @@ def a_character_takes_ten_bits_of_9600_baud(session: Session) -> None:
     driver = MscDriver(session)
     session.step(session.target.baud == 9600, "9600 baud", session.target.baud)
     driver.link.alive("MSC-PHY-01")
+    judge_pace(driver, "MSC-PHY-01")
+
+
+def judge_pace(driver: MscDriver, names: Names) -> None:
+    """Judge that a reply's characters come one upon the other, as at 9600 8N1."""
+    session = driver.session
     if session.target.description.startswith("socket:"):
         return  # a plain socket carries bytes, not a rate
     session.target.drain()
@@ -49,7 +55,7 @@ def a_character_takes_ten_bits_of_9600_baud(session: Session) -> None:
     spare_ns = due_ns * WRONG_SPACING + driver.link.spare_ns
     session.expect(
         abs(took_ns - due_ns) <= spare_ns,
-        None,
+        names,
         f"{count} bytes in {due_ns / MS:.1f} ms",
         f"{took_ns / MS:.1f} ms",
     )
@@ -213,7 +219,7 @@ def the_time_limit_is_for_the_whole_packet(session: Session) -> None:
         if received not in (ACK, NAK):
             session.fail("MSC-LNK-03", ["NAK", "ACK"], received.hex(" ") or "nothing")
         strays = finish(driver, received)
-        session.expect(not strays, "MSC-LNK-03", "one sign", strays.hex(" "))
+        session.expect(not strays, "MSC-LNK-03", "one sign", f"{codec.explain(strays)} as well")
         seen.append("served" if received == ACK else "refused")
     readings = {
         "refused, refused": "total",
@@ -253,7 +259,9 @@ def the_longest_packet_has_time_enough(session: Session) -> None:
         got = f"{codec.explain(received) or 'nothing'} after {took_ns / MS:.1f} ms"
         session.expect(received == ACK, name, text, got)
         strays = finish(driver, received)
-        session.expect(not strays, name, "one sign and one reply", strays.hex(" "))
+        session.expect(
+            not strays, name, "one sign and one reply", f"{codec.explain(strays)} as well"
+        )
 
 
 @check("MSC-LNK-03", "MSC-LNK-22")
@@ -274,7 +282,9 @@ def the_time_limit_begins_with_each_packet(session: Session) -> None:
     received, _ = send_in_parts(driver, [(0.0, raw[:8]), (0.8 * limit_s, raw[8:])])
     session.expect(received == ACK, "MSC-LNK-22", "ACK", codec.explain(received) or "nothing")
     strays = finish(driver, received)
-    session.expect(not strays, "MSC-LNK-22", "one sign and one reply", strays.hex(" "))
+    session.expect(
+        not strays, "MSC-LNK-22", "one sign and one reply", f"{codec.explain(strays)} as well"
+    )
 
 
 # --- T2 -------------------------------------------------------------------------------------------

@@ -4,15 +4,19 @@ An input that was named by mistake keeps its state whatever SFLAG and CFLAG say,
 that the macroprogram uses.  On the wire that looks like a unit that loses what is written, and
 nobody can tell them apart; so nothing is judged by such a flag.  Two kinds of units are at fault
 beyond doubt, and are left to the checks: one whose flag follows most of the time, and one that
-writes to another flag than the one it was told.
+writes to another flag than the one it was told.  Two fail here: one that turns the flag and others
+with it, since no check looks at flags that nobody has named; and one that acknowledges each SFLAG
+while more flags stay off than a machine drives in step, or each CFLAG while they stay on.
 """
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable
 from typing import Final
 
+from axistwin_conformance.base.retry import RETRY
+from axistwin_conformance.core.family import Violation
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.driver import MscDriver
@@ -22,22 +26,27 @@ from axistwin_conformance.families.msc.scratch import known_scratch, scratch_of
 ROUNDS: Final = 4  # of on and off in which a flag may follow
 FEW_ROUNDS: Final = 2  # are enough of one that follows each time
 MOST_FOLLOWED: Final = 1  # by chance: the machine may have moved an input
-ATTEMPTS: Final = 16  # of a round that noise voids
 SWITCHINGS: Final = 10  # drawn; nothing else goes along with all of them by chance
 SCAN_S: Final = 0.1  # within which who drives a flag has it back
+MOST_IN_STEP: Final = 32  # flags that a machine at rest may hold in one state, all named by mistake
 MOST_NAMED: Final = 8  # flags in a sentence
 
 
-def try_flags(session: Session) -> str:
+def try_flags(session: Session) -> str | Violation:
     """Why no check can be judged by the flags named; empty: they follow what is written, or the
-    unit is what keeps them from it.  What it touches is put back by `restore`."""
+    unit is what keeps them from it.  A violation: what is written to one turns others as well.
+    What it touches is put back by `restore`."""
     flags = scratch_of(session).flags
     if session.target.is_builtin and flags == known_scratch(session).flags:
         return ""  # of which it is known that nothing drives them
     trial = _FlagCheck(session)
     driven = trial.driven(list(flags))
-    if not driven or trial.goes_elsewhere(driven[0]):
+    if not driven:
+        return trial.meddling(dict.fromkeys((flags[0], flags[-1])))
+    if trial.along(driven[0]):
         return ""
+    if lost := trial.lost(driven):
+        return lost
     follow, them = ("does", "it") if len(driven) == 1 else ("do", "them")
     return (
         f"{_listed(driven)} {follow} not follow SFLAG and CFLAG"
@@ -59,12 +68,13 @@ class _FlagCheck:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._driver = MscDriver(session)
+        self._held: dict[int, set[tuple[bytes, bool]]] = defaultdict(set)  # sign, state, of each
 
     def driven(self, numbers: list[int]) -> list[int]:
         """Those of the flags that are the same after SFLAG and after CFLAG, time after time."""
         followed, counted = Counter[int](), Counter[int]()
         left = numbers
-        for _ in range(ATTEMPTS):
+        for _ in range(RETRY.exchange):
             if not left:
                 break
             signs_on, on = self._turned(left, on=True)
@@ -74,6 +84,7 @@ class _FlagCheck:
                 # Noise may spoil a packet; it does not refuse two in a row.
                 if sign in (codec.ACK, codec.NAK) and sign == signs_off[number]:
                     counted[number] += 1
+                    self._held[number] |= {(sign, number in on), (sign, number in off)}
                     followed[number] += number in on and number not in off
             left = [
                 number
@@ -86,8 +97,35 @@ class _FlagCheck:
             if counted[number] == ROUNDS and followed[number] <= MOST_FOLLOWED
         ]
 
-    def goes_elsewhere(self, number: int) -> bool:
-        """True if another flag goes on and off with what is written to this one."""
+    def lost(self, driven: list[int]) -> Violation | None:
+        """What the unit acknowledges and does not do, if that can be nobody else's doing."""
+        held = set().union(*(self._held[number] for number in driven))
+        if len(driven) <= MOST_IN_STEP or len(held) > 1:
+            return None
+        ((sign, is_on),) = held
+        if sign != codec.ACK:
+            return None
+        name, wanted, stay = ("CFLAG", "off", "on") if is_on else ("SFLAG", "on", "off")
+        told = f"ACK, and {_listed(driven)} stay {stay}"
+        return Violation(f"MSC-{name}-02", f"{name} turns a flag {wanted}", told)
+
+    def meddling(self, numbers: Iterable[int]) -> str | Violation:
+        """What turns together with one of these flags: flags beside it, or whose number differs in
+        one bit, are the unit's doing; others may be a program's."""
+        for number in numbers:
+            if not (along := self.along(number)):
+                continue
+            told = f"{_listed(sorted(along))} as well"
+            if along & self._beside(number):
+                return Violation("MSC-SFLAG-02", f"SFLAG and CFLAG turn flag {number}", told)
+            return (
+                f"SFLAG and CFLAG {number} turn {told}: a program uses it; name only flags that"
+                " nothing else uses (--flags)"
+            )
+        return ""
+
+    def along(self, number: int) -> set[int]:
+        """The other flags that go on and off with what is written to this one."""
         draw = self._session.random
         orders = [draw.random() < 0.5 for _ in range(SWITCHINGS)]
         along, taken = set(self._near(number)) - {number}, 0
@@ -96,17 +134,18 @@ class _FlagCheck:
             if signs[number] == codec.ACK:
                 along = {number for number in along if (number in states) == on}
                 taken += 1
-        return bool(along) and taken > SWITCHINGS // 2
+        return along if taken > SWITCHINGS // 2 else set()
+
+    def _beside(self, number: int) -> set[int]:
+        return {number - 1, number + 1, *(number ^ 1 << bit for bit in range(8))} | {
+            *scratch_of(self._session).flags
+        }
 
     def _near(self, number: int) -> Iterable[int]:
         """Where a write may go astray: anywhere, as far as that can be seen at once."""
         if self._driver.has_rflags:
             return range(MOST_FLAGS)
-        near = {number - 1, number + 1, *(number ^ 1 << bit for bit in range(8))}
-        return {
-            *(number for number in near if number in range(MOST_FLAGS)),
-            *scratch_of(self._session).flags,
-        }
+        return self._beside(number) & {*range(MOST_FLAGS)}
 
     def _turned(
         self, numbers: list[int], *, on: bool, looked_at: Iterable[int] | None = None

@@ -259,12 +259,18 @@ def _after_junk(driver: MscDriver) -> Outcome:
     if repeat_at_once(driver):
         driver.client.send(ACK)
         return 1
+    waits = _waits_still(driver)
+    return (0, 2) if waits is None else 0 if waits else 2
+
+
+def _waits_still(driver: MscDriver) -> bool | None:
+    """Whether a unit with one repeat left sends it, by itself or to a NAK; None: this tells
+    nothing.  Afterwards it is idle."""
     if driver.session.readings.get("ack_timeout_action") == "retransmit":
         again, _ = driver.client.receive_packet(driver.client.ack_timeout_s + glance_s(driver))
         driver.client.send(ACK)
-        return 0 if again is not None else 2
-    waits = is_waiting(driver)
-    return (0, 2) if waits is None else 0 if waits else 2
+        return again is not None
+    return is_waiting(driver)
 
 
 @probe()
@@ -272,6 +278,8 @@ def rx_while_busy(driver: MscDriver) -> Outcome:
     """The 02h of a packet right behind another one, and the rest of it later: whether that is a
     packet."""
     bad = codec.packet(driver.unit, RQSTAT, checksum=NO_SUM)
+    if driver.client.packet_timeout_s < 2 * glance_s(driver):
+        driver.session.skip("T1 runs out before the unit has surely answered")
     driver.target.drain()
     driver.client.send(
         bad + bad[:1]
@@ -393,15 +401,38 @@ def invalid_unit(driver: MscDriver) -> Outcome:
 def other_unit_framing(driver: MscDriver) -> Outcome:
     """A packet for a unit that is not there, with a whole RQSTAT for this one inside."""
     _only_where_units_are_told_apart(driver)
-    taken = (driver.unit, *driver.session.neighbours)
-    absent = next(unit for unit in ABSENT if unit not in taken)
     inside = driver.client.request(RQSTAT)
-    transport = codec.packet(
-        absent, RQSTAT + inside, checksum=NO_SUM
-    )  # nobody's, should it be there
+    transport = _for_nobody(driver, RQSTAT + inside)
     drawn = reply_kind_of(driver, transport)
     driver.client.wait_until_quiet()
     return int(drawn is not MscReplyKind.SILENCE)
+
+
+@probe()
+def pending_reply_on_stx(driver: MscDriver) -> Outcome:
+    """RQSTAT, its reply left unanswered, a packet for a unit that is not there, and what comes
+    then."""
+    _only_where_units_are_told_apart(driver)
+    for switch, seen in (("stx_while_waiting", "serve"), ("other_unit_framing", "skip_by_length")):
+        if driver.session.reading(switch) != seen:
+            driver.session.skip(f"this device has {switch}={driver.session.reading(switch)}")
+    raw = _for_nobody(driver, RQSTAT)
+    if (
+        driver.client.ack_timeout_s * 1e9
+        < 4 * len(raw) * driver.target.byte_ns + driver.target.line_ns
+    ):
+        driver.session.skip("T2 is too short to send a packet amid the wait")
+    down_to_the_last(driver)
+    driver.client.send(raw)
+    waits = _waits_still(driver)
+    return (0, 1) if waits is None else int(waits)
+
+
+def _for_nobody(driver: MscDriver, body: bytes) -> bytes:
+    """A packet for a unit that is not there, and nobody's by its checksum, should it be there."""
+    taken = (driver.unit, *driver.session.neighbours)
+    absent = next(unit for unit in ABSENT if unit not in taken)
+    return codec.packet(absent, body, checksum=NO_SUM)
 
 
 def _only_where_units_are_told_apart(driver: MscDriver) -> None:

@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
-from axistwin_conformance.core.session import ATTEMPTS
+from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.client import MscExchange
 from axistwin_conformance.families.msc.codec import ACK, NAK, Packet
@@ -132,7 +132,7 @@ class UnitSequence(Steps):
     def _insist(self, operation: UnitOperation, first: int, second: int) -> None:
         """Do it again until noise is not the reason for what came, as `MscClient.ask` does."""
         session, seen = self.driver.session, list[tuple[str, str]]()
-        for _ in range(1 if session.is_strict else ATTEMPTS):
+        for _ in range(1 if session.is_strict else RETRY.exchange):
             try:
                 operation.act(self, first, second)
                 return

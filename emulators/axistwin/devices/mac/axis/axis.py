@@ -67,7 +67,7 @@ class Axis:
         shift = 1 if quirks.status_ff_layout == "shifted" else 0
         ff_reserved = 0xFF & ~(0x0F << shift)
         self._status_reserved = (
-            reserved & 0x80,
+            reserved & model.reserved_status_bits,
             reserved & ff_reserved,
             reserved,
             reserved & ~hh_bit,
@@ -167,7 +167,7 @@ class Axis:
     # ---- synchronous mode ----------------------------------------------------------------------
 
     def _arm(self, _: Nanos, __: int, ___: Nanos) -> bool:
-        """10h (MACS-CMD-10-01); twice is once (MACS-AMB-35)."""
+        """10h (MACS-CMD-10-01); twice is once, in motion is for the next one (MACS-AMB-35)."""
         if self._preload is None:
             in_motion = self.drive.kind is not None
             self._armed = not in_motion or self.quirks.sync_arm_lifetime != "lost"
@@ -295,7 +295,7 @@ class Axis:
             return False
         if not self.drive.offer(now, Segment(steps, period_ticks, virtual), start_ns):
             return False
-        if self.quirks.sync_arm_lifetime == "lost":
+        if self.quirks.arm_after_segment == "lost":
             self._armed, self._preload = False, None
         return True
 
@@ -306,7 +306,7 @@ class Axis:
         return self.drive.stops.is_blocked_hard(1 if distance > 0 else -1)
 
     def _ramped_stop(self, now: Nanos, _: int, __: Nanos) -> bool:
-        """17h (MACS-CMD-17-01, -02)."""
+        """17h (MACS-CMD-17-01, -02, MACS-AMB-77)."""
         if self.drive.kind is State.IN and self.quirks.stop17_in_interp == "ignore":
             return True
         self._disarm()
@@ -315,7 +315,7 @@ class Axis:
             self.drive.stop_segments(now, after_this_one=after_this_one)
         else:
             self.drive.ramped_stop(now)
-        if self.quirks.abort_flush:
+        if self.quirks.segments_after_17h == "dropped":
             self.drive.flush_waiting(now)
         return True
 

@@ -2,7 +2,10 @@
 
 from collections.abc import Callable
 
+from axistwin.devices.mac.axis.models import MacModel
 from axistwin.devices.words import spaced
+
+MEASURES = 0x27
 
 
 def _signed(data: bytes) -> int:
@@ -77,15 +80,19 @@ def _modes(data: bytes) -> str:
     return f"ramp {data[0]}, torque {data[1]:02X}h, mode {data[2]:02X}h, tolerance {data[3]}"
 
 
-def _measures(data: bytes) -> str:
+def _measures(data: bytes, model: MacModel | None) -> str:
     names = (
         ("not busy" if data[2] & 0x08 else "busy"),
         ("positive stop" if data[2] & 0x20 else ""),
         ("negative stop" if data[3] & 0x40 else ""),
         ("reference" if data[3] & 0x20 else ""),
     )
-    raw = f"temperature {data[0]:02X}h, supply {data[1]:02X}h"
-    return ", ".join((raw, *(name for name in names if name)))
+    temperature, supply = f"{data[0]:02X}h", f"{data[1]:02X}h"
+    if model is not None:  # each model has scales of its own
+        temperature = f"{model.celsius(data[0]):.1f} °C ({temperature})"
+        supply = f"{model.volts(data[1]):.1f} V ({supply})"
+    measured = f"temperature {temperature}, supply {supply}"
+    return ", ".join((measured, *(name for name in names if name)))
 
 
 _ANSWERS: dict[int, tuple[str, Callable[[bytes], str]]] = {
@@ -96,7 +103,7 @@ _ANSWERS: dict[int, tuple[str, Callable[[bytes], str]]] = {
     0x24: ("release", lambda d: d.hex().upper()),
     0x25: ("speeds", _speeds),
     0x26: ("modes", _modes),
-    0x27: ("measures", _measures),
+    MEASURES: ("measures", spaced),
     0x28: ("RAM", spaced),
     0x29: ("EEPROM", spaced),
 }
@@ -112,13 +119,15 @@ def query_in_words(index: int) -> str:
     return QUERIES.get(index, "(unassigned)")
 
 
-def value_in_words(index: int, data: bytes) -> str:
-    """The four bytes that query ``index`` was answered with."""
+def value_in_words(index: int, data: bytes, model: MacModel | None) -> str:
+    """The four bytes that query ``index`` was answered with, in the units of a model if known."""
+    if index == MEASURES:
+        return _measures(data, model)
     return _ANSWERS.get(index, ("", spaced))[1](data)
 
 
-def answer_in_words(digit: int, data: bytes) -> str:
+def answer_in_words(digit: int, data: bytes, model: MacModel | None) -> str:
     """Query and value of an answer whose index ends in ``digit``."""
     index = 0x20 + digit
-    name, say = _ANSWERS.get(index, ("", spaced))
-    return f"{f'{index:02X}h {name}'.rstrip()} = {say(data)}"
+    name = _ANSWERS.get(index, ("", spaced))[0]
+    return f"{f'{index:02X}h {name}'.rstrip()} = {value_in_words(index, data, model)}"

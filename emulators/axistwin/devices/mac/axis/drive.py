@@ -250,7 +250,7 @@ class Drive:
         shaft = self._control
         if not isinstance(shaft, Profile):
             return
-        self._abandon_target()
+        self._abandon_target(stays_busy=self._quirks.busy_after_17h)
         motion = shaft.motion
         if not motion.is_over(now):
             self._replan(now, shaft, motion.stop(now))
@@ -291,7 +291,7 @@ class Drive:
         keeps_segments: what is stored waits for the next segment, or for the end of the next
         profile (MACS-AMB-51).  is_standing: the motion has not made a step yet.
         """
-        self._abandon_target()
+        self._abandon_target(stays_busy=self._quirks.busy_after_abort)
         kind, increments = self.kind, self._brake_increments
         if kind is None or (is_standing and increments is not None):
             increments = 0
@@ -320,7 +320,7 @@ class Drive:
         self.replan(now)
 
     def flush_waiting(self, now: Nanos) -> None:
-        """Drop segments that wait for the end of a profile (MACS-AMB-51)."""
+        """Drop segments that wait for the end of a profile (MACS-AMB-77)."""
         if self._segments_wait:
             self._segments_wait = False
             self._end_segments(now)
@@ -344,9 +344,12 @@ class Drive:
             for segment, descent in list(self._accepted)[-stored:]:
                 interpolator.offer(now, segment, descent)
 
-    def _abandon_target(self) -> None:
-        """Remember what was aimed at (MACS-AMB-51: ``busy_after_abort``)."""
-        if self._position_mode and self.kind is State.PO and self._old_target is None:
+    def _abandon_target(self, *, stays_busy: bool) -> None:
+        """Give up what was aimed at; the axis ``stays_busy`` as long as it is not there, or is it
+        no longer (MACS-AMB-51, -72)."""
+        if not stays_busy:
+            self._old_target = None
+        elif self._position_mode and self.kind is State.PO and self._old_target is None:
             self._old_target = self.plant.target
 
     def _ramp(self, period_ticks: int) -> Ramp:
@@ -579,7 +582,7 @@ class Drive:
     def is_busy(self, now: Nanos) -> bool:
         """Whether the axis does not follow (MACS-BUSY-01, -02)."""
         tolerance = self._values["tolerance"]
-        if self._quirks.busy_after_abort and self._old_target is not None:
+        if self._old_target is not None:
             return abs(self.plant.position_at(now) - self._old_target) > tolerance
         if self._position_mode:
             plant = self.plant

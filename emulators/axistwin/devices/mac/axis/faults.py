@@ -36,6 +36,9 @@ class FaultLatched(Trace):
 
     bits: int
 
+    def __str__(self) -> str:
+        return f"fault {self.bits:02X}h has latched"
+
 
 class Faults:
     """The fault word dd, the over-voltage memory, and the measures they come from."""

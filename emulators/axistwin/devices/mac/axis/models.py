@@ -29,7 +29,8 @@ class MacModel:
 
     Temperature °C = scale·raw + offset, in millidegrees.  Supply V = raw·scale, where one raw step
     is ``supply_step_uv`` microvolts.  The ``raw_*`` thresholds are inclusive.  The first of
-    ``addresses`` is the factory's.
+    ``addresses`` is the factory's.  ``reserved_status_bits``: those of dd in 21h that mean nothing;
+    serial modules share one layout (MACS-Q-21-02), the CAN module has a narrower one (CAN's §5.1).
     """
 
     name: str
@@ -47,6 +48,7 @@ class MacModel:
     torque_max_nm: Fraction
     rotor_inertia_kgcm2: Fraction
     addresses: range = SERIAL_ADDRESSES
+    reserved_status_bits: int = 0x80
 
     def raw_temperature(self, millidegrees: int) -> int:
         """The measure tt of 27h nearest to a temperature, held at 0 and 255."""
@@ -55,6 +57,14 @@ class MacModel:
     def raw_supply(self, millivolts: int) -> int:
         """The measure vv of 27h nearest to a supply voltage, held at 0 and 255."""
         return _nearest(millivolts * 1000, self.supply_step_uv)
+
+    def celsius(self, raw_temperature: int) -> float:
+        """The temperature of the measure tt."""
+        return (self.temperature_step_m * raw_temperature + self.temperature_offset_m) / 1000
+
+    def volts(self, raw_supply: int) -> float:
+        """The supply of the measure vv."""
+        return self.supply_step_uv * raw_supply / 1_000_000
 
     def warnings(self, raw_supply: int) -> int:
         """The live warning bits of dd (MACS-Q-21-02)."""
@@ -133,5 +143,5 @@ MAC34_2 = replace(
 MODELS: dict[str, MacModel] = {model.name: model for model in (MAC23, MAC34_1, MAC34_2)}
 """The models with a serial line."""
 
-MAC23_CAN = replace(MAC23, name="mac23-can", addresses=range(1, 0x80))
+MAC23_CAN = replace(MAC23, name="mac23-can", addresses=range(1, 0x80), reserved_status_bits=0x8E)
 """The MAC23 on CAN: no address 0, which is the general identifier's (MACC-ID-01, ledger §6.1)."""

@@ -25,7 +25,7 @@ from axistwin.devices.mac.axis.axis import Axis
 from axistwin.devices.mac.axis.models import MacModel
 from axistwin.devices.mac.axis.quirks import MacQuirks
 from axistwin.devices.snapshot import Snapshot
-from axistwin.devices.traces import StateChanged
+from axistwin.devices.traces import Refused, StateChanged
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import Effect, Silence
 from axistwin.kernel.schedule import NEVER
@@ -154,7 +154,14 @@ class MacModule:
         state = self._state_code()
         if state != self._told_state:
             self._told_state = state
-            self._effects.append(StateChanged(now, state))
+            self._effects.append(StateChanged(now, state, state_text(state)))
+
+    def _tell_refusal(self, now: Nanos, index: int, *, is_locked: bool) -> None:
+        """Say why command ``index`` is refused: for the state, or for what it asks."""
+        reason = f"refused {index:02X}h: its value is out of range, or the way is barred"
+        if is_locked:
+            reason = f"refused {index:02X}h: {state_text(self._state_code())}"
+        self._effects.append(Refused(now, reason))
 
     def _take_over(self, now: Nanos) -> None:
         self._take_over_at = NEVER

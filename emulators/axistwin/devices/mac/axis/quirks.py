@@ -16,7 +16,7 @@ Rules
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 from axistwin.devices.switches import (
     DIGITS_MAX,
@@ -58,7 +58,7 @@ def _is_number(text: str) -> bool:
 class MacQuirks:
     """One reading of the manuals: what a MAC twin does wherever they are silent or contradict."""
 
-    # Frames and replies
+    FRAMES_AND_REPLIES: ClassVar[str] = "Frames and replies"
     xon_byte: Literal[0x1A, 0x11] = quirk(
         0x1A, "MACS-AMB-01", "last byte of the reply to an accepted frame", SERIAL
     )
@@ -111,7 +111,7 @@ class MacQuirks:
         "wrap", "MACS-AMB-65", "28h and 29h beyond address FFh", SERIAL
     )
 
-    # Addresses and several modules
+    ADDRESSES_AND_SEVERAL_MODULES: ClassVar[str] = "Addresses and several modules"
     general_reply_policy: Literal["addr00_only", "all", "none", "lone"] = quirk(
         "addr00_only",
         "MACS-AMB-16",
@@ -134,7 +134,7 @@ class MacQuirks:
         "addressed", "MACS-AMB-19", "which module answers Nack to a wrong checksum", SERIAL
     )
 
-    # Start-up and storage
+    START_UP_AND_STORAGE: ClassVar[str] = "Start-up and storage"
     reset_reply: Literal["ack", "silence"] = quirk(
         "ack", "MACS-AMB-20", "00h and 01h are acknowledged before they restart"
     )
@@ -197,7 +197,7 @@ class MacQuirks:
         check=_are_limits,
     )
 
-    # Acceptance
+    ACCEPTANCE: ClassVar[str] = "Acceptance"
     motion_lock_set: Literal["can_list", "serial_list"] = quirk(
         "can_list", "MACS-AMB-08", "locked in motion: 02 03 09 0A 0D 0F 13 14, or 02 03(d=1) 13"
     )
@@ -223,7 +223,7 @@ class MacQuirks:
         "ignore", "MACS-AMB-47", "last byte of 0Eh other than 00"
     )
 
-    # Position and velocity motion
+    POSITION_AND_VELOCITY_MOTION: ClassVar[str] = "Position and velocity motion"
     motion_start_ref: Literal["etx", "reply_end"] = quirk(
         "etx", "MACS-AMB-41", "when a motion starts: Etx heard, or the end of the reply", SERIAL
     )
@@ -237,7 +237,7 @@ class MacQuirks:
         "half_up", "MACS-AMB-43", "rounding of the periods of a ramp to ticks"
     )
     triangle_law: Literal["mirror", "shared_peak"] = quirk(
-        "mirror", "MACS-CMD-13-05", "short moves: symmetric, or the middle one level higher"
+        "mirror", "MACS-AMB-74", "short moves: symmetric, or the middle one level higher"
     )
     vel_f6_direction: Literal["negative", "positive"] = quirk(
         "negative", "MACS-AMB-07", "direction of 15h with SS = F6", SERIAL
@@ -258,16 +258,19 @@ class MacQuirks:
         "climbed", "MACS-AMB-45", "17h during a ramp: as many increments as climbed, or N"
     )
     overshoot_return: Literal["catch_up", "fresh_profile"] = quirk(
-        "catch_up", "MACS-AMB-52", "return to a target that fell behind by a change of origin"
+        "catch_up", "MACS-AMB-75", "return to a target that fell behind by a change of origin"
     )
     standby_swing: Literal["none", "one"] = quirk(
         "none", "MACS-CMD-02-03", "reading of a place held in standby (one: +1, 0, -1, 0 about it)"
     )
     plant: Literal["ideal", "inertial"] = quirk(
-        "ideal", "MACS-CMD-0F-03", "motor and load: follows exactly, or by torque and inertia"
+        "ideal", "MACS-AMB-73", "motor and load: follows exactly, or by torque and inertia"
     )
     busy_after_abort: bool = quirk(
-        False, "MACS-AMB-51", "after 17h, 18h or a stop busy until the old target is reached"
+        False, "MACS-AMB-51", "after 18h or a stop busy until the old target is reached"
+    )
+    busy_after_17h: bool = quirk(
+        False, "MACS-AMB-72", "after 17h busy until the old target is reached"
     )
     abort_flush: bool = quirk(
         True,
@@ -275,12 +278,15 @@ class MacQuirks:
         "18h and stops drop preload and FIFO (false: what is stored runs with the next segment)",
     )
 
-    # Synchronous mode
+    SYNCHRONOUS_MODE: ClassVar[str] = "Synchronous mode"
     sync_without_preload: Literal["accept", "refuse"] = quirk(
         "accept", "MACS-AMB-34", "11h with nothing preloaded"
     )
     sync_arm_lifetime: Literal["kept", "lost"] = quirk(
-        "kept", "MACS-AMB-35", "the arm of 10h when a segment follows, or when given in motion"
+        "kept", "MACS-AMB-35", "the arm of 10h when it is given in motion"
+    )
+    arm_after_segment: Literal["kept", "lost"] = quirk(
+        "kept", "MACS-AMB-71", "the arm of 10h, and what it holds, when a segment follows"
     )
     preload_policy: Literal["replace", "refuse", "keep"] = quirk(
         "replace", "MACS-AMB-36", "a second motion while preloaded; keep: 17h 18h 1Ah keep it too"
@@ -292,7 +298,7 @@ class MacQuirks:
         "after", "MACS-AMB-69", "11h with a 13h or 14h preloaded while segments are executed"
     )
 
-    # Segments
+    SEGMENTS: ClassVar[str] = "Segments"
     fifo_counts_executing: bool = quirk(
         False, "MACS-AMB-37", "the executing segment occupies one of the three stages"
     )
@@ -312,8 +318,11 @@ class MacQuirks:
     stop17_in_interp: Literal["ignore", "refuse", "after_segment", "now"] = quirk(
         "ignore", "MACS-AMB-32", "17h during segments (now departs from MACS-CMD-17-02)"
     )
+    segments_after_17h: Literal["run", "dropped"] = quirk(
+        "run", "MACS-AMB-77", "segments that wait for the end of a profile that 17h stops"
+    )
 
-    # Stops, reference, counter, faults
+    STOPS_REFERENCE_COUNTER_FAULTS: ClassVar[str] = "Stops, reference, counter, faults"
     soft_stop_compare: Literal["strict", "equal"] = quirk(
         "strict", "MACS-AMB-48", "a software stop acts beyond its position, or at it"
     )
@@ -325,7 +334,7 @@ class MacQuirks:
     )
     brake_increments: str = quirk(
         "plant",
-        "MACS-STOP-01",
+        "MACS-AMB-76",
         "increments that 18h and stops still take: 0 of the ideal plant, v²/2a, or a number",
         form="plant, or a number 0..65535",
         check=_are_increments,

@@ -36,6 +36,9 @@ class StopMet(Trace):
 
     stop: str
 
+    def __str__(self) -> str:
+        return f"its motion was ended by a stop: {self.stop}"
+
 
 class Heading(NamedTuple):
     """Where a motion is going: +1, -1, or 0 nowhere.

@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 from axistwin.devices.mac.axis.acceptance import SERIAL_ONLY
 from axistwin.devices.mac.axis.command_words import command_in_words, query_in_words, value_in_words
+from axistwin.devices.mac.axis.models import MAC23_CAN
 from axistwin.devices.mac.can.device import (
     ACCEPTED,
     BOOT_UP,
@@ -72,7 +73,7 @@ def _reply(data: bytes, address: int) -> str:
         return f"reply of {_size(data)} ({who}) [{REQUEST_BYTES} are right]"
     command = data[0]
     if command in _UPLOADED:
-        value = value_in_words(QUERIES + data[1], data[4:])
+        value = value_in_words(QUERIES + data[1], data[4:], MAC23_CAN)
         return f"{_object(data)} {_uploaded(data)} = {value} ({who})"
     verdict = {ACCEPTED: "accepted", REFUSED: "refused"}.get(command, f"reply {command:02X}h")
     code = int.from_bytes(data[4:], "little")

@@ -291,12 +291,12 @@ class MacCan(MacModule):
             return self._refused(request, BAD_VALUE)
         if index in _FACE_COMMANDS:
             return _FACE_COMMANDS[index](self, request)
-        accepted = not axis.is_locked(index, parameters) and axis.execute(
-            self._now, index, parameters, self._now
-        )
+        is_locked = axis.is_locked(index, parameters)
+        accepted = not is_locked and axis.execute(self._now, index, parameters, self._now)
         self._collect(self._now)
         if accepted:
             return self._accepted(request)
+        self._tell_refusal(self._now, index, is_locked=is_locked)
         takes_value = index in TAKES_VALUES or (index in SEGMENTS and not parameters & 0xFFFF)
         return self._refused(request, BAD_VALUE if takes_value and cell == "A" else BAD_STATE)
 

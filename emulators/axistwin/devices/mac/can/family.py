@@ -43,6 +43,37 @@ class MacCanFamily(Family):
 
         return explain_frame(data)
 
+    def compose(self, text: str, address: int) -> "CanFrame":
+        """A request."""
+        from axistwin.devices.mac.axis.acceptance import SERIAL_ONLY
+        from axistwin.devices.mac.can.device import (
+            DOWNLOAD,
+            INDEX_HIGH,
+            QUERIES,
+            REQUEST,
+            UPLOAD,
+        )
+        from axistwin.devices.mac.phrases import GENERAL, parse_phrase
+        from axistwin.errors import UsageError
+        from axistwin.wire.can_frame import CanFrame
+
+        asked = parse_phrase(text)
+        if asked.command in SERIAL_ONLY:
+            raise UsageError(f"{text!r}: {asked.command:02X}h is for modules on a serial line")
+        to = address if asked.address is None else asked.address % GENERAL
+        is_query = asked.command >= QUERIES
+        head = bytes((UPLOAD, asked.command - QUERIES) if is_query else (DOWNLOAD, asked.command))
+        data = head + bytes((INDEX_HIGH, asked.sub_index)) + asked.parameters.to_bytes(4, "big")
+        return CanFrame(REQUEST + to, data)
+
+    def is_reply(self, request: "CanFrame", frame: "CanFrame") -> bool:
+        """A reply of the module that was asked, or to the procedure for addresses."""
+        from axistwin.devices.mac.can.device import LMT_REPLY, LMT_REQUEST, REPLY, REQUEST
+
+        if request.identifier == LMT_REQUEST:
+            return frame.identifier == LMT_REPLY
+        return frame.identifier - REPLY == request.identifier - REQUEST
+
 
 MODELS: Final = (
     Model(

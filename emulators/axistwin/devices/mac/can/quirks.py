@@ -11,7 +11,7 @@ Rules
 """
 
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import ClassVar, Final, Literal
 
 from axistwin.devices.mac.axis.quirks import CAN, MacQuirks
 from axistwin.devices.switches import Quirk, Settings, number, parse_settings, quirk, switches
@@ -51,7 +51,7 @@ def _are_error_codes(text: str) -> bool:
 class MacCanQuirks(MacQuirks):
     """One reading of the manuals: what a MAC23 on CAN does wherever they are silent."""
 
-    # SDO
+    SDO: ClassVar[str] = "SDO"
     can_byte_order: Literal["big", "little"] = quirk(
         "big", "MACC-AMB-01", "byte order of parameters (little: in each word or long)", CAN
     )
@@ -80,7 +80,7 @@ class MacCanQuirks(MacQuirks):
         "ignore", "MACC-AMB-19", "SDO requests of less than 8 bytes (pad: with zeros)", CAN
     )
 
-    # General message and network
+    GENERAL_MESSAGE_AND_NETWORK: ClassVar[str] = "General message and network"
     general_reply_id: Literal[0x581, 0x601] = quirk(
         0x581, "MACC-AMB-03", "identifier of module 1's reply to the general message", CAN
     )
@@ -129,7 +129,7 @@ class MacCanQuirks(MacQuirks):
         False, "MACC-AMB-24", "NMT 000h is obeyed: start, stop, pre-operational, resets", CAN
     )
 
-    # Address procedure
+    ADDRESS_PROCEDURE: ClassVar[str] = "Address procedure"
     lmt_dlc: Literal[8, 7] = quirk(8, "MACC-AMB-08", "bytes in the reply on 7E4h", CAN)
     lmt_error_reply: Literal["01", "FF", "silence"] = quirk(
         "01", "MACC-AMB-09", "second byte of the reply to an impossible address", CAN
@@ -147,7 +147,7 @@ class MacCanQuirks(MacQuirks):
         CAN,
     )
 
-    # Start-up, synchronous mode, faults
+    START_UP_SYNCHRONOUS_MODE_FAULTS: ClassVar[str] = "Start-up, synchronous mode, faults"
     reset_reply: Literal["ack", "silence"] = quirk(
         "ack", "MACC-AMB-26", "2000h and 2001h are acknowledged before they restart", CAN
     )
@@ -160,7 +160,7 @@ class MacCanQuirks(MacQuirks):
     sync_arm_lifetime: Literal["kept", "lost", "permanent"] = quirk(  # type: ignore[assignment]
         "kept",
         "MACC-AMB-31",
-        "the arm of 2010h when a segment follows or in motion; permanent: it holds every motion",
+        "the arm of 2010h when it is given in motion; permanent: it holds every motion",
         CAN,
     )
     fault_ack_while_present: Literal["returns", "refuse"] = quirk(

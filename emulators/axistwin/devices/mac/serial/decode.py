@@ -5,6 +5,7 @@
 """
 
 import re
+from functools import partial
 
 from axistwin.devices.mac.axis.command_words import (
     QUERIES,
@@ -12,6 +13,7 @@ from axistwin.devices.mac.axis.command_words import (
     command_in_words,
     query_in_words,
 )
+from axistwin.devices.mac.axis.models import MacModel
 from axistwin.devices.mac.serial.framing import (
     ANY_CASE,
     GENERAL_ADDRESS,
@@ -41,12 +43,15 @@ _CUT = re.compile(rb"(?:\x06\x13\x0201[14][0-9A-Fa-f]*\x03?\x1a?|\x02014[0-9A-Fa
 assert _ANSWER_BYTES == REQUEST_BYTES, "one length for both that break off"
 
 
-def explain(data: bytes) -> str:
-    """What ``data`` (one or more frames, either direction) says, in one line."""
-    return "; ".join(in_words(bytes(data), _frame_at))
+def explain(data: bytes, model: MacModel | None = None) -> str:
+    """What ``data`` (one or more frames, either direction) says, in one line.
+
+    model: of the module, for what its bytes mean in °C and volts; None: it is not known.
+    """
+    return "; ".join(in_words(bytes(data), partial(_frame_at, model)))
 
 
-def _frame_at(data: bytes, at: int, follows: bool) -> tuple[str, int]:
+def _frame_at(model: MacModel | None, data: bytes, at: int, follows: bool) -> tuple[str, int]:
     """The text and length of the frame that begins at ``at``; length 0 if none does."""
     first = data[at]
     if first == 0x15:
@@ -56,7 +61,7 @@ def _frame_at(data: bytes, at: int, follows: bool) -> tuple[str, int]:
     if first == 0x06:
         if short := _SHORT_REPLIES.get(data[at : at + 3]):
             return short, 3
-        if text := _answer(data[at : at + _ANSWER_BYTES]):
+        if text := _answer(data[at : at + _ANSWER_BYTES], model):
             return text, _ANSWER_BYTES
     return _broken_at(data, at, follows) if first in (STX[0], 0x06) else ("", 0)
 
@@ -96,7 +101,7 @@ def _request(frame: bytes) -> str:
     return f"{index:02X}h {named}{where} -> {whom}{doubt}"
 
 
-def _answer(frame: bytes) -> str:
+def _answer(frame: bytes, model: MacModel | None) -> str:
     """A module's answer in words; empty if it has not the form of one."""
     if len(frame) != _ANSWER_BYTES or frame[1:3] != b"\x13\x02" or frame[19] != 0x03:
         return ""
@@ -111,4 +116,4 @@ def _answer(frame: bytes) -> str:
     doubt = "" if frame[17:19] == right else f" [checksum wrong, {right.decode()} is right]"
     address = ANY_CASE[frame[6:8]]
     whom = "general" if address == GENERAL_ADDRESS else f"module {address}"
-    return f"{answer_in_words(int(digit, 16), fields)} ({whom}){doubt}"
+    return f"{answer_in_words(int(digit, 16), fields, model)} ({whom}){doubt}"

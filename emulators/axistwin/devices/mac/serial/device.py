@@ -41,9 +41,9 @@ from axistwin.devices.mac.serial.framing import (
     NACK,
     REQUEST_BYTES,
     UPPER,
+    Reception,
     Request,
     answer,
-    is_one_frame,
     next_frame,
     number,
     take_apart,
@@ -76,6 +76,9 @@ class MacSerial(MacModule):
     is_full_duplex: Final = False
     """RS-485 on one pair of wires."""
 
+    drops_bad_characters: Final = True
+    """As if they had never been (ledger §2)."""
+
     def __init__(
         self,
         model: str | MacModel,
@@ -98,9 +101,7 @@ class MacSerial(MacModule):
         self._prepare_replies()
         self._take_over_stored()
         # The receiver.
-        self._partial = b""
-        self._seen = b""
-        self._seen_request: Request | None = None
+        self.reception = Reception(any_case=self._any_case)
         self._deaf_until: Nanos = NEVER
         self._sending_until: Nanos = 0
         # The frame in hand: when its Etx was heard, whether bytes take time, what came of it.
@@ -138,56 +139,44 @@ class MacSerial(MacModule):
         """8N1 at the rate in use (MACS-LINE-01)."""
         return self._line_format
 
+    @property
+    def listener(self) -> "MacSerial":
+        """What modules have heard, they may share."""
+        return self
+
+    def heeded_address(self, now: Nanos) -> int | None:
+        """Its own, as long as it hears all and other modules' frames are none of its business."""
+        return None if self._judges_all or now < self._deaf_until else self.address
+
     def quiet_prefix(self, data: bytes) -> int:
         """Everything before the last byte of the first frame that concerns this module."""
-        request = self._lone_request(data)
+        request = self.reception.lone_request(data)
         if request is not None:  # by far the most common
-            return REQUEST_BYTES - 1 if self._concerns(request) else REQUEST_BYTES
-        kept = len(self._partial)
-        buffer = self._partial + data
-        start, end = next_frame(buffer, 0)
-        while start >= 0:
-            if self._concerns(take_apart(buffer[start:end], self._any_case)):
-                return max(0, end - 1 - kept)
-            start, end = next_frame(buffer, end)
-        return len(data)
+            return REQUEST_BYTES - self._concerns(request)
+        return self.reception.quiet_prefix(data, None if self._judges_all else (self.address,))
 
     def receive(self, chunk: Chunk) -> list[Effect]:
-        """Take the bytes of ``chunk``; answer the frames they complete.
-
-        A bad character is dropped, as if it had never been (ledger §2).
-        """
-        if chunk.errors:
-            return []
+        """Take the bytes of ``chunk``; answer the frames they complete."""
         data, first = chunk.data, 0
-        request = self._lone_request(data)
+        request = self.reception.lone_request(data)
         if request is not None and chunk.start_ns >= self._deaf_until:
+            self.reception.partial = b""
             self._take(data, request, chunk, REQUEST_BYTES - 1)
             return self._taken_effects()
         while first < len(data):
             if chunk.start_ns < self._deaf_until:
                 first = self._first_heard(chunk, first)
-            kept = len(self._partial)
-            buffer = self._partial + (data[first:] if first else data)
+            kept = len(self.reception.partial)
+            buffer = self.reception.partial + (data[first:] if first else data)
             start, end = next_frame(buffer, 0)
             if start < 0:
-                self._partial = buffer[end:]
+                self.reception.partial = buffer[end:]
                 break
-            self._partial = b""
+            self.reception.partial = b""
             first += end - kept
             frame = buffer[start:end]
             self._take(frame, take_apart(frame, self._any_case), chunk, first - 1)
         return self._taken_effects()
-
-    def _lone_request(self, data: bytes) -> Request | None:
-        """``data`` taken apart if it is one frame and nothing else, and none has begun before it.
-
-        Remembered, since the line asks for the ``quiet_prefix`` of what it hands over next.
-        """
-        if data is not self._seen:
-            self._seen = data
-            self._seen_request = take_apart(data, self._any_case) if is_one_frame(data) else None
-        return None if self._partial else self._seen_request
 
     def _take(self, frame: bytes, request: Request, chunk: Chunk, last: int) -> None:
         """Take 21 bytes, completed by byte ``last`` of ``chunk``, if they matter here."""
@@ -204,7 +193,7 @@ class MacSerial(MacModule):
             if self._deaf_until == NEVER:
                 first = size
         if first > begin:
-            self._partial = b""
+            self.reception.partial = b""
         return first
 
     def _concerns(self, request: Request) -> bool:
@@ -233,9 +222,6 @@ class MacSerial(MacModule):
             return
         if reply is not None:
             self._transmit(reply)
-
-    def _upper(self, digits: bytes) -> bytes:
-        return digits.upper() if self._any_case else digits
 
     def _answers_general(self) -> bool:
         """Whether this module replies to frames to FF (MACS-AMB-16)."""
@@ -303,6 +289,7 @@ class MacSerial(MacModule):
     def _command(self, index: int, parameters: int, *, general: bool) -> bytes | None:
         """Execute command ``index``; its reply, or None for silence."""
         if self.axis.is_locked(index, parameters):
+            self._tell_refusal(self._etx_ns, index, is_locked=True)
             return self._refused
         face_command = _FACE_COMMANDS.get(index)
         if face_command is not None:
@@ -313,7 +300,10 @@ class MacSerial(MacModule):
         accepted = self.axis.execute(now, index, parameters, start_ns)
         self._collect(now)
         self._reschedule()
-        return self._accepted if accepted else self._refused
+        if accepted:
+            return self._accepted
+        self._tell_refusal(now, index, is_locked=False)
+        return self._refused
 
     def _unassigned(self, frame: bytes, index: int) -> bytes | None:
         """The reply to an index nobody assigned (MACS-AMB-58)."""
@@ -337,7 +327,9 @@ class MacSerial(MacModule):
 
     def _echo(self, frame: bytes) -> bytes:
         """The address in an answer to ``frame`` (MACS-REPLY-08, MACS-AMB-17)."""
-        return self._upper(frame[4:6]) if self._echoes else HEX[self.address]
+        if not self._echoes:
+            return HEX[self.address]
+        return frame[4:6].upper() if self._any_case else frame[4:6]
 
     def _initialise(self, _: int, __: bool) -> bytes | None:
         """00h: restart when the reply has left (MACS-CMD-00-01..03)."""
@@ -395,7 +387,8 @@ class MacSerial(MacModule):
 
     def _hear_nothing(self, until: Nanos) -> None:
         """The UART is off ``until`` then (MACS-CMD-00-02)."""
-        self._deaf_until, self._sending_until, self._partial = until, 0, b""
+        self._deaf_until, self._sending_until = until, 0
+        self.reception = Reception(any_case=self._any_case)  # also where it was shared
 
     def describe(self, now: Nanos) -> SerialModuleSnapshot:
         """Everything worth showing."""

@@ -12,7 +12,14 @@ if TYPE_CHECKING:
 
 
 class MacSerialFamily(Family):
-    """Expert frames over the axis core."""
+    """Expert frames over the axis core; ``model``: whose units bytes are told in, if one's."""
+
+    def __init__(self, model: str = "") -> None:
+        self._model = model
+
+    def of_any_model(self) -> "MacSerialFamily":
+        """The same without units."""
+        return MacSerialFamily()
 
     def quirks(self) -> "Mapping[str, Quirk]":
         """Those of the axis and of expert frames."""
@@ -42,9 +49,25 @@ class MacSerialFamily(Family):
 
     def explain(self, data: bytes) -> str:
         """Frames and replies in words."""
+        from axistwin.devices.mac.axis.models import MODELS
         from axistwin.devices.mac.serial.decode import explain
 
-        return explain(data)
+        return explain(data, MODELS.get(self._model))
+
+    def compose(self, text: str, address: int) -> bytes:
+        """A request."""
+        from axistwin.devices.mac.phrases import parse_phrase
+        from axistwin.devices.mac.serial.framing import request
+
+        asked = parse_phrase(text)
+        to = address if asked.address is None else asked.address
+        return request(to, asked.command, asked.parameters, asked.sub_index)
+
+    def completed(self, data: bytes) -> bytes:
+        """A request with sum and Etx."""
+        from axistwin.devices.mac.serial.framing import completed
+
+        return completed(data)
 
 
 _DESCRIPTIONS: Final = {
@@ -57,7 +80,7 @@ MODELS: Final = tuple(
     Model(
         name,
         f"{description}, serial expert frames",
-        MacSerialFamily(),
+        MacSerialFamily(name),
         addresses=range(0x80),
         default_address=0,
         default_baud=38400,

@@ -10,8 +10,9 @@ upper-case digits (MACS-FRAME-03).  Digits are checked one by one before ``int``
 would let ``+1``, `` 1`` and ``1_0`` pass (ledger §8.10).
 """
 
+from collections.abc import Container, Iterable, Iterator, Mapping
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 STX: Final = b"\x02"
 ETX: Final = 0x03
@@ -109,3 +110,93 @@ def next_frame(buffer: bytes, after: int) -> tuple[int, int]:
             return (start, end) if end <= len(buffer) else (-1, start)
         start = again
     return -1, len(buffer)
+
+
+class Reception:
+    """The frame that is being heard, by all modules that have heard the same.
+
+    any_case: how they read digits.  ``partial``: the bytes of the frame so far.
+    """
+
+    __slots__ = ("_seen", "_seen_request", "any_case", "partial")
+
+    def __init__(self, *, any_case: bool, partial: bytes = b"") -> None:
+        self.any_case = any_case
+        self.partial = partial
+        self._seen = b""
+        self._seen_request: Request | None = None
+
+    def is_like(self, other: Any) -> bool:
+        """Whether both are at the same place in the same frame, and read it alike."""
+        return (
+            isinstance(other, Reception)
+            and self.partial == other.partial
+            and self.any_case == other.any_case
+        )
+
+    def copy(self) -> "Reception":
+        """The same, apart."""
+        return Reception(any_case=self.any_case, partial=self.partial)
+
+    def lone_request(self, data: bytes) -> Request | None:
+        """``data`` taken apart if it is one frame and nothing else, and none has begun before it.
+
+        What has begun does not count, since a frame begins anew at each Stx.  Remembered, since the
+        line asks for the ``quiet_prefix`` of what it hands over next.
+        """
+        if data is not self._seen:
+            self._seen = data
+            self._seen_request = take_apart(data, self.any_case) if is_one_frame(data) else None
+        return self._seen_request
+
+    def frames(self, data: bytes) -> Iterable[tuple[Request, int]]:
+        """The frames that ``data`` completes, and behind which of its bytes each ends."""
+        request = self.lone_request(data)
+        return self._found_in(data) if request is None else ((request, REQUEST_BYTES),)
+
+    def _found_in(self, data: bytes) -> Iterator[tuple[Request, int]]:
+        kept = len(self.partial)
+        buffer = self.partial + data
+        start, end = next_frame(buffer, 0)
+        while start >= 0:
+            yield take_apart(buffer[start:end], self.any_case), end - kept
+            start, end = next_frame(buffer, end)
+
+    def quiet_prefix(self, data: bytes, addresses: Container[int | None] | None) -> int:
+        """Everything before the last byte of the first frame for all or one of ``addresses``.
+
+        None: everything concerns.
+        """
+        for request, end in self.frames(data):
+            address = request.address
+            if addresses is None or address == GENERAL_ADDRESS or address in addresses:
+                return end - 1
+        return len(data)
+
+    def addressed(self, data: bytes, at_address: Mapping[int, list[int]]) -> list[int]:
+        """Whom the frame that ends with ``data`` concerns, of those at their addresses."""
+        for request, end in self.frames(data):
+            if end == len(data):
+                if request.address == GENERAL_ADDRESS:
+                    return [each for group in at_address.values() for each in group]
+                if request.address is not None:
+                    return list(at_address.get(request.address, ()))
+        return []
+
+    def hear(self, data: bytes) -> None:
+        """Take ``data``; no frame that it completes matters."""
+        if self.lone_request(data) is not None:
+            self.partial = b""
+            return
+        buffer = self.partial + data
+        start, end = next_frame(buffer, 0)
+        while start >= 0:
+            start, end = next_frame(buffer, end)
+        self.partial = buffer[end:]
+
+
+def completed(data: bytes) -> bytes:
+    """``data``, a request as far as its parameters, with sum and Etx; anything else as it is."""
+    if len(data) == REQUEST_BYTES - 3 and data.startswith(STX + REQUEST_LENGTH_FIELD):
+        return data + checksum(data[4:]) + bytes((ETX,))
+    return data

@@ -22,10 +22,13 @@ from axistwin_conformance.families.mac.axis.model.acceptance import (
     outcome_of,
 )
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
+from axistwin_conformance.families.mac.axis.parameters import PARAMETERS
 
 ORDER = 110  # of this module in a run; see `Family.modules`
 
 LONG_STEPS: Final = 120  # a second of motion at the slowest speed
+MOST_EXCHANGES: Final = 60  # in motion, from one start
+SHORT_STEPS: Final = 100  # to run on for so many is waited for at the slowest speed
 
 
 def _power_off(driver: AxisDriver, start: int) -> None:
@@ -37,15 +40,17 @@ def _power_on(driver: AxisDriver, start: int) -> None:
 
 
 def _move(driver: AxisDriver, start: int) -> None:
-    driver.client.command(0x13, start + LONG_STEPS)
+    # Each command takes it a little further from the start: it must not be there already.
+    way = driver.limits.steps_outlasting(driver.motion.period, MOST_EXCHANGES)
+    driver.client.command(0x13, start + max(LONG_STEPS, min(way, driver.limits.room())))
 
 
 def _turn(driver: AxisDriver, start: int) -> None:
-    driver.client.command(0x15, velocity(1, SLOWEST))
+    driver.client.command(0x15, velocity(1, driver.motion.period))
 
 
 def _interpolate(driver: AxisDriver, start: int) -> None:
-    driver.client.command(0x16, segment_parameter(LONG_STEPS, SLOWEST))
+    driver.client.command(0x16, segment_parameter(LONG_STEPS, driver.motion.period))
 
 
 def _arm(driver: AxisDriver, start: int) -> None:
@@ -58,6 +63,15 @@ def _preload(driver: AxisDriver, start: int) -> None:
 
 
 # DJ needs a fault, hence a rig.
+STATE_WORDS: Final = {
+    "OF": "with the power off",
+    "HD": "at rest",
+    "AR": "after 10h, before a motion",
+    "PL": "with a motion preloaded",
+    "PO": "in point-to-point motion",
+    "VE": "in velocity motion",
+    "IN": "in interpolated motion",
+}
 ENTER: Final[Mapping[str, Callable[[AxisDriver, int], None]]] = {
     "OF": _power_off,
     "HD": _power_on,
@@ -69,26 +83,33 @@ ENTER: Final[Mapping[str, Callable[[AxisDriver, int], None]]] = {
 }
 
 # Parameters that change nothing the module has not already, or next to nothing.
-HARMLESS: Final[Mapping[int, Callable[[int], int]]] = {
-    0x09: lambda start: 0x3FFFFFFF,
-    0x0A: lambda start: 0xC0000000,
-    0x0C: lambda start: 0x40,
-    0x0D: lambda start: SLOWEST,
-    0x0E: lambda start: 0x0500,
-    0x13: lambda start: start + 20,
-    0x15: lambda start: velocity(1, SLOWEST),
-    0x16: lambda start: segment_parameter(5, SLOWEST),
-    0x1E: lambda start: segment_parameter(5, SLOWEST),
+HARMLESS: Final[Mapping[int, Callable[[int, int], int]]] = {
+    0x09: lambda start, period: 0x3FFFFFFF,
+    0x0A: lambda start, period: 0xC0000000,
+    0x0C: lambda start, period: 0x40,
+    0x0D: lambda start, period: period,
+    0x0E: lambda start, period: 0x0500,
+    0x13: lambda start, period: start + 20,
+    0x15: lambda start, period: velocity(1, period),
+    0x16: lambda start, period: segment_parameter(5, period),
+    0x1E: lambda start, period: segment_parameter(5, period),
 }
+
+
+def _slowly(driver: AxisDriver) -> int:
+    """The slowest period, or a faster one for an axis that runs on: over so many increments that
+    each stop would take seconds."""
+    runs_on = driver.limits.braking(SLOWEST)
+    return driver.limits.outlasting(LONG_STEPS, SLOWEST * SHORT_STEPS // max(SHORT_STEPS, runs_on))
 
 
 def walk(session: Session, *indices: int) -> None:
     """Judge the rows of these indices in every state of `ENTER`."""
     driver = driver_of(session)
-    start = driver.motion.ready(SLOWEST)
+    start = driver.motion.ready(_slowly(driver))
     for index in indices:
         row = driver.client.face.acceptance[index]
-        parameter = HARMLESS[index](start) if index in HARMLESS else 0
+        parameter = HARMLESS[index](start, driver.motion.period) if index in HARMLESS else 0
         for state, enter in ENTER.items():
             enter(driver, start)
             exchange = driver.client.command(index, parameter)
@@ -147,9 +168,29 @@ def _judge(driver: AxisDriver, row: AcceptanceRow, state: str, index: int, kind:
                 session.expect(True, shown, "", "")
                 return
     session.step(
-        kind is wanted, f"{wanted.value} to {driver.client.named(index)} in {state}", kind.value
+        kind is wanted,
+        f"{driver.client.named(index)} to be {wanted.value} {STATE_WORDS[state]}",
+        kind.value,
     )
     session.expect(True, [name for name in shown if name not in PARTLY], "", "")
+
+
+def _written_in_motion(driver: AxisDriver, index: int, name: str) -> None:
+    """What a parameter reads as after another value was sent in motion: that one if it was
+    accepted, the old one if it was refused."""
+    start = driver.motion.ready(_slowly(driver))
+    parameter = PARAMETERS[index]
+    before = driver.client.parameter(index)
+    other = before - 1 if before else 1
+    _move(driver, start)
+    sent = driver.client.command(index, parameter.parameter(other))
+    accepted = sent.kind is ReplyKind.ACCEPTED
+    wanted, seen = other if accepted else before, driver.client.parameter(index)
+    driver.motion.at_rest()
+    driver.client.command(index, parameter.parameter(before))
+    if seen != wanted:
+        told = "accepted" if accepted else "refused"
+        driver.session.fail(name, f"{told} in motion: {wanted:X} is read", f"{seen:X}")
 
 
 @check("MACS-CMD-02-02", "MACS-STATE-01", safety=("motion", "stored"))
@@ -163,7 +204,7 @@ def the_stops_mode_is_locked_in_motion(session: Session) -> None:
     """03h, all four values, is refused while running and accepted in every other state."""
     walk(session, 0x03)
     driver = driver_of(session)
-    start = driver.motion.ready(SLOWEST)
+    start = driver.motion.ready(_slowly(driver))
     for state in RUNNING:
         for value in (0, 1, 8, 9):
             ENTER[state](driver, start)
@@ -181,6 +222,8 @@ def the_stops_mode_is_locked_in_motion(session: Session) -> None:
 def the_software_stops_are_locked_in_motion(session: Session) -> None:
     """09h and 0Ah are refused while running and accepted in every other state."""
     walk(session, 0x09, 0x0A)
+    for index in (0x09, 0x0A):
+        _written_in_motion(driver_of(session), index, "MACS-CMD-090A-03")
 
 
 @check("MACS-CMD-0D-02", "MACS-STATE-01", safety=("motion", "stored"))
@@ -193,6 +236,7 @@ def the_period_is_locked_in_motion(session: Session) -> None:
 def the_ramp_is_locked_in_motion(session: Session) -> None:
     """0Fh is refused while running and accepted in every other state."""
     walk(session, 0x0F)
+    _written_in_motion(driver_of(session), 0x0F, "MACS-CMD-0F-02")
 
 
 @check("MACS-CMD-13-02", "MACS-CMD-13-03", "MACS-STATE-01", safety=("motion", "stored"))
@@ -203,8 +247,13 @@ def a_move_is_refused_in_motion(session: Session) -> None:
 
 @check("MACS-CMD-14-02", "MACS-STATE-01", safety=("motion", "stored"), level="full")
 def a_move_to_0_is_refused_in_motion(session: Session) -> None:
-    """14h is refused while running and accepted in every other state."""
+    """14h is refused while running, which goes on, and accepted in every other state."""
     walk(session, 0x14)
+    driver = driver_of(session)
+    forecast = driver.motion.go(driver.motion.ready(_slowly(driver)) + LONG_STEPS)
+    driver.client.wait(0.1)
+    if driver.client.command(0x14).kind is ReplyKind.REFUSED:
+        driver.motion.finish(forecast, "MACS-CMD-14-02")
 
 
 @check("MACS-CMD-15-02", safety=("motion", "stored"), level="full")
@@ -230,6 +279,12 @@ def segments_are_accepted_in_every_state(session: Session) -> None:
 def torque_catch_up_and_tolerance_are_free_in_motion(session: Session) -> None:
     """07h, 0Ch, 0Eh and 1Ch are accepted in every state."""
     walk(session, 0x07, 0x0C, 0x0E, 0x1C)
+    for index, name in {
+        0x0C: "MACS-CMD-0C-03",
+        0x0E: "MACS-CMD-0E-02",
+        0x1C: "MACS-CMD-1C-01",
+    }.items():
+        _written_in_motion(driver_of(session), index, name)
     for name, what in PARTLY.items():
         session.info(name, what)
 

@@ -9,7 +9,8 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
-from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind, signed
+from axistwin_conformance.families.mac.axis.model.forecast import Segment
 from axistwin_conformance.families.mac.axis.parameters import PARAMETERS
 from axistwin_conformance.families.mac.axis.probes.parameters import (
     catchup_low_byte,
@@ -18,6 +19,7 @@ from axistwin_conformance.families.mac.axis.probes.parameters import (
     zero_catchup,
     zero_period_0d,
 )
+from axistwin_conformance.families.mac.axis.words import NAMES
 
 ORDER = 100  # of this module in a run; see `Family.modules`
 
@@ -40,10 +42,21 @@ def reads_back(
         driver.session.expect(
             value & mask == wanted,
             requirement,
-            f"{wanted & mask:08X} under mask {mask:08X} in {query:02X}h"
-            f" after {index:02X}h {parameter:08X}",
-            f"{value:08X}",
+            *_field_words(index, wanted, value, mask),
         )
+
+
+def _field_words(index: int, wanted: int, value: int, mask: int) -> tuple[str, str]:
+    """What a query should show after a command, and what it shows: the parameter, or if that is
+    right, the digits."""
+    field = PARAMETERS[index]
+    read = [
+        signed(field.read(one)) if field.is_signed else field.read(one) for one in (wanted, value)
+    ]
+    if read[0] == read[1]:
+        due = f"{wanted & mask:08X} in the digits {mask:08X} of the answer to {field.query:02X}h"
+        return due, f"{value & mask:08X}"
+    return f"{NAMES[field.name]} {read[0]}", f"{NAMES[field.name]} {read[1]}"
 
 
 @check("MACS-CMD-09-01", "MACS-Q-22-01", "MACS-FRAME-05", safety="stored")
@@ -71,7 +84,12 @@ def the_inferior_stop_reads_back(session: Session) -> None:
         ("MACS-CMD-0A-01", "MACS-Q-23-01", "MACS-FRAME-05"),
     )
     again = driver.client.value(0x22)
-    session.expect(again == superior, "MACS-CMD-0A-01", f"22h still {superior:08X}", f"{again:08X}")
+    session.expect(
+        again == superior,
+        "MACS-CMD-0A-01",
+        f"the superior software stop still {superior:08X}",
+        f"{again:08X}",
+    )
 
 
 @check("MACS-CMD-02-01", "MACS-Q-26-01", safety="stored")
@@ -313,11 +331,29 @@ def the_counter_is_cleared_in_velocity_motion(session: Session) -> None:
     session.expect(
         lowest - moved[1] <= sample.position <= highest - moved[0],
         ("MACS-CMD-0B-01", "MACS-CMD-0B-02"),
-        f"{lowest - moved[1]}..{highest - moved[0]} counted from the place of 0Bh",
+        f"{lowest - moved[1]}..{highest - moved[0]} increments, counted from the place of 0Bh",
         sample.position,
     )
     driver.judge.accepted(0x18)
     _put_origin_back(driver, moved[0])  # to one increment: nobody knows the instant of 0Bh better
+    _judge_cleared_in_segments(driver)
+
+
+def _judge_cleared_in_segments(driver: AxisDriver) -> None:
+    """Segments that wait run to their end, counted from the place of 0Bh."""
+    start = driver.motion.ready(SLOWEST)
+    forecast = driver.motion.feed(start, *[Segment(30, SLOWEST)] * 3)
+    exchange = driver.judge.accepted(0x0B)
+    lowest, highest = forecast.bounds(exchange.taken)
+    driver.client.wait(0.1 + driver.motion.lasting_s(90))
+    place, ends = driver.client.position(), start + 90
+    driver.session.expect(
+        ends - highest <= place <= ends - lowest,
+        "MACS-CMD-0B-02",
+        f"{ends - highest}..{ends - lowest} at the end of three segments",
+        place,
+    )
+    _put_origin_back(driver, ends - place)
 
 
 def _step_off(driver: AxisDriver, start: int) -> int:

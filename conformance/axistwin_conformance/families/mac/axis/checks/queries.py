@@ -9,6 +9,7 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.probes.sync import is_held
 from axistwin_conformance.families.mac.axis.snapshot import PLAUSIBLE_CELSIUS, facts_of
 
 ORDER = 80  # of this module in a run; see `Family.modules`
@@ -27,7 +28,10 @@ def the_status_of_a_sound_module_shows_no_fault(session: Session) -> None:
     driver = driver_of(session)
     status = driver.client.value(0x21)
     session.expect(
-        not status & FAULTS, "MACS-Q-21-01", "no fault and no warning in dd", f"{status:08X}"
+        not status & FAULTS,
+        "MACS-Q-21-01",
+        "no fault and no warning in dd",
+        f"dd {status >> 24:02X}",
     )
     _judge_reserved(driver, status & STATUS_RESERVED, f"21h {status:08X}")
 
@@ -49,9 +53,7 @@ def measures_are_plausible_and_idle_is_not_busy(session: Session) -> None:
         low <= volts <= high, "MACS-Q-27-01", f"{low:.0f}..{high:.0f} V", f"{volts:.1f} V"
     )
     session.info("MACS-Q-27-01", f"{celsius:.1f} °C, {volts:.1f} V")
-    session.expect(
-        bool(first & 0x08), "MACS-Q-27-03", "cc bit 3 = 1: the axis follows", f"cc {first:02X}"
-    )
+    session.expect(bool(first & 0x08), "MACS-Q-27-03", "bit 3 of cc 1: not busy", f"cc {first:02X}")
     _judge_reserved(driver, value & MEASURES_RESERVED, f"27h {value:08X}")
 
 
@@ -70,7 +72,7 @@ def the_release_is_eight_digits_that_stay(session: Session) -> None:
     driver = driver_of(session)
     release = driver.client.value(0x24)
     again = driver.client.value(0x24)
-    session.expect(again == release, None, f"{release:08X} again", f"{again:08X}")
+    session.expect(again == release, None, f"release {release:08X} again", f"release {again:08X}")
     session.info(None, f"release {release:08X}")
 
 
@@ -81,7 +83,8 @@ def positions_are_signed_and_big_endian(session: Session) -> None:
     start = driver.motion.ready(0x0800)
     targets = [start - 1, start + 1, start + 300, start - 300]
     near_zero = abs(start) <= driver.limits.room()
-    targets += [-1, 1, 0x101, -0x101, 0] if near_zero else []
+    edges = [edge for edge in (0x8000, -0x8001, 0x10001) if abs(edge) < driver.limits.room()]
+    targets += [-1, 1, 0x101, -0x101, *edges, 0] if near_zero else []
     for target in targets:
         driver.motion.finish(
             driver.motion.go(target), ("MACS-Q-20-01", "MACS-FRAME-05", "MACS-CMD-13-01")
@@ -125,6 +128,12 @@ def queries_are_answered_in_every_motion(session: Session) -> None:
             driver.judge.accepted(index, parameter, requirement="MACS-Q-XX-01")
         for index in driver.client.face.answered:
             driver.judge.must(ReplyKind.ANSWER, driver.client.ask(index))
+        if commands == ((0x10, 0),):
+            place = driver.client.position()
+            driver.judge.accepted(0x13, place + 40)
+            session.expect(
+                is_held(driver, place), None, f"rest at {place} until 11h", driver.client.position()
+            )
         driver.motion.at_rest()
 
 
@@ -142,8 +151,8 @@ def parameter_queries_are_steady(session: Session) -> None:
     session.expect(
         modes >> 4 in (0, 1) and modes & 0xF in (0, 1, 8, 9),
         "MACS-Q-26-01",
-        "K in 0 1, m in 0 1 8 9",
-        f"{modes:02X}",
+        "torque at rest (K) 0 or 1, stops mode (m) 0, 1, 8 or 9",
+        f"K {modes >> 4:X}, m {modes & 0xF:X}",
     )
 
 

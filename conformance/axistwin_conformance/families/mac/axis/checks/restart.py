@@ -124,8 +124,8 @@ def a_move_whose_counter_is_cleared_on_the_ramp_keeps_to_it(session: Session) ->
         sent.taken.latest_ns + climb.ticks_of(ramp_increments(1) // 2) * TICK_NS
     )
     cleared = driver.judge.accepted(0x0B)
-    # A ramp takes as long as 240 increments at full speed; 20 more, and it may be slowing down.
-    slowing_ns = sent.taken.earliest_ns + round(driver.motion.lasting_s(240 + 20) * 1e9)
+    # 20 increments beyond the climb it still has the same distance to go before it slows down.
+    slowing_ns = sent.taken.earliest_ns + climb.ticks_of(ramp_increments(1) + 20) * TICK_NS
     driver.motion.taken_in_time(cleared, slowing_ns, "the way to where the axis slows down")
     lowest, highest = whole.bounds(cleared.taken)
     keeps_way = driver.readings.known("reset_in_motion") == 1

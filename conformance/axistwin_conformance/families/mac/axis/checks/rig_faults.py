@@ -8,7 +8,6 @@ supply or the temperature must do is judged by what 27h tells of it: a rig need 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
@@ -18,6 +17,7 @@ from axistwin_conformance.base.errors import CannotDo
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
+from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
 from axistwin_conformance.families.mac.axis.driver.rig import (
     AT_ONCE,
@@ -47,34 +47,32 @@ OTHER_MOTION: Final = (0x10, 0x11, 0x17, 0x18, 0x1A)  # refused too, or not: MAC
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """A fault: what brings it about, what ends it, its bit of dd, and whether its cause lasts."""
+    """A fault: the rig's control behind it, its bit of dd, the values that bring it about and end
+    it, and whether its cause lasts."""
 
     name: str
     bit: int
-    begin: Callable[[Rig], tuple[int, int]]
-    end: Callable[[Rig], tuple[int, int]]
+    present: bool | float = True
+    absent: bool | float = False
     lasts: bool = True
 
+    def begin(self, rig: Rig) -> tuple[int, int]:
+        """Bring it about."""
+        return rig.work(self.name, self.present)
 
-def _named(name: str, bit: int, lasts: bool = True) -> Cause:
-    return Cause(
-        name, bit, lambda rig: rig.fault(name, True), lambda rig: rig.fault(name, False), lasts
-    )
+    def end(self, rig: Rig) -> tuple[int, int]:
+        """End what brings it about."""
+        return rig.work(self.name, self.absent)
 
 
-MICRO_CUT: Final = _named("micro_cut", 0x01, lasts=False)
-ENCODER: Final = _named("encoder", 0x02)
-AMPLIFIER: Final = _named("amplifier", 0x08)
+MICRO_CUT: Final = Cause("micro_cut", 0x01, lasts=False)
+ENCODER: Final = Cause("encoder", 0x02)
+AMPLIFIER: Final = Cause("amplifier", 0x08)
 
 
 def heat(usual: float) -> Cause:
     """Too hot, which a MAC23 tells in bit 4; back to the usual temperature."""
-    return Cause(
-        "temperature",
-        0x10,
-        lambda rig: rig.set_temperature(HOT_CELSIUS),
-        lambda rig: rig.set_temperature(usual),
-    )
+    return Cause("temperature", 0x10, HOT_CELSIUS, usual)
 
 
 def is_mac23(session: Session) -> bool:
@@ -120,7 +118,7 @@ def a_missing_encoder_locks_motion(session: Session) -> None:
         session.skip("only a MAC34 tells that its encoder is missing")
     driver = driver_of(session)
     start = driver.rig.begin()
-    driver.session.rig.fault("encoder", True)
+    driver.session.rig.work("encoder", True)
     session.expect(
         driver.status.faults() == ENCODER.bit,
         ("MACS-STATE-03", "MACS-Q-21-02"),
@@ -129,7 +127,7 @@ def a_missing_encoder_locks_motion(session: Session) -> None:
     )
     kind = driver.client.command(0x13, start + 5).kind
     driver.motion.at_rest()
-    driver.session.rig.fault("encoder", False)
+    driver.session.rig.work("encoder", False)
     outcome = {ReplyKind.REFUSED: 0, ReplyKind.ACCEPTED: 1}.get(kind, kind.value)
     driver.judge.reading("encoder_fault_locks", outcome, "MACS-STATE-02")
     driver.rig.restart()
@@ -318,18 +316,18 @@ def far_too_much_cuts_the_power_of_a_mac34(session: Session) -> None:
     usual_volts, usual_celsius = facts.volts(driver.client.data_bytes(0x27)[1]), celsius(driver)
     most_volts = facts.volts(0xFF)
     rises = (
-        (0x08, driver.session.rig.set_supply, usual_volts, most_volts),
-        (0x04, driver.session.rig.set_temperature, usual_celsius, 120.0),
+        (0x08, "supply", usual_volts, most_volts),
+        (0x04, "temperature", usual_celsius, 120.0),
     )
-    for bit, put, usual, most in rises:
+    for bit, control, usual, most in rises:
         start = driver.rig.begin()
         driver.motion.turn(1, driver.motion.period)
         values = (round(usual + (most - usual) * part / 20, 1) for part in range(1, 21))
-        is_latched = any(_latches(driver, put, value, bit) for value in values)
+        is_latched = any(_latches(driver, control, value, bit) for value in values)
         place = driver.rig.rest() if is_latched else start
         if is_latched:
             _judge_lock(driver, place)
-        put(usual)
+        session.rig.work(control, usual)
         driver.motion.at_rest()
         _clear(driver)
         again = driver.client.position()
@@ -338,9 +336,9 @@ def far_too_much_cuts_the_power_of_a_mac34(session: Session) -> None:
         )
 
 
-def _latches(driver: AxisDriver, put: Callable[[float], object], value: float, bit: int) -> bool:
+def _latches(driver: AxisDriver, control: str, value: float, bit: int) -> bool:
     """Whether supply or temperature at that value is a fault; if so, it is the one of `bit`."""
-    put(value)
+    driver.session.rig.work(control, value)
     seen = driver.status.faults() & DISJUNCTIONS
     driver.session.expect(seen in (0, bit), "MACS-Q-21-02", f"dd 00 or {bit:02X}", f"{seen:02X}")
     return seen == bit
@@ -368,11 +366,11 @@ def supply_and_temperature_have_the_model_s_scale(session: Session) -> None:
     driver, facts = driver_of(session), facts_of(session)
     usual = facts.volts(driver.client.data_bytes(0x27)[1])
     for share in (0.7, 0.85, 1.1):
-        driver.session.rig.set_supply(round(usual * share, 2))
+        driver.session.rig.work("supply", round(usual * share, 2))
         described = facts.volts(driver.client.data_bytes(0x27)[1])
         _judge_close(driver, "supply", round(usual * share, 2), described, facts.volts_per_count)
     for degrees in (10.0, 35.0, 60.0, 80.0):
-        driver.session.rig.set_temperature(degrees)
+        driver.session.rig.work("temperature", degrees)
         _judge_close(driver, "temperature", degrees, celsius(driver), facts.celsius_gain)
 
 
@@ -386,7 +384,7 @@ def warnings_follow_the_supply_and_refuse_nothing(session: Session) -> None:
     steps = (24.0, 45.6, 46.4, 45.6, 12.4, 11.5, 12.4)
     fine = (45.8, 46.1, 12.1, 11.85) if driver.session.rig.is_exact else ()
     for volts in (*steps, *fine):
-        driver.session.rig.set_supply(volts)
+        driver.session.rig.work("supply", volts)
         vv = driver.client.data_bytes(0x27)[1]
         wanted = OVER_VOLTAGE * (vv >= OVER_FROM_VV) | UNDER_VOLTAGE * (vv <= UNDER_TO_VV)
         seen = driver.status.faults()
@@ -397,6 +395,11 @@ def warnings_follow_the_supply_and_refuse_nothing(session: Session) -> None:
         )
         if wanted:
             _judge_moves(driver)
+    start = driver.motion.ready(SLOWEST)
+    forecast = driver.motion.go(start + 60)
+    driver.session.rig.work("supply", 11.5)
+    driver.client.wait(0.1)
+    driver.motion.finish(forecast, "MACS-STATE-04")
     driver.session.rig.reset()
     session.expect(
         driver.status.faults() == 0, "MACS-Q-21-02", "dd 00", f"{driver.status.faults():02X}"
@@ -427,13 +430,13 @@ def an_over_voltage_is_remembered(session: Session) -> None:
     start = driver.rig.begin()
     driver.rig.restart()
     idle = driver.status.memories()  # all its bits but one mean nothing, and need not be 0
-    driver.session.rig.set_supply(11.5)
+    driver.session.rig.work("supply", 11.5)
     hh = driver.status.memories()
     session.expect(hh == idle, "MACS-Q-21-03", f"hh {idle:02X}: too little is not remembered", hh)
-    driver.session.rig.set_supply(46.4)
+    driver.session.rig.work("supply", 46.4)
     if not driver.status.faults() & OVER_VOLTAGE:
         session.inconclusive(None, "the rig's supply did not reach 46 V")
-    driver.session.rig.set_supply(24.0)
+    driver.session.rig.work("supply", 24.0)
     judge_memory(driver, idle)
     driver.motion.finish(driver.motion.go(start + 20), "MACS-STATE-04")
     for index in (0x18, 0x1A, 0x19):
@@ -465,7 +468,7 @@ def the_thermal_fault_begins_above_85_degrees(session: Session) -> None:
     driver.rig.begin()
     is_hot = False
     for degrees in (80.0, 85.0, 87.5, 80.0) if driver.session.rig.is_exact else (75.0, 95.0, 75.0):
-        driver.session.rig.set_temperature(degrees)
+        driver.session.rig.work("temperature", degrees)
         tt = driver.client.data_bytes(0x27)[0]
         is_hot = is_hot or tt >= TRIPS_FROM_TT
         wanted = 0x10 if is_hot else 0

@@ -61,13 +61,13 @@ def the_inputs_show_whatever_is_enabled(session: Session) -> None:
         with driver.rig.reference_enabled(enabled):
             for name in INPUT_BITS:
                 for active in (True, False):
-                    driver.session.rig.set_input(name, active)
+                    driver.session.rig.work(name, active)
                     seen = [shown for shown, is_set in driver.status.inputs().items() if is_set]
                     session.expect(
                         seen == ([name] if active else []),
                         ("MACS-Q-27-02", "MACS-Q-27-01"),
-                        f"active: {name if active else 'none'}",
-                        f"active: {seen}",
+                        f"27h to show as active: {name if active else 'none'}",
+                        ", ".join(seen) or "none",
                     )
 
 
@@ -237,7 +237,8 @@ def _edge(driver: AxisDriver, moving: Forecast, origin: Origin, active: bool) ->
     sample = driver.client.sample()
     lowest, highest = moving.bounds(sample.taken)
     slack = driver.limits.allowance(driver.motion.period)
-    went_on = (lowest - origin.shift - slack - 2, highest - origin.shift + slack + 2)
+    doubt = slack + origin.doubt
+    went_on = (lowest - origin.shift - doubt, highest - origin.shift + doubt)
     zeroed = (max(0, lowest - steps[1]) - slack, highest - steps[0] + slack)
     if went_on[0] <= sample.position <= went_on[1]:
         return False
@@ -248,6 +249,7 @@ def _edge(driver: AxisDriver, moving: Forecast, origin: Origin, active: bool) ->
         sample.position,
     )
     origin.shift = (steps[0] + steps[1]) // 2
+    origin.doubt = max(origin.doubt, steps[1] - origin.shift)
     return True
 
 
@@ -284,7 +286,7 @@ def _judge_end(
         driver.motion.at_rest()  # what a zeroed move then does is judged elsewhere
         return
     driver.client.wait_until(end.latest_ns)
-    slack = 2 + driver.limits.allowance(driver.motion.period)
+    slack = origin.doubt + driver.limits.allowance(driver.motion.period)
     whole, place = moving.final[1], driver.rig.rest()
     driver.session.expect(
         abs(whole - origin.shift - place) <= slack,
@@ -314,7 +316,12 @@ def judge_no_edge(driver: AxisDriver, origin: Origin, requirement: str) -> None:
     """Work the contact in a positive move from 0; the counter must count on."""
     moving = driver.motion.go(driver.rig.reach)
     zeroed = [_edge(driver, moving, origin, active) for active in (True, False)]
-    driver.session.expect(not any(zeroed), requirement, "counting on over both edges", zeroed)
+    driver.session.expect(
+        not any(zeroed),
+        requirement,
+        "the counter to count on over both edges of the reference contact",
+        " and ".join(("zeroed" if one else "counted on") for one in zeroed),
+    )
     driver.motion.finish(moving, requirement)
 
 
@@ -409,7 +416,7 @@ def held_in_reset_the_module_is_deaf(session: Session) -> None:
         if is_moving:
             driver.judge.accepted(0x13, start + driver.rig.reach)
             driver.client.wait(0.1)
-        driver.session.rig.set_input("reset", True)
+        driver.session.rig.work("reset", True)
         if _answers_in_reset(driver, start):
             driver.judge.reading("has_reset_input", 1)
             return
@@ -417,7 +424,7 @@ def held_in_reset_the_module_is_deaf(session: Session) -> None:
         driver.motion.wait_awake()
         if _answers_in_reset(driver, start):
             session.fail(None, "silence for as long as it is held", "an answer")
-        driver.session.rig.set_input("reset", False)
+        driver.session.rig.work("reset", False)
         driver.rig.awake()
         place = driver.rig.rest()
         highest = start + driver.rig.reach * is_moving

@@ -15,7 +15,7 @@ from axistwin_conformance.families.mac.axis.driver.client import Sample
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter
-from axistwin_conformance.families.mac.axis.driver.rig import AT_ONCE, WORKED
+from axistwin_conformance.families.mac.axis.driver.rig import AT_ONCE, WORKED, MotionCommand
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
 from axistwin_conformance.families.mac.axis.model.kinematics import CATCH_UP_UNIT_TICKS, TICK_NS
@@ -51,7 +51,7 @@ def _left_behind(driver: AxisDriver, catch_up: int, tolerance: int = 0, lag: int
     start = driver.rig.begin(0x0640)
     driver.judge.accepted(0x0E, catch_up << 8)
     driver.client.command(0x1C, tolerance)
-    driver.session.rig.hold_shaft(True)
+    driver.session.rig.work("hold", True)
     end = driver.motion.go(start + lag).end
     assert end is not None
     driver.client.wait_until(end.latest_ns)
@@ -89,10 +89,10 @@ def a_held_axis_is_busy_until_it_is_near_its_target(session: Session) -> None:
     catch_up = SLOW_CATCH_UP if driver.session.rig.is_exact else EASY_CATCH_UP
     target = _left_behind(driver, catch_up, TOLERANCE)
     busy = ("MACS-BUSY-01", "MACS-Q-27-03")
-    session.expect(driver.status.is_busy(), busy, "busy while held", "not busy")
+    session.expect(driver.status.is_busy(), busy, "busy while the shaft is held", "not busy")
     is_shaft = _source(driver)
     locks = [_is_locked(driver)]
-    let_go = TimeWindow(*driver.session.rig.hold_shaft(False))
+    let_go = TimeWindow(*driver.session.rig.work("hold", False))
     near_ns = (LAG - TOLERANCE // 2) * _catch_up_ns(catch_up)
     if not is_shaft:
         driver.client.wait_until(let_go.latest_ns + LAG * _catch_up_ns(catch_up) + 100_000_000)
@@ -151,7 +151,7 @@ def a_held_axis_catches_up_at_its_own_speed(session: Session) -> None:
         target = _left_behind(driver, catch_up)
         if driver.client.position() == target:
             session.skip("20h tells the set-point: nothing to see of the shaft (MACS-AMB-55)")
-        let_go = TimeWindow(*driver.session.rig.hold_shaft(False))
+        let_go = TimeWindow(*driver.session.rig.work("hold", False))
         _follow_catch_up(driver, let_go, driver.rig.start, target, catch_up, "MACS-CMD-0E-01")
         place = driver.rig.rest()
         session.expect(place == target, ("MACS-CMD-0E-01", "MACS-BUSY-01"), target, place)
@@ -199,7 +199,7 @@ def a_move_held_for_a_while_makes_up_for_it_at_its_end(session: Session) -> None
     target = start + driver.rig.reach
     moving = driver.motion.go(target)
     driver.client.wait(0.1)
-    held = TimeWindow(*driver.session.rig.hold_shaft(True))
+    held = TimeWindow(*driver.session.rig.work("hold", True))
     lowest, highest = moving.bounds(held)
     place = driver.client.position()
     session.expect(
@@ -208,7 +208,7 @@ def a_move_held_for_a_while_makes_up_for_it_at_its_end(session: Session) -> None
     driver.client.wait(LAG * driver.motion.period * TICK_NS / 1e9)
     again = driver.client.position()
     session.expect(again == place, "MACS-Q-20-01", f"still at {place}", again)
-    let_go = TimeWindow(*driver.session.rig.hold_shaft(False))
+    let_go = TimeWindow(*driver.session.rig.work("hold", False))
     driver.rig.in_time(moving, let_go)
     missed = (moving.bounds(let_go)[0] - highest, moving.bounds(let_go)[1] - lowest)
     under_way = driver.client.sample()
@@ -272,15 +272,15 @@ def _comes_back_from_a_stop(driver: AxisDriver, distance: int, turned: int) -> N
     target = start + distance
     driver.judge.accepted(0x0E, SLOW_CATCH_UP << 8)
     driver.judge.accepted(0x03, 1)
-    driver.session.rig.hold_shaft(True)
+    driver.session.rig.work("hold", True)
     end = driver.motion.go(target).end
     assert end is not None
     driver.client.wait_until(end.latest_ns)
     driver.client.wait(0.1)
     if turned:
-        driver.session.rig.turn_shaft(turned)
+        driver.session.rig.work("turn", turned)
     driver.rig.contact("positive_stop", True)
-    driver.session.rig.hold_shaft(False)
+    driver.session.rig.work("hold", False)
     driver.client.wait((LAG + 5) * _catch_up_ns(SLOW_CATCH_UP) / 1e9)
     place, ff = driver.client.position(), driver.status.stopped_on()
     if (
@@ -301,7 +301,7 @@ def _change_under_way(driver: AxisDriver) -> None:
     """0Eh during catch-up is accepted, and counts from the next increment on."""
     slow, fast = EASY_CATCH_UP, _fastest_catch_up(driver, 5)
     target = _left_behind(driver, slow)
-    driver.session.rig.hold_shaft(False)
+    driver.session.rig.work("hold", False)
     driver.client.wait(5 * _catch_up_ns(slow) / 1e9)
     changed = driver.judge.accepted(0x0E, fast << 8, requirement="MACS-CMD-0E-02").taken
     # The increment under way may still be a slow one; the others take a millisecond each, or more.
@@ -313,7 +313,7 @@ def _change_under_way(driver: AxisDriver) -> None:
 def _sent_again_under_way(driver: AxisDriver) -> None:
     """0Eh with what is set already changes nothing, however often it comes."""
     target = _left_behind(driver, EASY_CATCH_UP)
-    let_go = TimeWindow(*driver.session.rig.hold_shaft(False))
+    let_go = TimeWindow(*driver.session.rig.work("hold", False))
     for _ in range(RESENT):
         driver.client.wait(0.03)
         driver.judge.accepted(0x0E, EASY_CATCH_UP << 8, requirement="MACS-CMD-0E-02")
@@ -330,49 +330,57 @@ def _sent_again_under_way(driver: AxisDriver) -> None:
 
 @check("MACS-BUSY-02", "MACS-Q-27-03", safety=WORKED, needs=HOLD)
 def endless_motion_and_segments_are_busy_while_held(session: Session) -> None:
-    """By 15h and 16h the axis is busy only while something keeps it from following."""
+    """By 15h, either way, and 16h the axis is busy only while something keeps it from following."""
     driver = driver_of(session)
     for command in driver.rig.motion_commands:
-        if command.name == "13h":
-            continue
-        distance = min(
-            LONGEST_SEGMENT,
-            driver.limits.room() if driver.session.rig.is_exact else driver.rig.reach,
-        )
-        start = driver.rig.begin(driver.rig.lasting(distance, 0.2 + 2 * LAG_SHOWS_S))
-        moving = command.begin(driver.rig, start, distance)
+        for way in (1, -1) if command.is_endless else (1,):
+            if command.name != "13h" and driver.rig.can_go(command, way):
+                _busy_while_held(driver, command, way)
+
+
+def _busy_while_held(driver: AxisDriver, command: MotionCommand, way: int) -> None:
+    session = driver.session
+    distance = min(
+        LONGEST_SEGMENT,
+        driver.limits.room() if session.rig.is_exact else driver.rig.reach,
+    )
+    start = driver.rig.begin(driver.rig.lasting(distance, 0.2 + 2 * LAG_SHOWS_S))
+    moving = command.begin(driver.rig, start, way * distance)
+    driver.client.wait(0.1)
+    session.expect(
+        not driver.status.is_busy(),
+        ("MACS-BUSY-02", "MACS-Q-27-03"),
+        f"{command.name}: following, not busy",
+        "busy",
+    )
+    held = TimeWindow(*session.rig.work("hold", True))
+    driver.rig.in_time(moving, held)
+    driver.client.wait(LAG_SHOWS_S)
+    session.expect(
+        driver.status.is_busy(),
+        ("MACS-BUSY-02", "MACS-Q-27-03"),
+        f"{command.name}: held, busy",
+        "not busy",
+    )
+    free = TimeWindow(*session.rig.work("hold", False))
+    driver.rig.in_time(moving, free)
+    if command.is_endless:
+        driver.client.wait(LAG_SHOWS_S)
+        before = driver.client.position()
         driver.client.wait(0.1)
+        session.expect(
+            way * (driver.client.position() - before) > 0,
+            "MACS-BUSY-02",
+            "turning again",
+            "at rest",
+        )
         session.expect(
             not driver.status.is_busy(),
             ("MACS-BUSY-02", "MACS-Q-27-03"),
-            f"{command.name}: following, not busy",
+            "following again, not busy",
             "busy",
         )
-        held = TimeWindow(*driver.session.rig.hold_shaft(True))
-        driver.rig.in_time(moving, held)
-        driver.client.wait(LAG_SHOWS_S)
-        session.expect(
-            driver.status.is_busy(),
-            ("MACS-BUSY-02", "MACS-Q-27-03"),
-            f"{command.name}: held, busy",
-            "not busy",
-        )
-        free = TimeWindow(*driver.session.rig.hold_shaft(False))
-        driver.rig.in_time(moving, free)
-        if command.is_endless:
-            driver.client.wait(LAG_SHOWS_S)
-            before = driver.client.position()
-            driver.client.wait(0.1)
-            session.expect(
-                driver.client.position() > before, "MACS-BUSY-02", "turning again", "at rest"
-            )
-            session.expect(
-                not driver.status.is_busy(),
-                ("MACS-BUSY-02", "MACS-Q-27-03"),
-                "following again, not busy",
-                "busy",
-            )
-        driver.motion.at_rest()
+    driver.motion.at_rest()
 
 
 @check("MACS-CMD-18-01", "MACS-CMD-18-03", safety=WORKED, needs=HOLD, level="full")
@@ -386,7 +394,7 @@ def a_stopped_move_does_not_catch_up(session: Session) -> None:
         driver.readings.known("running_until") != PROFILE
     ):  # there 18h comes to a motion that is over
         driver.judge.reading("busy_after_abort", int(driver.status.is_busy()), "MACS-CMD-18-03")
-    driver.session.rig.hold_shaft(False)
+    driver.session.rig.work("hold", False)
     driver.client.wait(0.3)
     again, slack = driver.client.position(), driver.limits.allowance(driver.motion.period)
     session.expect(
@@ -406,7 +414,7 @@ def an_endless_motion_ends_with_its_ramp_though_the_shaft_is_held(session: Sessi
         session.skip(f"{AT_ONCE}: endless motion is left to it")
     driver.rig.begin()
     driver.motion.turn(1, driver.motion.period)
-    driver.session.rig.hold_shaft(True)
+    driver.session.rig.work("hold", True)
     driver.client.wait(LAG_SHOWS_S)
     driver.judge.accepted(0x17, requirement="MACS-CMD-17-01")
     driver.client.wait(LAG_SHOWS_S)
@@ -422,7 +430,7 @@ def a_counter_is_cleared_where_the_shaft_is(session: Session) -> None:
     driver.rig.begin(SLOWEST)  # the less the shaft may have moved, the less of the envelope is lost
     with driver.rig.own_origin() as origin:
         driver.motion.finish(driver.motion.go(10))
-        driver.session.rig.hold_shaft(True)
+        driver.session.rig.work("hold", True)
         end = driver.motion.go(10 + LAG).end
         assert end is not None
         driver.client.wait_until(end.latest_ns)
@@ -431,7 +439,7 @@ def a_counter_is_cleared_where_the_shaft_is(session: Session) -> None:
         driver.judge.accepted(0x0B)
         place = driver.client.position()
         driver.judge.accepted(0x18)
-        driver.session.rig.hold_shaft(False)
+        driver.session.rig.work("hold", False)
         origin.shift += before - place
     if abs(before - 10) > LAG // 2:
         session.skip("20h tells the set-point: nothing to see of the shaft (MACS-AMB-55)")
@@ -452,12 +460,12 @@ def a_move_whose_counter_is_cleared_while_it_lags_ends_where_it_should(session: 
     target = 10 + 3 * LAG
     with driver.rig.own_origin() as origin:
         driver.motion.finish(driver.motion.go(10))
-        driver.session.rig.hold_shaft(True)
+        driver.session.rig.work("hold", True)
         moving = driver.motion.go(target)
         driver.client.wait(driver.motion.lasting_s(LAG))
         before = driver.client.position()
         cleared = driver.judge.accepted(0x0B)
-        driver.session.rig.hold_shaft(False)
+        driver.session.rig.work("hold", False)
         driver.client.wait(
             driver.motion.lasting_s(target) + target * _catch_up_ns(SLOW_CATCH_UP) / 1e9
         )
@@ -499,7 +507,7 @@ def an_unpowered_shaft_is_still_counted(session: Session) -> None:
     for share in (20, -35, 12):  # of what is left of the envelope
         asked = share * min(driver.limits.room(), 1000) // 100
         before = driver.client.position()
-        driver.session.rig.turn_shaft(asked)
+        driver.session.rig.work("turn", asked)
         driver.client.wait(0.3)
         _judge_turned(driver, asked, driver.rig.rest() - before, "MACS-CMD-1A-02")
 
@@ -513,17 +521,17 @@ def a_turned_shaft_comes_back_only_where_it_is_regulated(session: Session) -> No
     place = driver.motion.finish(driver.motion.go(start + 30))
     if driver.session.rig.is_exact:
         for asked in (25, -25):
-            turned = TimeWindow(*driver.session.rig.turn_shaft(asked))
+            turned = TimeWindow(*driver.session.rig.work("turn", asked))
             if driver.client.position() == place:
                 session.skip("20h tells the set-point: nothing to see of the shaft (MACS-AMB-55)")
             _follow_catch_up(driver, turned, place + asked, place, SLOW_CATCH_UP, "MACS-BUSY-01")
     else:
-        driver.session.rig.turn_shaft(25)
+        driver.session.rig.work("turn", 25)
         driver.client.wait(2.0)
     back = driver.rig.rest()
     session.expect(back == place, "MACS-BUSY-01", f"back at {place}", back)
     driver.judge.accepted(0x18)
-    driver.session.rig.turn_shaft(-25)
+    driver.session.rig.work("turn", -25)
     _judge_turned(driver, -25, driver.rig.rest() - place, "MACS-CMD-18-01")
     driver.client.command(0x18)
 
@@ -534,8 +542,8 @@ def a_turned_shaft_comes_back_to_where_a_ramped_stop_has_left_it(session: Sessio
     driver = driver_of(session)
     if not driver.session.rig.is_exact or driver.readings.known("position_source"):
         session.skip(f"{AT_ONCE}, and 20h to tell where the shaft is")
-    waiting = not driver.readings.known("interp_during_profile") and not driver.readings.known(
-        "abort_flush"
+    waiting = not driver.readings.known("interp_during_profile") and driver.readings.known(
+        "segments_after_17h"  # those that run end the regulation, as any new motion does
     )
     for segments in range(1 + waiting):
         start = driver.rig.begin()
@@ -546,11 +554,11 @@ def a_turned_shaft_comes_back_to_where_a_ramped_stop_has_left_it(session: Sessio
         driver.client.wait(0.05)
         driver.judge.accepted(0x17, requirement="MACS-CMD-17-01")
         place = driver.rig.rest()
-        turned = TimeWindow(*driver.session.rig.turn_shaft(25))
+        turned = TimeWindow(*driver.session.rig.work("turn", 25))
         _follow_catch_up(driver, turned, place + 25, place, SLOW_CATCH_UP, "MACS-CMD-17-01")
         back = driver.rig.rest()
         session.expect(back == place, "MACS-CMD-17-01", f"back at {place}", back)
-        if not driver.readings.known("busy_after_abort"):
+        if not driver.readings.known("busy_after_17h"):
             session.expect(not driver.status.is_busy(), "MACS-BUSY-01", "not busy", "busy")
 
 
@@ -561,7 +569,7 @@ def power_off_gives_a_held_move_up(session: Session) -> None:
     _left_behind(driver, 1)
     driver.judge.accepted(0x1A)
     place = driver.client.position()
-    driver.session.rig.hold_shaft(False)
+    driver.session.rig.work("hold", False)
     driver.client.wait(0.3)
     again, slack = driver.client.position(), driver.limits.allowance(driver.motion.period)
     session.expect(abs(again - place) <= slack, "MACS-CMD-1A-01", f"still {place}", again)

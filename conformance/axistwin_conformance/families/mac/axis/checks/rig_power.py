@@ -93,7 +93,12 @@ def parameters_outlive_the_supply(session: Session) -> None:
     driver.rig.power_cycle()
     for index, parameter in settings.items():
         seen = PARAMETERS[index].parameter(driver.client.parameter(index))
-        session.expect(seen == parameter, None, f"{index:02X}h {parameter:X}", f"{seen:X}")
+        session.expect(
+            seen == parameter,
+            None,
+            f"{parameter} as {index:02X}h has stored it before the cut",
+            seen,
+        )
 
 
 @check("MACS-PERS-02", safety=WORKED, needs=POWER)
@@ -211,10 +216,10 @@ def the_over_voltage_memory_ends_with_the_supply(session: Session) -> None:
     driver.rig.begin()
     driver.rig.restart()
     idle = driver.status.memories()
-    driver.session.rig.set_supply(46.4)
+    driver.session.rig.work("supply", 46.4)
     if not driver.status.faults() & OVER_VOLTAGE:
         session.inconclusive(None, "the rig's supply did not reach 46 V")
-    driver.session.rig.set_supply(24.0)
+    driver.session.rig.work("supply", 24.0)
     judge_memory(driver, idle)
     driver.rig.power_cycle()
     hh = driver.status.memories()

@@ -81,10 +81,10 @@ def enable_stop(driver: AxisDriver, side: SoftwareStop, distance: int, mode: int
     return start
 
 
-def _rest(driver: AxisDriver) -> int:
+def _rest(driver: AxisDriver, period: int | None = None) -> int:
     """The place where the axis is once it no longer moves; without a ramp, and at the speed of
-    `enable_stop`."""
-    driver.motion.run_out(driver.motion.period)
+    `enable_stop` or another."""
+    driver.motion.run_out(period or driver.motion.period)
     driver.client.wait(max(0.15, driver.motion.lasting_s(FARTHEST)))
     return driver.client.position()
 
@@ -199,7 +199,7 @@ def segments_that_turn_round_end_on_the_stop_they_meet_first(session: Session) -
         met_ns = first.taken.earliest_ns + 20 * period * TICK_NS
         driver.motion.taken_in_time(second, met_ns, "the way to the first stop")
         driver.client.wait(driver.motion.lasting_s(40 + 120, period))
-        place = (_rest(driver) - start) * sign
+        place = (_rest(driver, period) - start) * sign
         most = 21 + driver.limits.braking(period)
         session.expect(
             20 <= place <= most, side.requirements, f"at rest 20..{most} increments on", place
@@ -253,7 +253,7 @@ def from_beyond_a_software_stop_one_can_return(session: Session) -> None:
         session.expect(
             outward is ReplyKind.REFUSED or 0 <= moved <= beyond,
             side.requirements,
-            "no step further out",
+            "that it is refused, or moves no increment further out",
             f"{outward.value}, {moved} increments",
         )
         if outward is ReplyKind.ACCEPTED:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.model.forecast import Segment
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probes.motion import preload_policy
 from axistwin_conformance.families.mac.axis.probes.sync import (
@@ -19,6 +22,8 @@ from axistwin_conformance.families.mac.axis.probing import ACCEPTED_OR_REFUSED, 
 
 ORDER = 150  # of this module in a run; see `Family.modules`
 
+ARMED_S: Final = 1.5  # an arm has no end of its own
+
 
 @check("MACS-CMD-10-01", "MACS-CMD-11-01", "MACS-STATE-01", safety=MOVES)
 def a_preloaded_move_waits_for_11h(session: Session) -> None:
@@ -27,11 +32,13 @@ def a_preloaded_move_waits_for_11h(session: Session) -> None:
     for distance in (120, -75):
         start = driver.motion.ready(0x1000, 1)
         driver.judge.accepted(0x10, requirement="MACS-CMD-10-01")
+        driver.client.wait(ARMED_S)
+        driver.judge.must(ReplyKind.ANSWER, driver.client.ask(0x20))
         driver.judge.accepted(0x13, start + distance, requirement="MACS-CMD-10-01")
         session.expect(
             is_held(driver, start),
             "MACS-CMD-10-01",
-            f"at {start} until 11h",
+            f"rest at {start} until 11h",
             driver.client.position(),
         )
         session.expect(not driver.status.is_busy(), "MACS-STATE-01", "not busy", "busy")
@@ -52,7 +59,10 @@ def velocity_and_14h_can_be_preloaded_too(session: Session) -> None:
     period = driver.limits.slowed(0x1800)
     driver.judge.accepted(0x15, velocity(-1, period))
     session.expect(
-        is_held(driver, start), "MACS-CMD-10-01", f"at {start} until 11h", driver.client.position()
+        is_held(driver, start),
+        "MACS-CMD-10-01",
+        f"rest at {start} until 11h",
+        driver.client.position(),
     )
     exchange = driver.judge.accepted(0x11)
     forecast = driver.motion.to_velocity(exchange, start, -1, period)
@@ -66,7 +76,10 @@ def velocity_and_14h_can_be_preloaded_too(session: Session) -> None:
     driver.judge.accepted(0x10)
     driver.judge.accepted(0x14, requirement="MACS-CMD-14-01")
     session.expect(
-        is_held(driver, start), "MACS-CMD-10-01", f"at {start} until 11h", driver.client.position()
+        is_held(driver, start),
+        "MACS-CMD-10-01",
+        f"rest at {start} until 11h",
+        driver.client.position(),
     )
     exchange = driver.judge.accepted(0x11)
     driver.motion.watch(
@@ -80,7 +93,8 @@ def arming_concerns_one_motion(session: Session) -> None:
     driver = driver_of(session)
     start = driver.motion.ready(0x0800)
     driver.judge.accepted(0x10, requirement="MACS-CMD-10-02")
-    driver.judge.accepted(0x10, requirement="MACS-CMD-10-02")  # twice is as good as once
+    if driver.readings.known("sync_arm_lifetime") != 1:  # twice is as good as once (MACS-AMB-35)
+        driver.judge.accepted(0x10, requirement="MACS-CMD-10-02")
     driver.judge.accepted(0x13, start + 30)
     exchange = driver.judge.accepted(0x11)
     place = driver.motion.finish(driver.motion.to_position(exchange, start, start + 30))
@@ -106,7 +120,7 @@ def _is_permanent(driver: AxisDriver) -> bool:
 
 
 def _armed_still(driver: AxisDriver, *, held: bool) -> tuple[int, ...]:
-    """The readings of a motion behind something that is not held: held itself, or not."""
+    """The readings of a motion behind a 10h that was given in motion: held, or not."""
     if not held:
         return (1,)
     switches = driver.session.run.ledger.ambiguity_of("sync_arm_lifetime").switches
@@ -139,19 +153,19 @@ def without_a_preloaded_motion_11h_moves_nothing(session: Session) -> None:
 
 @check("MACS-CMD-10-03", "MACS-CMD-10-01", safety=MOVES)
 def segments_are_not_held_by_10h(session: Session) -> None:
-    """16h runs although the module is armed; whether the arm then stays is reported."""
+    """1Eh and 16h run although the module is armed; whether the arm then stays is reported."""
     driver = driver_of(session)
     start = driver.motion.ready(0x1000)
     driver.judge.accepted(0x10)
-    driver.judge.accepted(
-        0x16, segment_parameter(25, driver.motion.period), requirement="MACS-CMD-10-03"
-    )
-    driver.client.wait(0.1 + driver.motion.lasting_s(25))
+    pause = Segment(1000, driver.motion.period, moves=False)
+    forecast = driver.motion.feed(start, pause, Segment(25, driver.motion.period))
+    driver.motion.follow(forecast, "MACS-CMD-10-03", driver.limits.allowance(driver.motion.period))
+    driver.client.wait(0.1 + driver.motion.lasting_s(pause.steps + 25))
     place = driver.client.position()
     session.expect(place == start + 25, "MACS-CMD-10-03", start + 25, place)
     driver.judge.accepted(0x13, start)
-    outcome = _armed_still(driver, held=is_held(driver, place))
-    driver.judge.reading("sync_arm_lifetime", outcome, "MACS-CMD-10-01")
+    outcome = int(not is_held(driver, place))
+    driver.judge.reading("arm_after_segment", outcome, "MACS-CMD-10-01")
     driver.client.command(0x11)
     driver.client.wait(0.1)
 
@@ -216,8 +230,8 @@ def velocity_0_while_armed_at_rest(session: Session) -> None:
 def a_preloaded_move_started_during_segments(session: Session) -> None:
     """11h while segments run: the move follows them, or starts at once, or is dropped."""
     driver = driver_of(session)
-    if driver.readings.known("sync_arm_lifetime"):
-        session.skip("this device's sync_arm_lifetime leaves nothing to start, or all")
+    if driver.readings.known("arm_after_segment") or _is_permanent(driver):
+        session.skip("this device's readings of 10h leave nothing to start, or all")
     driver.judge.again(sync_during_interp, ("MACS-CMD-11-01", "MACS-CMD-10-03"))
     if not driver.readings.known("sync_during_interp"):
         start = driver.motion.ready(0x4000)
@@ -238,7 +252,9 @@ def a_preloaded_move_started_during_segments(session: Session) -> None:
 def a_preloaded_speed_started_during_segments_is_taken_at_once(session: Session) -> None:
     """10h, 15h, then 11h while a segment runs: the axis goes on without end at the new speed."""
     driver = driver_of(session)
-    for switch in ("sync_arm_lifetime", "vel_during_interp", "preload_policy"):
+    if _is_permanent(driver):
+        session.skip("this device's sync_arm_lifetime holds every motion")
+    for switch in ("arm_after_segment", "vel_during_interp", "preload_policy"):
         if driver.readings.known(switch):
             session.skip(f"this device's {switch} leaves nothing to start")
     driver.motion.ready(0x4000)

@@ -46,8 +46,10 @@ def axes_keep_step_through_virtual_segments(session: Session) -> None:
     """While one axis moves, the other waits the same ticks: afterwards both are in step."""
     axes = everybody(session)[:2]
     starts = [driver.motion.ready() for driver in axes]
-    segments = (Segment(40, 0x2000), Segment(30, 0x3000, moves=False), Segment(20, 0x2000))
-    other = (Segment(40, 0x2000, moves=False), Segment(30, 0x3000), Segment(20, 0x2000))
+    period = max(driver.limits.outlasting(40, 0x2000) for driver in axes)
+    slow = max(period, 0x3000)
+    segments = (Segment(40, period), Segment(30, slow, moves=False), Segment(20, period))
+    other = (Segment(40, period, moves=False), Segment(30, slow), Segment(20, period))
     try:
         forecasts = [
             driver.motion.feed(start, *row)
@@ -58,7 +60,7 @@ def axes_keep_step_through_virtual_segments(session: Session) -> None:
                 driver.motion.follow(
                     forecast,
                     ("MACS-MULTI-02", "MACS-CMD-1E-01", "MACS-CMD-16-01"),
-                    driver.limits.allowance(0x2000),
+                    driver.limits.allowance(period),
                 )
         for driver, forecast in zip(axes, forecasts, strict=True):
             driver.motion.finish(forecast, ("MACS-MULTI-02", "MACS-CMD-1E-01", "MACS-CMD-16-01"))

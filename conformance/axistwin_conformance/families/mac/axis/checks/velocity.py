@@ -35,7 +35,12 @@ def f6_turns_counter_clockwise(session: Session) -> None:
         if selector == F6:
             continue
         moved = _moved(driver, selector << 16 | period, seconds)
-        session.expect(moved > 0, None, f"SS {selector:02X}h counts up", f"{moved:+d}")
+        session.expect(
+            moved > 0,
+            None,
+            f"the counter to count up with sub-byte {selector:02X}h",
+            f"{moved:+d} increments",
+        )
         driver.motion.come_home()
 
 

@@ -22,6 +22,7 @@ from axistwin_conformance.families.mac.axis.parameters import PARAMETERS, READ_O
 from axistwin_conformance.transport.transport import Transport
 
 QUIET_S: Final = 0.05  # ten times any reply seen; silence is proven by the next exchange, not by it
+LONGEST_WAIT_S: Final = 10_000  # twice what the longest way of a check takes at the slowest speed
 CAREFUL: Final = frozenset({0x0B, 0x13, 0x14, 0x18})  # commands that need `Precautions`
 
 Part = str | tuple[str, ...] | None
@@ -264,8 +265,17 @@ class AxisClient(ABC):
         return first, second, third, fourth
 
     def sample(self) -> Sample:
-        """Read the counter, with the window in which it was read."""
+        """Read the counter, with the window in which it was read.  Fails the check in which the
+        axis is seen to have gone astray, once it is stopped."""
+        travel_guard, was_astray = self.target.travel_guard, self.session.run.strayed
         exchange = self.ask(0x20)
+        if travel_guard is not None and travel_guard.is_in_doubt:
+            exchange = self.ask(0x20)
+        strayed = self.session.run.strayed
+        if strayed and not was_astray:
+            self.command(0x18)
+            if self.session.check is not None:
+                self.session.fail(None, "an axis that goes where it is told", strayed)
         if exchange.reply.data is None:
             self.session.fail(None, f"an answer to {self.named(0x20)}", exchange.reply)
         return Sample(signed(exchange.reply.data), exchange.taken)
@@ -275,7 +285,11 @@ class AxisClient(ABC):
         return self.sample().position
 
     def wait(self, seconds: float) -> None:
-        """Let time pass."""
+        """Let time pass; nobody waits for a motion that takes longer than any that a check asks
+        for: the place it was reckoned from cannot be right."""
+        if seconds > LONGEST_WAIT_S:
+            longest = f"a place from which a motion takes {LONGEST_WAIT_S} s at most"
+            self.session.fail(None, longest, f"one from which it takes {seconds:.0f} s")
         if seconds > 0:
             self.target.wait(seconds)
 
@@ -286,5 +300,10 @@ class AxisClient(ABC):
     def silence_after(self, request: Any) -> tuple[bool, str, object]:
         """Send what must get no reply: whether none came, what is expected, and what came."""
         exchange = self.send(request, QUIET_S + self.target.uncertainty_ns / 1e9)
-        expected = f"{ReplyKind.SILENCE.value} ({self.explained(exchange.request)})"
+        expected = self.wanted(ReplyKind.SILENCE, exchange.request)
         return exchange.kind is ReplyKind.SILENCE, expected, exchange.reply
+
+    def wanted(self, kind: ReplyKind, request: bytes) -> str:
+        """The reply that is expected, in words; to what, unless that was sent last."""
+        is_last = request == self.target.last_sent
+        return kind.in_words if is_last else f"{kind.in_words}: {self.explained(request)}"

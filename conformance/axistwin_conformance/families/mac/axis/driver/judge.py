@@ -26,7 +26,7 @@ class AxisJudge:
         self.holds(
             exchange.kind is kind,
             requirement,
-            f"{kind.value} ({self._client.explained(exchange.request)})",
+            self._client.wanted(kind, exchange.request),
             exchange.reply,
         )
         return exchange
@@ -71,7 +71,7 @@ class AxisJudge:
         session = self._session
         readings = session.run.ledger.ambiguity_of(switch).switches[switch]
         if isinstance(outcome, str):
-            session.fail(requirement, [f"{switch}={reading}" for reading in readings], outcome)
+            session.no_reading(requirement, switch, readings, outcome)
         numbers = (outcome,) if isinstance(outcome, int) else outcome
         session.quirk(requirement, switch, [readings[number] for number in numbers])
         session.expect(True, requirement, readings, "one of them")
@@ -81,6 +81,6 @@ class AxisJudge:
         session, seen = self._session, probe.look(self._session)
         if not seen.readings:
             readings = session.run.ledger.ambiguity_of(probe.switch).switches[probe.switch]
-            session.fail(requirement, readings, seen.evidence)
+            session.no_reading(requirement, probe.switch, readings, seen.evidence)
         session.quirk(requirement, probe.switch, seen.readings)
         session.expect(True, requirement, seen.readings, "one of them")

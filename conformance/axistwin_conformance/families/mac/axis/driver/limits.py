@@ -98,14 +98,16 @@ class AxisLimits:
     def unhurried(self, period: int, slowest: int = SLOWEST) -> int:
         """The period, or one that is as much slower as exchanges take longer here than on a plain
         line: what is seen of a motion is then as sharp."""
-        if self._target.is_virtual:
-            return period
         return min(slowest, max(period, period * self._target.uncertainty_ns // PLAIN_EXCHANGE_NS))
 
     def outlasting(self, steps: int, period: int, exchanges: int = 3) -> int:
         """The period, or a slower one with which so many steps outlast so many exchanges here."""
-        least_ns = exchanges * self._target.line_ns
+        least_ns = exchanges * self._target.uncertainty_ns
         return min(SLOWEST, max(self.slowed(period), -(-least_ns // (steps * TICK_NS))))
+
+    def steps_outlasting(self, period: int, exchanges: int = 3) -> int:
+        """So many steps of that period outlast so many exchanges here."""
+        return -(-exchanges * self._target.uncertainty_ns // (period * TICK_NS))
 
     def allowance(self, period: int) -> int:
         """Increments a real axis may trail or lead its set-point by; none in virtual time, where
@@ -117,12 +119,17 @@ class AxisLimits:
     @property
     def has_ideal_plant(self) -> bool:
         """True if the axis is always where its set-point is, as far as is known."""
-        return not self._readings.known("plant")
+        return not self._readings.guessed("plant")
+
+    @property
+    def brake_increments(self) -> str:
+        """How many increments the axis runs on: a number, or as its plant brakes."""
+        return self._session.run.readings.guess("brake_increments", "plant")
 
     def braking(self, period: int) -> int:
         """Increments a real axis may need to stop without ramp; none in virtual time, where the
         built-in twin's plant is ideal (§5.7)."""
-        number = self._session.reading("brake_increments")
+        number = self.brake_increments
         if number.isdigit():
             return int(number)
         if self._target.is_virtual and self.has_ideal_plant:
@@ -134,6 +141,6 @@ class AxisLimits:
     def may_run_on(self) -> bool:
         """True in a probe that comes before it is known how the plant brakes, where looking costs
         nothing: in virtual time, without noise."""
-        check = self._session.check
+        check, run = self._session.check, self._session.run
         is_asked = check is not None and not check.requirements
-        return is_asked and self._target.is_lossless and "plant" not in self._session.readings
+        return is_asked and self._target.is_lossless and not run.readings.guess("plant", "")

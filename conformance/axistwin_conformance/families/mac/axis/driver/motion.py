@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
 
-from axistwin_conformance.base.errors import OutsideEnvelope, TargetError
+from axistwin_conformance.base.errors import OutsideEnvelope
 from axistwin_conformance.families.mac.axis.driver.client import (
     QUIET_S,
     AxisClient,
@@ -29,20 +29,19 @@ from axistwin_conformance.families.mac.axis.model.forecast import (
     TimeWindow,
 )
 from axistwin_conformance.families.mac.axis.model.kinematics import (
-    RAMP_LEVELS,
     TICKS_PER_SECOND,
     Course,
     Law,
 )
 from axistwin_conformance.families.mac.axis.parameters import values_of
-from axistwin_conformance.families.mac.axis.return_to_start import wait_for_it
+from axistwin_conformance.families.mac.axis.return_to_start import STILL_S, comes_back
+from axistwin_conformance.families.mac.axis.shaft import SLOWEST_LEVEL_TICKS
+from axistwin_conformance.families.mac.axis.travel_guard import AxisTravelGuard
 
 DEAF_S: Final = 2.0  # MACS-CMD-00-02
 FIFO_STAGES: Final = 3
 PRELOAD_SHOWS_S: Final = 0.2
 CLOCK_ERROR: Final = 0.002  # a real module's quartz against ours; none in virtual time
-
-SLOWEST_LEVEL_TICKS: Final = RAMP_LEVELS * 0xFFFF  # an increment at the foot of the slowest ramp
 
 PLOT_POINTS: Final = 12  # of the predicted band, at most, from one reading to the next
 PLOT_SPACING_NS: Final = 5_000_000
@@ -83,9 +82,11 @@ class AxisMotion:
             self.plot(forecasts[fitting[0] if fitting else 0], sample, slack)
         return fitting
 
-    def beyond(self, samples: Sequence[Sample], behind: Forecast, ahead: Forecast) -> str:
+    def beyond(
+        self, samples: Sequence[Sample], behind: Forecast, ahead: Forecast, allowance: int = 0
+    ) -> str:
         """Which sample is not between two predictions, in words; empty if all are."""
-        slack = self._limits.allowance(self.period)
+        slack = self._limits.allowance(self.period) + allowance
         for sample in samples:
             lowest = behind.bounds(self._widened(sample.taken, behind))[0] - slack
             highest = ahead.bounds(self._widened(sample.taken, ahead))[1] + slack
@@ -138,16 +139,25 @@ class AxisMotion:
     def after(self, index: int, kind: ReplyKind) -> None:
         """See `run_out`."""
         if index == 0x18 and kind is ReplyKind.ACCEPTED:
-            self.run_out()
+            guard = self.travel_guard
+            if guard is None or not guard.is_still(self._client.address):
+                self.run_out()
 
-    def run_out(self, slowest_ticks: int = SLOWEST_LEVEL_TICKS) -> None:
+    @property
+    def travel_guard(self) -> AxisTravelGuard | None:
+        """Who watches how far the axis goes, if anybody does."""
+        guard = self._client.target.travel_guard
+        return guard if isinstance(guard, AxisTravelGuard) else None
+
+    def run_out(self, slowest_ticks: int | None = None) -> None:
         """Wait until an axis stands still that runs on after 18h and stops, locked as in motion;
-        `slowest_ticks`: what an increment takes at most when it begins to.
+        `slowest_ticks`: what an increment takes at most when it begins to, if that is known better
+        than by what was sent.
 
         It runs on over the N increments it was seen to (MACS-INT-03), slowing down evenly, so that
         the last one takes 2√N times as long as one before, and all of them √N times that.
         """
-        number = self._session.reading("brake_increments")
+        number = self._limits.brake_increments
         if number.isdigit():
             increments = int(number)
         elif self._limits.has_ideal_plant:
@@ -156,6 +166,11 @@ class AxisMotion:
             increments = self._limits.braking(self.period)
         if not increments:
             return
+        guard = self.travel_guard
+        if slowest_ticks is None:
+            slowest_ticks = (
+                SLOWEST_LEVEL_TICKS if guard is None else guard.slowest_ticks(self._client.address)
+            )
         pause_s = (2 * math.sqrt(increments) + 1) * slowest_ticks / TICKS_PER_SECOND
         place = self._client.ask(0x20).reply.data
         for _ in range(math.isqrt(increments) + 2):
@@ -164,6 +179,8 @@ class AxisMotion:
             self._client.wait(pause_s)
             before, place = place, self._client.ask(0x20).reply.data
             if place == before:
+                if guard is not None:
+                    guard.seen_still(self._client.address)
                 return
 
     def lasting_s(self, increments: int, period: int | None = None) -> float:
@@ -207,11 +224,15 @@ class AxisMotion:
             or not self._limits.can_move
         ):
             return position
-        if self._session.run.runaway:
-            raise TargetError(self._session.run.runaway)
         end = self.go(home).end
         assert end is not None
-        return wait_for_it(self._client, position, home, end.latest_ns)
+        if self._session.envelope.is_guarded:
+            late_ns = round(STILL_S * 1e9)
+            comes_back(self._client, home, self.lasting_s, end.latest_ns + late_ns)
+        else:
+            self._client.wait_until(end.latest_ns)
+        self._client.command(0x18)
+        return self._client.position()
 
     def at_rest(self) -> None:
         """End motion and synchronous mode, whatever the device's reading of either."""
@@ -258,7 +279,7 @@ class AxisMotion:
             origin,
             direction,
             lambda law: Course.to_position(distance, self.period, self.coefficient, law),
-            law or self._readings.law,
+            law or self._readings.law_of(self.coefficient),
         )
 
     def to_velocity(
@@ -276,7 +297,7 @@ class AxisMotion:
             origin,
             direction,
             lambda law: Course.endless(period, self.coefficient, law),
-            law or self._readings.law,
+            law or self._readings.law_of(self.coefficient),
             mode="VE",
         )
 
@@ -324,7 +345,11 @@ class AxisMotion:
         """What to expect of segments of which the first was taken over at rest."""
         return Forecast.of(
             Timeline(
-                "IN", origin, edge, segments=segments, leads=self._readings.law.step == "start"
+                "IN",
+                origin,
+                edge,
+                segments=segments,
+                leads=self._readings.law_of(0).step == "start",
             )
             for edge in exchange.taken.edges
         )

@@ -29,10 +29,23 @@ class AxisReadings:
         run.readings.setdefault(switch, readings[outcome])
         return outcome
 
+    def guessed(self, switch: str) -> int:
+        """The same where a guess will do: see `Readings.guess`."""
+        run = self._session.run
+        readings = run.ledger.ambiguity_of(switch).switches[switch]
+        seen = run.readings.guess(switch, readings[0])
+        return readings.index(seen) if seen in readings else 0
+
     @property
     def law(self) -> Law:
         """The readings that shape profiles, as this device has shown them."""
+        return self.law_of(1)
+
+    def law_of(self, coefficient: int) -> Law:
+        """The same, of such a ramp; without one only the instant counts at which steps do."""
         seen = self._session.readings
+        if not coefficient:
+            return Law(step=seen.get("step_phase", "end"))
         return Law(
             ramp=seen.get("ramp_law", "equal_time"),
             change=seen.get("vel_change_law", "ramp_length"),

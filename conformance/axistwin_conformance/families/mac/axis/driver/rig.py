@@ -72,7 +72,8 @@ class AxisRig:
         """The period of motions under which the rig does something: they last long enough."""
         if not self._session.rig.is_exact:
             return SLOWEST
-        return min(SLOWEST, max(EXACT_PERIOD, EXACT_PERIOD * EXACT_REACH // max(1, self.reach)))
+        period = max(EXACT_PERIOD, EXACT_PERIOD * EXACT_REACH // max(1, self.reach))
+        return self._limits.unhurried(min(SLOWEST, period))
 
     def lasting(self, increments: int, seconds: float) -> int:
         """The pace, or a slower one with which so many increments take so long."""
@@ -152,10 +153,10 @@ class AxisRig:
 
     def power_cycle(self, requirement: Part = None) -> TimeWindow:
         """Cut the supply and apply it again; judge the silence between.  Give when it was cut."""
-        cut = TimeWindow(*self._session.rig.power_off())
+        cut = TimeWindow(*self._session.rig.work("power", False))
         self.judge.must(ReplyKind.SILENCE, self._client.within(QUIET_S, 0x20), requirement)
         self._client.wait(OFF_S)
-        self._session.rig.power_on()
+        self._session.rig.work("power", True)
         self.awake(requirement)
         return cut
 
@@ -176,9 +177,9 @@ class AxisRig:
         """Work a contact; where the envelope counts, the counter is read before and after: an edge
         may clear it, and how far the axis may have come meanwhile is lost to the envelope."""
         if not self._session.envelope.is_guarded:
-            return TimeWindow(*self._session.rig.set_input(name, active))
+            return TimeWindow(*self._session.rig.work(name, active))
         self._client.ask(0x20)
-        act = TimeWindow(*self._session.rig.set_input(name, active))
+        act = TimeWindow(*self._session.rig.work(name, active))
         self._client.ask(0x20)
         return act
 
@@ -271,10 +272,12 @@ class AxisRig:
 
 @dataclass(slots=True)
 class Origin:
-    """Where the counter's zero was before the check, and how far zeroing has shifted it since."""
+    """Where the counter's zero was before the check, and how far zeroing has shifted it since, give
+    or take `doubt`."""
 
     old_zero: int
     shift: int = 0
+    doubt: int = 2
 
 
 def _move(rig: AxisRig, start: int, distance: int) -> Forecast:

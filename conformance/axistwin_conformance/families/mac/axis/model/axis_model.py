@@ -11,7 +11,7 @@ them for the whole sequence.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -74,7 +74,11 @@ class Parameters:
 
 
 Laws = tuple[Law, ...]
-Readings = Mapping[str, int]  # switch → the number of its reading, 0 the default
+Known = Callable[[str], int]  # switch → the number of its reading, 0 the default
+
+
+def _default(switch: str) -> int:
+    return 0
 
 
 @dataclass
@@ -83,7 +87,7 @@ class AxisModel:
 
     parameters: Parameters
     forecast: Forecast
-    readings: Readings = field(default_factory=dict)
+    known: Known = _default
     law: Law = field(default_factory=Law)
     table: Mapping[int, AcceptanceRow] = field(default_factory=lambda: ACCEPTANCE)
     is_armed: bool = False
@@ -223,7 +227,7 @@ class AxisModel:
         if content is None:
             content = self.table[index].cell(state)
             for other, switch, number in self.table[index].readings(state):
-                if self.readings.get(switch) == number:
+                if self.known(switch) == number:
                     content = other
             self._cells[index, state] = content
         return content
@@ -267,14 +271,14 @@ class AxisModel:
 
     def _is_reversal(self, now: Timeline, state: str, parameter: int) -> bool:
         """True for a 15h against the motion on a device that refuses those (MACS-AMB-28)."""
-        is_refused = self.readings.get("vel_reverse_cmd") == 1 and state == "VE"
+        is_refused = self.known("vel_reverse_cmd") == 1 and state == "VE"
         return is_refused and bool(parameter & 0xFFFF) and now.direction != _direction_of(parameter)
 
     def _is_full(self, now: Timeline, edge: int) -> bool:
         mode = now.mode_at(edge)
         if mode == "HD":
             return False
-        executing = int(mode == "IN" and self.readings.get("fifo_counts_executing") == 1)
+        executing = int(mode == "IN" and self.known("fifo_counts_executing") == 1)
         return now.waiting(edge) + executing >= FIFO_STAGES
 
     # --- what then happens to the axis ------------------------------------------------------------
@@ -294,7 +298,8 @@ class AxisModel:
         if index == 0x11 and is_resting and self.preloaded is not None:
             return self._start(now, edge, self.preloaded, self.preload_parameter, laws)
         if index == 0x17:
-            return [slowed_down(now, edge)]
+            drops = self.known("segments_after_17h") == 1
+            return [slowed_down(now, edge, drops_segments=drops)]
         if index in ABANDONING:
             rest = now.at_rest(edge)
             return [rest.described(0) if index == REINITIALISE else rest]

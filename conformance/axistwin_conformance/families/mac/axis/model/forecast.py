@@ -465,7 +465,8 @@ class Forecast:
         for timeline in self.timelines:
             seen += timeline.places_at(earliest_ns)
             if earliest_ns < timeline.over_ns and latest_ns != earliest_ns:
-                seen += timeline.places_at(latest_ns)
+                for time_ns in timeline.turns_in(window)[1:]:
+                    seen += timeline.places_at(time_ns)
         return min(seen), max(seen)
 
     @property
@@ -504,12 +505,15 @@ def _ticks(timeline: Timeline, now_ns: int) -> int:
     return max(0, now_ns - timeline.start_ns) // TICK_NS
 
 
-def slowed_down(timeline: Timeline, now_ns: int) -> Timeline:
-    """A history in which 17h, or 15h with period 0, was taken over then."""
+def slowed_down(timeline: Timeline, now_ns: int, *, drops_segments: bool = False) -> Timeline:
+    """A history in which 17h, or 15h with period 0, was taken over then.
+
+    What waits for the end of the motion runs when the axis rests, or is dropped (MACS-AMB-77).
+    """
     if timeline.course is None or timeline.mode_at(now_ns) not in ("PO", "VE"):
         return timeline
     course = timeline.course.stopped(_ticks(timeline, now_ns))
-    return timeline.turned(timeline.mode, course, ())  # what waits is dropped (MACS-AMB-51)
+    return timeline.turned(timeline.mode, course, () if drops_segments else timeline.segments)
 
 
 def speed_changed(timeline: Timeline, now_ns: int, period: int) -> Timeline:

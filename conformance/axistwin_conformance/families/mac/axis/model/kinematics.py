@@ -228,7 +228,10 @@ def transition(before: int, after: int, coefficient: int, law: Law) -> tuple[Eve
     for level in range(1, RAMP_LEVELS):
         edge_units = after * (16 * level - level * (level + 1) // 2)
         edge_units += before * level * (level + 1) // 2
-        edge = coefficient * edge_units // (before + after)
+        if law.change == "constant_acceleration":  # of the climb to the speed before: no exact rule
+            edge = coefficient * edge_units * abs(before - after) // (after * after)
+        else:
+            edge = coefficient * edge_units // (before + after)
         speed_units = (RAMP_LEVELS - level) * after + level * before
         period = divide(RAMP_LEVELS * before * after, speed_units, law.rounding)
         runs.append(EvenRun(edge - last, period))

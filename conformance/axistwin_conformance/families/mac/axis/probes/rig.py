@@ -46,13 +46,13 @@ def _held(driver: AxisDriver, tolerance: int) -> tuple[int, ReplyKind]:
     list locks."""
     start = driver.motion.ready(SLOWEST if not driver.session.rig.is_exact else SLOW_PERIOD)
     driver.client.command(0x1C, tolerance)
-    driver.session.rig.hold_shaft(True)
+    driver.session.rig.work("hold", True)
     driver.judge.accepted(0x13, start + STEPS)
     driver.client.wait(STEPS * driver.motion.period * TICK_NS / 1e9 + 0.1)
     moved = driver.client.position() - start
     kind = driver.client.command(0x02, 0).kind
     driver.motion.at_rest()
-    driver.session.rig.hold_shaft(False)
+    driver.session.rig.work("hold", False)
     driver.client.command(0x1C, 0)
     return moved, kind
 
@@ -62,10 +62,10 @@ def hard_stop_command(driver: AxisDriver) -> Outcome:
     """13h toward an active hardware stop."""
     start = driver.motion.ready()
     driver.judge.accepted(0x03, 1)
-    driver.session.rig.set_input("positive_stop", True)
+    driver.session.rig.work("positive_stop", True)
     kind = driver.client.command(0x13, start + STEPS).kind
     driver.motion.at_rest()
-    driver.session.rig.set_input("positive_stop", False)
+    driver.session.rig.work("positive_stop", False)
     driver.judge.accepted(0x03, 0)
     return reply_of(kind, ACCEPTED_OR_REFUSED)
 
@@ -81,7 +81,7 @@ def ref_edge(driver: AxisDriver) -> Outcome:
         driver.client.wait(0.3)
         places = [driver.client.position()]
         for active in (True, False):
-            driver.session.rig.set_input("reference", active)
+            driver.session.rig.work("reference", active)
             places.append(driver.client.position())
         driver.motion.at_rest()
     return _which_edge(driver, places)
@@ -118,17 +118,17 @@ def ref_retarget(driver: AxisDriver) -> Outcome:
     if abs(target) > driver.limits.room():
         driver.session.skip("counter 0 is outside the envelope")
     opening = not driver.readings.known("ref_edge")
-    rig.set_input("reference", opening)
+    rig.work("reference", opening)
     with driver_of(driver.session).rig.reference_enabled():
         driver.judge.accepted(0x13, target)
         driver.client.wait(0.1)
         before = driver.client.position()
-        rig.set_input("reference", not opening)
+        rig.work("reference", not opening)
         driver.client.position()  # near the edge, or the envelope loses count of where that was
         driver.client.wait(1.0 + driver.motion.lasting_s(abs(target)))
         final = driver.client.position()
         driver.motion.at_rest()
-    rig.set_input("reference", False)
+    rig.work("reference", False)
     _put_origin_back(driver, before)
     if final == target:
         return 0
@@ -139,9 +139,9 @@ def ref_retarget(driver: AxisDriver) -> Outcome:
 @probe(safety=("motion", "rig"), needs=("rig:reset",))
 def has_reset_input(driver: AxisDriver) -> Outcome:
     """20h while the reset input is active."""
-    driver.session.rig.set_input("reset", True)
+    driver.session.rig.work("reset", True)
     kind = driver.client.within(QUIET_S, 0x20).kind
-    driver.session.rig.set_input("reset", False)
+    driver.session.rig.work("reset", False)
     driver.motion.wait_awake()
     return reply_of(kind, {ReplyKind.SILENCE: 0, ReplyKind.ANSWER: 1})
 
@@ -149,7 +149,7 @@ def has_reset_input(driver: AxisDriver) -> Outcome:
 @probe(safety=("motion", "rig"), needs=("rig:supply",))
 def status_hh_bit(driver: AxisDriver) -> Outcome:
     """hh of 21h after an over-voltage."""
-    driver.session.rig.set_supply(TOO_MUCH_VOLTS)
+    driver.session.rig.work("supply", TOO_MUCH_VOLTS)
     driver.client.wait(0.1)
     seen = driver.client.data_bytes(0x21)
     driver.session.rig.reset()
@@ -165,8 +165,8 @@ def status_hh_bit(driver: AxisDriver) -> Outcome:
 def disj_refuse_set(driver: AxisDriver) -> Outcome:
     """17h after a fault."""
     driver.motion.ready()
-    driver.session.rig.fault("micro_cut", True)
-    driver.session.rig.fault("micro_cut", False)
+    driver.session.rig.work("micro_cut", True)
+    driver.session.rig.work("micro_cut", False)
     driver.client.wait(0.1)
     is_faulty = bool(driver.client.data_bytes(0x21)[0] & 0x1F)
     kind = driver.client.command(0x17).kind
@@ -182,9 +182,9 @@ def encoder_fault_locks(driver: AxisDriver) -> Outcome:
     if facts_of(driver.session).imax is not None:
         driver.session.skip("a MAC23 tells no such fault (dd.1 is a MAC34's)")
     start = driver.motion.ready()
-    driver.session.rig.fault("encoder", True)
+    driver.session.rig.work("encoder", True)
     kind = driver.client.command(0x13, start).kind
-    driver.session.rig.fault("encoder", False)
+    driver.session.rig.work("encoder", False)
     driver.motion.reinitialise()
     return reply_of(kind, {ReplyKind.REFUSED: 0, ReplyKind.ACCEPTED: 1})
 

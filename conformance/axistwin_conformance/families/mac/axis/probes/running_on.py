@@ -7,6 +7,7 @@ looks: it is the same in virtual time and on a real line.
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 from axistwin_conformance.core.probing import Measured, Outcome, probe
@@ -23,8 +24,8 @@ FAR: Final = 100_000  # increments: a stop that is never reached
 PERIOD: Final = 0x1000
 FASTER: Final = 0x0400  # 7812 inc/s: an unloaded axis with inertia brakes over 4 increments
 FASTEST: Final = 100
-LOOK_S: Final = 0.25  # the last of 200 increments takes as long at the slowest speed
-LOOKS: Final = 40
+LOOK_S: Final = 0.25
+LOOKS: Final = 300  # more than √N of the largest number there is
 
 
 def travel_guard(driver: AxisDriver, distance: int, period: int = PERIOD) -> int:
@@ -59,18 +60,25 @@ def _outward(driver: AxisDriver, ahead: int, period: int) -> int:
     probe where the stop stops nothing."""
     driver.limits.needs_room(2 * AHEAD, "a software stop to be overrun")
     start, far = travel_guard(driver, ahead, period), min(FURTHER, driver.limits.room())
+    guard = driver.motion.travel_guard
+    if guard is not None:
+        guard.run_on = driver.limits.room() - ahead
     driver.client.command(0x13, start + far)
     driver.client.wait((AHEAD + 1) * driver.motion.period / TICKS_PER_SECOND)
     place = driver.client.position()
     for _ in range(LOOKS):
-        driver.client.wait(LOOK_S)
+        # The last of N increments takes 2√N times as long as the first.
+        last_s = 2 * driver.motion.lasting_s(math.isqrt(max(0, place - start)) + 1)
+        driver.client.wait(max(LOOK_S, last_s))
         before, place = place, driver.client.position()
         if place == before:
             break
     driver.motion.at_rest()
     driver.judge.accepted(0x03, 0)
+    if guard is not None:
+        guard.run_on = 0
     moved = place - start
-    if not 0 <= moved < far:
+    if moved < 0 or moved == far:
         driver.session.skip(f"moved by {moved} of {far} increments: no stop at {ahead} ended that")
     return moved
 

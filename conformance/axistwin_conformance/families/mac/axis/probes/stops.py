@@ -182,7 +182,8 @@ def _deafness(driver: AxisDriver) -> tuple[int, int]:
     since_ns = restarted_ns(driver)
     answer_ns = _first_answer_ns(driver, since_ns)
     high_ms = -1 if answer_ns is None else -(-(answer_ns - since_ns) // 1_000_000)
-    return max(0, high_ms - 200), high_ms
+    poll_ms = 200 + round(driver.client.target.line_s * 1000)  # from one query in vain to the next
+    return max(0, high_ms - poll_ms), high_ms
 
 
 def _longest_s(driver: AxisDriver) -> float:

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Final
 
 from axistwin_conformance.core.probing import Outcome, probe
-from axistwin_conformance.families.mac.axis.driver.client import AxisExchange
+from axistwin_conformance.families.mac.axis.driver.client import AxisExchange, Sample
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
-from axistwin_conformance.families.mac.axis.model.forecast import Segment
-from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
+from axistwin_conformance.families.mac.axis.model.forecast import (
+    Forecast,
+    Segment,
+    Timeline,
+    TimeWindow,
+)
+from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS, Course
 from axistwin_conformance.families.mac.axis.probing import ACCEPTED_OR_REFUSED, MOVES, reply_of
 
 ORDER = 80  # of this module in a run; see `Family.modules`
@@ -19,6 +25,7 @@ ORDER = 80  # of this module in a run; see `Family.modules`
 WAIT_STEPS: Final = 0x20  # of a virtual segment at the slowest period: 262 ms
 BURST: Final = 7  # exchanges
 HELD_S: Final = 0.15
+TURNING_SLACK: Final = 1  # increments: one that is in progress when the axis turns
 
 
 def put(driver: AxisDriver, segment: Segment) -> AxisExchange:
@@ -30,7 +37,7 @@ def put(driver: AxisDriver, segment: Segment) -> AxisExchange:
 
 def wait_steps(driver: AxisDriver) -> int:
     """Steps of a segment at the slowest period that outlasts a burst of others on this line."""
-    least_ns = BURST * driver.client.target.line_ns
+    least_ns = BURST * driver.client.target.uncertainty_ns
     return max(WAIT_STEPS, -(-least_ns // (SLOWEST * TICK_NS)))
 
 
@@ -176,6 +183,27 @@ def sync_without_preload(driver: AxisDriver) -> Outcome:
 
 @probe(safety=MOVES)
 def sync_arm_lifetime(driver: AxisDriver) -> Outcome:
+    """10h during a move, then 13h: whether that is held.  Where 10h holds every motion, it is."""
+    start = driver.motion.ready(driver.limits.outlasting(30, 0x4000))
+    forecast = driver.motion.go(start + 30)
+    end = forecast.end
+    assert end is not None
+    armed = driver.judge.accepted(0x10)
+    driver.motion.taken_in_time(armed, end.earliest_ns, "the move")
+    driver.client.wait_until(end.latest_ns + 50_000_000)
+    place = driver.client.position()
+    driver.judge.accepted(0x13, start)
+    held = is_held(driver, place)
+    driver.client.command(0x11)
+    driver.client.wait(0.1)
+    driver.motion.at_rest()
+    readings = driver.session.run.ledger.ambiguity_of("sync_arm_lifetime").switches
+    held_by = tuple(n for n in range(len(readings["sync_arm_lifetime"])) if n != 1)
+    return held_by if held else 1
+
+
+@probe(safety=MOVES)
+def arm_after_segment(driver: AxisDriver) -> Outcome:
     """10h, 16h, 13h: whether the move is held."""
     start = driver.motion.ready(0x1000)
     driver.judge.accepted(0x10)
@@ -207,26 +235,84 @@ def armed_zero_velocity(driver: AxisDriver) -> Outcome:
 
 
 @probe(safety=MOVES)
+def segments_after_17h(driver: AxisDriver) -> Outcome:
+    """13h, 16h, 17h: where the axis ends, and whether the segment has taken it there."""
+    if driver.readings.known("interp_during_profile"):
+        driver.session.skip("no segment waits for the end of a move on this device")
+    start = driver.motion.ready(driver.limits.outlasting(100, 0x2000))
+    exchange = driver.judge.accepted(0x13, start + 100)
+    segment = Segment(back(driver, 40), driver.limits.slowed(0x1000))
+    waiting = driver.motion.put(segment)
+    stop = driver.judge.accepted(0x17)
+    forecast = driver.motion.to_position(exchange, start, start + 100)
+    moving, stopped = forecast.end, forecast.stopped(stop.taken)
+    assert moving is not None
+    driver.motion.taken_in_time(waiting, moving.earliest_ns, "the move that it was to meet")
+    driver.motion.taken_in_time(stop, moving.earliest_ns, "the move that it was to stop")
+    driver.client.wait_until(moving.latest_ns + segment.duration_ns + 50_000_000)
+    moved = driver.client.position() - start
+    driver.motion.at_rest()
+    slack = 1 + driver.limits.allowance(driver.motion.period)
+    lowest, highest = (place - start for place in stopped.final)
+    fitting = tuple(
+        number
+        for number, steps in enumerate((segment.steps, 0))
+        if lowest + steps - slack <= moved <= highest + steps + slack
+    )
+    return fitting or f"{moved:+d} increments, {lowest}..{highest} of them of the move"
+
+
+@probe(safety=MOVES)
 def sync_during_interp(driver: AxisDriver) -> Outcome:
     """10h, 13h back, two segments, 11h: the places in their order."""
-    if driver.readings.known("sync_arm_lifetime"):
+    if driver.readings.known("arm_after_segment"):
         driver.session.skip("segments disarm this device: nothing is left to start")
     start = driver.motion.ready(0x4000)
+    target = start - 100
     driver.judge.accepted(0x10)
-    driver.judge.accepted(0x13, start - 100)
+    driver.judge.accepted(0x13, target)
     segment = Segment(20, driver.limits.outlasting(20, 0x4000))
-    first, _ = driver.motion.put(segment), driver.motion.put(segment)
+    row = driver.motion.feed(start, segment, segment)
+    sync = driver.judge.accepted(0x11)
+    row_end = row.end
+    assert row_end is not None
     # The segments take 82 ms or more; a move that does not wait for them turns back before their
     # end.
-    sync = driver.client.command(0x11)
-    driver.motion.taken_in_time(
-        sync, first.taken.earliest_ns + 2 * segment.duration_ns, "the segments"
-    )
+    driver.motion.taken_in_time(sync, row_end.earliest_ns, "the segments")
     longer_s = driver.motion.lasting_s(40, segment.period - 0x4000) + driver.motion.lasting_s(
         140, driver.motion.period - 0x4000
     )
-    places = [at.position - start for at in driver.motion.sampled(0.6 + longer_s, 36)]
+    samples = driver.motion.sampled(0.6 + longer_s, 36)
     driver.motion.at_rest()
-    if places[-1] == -100:
-        return 0 if max(places) >= 30 else 1
-    return 2 if places[-1] == 40 else f"{sync.kind.value}, places {places}"
+    after = _back_from(driver, (start + 40,), row_end, target)
+    at_once = _back_from(driver, row.bounds(sync.taken), sync.taken, target)
+    fitting = tuple(
+        number
+        for number, (back_ns, way_back) in enumerate(
+            ((row_end, after), (sync.taken, at_once), (row_end, row))
+        )
+        if all(_is_on_the_way(driver, sample, row, back_ns, way_back) for sample in samples)
+    )
+    places = [sample.position - start for sample in samples]
+    return fitting or f"places {places}"
+
+
+def _back_from(
+    driver: AxisDriver, origins: tuple[int, ...], begins: TimeWindow, target: int
+) -> Forecast:
+    """What to expect of a move to `target` that begins in the window, from one of those places."""
+    law, period = driver.readings.law, driver.motion.period
+    histories: list[Timeline] = []
+    for origin in origins:
+        profile = partial(Course.to_position, origin - target, period, 0)
+        histories += Forecast.started(begins, origin, -1, profile, law).timelines
+    return Forecast.of(histories)
+
+
+def _is_on_the_way(
+    driver: AxisDriver, sample: Sample, row: Forecast, begins: TimeWindow, move: Forecast
+) -> bool:
+    """Whether a place fits a row of segments, and behind it the move that begins in the window."""
+    forecasts = [row] if sample.taken.earliest_ns <= begins.latest_ns else []
+    forecasts += [move] if sample.taken.latest_ns >= begins.earliest_ns else []
+    return any(not driver.motion.beyond([sample], one, one, TURNING_SLACK) for one in forecasts)

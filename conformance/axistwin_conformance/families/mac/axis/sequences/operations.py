@@ -46,7 +46,12 @@ OFFSETS_NS: Final = (0, -1_000_000, 1_000_000, -3_000_000, 3_000_000, -300_000, 
 # Where a device follows another reading than the default and the ledger gives no exact rule for
 # it, the operations that would need one are left out.
 UNRULED_SEGMENTS: Final = ("fifo_underrun", "abort_flush", "segment_zero_steps")
-UNRULED_SYNC: Final = ("preload_policy", "abort_flush", "sync_arm_lifetime")
+UNRULED_SYNC: Final = (
+    "preload_policy",
+    "abort_flush",
+    "sync_arm_lifetime",
+    "arm_after_segment",
+)
 UNRULED_CHANGES: Final = ("vel_change_law", "ramp_law", "vel_reverse_cmd")
 UNRULED_RAMPED_STOPS: Final = ("stop_ramp_law", "ramp_law")
 UNRULED_STOPS: Final = ("soft_stop_compare", "soft_stop_blocks", "step_phase")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.client import Sample
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
@@ -73,13 +75,7 @@ class AxisRunner(Runner):
 
 def model_of(driver: AxisDriver) -> AxisModel:
     """The model of a module at rest, held to the readings it has shown."""
-    ledger, seen = driver.session.run.ledger, driver.session.readings
-    readings = {
-        switch: ledger.ambiguity_of(switch).switches[switch].index(reading)
-        for switch, reading in seen.items()
-        if reading in ledger.ambiguity_of(switch).switches[switch]
-    }
-    parameters = read_parameters(driver)
     return AxisModel(
-        parameters, Forecast.rest(0), readings, driver.readings.law, driver.client.face.acceptance
-    )
+        read_parameters(driver), Forecast.rest(0), cache(driver.readings.known),
+        driver.readings.law, driver.client.face.acceptance,
+    )  # fmt: skip

@@ -252,7 +252,7 @@ class AxisSequence(Steps):
                 self._judge(index, ff & 0x0F, allowed, "ff")
                 self.model.learn_status(ff & 0x0F, taken)
         elif index == 0x27:
-            if self.follows("busy_after_abort"):
+            if self.follows("busy_after_abort", "busy_after_17h"):
                 is_busy, busy = not data & 0x0800, self.model.busy(taken)
                 self._judge(index, is_busy, busy, "busy")
         elif index in PARAMETER_QUERIES:

@@ -317,7 +317,10 @@ def a_motion_for_all_moves_all_and_one_stop_ends_it(session: Session) -> None:
             driver.motion.run_out()
             place = driver.client.position()
             session.expect(
-                place > start, "MACC-GEN-01", f"{driver.client.address} has moved", place
+                place > start,
+                "MACC-GEN-01",
+                f"module {driver.client.address} to have moved from {start}",
+                f"position {place}",
             )
             driver.client.wait(0.1)
             again = driver.client.position()

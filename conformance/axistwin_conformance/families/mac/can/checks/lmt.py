@@ -131,7 +131,7 @@ def procedure(driver: CanDriver, new: int, length: int = codec.TRANSFER_BYTES) -
     boot_up, _ = await_boot_up(driver, address=new)
     is_there = boot_up is not None and answers(driver, new)
     names = ("MACC-LMT-01", "MACC-LMT-04")
-    driver.session.expect(is_there, names, f"boots and answers as {new}", "does not")
+    driver.session.expect(is_there, names, f"that it boots and answers at address {new}", "neither")
     driver.client.address = new
     if old != new:
         driver.session.step(not answers(driver, old), f"silence at {old}", "an answer")
@@ -180,7 +180,9 @@ def _judge_steps(driver: CanDriver, new: int) -> None:
                 not received, "MACC-BOOT-04", "silence until the boot-up", described(received)
             )
     boot_up, before = await_boot_up(driver, address=new)
-    session.expect(boot_up is not None, ("MACC-BOOT-01", "MACC-BOOT-03"), f"as {new}", "none")
+    session.expect(
+        boot_up is not None, ("MACC-BOOT-01", "MACC-BOOT-03"), f"an answer at address {new}", "none"
+    )
     assert boot_up is not None
     session.expect(not before, "MACC-BOOT-01", "nothing before it", described_all(before))
     again, as_old = driver.client.boot_up(0, new), driver.client.boot_up(0, old)
@@ -195,7 +197,7 @@ def _judge_steps(driver: CanDriver, new: int) -> None:
     session.expect(
         restarted.boot_up is not None and answers(driver, new),
         "MACC-LMT-03",
-        f"still {new} after a restart",
+        f"address {new} after a restart as well",
         "silence",
     )
 
@@ -241,7 +243,12 @@ def lmt_frames_may_be_shorter_and_hold_anything(session: Session) -> None:
             store(driver)
             configure(driver, _padded(b"\x04\x00", length))
             boot_up, _ = await_boot_up(driver, address=new)
-            session.expect(boot_up is not None, None, f"boots as {new}", f"none, {length} bytes")
+            session.expect(
+                boot_up is not None,
+                None,
+                f"a boot-up message from address {new}",
+                f"none, {length} bytes",
+            )
             driver.client.address = new
         configure(driver, Frame(codec.LMT_REQUEST, b"\x04"))
         silently(driver, codec.lmt_address(NEW_ADDRESSES[0]), "MACC-LMT-01")
@@ -271,7 +278,10 @@ def an_abandoned_procedure_leaves_the_old_address(session: Session) -> None:
         take_address(driver, codec.lmt_address(new), "MACC-LMT-03")
         restarted = restart(driver)
         session.expect(
-            restarted.boot_up is not None, "MACC-LMT-03", f"as {driver.client.address}", "none"
+            restarted.boot_up is not None,
+            "MACC-LMT-03",
+            f"an answer at address {driver.client.address}",
+            "none",
         )
         stays(driver, "MACC-LMT-03", new)
         silently(driver, codec.lmt_address(new), "MACC-LMT-06")
@@ -391,7 +401,7 @@ def other_lmt_services_are_ignored(session: Session) -> None:
         session.expect(
             boot_up is not None and answers(driver, new),
             ("MACC-LMT-09", "MACC-LMT-03"),
-            f"as {new}",
+            f"an answer at address {new}",
             "silence",
         )
 
@@ -443,7 +453,7 @@ def the_lifebeat_comes_under_the_address_it_has(session: Session) -> None:
         new = next(address for address in NEW_ADDRESSES if address != driver.client.address)
         give_address(driver, new)
         driver.client.address = new
-        session.step(answers(driver, new), f"as {new}", "silence")
+        session.step(answers(driver, new), f"an answer at address {new}", "silence")
         driver.client.target.take_spontaneous()
         message = beat(driver)
         texts = [str(arrival.frame) for arrival in driver.client.target.take_spontaneous()]
@@ -463,7 +473,9 @@ def a_lone_module_other_than_1_obeys_all_in_silence(session: Session) -> None:
         for address in (NEW_ADDRESSES[0], codec.SPOKESMAN):
             give_address(driver, address)
             driver.client.address = address
-            session.expect(answers(driver, address), "MACC-ID-01", f"as {address}", "silence")
+            session.expect(
+                answers(driver, address), "MACC-ID-01", f"an answer at address {address}", "silence"
+            )
             value = TORQUE.other(driver)
             is_one = address == codec.SPOKESMAN
             received = replies(driver, driver.client.to_all(0x0C, value).frame(), is_awaited=is_one)
@@ -496,12 +508,14 @@ def the_address_outlives_the_supply_once_it_holds(session: Session) -> None:
 
 
 def _cycle(driver: CanDriver, address: int, requirement: str) -> None:
-    driver.session.rig.power_off()
+    driver.session.rig.work("power", False)
     driver.client.wait(OFF_S)
     driver.client.target.take_spontaneous()
-    driver.session.rig.power_on()
+    driver.session.rig.work("power", True)
     boot_up, _ = await_boot_up(driver, address=address)
-    driver.session.expect(boot_up is not None, requirement, f"boots as {address}", "does not")
+    driver.session.expect(
+        boot_up is not None, requirement, f"a boot-up message from address {address}", "none"
+    )
 
 
 # --- factory reset -------------------------------------------------------------------------------
@@ -517,12 +531,17 @@ def a_factory_reset_brings_the_factory_values(session: Session) -> None:
         give_address(driver, NEW_ADDRESSES[0])
         driver.client.address = NEW_ADDRESSES[0]
         session.step(
-            answers(driver, driver.client.address), f"as {driver.client.address}", "silence"
+            answers(driver, driver.client.address),
+            f"an answer at address {driver.client.address}",
+            "silence",
         )
         is_restarted = _reset_to_factory(driver)
         driver.judge.reading("factory_reset_scope", int(not is_restarted), "MACC-CMD-01-02")
         session.expect(
-            answers(driver, FACTORY_ADDRESS), "MACC-CMD-01-01", "answers on 581h", "silence"
+            answers(driver, FACTORY_ADDRESS),
+            ("MACC-CMD-01-01", "MACC-CMD-01-02"),
+            "answers on 581h",
+            "silence",
         )
         silent = not answers(driver, NEW_ADDRESSES[0])
         session.expect(silent, "MACC-CMD-01-01", f"silence at {NEW_ADDRESSES[0]}", "an answer")

@@ -280,7 +280,7 @@ def until_its_boot_up_message_it_serves_nothing(session: Session) -> None:
         (place, coefficient) == (start, 0),
         ("MACC-BOOT-04", "MACC-CMD-00-01"),
         f"position {start}, AA 00: nothing was executed",
-        f"position {place}, AA {coefficient:02X}",
+        f"position {place}, ramp coefficient {coefficient}",
     )
 
 
@@ -413,7 +413,10 @@ def _judge_silence(driver: CanDriver) -> None:
     stray = driver.client.target.receive(lambda frame: frame.identifier == codec.SYNC, 0)
     came = " ".join(str(arrival.frame) for arrival in (late, stray) if arrival is not None)
     driver.session.expect(
-        not came, ("MACC-EMCY-01", "MACC-EMCY-03"), "a message after ten seconds, or none", came
+        not came,
+        ("MACC-EMCY-01", "MACC-EMCY-03"),
+        "a lifebeat after ten seconds of silence, or never one",
+        f"none then, and later {came}",
     )
 
 

@@ -61,12 +61,12 @@ def at_power_up_it_says_so_once(session: Session) -> None:
     with it service."""
     driver = CanDriver(session)
     driver.rig.begin()
-    driver.session.rig.power_off()
+    driver.session.rig.work("power", False)
     driver.client.wait(OFF_S)
     driver.client.target.take_spontaneous()
     received = replies(driver, driver.client.request(0x20).frame(), is_awaited=False)
     session.expect(not received, "MACC-BOOT-04", "silence without supply", described(received))
-    on = TimeWindow(*driver.session.rig.power_on())
+    on = TimeWindow(*driver.session.rig.work("power", True))
     if driver.session.rig.is_exact:
         received = replies(driver, driver.client.request(0x20).frame(), is_awaited=False)
         session.expect(
@@ -113,7 +113,7 @@ def held_in_reset_it_says_nothing(session: Session) -> None:
     driver = CanDriver(session)
     driver.rig.begin()
     driver.client.target.take_spontaneous()
-    driver.session.rig.set_input("reset", True)
+    driver.session.rig.work("reset", True)
     until_ns = driver.client.target.now_ns + round(HELD_S * 1e9)
     while driver.client.target.now_ns < until_ns:
         for frame in (
@@ -128,7 +128,7 @@ def held_in_reset_it_says_nothing(session: Session) -> None:
     session.expect(
         not spoken, "MACC-STATE-02", "not a message", [str(arrival.frame) for arrival in spoken]
     )
-    _judge_boot(driver, TimeWindow(*driver.session.rig.set_input("reset", False)))
+    _judge_boot(driver, TimeWindow(*driver.session.rig.work("reset", False)))
     if not driver.session.rig.is_exact:
         session.not_run("MACC-BOOT-04", "nobody knows when exactly the input was released")
     driver.judge.alive("MACC-STATE-02")
@@ -153,14 +153,14 @@ def a_boot_that_the_reset_input_ends_begins_anew(session: Session) -> None:
     driver.client.within(QUIET_S, 0x00)
     driver.client.wait(driver.motion.deaf_s / 2)
     driver.client.target.take_spontaneous()
-    driver.session.rig.set_input("reset", True)
+    driver.session.rig.work("reset", True)
     spoken = unasked(driver, OVER_S)
     session.expect(
         not spoken, "MACC-STATE-02", "no message", [str(arrival.frame) for arrival in spoken]
     )
     received = replies(driver, driver.client.request(0x20).frame(), is_awaited=False)
     session.expect(not received, "MACC-STATE-02", "silence while held", described(received))
-    _judge_boot(driver, TimeWindow(*driver.session.rig.set_input("reset", False)))
+    _judge_boot(driver, TimeWindow(*driver.session.rig.work("reset", False)))
     driver.judge.alive("MACC-BOOT-04")
     _judge_once(driver)
 
@@ -348,7 +348,7 @@ def an_emergency_begins_the_ten_seconds_anew(session: Session) -> None:
     driver.client.ask(0x20)
     driver.client.target.take_spontaneous()
     driver.client.wait(LIFEBEAT_S / 2)
-    driver.session.rig.set_supply(50.0)
+    driver.session.rig.work("supply", 50.0)
     messages = spontaneous_messages(driver, SHOWS_S)
     session.step(len(messages) == 1, "one message of the over-voltage", f"{len(messages)}")
     at = TimeWindow(messages[0].time_ns, messages[0].time_ns)

@@ -23,7 +23,6 @@ from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.families.mac.can.probes.messages import (
     LATE_S,
     LIFEBEAT_S,
-    MESSAGES,
     lifebeat,
     longest_boot_s,
     payload_readings,
@@ -45,10 +44,10 @@ TIMES: Final = 2
 # Bits of dd, in the order of priority that the standard's codes have by default (MACC-EMCY-04).
 HOT, CUT, OVER, UNDER = 0x10, 0x01, 0x40, 0x20
 BEGIN: Final[dict[int, Callable[[Rig], object]]] = {
-    HOT: lambda rig: rig.set_temperature(TOO_HOT_CELSIUS),
-    CUT: lambda rig: (rig.fault("micro_cut", True), rig.fault("micro_cut", False)),
-    OVER: lambda rig: rig.set_supply(TOO_MUCH_VOLTS),
-    UNDER: lambda rig: rig.set_supply(TOO_FEW_VOLTS),
+    HOT: lambda rig: rig.work("temperature", TOO_HOT_CELSIUS),
+    CUT: lambda rig: (rig.work("micro_cut", True), rig.work("micro_cut", False)),
+    OVER: lambda rig: rig.work("supply", TOO_MUCH_VOLTS),
+    UNDER: lambda rig: rig.work("supply", TOO_FEW_VOLTS),
 }
 NOT_TOGETHER: Final = {OVER, UNDER}
 
@@ -67,7 +66,7 @@ def stopped_beyond(driver: CanDriver) -> Iterator[None]:
     driver.judge.accepted(0x03, 0)
 
 
-@probe(safety=MOVES, switch="emcy_payload", serves=MESSAGES)
+@probe(safety=MOVES, switch="emcy_payload")
 def emcy_payload_of_a_stopped_axis(driver: CanDriver) -> Outcome:
     """The lifebeat beside 2001h while ff shows a stop."""
     with stopped_beyond(driver):

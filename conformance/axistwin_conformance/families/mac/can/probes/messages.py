@@ -21,7 +21,6 @@ from axistwin_conformance.transport.can import Arrival
 
 ORDER = 30  # of this module in a run; see `Family.modules`
 
-MESSAGES: Final = ("MACC-EMCY",)  # what the lifebeat has to do with
 LIFEBEAT_S: Final = 10.0  # MACC-EMCY-01
 LATE_S: Final = 0.4  # nobody says how exact the 10 s are
 GENERAL_S: Final = 1.0  # between what all are told
@@ -62,7 +61,7 @@ def speaks(driver: CanDriver) -> None:
         driver.session.skip(NEVER_SPEAKS)
 
 
-@probe(serves=MESSAGES)
+@probe()
 def emcy_payload(driver: CanDriver) -> Outcome:
     """What comes after 10 s of silence, beside 2001h."""
     status = bytes(driver.client.data_bytes(0x21))
@@ -84,7 +83,7 @@ def payload_readings(message: Arrival, status: bytes) -> Outcome:
     return fitting or f"{message.frame} while 2001h reads {status.hex(' ').upper()}"
 
 
-@probe(serves=MESSAGES)
+@probe()
 def lifebeat_restart(driver: CanDriver) -> Outcome:
     """2000h once, then each second on 600h: when the module speaks within 10 s of its own
     request."""

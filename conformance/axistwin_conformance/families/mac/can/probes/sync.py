@@ -34,7 +34,7 @@ def motions_that_one_2010h_holds(driver: CanDriver) -> Outcome:
     if is_second_held:
         driver.motion.reinitialise()  # nothing else is said to end it
         return 2
-    return 0, 1  # what a segment does to it is asked next
+    return 0, 1  # what becomes of one given in motion is asked next
 
 
 @probe(safety=MOVES)

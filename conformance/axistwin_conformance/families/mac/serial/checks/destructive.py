@@ -165,7 +165,10 @@ def _judge_rate(driver: SerialDriver, value: int) -> None:
         at_old = driver.client.send(driver.client.request(0x20), QUIET_S * 2).kind
         driver.client.target.baud = rate
         session.expect(
-            at_old is not ReplyKind.ANSWER, "MACS-CMD-1B-01", f"no answer at {old}", at_old.value
+            at_old is not ReplyKind.ANSWER,
+            "MACS-CMD-1B-01",
+            f"no answer at {old} baud, the rate before",
+            at_old.value,
         )
         driver.client.wait(QUIET_S)
 

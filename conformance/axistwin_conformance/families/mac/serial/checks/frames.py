@@ -256,7 +256,7 @@ def only_its_own_address_and_ff_reach_it(session: Session) -> None:
         names = ("MACS-FRAME-07", "MACS-REPLY-13") if address < 0x80 else ("MACS-FRAME-07",)
         is_silent = exchange.kind is ReplyKind.SILENCE
         hint = "" if is_silent or address >= 0x80 else unknown_module_at(driver.client, address)
-        wanted = f"{ReplyKind.SILENCE.value} ({codec.explain(exchange.request)})"
+        wanted = driver.client.wanted(ReplyKind.SILENCE, exchange.request)
         session.expect(is_silent, names, wanted, exchange.reply, hint)
     driver.judge.alive()
 
@@ -420,7 +420,7 @@ def _is_refused_as_malformed(driver: SerialDriver, frame: SerialRequest) -> None
     driver.session.expect(
         reply.kind is ReplyKind.REFUSED,
         None,
-        f"refused, for {codec.explain(frame.encode())}",
+        "that it is refused: the parameter holds what is no digit",
         reply,
     )
 

@@ -52,10 +52,11 @@ def after_00h_it_is_deaf_for_two_seconds(session: Session) -> None:
         driver.judge.must(ReplyKind.SILENCE, lost, "MACS-CMD-00-02")
     awake_ns = _first_answer_ns(driver, from_ns)
     deaf_ms = round((awake_ns - from_ns) / 1e6)
+    late_ms = round(session.target.line_s * 1000)  # one query more, of which nothing came
     session.expect(
-        deaf_ms in DEAF_MS,
+        deaf_ms in range(DEAF_MS[0], DEAF_MS[-1] + 1 + late_ms),
         "MACS-CMD-00-02",
-        f"deaf for {DEAF_MS[0]}..{DEAF_MS[-1]} ms after 00h",
+        f"no answer for {DEAF_MS[0]}..{DEAF_MS[-1]} ms after 00h",
         f"the first answer after {deaf_ms} ms",
     )
     session.info("MACS-CMD-00-02", f"deaf for {deaf_ms} ms, to {POLL_S * 1000:.0f} ms")
@@ -66,8 +67,8 @@ def after_00h_it_is_deaf_for_two_seconds(session: Session) -> None:
     session.expect(
         place == start and coefficient != 0x77,
         ("MACS-CMD-00-02", "MACS-CMD-00-01"),
-        "what was sent meanwhile had no effect",
-        f"position {place}, AA {coefficient:02X}",
+        f"position {start}, ramp coefficient not 119: nothing sent meanwhile is executed",
+        f"position {place}, ramp coefficient {coefficient}",
     )
 
 
@@ -96,8 +97,8 @@ def just_after_two_seconds_it_listens(session: Session) -> None:
         session.expect(
             exchange.kind is kind,
             "MACS-CMD-00-02",
-            f"{kind.value} {driver.motion.deaf_s + after_s:.2f} s after 00h",
-            exchange.kind.value,
+            f"{kind.in_words} {driver.motion.deaf_s + after_s:.2f} s after 00h",
+            exchange.reply,
         )
         driver.motion.wait_awake()
     driver.judge.alive("MACS-CMD-00-01")
@@ -196,7 +197,10 @@ def general_commands_are_executed_by_all(session: Session) -> None:
         for driver, (start, _, _) in zip(everybody, before, strict=True):
             moved = driver.client.position() - start
             session.expect(
-                moved > 10, "MACS-MULTI-02", f"{driver.client.address:02X} moved with all", moved
+                moved > 10,
+                "MACS-MULTI-02",
+                f"module {driver.client.address:02X} to move with all others",
+                f"{moved} increments",
             )
     finally:
         for driver, (start, own_period, own_coefficient) in zip(everybody, before, strict=True):

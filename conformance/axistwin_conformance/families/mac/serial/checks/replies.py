@@ -11,6 +11,7 @@ from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import velocity
 from axistwin_conformance.families.mac.axis.driver.unknown_modules import unknown_module_at
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.probes.sync import is_held
 from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.families.mac.serial.driver import NACKED_BY_MANY, SerialDriver
 from axistwin_conformance.families.mac.serial.probes.line import nack_readings, rx_during_xoff
@@ -59,12 +60,15 @@ def every_answer_has_the_form_of_the_manual(session: Session) -> None:
     """Queries 20h..29h answer 21 bytes: 011, the address asked, the second digit of the index."""
     driver = SerialDriver(session)
     for index in range(0x20, 0x2A):
-        reply = driver.judge.must(ReplyKind.ANSWER, driver.client.ask(index), "MACS-REPLY-07").reply
+        exchange = driver.client.ask(index)
+        if exchange.reply.length not in (b"", *codec.ANSWER_LENGTH_FIELDS):
+            _judge_length(driver, index, exchange.reply)
+        reply = driver.judge.must(ReplyKind.ANSWER, exchange, "MACS-REPLY-07").reply
         session.expect(
             reply.address == driver.client.address,
             "MACS-REPLY-08",
-            f"address {driver.client.address:02X}",
-            f"{reply.address:02X}",
+            f"address {driver.client.address:02X} in the answer",
+            f"address {reply.address:02X}",
         )
         _judge_digit(driver, index, reply)
         _judge_length(driver, index, reply)
@@ -78,7 +82,10 @@ def _judge_digit(driver: SerialDriver, index: int, reply: codec.SerialReply) -> 
         driver.judge.reading(printed[index], outcome, "MACS-REPLY-09")
         return
     driver.session.expect(
-        reply.digit == wanted, "MACS-REPLY-09", f"digit {wanted} to {index:02X}h", reply.digit
+        reply.digit == wanted,
+        "MACS-REPLY-09",
+        f"index digit {wanted} in the answer",
+        f"digit {reply.digit:X}",
     )
 
 
@@ -88,11 +95,14 @@ def _judge_length(driver: SerialDriver, index: int, reply: codec.SerialReply) ->
         driver.judge.reading("reply28_length", outcome, "MACS-REPLY-10")
         return
     driver.session.expect(
-        reply.length == b"011", "MACS-REPLY-10", f"011 to {index:02X}h", reply.length.decode()
+        reply.length == b"011",
+        "MACS-REPLY-10",
+        "length field 011 in the answer",
+        f"length field {reply.length.decode()}",
     )
 
 
-@check("MACS-REPLY-02", "MACS-REPLY-11", "MACS-REPLY-12")
+@check("MACS-REPLY-02", "MACS-REPLY-06", "MACS-REPLY-11", "MACS-REPLY-12")
 def a_nack_is_one_byte_and_nothing_follows(session: Session) -> None:
     """A wrong checksum gets the single byte 15h, for queries and commands, no Xoff, no Xon."""
     driver = SerialDriver(session)
@@ -100,7 +110,8 @@ def a_nack_is_one_byte_and_nothing_follows(session: Session) -> None:
         session.skip(NACKED_BY_MANY)
     for index in (0x20, 0x29, 0x2A, 0x04, 0x12):
         exchange = driver.client.send(driver.client.request(index).with_wrong_checksum())
-        names = ("MACS-REPLY-02", "MACS-REPLY-11") if 0x20 <= index < 0x2A else ("MACS-REPLY-02",)
+        is_query = 0x20 <= index < 0x2A
+        names = ("MACS-REPLY-02", "MACS-REPLY-11" if is_query else "MACS-REPLY-06")
         driver.judge.must(ReplyKind.NACK, exchange, names)
         extra = session.target.receive(3, QUIET_S)
         session.expect(
@@ -132,7 +143,7 @@ def refusals_change_nothing(session: Session) -> None:
     """During a move 13h and 0Dh get 06 13 17, a wrong checksum still 15; the move goes on."""
     driver = SerialDriver(session)
     start = driver.motion.ready(SLOWEST)
-    forecast = driver.motion.go(start + 60)
+    forecast = driver.motion.go(start + max(60, driver.limits.steps_outlasting(SLOWEST, 8)))
     wrong = driver.client.send(driver.client.request(0x13, start - 500).with_wrong_checksum())
     driver.judge.must(ReplyKind.NACK, wrong, "MACS-REPLY-06")
     names = ("MACS-REPLY-03", "MACS-REPLY-05", "MACS-CMD-13-02")
@@ -153,7 +164,21 @@ def refusals_change_nothing(session: Session) -> None:
     driver.motion.watch(forecast, ("MACS-REPLY-05", "MACS-CMD-13-02"), samples=3)
     kept = driver.client.parameter(0x0D)
     session.expect(
-        kept == SLOWEST, ("MACS-REPLY-05", "MACS-CMD-0D-02"), "25h still FFFF", f"{kept:04X}"
+        kept == SLOWEST,
+        ("MACS-REPLY-05", "MACS-CMD-0D-02"),
+        "period FFFF as before",
+        f"period {kept:04X}",
+    )
+    place = driver.client.position()
+    driver.judge.accepted(0x10)
+    if driver.client.command(0x12).kind is not ReplyKind.REFUSED:
+        return  # another reading of an index without a meaning (MACS-AMB-58)
+    driver.judge.accepted(0x13, place + 40)
+    session.expect(
+        is_held(driver, place),
+        "MACS-REPLY-05",
+        f"armed: at {place} until 11h",
+        driver.client.position(),
     )
 
 
@@ -192,6 +217,16 @@ def a_nacked_frame_does_nothing(session: Session) -> None:
     )
     driver.client.wait(0.2)
     driver.motion.follow(forecast, None, driver.limits.allowance(SLOWEST))
+    driver.motion.at_rest()
+    start = driver.client.position()
+    driver.judge.accepted(0x10)
+    driver.judge.must(
+        ReplyKind.NACK, driver.client.send(driver.client.request(0x20).with_wrong_checksum())
+    )
+    driver.judge.accepted(0x13, start + 40)
+    session.expect(
+        is_held(driver, start), None, f"armed: at {start} until 11h", driver.client.position()
+    )
 
 
 def _hex(values: list[int]) -> str:
@@ -207,16 +242,24 @@ def nothing_is_said_that_was_not_asked(session: Session) -> None:
     exchange = driver.judge.accepted(
         0x13, start + LONG, requirement=("MACS-REPLY-14", "MACS-CMD-13-01")
     )
-    took_s = (session.target.now_ns - sent_ns) / 1e9
-    session.expect(
-        took_s < ACKNOWLEDGED_WITHIN_S, "MACS-REPLY-14", "06 13 1A at once", f"{took_s:.3f} s"
-    )
+    _judge_prompt(driver, sent_ns)
     end = driver.motion.to_position(exchange, start, start + LONG).end
     assert end is not None
     listen_s = LISTEN_S if session.target.is_virtual else LISTEN_REAL_S
     extra = session.target.receive(1, (end.latest_ns - session.target.now_ns) / 1e9 + listen_s)
     session.expect(not extra, "MACS-REPLY-12", "silence", extra.hex(" "))
+    sent_ns = session.target.now_ns
+    driver.judge.accepted(0x15, velocity(-1, SLOWEST), requirement="MACS-REPLY-14")
+    _judge_prompt(driver, sent_ns)
+    driver.motion.at_rest()
     driver.judge.alive("MACS-REPLY-12")
+
+
+def _judge_prompt(driver: SerialDriver, sent_ns: int) -> None:
+    took_s = (driver.session.target.now_ns - sent_ns) / 1e9
+    driver.session.expect(
+        took_s < ACKNOWLEDGED_WITHIN_S, "MACS-REPLY-14", "06 13 1A at once", f"{took_s:.3f} s"
+    )
 
 
 @check("MACS-REPLY-12")
@@ -249,6 +292,11 @@ def frames_for_another_module_do_nothing(session: Session) -> None:
         driver.judge.must(ReplyKind.SILENCE, exchange)
     after = [driver.client.value(index) for index in (0x20, 0x25, 0x26)]
     session.expect(after == before, None, _hex(before), _hex(after))
+    forecast = driver.motion.turn(1, SLOWEST)
+    for index in (0x18, 0x1A, 0x17):
+        exchange = driver.client.send(driver.client.request(index, address=other), QUIET_S)
+        driver.judge.must(ReplyKind.SILENCE, exchange)
+    driver.motion.follow(forecast, None, driver.limits.allowance(SLOWEST))
 
 
 @check("MACS-REPLY-15")

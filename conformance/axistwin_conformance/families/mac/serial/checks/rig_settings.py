@@ -58,9 +58,9 @@ def the_address_outlives_the_supply(session: Session) -> None:
     new = other_address(driver)
     with brought_back(driver):
         program_address(driver, new)
-        driver.session.rig.power_off()
+        driver.session.rig.work("power", False)
         driver.client.wait(OFF_S)
-        driver.session.rig.power_on()
+        driver.session.rig.work("power", True)
         driver.motion.wait_awake()
         driver.client.address = new
         driver.judge.alive(("MACS-PERS-02", "MACS-CMD-08-02"))

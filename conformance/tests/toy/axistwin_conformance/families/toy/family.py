@@ -9,9 +9,13 @@ from axistwin_conformance.base.transcript import Record
 from axistwin_conformance.core.family import Family
 from axistwin_conformance.core.identity import Identity, Model
 from axistwin_conformance.core.session import REPLY_TIMEOUT_S, Session
+from axistwin_conformance.transport.rig import POWER, RigControl, rig_controls
 from axistwin_conformance.transport.serial import SerialTransport, open_target
 
 RATE: Final = 9600
+PRESS: Final = RigControl(
+    "press", "button", "presses the button", ("Press the button.", ""), "press", is_step=True
+)
 
 
 class Lamp:
@@ -34,8 +38,8 @@ class Lamp:
 
     def switch_off_and_on(self) -> None:
         """Cut the supply for a moment."""
-        self.session.rig.power_off()
-        self.session.rig.power_on()
+        self.session.rig.work("power", False)
+        self.session.rig.work("power", True)
 
 
 class ToyFamily(Family):
@@ -47,7 +51,7 @@ class ToyFamily(Family):
     default_address = 0
     default_rate = RATE
     rates = (RATE,)
-    capabilities = frozenset({"power"})
+    rig_controls = rig_controls(PRESS, POWER)
     impact: ClassVar = {"stored": "sets the level", "rig": "cuts the supply"}
 
     def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> SerialTransport:

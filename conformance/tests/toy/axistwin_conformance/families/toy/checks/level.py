@@ -37,3 +37,13 @@ def the_level_outlives_the_supply(session: Session) -> None:
     came = lamp.level()
     session.expect(came in ("7\n", "0\n"), None, ("level 7", "level 0"), repr(came))
     session.quirk(None, "keeps_level", "true" if came == "7\n" else "false")
+
+
+@check("TOY-BTN-01", safety=("stored", "rig"), needs=("rig:press",))
+def the_button_turns_it_off(session: Session) -> None:
+    """After the button was pressed the level is 0."""
+    lamp = Lamp(session)
+    lamp.set_level(7)
+    session.rig.work("press", True)
+    came = lamp.level()
+    session.expect(came == "0\n", None, "level 0", repr(came))

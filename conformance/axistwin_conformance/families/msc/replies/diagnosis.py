@@ -12,6 +12,7 @@ from axistwin_conformance.core.family import Violation
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK, Packet
+from axistwin_conformance.families.msc.replies.lenient import SIZE_ROW
 
 ALWAYS_SERVED = ("RQSTAT",)  # what no state, address or flag lets a unit refuse, but MSC-AMB-32
 
@@ -71,10 +72,7 @@ def _judged(session: Session, question: Packet, answer: Packet, came: str) -> Vi
     if answer.name != question.name or codec.COMMA not in answer.body:
         return Violation("MSC-CMD-04", f"the name {question.name} and a comma", came)
     if len(answer.raw) not in sizes:
-        return Violation(f"MSC-{question.name}-{_SIZE_ROW[question.name]}", f"{size} bytes", came)
+        return Violation(f"MSC-{question.name}-{SIZE_ROW[question.name]}", f"{size} bytes", came)
     if question.name == "RFLAG" and answer.numbers[0] not in (0, 1):
         return Violation("MSC-RFLAG-02", "0 or 1", came)
     return None
-
-
-_SIZE_ROW = {"BREAD": "02", "DREAD": "02", "RFLAG": "02", "RFLAGS": "01", "RQSTAT": "01"}

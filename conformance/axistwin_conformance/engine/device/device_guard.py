@@ -5,6 +5,8 @@ says meanwhile.
 Rules.
 
 1. What a run may change is read first; where that fails, nothing but passive is done (`remember`).
+   Where it turns out later that it was read wrongly, what was not written yet stays as it is, and
+   what was is told (`doubt`).
 2. The device is brought to rest and put back on every way out.  An interrupt meanwhile ends what
    takes long, and soon all of it; what was not put back then is told.
 3. What the operator has named may not be what he took it for: then nothing is judged by it, and the
@@ -15,38 +17,60 @@ Rules.
    be the line.
 5. A twin in this process that crashed has failed what it was asked for; a fresh one takes its place
    (`revive`), so that one mistake of a twin does not hide the next.
+6. An axis that was seen where nothing leads that it was asked for is moved no more; what is passive
+   goes on (`_keep_still`).
+7. A run ends that takes longer than a sound device ever makes it: what is being judged then stays
+   inconclusive, with the reason (`guard`).
 """
 
 from __future__ import annotations
 
 import contextlib
+import math
+import shlex
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 from axistwin_conformance.base import events, interrupts
 from axistwin_conformance.base.check import Check
-from axistwin_conformance.base.errors import AttemptVoid, RigError, TargetError, TwinCrashed
+from axistwin_conformance.base.errors import AttemptVoid, CannotDo, RigError, TargetError
 from axistwin_conformance.base.events import Listener, Outcome
 from axistwin_conformance.base.ledger import Ledger
+from axistwin_conformance.base.line_quality import LineQuality
 from axistwin_conformance.base.transcript import last_exchange
 from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.base.write_budget import WriteBudget
 from axistwin_conformance.core.family import Violation
-from axistwin_conformance.core.session import EXCERPT_RECORDS, QUIET_WAIT_S, Run, Session, Stop
+from axistwin_conformance.core.session import (
+    EXCERPT_RECORDS,
+    QUIET_WAIT_S,
+    Run,
+    Session,
+    Stop,
+    failure_sentence,
+)
 from axistwin_conformance.engine.attempts import describe
+from axistwin_conformance.engine.device import keeping
+from axistwin_conformance.engine.device.ladder import Ladder
+from axistwin_conformance.engine.eta import HELD_UP, HELD_UP_BY_NOISE
 from axistwin_conformance.engine.plan import Options
 from axistwin_conformance.engine.result import CheckResult
 from axistwin_conformance.transport.transport import Transport
 
 SANITY_PAUSES_S = (0.0, 1.0, 1.5)  # together longer than the 2 s for which a module may be deaf
 
+T = TypeVar("T")
 Opener = Callable[[tuple[int, ...]], Transport]  # neighbours on the line → an open target
 
 # What the engine itself asks a device for, beside the probes, and what a sound device does then.
 ACTS = {
     "identity": "It says who it is.",
+    "survey": "It has what was named for the run.",
     "sanity": "It answers a known-good question between checks.",
     "remember": "It tells what has to be put back after the run.",
+    "trial": "It writes what it is told to, and nothing beside.",
+    "travel": "It goes where it is told, and no further.",
     "put_back": "It can be brought to rest, and takes back what was changed.",
 }
 
@@ -55,7 +79,7 @@ ACTS = {
 class DeviceGuard:
     """Looks after the device of one run.
 
-    `emit`: takes events.  `blocked`: why nothing more is asked of the device; `unremembered`: why
+    `emit`: takes events.  `blocked`: why nothing more is asked of the device; `passive_only`: why
     nothing but passive is; both empty at first.  `violations`: what the device has failed beside
     the checks.
     """
@@ -66,11 +90,19 @@ class DeviceGuard:
     emit: Listener
     budget: WriteBudget
     blocked: str = ""
-    unremembered: str = ""
+    passive_only: str = ""
+    most_s: float = math.inf  # what the run may take on this line; of a noisy one more
+    begun_ns: int = 0
+    kept: str = ""  # the file that says what the device held
     problems: list[str] = field(default_factory=list)
     violations: list[CheckResult] = field(default_factory=list)
+    ladder: Ladder = field(init=False)
+    caused: set[str] = field(default_factory=set)  # reasons of which a violation is the cause
     _seen_violations: set[object] = field(default_factory=set)
     _tried: dict[str, str] = field(default_factory=dict)  # need → why it is of no use
+
+    def __post_init__(self) -> None:
+        self.ladder = Ladder(self.options.family)
 
     # --- open and close --------------------------------------------------------------------------
 
@@ -108,13 +140,16 @@ class DeviceGuard:
         """Give the target its rig, meter and travel guard; raises TargetError without a rig."""
         family, target = self.options.family, run.target
         try:
-            run.rig = self.options.rig.open(target, run.address, self._tell_question)
+            run.rig = self.options.rig.open(
+                target, run.address, family.rig_controls, self._tell_question
+            )
         except RigError as error:
             target.close()
             raise TargetError(str(error)) from error
         target.meter = lambda data: self.budget.note(family.stored_writes(data))
         if run.envelope.is_guarded:
             target.travel_guard = family.travel_guard(run)
+        self.ladder.equip(run)
 
     def _tell_question(self, is_open: bool, text: str) -> None:
         self.emit(events.RigQuestion(is_open, text))
@@ -123,15 +158,17 @@ class DeviceGuard:
         """Stop and put back on the way out, whichever it is, once anything but passive has run."""
         if run.memory is None or run.target.crash:
             return
-        tidying = self.options.family.tidying
+        tidying = self.options.family.impact.get("end", "put back what it held")
         try:
             self.restore(run, is_leaving=True)
+            for sentence in self.options.family.unsure(Session(run), run.memory):
+                self.trouble(sentence)
         except interrupts.CutShort:
             self._leave(run, tidying)
         except TargetError as error:
-            self.trouble(f"could not {tidying}: {error}")
+            self.trouble(f"could not {tidying}: {error}{self._remedy}")
         except Exception as error:  # nothing may keep the port from being closed
-            self.trouble(f"could not {tidying}: {describe(error)}")
+            self.trouble(f"could not {tidying}: {describe(error)}{self._remedy}")
 
     def _leave(self, run: Run, tidying: str) -> None:
         """Stop at once, and tell what may not be as it was: nobody waits any longer."""
@@ -140,31 +177,70 @@ class DeviceGuard:
                 self.options.family.stop(Session(run))
         finally:  # this is cut short as well
             held = "; ".join([str(run.memory), *(cleanup.what for cleanup in run.cleanups)])
-            self.trouble(f"interrupted again, could not {tidying}; it held: {held}")
+            self.trouble(f"interrupted again, could not {tidying}; it held: {held}{self._remedy}")
 
     # --- between checks --------------------------------------------------------------------------
 
     def guard(self, session: Session, data: bytes) -> None:
-        """Raise AssertionError for what the check has not declared, CannotDo without a budget."""
+        """Raise AssertionError for what the check has not declared, CannotDo without a budget, and
+        TargetError once the device has held the run up for too long (rule 7)."""
+        self._refuse_when_over(session.run)
         family = self.options.family
+        if lost := family.would_lose(session, data):
+            raise CannotDo(lost)
         reason = family.forbid(session, data)
         assert reason is None, f"held back {data.hex(' ')}: {reason}"
         self.budget.allow(family.stored_writes(data))
 
+    def _refuse_when_over(self, run: Run) -> None:
+        passed_s = (run.target.now_ns - self.begun_ns) / 1e9
+        most_s = self.most_s * HELD_UP * (HELD_UP_BY_NOISE if run.quality.is_noisy else 1)
+        if run.target.is_virtual or passed_s <= most_s:
+            return
+        if not self.blocked:
+            self.block(
+                f"the device holds the run up: after {passed_s:.0f} s it is not over, where"
+                f" {self.most_s:.0f} s are plenty ({run.quality})"
+            )
+        raise TargetError(self.blocked)
+
     def remember(self, run: Run) -> bool:
         """Read what has to be put back, once; False if that cannot be (rule 1)."""
-        if run.memory is not None or self.unremembered:
-            return not self.unremembered
-        session = Session(run)
+        if run.memory is not None or self.passive_only:
+            return not self.passive_only
+        known = len(self.violations)
         try:
-            run.memory = self.options.family.remember(session)
+            run.memory = self.climbing(run, "remember", self.options.family.remember)
+            self._keep(run)
         except TargetError as error:
-            self.unremembered = f"what is to be put back could not be read: {error}"
-            self.trouble(self.unremembered)
-            self.record_violation(session, "remember")
+            reason = f"what is to be put back could not be read: {error}"
+            self.passive_only = self.because(reason, known) if self.violations[known:] else reason
+            self.trouble(self.passive_only)
             if run.target.crash and not self.revive(run):
                 raise
-        return not self.unremembered
+        return not self.passive_only
+
+    def _keep(self, run: Run) -> None:
+        """Have what a real device holds in a file before anything is written to it."""
+        held = {} if self.options.is_twin else self.options.family.kept(run.memory)
+        if not held or self.kept:
+            return
+        try:
+            self.kept = str(keeping.keep(self.options, held))
+        except OSError as error:
+            self.emit(events.Note(f"what the device holds could not be kept: {error.strerror}"))
+            return
+        self.emit(
+            events.Note(
+                f"what the device holds is in {self.kept};"
+                f" axistwin conform {self.options.model} --restore FILE puts it back"
+            )
+        )
+
+    @property
+    def _remedy(self) -> str:
+        again = f"axistwin conform {self.options.model} --restore {shlex.quote(self.kept)}"
+        return f"; {again} puts it back" if self.kept else ""
 
     def of_no_use(self, run: Run, check: Check) -> str:
         """Why nothing can be judged by what the operator has named for a check; empty: it can be,
@@ -173,29 +249,48 @@ class DeviceGuard:
             if need in self.options.family.tried_needs and need not in self._tried:
                 self._tried[need] = ""
                 with contextlib.suppress(TargetError):  # what is wrong then, the check will meet
-                    self._tried[need] = self.options.family.unusable(Session(run), need)
+                    self._try(Session(run), need)
                     self.restore(run)
                 if self._tried[need]:
                     self.trouble(self._tried[need])
         return next((why for need in check.needs if (why := self._tried.get(need, ""))), "")
+
+    def _try(self, session: Session, need: str) -> None:
+        told = self.options.family.unusable(session, need)
+        if isinstance(told, Violation):
+            self._record(session, "trial", ACTS["trial"], told)
+        else:
+            self._tried[need] = told
 
     def restore(self, run: Run, *, is_leaving: bool = False) -> None:
         """Stop, then put back, also if stopping went wrong; raises TargetError for a lost port.
 
         `is_leaving`: an exchange may have been interrupted, and its reply still come.
         """
-        session = Session(run)
         self._release_rig(run)
-        try:
+
+        def put_back(session: Session) -> None:
             self.run_cleanups(run)
             self._put_back(run, session, is_leaving=is_leaving)
-        except TargetError:
-            if run.target.is_lossless:
-                self.record_violation(session, "put_back")
-            raise
-        self.note_retries(session)
-        if run.runaway and not self.blocked:
-            self.block(run.runaway)
+            self.note_retries(session)
+
+        self.climbing(run, "put_back", put_back, is_blamed=run.target.is_lossless)
+        if run.strayed:
+            self._keep_still(run)
+
+    def _keep_still(self, run: Run) -> None:
+        """An axis that goes elsewhere than it is told has failed by that, whatever else a check
+        made of it, and is asked for nothing but passive any more (rule 6)."""
+        guard = run.target.travel_guard
+        assert guard is not None
+        if guard.strayed in self._seen_violations:
+            return
+        self._seen_violations.add(guard.strayed)
+        self.passive_only = guard.strayed
+        self.trouble(guard.strayed)
+        (requirement,) = self.ledger.own((guard.broken,))
+        violation = Violation(requirement, "an axis that goes where it is told", guard.strayed)
+        self._record(Session(run), "travel", ACTS["travel"], violation)
 
     def run_cleanups(self, run: Run) -> None:
         """Give back what a check or probe still owes: only then the device hears anything else."""
@@ -234,20 +329,18 @@ class DeviceGuard:
 
     def is_sane(self, run: Run) -> bool:
         """Whether the device still answers, after the longest deafness it is entitled to."""
-        session = Session(run)
-        try:
+
+        def look(session: Session) -> bool:
+            run.silence_limit.good()  # what was bad before, is not held against this
             for pause_s in SANITY_PAUSES_S:
                 run.target.wait(pause_s)
                 run.target.drain()
                 if self.options.family.is_alive(session):
                     self.note_retries(session)
                     return True
-        except TwinCrashed:
-            self.record_violation(session, "sanity")
-            raise
-        if run.target.is_lossless:
-            self.record_violation(session, "sanity")
-        return False
+            return False
+
+        return self.climbing(run, "sanity", look, is_blamed=run.target.is_lossless)
 
     def revive(self, run: Run) -> bool:
         """Put a fresh twin in the place of one that crashed; False where there is none (rule 5)."""
@@ -269,6 +362,73 @@ class DeviceGuard:
             self.emit(events.Note(f"{crashed.crash}; a fresh twin takes its place"))
         return is_back
 
+    def doubt(self, run: Run, result: CheckResult) -> None:
+        """What was remembered by the answers that have failed here is not known (rule 1)."""
+        run.doubted |= {
+            last_exchange(finding.transcript)[0]
+            for finding in result.findings
+            if finding.verdict is Verdict.FAIL
+        }
+
+    # --- the ladder ------------------------------------------------------------------------------
+
+    def climbing(
+        self, run: Run, act: str, ask: Callable[[Session], T], *, is_blamed: bool = True
+    ) -> T:
+        """What `ask` returns, asked again as long as what came shows new departures for which
+        replies can be mended; where that is over and it raises, or returns False, the device is
+        judged by its last reply (`is_blamed`; that of a twin that crashed always is)."""
+        while True:
+            session, trouble = Session(run), None
+            before = replace(run.quality)  # what is judged in it makes the line look noisy
+            try:
+                found = ask(session)
+                # What was good in the end may have been asked again for the same departure.
+                is_smooth = run.target.is_lossless or not (session.retries or session.corrupted)
+                if found is not False and (is_smooth or not self._climbs(session, act, before)):
+                    for accusation in dict.fromkeys(session.run.accusations):
+                        self._accuse(session, act, ACTS[act], Violation(*accusation))
+                    run.accusations.clear()
+                    return found
+            except TargetError as error:
+                trouble = error
+            if self._climbs(session, act, before):
+                continue
+            if is_blamed or run.target.crash:
+                self.record_violation(session, act)
+            if trouble is not None:
+                raise trouble
+            return found
+
+    def _climbs(self, session: Session, act: str, quality: LineQuality) -> bool:
+        """Judge by what the replies of a session depart time after time; True if the same may be
+        asked again, since they are mended for that now.  `quality`: of the line before."""
+        run, known = session.run, len(self.ladder.known)
+        if run.target.crash:
+            return False
+        needed = 1 if run.target.is_lossless else quality.alike_needed
+        for one, steady in self.ladder.climb(session, needed):
+            violation = Violation(one.requirement, one.expected, one.actual)
+            text = f"beside the checks: {one.name} of {steady.reply.hex(' ').upper()}"
+            self._record(session, act, ACTS[act], violation, text)
+        is_mended = len(self.ladder.known) > known
+        if is_mended:  # it was no noise
+            run.quality.corrupted = quality.corrupted
+            run.silence_limit.good()
+        return is_mended
+
+    def because(self, reason: str, since: int = 0) -> str:
+        """A reason why something is not run, with what the device has failed as its cause.
+
+        `since`: how many violations there were before.
+        """
+        caused = self.violations[since:]
+        names = [finding.requirement for one in caused for finding in one.findings]
+        failed = list(dict.fromkeys(names))
+        told = f"because {', '.join(failed)} fail{'s' * (len(failed) == 1)}: {reason}"
+        self.caused.add(told)
+        return told
+
     # --- what is told ----------------------------------------------------------------------------
 
     def record_violation(self, session: Session, act: str, behaviour: str = "") -> bool:
@@ -276,6 +436,7 @@ class DeviceGuard:
         (rule 4).  `act`: what it was asked for, one of `ACTS` or the name of a probe."""
         run = session.run
         request, reply = last_exchange(session.records())
+        reply = self.ladder.mended(session, request, reply)
         is_surely_its_own = run.target.crash or run.target.is_lossless
         if not is_surely_its_own and not (reply and session.is_reproduced and self.is_sane(run)):
             return False
@@ -288,18 +449,30 @@ class DeviceGuard:
             return False
         if run.target.crash:
             violation = replace(violation, actual=run.target.crash)
-        if violation not in self._seen_violations and act not in self._seen_violations:
-            self._seen_violations |= {violation, act}
-            self._record(session, act, behaviour or ACTS[act], violation)
+        if act not in self._seen_violations:
+            self._accuse(session, act, behaviour or ACTS[act], violation)
+            self._seen_violations.add(act)
         return True
 
-    def _record(self, session: Session, act: str, behaviour: str, violation: Violation) -> None:
+    def _accuse(self, session: Session, act: str, behaviour: str, violation: Violation) -> None:
+        """Record a violation once."""
+        if violation not in self._seen_violations:
+            self._seen_violations.add(violation)
+            self._record(session, act, behaviour, violation)
+
+    def _record(
+        self,
+        session: Session,
+        act: str,
+        behaviour: str,
+        violation: Violation,
+        text: str = "beside the checks",
+    ) -> None:
         """Tell it as what a check numbered 0 has found: before, between or after the others."""
         check = Check.named(act, behaviour, __name__, requirements=(violation.requirement,))
-        finding = Finding(
-            violation.requirement, Verdict.FAIL, "beside the checks", (violation.expected,),
-            violation.actual, session.records(EXCERPT_RECORDS),
-        )  # fmt: skip
+        said = (violation.expected,), violation.actual, session.records(EXCERPT_RECORDS)
+        words = failure_sentence(session, *said[:2])
+        finding = Finding(violation.requirement, Verdict.FAIL, text, *said, words)
         result = CheckResult(check, Outcome.DONE, (finding,), tuple(session.retries), 0.0, "")
         self.violations.append(result)
         self.emit(events.CheckStarted(0, 0, act, behaviour, check.requirements))

@@ -17,7 +17,6 @@ Rules.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Protocol
 
 from axistwin_conformance.base.errors import (
     AttemptVoid,
@@ -28,40 +27,21 @@ from axistwin_conformance.base.errors import (
     TwinCrashed,
     interrupts_first,
 )
+from axistwin_conformance.base.events import QuestionAsked
 from axistwin_conformance.core.probing import Probe, Seen
 from axistwin_conformance.core.profile import Detection
 from axistwin_conformance.core.session import Run, Session, Stop
+from axistwin_conformance.engine.device.device_guard import DeviceGuard
 from axistwin_conformance.engine.replays import MOST_ATTEMPTS
 
 
-class ProbeGuard(Protocol):
-    """Who looks after the device, and after what the run says of it, while probes ask."""
-
-    def guard(self, session: Session, data: bytes) -> None:
-        """Raise for bytes that must not be sent."""
-
-    def is_sane(self, run: Run) -> bool:
-        """Whether the device still answers."""
-
-    def run_cleanups(self, run: Run) -> None:
-        """Give back what a probe still owes."""
-
-    def trouble(self, text: str) -> None:
-        """Take note of a mistake of the suite."""
-
-    def record_violation(self, session: Session, act: str, behaviour: str) -> bool:
-        """Judge the last reply of a session; True if the device has failed by it."""
-
-    def revive(self, run: Run) -> bool:
-        """Put a fresh twin in the place of one that crashed; False where there is none."""
-
-
-def detect(run: Run, probes: Iterable[Probe], device_guard: ProbeGuard) -> None:
+def detect(run: Run, probes: Iterable[Probe], device_guard: DeviceGuard) -> None:
     """Ask the probes and put what they tell into `run`; raises TargetError for a lost device."""
     for probe in probes:
         before = run.detections.get(probe.switch)
         if before is not None and before.reading is not None:
             continue
+        run.emit(QuestionAsked(probe.switch))
         try:
             detection = _ask_until_believed(run, probe, device_guard)
         except TwinCrashed as error:
@@ -77,13 +57,13 @@ def detect(run: Run, probes: Iterable[Probe], device_guard: ProbeGuard) -> None:
             raise TargetError(f"it no longer answers after it was asked for {probe.switch}")
 
 
-def _ask_until_believed(run: Run, probe: Probe, device_guard: ProbeGuard) -> Detection:
+def _ask_until_believed(run: Run, probe: Probe, device_guard: DeviceGuard) -> Detection:
     """Ask once; where noise is possible, what is unusual counts when two answers agree."""
     known = dict(run.readings)
     told: list[tuple[tuple[str, ...], tuple[str, ...]]] = []  # answers, and what was late
     why = ""
     for _ in range(MOST_ATTEMPTS):
-        run.target.forget_late()
+        run.target.lateness.forget()
         try:
             detection = _ask(run, probe, device_guard)
         except AttemptVoid as error:
@@ -96,7 +76,7 @@ def _ask_until_believed(run: Run, probe: Probe, device_guard: ProbeGuard) -> Det
         )
         if run.target.too_slow and not is_usual:
             return Detection(probe.switch, None, run.target.too_slow)
-        late = tuple(run.target.late)
+        late = tuple(run.target.lateness.recent)
         is_quiet = is_usual and not late and not run.quality.is_noisy
         answer = (detection.candidates, late)
         is_agreed = told.count(answer) > bool(late)
@@ -125,7 +105,7 @@ def leave_out(run: Run, probe: Probe, reason: str) -> None:
     run.detections[probe.switch] = Detection(probe.switch, None, reason)
 
 
-def _ask(run: Run, probe: Probe, device_guard: ProbeGuard) -> Detection:
+def _ask(run: Run, probe: Probe, device_guard: DeviceGuard) -> Detection:
     """Ask once.  What is no answer at all is judged before anything else is said."""
     session = Session(run, probe.check)
     try:
@@ -138,7 +118,7 @@ def _ask(run: Run, probe: Probe, device_guard: ProbeGuard) -> Detection:
     return seen if isinstance(seen, Detection) else _told(run, probe, seen)
 
 
-def _look(session: Session, probe: Probe, device_guard: ProbeGuard) -> Seen | Detection:
+def _look(session: Session, probe: Probe, device_guard: DeviceGuard) -> Seen | Detection:
     """What the probe saw, or why it saw nothing."""
     target, act = session.transport, (probe.check.name, probe.check.behaviour)
     target.gate = lambda data: device_guard.guard(session, data)
@@ -163,8 +143,13 @@ def _look(session: Session, probe: Probe, device_guard: ProbeGuard) -> Seen | De
     except TwinCrashed:
         device_guard.record_violation(session, *act)
         raise
-    except (TargetError, AttemptVoid):
+    except AttemptVoid:
         raise
+    except TargetError as error:  # of this question alone, if it still answers others
+        if not device_guard.is_sane(session.run):
+            raise
+        device_guard.record_violation(session, *act)
+        return Detection(probe.switch, None, str(error))
     except Exception as error:  # a mistake of the suite must not stop the run
         text = f"error in the suite while detecting {probe.switch}: {type(error).__name__}: {error}"
         device_guard.trouble(text)

@@ -1,0 +1,1 @@
+"""The device during a run: guarded, judged, asked for its readings, restored."""

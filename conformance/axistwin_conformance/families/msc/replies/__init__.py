@@ -1,0 +1,1 @@
+"""What an MSC replies when nobody judges it by a check: diagnosed, or read leniently."""

@@ -1,0 +1,100 @@
+"""Twins of drawn readings: one switch at any of its values, or two."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator, Mapping
+
+from axistwin.catalog import models
+from axistwin.devices.switches import Quirk
+from axistwin_conformance.base.ledger import load_ledger
+from axistwin_conformance.families.catalog import find_family
+from sweeping.runs import Row
+
+NEAR = 0.05  # a number that a device shows is measured
+# Beyond these a device breaks a requirement (MACS-CMD-00-02), or replies so late that little
+# can be judged.
+SOUND: Mapping[str, tuple[int, int]] = {
+    "boot_time_ms": (1500, 2400),
+    "reply_latency_us": (0, 250_000),
+}
+# Texts have no values to draw from.
+TEXTS: Mapping[str, tuple[str, ...]] = {
+    "brake_increments": ("0", "1", "30", "300", "900"),
+    "mac34_limits": ("24/60/64/85",),
+    "emcy_code_map": (
+        "10/4210/09,01/3110/05,40/3210/05,20/3220/05", "40/3210/05,20/3220/05,01/3100/05",
+    ),
+}  # fmt: skip
+
+
+def values_of(quirk: Quirk, draw: random.Random) -> tuple[str, ...]:
+    """Every value but the default; of a number the ends and some between."""
+    if quirk.kind == "number":
+        default = quirk.parse(quirk.default)
+        assert isinstance(default, int)
+        low, high = SOUND.get(quirk.name, (quirk.low, quirk.high))
+        between = [low + int((high - low) ** draw.random()) for _ in range(3)]
+        near = [one for one in (default - 1, default + 1) if low <= one <= high]
+        found = {low, high, *near, *between} - {default}
+        return tuple(str(one) for one in sorted(found))
+    if quirk.kind == "text":
+        return TEXTS.get(quirk.name, ())
+    return tuple(one for one in quirk.allowed if one != quirk.default)
+
+
+def singles(model: str, seed: str) -> list[dict[str, str]]:
+    """Every switch at each of its other values."""
+    draw = random.Random(seed)
+    quirks = models()[model].quirks
+    return [{name: one} for name, quirk in quirks.items() for one in values_of(quirk, draw)]
+
+
+def drawn(model: str, seed: str) -> Iterator[dict[str, str]]:
+    """Without end: two switches at once, and every third time one."""
+    draw = random.Random(seed)
+    while True:
+        quirks = models()[model].quirks
+        known = [name for name, quirk in quirks.items() if values_of(quirk, draw)]
+        names = draw.sample(known, 2 if draw.random() < 2 / 3 else 1)
+        yield {name: draw.choice(values_of(quirks[name], draw)) for name in names}
+
+
+def misread(model: str, truth: Mapping[str, str], row: Row) -> dict[str, str]:
+    """Switches of which a run has told what is not so: what, and what is."""
+    ledger = load_ledger(find_family(model).name)
+    wrong = {}
+    for name, (reading, candidates) in row["detected"].items():
+        told = row["named"].get(name, reading)
+        default = ledger.ambiguity_of(name).default_of(name)
+        right = truth.get(name, default)
+        if told is None and not candidates:
+            continue  # nothing is told
+        known = (told,) if told is not None else tuple(candidates)
+        if not any(_is_same(model, name, one, right) for one in known):
+            wrong[name] = f"{' or '.join(known)} told, {right} is so"
+    return wrong
+
+
+def unread(model: str, truth: Mapping[str, str], row: Row) -> tuple[str, ...]:
+    """Switches at another value than the default, of which nothing is told."""
+    asked = row["detected"]
+    return tuple(
+        name for name in truth
+        if name in asked and asked[name][0] is None and name not in row["named"]
+    )  # fmt: skip
+
+
+def _is_same(model: str, name: str, told: str, right: str) -> bool:
+    if told in (right, "*"):
+        return True
+    quirk = models()[model].quirks[name]
+    if quirk.kind == "text":
+        return False
+    try:
+        one, other = quirk.parse(told), quirk.parse(right)
+    except Exception:
+        return False
+    if quirk.kind == "number" and isinstance(one, int) and isinstance(other, int):
+        return abs(one - other) <= max(1, NEAR * abs(other))
+    return one == other

@@ -1,0 +1,177 @@
+"""The two sweeps: what is drawn, how it is judged, and what its outcome is called."""
+
+from __future__ import annotations
+
+import itertools
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import ClassVar, Final
+
+from sweeping.faults import draw_fault
+from sweeping.formats import FORMATS
+from sweeping.readings import drawn, misread, singles, unread
+from sweeping.runs import TRAVEL, Row, Setting, judge
+from sweeping.wrong_device import Tally, planted
+
+MODELS: Final = tuple(FORMATS)
+JUDGED_PART = 0.95  # of what is judged of the default twin
+
+
+class Sweep(ABC):
+    """One kind of sweep.
+
+    `outcomes`: every outcome, the worst first, with what it means.  `wrong`: those that are to be
+    mended.
+    """
+
+    outcomes: ClassVar[Mapping[str, str]]
+    wrong: ClassVar[tuple[str, ...]]
+
+    def __init__(self, setting: Setting, seed: int) -> None:
+        self.setting, self.seed = setting, seed
+
+    @abstractmethod
+    def judge(self, number: int) -> Row:
+        """Judge that device; `outcome`, `device` and `why` are in the row."""
+
+    def table(self, rows: Iterable[Row]) -> str:
+        """How many devices ended how."""
+        counts = Counter(row["outcome"] for row in rows)
+        total = sum(counts.values())
+        lines = [f"{total} devices of {self.setting.model}"]
+        lines += [
+            f"  {counts[name]:5} {name:13} {meaning}"
+            for name, meaning in self.outcomes.items() if counts[name]
+        ]  # fmt: skip
+        return "\n".join(lines)
+
+    def escapes(self, rows: Iterable[Row]) -> str:
+        """What is to be mended, the worst first."""
+        order = list(self.outcomes)
+        bad = [row for row in rows if row["outcome"] in self.wrong]
+        bad.sort(key=lambda row: (order.index(row["outcome"]), row["number"]))
+        return "\n".join(
+            f"{row['number']:5} {row['outcome']:13} {row['device']}\n{'':20}{row['why']}"
+            for row in bad
+        )
+
+
+class QuirkSweep(Sweep):
+    """Admissible devices: other readings."""
+
+    outcomes: ClassVar[Mapping[str, str]] = {
+        "hang": "took too long", "error": "error in the suite", "failed": "failed, though sound",
+        "refused": "not judged at all", "problem": "left or put back wrongly",
+        "misread": "a reading told that is not so", "judged less": "less than 95 % judged",
+        "inconclusive": "nothing failed, something stayed open", "unread": "a reading not told",
+        "sound": "as it should be",
+    }  # fmt: skip
+    wrong = ("hang", "error", "failed", "refused", "problem", "misread", "judged less",
+             "inconclusive")  # fmt: skip
+
+    def __init__(self, setting: Setting, seed: int, *, is_single: bool = False) -> None:
+        super().__init__(setting, seed)
+        self.is_single = is_single
+        self.usual: frozenset[str] = frozenset()  # what is judged of the default twin
+
+    def readings(self, number: int) -> dict[str, str]:
+        """Of the device of that number; none of number 0."""
+        if number == 0:
+            return {}
+        word = f"{self.seed}/{self.setting.model}"
+        if self.is_single:
+            known = singles(self.setting.model, word)
+            return known[(number - 1) % len(known)]
+        return next(itertools.islice(drawn(self.setting.model, word), number - 1, None))
+
+    def judge(self, number: int) -> Row:
+        """Judge a twin of these readings."""
+        readings = self.readings(number)
+        query = "".join(f"&quirk.{name}={one}" for name, one in readings.items())
+        row = judge(self.setting, self.seed, query, detects=True)
+        device = " ".join(f"{name}={one}" for name, one in readings.items()) or "all defaults"
+        outcome, why = self._outcome(readings, row)
+        return row | {"device": device, "outcome": outcome, "why": why}
+
+    def _outcome(self, readings: Mapping[str, str], row: Row) -> tuple[str, str]:
+        if row["hang"]:
+            return "hang", row["hang"]
+        if row["errors"]:
+            return "error", row["errors"][0]
+        if row["failed"]:
+            return "failed", "; ".join(row["evidence"] or row["failed"])
+        if row["status"] not in (0, 4):
+            return "refused", row["sentence"]
+        if row["problems"]:
+            return "problem", "; ".join(row["problems"])
+        if wrong := misread(self.setting.model, readings, row):
+            return "misread", "; ".join(f"{name}: {told}" for name, told in wrong.items())
+        lost = self.usual - set(row["judged"])
+        if len(lost) > (1 - JUDGED_PART) * len(self.usual):
+            left = f"; {row['left_out']}" if row["left_out"] else ""
+            return "judged less", f"{len(lost)} of {len(self.usual)}: {sorted(lost)}{left}"
+        if row["open"]:
+            return "inconclusive", "; ".join(f"{one}: {why}" for one, why in row["open"].items())
+        if names := unread(self.setting.model, readings, row):
+            return "unread", " ".join(names)
+        return "sound", ""
+
+
+class FaultSweep(Sweep):
+    """Devices that are wrong in one thing."""
+
+    outcomes: ClassVar[Mapping[str, str]] = {
+        "hang": "took too long", "outside": "left the envelope", "error": "error in the suite",
+        "refused": "exit 3, though it answers", "escaped": "conforms, it was said",
+        "named": "taken for other readings", "inconclusive": "nothing failed, something open",
+        "caught": "exit 1", "silent": "exit 3, never says anything",
+        "unseen": "never showed",
+        "no device": "the twin fell over the fault",
+    }  # fmt: skip
+    wrong = ("hang", "outside", "error", "refused", "escaped", "named", "inconclusive")
+
+    def judge(self, number: int) -> Row:
+        """Judge a twin with the fault of that number."""
+        row = self._judge(number, self.setting)
+        is_open = row["outcome"] in ("escaped", "named", "inconclusive")
+        if is_open and self.setting.level == "quick":  # what quick leaves out may show it
+            row = self._judge(number, replace(self.setting, level="full"))
+        return row
+
+    def _judge(self, number: int, setting: Setting) -> Row:
+        model = setting.model
+        fault = draw_fault(FORMATS[model], f"{self.seed}/{model}/{number}")
+        tally = Tally()
+        with planted(fault, model, tally) as place:
+            row = judge(setting, self.seed)
+        row |= {
+            "level": setting.level,
+            "device": f"{fault}{place and f' in {place}'}", "part": fault.part,
+            "asked": tally.asked, "hits": tally.hits, "said": tally.said,
+            "furthest": tally.furthest, "crash": tally.crash,
+        }  # fmt: skip
+        outcome, why = self._outcome(row, tally)
+        return row | {"outcome": outcome, "why": why}
+
+    @staticmethod
+    def _outcome(row: Row, tally: Tally) -> tuple[str, str]:
+        if tally.crash or (row["errors"] and not tally.said):  # it may fall over while it is made
+            return "no device", tally.crash or row["errors"][0]
+        if row["hang"]:
+            return "hang", row["hang"]
+        if tally.furthest > TRAVEL:
+            return "outside", f"{tally.furthest} increments"
+        if row["errors"]:
+            return "error", row["errors"][0]
+        if row["status"] == 1:
+            return "caught", "; ".join(row["evidence"] or row["failed"])
+        if not tally.hits:
+            return "unseen", ""
+        if row["status"] == 3:
+            return ("refused" if tally.said else "silent"), row["sentence"]
+        if row["named"]:
+            return "named", " ".join(f"{name}={one}" for name, one in row["named"].items())
+        told = "; ".join(f"{one}: {why}" for one, why in row["open"].items()) or row["sentence"]
+        return ("inconclusive" if row["status"] == 4 else "escaped"), told

@@ -1,0 +1,183 @@
+"""The sweeps: what they draw, how it is planted, and a sample of each."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import random
+from pathlib import Path
+
+import pytest
+from sweeping import wrong_device
+from sweeping.faults import PARTS, Fault, When, draw_fault
+from sweeping.formats import FORMATS
+from sweeping.journal import Journal, run_all
+from sweeping.readings import drawn, misread, singles
+from sweeping.runs import Setting
+from sweeping.sweeps import FaultSweep, QuirkSweep
+from sweeping.wrong_device import Tally, functions, planted
+
+from axistwin.catalog import models
+
+MAC = bytes.fromhex("02 30 31 34 30 30 31 35 30 30 30 30 30 30 30 33 32 30 41 42 03")
+ANSWER = bytes.fromhex("06 13 02 30 31 31 30 30 30 30 30 30 30 30 30 30 30 31 30 03 1A")
+SDO = bytes.fromhex("06 01 23 16 20 00 03 E8 10 00")
+DWRITE = bytes.fromhex("02 01 00 0D 00 00 44 57 52 49 54 45 2C 07 D8 00 00 04 D2 03 BE")
+# Of seed 1: bytes, values, order and effects of commands, and what is wrong inside.
+SAMPLE = [
+    ("mac23", 3), ("mac23", 9), ("mac23-can", 4), ("mac23-can", 6), ("msc-250", 7), ("msc-250", 9),
+]  # fmt: skip
+EXAMPLES = [
+    ("mac23", MAC, "15", "00000320"), ("mac23-can", SDO, "d16", "03E81000"),
+    ("msc-250", DWRITE, "DWRITE", "07D8000004D2"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("model", "message", "kind", "values"), EXAMPLES)
+def test_the_manuals_examples_are_taken_apart_and_put_together_again(
+    model: str, message: bytes, kind: str, values: str
+) -> None:
+    """Kind, values, and the sum that goes with others."""
+    form = FORMATS[model]
+    assert form.kind(message) == kind
+    assert form.values(message).hex().upper() == values
+    assert form.with_values(message, form.values(message)) == message
+    assert form.with_kind(message, kind) == message
+    other = form.with_values(message, bytes(len(values) // 2))
+    assert form.resummed(other) == other
+    assert form.resummed(other[:-2] + b"\0" + other[-1:]) == other or model == "mac23-can"
+
+
+def test_an_answer_has_its_sum_where_the_ledger_says() -> None:
+    """Ten characters on, it is the same answer of another position."""
+    form = FORMATS["mac23"]
+    assert form.with_values(ANSWER, bytes.fromhex("00000010"))[17:19] == b"11"
+    assert form.resummed(ANSWER) == ANSWER
+
+
+@pytest.mark.parametrize(
+    ("how", "number", "changed"),
+    [("its negative", 1, 0xFFFFFFFF), ("sign and magnitude", 0xFFFFFFFF, 0x80000001),
+     ("at most 16 bits", 0x12345, 0x7FFF), ("16 bits and their sign", 0x18000, 0xFFFF8000),
+     ("bytes reversed", 1, 0x01000000), ("a tenth more", 0xFFFFFFF6, 0xFFFFFFF5)],
+)  # fmt: skip
+def test_a_number_is_changed_as_its_name_says(how: str, number: int, changed: int) -> None:
+    """At its width."""
+    fault = Fault("value of an answer", how)
+    assert fault.changed(number.to_bytes(4)) == changed.to_bytes(4)
+
+
+@pytest.mark.parametrize("model", FORMATS)
+def test_the_same_seed_is_the_same_devices(model: str) -> None:
+    """And they are of every part, and none is drawn twice over."""
+    faults = [draw_fault(FORMATS[model], f"7/{number}") for number in range(400)]
+    assert faults == [draw_fault(FORMATS[model], f"7/{number}") for number in range(400)]
+    assert {one.part for one in faults} >= PARTS.keys() - {"other effect"}
+    assert len(set(faults)) > 350
+    pairs = list(itertools.islice(drawn(model, "7"), 50))
+    assert pairs == list(itertools.islice(drawn(model, "7"), 50))
+    assert {len(one) for one in pairs} == {1, 2}
+
+
+@pytest.mark.parametrize("model", FORMATS)
+def test_every_drawn_value_is_one_that_the_twin_takes(model: str) -> None:
+    """No draw is a mistake of the draw's own, and no switch is left out without a reason."""
+    quirks = models()[model].quirks
+    known = singles(model, "3")
+    for readings in known:
+        for name, value in readings.items():
+            assert quirks[name].parse(value) != quirks[name].parse(quirks[name].default)
+    left = quirks.keys() - {name for one in known for name in one}
+    assert all(quirks[name].kind == "text" for name in left), left
+
+
+def test_when_says_which_messages_are_hit() -> None:
+    """Each one, one in three, from a number on."""
+    assert [When().is_due(number) for number in range(3)] == [True] * 3
+    assert [n for n in range(9) if When(every=3).is_due(n)] == [2, 5, 8]
+    assert [n for n in range(9) if When(first=7).is_due(n)] == [7, 8]
+
+
+def test_a_fault_inside_reaches_the_tables_too() -> None:
+    """A method that a table of the twin holds is wrong there as well, and right afterwards."""
+    from axistwin.devices.mac.axis import axis
+
+    known = functions("mac23")
+    at = next(n for n, one in enumerate(known) if one[1] == "_read_superior_stop")
+    right = axis._QUERIES[2]
+    with planted(Fault("inside", "one more", at=at), "mac23", Tally()) as place:
+        assert place == "Axis._read_superior_stop"
+        assert axis._QUERIES[2] is not right
+        assert axis._QUERIES[2] is axis.Axis._read_superior_stop
+    assert axis._QUERIES[2] is right
+
+
+def test_a_reading_is_misread_only_if_what_is_told_excludes_it() -> None:
+    """Silence is no mistake, and one of several is right; a measured number may be near."""
+    truth = {"boot_time_ms": "1700", "xon_byte": "11h"}
+    told = {
+        "boot_time_ms": ["1702", []], "xon_byte": ["1Ah", []], "step_phase": [None, []],
+        "ramp_law": [None, ["equal_increments", "equal_time"]],
+    }  # fmt: skip
+    wrong = misread("mac23", truth, {"detected": told, "named": {}})
+    assert wrong == {"xon_byte": "1Ah told, 11h is so"}
+
+
+@pytest.mark.system
+def test_a_sweep_goes_on_where_it_was_ended(tmp_path: Path) -> None:
+    """What is in the file is not done again; who takes for ever, and who dies, is a row too."""
+
+    def judge(number: int) -> dict[str, object]:
+        if number == 2:
+            while True:
+                random.random()
+        if number == 3:
+            os._exit(1)
+        return {"outcome": "sound", "hang": ""}
+
+    journal = Journal(tmp_path / "rows" / "x.jsonl")
+    run_all([1, 2, 3], judge, journal.add, jobs=3, limit_s=0.2)
+    again = Journal(tmp_path / "rows" / "x.jsonl")
+    assert again.rows == journal.rows
+    assert again.rows[1]["outcome"] == "sound"
+    assert again.rows[2]["hang"]
+    assert again.rows[3]["hang"]
+    assert [json.loads(line)["number"] for line in again.path.read_text().splitlines()]
+
+
+@pytest.mark.strength
+def test_a_twin_whose_fault_makes_it_turn_on_the_spot_is_no_device(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """One that plans the same instant for ever is given up, and is dead from then on."""
+
+    def turn(*given: object) -> list[object]:
+        while True:
+            random.random()
+
+    monkeypatch.setattr(wrong_device, "LIMIT_S", 0.2)
+    device = object.__new__(wrong_device.WrongDevice)
+    device._tally = Tally()
+    with pytest.raises(RuntimeError, match="never comes to an end"):
+        device._guarded(turn)
+    assert device._tally.crash == "never comes to an end"
+    assert device._guarded(turn) == []
+    assert device.next_event() is None
+
+
+@pytest.mark.strength(seconds=60)
+@pytest.mark.parametrize(("model", "number"), SAMPLE)
+def test_a_sample_of_wrong_devices_is_caught(model: str, number: int) -> None:
+    """The sweep itself is `scripts/sweep_faults`."""
+    setting = Setting(model, "a plain port", "quick", 300, is_exitfirst=True)
+    row = FaultSweep(setting, seed=1).judge(number)
+    assert row["outcome"] == "caught", row
+
+
+@pytest.mark.strength(seconds=60)
+@pytest.mark.parametrize("model", FORMATS)
+def test_a_sample_of_other_readings_conforms(model: str) -> None:
+    """The sweep itself is `scripts/sweep_quirks`."""
+    sweep = QuirkSweep(Setting(model, "virtual", "quick", 300), seed=1)
+    assert sweep.judge(1)["outcome"] in ("sound", "unread")

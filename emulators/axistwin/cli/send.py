@@ -1,0 +1,212 @@
+"""``axistwin send``: one command in words or bytes, and the reply in words."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from axistwin import catalog
+from axistwin.cli.decode import READERS
+from axistwin.devices.words import spaced
+from axistwin.errors import PortError, UsageError
+
+if TYPE_CHECKING:
+    from axistwin.devices.family import Model
+    from axistwin.wire.can_frame import CanFrame
+
+EXIT_SILENT = 1
+
+GAP_S = 0.3
+"""A silence within a reply, at most: an MSC takes its time behind its ACK."""
+
+
+@click.command(
+    epilog="Exit status: 0 there was a reply to each, 1 not to all, 2 wrong usage.  "
+    "Words: 'axistwin decode' tells them of any request."
+)
+@click.argument("port")
+@click.argument("texts", metavar="COMMAND...", nargs=-1, required=True)
+@click.option("--model", "name", metavar="MODEL", help="What is there (default: by PORT's name).")
+@click.option("--address", type=int, metavar="N", help="Whom to ask (default: the model's).")
+@click.option(
+    "--baud", type=int, metavar="N", help="Rate of the line or bus (default: the model's)."
+)
+@click.option(
+    "--timeout",
+    "timeout_s",
+    type=click.FloatRange(0.001, 3600),
+    default=1.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="How long to wait for a reply.",
+)
+def send(
+    port: str,
+    texts: tuple[str, ...],
+    name: str | None,
+    address: int | None,
+    baud: int | None,
+    timeout_s: float,
+) -> int:
+    """Send commands in words or bytes, and say what the reply means.
+
+    PORT is a serial port, a pty of 'axistwin run', or any URL of pyserial; for a CAN bus,
+    INTERFACE:CHANNEL of python-can.
+
+    COMMAND is in words, as 'axistwin decode' tells it or shorter; an index such as 20h, with or
+    without a value; or bytes in hex, or a frame as cansend has it, which are sent as they are but
+    for a checksum that is missing.  Wrong bytes are sent too.
+
+    \b
+    axistwin send ./mac23 'go to 125'
+    axistwin send ./mac23 20h '13h 125' 'position? -> module 5'
+    axistwin send ./msc-250 RQSTAT 'SFLAG 200'
+    axistwin send slcan:./mac23-can 'status?' '601#4000200000000000'
+    axistwin send /dev/ttyUSB0 --model mac34-1 '02 30 31 34 30 30 32 30 ...'
+    """
+    model, place = _found(port, name)
+    if address is None:
+        address = _address(port, model)
+    requests = [_request(model, address, text) for text in texts]
+    talk = _over_can if model.carrier == "can" else _over_line
+    is_answered = True
+    for request, reply in talk(model, place, requests, baud or model.default_baud, timeout_s):
+        click.echo(_row(model, ">", request))
+        for part in reply:
+            click.echo(_row(model, "<", part))
+        if not reply:
+            click.echo(f"< nothing within {timeout_s:g} s")
+            is_answered = False
+    return 0 if is_answered else EXIT_SILENT
+
+
+def _row(model: Model, arrow: str, content: bytes | CanFrame) -> str:
+    shown = spaced(content) if isinstance(content, bytes) else str(content)
+    return f"{arrow} {shown}  {model.explain(content)}".rstrip()
+
+
+def _request(model: Model, address: int, text: str) -> bytes | CanFrame:
+    """What ``text`` says.  Raises UsageError."""
+    found = READERS[model.carrier](text)
+    if found is not None and found.content is not None:
+        content = found.content
+        return model.family.completed(content) if isinstance(content, bytes) else content
+    request: bytes | CanFrame = model.family.compose(text, address)
+    return request
+
+
+# -- what is there -----------------------------------------------------------------------------
+
+
+def _found(port: str, name: str | None) -> tuple[Model, str]:
+    """The model at ``port``, and where it is; a pty of an slcan adapter as such.
+
+    Raises UsageError.
+    """
+    guess = _named_in(port)
+    if name is None and guess is None:
+        known = [model.name for model in catalog.models().values()]
+        raise UsageError(f"{port}: which device is there? add --model MODEL ({', '.join(known)})")
+    model = catalog.find_model(name) if name is not None else guess
+    assert model is not None
+    if model.carrier != "can" or _is_on_can(port):
+        return model, port
+    return model, f"slcan:{port}"
+
+
+def _named_in(port: str) -> Model | None:
+    """The model that ``port`` is called after."""
+    models = catalog.models()
+    on_can = _is_on_can(port)
+    place = port.partition(":")[2] if on_can else port.removeprefix("axistwin://")
+    words = re.split(r"[?:,]", place.rpartition("/")[2])[0]
+    fitting = [each for each in models.values() if each.carrier == "can" or not on_can]
+    for model in sorted(fitting, key=lambda each: -len(each.name)):
+        if words.startswith(model.name):
+            return model
+    for model in fitting:
+        if words and model.name.startswith(words):
+            return model
+    return next((each for each in fitting if on_can and each.carrier == "can"), None)
+
+
+def _is_on_can(port: str) -> bool:
+    """Whether ``port`` is a channel of an interface of python-can."""
+    interface, colon, _ = port.partition(":")
+    if not colon or "://" in port or not interface.isidentifier():
+        return False
+    from can.interfaces import BACKENDS
+
+    return interface in BACKENDS
+
+
+def _address(port: str, model: Model) -> int:
+    """The first device's in a URL or channel of ours, else the model's default."""
+    from axistwin.urlhandler.url import SCHEME, parse_url
+
+    if port.startswith(SCHEME) and (devices := parse_url(port).options.devices):
+        return catalog.parse_device(devices[0]).address
+    if port.startswith("axistwin:") and port.count(":") > 1:
+        return catalog.parse_device(port.split(":", 1)[1].partition("?")[0].split(",")[0]).address
+    return model.default_address
+
+
+# -- the exchange ------------------------------------------------------------------------------
+
+
+def _over_line(
+    model: Model, place: str, requests: list[Any], baud: int, timeout_s: float
+) -> Iterator[tuple[bytes, list[bytes]]]:
+    """Each of ``requests`` with what came back.  Raises PortError."""
+    import serial
+
+    import axistwin  # noqa: F401 - the URL
+
+    try:
+        with serial.serial_for_url(place, baudrate=baud, timeout=timeout_s) as port:
+            port.reset_input_buffer()
+            for request in requests:
+                port.write(request)
+                port.timeout = timeout_s
+                reply = bytearray()
+                while byte := port.read(1):
+                    reply += byte
+                    port.timeout = GAP_S
+                    if thanks := model.family.acknowledgement(bytes(reply)):
+                        port.write(thanks)
+                        port.flush()
+                        break
+                yield request, [bytes(reply)] if reply else []
+    except (serial.SerialException, OSError) as error:
+        raise PortError(f"{place}: {error}") from None
+
+
+def _over_can(
+    model: Model, place: str, requests: list[Any], bitrate: int, timeout_s: float
+) -> Iterator[tuple[CanFrame, list[CanFrame]]]:
+    """Each of ``requests`` with what came back.  Raises PortError."""
+    import can
+
+    from axistwin.ports.can_message import frame_of, message_of
+
+    interface, _, channel = place.partition(":")
+    settings: dict[str, Any] = {"bitrate": bitrate} if interface in ("slcan", "axistwin") else {}
+    if interface == "slcan":
+        settings["sleep_after_open"] = 0.0
+    try:
+        with can.Bus(interface=interface, channel=channel, **settings) as bus:
+            for request in requests:
+                bus.send(message_of(request))
+                replies: list[CanFrame] = []
+                while not replies and (message := bus.recv(timeout_s)) is not None:
+                    if message.is_error_frame or message.is_fd:
+                        continue
+                    frame = frame_of(message)
+                    if model.family.is_reply(request, frame):
+                        replies.append(frame)
+                yield request, replies
+    except (can.CanError, OSError, ValueError) as error:
+        raise PortError(f"{place}: {error}") from None

@@ -1,0 +1,1 @@
+"""The host program's own time, moved together with its twins."""

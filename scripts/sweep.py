@@ -1,0 +1,85 @@
+"""Judges many devices that nobody made by hand, and tells which of them are judged wrongly.
+
+quirks: twins of other readings, one or two at once, which must conform.  faults: twins wrong in one
+thing, which must not.  The devices are drawn from the seed; every number is the same device again.
+Rows go into a file as they come, so that a sweep that was ended goes on with the same command.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "conformance" / "tests"))
+
+from sweeping.journal import Journal, run_all  # noqa: E402
+from sweeping.runs import INTERFACES, VIRTUAL, Row, Setting  # noqa: E402
+from sweeping.sweeps import MODELS, FaultSweep, QuirkSweep, Sweep  # noqa: E402
+
+
+def options() -> argparse.Namespace:
+    """What was asked for."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("sweep", choices=("quirks", "faults"))
+    parser.add_argument("models", nargs="*", metavar="MODEL", help=f"of {', '.join(MODELS)}")
+    parser.add_argument("--number", type=int, default=40, help="of devices, of each model")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--only", type=int, action="append", help="that device alone, told in full")
+    parser.add_argument("--interface", choices=(VIRTUAL, *INTERFACES), help="before the twin")
+    parser.add_argument("--level", choices=("quick", "full"))
+    parser.add_argument("--singles", action="store_true", help="quirks: every switch by itself")
+    parser.add_argument("--exitfirst", action="store_true", help="end a run with the first failure")
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--limit", type=float, default=300.0, help="processor time of a run, s")
+    parser.add_argument("--folder", type=Path, default=ROOT / "sweeps", help="of the rows")
+    asked = parser.parse_args()
+    if unknown := set(asked.models) - set(MODELS):
+        parser.error(f"no model is named {', '.join(sorted(unknown))}")
+    return asked
+
+
+def sweep(asked: argparse.Namespace, model: str) -> int:
+    """Sweep one model; return how many devices were judged wrongly."""
+    is_quirks = asked.sweep == "quirks"
+    interface = asked.interface or (VIRTUAL if is_quirks else "a plain port")
+    level = asked.level or ("full" if is_quirks else "quick")
+    setting = Setting(model, interface, level, asked.limit, asked.exitfirst)
+    words = [asked.sweep, model, level, interface.replace(" ", "-"), f"seed-{asked.seed}"]
+    words += [name for name in ("singles", "exitfirst") if getattr(asked, name)]
+    journal = Journal(asked.folder / ("_".join(words) + ".jsonl"))
+    judge: Sweep
+    if is_quirks:
+        judge = quirks = QuirkSweep(setting, asked.seed, is_single=asked.singles)
+        if 0 not in journal.rows:
+            journal.add({"number": 0, **quirks.judge(0)})
+        quirks.usual = frozenset(journal.rows[0]["judged"])
+    else:
+        judge = FaultSweep(setting, asked.seed)
+    numbers = asked.only or range(1, asked.number + 1)
+
+    def keep(row: Row) -> None:
+        row = {"device": "?", "outcome": "hang", "why": row.get("hang", ""), **row}
+        journal.add(row)
+        print(f"{model} {row['number']:4} {row['outcome']:13} {row['device']}", flush=True)
+        if asked.only:
+            print("\n".join(f"    {name}: {value}" for name, value in row.items()))
+
+    missing = [one for one in numbers if asked.only or one not in journal.rows]
+    run_all(missing, judge.judge, keep, jobs=asked.jobs, limit_s=asked.limit)
+    rows = [journal.rows[one] for one in numbers]
+    print(f"\n{judge.table(rows)}\n{judge.escapes(rows)}\n")
+    return sum(row["outcome"] in judge.wrong for row in rows)
+
+
+def main() -> int:
+    """Sweep; the exit status is 1 if any device was judged wrongly."""
+    asked = options()
+    return int(sum(sweep(asked, model) for model in asked.models or MODELS) > 0)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
