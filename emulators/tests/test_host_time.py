@@ -1,6 +1,7 @@
 """Host programs that sleep, with twins in virtual time."""
 
 import asyncio
+import gc
 import inspect
 import queue
 import selectors
@@ -15,6 +16,7 @@ import can
 import pytest
 import serial
 import sleeping_programs as program
+from hypothesis.internal.conjecture.junkdrawer import gc_cumulative_time
 from mac_frames import ask, request
 
 from axistwin import testing
@@ -238,6 +240,16 @@ def test_two_lines_have_one_time() -> None:
             assert ask(opened(second.port), 0x20) == 0
             second.advance(5)
             assert first.virtual_time_ns == second.virtual_time_ns + 10 * NS_PER_S
+
+
+def test_a_library_of_tests_that_times_the_garbage_collector_moves_nothing(
+    twin: testing.StartedTwin,
+) -> None:
+    """Hypothesis looks at a clock whenever the collector runs: that is no look of the program."""
+    gc_cumulative_time()
+    before_ns = twin.virtual_time_ns
+    gc.collect()
+    assert twin.virtual_time_ns == before_ns
 
 
 def test_nothing_is_left_behind() -> None:

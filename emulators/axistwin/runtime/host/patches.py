@@ -38,6 +38,7 @@ OWN_TIME: Final = (
     "pluggy",
     "xdist",
     "execnet",
+    "hypothesis",
 )
 """Packages whose modules keep the machine's clocks."""
 
