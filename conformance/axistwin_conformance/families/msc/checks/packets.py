@@ -14,7 +14,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.client import MscExchange
-from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, Packet
+from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, STX, Packet
 from axistwin_conformance.families.msc.driver import MscDriver
 from axistwin_conformance.families.msc.link import RS232_UNIT
 
@@ -52,6 +52,18 @@ def every_reply_is_a_packet_as_the_manual_draws_it(session: Session) -> None:
         judge_reply(driver, driver.ask(body, 0x1234))
         text = codec.explain_request(driver.client.request(body))
         driver.link.nothing_more(("MSC-PKT-16", "MSC-LNK-11"), f"the reply to {text}")
+    _judge_end(driver)
+
+
+def _judge_end(driver: MscDriver) -> None:
+    """A byte right behind a reply our own ACK would cover; a repeat, after T2, is none."""
+    driver.link.unanswered()
+    at_once_ns = 2 * driver.link.byte_ns + driver.session.target.uncertainty_ns
+    behind = driver.client.receive(1, min(at_once_ns / 1e9, driver.link.glance_amid_wait_s))
+    driver.session.target.send(ACK)
+    driver.session.expect(
+        not behind.strip(STX), "MSC-PKT-16", "nothing behind a reply", codec.explain(behind)
+    )
 
 
 def judge_reply(driver: MscDriver, exchange: MscExchange) -> Packet:
@@ -83,7 +95,8 @@ def judge_reply(driver: MscDriver, exchange: MscExchange) -> Packet:
 
 def _judge_length(driver: MscDriver, packet: Packet) -> None:
     """Judge what a reply announces; of one that announces too much no more than 240 bytes are
-    heard, and from one that goes low byte first as many as it says."""
+    heard, and from one that goes low byte first as many as it says.  Where the sum is wrong too,
+    it is the length that is."""
     session, announced = driver.session, packet.length
     right = (
         driver.client.reply_bytes(packet.name) - codec.AROUND_BODY
@@ -100,6 +113,8 @@ def _judge_length(driver: MscDriver, packet: Packet) -> None:
     session.expect(announced <= codec.MAX_BODY, ("MSC-PKT-10", "MSC-PKT-16"), most, announced)
     names, size = ("MSC-PKT-01", "MSC-PKT-06", "MSC-PKT-17"), len(packet.body)
     session.expect(announced == size, names, f"length {size}, as the body has", announced)
+    is_short = announced < right and not packet.is_sound
+    session.expect(not is_short, names, f"length {right}, as the body has", announced)
 
 
 @check("MSC-PKT-04", needs=("alone",))
