@@ -36,6 +36,10 @@ OTHER_DIGITS: Final = {0x21: 2, 0x23: 2}  # MACS-AMB-03, -04
 GLANCE_BYTES: Final = codec.REQUEST_BYTES + 12  # a query, and the reply as far as its data
 
 
+def _is_general(data: bytes) -> bool:
+    return data[4:6].upper() == b"%02X" % codec.GENERAL_ADDRESS
+
+
 class SerialClient(AxisClient):
     """One module on the line: what is sent to it, and what it answers."""
 
@@ -92,6 +96,7 @@ class SerialClient(AxisClient):
         taken = self._window(sent_ns, len(data), len(received), self.target.now_ns)
         reply = codec.parse(received)
         self._note_spelling(reply)
+        self._count_writes(reply.kind, is_general=_is_general(data))
         return AxisExchange(data, reply, taken)
 
     def _limit_s(self, timeout_s: float | None) -> float:
@@ -114,6 +119,8 @@ class SerialClient(AxisClient):
             if reply.final is not None:
                 self._noted.add(reply.final)
                 self._note_spelling(reply)
+        if self.session.run.budget.pending:
+            self._count_writes(codec.parse(received).kind, is_general=_is_general(data))
         return received, self._window(sent_ns, len(data), len(received), done_ns)
 
     def _whole(self, received: bytes, timeout_s: float) -> bytes:
