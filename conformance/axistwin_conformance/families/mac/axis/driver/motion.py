@@ -200,15 +200,30 @@ class AxisMotion:
         self.set_plain(period, coefficient)
         return self.come_home()
 
+    def ready_for_segments(self, coefficient: int = 0) -> int:
+        """The same where nothing moves at the period that is set: a slower one stays, unless it is
+        a long way home."""
+        self.set_plain(coefficient=coefficient, keeps_period=True)
+        position = self._client.position()
+        return self.ready(coefficient=coefficient) if self._is_far(position) else position
+
     def set_plain(
-        self, period: int = SAFE_PERIOD, coefficient: int = 0, distance: int | None = None
+        self,
+        period: int = SAFE_PERIOD,
+        coefficient: int = 0,
+        *,
+        distance: int | None = None,
+        keeps_period: bool = False,
     ) -> None:
         """The same, wherever the axis then stands.  `distance`: the way it then goes; a period and
-        a ramp stay with which that takes little longer."""
+        a ramp stay with which that takes little longer.  `keeps_period`: one that is slower stays.
+        """
         self.at_rest()
         present = values_of({query: self._client.value(query) for query in (0x25, 0x26)})
         if distance is not None and self._is_fit(present, distance, period):
             period, coefficient = present[0x0D], present[0x0F]
+        if keeps_period:
+            period = max(period, present[0x0D])
         can_move = self._limits.can_move
         self.period = max(period, self._limits.fastest) if can_move else present[0x0D]
         self.coefficient = coefficient
@@ -242,11 +257,7 @@ class AxisMotion:
     def come_home(self) -> int:
         """Go back to where the run found the axis if it has come far; give the position."""
         position, home = self._client.position(), self._limits.home
-        if (
-            home is None
-            or abs(position - home) <= self._limits.room() // 4
-            or not self._limits.can_move
-        ):
+        if home is None or not self._is_far(position):
             return position
         end = self.go(home).end
         assert end is not None
@@ -257,6 +268,11 @@ class AxisMotion:
             self._client.wait_until(end.latest_ns)
         self._client.command(0x18)
         return self._client.position()
+
+    def _is_far(self, position: int) -> bool:
+        home = self._limits.home
+        is_near = home is None or abs(position - home) <= self._limits.room() // 4
+        return self._limits.can_move and not is_near
 
     def at_rest(self) -> None:
         """End motion and synchronous mode, whatever the device's reading of either."""

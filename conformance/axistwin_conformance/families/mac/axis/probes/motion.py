@@ -88,7 +88,7 @@ def preload_policy(driver: AxisDriver) -> Outcome:
 @probe(safety=MOVES)
 def preload_locks(driver: AxisDriver) -> Outcome:
     """0Fh while a motion is preloaded."""
-    start = driver.motion.ready()
+    start = driver.motion.ready(SLOWEST)
     driver.judge.accepted(0x10)
     driver.judge.accepted(0x13, start + 50)
     kind = driver.client.command(0x0F, 0).kind
@@ -138,6 +138,26 @@ def busy_after_17h(driver: AxisDriver) -> Outcome:
     assert end is not None
     driver.client.wait_until(end.latest_ns + 50_000_000)
     return int(driver.status.is_busy())
+
+
+@probe(safety=MOVES)
+def vel_reverse_cmd(driver: AxisDriver) -> Outcome:
+    """15h with the other direction in endless motion."""
+    driver.motion.ready(SLOWEST)
+    driver.client.command(0x15, velocity(1, SLOWEST))
+    kind = driver.client.command(0x15, velocity(-1, SLOWEST)).kind
+    driver.motion.at_rest()
+    return reply_of(kind, ACCEPTED_OR_REFUSED)
+
+
+@probe(safety=MOVES)
+def vel_during_position(driver: AxisDriver) -> Outcome:
+    """15h during a far 13h."""
+    start = driver.motion.ready(SLOWEST)
+    driver.client.command(0x13, start + 100)
+    kind = driver.client.command(0x15, velocity(1, SLOWEST)).kind
+    driver.motion.at_rest()
+    return reply_of(kind, ACCEPTED_OR_REFUSED)
 
 
 # --- ramps and instants --------------------------------------------------------------------------
@@ -357,26 +377,6 @@ def vel_f6_direction(driver: AxisDriver) -> Outcome:
     driver.client.command(0x18)
     moved = driver.client.position() - start
     return 0 if moved < 0 else 1 if moved > 0 else "no motion at all"
-
-
-@probe(safety=MOVES)
-def vel_reverse_cmd(driver: AxisDriver) -> Outcome:
-    """15h with the other direction in endless motion."""
-    driver.motion.ready(SLOWEST)
-    driver.client.command(0x15, velocity(1, SLOWEST))
-    kind = driver.client.command(0x15, velocity(-1, SLOWEST)).kind
-    driver.motion.at_rest()
-    return reply_of(kind, ACCEPTED_OR_REFUSED)
-
-
-@probe(safety=MOVES)
-def vel_during_position(driver: AxisDriver) -> Outcome:
-    """15h during a far 13h."""
-    start = driver.motion.ready(SLOWEST)
-    driver.client.command(0x13, start + 100)
-    kind = driver.client.command(0x15, velocity(1, SLOWEST)).kind
-    driver.motion.at_rest()
-    return reply_of(kind, ACCEPTED_OR_REFUSED)
 
 
 @probe(safety=MOVES)
