@@ -42,8 +42,8 @@ from axistwin_conformance.families.mac.axis.travel_guard import AxisTravelGuard
 DEAF_S: Final = 2.0  # MACS-CMD-00-02
 FIFO_STAGES: Final = 3
 PRELOAD_SHOWS_S: Final = 0.2
-LITTLE_LONGER_S: Final = 1.0
-RAMP_TAKES: Final = 3  # times as long as its increments at full speed, by either law, beside these
+LITTLE_LONGER_S: Final = 0.4
+RAMP_TAKES: Final = 1  # times as long as its increments at full speed, beside these
 CLOCK_ERROR: Final = 0.002  # a real module's quartz against ours; none in virtual time
 
 PLOT_POINTS: Final = 12  # of the predicted band, at most, from one reading to the next

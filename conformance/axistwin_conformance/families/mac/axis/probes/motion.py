@@ -214,7 +214,6 @@ def triangle_law(driver: AxisDriver) -> Outcome:
     if sample.taken.latest_ns - exchange.taken.earliest_ns > look_ms * 1_250_000:
         driver.session.skip("its replies take too long to tell")
     moved = sample.position - start
-    driver.client.wait(0.2)
     return {1: 0, 2: 1}.get(moved, f"{moved} of 2 increments after {look_ms} ms")
 
 
