@@ -7,9 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
-from interfaces import PLAIN, cost_behind
+from interfaces import PLAIN, cost_behind, judged_behind
 
 from axistwin_conformance.base.check import Check
+from axistwin_conformance.base.events import CheckStarted, Event
+from axistwin_conformance.base.write_budget import WriteBudget
 from axistwin_conformance.families.catalog import find_family
 
 MODELS = {"mac23": 1, "mac23-can": 2}  # and the address of a neighbour, for checks that need one
@@ -90,3 +92,58 @@ def test_what_costs_more_is_found() -> None:
     assert excess({"writes": 21, "seconds": 1.0}, "excused", table) == "21.0 writes, not 20"
     assert excess({"writes": 20, "seconds": 1.0}, "excused", table) == ""
     assert "nothing to excuse" in excess({"writes": 3, "seconds": 1.0}, "excused", table)
+
+
+# --- where nothing is written twice, nor counted without need -------------------------------------
+
+
+def test_what_a_device_refuses_has_worn_nothing() -> None:
+    """One write for one device; of several in one, others may have been obeyed."""
+    budget = WriteBudget()
+    budget.note(1)
+    budget.replied(is_refusal=True)
+    assert budget.spent == 0
+    budget.replied(is_refusal=True)  # of something else that stores nothing
+    assert budget.spent == 0
+    budget.note(1)
+    budget.replied(is_refusal=False)
+    budget.note(2)
+    budget.replied(is_refusal=True)
+    assert budget.spent == 3
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_refused_write_is_not_counted(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On its way out it may be one too many; refused, it gives its place back."""
+    asked: list[int] = []
+    note = WriteBudget.note
+
+    def noting(budget: WriteBudget, writes: int) -> None:
+        asked.append(writes)
+        note(budget, writes)
+
+    monkeypatch.setattr(WriteBudget, "note", noting)
+    writes, _, run = cost_behind(PLAIN, "the_period_is_locked_in_motion", model=model)
+    assert run.result.exit_status == 0, run.result.sentence
+    assert sum(asked) == writes + 3  # 0Dh in a move, a turn and a segment
+
+
+def test_what_a_check_sets_itself_is_not_put_back_before_it() -> None:
+    """Three settings once for the questions, two for the check, three at the end."""
+    writes, _, run = cost_behind(PLAIN, "a_move_powers_the_motor")
+    assert run.result.exit_status == 0, run.result.sentence
+    assert writes < 10
+
+
+def test_a_run_that_ends_before_its_check_puts_back_what_the_questions_have_set() -> None:
+    """What stays for the check stays no longer."""
+
+    def hear(event: Event) -> None:
+        if isinstance(event, CheckStarted):
+            raise KeyboardInterrupt
+
+    run = judged_behind(
+        PLAIN, "a_move_powers_the_motor", allow="motion,stored", level="full", hear=hear
+    )
+    assert run.result.exit_status == 130
+    assert run.way.is_put_back
