@@ -1,0 +1,29 @@
+"""Devices whose numbers lie at the edge of what a device may have: nothing that they do fails.
+
+Each was judged wrongly once; `scripts/sweep_quirks --singles` looks for more.
+"""
+
+from __future__ import annotations
+
+import pytest
+from sweeping.runs import VIRTUAL, Setting
+from sweeping.sweeps import QuirkSweep
+
+pytestmark = pytest.mark.strength(seconds=60)
+
+EDGES = [
+    ("mac23", "factory_superior_stop", "-2147483648"),  # every place is beyond it
+    ("mac23", "factory_superior_stop", "200"),
+    ("mac23", "factory_inferior_stop", "2147483647"),
+    ("mac23-can", "factory_superior_stop", "-2147483648"),
+    ("mac23", "brake_increments", "65535"),
+    ("mac23-can", "brake_increments", "65535"),
+]
+
+
+@pytest.mark.parametrize(("model", "switch", "value"), EDGES)
+def test_a_number_at_its_edge_fails_nothing(model: str, switch: str, value: str) -> None:
+    """No failure, no error, nothing told that is not so."""
+    sweep = QuirkSweep(Setting(model, VIRTUAL, "quick", 300), seed=1)
+    row = sweep.judge_readings({switch: value})
+    assert row["outcome"] in ("sound", "unread"), row["why"]
