@@ -18,6 +18,8 @@ EDGES = [
     ("mac23-can", "factory_superior_stop", "-2147483648"),
     ("mac23", "brake_increments", "65535"),
     ("mac23-can", "brake_increments", "65535"),
+    ("mac23", "reply_latency_us", "450000"),
+    ("mac23-can", "reply_latency_us", "300000"),
 ]
 
 
