@@ -18,6 +18,14 @@ EDGES = [
     ("mac23-can", "factory_superior_stop", "-2147483648"),
     ("mac23", "brake_increments", "65535"),
     ("mac23-can", "brake_increments", "65535"),
+    ("msc-250", "response_delay_ms", "0"),
+    ("msc-250", "response_delay_ms", "1100"),
+    ("msc-250", "response_delay_ms", "3000"),
+    ("msc-250", "reply_delay_ms", "3000"),
+    ("msc-250", "packet_timeout_ms", "60000"),
+    ("msc-250", "ack_timeout_ms", "60000"),
+    ("msc-250", "ack_timeout_ms", "100"),
+    ("msc-250", "rflags_unsupported", "ack_no_reply"),  # it has RFLAGS
     ("mac23", "reply_latency_us", "450000"),
     ("mac23-can", "reply_latency_us", "300000"),
 ]
