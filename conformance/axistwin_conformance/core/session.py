@@ -145,6 +145,7 @@ class Run:
     shrinks: bool = True  # False: what fails here is shrunk elsewhere
     is_interrupted: bool = False  # a check has told what it knew first: now the run is to end
     settings: Any = None  # what the family's options have been set to, beside the envelope
+    replied_at: int = -1  # where the transcript was when a device had said all it was asked for
     late_s: float = 0.0  # how long a device takes to reply that was slow to say its first word
 
     @property
