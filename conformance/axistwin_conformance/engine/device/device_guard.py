@@ -392,12 +392,11 @@ class DeviceGuard:
                 # What was good in the end may have been asked again for the same departure.
                 is_smooth = run.target.is_lossless or not (session.retries or session.corrupted)
                 if found is not False and (is_smooth or not self._climbs(session, act, before)):
-                    for accusation in dict.fromkeys(session.run.accusations):
-                        self._accuse(session, act, ACTS[act], Violation(*accusation))
-                    run.accusations.clear()
                     return found
             except TargetError as error:
                 trouble = error
+            finally:
+                self._judge_accusations(session, act)
             if self._climbs(session, act, before):
                 continue
             if is_blamed or run.target.crash:
@@ -405,6 +404,12 @@ class DeviceGuard:
             if trouble is not None:
                 raise trouble
             return found
+
+    def _judge_accusations(self, session: Session, act: str) -> None:
+        """Record what has been seen to fail beside all questions, once each."""
+        for accusation in dict.fromkeys(session.run.accusations):
+            self._accuse(session, act, ACTS[act], Violation(*accusation))
+        session.run.accusations.clear()
 
     def _climbs(self, session: Session, act: str, quality: LineQuality) -> bool:
         """Judge by what the replies of a session depart time after time; True if the same may be

@@ -21,7 +21,7 @@ from axistwin_conformance.families.mac.axis.driver.client import (
 from axistwin_conformance.families.mac.axis.driver.judge import AxisJudge
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST, AxisLimits
 from axistwin_conformance.families.mac.axis.driver.readings import AxisReadings
-from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind, signed
 from axistwin_conformance.families.mac.axis.model.forecast import (
     Forecast,
     Segment,
@@ -48,6 +48,7 @@ CLOCK_ERROR: Final = 0.002  # a real module's quartz against ours; none in virtu
 
 PLOT_POINTS: Final = 12  # of the predicted band, at most, from one reading to the next
 PLOT_SPACING_NS: Final = 5_000_000
+FARTHEST_RUN_ON: Final = 0xFFFF  # increments: the largest number there is (MACS-AMB-76)
 MOTION_NAMES: Final = {"PO": "move", "VE": "endless motion", "IN": "segments", "HD": "halt"}
 
 PLAIN: Final = (0x02, 0x03, 0x0D, 0x0F, 0x1C)  # the parameters that `AxisMotion.set_plain` sets
@@ -159,13 +160,16 @@ class AxisMotion:
         than by what was sent.
 
         It runs on over the N increments it was seen to (MACS-INT-03), slowing down evenly, so that
-        the last one takes 2√N times as long as one before, and all of them √N times that.
+        the last one takes 2√N times as long as one before, and all of them √N times that.  While N
+        is not known it is followed as far as any runs on, by how far it has come so far.
         """
         number = self._limits.brake_increments
+        farthest = 0
         if number.isdigit():
             increments = int(number)
         elif self._limits.has_ideal_plant:
             increments = int(self._limits.may_run_on)
+            farthest = increments * FARTHEST_RUN_ON
         else:
             increments = self._limits.braking(self.period)
         if not increments:
@@ -175,12 +179,14 @@ class AxisMotion:
             slowest_ticks = (
                 SLOWEST_LEVEL_TICKS if guard is None else guard.slowest_ticks(self._client.address)
             )
-        pause_s = (2 * math.sqrt(increments) + 1) * slowest_ticks / TICKS_PER_SECOND
-        place = self._client.ask(0x20).reply.data
-        for _ in range(math.isqrt(increments) + 2):
-            if place is None:  # who is silent is not waited for
+        place = begin = self._client.ask(0x20).reply.data
+        # Waits that grow with √ of the way made so far are π/2·√N in all.
+        for _ in range(2 * math.isqrt(max(increments, farthest)) + 2):
+            if place is None or begin is None:  # who is silent is not waited for
                 return
-            self._client.wait(pause_s)
+            made = min(abs(signed(place - begin & 0xFFFF_FFFF)), farthest)
+            last = 2 * math.sqrt(max(increments, made)) + 1
+            self._client.wait(last * slowest_ticks / TICKS_PER_SECOND)
             before, place = place, self._client.ask(0x20).reply.data
             if place == before:
                 if guard is not None:

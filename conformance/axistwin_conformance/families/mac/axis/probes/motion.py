@@ -107,7 +107,7 @@ def motion_lock_set(driver: AxisDriver) -> Outcome:
         0x0F: 0,
     }
     exchanges = 1 + len(same)
-    way = max(100, driver.limits.steps_outlasting(driver.motion.period, exchanges + 1))
+    way = driver.limits.way_outlasting(100, driver.motion.period, exchanges + 1)
     driver.judge.accepted(0x13, start + way)
     kinds = [driver.client.command(index, parameter).kind for index, parameter in same.items()]
     driver.motion.at_rest()
@@ -389,11 +389,12 @@ def cleared_in_a_move(driver: AxisDriver) -> tuple[Outcome, int]:
 
     The second value is the reply's window: how far from the start the counter was cleared.
     """
-    distance = 150
+    period = driver.limits.outlasting(150, 0x4000, 6)
+    distance = driver.limits.way_outlasting(150, period, 3)
     far = abs(driver.client.position())
     if far > FAR_FROM_ZERO and driver.limits.fits(-distance):
         driver.motion.finish(driver.motion.go_plainly(-distance))
-    start = driver.motion.ready(driver.limits.outlasting(distance, 0x4000, 6), 0)
+    start = driver.motion.ready(period, 0)
     if abs(start) > driver.limits.room() // 2:
         driver.session.skip(f"counter 0 is {abs(start)} increments away")
     target = start + distance
