@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from axistwin_conformance.engine.run import Engine
     from axistwin_conformance.report.folder import ReportFolder
 
+EXTRA = ("hypothesis", "jinja2", "rich")  # by these names a clone and a wheel both find them
 VERDICTS = (0, 1, 4)
 UNWRITTEN = 2  # a verdict that is missing where it was asked for is none
 UNWRITABLE = (errno.EPIPE, errno.ENOSPC, errno.EIO, errno.EFBIG, errno.EDQUOT)
@@ -323,11 +324,9 @@ def _conform(
         return status
     except ModuleNotFoundError as error:
         missing = (error.name or "").partition(".")[0]
-        if missing not in ("rich", "hypothesis", "jinja2"):
+        if missing not in EXTRA:
             raise
-        raise UsageError(
-            f"the suite needs {missing}: pip install 'axistwin[conformance]'"
-        ) from error
+        raise UsageError(f"the suite needs {missing}: pip install {' '.join(EXTRA)}") from error
 
 
 def _put_back(path: Path, given: dict[str, Any]) -> int:

@@ -133,8 +133,12 @@ def test_a_serial_port_without_permission_is_named(
 
 
 def test_a_suite_that_is_not_installed_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With the extra to install."""
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(Lack, match="hypothesis") as caught:
+    """And of what it needs, what is missing, by names that pip finds."""
+    lacking: set[str] = {"hypothesis", "jinja2"}
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name in lacking else name)
+    with pytest.raises(Lack, match="hypothesis, jinja2") as caught:
         doctor.check_suite()
-    assert caught.value.remedy == "pip install 'axistwin[conformance]'"
+    assert caught.value.remedy == "pip install hypothesis jinja2"
+    lacking.add("axistwin_conformance")
+    with pytest.raises(Lack, match="axistwin_conformance is missing"):
+        doctor.check_suite()

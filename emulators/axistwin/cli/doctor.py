@@ -157,13 +157,12 @@ def check_uhid() -> str:
 
 def check_suite() -> str:
     """The conformance suite and what it needs."""
-    missing = [
-        name
-        for name in ("axistwin_conformance", "hypothesis", "rich")
-        if importlib.util.find_spec(name) is None
-    ]
+    if importlib.util.find_spec("axistwin_conformance") is None:
+        raise Lack("axistwin_conformance is missing", "install axistwin again: it brings it along")
+    needed = ("hypothesis", "jinja2", "rich")
+    missing = [name for name in needed if importlib.util.find_spec(name) is None]
     if missing:
-        raise Lack(f"missing: {', '.join(missing)}", "pip install 'axistwin[conformance]'")
+        raise Lack(f"missing: {', '.join(missing)}", f"pip install {' '.join(missing)}")
     return "installed"
 
 

@@ -10,6 +10,7 @@ Commands may define others.
 from __future__ import annotations
 
 import importlib
+import re
 import sys
 import traceback
 from collections.abc import Sequence
@@ -128,26 +129,31 @@ def _load(point: EntryPoint) -> click.Command:
     except ImportError as error:
         raise UsageError(
             f"command {point.name!r} cannot be loaded ({error}); install what it needs: "
-            f"pip install {_remedy(point, error.name)}"
+            f"pip install {_needed(point, error.name)}"
         ) from error
     if not isinstance(command, click.Command):
         raise UsageError(f"command {point.name!r} ({point.value}) is not a click command")
     return command
 
 
-def _remedy(point: EntryPoint, module: str | None) -> str:
-    """What to pass to pip when ``module`` is missing: the distribution with the right extra."""
+def _needed(point: EntryPoint, module: str | None) -> str:
+    """What to pass to pip when ``module`` is missing: all that the extra with it asks for.
+
+    Each by its own name: that of the extra's distribution is nothing that pip finds, unless it is
+    published.
+    """
     from importlib.metadata import requires
 
-    distribution = point.dist.name if point.dist is not None else "axistwin"
-    wanted = (module or "").partition(".")[0].replace("_", "-").lower()
-    for line in requires(distribution) or ():
+    extras: dict[str, list[str]] = {}
+    for line in requires(point.dist.name if point.dist is not None else "axistwin") or ():
         requirement, _, marker = line.partition(";")
-        name = requirement.strip().lower().replace("_", "-")
-        if wanted and name.startswith(wanted) and "extra ==" in marker:
-            extra = marker.partition("extra ==")[2].strip().strip("'\"")
-            return f"'{distribution}[{extra}]'"
-    return wanted or distribution
+        extras.setdefault(marker.strip(), []).append(requirement.strip())
+    wanted = (module or "").partition(".")[0].replace("_", "-").lower()
+    for marker, requirements in extras.items():
+        names = {re.split(r"[^\w.-]", each, maxsplit=1)[0].lower() for each in requirements}
+        if "extra ==" in marker and wanted in {name.replace("_", "-") for name in names}:
+            return " ".join(f"'{requirement}'" for requirement in requirements)
+    return wanted or "axistwin"
 
 
 def _one_line(error: click.ClickException) -> str:
