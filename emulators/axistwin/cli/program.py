@@ -37,11 +37,14 @@ _OWN = {
     ),
     "send": (
         "axistwin.cli.send",
-        "Send one command in words or bytes, and say what the reply means.",
+        "Send commands in words or bytes, and show the replies in words.",
     ),
-    "decode": ("axistwin.cli.decode", "Say what bytes of a line, or frames of a bus, mean."),
+    "decode": ("axistwin.cli.decode", "Show bytes of a line, or frames of a bus, in words."),
     "models": ("axistwin.cli.models", "List the models, or one model's quirks."),
-    "doctor": ("axistwin.cli.doctor", "Say what this machine can do, and how to make it do more."),
+    "doctor": (
+        "axistwin.cli.doctor",
+        "Check this machine, and show the remedy for what is missing.",
+    ),
 }
 
 
@@ -179,10 +182,11 @@ def main() -> None:
     """Twins of motion controllers that behave as the real ones do, down to the wire.
 
     \b
-    axistwin run mac23                     a MAC23 at ./mac23, for any program that opens a port
-    axistwin run mac23:0 mac34-1:5         two modules on one line
-    axistwin run mac23-can                 a MAC23 on vcan0, or behind an slcan adapter
-    axistwin send ./mac23 'go to 125'      one command in words, and the reply
-    axistwin models mac23                  what can be switched
-    axistwin decode mac23 capture.txt      what was said on a line, in words
+    axistwin run mac23                 a MAC23 at ./mac23, for any serial program
+    axistwin run mac23:0 mac34-1:5     two modules on one line
+    axistwin run mac23-can             a MAC23 on vcan0, or an slcan adapter
+    axistwin send ./mac23 'go to 125'  one command in words, and the reply
+    axistwin decode mac23 capture.txt  recorded bytes in words
+    axistwin models mac23              its quirks: what the manual leaves open
+    axistwin conform mac23             a verdict per requirement of its manual
     """
