@@ -68,3 +68,23 @@ Rules
    new motion for (t - 1, t].
 5. With rules.step_phase = "start" a step may happen at the very start: ask for (start - 1, ...].
 """
+
+from axistwin.devices.mn400.motion.motion import VectorMotion
+from axistwin.devices.mn400.motion.moves import ContourSegment, contour, jog, straight, thread
+from axistwin.devices.mn400.motion.paths import MotorStep
+from axistwin.devices.mn400.motion.pulses import PulseTrain
+from axistwin.devices.mn400.motion.rules import MotionRules, MoveSettings, SpeedProfile
+
+__all__ = [
+    "ContourSegment",
+    "MotionRules",
+    "MotorStep",
+    "MoveSettings",
+    "PulseTrain",
+    "SpeedProfile",
+    "VectorMotion",
+    "contour",
+    "jog",
+    "straight",
+    "thread",
+]
