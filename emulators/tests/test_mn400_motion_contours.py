@@ -178,6 +178,17 @@ def test_the_plan_is_the_greatest_that_the_rules_allow(
         assert same or softer[1][k] < corners[0] + 1e-6 or softer[0][k + 1] < corners[1] + 1e-6
 
 
+def test_a_junction_that_turns_out_hard_holds_back_what_follows() -> None:
+    """A slow second segment makes the junction hard, which then slows that segment's exit."""
+    tiny = ContourSegment((1, 2, 0, 0), 1150)
+    parts = [ContourSegment((1000, 900, 0, 0), 5000), tiny, tiny]
+    plan = planned(MoveSettings(), parts, 400)
+    entries, exits = relaxed(MoveSettings(), parts, 400, {0})
+    assert [whole(speed) for speed in plan.entries] == pytest.approx(entries, abs=0.01)
+    assert [whole(speed) for speed in plan.exits] == pytest.approx(exits, abs=0.01)
+    assert whole(plan.exits[1]) == pytest.approx(sqrt(1000**2 + 2 * 10_000 * 2), abs=0.01)
+
+
 @given(contours, profiles, st.integers(0, 300), st.sampled_from([1, 2, 4]))
 @settings(max_examples=120, deadline=None)
 def test_a_contour_arrives_between_the_fastest_and_the_separate_moves(
