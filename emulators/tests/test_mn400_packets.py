@@ -2,7 +2,7 @@
 
 import pytest
 
-from axistwin.devices.mn400.packets import (
+from axistwin.devices.mn400.link.packets import (
     ReturnCode,
     checksum,
     completed,

@@ -90,7 +90,17 @@ def data_packet(address: int, command: int, value: str, quirks: Mn400Quirks) -> 
     text = value.encode("ascii")
     if quirks.data_value_encoding == "dot_nul":  # as the bytes of the manual's example
         text = text.replace(b",0", b".\x00")
-    return packet(address, bytes((command,)) + text + _TRAILERS[quirks.data_packet_trailer])
+    return packet(address, bytes((command,)) + text + trailer(quirks))
+
+
+def trailer(quirks: Mn400Quirks) -> bytes:
+    """What stands behind the value of a data packet (MN4-AMB-01)."""
+    return _TRAILERS[quirks.data_packet_trailer]
+
+
+def is_reply(payload: bytes) -> bool:
+    """Whether a board has sent it: there is a code behind the command (MN4-DROP-10)."""
+    return len(payload) > 1 and min(payload[1:]) < 0x20
 
 
 def report(content: bytes) -> bytes:
