@@ -8,16 +8,15 @@ from math import isqrt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mn400_motions import S, end, negated, rules, times
 
 from axistwin.devices.mn400.motion import (
-    MotionRules,
     MoveSettings,
     SpeedProfile,
     VectorMotion,
     straight,
 )
 
-S = 1_000_000_000
 DEFAULT = (1000, 5000, 10000)
 EXAMPLE = (1000, 4000, 4000)
 
@@ -28,7 +27,7 @@ profiles = st.tuples(st.integers(2, 3000), st.integers(0, 20000), st.integers(1,
 moves = st.builds(
     lambda profile, speed, multiplex, phase, start, displacement: straight(
         start,
-        MoveSettings(MotionRules(dda_phase=phase), profile, speed, multiplex),
+        MoveSettings(rules(dda_phase=phase), profile, speed, multiplex),
         displacement,
     ),
     profiles,
@@ -38,19 +37,6 @@ moves = st.builds(
     st.integers(0, 10**15),
     displacements,
 )
-
-
-def times(motion: VectorMotion, axis: int) -> list[int]:
-    """Times of all commanded steps of ``axis``."""
-    found = [motion.step_time_ns(axis, n + 1) for n in range(abs(motion.total[axis]))]
-    assert None not in found
-    return [at_ns for at_ns in found if at_ns is not None]
-
-
-def end(motion: VectorMotion) -> int:
-    """When the motion ends, which it does."""
-    assert motion.end_ns is not None
-    return motion.end_ns
 
 
 @pytest.mark.parametrize(
@@ -70,8 +56,8 @@ def test_moves_last_as_the_ledger_reckons(
 ) -> None:
     """Durations of the reference table, by both readings of the acceleration (MN4-AMB-25)."""
     for scale, expected in (("1.0", whole_s), ("0.5", half_s)):
-        rules = MotionRules(accel_scale=scale)
-        motion = straight(0, MoveSettings(rules, SpeedProfile(*profile), speed), (steps, 0, 0, 0))
+        read = rules(accel_scale=scale)
+        motion = straight(0, MoveSettings(read, SpeedProfile(*profile), speed), (steps, 0, 0, 0))
         assert abs(end(motion) - Fraction(expected) * S) < 1
         assert motion.step_time_ns(0, steps) == motion.end_ns
 
@@ -85,7 +71,7 @@ def test_the_worked_example_reaches_speed_after_its_ramp(
     """The ramp from 1000 to 2000 steps/s at 4000 steps/s² and its mirror at the end."""
     motion = straight(
         0,
-        MoveSettings(MotionRules.of(_Quirks(accel_scale=scale)), SpeedProfile(*EXAMPLE), 2000),
+        MoveSettings(rules(accel_scale=scale), SpeedProfile(*EXAMPLE), 2000),
         (0, -10000, 0, 0),
     )
     assert motion.step_time_ns(1, ramp_steps) == Fraction(ramp_s) * S
@@ -101,17 +87,6 @@ def times_between(motion: VectorMotion, axis: int, n: int) -> int:
     assert before is not None
     assert after is not None
     return after - before
-
-
-class _Quirks:
-    """A device's quirks: those of motion, by their names, and others."""
-
-    response_delay_ms = 3
-
-    def __init__(self, **changed: object) -> None:
-        rules = MotionRules()
-        for name in MotionRules.__dataclass_fields__:
-            setattr(self, name, changed.get(name, getattr(rules, name)))
 
 
 def ramp_time_ns(profile: SpeedProfile, speed: int, steps: int, n: int) -> int:
@@ -207,8 +182,7 @@ def test_mirrored_input_gives_mirrored_output(
 ) -> None:
     """Signs of the displacement change nothing but the signs of the positions."""
     made = MoveSettings(profile=profile, speed=speed, multiplex=multiplex)
-    first, second, third, fourth = (-one for one in displacement)
-    here, there = straight(0, made, displacement), straight(0, made, (first, second, third, fourth))
+    here, there = straight(0, made, displacement), straight(0, made, negated(displacement))
     assert here.end_ns == there.end_ns
     for part in range(5):
         at_ns = end(here) * part // 4
@@ -247,7 +221,7 @@ def test_multiplexed_moves_are_limited_to_their_share_of_the_step_rate() -> None
     """100 000 / m steps/s with more than one axis, by the default reading (MN4-AMB-65)."""
     profile = SpeedProfile(100_000, 100_000, 1)
     for cap, expected in (("clip", 4 * S), ("none", S)):
-        made = MoveSettings(MotionRules(multiplex_cap=cap), profile, 100_000, 4)
+        made = MoveSettings(rules(multiplex_cap=cap), profile, 100_000, 4)
         assert straight(0, made, (100_000, 1, 0, 0)).end_ns == expected
         assert straight(0, made, (100_000, 0, 0, 0)).end_ns == S
 
@@ -257,9 +231,7 @@ def test_the_step_phase_decides_when_a_step_is_made(
     phase: str, first_ns: int, early_ns: int
 ) -> None:
     """V2, M1: after half a second, or at once (MN4-AMB-71)."""
-    motion = straight(
-        0, MoveSettings(MotionRules.of(_Quirks(step_phase=phase)), speed=2), (1, 0, 0, 0)
-    )
+    motion = straight(0, MoveSettings(rules(step_phase=phase), speed=2), (1, 0, 0, 0))
     assert motion.step_time_ns(0, 1) == first_ns
     assert motion.position_at(first_ns) == (1, 0, 0, 0)
     assert [step.at_ns for step in motion.steps(0, early_ns, S)] == [first_ns]

@@ -21,11 +21,11 @@ A command becomes one immutable ``VectorMotion``.  It answers for every time, an
 
 What makes a motion.  All distances are displacements in steps, axes count from 0:
 
-    straight(now_ns, settings, displacement)                             M
-    arc(now_ns, settings, plane, center, destination, clockwise)         A
-    helix(now_ns, settings, plane, ..., clockwise, traverse, turns)      +  (traverse on plane.z)
+    straight(now_ns, settings, displacement)                                            M
+    arc(now_ns, settings, Plane(x, y, z), center, destination, clockwise)               A
+    helix(now_ns, settings, plane, center, destination, clockwise, traverse, turns)     +
     contour(now_ns, settings, [ContourSegment(displacement, speed)], margin)      ( ... )
-    thread(now_ns, settings, displacement, pulses, offset)               T
+    thread(now_ns, settings, displacement, pulses, offset)                              T
     jog(now_ns, settings, axis, direction)       endless, at settings.speed; ``quit(ramped=True)``
     arc_is_round(settings.rules, center, destination)    False: PARA_ERROR (MN4-ARC-02, MN4-ARC-07)
     JogTaps().tap(steps_per_inch, resolution, direction, rules) -> (whole steps, JogTaps)
@@ -69,6 +69,7 @@ Rules
 5. With rules.step_phase = "start" a step may happen at the very start: ask for (start - 1, ...].
 """
 
+from axistwin.devices.mn400.motion.arcs import Plane, arc, arc_is_round, helix
 from axistwin.devices.mn400.motion.motion import VectorMotion
 from axistwin.devices.mn400.motion.moves import ContourSegment, contour, jog, straight, thread
 from axistwin.devices.mn400.motion.paths import MotorStep
@@ -80,10 +81,14 @@ __all__ = [
     "MotionRules",
     "MotorStep",
     "MoveSettings",
+    "Plane",
     "PulseTrain",
     "SpeedProfile",
     "VectorMotion",
+    "arc",
+    "arc_is_round",
     "contour",
+    "helix",
     "jog",
     "straight",
     "thread",
