@@ -68,6 +68,17 @@ def msc_quirks() -> str:
     )
 
 
+def mn400_quirks() -> str:
+    """Every switch of the MN400."""
+    return quirks_of(
+        "mn400",
+        "# Quirks of the MN400\n\n"
+        "The manual can be read in several ways. A switch chooses one: `--quirk NAME=VALUE`,\n"
+        "`[quirks]` of a profile, `quirk.NAME=VALUE` in a URL, or `quirks={...}` of the fixture.\n"
+        "The switches from `transport` on are settings: each board has its own.\n\n",
+    )
+
+
 def quirks_of(name: str, head: str) -> str:
     """A page with the switches of a model."""
     model = catalog.find_model(name)
@@ -134,6 +145,7 @@ PAGES = {
     "reference/mac-serial-commands.md": reference_mac_pages.serial_page,
     "reference/mac-serial-quirks.md": quirks,
     "reference/mac-serial-requirements.md": requirements,
+    "reference/mn400-quirks.md": mn400_quirks,
     "reference/msc-protocol.md": reference_msc.page,
     "reference/msc-quirks.md": msc_quirks,
     "reference/msc-requirements.md": msc_requirements,

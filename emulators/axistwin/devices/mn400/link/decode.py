@@ -74,7 +74,7 @@ def _said(rest: bytes) -> str:
     if rest and rest[0] in codes and rest[1:] in (b"", b"\x00"):
         return f": {ReturnCode(rest[0]).name}"
     text = rest.rstrip(bytes(range(0x20)))
-    if any(byte not in _PRINTABLE for byte in text):
+    if (rest and not text) or any(byte not in _PRINTABLE for byte in text):
         return f" {spaced(rest)}"
     shown = text.decode("ascii")
     if len(text) < len(rest):
