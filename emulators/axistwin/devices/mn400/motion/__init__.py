@@ -70,6 +70,7 @@ Rules
 """
 
 from axistwin.devices.mn400.motion.arcs import Plane, arc, arc_is_round, helix
+from axistwin.devices.mn400.motion.jog import JogTaps
 from axistwin.devices.mn400.motion.motion import VectorMotion
 from axistwin.devices.mn400.motion.moves import ContourSegment, contour, jog, straight, thread
 from axistwin.devices.mn400.motion.paths import MotorStep
@@ -78,6 +79,7 @@ from axistwin.devices.mn400.motion.rules import MotionRules, MoveSettings, Speed
 
 __all__ = [
     "ContourSegment",
+    "JogTaps",
     "MotionRules",
     "MotorStep",
     "MoveSettings",

@@ -24,7 +24,7 @@ from axistwin.devices.mn400.motion.circle import LatticeCircle, clockwise_angle
 from axistwin.devices.mn400.motion.lookahead import Stretch
 from axistwin.devices.mn400.motion.motion import VectorMotion
 from axistwin.devices.mn400.motion.moves import Part, assembled, compensation
-from axistwin.devices.mn400.motion.paths import StraightPath
+from axistwin.devices.mn400.motion.paths import Path, PathSlice, StraightPath
 from axistwin.devices.mn400.motion.rules import AXES, MotionRules, MoveSettings, Quad
 from axistwin.devices.mn400.motion.timeline import FINE, ONE
 from axistwin.kernel.time import Nanos
@@ -238,12 +238,41 @@ def helix(
         is_full_at_zero=keeps_zero,
         is_pulsed=settings.speed < 0,
     )
-    displacement = _ends(path)
-    stretch = Stretch(displacement, path.length, settings.speed, 1, is_ramped=rules.arc_ramp)
     directions = [path.heading(axis, 1) if path.total(axis) else 0 for axis in AXES]
     first, second, third, fourth = directions
     lash = compensation(settings, (first, second, third, fourth))
-    return assembled(now_ns, settings, [*lash, Part(path, stretch, settings.speed < 0)])
+    return assembled(now_ns, settings, [*lash, *_parts(settings, path)])
+
+
+def _parts(settings: MoveSettings, path: ArcPath) -> Iterator[Part]:
+    """The arc in one, or cut where an axis with backlash turns round (MN4-AMB-58)."""
+    cuts: dict[int, list[int]] = {}
+    if settings.rules.backlash_arc == "quadrants":
+        for axis in AXES:
+            for before, x in _reversals(path, axis) if settings.lash[axis] else ():
+                cuts.setdefault(x, [0, 0, 0, 0])[axis] = before
+    x0 = 0
+    for x in [*sorted(cuts), path.length]:
+        part = PathSlice(path, x0, x) if cuts else path
+        stretch = Stretch(
+            _ends(part), part.length, settings.speed, 1, is_ramped=settings.rules.arc_ramp
+        )
+        yield Part(part, stretch, settings.speed < 0)
+        if x in cuts:
+            first, second, third, fourth = cuts[x]
+            turning = (-first, -second, -third, -fourth)
+            yield from compensation(settings, turning, (first, second, third, fourth))
+        x0 = x
+
+
+def _reversals(path: ArcPath, axis: int) -> Iterator[tuple[int, int]]:
+    """(direction up to there, x) of each place, between two ticks, where ``axis`` turns round."""
+    last = 0
+    while last < path.total(axis):
+        if last and path.heading(axis, last) != path.heading(axis, last + 1):
+            tick_start = (path.place(axis, last + 1) - 1) >> FINE << FINE
+            yield path.heading(axis, last), max(path.place(axis, last), tick_start)
+        last = path.last_alike(axis, last + 1)
 
 
 def arc_path(
@@ -323,7 +352,7 @@ def _tail_to(
     return ticks - back, tail
 
 
-def _ends(path: ArcPath) -> Quad:
+def _ends(path: Path) -> Quad:
     first, second, third, fourth = (path.displacement(axis, path.total(axis)) for axis in AXES)
     return first, second, third, fourth
 

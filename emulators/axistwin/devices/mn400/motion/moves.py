@@ -98,21 +98,30 @@ def straight_part(
     return Part(path, stretch, is_pulsed)
 
 
-def compensation(settings: MoveSettings, directions: Quad) -> list[Part]:
-    """The move that takes up the backlash of axes that turn round (ledger §5.6)."""
-    taken_up = [
-        lash if directions[axis] * settings.lash_memory[axis] < 0 else 0
+def compensation(
+    settings: MoveSettings, directions: Quad, memory: Quad | None = None
+) -> list[Part]:
+    """The move that takes up the backlash of axes that turn round (ledger §5.6).
+
+    ``directions`` of the motion that follows, 0 for axes at rest; ``memory`` in place of that of
+    the settings.
+    """
+    memory = settings.lash_memory if memory is None else memory
+    first, second, third, fourth = (
+        lash * _sign(directions[axis]) if directions[axis] * memory[axis] < 0 else 0
         for axis, lash in enumerate(settings.lash)
-    ]
+    )
+    taken_up = (first, second, third, fourth)
     if not any(taken_up):
         return []
-    first, second, third, fourth = (
-        steps if directions[axis] > 0 else -steps for axis, steps in enumerate(taken_up)
-    )
     speed = settings.speed
     if settings.rules.backlash_speed == "start" and speed > 0:
         speed = min(speed, settings.profile.start)
-    return [straight_part(settings, (first, second, third, fourth), speed, is_commanded=False)]
+    return [straight_part(settings, taken_up, speed, is_commanded=False)]
+
+
+def _sign(value: int) -> int:
+    return (value > 0) - (value < 0)
 
 
 def assembled(

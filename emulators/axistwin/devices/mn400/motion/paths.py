@@ -109,6 +109,51 @@ class StraightPath:
         return self.total(axis)
 
 
+@dataclass(frozen=True, slots=True)
+class PathSlice:
+    """What of ``path`` lies behind ``x0``, up to and including ``x1``."""
+
+    path: Path
+    x0: int
+    x1: int
+    is_commanded: bool = True
+
+    @property
+    def length(self) -> int:
+        """Where the slice ends, from its start."""
+        return self.x1 - self.x0
+
+    def _before(self, axis: int) -> int:
+        return self.path.taken(axis, self.x0)
+
+    def total(self, axis: int) -> int:
+        """All steps of ``axis``."""
+        return self.path.taken(axis, self.x1) - self._before(axis)
+
+    def place(self, axis: int, n: int) -> int:
+        """x of the ``n``-th step."""
+        return self.path.place(axis, self._before(axis) + n) - self.x0
+
+    def taken(self, axis: int, x: int) -> int:
+        """Steps up to and including ``x``."""
+        return self.path.taken(axis, min(self.x0 + x, self.x1)) - self._before(axis)
+
+    def displacement(self, axis: int, n: int) -> int:
+        """Where ``axis`` is after ``n`` steps."""
+        before = self._before(axis)
+        moved = self.path.displacement(axis, before + n)
+        return moved - self.path.displacement(axis, before)
+
+    def heading(self, axis: int, n: int) -> int:
+        """Direction of the ``n``-th step."""
+        return self.path.heading(axis, self._before(axis) + n)
+
+    def last_alike(self, axis: int, n: int) -> int:
+        """The last step from the ``n``-th on in its direction."""
+        before = self._before(axis)
+        return min(self.path.last_alike(axis, before + n) - before, self.total(axis))
+
+
 class MotorStep(NamedTuple):
     """One pulse at a motor: when, and in which direction."""
 
