@@ -9,32 +9,14 @@ Rules
 """
 
 from dataclasses import dataclass
-from fractions import Fraction
-from math import floor
 
 from axistwin.devices.mn400.inputs import Inputs
-from axistwin.devices.mn400.motion import MotionRules, MoveSettings, VectorMotion, jog, straight
+from axistwin.devices.mn400.motion import JogTaps, MoveSettings, VectorMotion, jog, straight
 from axistwin.devices.mn400.mover import Mover
 from axistwin.devices.mn400.orders import AXES, ZERO, Four, added
 from axistwin.devices.mn400.quirks import Mn400Quirks
 from axistwin.kernel.schedule import NEVER
 from axistwin.kernel.time import NS_PER_MS, Nanos
-
-
-@dataclass(frozen=True, slots=True)
-class JogTaps:
-    """What the taps of an axis amount to, and what of it was made in whole steps."""
-
-    total: Fraction = Fraction(0)
-    made: int = 0
-
-    def tap(
-        self, spi: int, resolution: int, direction: int, rules: MotionRules
-    ) -> "tuple[int, JogTaps]":
-        """The steps of one more tap, and what follows (MN4-JOG-02, MN4-JOG-03)."""
-        total = self.total + Fraction(direction * spi, resolution)
-        rounded = total + Fraction(1, 2) if rules.tap_rounding == "nearest" else total
-        return floor(rounded) - self.made, JogTaps(total, floor(rounded))
 
 
 @dataclass(slots=True)
