@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 from mn400_bench import Mn400Bench, in_short, packets_in
 
 from axistwin.devices.mn400.link.packets import packet
+from axistwin.devices.traces import Refused
 from axistwin.errors import UsageError
 from axistwin.kernel.time import NS_PER_MS
 
@@ -133,6 +134,22 @@ def test_the_longest_legal_line_is_received() -> None:
     assert bench.say(line, milliseconds=300) == "S PE"
     assert bench.say("L" + "1" * 200, milliseconds=400) == "OV"
     assert bench.value("E") == "0,0,0,0"
+
+
+def test_why_a_command_is_refused_is_told_to_who_looks_on() -> None:
+    """Beside the line: parameters, states, sums, what breaks off; nothing for what is obeyed."""
+    bench = Mn400Bench()
+    bench.say("M5000", "X3", "J1", "W", "K")
+    bench.ask(bytes.fromhex("81 2A 81 2D"))
+    bench.ask(b"\x81M1", 1000)
+    effects = [effect for _, effect in bench.network.take_effects()]
+    assert [effect.reason for effect in effects if isinstance(effect, Refused)] == [
+        "refused 'X3': a parameter is malformed or out of range",
+        "refused 'J1': not possible in this state: moving",
+        "refused 'W': no such command while the board is in this state: moving",
+        "refused '*': its checksum is wrong",
+        "refused 'M1': the packet broke off",
+    ]
 
 
 # ---- the last message ----

@@ -56,6 +56,19 @@ class ContourEntry:
     segments: list[StoredSegment] = field(default_factory=list)
 
 
+_REASONS: Final = {
+    ReturnCode.CHKSUMERROR: "its checksum is wrong",
+    ReturnCode.INVALIDCOMMAND: "no such command while the board is in this state: {state}",
+    ReturnCode.INVALIDPROGCOMM: "it cannot stand in a stored program",
+    ReturnCode.PARA_ERROR: "a parameter is malformed or out of range",
+    ReturnCode.TIMEOUT: "the packet broke off",
+    ReturnCode.BUSY: "not possible in this state: {state}",
+    ReturnCode.SLAVEBUFFOV: "no room in the buffer or the queue",
+    ReturnCode.MEMORY_FULL: "no room in the store",
+}
+"""What the codes of refusals mean, for who looks on."""
+
+
 class Refusal(Exception):  # noqa: N818  no error of this program
     """The line is refused with ``code``; is_alone: without START."""
 
@@ -66,7 +79,10 @@ class Refusal(Exception):  # noqa: N818  no error of this program
 
 
 class Interpreter:
-    """Everything that commands reach, of one board; ``cells`` are to be stored."""
+    """Everything that commands reach, of one board.
+
+    ``cells`` are to be stored; ``refused`` tells what was refused, and why.
+    """
 
     def __init__(
         self,
@@ -105,6 +121,7 @@ class Interpreter:
             ")": self._end_contour,
         }
         self.cells: list[tuple[str, int]] = []
+        self.refused: list[str] = []
         self.reset()
 
     def reset(self) -> None:
@@ -163,14 +180,18 @@ class Interpreter:
         try:
             return self._answer(line, letter)
         except ParameterError:
-            return self.refusal(command, ReturnCode.PARA_ERROR)
+            return self.refusal(command, ReturnCode.PARA_ERROR, payload)
         except QueueFullError:
-            return self.refusal(command, ReturnCode.SLAVEBUFFOV)
+            return self.refusal(command, ReturnCode.SLAVEBUFFOV, payload)
         except Refusal as refusal:
-            return self.refusal(command, refusal.code, is_alone=refusal.is_alone)
+            return self.refusal(command, refusal.code, payload, is_alone=refusal.is_alone)
 
-    def refusal(self, command: int, code: ReturnCode, *, is_alone: bool = False) -> Answer:
+    def refusal(
+        self, command: int, code: ReturnCode, payload: bytes, *, is_alone: bool = False
+    ) -> Answer:
         """What is said of a line that is refused (rule 2)."""
+        why = _REASONS[code].format(state=self.state().value)
+        self.refused.append(f"refused {payload.decode('ascii', 'replace')!r}: {why}")
         policy = self._quirks.error_start_policy
         has_start = policy == "always" or (policy == "after_accept" and not is_alone)
         parts = [self._status(command, ReturnCode.START)] if has_start else []

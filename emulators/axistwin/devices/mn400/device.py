@@ -39,7 +39,7 @@ from axistwin.devices.mn400.quirks import Mn400Quirks, parse_decimal
 from axistwin.devices.mn400.readout import MEASURES_MS
 from axistwin.devices.mn400.store import ProgramStore
 from axistwin.devices.snapshot import Snapshot
-from axistwin.devices.traces import StateChanged
+from axistwin.devices.traces import Refused, StateChanged
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import Effect, Store, Transmit
 from axistwin.kernel.schedule import NEVER
@@ -207,12 +207,12 @@ class Mn400Board:
         elif request.flaw is Flaw.NONE:
             answer = interpreter.obey(now, payload, Origin.SERIAL, request.is_for_all)
         elif request.flaw is Flaw.TOO_LONG:
-            answer = interpreter.refusal(command, ReturnCode.SLAVEBUFFOV, is_alone=True)
+            answer = interpreter.refusal(command, ReturnCode.SLAVEBUFFOV, payload, is_alone=True)
         elif request.flaw is Flaw.CHECKSUM:
-            answer = interpreter.refusal(command, ReturnCode.CHKSUMERROR, is_alone=True)
+            answer = interpreter.refusal(command, ReturnCode.CHKSUMERROR, payload, is_alone=True)
         elif self.quirks.timeout_reply:
             is_told = bool(payload) or self.quirks.timeout_without_command == "zero"
-            refusal = interpreter.refusal(command, ReturnCode.TIMEOUT, is_alone=True)
+            refusal = interpreter.refusal(command, ReturnCode.TIMEOUT, payload, is_alone=True)
             answer = refusal if is_told else None
         if answer is None:
             return
@@ -333,6 +333,8 @@ class Mn400Board:
         if self.interpreter.cells:
             self._effects.append(Store(tuple(self.interpreter.cells)))
             self.interpreter.cells.clear()
+        self._effects.extend(Refused(now, reason) for reason in self.interpreter.refused)
+        self.interpreter.refused.clear()
         self._serial.run(now)
         self._usb.run(now)
         state = self.interpreter.state()
