@@ -270,7 +270,7 @@ class CanTransport(Transport):
                     return found
             # A full store drops its oldest frame for each new one: then all have to be looked at.
             looked_at = len(store) if len(store) < FRAMES_KEPT else 0
-            until_ns = self._held_until_ns if self.is_holding else deadline_ns
+            until_ns = self._until_ns(deadline_ns)
             left_ns = until_ns - self.now_ns
             is_more = self._read(self._fenced(max(left_ns, 0)))
             late += left_ns <= 0

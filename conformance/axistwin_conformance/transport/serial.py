@@ -185,7 +185,7 @@ class SerialTransport(Transport):
         started_ns = self.now_ns
         deadline_ns = started_ns + round(timeout_s * 1e9)
         while len(self._pending) < count:
-            until_ns = self._held_until_ns if self.is_holding else deadline_ns
+            until_ns = self._until_ns(deadline_ns)
             left_ns = until_ns - self.now_ns
             # What is handed on may be longer or shorter than what comes.
             wanted = 1 if self.mender is not None else count - len(self._pending)

@@ -36,6 +36,7 @@ from axistwin_conformance.transport.lateness import Lateness
 
 SILENCE_NOTED_S = 0.05  # shorter waits in vain are not worth a line in the transcript
 HELD_NS = 100_000_000  # of silence, after which nothing belongs to what has come any more
+LONGEST_NS = 500_000_000  # that the rest of what is held back may take beyond a time-out
 STOP_HEARD_NS = 50_000_000  # the reply to a stop takes 3 ms at 9600 baud
 MOST_HUSHES = 20  # a device that never stops talking is not waited for
 USUAL_WAY_NS = 25_000_000  # half of the shortest time for which a silence is listened to
@@ -300,10 +301,11 @@ class Transport(ABC):
         """True if something has come of which the mender waits for the rest."""
         return self.mender is not None and self.mender.is_holding
 
-    @property
-    def _held_until_ns(self) -> int:
-        """When what is held back is handed on at the latest."""
-        return self._held_ns + HELD_NS
+    def _until_ns(self, deadline_ns: int) -> int:
+        """Until when is listened: what is held back is complete by then, or handed on as it is."""
+        if not self.is_holding:
+            return deadline_ns
+        return min(self._held_ns + HELD_NS, deadline_ns + LONGEST_NS)
 
     def _given_up(self) -> bytes:
         """What the mender holds back, as it came."""
