@@ -1,6 +1,8 @@
 """Pause, resume, quit, feed rate and halted axes of the MN400's motions (ledger §5.8, §5.12)."""
 
+from bisect import bisect_right
 from collections.abc import Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 
@@ -18,6 +20,8 @@ from axistwin.devices.mn400.motion import (
     contour,
     straight,
 )
+from axistwin.devices.mn400.motion.pace import TimedPace
+from axistwin.devices.mn400.motion.timeline import FINE
 
 EXAMPLE = SpeedProfile(1000, 4000, 4000)
 displacements = st.tuples(*[st.integers(-300, 300)] * 4)
@@ -277,3 +281,123 @@ def test_mirrored_contours_pause_alike() -> None:
         one, other = here.pause(at_ns), there.pause(at_ns)
         assert one.rest_ns == other.rest_ns
         assert one.position_at(10 * S) == negated(other.position_at(10 * S))
+
+
+@dataclass
+class Watch:
+    """Judges every plan of a motion by its glides: speed, acceleration and margin."""
+
+    parts: Sequence[ContourSegment]
+    margin: int
+    settings: MoveSettings
+    speed: Fraction = Fraction()
+    """Of the major axis, where the motion was changed."""
+
+    def ratios(self, index: int) -> list[Fraction]:
+        """The share of the major axis' speed that each limited axis has."""
+        displacement = self.parts[index].displacement
+        return [Fraction(one, max(map(abs, displacement))) for one in displacement[:3]]
+
+    def entries(self, index: int, before: Fraction) -> tuple[Fraction, Fraction]:
+        """The entries to that segment that the margin allows behind an exit at ``before``."""
+        slowest, fastest = Fraction(), Fraction(10**9)
+        for leave, enter in zip(self.ratios(index - 1), self.ratios(index), strict=True):
+            if enter:
+                ends = [(leave * before + sign * self.margin) / enter for sign in (-1, 1)]
+                slowest, fastest = max(slowest, min(ends)), min(fastest, max(ends))
+            else:
+                assert abs(leave * before) <= self.margin + Fraction(1, 1000)
+        return slowest, fastest
+
+    def judge(self, motion: VectorMotion) -> None:
+        """All glides of the motion as planned now."""
+        (pace,) = motion.paces
+        assert isinstance(pace, TimedPace)
+        start = self.settings.profile.start
+        before, index = self.speed, None
+        for glide in pace.timeline.glides:
+            here = bisect_right(pace.bounds, (glide.x0 + glide.x1) // 2)
+            m = pace.stretches[here].multiplex
+            first, last = (Fraction(speed, m << FINE) for speed in (glide.v0, glide.v1))
+            way = Fraction(glide.x1 - glide.x0, m << FINE)
+            gain = abs(first**2 - last**2)
+            assert gain <= 2 * self.settings.profile.acceleration * way + Fraction(1, 100)
+            top = self.settings.cap(self.parts[here].speed, m, 1000)
+            assert max(first, last) <= top + Fraction(1, 1000)
+            if max(before, first) > start + Fraction(1, 1000):
+                if index in (None, here):
+                    assert abs(before - first) < Fraction(1, 1000) or first <= start
+                else:
+                    # Below start speed it may change at once, also right behind a junction.
+                    slowest, fastest = self.entries(here, before)
+                    near = Fraction(1, 1000)
+                    assert slowest - near <= max(first, start)
+                    assert first <= fastest + near
+            before, index = last, here
+
+    def speed_at(self, motion: VectorMotion, now_ns: int) -> None:
+        """Remember the speed for the plan that follows."""
+        (pace,) = motion.paces
+        assert isinstance(pace, TimedPace)
+        assert pace.start_ns is not None
+        x, speed = pace.timeline.state_at(now_ns - pace.start_ns)
+        here = min(bisect_right(pace.bounds, x), len(pace.bounds) - 1)
+        self.speed = Fraction(speed, pace.stretches[here].multiplex << FINE)
+
+
+whole_contours = st.lists(
+    st.builds(
+        ContourSegment,
+        displacements.filter(any),
+        st.one_of(st.integers(2, 9000), st.just(3000)),
+    ),
+    min_size=1,
+    max_size=6,
+)
+
+
+@given(
+    whole_contours,
+    profiles,
+    st.sampled_from([1, 2, 4]),
+    st.integers(0, 400),
+    st.lists(
+        st.tuples(st.integers(0, 1000), st.sampled_from(["pause", "resume", "feed", "quit"])),
+        min_size=1,
+        max_size=8,
+    ),
+    st.integers(0, 1000),
+)
+@settings(max_examples=200, deadline=None)
+def test_no_change_exceeds_speed_acceleration_or_margin(
+    parts: Sequence[ContourSegment],
+    profile: SpeedProfile,
+    multiplex: int,
+    margin: int,
+    changes: Sequence[tuple[int, str]],
+    permille: int,
+) -> None:
+    """Every plan, from any state, keeps the limits; only start speed may come and go at once."""
+    made_now = MoveSettings(profile=profile, multiplex=multiplex)
+    motion = contour(0, made_now, parts, margin)
+    watch = Watch(parts, margin, made_now)
+    watch.judge(motion)
+    now_ns = 0
+    for share, change in changes:
+        until_ns = motion.end_ns or motion.rest_ns
+        assert until_ns is not None
+        now_ns += max(0, until_ns - now_ns) * share // 1000
+        if motion.is_over_at(now_ns):
+            break
+        watch.speed_at(motion, now_ns)
+        if change == "pause":
+            motion = motion.pause(now_ns)
+        elif change == "resume":
+            motion = motion.resume(now_ns)
+        elif change == "quit":
+            motion = motion.quit(now_ns, ramped=True)
+        else:
+            motion = motion.override(now_ns, permille)
+            permille = 1000 - permille
+        if motion.since_ns == now_ns:
+            watch.judge(motion)

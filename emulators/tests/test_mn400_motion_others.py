@@ -1,6 +1,7 @@
 """Backlash, jogging, threading and external sync of the MN400 (ledger §5.6, §5.10, §5.11)."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 from math import ceil, floor
 
@@ -231,7 +232,7 @@ def test_the_example_of_t_takes_its_pulses_from_the_index_on() -> None:
     train = PulseTrain(1_000_000, pulses_per_turn=400)
     motion = thread(0, MoveSettings(), (500, 0, 0, 0), 2000)
     assert motion.end_ns is None
-    running = motion.paced_by(S // 10, train)
+    running = motion.paced_by(S // 10, replace(train, origin_ns=S // 10))
     assert running.end_ns == S // 10 + 400 * S // 1000 + 2 * S
     assert running.position_at(S // 10 + S // 2) == (25, 0, 0, 0)
     assert running.position_at(end(running)) == (500, 0, 0, 0)
@@ -250,6 +251,25 @@ def test_a_train_without_an_index_starts_no_thread() -> None:
     assert motion.position_at(90 * S) == (0, 0, 0, 0)
     assert motion.index(90 * S).end_ns == 92 * S
     assert motion.quit(S).is_over_at(S)
+
+
+def test_the_index_is_where_the_spindle_has_it_not_where_the_motion_starts() -> None:
+    """Two threads begin at the same angle of a spindle that goes on turning (MN4-THR-03)."""
+    train = PulseTrain(1_000_000, 400, S // 10)
+    for start_ns in (S, S + 123_456_789, S + 299_000_000, S + 299_999_999):
+        motion = thread(start_ns, MoveSettings(), (500, 0, 0, 0), 2000)
+        assert motion.paced_by(start_ns, train).end_ns == S // 10 + (1200 + 2000) * S // 1000
+    motion = thread(S + 3 * S // 10, MoveSettings(), (500, 0, 0, 0), 2000)
+    assert motion.paced_by(S + 3 * S // 10, train).end_ns == S // 10 + (1600 + 2000) * S // 1000
+
+
+def test_headings_are_known_before_the_pulses() -> None:
+    """A limit can halt a thread that waits for its first pulse (MN4-LIM-06)."""
+    motion = thread(0, MoveSettings(), (500, 0, -3, 0), 2000)
+    assert motion.headings_at(5) == (1, 0, -1, 0)
+    assert motion.pause(5).headings_at(5) == (0, 0, 0, 0)
+    assert motion.quit(5).headings_at(5) == (0, 0, 0, 0)
+    assert motion.halt_axis(5, 0).headings_at(5) == (0, 0, -1, 0)
 
 
 def test_a_spindle_that_changes_its_speed_is_followed_by_count() -> None:

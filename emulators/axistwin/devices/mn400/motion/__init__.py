@@ -39,7 +39,8 @@ What a motion answers.  Times are ``Nanos``; None means never, as planned now.
                         there (MN4-MOT-06).  Compensation counts only if rules.backlash_counts
     remaining_at(t)     total - position (N, net and signed);  path_left_at(t)  steps not taken
     phantom_at(t)       ticks of multi-axis moves so far (E1, E2)
-    headings_at(t)      direction (+1, 0, -1) of the next step of each axis; 0: none will come
+    headings_at(t)      direction (+1, 0, -1) of the next step of each axis; 0: none will come.
+                        Known before the pulses are; 0 while it stands paused
     step_time_ns(axis, n)            time of the n-th commanded step, n >= 1
     steps(axis, from_ns, until_ns)   MotorSteps with from_ns < t <= until_ns, compensation included
     next_step(axis, after_ns, direction)   first MotorStep after that time in that direction:
@@ -56,7 +57,9 @@ What changes it.  All take ``now_ns`` >= since_ns and return a new motion.
     override(now_ns, feed_permille)  feed-rate or jog-speed pot, 0..1000
     index(now_ns)                    the threader's index pulse
     feed(now_ns, pulses)             pulses by hand; their steps are at now_ns in the new motion
-    paced_by(now_ns, PulseTrain(rate_millihertz, pulses_per_turn) | None)     pulses of a spindle
+    paced_by(now_ns, train | None)   pulses of a spindle; PulseTrain(rate_millihertz,
+                                     pulses_per_turn, origin_ns): the index is each so-many-th
+                                     pulse from origin_ns on, whenever the motion starts
 
 Rules
 -----

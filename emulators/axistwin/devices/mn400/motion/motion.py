@@ -95,7 +95,7 @@ class VectorMotion:
         return self.chain.phantoms(self._x_at(now_ns))
 
     def headings_at(self, now_ns: Nanos) -> Quad:
-        """The direction of each axis' next step; 0: none comes."""
+        """The direction of each axis' next step, be its pulse known or not; 0: none comes."""
         return _quad(lambda axis: self._heading(axis, now_ns))
 
     def step_time_ns(self, axis: int, n: int) -> Nanos | None:
@@ -176,11 +176,8 @@ class VectorMotion:
         return self._pulsed(now_ns, 0, True, self.train)
 
     def paced_by(self, now_ns: Nanos, train: PulseTrain | None) -> "VectorMotion":
-        """Other pulses from ``now_ns`` on; None: none but those by hand."""
-        if train is not None:
-            train = replace(train, origin_ns=now_ns)
-        changed = self._pulsed(now_ns, 0, False, train)
-        return replace(changed, train=train)
+        """Other pulses from ``now_ns`` on, with the train's own phase; None: only those by hand."""
+        return replace(self._pulsed(now_ns, 0, False, train), train=train)
 
     # How
 
@@ -252,8 +249,13 @@ class VectorMotion:
         return self.chain.displacement(axis, n, self.settings.rules.backlash_counts)
 
     def _heading(self, axis: int, now_ns: Nanos) -> int:
-        step = self.next_step(axis, now_ns)
-        return 0 if step is None else step.direction
+        n = self._taken(axis, now_ns) + 1
+        if n > self.chain.total(axis) or self._is_beyond_halt(axis, n):
+            return 0
+        stands = self.is_paused or self.is_aborted
+        if stands and self._time_of(axis, n) is None:
+            return 0
+        return self.chain.step(axis, n)[0]
 
     def _memory(self, axis: int, taken: int) -> int:
         if not self.chain.total(axis):
