@@ -1,6 +1,7 @@
 """An MN400 under anything that comes: commands, inputs, pulses, power, in every reading."""
 
 import random
+from typing import Any
 
 import pytest
 from mn400_bench import Mn400Bench
@@ -13,7 +14,7 @@ from axistwin.devices.mn400.quirks import QUIRKS
 ROUNDS = 40
 
 
-def drawn_quirks(rng: random.Random) -> dict[str, str]:
+def drawn_quirks(rng: random.Random) -> dict[str, Any]:
     """Any reading of those that are choices."""
     return {
         name: rng.choice(quirk.allowed)
@@ -32,7 +33,8 @@ def drawn_line(rng: random.Random) -> bytes:
     if command is not None and rng.random() < 0.7:
         count = len(command.parameters)
     numbers = ("", "0", "1", "-1", "2", "4", "50", "100", "-100", "300", "-3000", "5000", "99999")
-    return (letter + ",".join(rng.choice(numbers) for _ in range(count))).encode()
+    line: str = letter + ",".join(rng.choice(numbers) for _ in range(count))
+    return line.encode()
 
 
 def act(bench: Mn400Bench, rng: random.Random) -> None:

@@ -300,6 +300,16 @@ def test_what_is_held_moves_at_jog_speed_until_it_is_released() -> None:
     assert bench.position()[0] == bench.peek()[0] >= stood[0] + 5
 
 
+def test_counters_can_be_loaded_while_an_axis_jogs() -> None:
+    """They count on from there."""
+    bench = Mn400Bench()
+    bench.say("J1", "Y100")
+    bench.switch("jog_m1_plus")
+    bench.wait(3000)
+    bench.say("L1000,0,0,0", milliseconds=30)
+    assert bench.peek()[0] in range(1000, 1005)
+
+
 def test_jog_inputs_do_nothing_outside_jog_mode() -> None:
     """MN4-JOG-07."""
     bench = Mn400Bench()

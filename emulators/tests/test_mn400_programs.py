@@ -173,6 +173,24 @@ def test_a_power_cycle_brings_every_default_back() -> None:
     assert bench.moving_ms("M-10000") == 5050
 
 
+def test_without_supply_nothing_moves_counts_or_is_sent() -> None:
+    """What was to be said is not said later, inputs and pulses have no effect."""
+    bench = Mn400Bench()
+    bench.say("M5000", "E2")
+    bench.network.power_off(0)
+    assert bench.device.describe(bench.now).state_text == "off"
+    assert not bench.device.moves_at(bench.now)
+    bench.switch("m1_plus")
+    bench.perform(bench.device.feed_pulses(bench.now, 5))
+    bench.perform(bench.device.send_usb(bench.now, "E"))
+    assert bench.ask(packet(1, b"*"), 3000) == b""
+    assert bench.peek() == [0, 0, 0, 0]
+    bench.network.power_on(0)
+    assert bench.wait(3000) == b""
+    assert bench.value("S") == "2"
+    assert bench.device.take_report(bench.now) == []
+
+
 # ---- USB ----
 
 

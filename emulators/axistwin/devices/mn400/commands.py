@@ -15,12 +15,10 @@ Rules
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, Literal, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 from axistwin.devices.mn400.acceptance import TABLE, BoardState, Treatment
 from axistwin.devices.mn400.grammar import (
-    SPEED_MAX,
-    SPEED_MIN,
     Arguments,
     BoardCommand,
     ParameterError,
@@ -33,7 +31,7 @@ from axistwin.devices.mn400.link.packets import ReturnCode
 from axistwin.devices.mn400.link.ports import Answer, BoardLine, Origin, Port
 from axistwin.devices.mn400.link.talker import Message, ReplyPart
 from axistwin.devices.mn400.mover import Mover, QueueFullError, Waiting
-from axistwin.devices.mn400.orders import BoardSettings, MotionOrder, StoredSegment, loaded
+from axistwin.devices.mn400.orders import MotionOrder, StoredSegment, change_of
 from axistwin.devices.mn400.quirks import Mn400Quirks
 from axistwin.devices.mn400.readout import ReadOut
 from axistwin.devices.mn400.store import Cells, ProgramStore
@@ -292,7 +290,7 @@ class Interpreter:
             if is_kept and known.letter in "UJ" and known.letter in self._quirks.hold_scope:
                 return self._keep(lambda now: _ignore(act(line._replace(now=now), given)))
             return act(line, given)
-        change = _change(known.letter, given, self._quirks, self._mover.accepted)
+        change = change_of(known.letter, given, self._quirks, self._mover.accepted)
         self._mover.set(line.now, Waiting(change))
         return None
 
@@ -445,9 +443,12 @@ class Interpreter:
 
     def _load(self, line: BoardLine, given: Arguments) -> None:
         """L: the counters."""
-        mover = self._mover
-        waiting = Waiting(act=lambda now: mover.load(now, given), moves_counters_to=given)
-        mover.set(line.now, waiting)
+        mover, jogger = self._mover, self._jogger
+
+        def act(now: Nanos) -> None:
+            mover.load(now, given, jogger.moved_at(now))
+
+        mover.set(line.now, Waiting(act=act, moves_counters_to=given))
 
     def _direct(self, line: BoardLine, given: Arguments) -> None:
         """D: the remembered directions."""
@@ -555,43 +556,3 @@ def _unknown(is_entered: bool) -> Refusal:
     if is_entered:
         return Refusal(ReturnCode.INVALIDPROGCOMM)
     return Refusal(ReturnCode.INVALIDCOMMAND, is_alone=True)
-
-
-def _change(
-    letter: str, given: Arguments, quirks: Mn400Quirks, settings: BoardSettings
-) -> Callable[[BoardSettings], BoardSettings]:
-    """How a modal command changes the settings.  Raises ParameterError."""
-    changed: dict[str, Any] = {}
-    if letter == "F":
-        start, top, acceleration = loaded3(
-            (settings.start, settings.top, settings.acceleration), given
-        )
-        if quirks.speed_range_policy == "clip":
-            start = min(max(start, SPEED_MIN), top, SPEED_MAX)
-        if start > top:
-            raise ParameterError
-        changed = {"start": start, "top": top, "acceleration": acceleration}
-    elif letter == "P":
-        x, y, z = (None if motor is None else motor - quirks.plane_base for motor in given)
-        traverse = settings.plane[2] if z is None else z
-        is_crossed = quirks.plane_z_check == "at_plane" and traverse in (x, y)
-        if x == y or is_crossed:
-            raise ParameterError
-        changed = {"plane": (x, y, traverse)}
-    elif letter == "G":
-        changed = {"taps": given[:4], "spi": given[4]}
-    elif letter == "B":
-        changed = {"lash": loaded(settings.lash, given)}
-    elif letter == "I":
-        changed = {"is_absolute": given[0] == quirks.abs_mode_value}
-    else:
-        changed = {{"V": "speed", "X": "multiplex", "Y": "jog_speed"}[letter]: given[0]}
-    return lambda before: replace(before, **changed)
-
-
-def loaded3(values: tuple[int, int, int], given: Arguments) -> tuple[int, int, int]:
-    """``values`` with those of ``given`` that were not omitted."""
-    first, second, third = (
-        old if new is None else new for old, new in zip(values, given, strict=True)
-    )
-    return first, second, third

@@ -348,7 +348,8 @@ class Mn400Board:
 
     def _changed(self, now: Nanos) -> list[Effect]:
         """Close a call from outside."""
-        self._settle(now)
+        if self._powered:
+            self._settle(now)
         return self._taken()
 
     # -- supply --
@@ -356,27 +357,35 @@ class Mn400Board:
     def power_off(self, now: Nanos) -> list[Effect]:
         """Cut the supply: everything but the two programs is gone, also one half entered."""
         self._run_until(now)
-        self._powered = False
-        self._config.clear()
-        self._told = "OFF"
-        return [*self._taken(), StateChanged(now, "OFF", "off")]
+        effects = self._taken()
+        if self._powered:
+            self._powered = False
+            self._forget(now)
+            self._told = "OFF"
+            effects.append(StateChanged(now, "OFF", "off"))
+        return effects
 
     def power_on(self, now: Nanos) -> list[Effect]:
         """Apply the supply: the defaults, then the configuration program (rule 2)."""
         if self._powered:
             return []
         self._powered = True
+        self._forget(now)
+        self.interpreter.set_jog(now, self.inputs.is_on("run_jog"))
+        self._config.extend(self.store.lines("config"))
+        return self._changed(now)
+
+    def _forget(self, now: Nanos) -> None:
+        """All that is volatile is as at power-up."""
         self.address = 1
         self.set_rate(0)
+        self._config.clear()
         self._serial.reset(now)
         self._usb.reset(now)
         self.reports.clear()
         self.mover.reset()
         self.jogger.reset()
         self.interpreter.reset()
-        self.interpreter.set_jog(now, self.inputs.is_on("run_jog"))
-        self._config.extend(self.store.lines("config"))
-        return self._changed(now)
 
     def cells(self, now: Nanos) -> Mapping[str, int]:
         """The lines of both programs."""
@@ -423,7 +432,7 @@ class Mn400Board:
         self._run_until(now)
         if self.inputs.set(name, on) and self._powered:
             self._input_changed(now, name, on)
-        return self._changed(now) if self._powered else self._taken()
+        return self._changed(now)
 
     def _input_changed(self, now: Nanos, name: str, on: bool) -> None:
         """An input has another level."""

@@ -202,9 +202,9 @@ class Mover:
         else:
             self._obey(now, waiting)
 
-    def load(self, now: Nanos, values: Sequence[int | None]) -> None:
-        """Load the counters; what moves goes on (MN4-CMD-L-01, MN4-CMD-L-03)."""
-        position = self.position_at(now)
+    def load(self, now: Nanos, values: Sequence[int | None], jogged: Four = ZERO) -> None:
+        """Load the counters; what moves or jogs goes on (MN4-CMD-L-01, MN4-CMD-L-03)."""
+        position = wrapped(added(self.position_at(now), jogged))
         moved = [new - old for new, old in zip(loaded(position, values), position, strict=True)]
         self._base = wrapped(added(self._base, moved))
 

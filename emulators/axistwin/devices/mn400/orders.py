@@ -9,11 +9,11 @@ Rules
 3. Whether it is legal is checked when it is accepted, from where the axes will stand then.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final, TypeAlias
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final, TypeAlias
 
-from axistwin.devices.mn400.grammar import SPEED_MAX, Arguments, ParameterError
+from axistwin.devices.mn400.grammar import SPEED_MAX, SPEED_MIN, Arguments, ParameterError
 from axistwin.devices.mn400.motion import (
     ContourSegment,
     MotionRules,
@@ -87,6 +87,46 @@ class BoardSettings:
     def profile(self) -> SpeedProfile:
         """The ramps."""
         return SpeedProfile(self.start, self.top, self.acceleration)
+
+
+def change_of(
+    letter: str, given: Arguments, quirks: Mn400Quirks, settings: BoardSettings
+) -> Callable[[BoardSettings], BoardSettings]:
+    """How a modal command changes the settings.  Raises ParameterError."""
+    changed: dict[str, Any] = {}
+    if letter == "F":
+        start, top, acceleration = _three(
+            (settings.start, settings.top, settings.acceleration), given
+        )
+        if quirks.speed_range_policy == "clip":
+            start = min(max(start, SPEED_MIN), top, SPEED_MAX)
+        if start > top:
+            raise ParameterError
+        changed = {"start": start, "top": top, "acceleration": acceleration}
+    elif letter == "P":
+        x, y, z = (None if motor is None else motor - quirks.plane_base for motor in given)
+        traverse = settings.plane[2] if z is None else z
+        is_crossed = quirks.plane_z_check == "at_plane" and traverse in (x, y)
+        if x == y or is_crossed:
+            raise ParameterError
+        changed = {"plane": (x, y, traverse)}
+    elif letter == "G":
+        changed = {"taps": given[:4], "spi": given[4]}
+    elif letter == "B":
+        changed = {"lash": loaded(settings.lash, given)}
+    elif letter == "I":
+        changed = {"is_absolute": given[0] == quirks.abs_mode_value}
+    else:
+        changed = {{"V": "speed", "X": "multiplex", "Y": "jog_speed"}[letter]: given[0]}
+    return lambda before: replace(before, **changed)
+
+
+def _three(values: tuple[int, int, int], given: Arguments) -> tuple[int, int, int]:
+    """``values`` with those of ``given`` that were not omitted."""
+    first, second, third = (
+        old if new is None else new for old, new in zip(values, given, strict=True)
+    )
+    return first, second, third
 
 
 @dataclass(frozen=True, slots=True)
