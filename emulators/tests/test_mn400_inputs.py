@@ -386,6 +386,17 @@ def test_a_negative_speed_waits_for_pulses() -> None:
     assert bench.moving_ms("V500", "M1000") == 2000
 
 
+def test_a_limit_stops_a_paced_arc_where_it_turns_towards_it() -> None:
+    """Also when many pulses come at once (MN4-LIM-02)."""
+    bench = Mn400Bench()
+    bench.switch("m1_plus")
+    bench.say("V-1", "A-1000,0,0,0,-1")
+    x, _, y, _ = pulses(bench, 5000)
+    assert x in range(-2001, -1990)
+    assert abs(y) < 60
+    assert bench.value("/") == "2"
+
+
 def test_the_feedrate_scales_what_runs() -> None:
     """Only while it is enabled, and not below 2 steps/s (MN4-IO-01)."""
     bench = Mn400Bench()

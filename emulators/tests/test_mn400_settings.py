@@ -268,3 +268,16 @@ def test_an_abort_during_compensation_leaves_the_whole_move() -> None:
     assert bench.value("N") == "-100,0,0,0"
     assert bench.peek()[0] == 0
     assert bench.moving_ms("M-100") == 200
+
+
+def test_compensation_is_seen_at_the_step_outputs_alone() -> None:
+    """After D1,-1,1,1 a positive move compensates axis 2 only (MN4-CMD-D-02, MN4-BKL-03)."""
+    bench = Mn400Bench()
+    bench.say("B30,30,30,30", "D1,-1,1,1", "M5,6,7,8")
+    bench.wait(500)
+    assert bench.device.steps_at(bench.now) == [5, 36, 7, 8]
+    assert bench.peek() == [5, 6, 7, 8]
+    bench.say("M-5,1")
+    bench.wait(500)
+    assert bench.device.steps_at(bench.now) == [40, 37, 7, 8]
+    assert bench.peek() == [0, 7, 7, 8]

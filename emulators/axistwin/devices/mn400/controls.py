@@ -29,6 +29,12 @@ MN400: Final = ControlTable(
         Control("baud", "whole", "the rate of its serial line now", "baud"),
         Control("counters", "data", "the four counters, in steps (E)", "counters"),
         Control("remaining", "data", "steps that are not made of the motion (N)", "remaining"),
+        Control(
+            "step_pulses",
+            "data",
+            "pulses at the four step outputs since power-up, in either direction, all counted",
+            read="steps_at",
+        ),
         Control("is_moving", "switch", "whether a motion is under way or paused", read="moves_at"),
         Control("exit_code", "whole", "what / tells", "exit_code"),
         Control(

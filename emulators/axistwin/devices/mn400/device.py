@@ -34,7 +34,7 @@ from axistwin.devices.mn400.link.receiver import Flaw, PacketReceiver, Request
 from axistwin.devices.mn400.link.talker import Message, Talker
 from axistwin.devices.mn400.motion import PulseTrain
 from axistwin.devices.mn400.mover import Mover
-from axistwin.devices.mn400.orders import Four
+from axistwin.devices.mn400.orders import Four, added
 from axistwin.devices.mn400.quirks import Mn400Quirks, parse_decimal
 from axistwin.devices.mn400.readout import MEASURES_MS
 from axistwin.devices.mn400.store import ProgramStore
@@ -500,6 +500,10 @@ class Mn400Board:
     def position_at(self, now: Nanos) -> Four:
         """The counters."""
         return self.interpreter.readout.position_at(now)
+
+    def steps_at(self, now: Nanos) -> list[int]:
+        """Pulses at the step outputs since power-up, in either direction, compensation included."""
+        return list(added(self.mover.made_at(now), self.jogger.made_at(now)))
 
     def moves_at(self, now: Nanos) -> bool:
         """Whether an axis moves, or will when its pause is over or pulses come."""

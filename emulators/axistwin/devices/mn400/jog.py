@@ -53,6 +53,13 @@ class Jogger:
                 moved = added(moved, press.motion.position_at(now))
         return moved
 
+    def made_at(self, now: Nanos) -> Four:
+        """Pulses at the step outputs of the motions that are under way."""
+        made = ZERO
+        for motion in self.motions():
+            made = added(made, motion.made_at(now))
+        return made
+
     def motions(self) -> list[VectorMotion]:
         """The motions that are under way."""
         return [press.motion for press in self._presses.values() if press.motion is not None]

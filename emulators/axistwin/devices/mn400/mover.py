@@ -78,6 +78,7 @@ class Mover:
         self._base: Four = (quirks.power_on_position,) * AXES
         self._memory: Four = (1, 1, 1, 1)
         self._phantom = 0
+        self._made: Four = ZERO
         self._left: Four = ZERO
         self._path_left: Four = ZERO
         self.exit_code = 0
@@ -147,6 +148,10 @@ class Mover:
             return abs(left[0]), abs(left[1]), abs(left[2]), abs(left[3])
         return left
 
+    def made_at(self, now: Nanos) -> Four:
+        """Pulses at the step outputs since power-up, those of compensation included."""
+        return self._made if self._motion is None else added(self._made, self._motion.made_at(now))
+
     def phantom_at(self, now: Nanos) -> int:
         """Phantom steps since power-up (E1, E2)."""
         return self._phantom + (0 if self._motion is None else self._counted(self._motion, now))
@@ -215,6 +220,7 @@ class Mover:
     def count(self, now: Nanos, motion: VectorMotion) -> None:
         """Take over what ``motion``, a jog that is over, has moved (rule 5)."""
         self._base = wrapped(added(self._base, motion.position_at(now)))
+        self._made = added(self._made, motion.made_at(now))
         moved = motion.lash_memory_at(now)
         was = zip(self._memory, moved, motion.position_at(now), strict=True)
         self._memory = loaded(self._memory, [new if way else old for old, new, way in was])
@@ -297,6 +303,7 @@ class Mover:
         motion = self._motion
         assert motion is not None
         self._phantom += self._counted(motion, now)
+        self._made = added(self._made, motion.made_at(now))
         self._memory = motion.lash_memory_at(now)
         if self._ended_by is None:
             self.exit_code = self._halted_code
@@ -473,8 +480,16 @@ class Mover:
         self._change_paced(now, lambda motion: motion.index(now))
 
     def feed(self, now: Nanos, pulses: int) -> None:
-        """External pulses."""
-        self._change_paced(now, lambda motion: motion.feed(now, pulses))
+        """External pulses; one by one where a limit may come in the way of a path that turns."""
+        order = self.order
+        turns = order is not None and order.letter in "A+)" and any(self._inputs.limits_on)
+        for count in [1] * pulses if turns else [pulses]:
+            self._take_pulses(now, count)
+            if self.order is not order:
+                break
+
+    def _take_pulses(self, now: Nanos, count: int) -> None:
+        self._change_paced(now, lambda motion: motion.feed(now, count))
 
     def follow(self, now: Nanos, train: PulseTrain | None) -> None:
         """Pulses come by themselves from now on, or no more."""
