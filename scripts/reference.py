@@ -11,7 +11,7 @@ import click
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from scripts import reference_mac_pages, reference_msc  # noqa: E402
+from scripts import reference_mac_pages, reference_mn400, reference_msc  # noqa: E402
 from scripts.reference_tables import table  # noqa: E402
 
 from axistwin import catalog  # noqa: E402
@@ -145,6 +145,7 @@ PAGES = {
     "reference/mac-serial-commands.md": reference_mac_pages.serial_page,
     "reference/mac-serial-quirks.md": quirks,
     "reference/mac-serial-requirements.md": requirements,
+    "reference/mn400-protocol.md": reference_mn400.page,
     "reference/mn400-quirks.md": mn400_quirks,
     "reference/msc-protocol.md": reference_msc.page,
     "reference/msc-quirks.md": msc_quirks,
