@@ -114,6 +114,13 @@ def test_every_list_of_distances_is_read_back(distances: list[int | None]) -> No
     assert read == tuple(distances) + (None,) * (4 - len(distances))
 
 
+def test_numbers_of_any_length_are_read_right() -> None:
+    """As many digits as a buffer may hold; leading zeros do not count."""
+    assert parse("L" + "0" * 8000 + "7") == (7, None, None, None)
+    assert parse("L1" + "0" * 8000) is None
+    assert parse("L1" + "0" * 20) is None
+
+
 def test_commands_that_a_predecessor_lacks_can_be_left_out() -> None:
     """; and : (MN4-AMB-38)."""
     known = commands(parse_quirks({"has_feedhold_cmds": False}))

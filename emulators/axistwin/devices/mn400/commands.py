@@ -4,7 +4,7 @@ Rules
 -----
 1. The order of judgement: & first, then unknown commands, a pending motion, the entry of a program
    or contour, what the state allows, the grammar, the ranges.  Only then anything changes.
-2. START stands before everything that is said of a known command; an unknown one is refused alone
+2. START precedes every answer to a known command; an unknown one is refused alone
    (MN4-ERR-03, MN4-AMB-04).
 3. DONE follows at once, never at the end of a motion (MN4-RSP-05); a value is that of the moment in
    which START has left (MN4-RSP-15).
@@ -29,7 +29,7 @@ from axistwin.devices.mn400.inputs import Inputs
 from axistwin.devices.mn400.jog import Jogger
 from axistwin.devices.mn400.link.packets import ReturnCode
 from axistwin.devices.mn400.link.ports import Answer, BoardLine, Origin, Port
-from axistwin.devices.mn400.link.talker import Message, ReplyPart
+from axistwin.devices.mn400.link.sender import Message, ReplyPart
 from axistwin.devices.mn400.mover import Mover, QueueFullError, Waiting
 from axistwin.devices.mn400.orders import MotionOrder, StoredSegment, change_of
 from axistwin.devices.mn400.quirks import Mn400Quirks
@@ -187,7 +187,7 @@ class Interpreter:
     def refusal(
         self, command: int, code: ReturnCode, payload: bytes, *, is_alone: bool = False
     ) -> Answer:
-        """What is said of a line that is refused (rule 2)."""
+        """The answer to a line that is refused (rule 2)."""
         why = _REASONS[code].format(state=self.state().value)
         self.refused.append(f"refused {payload.decode('ascii', 'replace')!r}: {why}")
         policy = self._quirks.error_start_policy

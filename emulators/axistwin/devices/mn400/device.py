@@ -4,7 +4,7 @@
 
     line --- PacketReceiver --- Interpreter --- Mover, Jogger --- motion
     USB  ----------------------     |           ProgramStore, Inputs
-    Talker (one per port) <---------'
+    ReplySender (one per port) <---------'
 
 Rules
 -----
@@ -31,7 +31,7 @@ from axistwin.devices.mn400.link import packets
 from axistwin.devices.mn400.link.packets import ReturnCode
 from axistwin.devices.mn400.link.ports import Answer, BoardLine, Origin
 from axistwin.devices.mn400.link.receiver import Flaw, PacketReceiver, Request
-from axistwin.devices.mn400.link.talker import Message, Talker
+from axistwin.devices.mn400.link.sender import Message, ReplySender
 from axistwin.devices.mn400.motion import PulseTrain
 from axistwin.devices.mn400.mover import Mover
 from axistwin.devices.mn400.orders import Four, added
@@ -62,7 +62,7 @@ _COUNT_BYTES: Final = len(",4294967295")
 SPINDLE_PULSES: Final = 2000
 """Of an encoder on the spindle, in one turn: then comes its index pulse."""
 
-_UNSAID_ON_USB: Final = (
+_SILENT_ON_USB: Final = (
     ReturnCode.START,
     ReturnCode.DONE,
     ReturnCode.MOVE_ABORT,
@@ -136,15 +136,15 @@ class Mn400Board:
         self._receiver = PacketReceiver(
             quirks, lambda: self.address, lambda: self.interpreter.raw_ends, skew_ns
         )
-        self._serial = Talker(self._send_packet, is_ahead=True)
-        self._usb = Talker(self._send_report, is_ahead=False)
-        is_told = quirks.usb_outcome_codes
-        self._unsaid_on_usb = _UNSAID_ON_USB if is_told else (*_UNSAID_ON_USB, *_OUTCOMES)
+        self._serial = ReplySender(self._send_packet, is_ahead=True)
+        self._usb = ReplySender(self._send_report, is_ahead=False)
+        has_outcomes = quirks.usb_outcome_codes
+        self._silent_on_usb = _SILENT_ON_USB if has_outcomes else (*_SILENT_ON_USB, *_OUTCOMES)
         self.reports: deque[bytes] = deque(maxlen=USB_QUEUE)
         self._config: deque[bytes] = deque()
         self._effects: list[Effect] = []
         self._powered = False
-        self._told = ""
+        self._shown_state = ""
         if powered:
             self.power_on(_LONG_AGO_NS)
             while (due := self._due()) <= 0:
@@ -223,7 +223,7 @@ class Mn400Board:
         start_ns = now + self._delay_ns
         if is_poll or (request.is_for_all and policy == "staggered"):
             start_ns += (number - 1) * self._slot_ns(letter, payload)
-        self._say(start_ns, answer, Origin.SERIAL)
+        self._reply(start_ns, answer, Origin.SERIAL)
 
     def _slot_ns(self, letter: str, payload: bytes) -> Nanos:
         """How long one board has for its reply (MN4-AMB-08, MN4-DROP-04)."""
@@ -246,13 +246,13 @@ class Mn400Board:
 
     # -- replies --
 
-    def _say(self, start_ns: Nanos, answer: Answer, origin: Origin) -> None:
+    def _reply(self, start_ns: Nanos, answer: Answer, origin: Origin) -> None:
         """Send a reply to where the command came from (MN4-PHY-05)."""
         is_both = self.quirks.reply_transport == "both"
         if origin is not Origin.USB or is_both:
-            self._serial.say(start_ns, answer.parts)
+            self._serial.send(start_ns, answer.parts)
         if origin is Origin.USB or (is_both and origin is Origin.SERIAL):
-            self._usb.say(start_ns, answer.parts)
+            self._usb.send(start_ns, answer.parts)
 
     def last_message(self, origin: Origin) -> Message | None:
         """What was sent last on the port of ``origin``."""
@@ -272,7 +272,7 @@ class Mn400Board:
         command, code = bytes((message.command,)), bytes((message.code,))
         if message.value is not None:
             content = command + message.value.encode("latin-1")
-        elif message.code in self._unsaid_on_usb:
+        elif message.code in self._silent_on_usb:
             return None
         else:
             is_whole = message.code == ReturnCode.PRESENT or self.quirks.usb_error_form != "code"
@@ -322,14 +322,14 @@ class Mn400Board:
                 self._serve(given_up)
             if self._config_due() <= due:
                 answer = self.interpreter.obey(due, self._config.popleft(), Origin.CONFIG)
-                self._say(due + self._delay_ns, answer, Origin.CONFIG)
+                self._reply(due + self._delay_ns, answer, Origin.CONFIG)
             self._settle(due)
 
     def _settle(self, now: Nanos) -> None:
-        """Let follow what follows at once: lines of the program, what is stored, sent and told."""
+        """Run the lines of the program that are due; store, send and report what has changed."""
         parts = self.interpreter.run_program(now)
         if parts:
-            self._serial.say(now + self._delay_ns, parts)
+            self._serial.send(now + self._delay_ns, parts)
         if self.interpreter.cells:
             self._effects.append(Store(tuple(self.interpreter.cells)))
             self.interpreter.cells.clear()
@@ -338,8 +338,8 @@ class Mn400Board:
         self._serial.run(now)
         self._usb.run(now)
         state = self.interpreter.state()
-        if state.name != self._told:
-            self._told = state.name
+        if state.name != self._shown_state:
+            self._shown_state = state.name
             self._effects.append(StateChanged(now, state.name, state.value))
 
     def _taken(self) -> list[Effect]:
@@ -361,7 +361,7 @@ class Mn400Board:
         if self._powered:
             self._powered = False
             self._forget(now)
-            self._told = "OFF"
+            self._shown_state = "OFF"
             effects.append(StateChanged(now, "OFF", "off"))
         return effects
 
@@ -402,7 +402,7 @@ class Mn400Board:
         self._run_until(now)
         text = packets.report_text(data)
         if self._powered and text:
-            self._say(now, self.interpreter.obey(now, text, Origin.USB), Origin.USB)
+            self._reply(now, self.interpreter.obey(now, text, Origin.USB), Origin.USB)
         return self._changed(now)
 
     def send_usb(self, now: Nanos, text: str) -> list[Effect]:

@@ -26,6 +26,8 @@ MARGIN: Final = 20
 """Of a contour whose ( has none, in steps per second (MN4-CMD-CC-01)."""
 
 _DIGITS: Final = frozenset(b"0123456789")
+_DIGITS_MAX: Final = 20
+"""More than any parameter has, leading zeros apart."""
 
 
 class ParameterError(ValueError):
@@ -196,9 +198,9 @@ def _number(field: bytes) -> int | None:
     if not field:
         return None
     digits = field.removeprefix(b"-")
-    if not digits or not _DIGITS.issuperset(digits):
+    if not digits or not _DIGITS.issuperset(digits) or len(digits.lstrip(b"0")) > _DIGITS_MAX:
         raise ParameterError
-    return int(digits[-4000:]) * (-1 if field[:1] == b"-" else 1)
+    return int(digits[-_DIGITS_MAX:]) * (-1 if field[:1] == b"-" else 1)
 
 
 def _omitted(parameter: BoardParameter, quirks: Mn400Quirks) -> int | None:

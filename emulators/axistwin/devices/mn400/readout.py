@@ -13,8 +13,8 @@ from axistwin.devices.mn400.grammar import Arguments
 from axistwin.devices.mn400.inputs import Inputs
 from axistwin.devices.mn400.jog import Jogger
 from axistwin.devices.mn400.link.packets import ReturnCode
-from axistwin.devices.mn400.link.ports import Answer, BoardLine, Port, said
-from axistwin.devices.mn400.link.talker import Message, ReplyPart
+from axistwin.devices.mn400.link.ports import Answer, BoardLine, Port, status_part
+from axistwin.devices.mn400.link.sender import Message, ReplyPart
 from axistwin.devices.mn400.mover import Mover
 from axistwin.devices.mn400.orders import added
 from axistwin.devices.mn400.quirks import Mn400Quirks
@@ -63,7 +63,7 @@ class ReadOut:
     def value(self, line: BoardLine, letter: str, given: Arguments) -> Answer:
         """START, and a value (rule 3)."""
         address, command, give = self._port.address, line.command, self._values[letter]
-        start = said(self._port, line, ReturnCode.START)
+        start = status_part(self._port, line, ReturnCode.START)
         measured_ms = MEASURES_MS.get(given[0] or 0) if letter == "E" else None
         if measured_ms is not None:
             return Answer([start, *self._measure(line, measured_ms)])
@@ -99,10 +99,10 @@ class ReadOut:
         mover = self._mover
         is_shut = not self._inputs.is_shield_open
         flags = (is_shut, mover.has_feed_hold, mover.is_paused, mover.stands_at(now))
-        told = _joined((*flags, mover.is_aborted))
+        text = _joined((*flags, mover.is_aborted))
         if self._quirks.abort_flag_clear == "read":
             mover.is_aborted = False
-        return told
+        return text
 
     def listing(self, line: BoardLine) -> Answer:
         """R: the user program, line by line (MN4-NVM-02, MN4-AMB-41)."""
@@ -112,10 +112,10 @@ class ReadOut:
             texts = [" ".join(texts)]
         if quirks.readprogram_end == "empty_line":
             texts.append("")
-        parts = [said(self._port, line, ReturnCode.START)]
+        parts = [status_part(self._port, line, ReturnCode.START)]
         parts += [ReplyPart(Message(address, command, value=text)) for text in texts]
         if quirks.readprogram_end == "done":
-            parts.append(said(self._port, line, ReturnCode.DONE))
+            parts.append(status_part(self._port, line, ReturnCode.DONE))
         return Answer(parts)
 
     def retransmit(self, line: BoardLine) -> Answer:

@@ -61,14 +61,14 @@ def _packet(raw: bytes) -> str:
         name = COMMANDS[letter].name
     else:
         name = f"command {letter!r}" if command in _PRINTABLE else f"command {command:02X}h"
-    text = name + _said(rest)
+    text = name + _content(rest)
     whose = "all boards" if number == EVERYBODY else f"board {number}"
     right = checksum(raw[:-1])
     doubt = "" if right == raw[-1] else f" [checksum wrong, {right:02X}h is right]"
     return f"{text} ({whose}){doubt}"
 
 
-def _said(rest: bytes) -> str:
+def _content(rest: bytes) -> str:
     """What follows the command's character."""
     codes = [code.value for code in ReturnCode]
     if rest and rest[0] in codes and rest[1:] in (b"", b"\x00"):
@@ -87,8 +87,8 @@ def compose(text: str, number: int) -> bytes:
 
     Raises UsageError.
     """
-    if (told := _BOARD.search(text)) is not None:
-        number = int(told[1] or EVERYBODY)
+    if (found := _BOARD.search(text)) is not None:
+        number = int(found[1] or EVERYBODY)
     line = _NOTES.sub("", text).strip()
     named = _NAMED.fullmatch(line)
     if named is not None:

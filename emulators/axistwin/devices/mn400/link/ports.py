@@ -4,7 +4,7 @@ from enum import Enum
 from typing import NamedTuple, Protocol
 
 from axistwin.devices.mn400.link.packets import ReturnCode
-from axistwin.devices.mn400.link.talker import Message, ReplyPart
+from axistwin.devices.mn400.link.sender import Message, ReplyPart
 from axistwin.kernel.time import Nanos
 
 
@@ -31,7 +31,7 @@ class Port(Protocol):
 
 
 class Answer(NamedTuple):
-    """What is said of a line; code: how it ended."""
+    """The answer to a line; code: how it ended."""
 
     parts: list[ReplyPart]
     code: ReturnCode = ReturnCode.DONE
@@ -48,6 +48,6 @@ class BoardLine(NamedTuple):
     is_for_all: bool = False
 
 
-def said(port: Port, line: BoardLine, code: ReturnCode) -> ReplyPart:
+def status_part(port: Port, line: BoardLine, code: ReturnCode) -> ReplyPart:
     """A status packet from the present number of the board."""
     return ReplyPart(Message(port.address, line.command, code))

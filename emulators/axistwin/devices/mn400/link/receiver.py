@@ -119,7 +119,7 @@ class PacketReceiver:
         return self._due
 
     def wake(self, now: Nanos) -> Request | None:
-        """Give the packet up if it is time (rule 3); what was for this board alone is told."""
+        """Give the packet up if it is time (rule 3); report what was for this board alone."""
         if self._due > now:
             return None
         due, opening, payload = self._due, self._frame.opening, bytes(self._frame.payload)

@@ -2,7 +2,7 @@
 
 Rules
 -----
-1. Messages leave in the order in which they were said, none before its time, and none before the
+1. Messages leave in the order in which they were given, none before its time, none before the
    one in front of it has left (MN4-PKT-08).
 2. A message whose content is known is handed to the line at once; one that depends on the moment
    (a read-out, the rate of the line) is made when its moment has come (MN4-RSP-15).
@@ -26,7 +26,7 @@ class Message(NamedTuple):
     value: str | None = None
 
 
-Sender: TypeAlias = Callable[[Nanos, Message], Nanos | None]
+SendMessage: TypeAlias = Callable[[Nanos, Message], Nanos | None]
 """Sends a message at a time, and tells when it has left; None: the port does not send it."""
 
 
@@ -40,11 +40,11 @@ class ReplyPart(NamedTuple):
     wait_ns: Nanos = 0
 
 
-class Talker:
+class ReplySender:
     """The sending half of a port.  is_ahead: what is known may be sent before its time."""
 
-    def __init__(self, send: Sender, *, is_ahead: bool) -> None:
-        self._send = send
+    def __init__(self, send: SendMessage, *, is_ahead: bool) -> None:
+        self._send_message = send
         self._is_ahead = is_ahead
         self._parts: deque[tuple[Nanos, ReplyPart]] = deque()
         self._free_ns: Nanos = 0
@@ -52,22 +52,22 @@ class Talker:
         self.last: Message | None = None
 
     def reset(self, now: Nanos) -> None:
-        """Say nothing more, and know nothing of what was said."""
+        """Drop what is to be sent, and forget what was sent."""
         self._parts.clear()
         self._free_ns = self._not_before = now
         self.last = None
 
     @property
     def is_silent(self) -> bool:
-        """Whether nothing is to be said any more; what is said may still be on its way."""
+        """Whether nothing waits to be sent; the last bytes may still be on their way."""
         return not self._parts
 
     @property
     def free_ns(self) -> Nanos:
-        """When what is said has left."""
+        """When the last message has left."""
         return self._free_ns
 
-    def say(self, start_ns: Nanos, parts: list[ReplyPart]) -> None:
+    def send(self, start_ns: Nanos, parts: list[ReplyPart]) -> None:
         """Send ``parts``, the first one at ``start_ns`` at the earliest."""
         self._parts.extend((start_ns, part) for part in parts)
 
@@ -99,6 +99,6 @@ class Talker:
                 message = part.message(start_ns)
             self._parts.popleft()
             self._free_ns = start_ns
-            left_ns = None if message is None else self._send(start_ns, message)
+            left_ns = None if message is None else self._send_message(start_ns, message)
             if left_ns is not None:
                 self._free_ns, self.last, has_sent = left_ns, message, True
