@@ -313,7 +313,7 @@ class Watch:
         """All glides of the motion as planned now."""
         (pace,) = motion.paces
         assert isinstance(pace, TimedPace)
-        start = self.settings.profile.start
+        start = Fraction(self.settings.profile.start)
         before, index = self.speed, None
         for glide in pace.timeline.glides:
             here = bisect_right(pace.bounds, (glide.x0 + glide.x1) // 2)
