@@ -333,7 +333,7 @@ class Watch:
                     # Below start speed it may change at once, also right behind a junction.
                     slowest, fastest = self.entries(here, before)
                     near = Fraction(1, 1000)
-                    assert slowest - near <= max(first, start)
+                    assert slowest <= max(first, Fraction(start)) + near
                     assert first <= fastest + near
             before, index = last, here
 
