@@ -7,7 +7,7 @@ from fractions import Fraction
 from itertools import pairwise
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mn400_motions import S, end, negated, rules
 
@@ -369,6 +369,21 @@ whole_contours = st.lists(
         max_size=8,
     ),
     st.integers(0, 1000),
+)
+@example(  # a hard junction, reached at start speed and a rounding
+    parts=[
+        ContourSegment((130, -78, 130, 299), 7957),
+        ContourSegment((-85, -220, 152, -300), 3000),
+        ContourSegment((130, -78, 130, 299), 7957),
+        ContourSegment((202, 130, -300, -203), 4829),
+        ContourSegment((92, 75, 106, -108), 3000),
+        ContourSegment((111, 175, 0, 130), 7957),
+    ],
+    profile=SpeedProfile(653, 1314, 28027),
+    multiplex=1,
+    margin=101,
+    changes=[(309, "resume"), (806, "pause"), (23, "feed"), (192, "resume"), (360, "pause")],
+    permille=230,
 )
 @settings(max_examples=200, deadline=None)
 def test_no_change_exceeds_speed_acceleration_or_margin(

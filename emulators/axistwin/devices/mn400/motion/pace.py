@@ -24,7 +24,7 @@ from axistwin.devices.mn400.motion.timeline import FINE, ONE, Piece, Timeline
 from axistwin.kernel.time import Nanos
 
 NEAR = ONE >> 16
-"""A stop that lies so near before the end is at the end."""
+"""A stop so near before the end is at the end; a speed so near to start speed is that."""
 
 
 class Pace(Protocol):
@@ -217,8 +217,13 @@ class TimedPace:
         braking: list[list[Piece]] = []
         for offset, part in enumerate(planned):
             braking.append([])
-            if offset and (seam := self.seams[index + offset - 1]):
-                speed = max(seam.lowest_entry(speed), part[0].v0)
+            if offset:
+                seam = self.seams[index + offset - 1]
+                # Down to start speed it passes hard seams, too, rounding apart: there lo, which
+                # is that of a soft seam, says nothing, and the plan is met at once.
+                is_braking = speed > (self.settings.profile.start << FINE) + NEAR
+                slowest = seam.lowest_entry(speed) if seam and is_braking else 0
+                speed = max(slowest, part[0].v0)
             if not self.stretches[index + offset].is_ramped:
                 return braking, list(part)
             for number, piece in enumerate(part):
