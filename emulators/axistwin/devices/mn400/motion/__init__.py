@@ -38,6 +38,7 @@ What a motion answers.  Times are ``Nanos``; None means never, as planned now.
     position_at(t)      commanded displacement so far; add it to the counters at the start, wrap
                         there (MN4-MOT-06).  Compensation counts only if rules.backlash_counts
     remaining_at(t)     total - position (N, net and signed);  path_left_at(t)  steps not taken
+    made_at(t)          steps made in either direction, compensation included
     phantom_at(t)       ticks of multi-axis moves so far (E1, E2)
     headings_at(t)      direction (+1, 0, -1) of the next step of each axis; 0: none will come.
                         Known before the pulses are; 0 while it stands paused

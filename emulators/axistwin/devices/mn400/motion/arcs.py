@@ -173,6 +173,8 @@ class ArcPath:
 
     def _tick_at(self, x: int) -> int:
         """The last tick that ends up to ``x``."""
+        if not self.ticks:  # it ends where it begins (MN4-AMB-29)
+            return 0
         if not self.is_tangential:
             return min(x * self.ticks // self.length, self.ticks)
         return bisect_right(range(1, self.ticks + 1), x, key=self._place_of_tick)

@@ -90,6 +90,10 @@ class VectorMotion:
             )
         )
 
+    def made_at(self, now_ns: Nanos) -> Quad:
+        """Steps made so far in either direction, compensation included: pulses at the outputs."""
+        return _quad(lambda axis: self._taken(axis, now_ns))
+
     def phantom_at(self, now_ns: Nanos) -> int:
         """Ticks of commanded moves of more than one axis so far (MN4-MEA-01)."""
         return self.chain.phantoms(self._x_at(now_ns))
