@@ -6,10 +6,9 @@ a request lies in that exchange's window (`AxisExchange.taken`).
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import cycle, pairwise
 from typing import Final
 
 from axistwin_conformance.base.check import check
@@ -253,17 +252,13 @@ def until_its_boot_up_message_it_serves_nothing(session: Session) -> None:
     driver = CanDriver(session)
     start = driver.motion.ready()
     exchange = driver.client.within(QUIET_S, 0x00)
-    frames = [
-        driver.client.request(0x20).frame(),
-        driver.client.request(0x0F, 0x77).frame(),
-        codec.sync(),
-    ]
-    frames += [driver.client.request(0x12).frame(), driver.client.request(0x20, 0, 0x01).frame()]
+    requests = ((0x20,), (0x0F, 0x77), (0x12,), (0x20, 0, 0x01))
+    frames = [codec.sync(), *(driver.client.request(*each).frame() for each in requests)]
     if not session.envelope.is_guarded:
         frames.append(driver.client.request(0x13, start + 500).frame())
     until_ns = exchange.taken.earliest_ns + round((driver.motion.deaf_surely_s) * 1e9)
     until_ns -= round(2 * QUIET_S * 1e9) + driver.client.target.uncertainty_ns
-    for frame in itertools.cycle(frames):
+    for frame in cycle(frames):
         if driver.client.target.now_ns >= until_ns:
             break
         received = replies(driver, frame, is_awaited=False)
