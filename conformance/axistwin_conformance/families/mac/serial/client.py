@@ -82,8 +82,14 @@ class SerialClient(AxisClient):
         if error != seen.get("xonerror_byte", error) and error is not None:
             return False
         if index in ANSWERED:
-            return reply.kind is ReplyKind.ANSWER
+            return reply.kind is ReplyKind.ANSWER and self._may_answer(index, reply)
         return reply.kind in (ReplyKind.ACCEPTED, ReplyKind.REFUSED, ReplyKind.ANSWER)
+
+    def _may_answer(self, index: int, reply: SerialReply) -> bool:
+        """True for the answer of any module of the line to that query, in any reading."""
+        whoever = {self.address, self.session.address, *self.session.neighbours, 0x00}
+        digits = {index & 0xF, OTHER_DIGITS.get(index)}
+        return reply.address in {*whoever, codec.GENERAL_ADDRESS} and reply.digit in digits
 
     def _once(self, data: bytes, timeout_s: float | None) -> AxisExchange:
         self._judge_unasked()
