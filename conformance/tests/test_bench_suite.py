@@ -33,11 +33,11 @@ def test_the_benchmark_tells_five_rates_and_their_ratios() -> None:
     assert canned["median_per_s"] > one_draw["median_per_s"], "without the twin"
     for name, one, other, aim, key in (
         ("stateful / limit", stateful, limit, 0.5, "slices_per_s"),
-        ("one-draw / stateful", one_draw, stateful, 10, "slices_per_s"),
-        ("all cores / stateful", shared, stateful, 10, "slices_per_s"),
-        ("the same by the clock", shared, stateful, 10, "slices_by_clock_per_s"),
+        ("one-draw / stateful", one_draw, stateful, None, "slices_per_s"),
+        ("all cores / stateful", shared, stateful, None, "slices_per_s"),
+        ("the same by the clock", shared, stateful, None, "slices_by_clock_per_s"),
     ):
         (mine,), (its,) = one[key], other[key]
         ratio = mine / its
         assert told[name]["ratio"] == ratio
-        assert (told[name]["aim"], told[name]["is_reached"]) == (aim, ratio >= aim)
+        assert told[name]["aim"] == aim

@@ -145,4 +145,5 @@ def describe(error: Exception) -> str:
     """The crash in one line: what, and the place in the suite where it happened."""
     frames = traceback.extract_tb(error.__traceback__)
     place = f" ({frames[-1].name}, line {frames[-1].lineno})" if frames else ""
-    return f"error in the suite: {type(error).__name__}: {error}{place}"
+    text = " ".join(str(error).split())
+    return f"error in the suite: {type(error).__name__}: {text}{place}"

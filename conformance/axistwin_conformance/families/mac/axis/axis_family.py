@@ -16,6 +16,7 @@ from axistwin_conformance.core.lenient import Lenient
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis import snapshot
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
+from axistwin_conformance.families.mac.axis.driver.motion import PLAIN
 from axistwin_conformance.families.mac.axis.exchanges import AxisReply, ReplyKind
 from axistwin_conformance.families.mac.axis.options import OPTIONS
 from axistwin_conformance.families.mac.axis.rig_controls import AXIS_CONTROLS
@@ -102,6 +103,10 @@ class AxisFamily(Family):
     def restore(self, session: Session, memory: AxisSnapshot) -> tuple[str, ...]:
         """See `snapshot.restore`."""
         return snapshot.restore(session, memory)
+
+    def restore_between(self, session: Session, memory: AxisSnapshot) -> tuple[str, ...]:
+        """Leave the plain settings of `AxisMotion.ready`."""
+        return snapshot.restore(session, memory, left=PLAIN)
 
     def lenient(self, session: Session, request: bytes, reply: bytes) -> Lenient | None:
         """See `Family.lenient`; a reply that comes late is one that comes in its own time, but for

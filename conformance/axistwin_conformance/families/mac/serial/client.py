@@ -38,6 +38,10 @@ GLANCE_BYTES: Final = codec.REQUEST_BYTES + 12  # a query, and the reply as far 
 REPLIED: Final = frozenset({ReplyKind.ANSWER, ReplyKind.ACCEPTED, ReplyKind.REFUSED})
 
 
+def _is_general(data: bytes) -> bool:
+    return data[4:6].upper() == b"%02X" % codec.GENERAL_ADDRESS
+
+
 class SerialClient(AxisClient):
     """One module on the line: what is sent to it, and what it answers."""
 
@@ -100,6 +104,7 @@ class SerialClient(AxisClient):
         taken = self._window(sent_ns, len(data), len(received), self.target.now_ns)
         reply = codec.parse(received)
         self._note_spelling(reply)
+        self._count_writes(reply.kind, is_general=_is_general(data))
         self._note_whole(data, reply)
         return AxisExchange(data, reply, taken)
 
@@ -139,6 +144,8 @@ class SerialClient(AxisClient):
             if reply.final is not None:
                 self._noted.add(reply.final)
                 self._note_spelling(reply)
+        if self.session.run.budget.pending:
+            self._count_writes(codec.parse(received).kind, is_general=_is_general(data))
         return received, self._window(sent_ns, len(data), len(received), done_ns)
 
     def _whole(self, received: bytes, timeout_s: float) -> bytes:

@@ -34,7 +34,7 @@ def travel_guard(driver: AxisDriver, distance: int, period: int = PERIOD) -> int
         driver.motion.reinitialise()
     start = driver.motion.ready(period)
     driver.judge.accepted(0x09, start + distance)
-    driver.judge.accepted(0x0A, start - FAR)
+    driver.motion.keep_off(0x0A, start - FAR)
     driver.judge.accepted(0x03, 8)
     return start
 

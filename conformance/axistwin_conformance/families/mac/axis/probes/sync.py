@@ -72,7 +72,7 @@ def fifo_counts_executing(driver: AxisDriver) -> Outcome:
 @probe(safety=MOVES)
 def segment_signed(driver: AxisDriver) -> Outcome:
     """16h FFFF at a slow period: one step back, or a long way forward."""
-    start = driver.motion.ready(SLOWEST)
+    start = driver.motion.ready_for_segments()
     period = driver.limits.slowed(0x1000)
     put(driver, Segment(0xFFFF, period))
     driver.client.wait(driver.motion.lasting_s(100, period))
@@ -84,7 +84,7 @@ def segment_signed(driver: AxisDriver) -> Outcome:
 @probe(safety=MOVES)
 def fifo_underrun(driver: AxisDriver) -> Outcome:
     """One segment and no other behind it, with AA = 1 so that a ramp shows; then another."""
-    start = driver.motion.ready(coefficient=1)
+    start = driver.motion.ready_for_segments(coefficient=1)
     period = driver.limits.slowed(0x2000)
     exchange = put(driver, Segment(30, period))
     end = driver.motion.to_segments(exchange, start, Segment(30, period)).end
@@ -104,7 +104,7 @@ def fifo_underrun(driver: AxisDriver) -> Outcome:
 @probe(safety=MOVES)
 def segment_zero_period(driver: AxisDriver) -> Outcome:
     """1Eh with VVVV = 0000: refused; over at once; or long running."""
-    driver.motion.ready(SLOWEST)
+    driver.motion.ready_for_segments()
     kind = driver.client.command(0x1E, segment_parameter(WAIT_STEPS, 0)).kind
     driver.client.wait(0.02)
     is_running = driver.client.command(0x02, 0).kind is ReplyKind.REFUSED
@@ -117,7 +117,7 @@ def segment_zero_period(driver: AxisDriver) -> Outcome:
 @probe(safety=MOVES)
 def segment_zero_steps(driver: AxisDriver) -> Outcome:
     """1Eh with DDDD = 0000: over at once, or long running."""
-    driver.motion.ready(SLOWEST)
+    driver.motion.ready_for_segments()
     kind = driver.client.command(0x1E, segment_parameter(0, 0x1000)).kind
     is_running = driver.client.command(0x02, 0).kind is ReplyKind.REFUSED
     driver.motion.at_rest()
@@ -169,7 +169,7 @@ def stop17_in_interp(driver: AxisDriver) -> Outcome:
 @probe(safety=MOVES)
 def vel_during_interp(driver: AxisDriver) -> Outcome:
     """15h during a long 16h."""
-    driver.motion.ready(0x1000)
+    driver.motion.ready_for_segments()
     driver.judge.accepted(0x16, segment_parameter(100, SLOWEST))
     kind = driver.client.command(0x15, velocity(1, driver.limits.slowed(0x2000))).kind
     driver.motion.at_rest()
