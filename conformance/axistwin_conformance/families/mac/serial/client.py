@@ -121,7 +121,9 @@ class SerialClient(AxisClient):
 
     def _note_whole(self, data: bytes, reply: SerialReply) -> None:
         """Take note that this module, and none beside it, has said all that it was asked for."""
-        if reply.kind in REPLIED and data[4:6] == codec.two_digits(self.address):
+        is_mended = self.target.mender is not None  # then what is left over belongs to a reply
+        is_own = data[4:6] == codec.two_digits(self.address)
+        if reply.kind in REPLIED and reply.final is not None and is_own and not is_mended:
             self.session.run.replied_at = self.target.transcript.position
 
     def _limit_s(self, timeout_s: float | None) -> float:
