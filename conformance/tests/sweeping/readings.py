@@ -18,6 +18,7 @@ NEAR = 0.05  # a number that a device shows is measured
 SOUND: Mapping[str, tuple[int, int]] = {
     "boot_time_ms": (1500, 2400),
     "reply_latency_us": (0, 450_000),
+    "imax_value": (0x60, 0xFF),  # what 01h stores, and the manual's example, are no more
     "packet_timeout_ms": (260, 60_000),
     "ack_timeout_ms": (100, 60_000),
     "response_delay_ms": (0, 3000),
