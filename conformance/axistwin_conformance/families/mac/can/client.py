@@ -61,6 +61,7 @@ class CanClient(AxisClient):
         ),
         missing=(0x08, 0x1B, 0x28, 0x29),  # address, rate, memory
         has_sync=True,  # another way than 11h to start what is preloaded
+        faults=0x71,  # those of the MAC34 are none here (§5.1)
     )
 
     def __init__(self, session: Session, address: int | None = None) -> None:

@@ -60,7 +60,7 @@ class AxisFace:
     else the check is in doubt about the first (a second 13h is refused, a second segment runs).
     `missing`: commands and queries that other faces have and this one does not.  `unassigned`: what
     comes to a command and to a query that mean nothing, for each reading of `unknown_index`.
-    `has_sync`: there is a way to `synchronise`.
+    `has_sync`: there is a way to `synchronise`.  `faults`: the bits of dd of 21h with a meaning.
     """
 
     answered: range
@@ -69,6 +69,7 @@ class AxisFace:
     unassigned: tuple[tuple[ReplyKind, ReplyKind], ...]
     missing: tuple[int, ...] = ()
     has_sync: bool = False
+    faults: int = 0x7F
 
     @property
     def acceptance(self) -> Mapping[int, AcceptanceRow]:
