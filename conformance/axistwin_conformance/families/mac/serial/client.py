@@ -49,6 +49,11 @@ class SerialClient(AxisClient):
         answered=ANSWERED,
         may_be_silent=MAY_BE_SILENT,
         repeatable=REPEATABLE,
+        signs={
+            ReplyKind.ACCEPTED: "06 13 1A",
+            ReplyKind.REFUSED: "06 13 17",
+            ReplyKind.NACK: "15h",
+        },
         unassigned=(  # MACS-AMB-58
             (ReplyKind.REFUSED, ReplyKind.REFUSED),
             (ReplyKind.ACCEPTED, ReplyKind.ACCEPTED),

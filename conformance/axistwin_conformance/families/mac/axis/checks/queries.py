@@ -78,7 +78,8 @@ def the_release_is_eight_digits_that_stay(session: Session) -> None:
 
 @check("MACS-Q-20-01", "MACS-FRAME-05", "MACS-CMD-13-01", safety=("motion", "stored"), level="full")
 def positions_are_signed_and_big_endian(session: Session) -> None:
-    """13h and 20h carry signed 32-bit numbers, most significant digit first, on both sides of 0."""
+    """Targets and positions are signed numbers, most significant first: a move ends at its absolute
+    target on both sides of 0."""
     driver = driver_of(session)
     start = driver.motion.ready(0x0800)
     targets = [start - 1, start + 1, start + 300, start - 300]
@@ -87,7 +88,7 @@ def positions_are_signed_and_big_endian(session: Session) -> None:
     targets += [-1, 1, 0x101, -0x101, *edges, 0] if near_zero else []
     for target in targets:
         driver.motion.finish(
-            driver.motion.go(target), ("MACS-Q-20-01", "MACS-FRAME-05", "MACS-CMD-13-01")
+            driver.motion.go(target), ("MACS-CMD-13-01", "MACS-Q-20-01", "MACS-FRAME-05")
         )
 
 
