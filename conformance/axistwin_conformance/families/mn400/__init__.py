@@ -1,1 +1,5 @@
-"""The MN400 4-axis step and direction controller of MicroKinetics, on its serial line."""
+"""The MN400, a 4-axis step and direction controller, on its serial line.
+
+`codec` builds packets, sound or not, and takes them apart; `grammar` knows the 40 commands and what
+their parameters may be; `words` puts packets into words.
+"""
