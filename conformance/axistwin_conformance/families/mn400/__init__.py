@@ -1,5 +1,6 @@
 """The MN400, a 4-axis step and direction controller, on its serial line.
 
 `codec` builds packets, sound or not, and takes them apart; `grammar` knows the 40 commands and what
-their parameters may be; `words` puts packets into words.
+their parameters may be; `words` puts packets into words; `lenient` names what is wrong with a
+reply.  `planner` says how axes move, and `model` what a board must answer.
 """
