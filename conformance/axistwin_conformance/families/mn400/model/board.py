@@ -441,6 +441,14 @@ class BoardModel:
         """E has told where the axes are, and they stand."""
         self.timeline.observe(position)
 
+    def loaded(self, text: str, counters: tuple[int, ...]) -> tuple[int, ...]:
+        """What the counters are after an L, at rest; the same after any other text."""
+        self.load(counters)
+        command = read_command(text, self.reading)
+        if isinstance(command, ParsedCommand) and command.letter == "L":
+            self._load(command)
+        return tuple(low for low, _ in self.timeline.end)
+
     def load(self, position: tuple[int, ...]) -> None:
         """The counters are known to be these."""
         self.timeline = MotionTimeline(exactly(position))
