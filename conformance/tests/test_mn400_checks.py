@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable
 
 import pytest
-from mn400_board import SmallBoard, session_on
+from mn400_board import LEDGER, SmallBoard, session_on
 
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.verdicts import Verdict
@@ -198,3 +198,49 @@ def test_a_board_of_another_reading_passes_once_that_is_known(switch: str, readi
     for check in CHECKS.values():
         board = SmallBoard(1, **{switch: reading})
         assert failures(board, check, readings={switch: reading}) == {}, check.name
+
+
+# --- probes ---------------------------------------------------------------------------------------
+
+PROBES = {one.switch: one for one in Mn400().probes()}
+# What a small board can show of itself, beside the default of every switch.
+OTHER_READINGS = [
+    *[("data_packet_trailer", one) for one in ("none", "0600", "05", "0500", "00")],
+    ("outcome_null", "false"), ("error_start_policy", "always"), ("error_start_policy", "never"),
+    ("baud_reply", "plus_done"), ("omitted_param", "zero"), ("omitted_param", "error"),
+    ("extra_params", "ignore"), ("space_policy", "skip"), ("long_max", "2147000000"),
+    ("long_min", "-2147483648"), ("long_min", "-2147000000"), ("g_widths", "32x5"),
+    ("g_widths", "16x4_32"), ("speed_range_policy", "clip"), ("negative_v", "minus_one_only"),
+    ("plane_base", "0"), ("plane_z_check", "at_plane"), ("hold_takes_arg", "false"),
+    ("measure_other", "plain"), ("has_feedhold_cmds", "false"), ("shield_status_sense", "switch"),
+    ("cc_unsupported", "busy"), ("cc_unsupported", "ignored"),
+]  # fmt: skip
+
+
+def seen_of(switch: str, **readings: str) -> tuple[str, ...]:
+    """The readings that a probe finds on a board of these."""
+    one = PROBES[switch]
+    session = session_on(SmallBoard(1, **readings), one.check)
+    return one.look(session).readings
+
+
+@pytest.mark.parametrize("switch", PROBES)
+def test_a_probe_finds_the_default(switch: str) -> None:
+    """Alone, or among those that it cannot tell apart."""
+    assert LEDGER.ambiguity_of(switch).default_of(switch) in seen_of(switch)
+
+
+@pytest.mark.parametrize(("switch", "reading"), OTHER_READINGS)
+def test_a_probe_finds_another_reading(switch: str, reading: str) -> None:
+    """And no other with it."""
+    assert seen_of(switch, **{switch: reading}) == (reading,)
+
+
+def test_a_probe_leaves_a_board_as_it_was() -> None:
+    """Counters, feed hold, no entry left open."""
+    for one in PROBES.values():
+        board = SmallBoard()
+        board.counters, board.feed_hold = [5, -6, 7, 8], 1
+        one.look(session_on(board, one.check))
+        assert (board.counters, board.feed_hold) == ([5, -6, 7, 8], 1), one.switch
+        assert not board.is_entering, one.switch

@@ -9,7 +9,8 @@ unless a configuration program has set something else, which nobody can see.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -136,20 +137,27 @@ def restore(session: Session, memory: BoardSnapshot) -> tuple[str, ...]:
     return failed
 
 
+@contextmanager
+def put_back(session: Session, letters: str) -> Iterator[None]:
+    """Put back at the end what commands of these letters set in the block, whatever becomes of it:
+    a run that is passive only remembers nothing else."""
+    memory = remember(session)
+
+    def restored() -> bool:
+        memory.touched = {*letters}
+        return not restore(session, memory)
+
+    with session.restore_on_exit(str(memory), restored):
+        yield
+
+
 def restoring(letters: str) -> Callable[[CheckFunction], CheckFunction]:
-    """Have a check put back what its commands of these letters set, whatever becomes of it: a run
-    that is passive only remembers nothing else."""
+    """Have a check put back what its commands of these letters set; see `put_back`."""
 
     def decorate(function: CheckFunction) -> CheckFunction:
         @functools.wraps(function)
         def kept(session: Session) -> None:
-            memory = remember(session)
-
-            def put_back() -> bool:
-                memory.touched = {*letters}
-                return not restore(session, memory)
-
-            with session.restore_on_exit(str(memory), put_back):
+            with put_back(session, letters):
                 function(session)
 
         return kept
