@@ -386,7 +386,6 @@ def test_what_departs_in_a_known_way_is_mended() -> None:
 
 @pytest.mark.parametrize("reply", [b"", b"OK\r\n", b"\x02\x01\x00"])
 def test_another_protocol_is_not_read(reply: bytes) -> None:
-    """Nor is silence; and nothing is a reply to a broken request."""
+    """Nor is silence; and what is no request has no reply."""
     assert lenient(1, codec.request(1, "E"), reply) is None
-    broken = codec.with_wrong_checksum(codec.request(1, "E"))
-    assert lenient(1, broken, SOUND_REPLIES["e"]) is None
+    assert lenient(1, codec.request(1, "E")[:3], SOUND_REPLIES["e"]) is None

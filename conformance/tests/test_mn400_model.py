@@ -177,6 +177,13 @@ def test_a_queued_load_acts_behind_the_moves_before_it() -> None:
     assert after("M500", "L0,0,0,0", "M7").where(now(9)) == exactly((7, 0, 0, 0))
 
 
+def test_a_counter_that_a_load_leaves_out_is_kept_or_zeroed() -> None:
+    """By the reading of the board (MN4-AMB-49)."""
+    assert board().loaded("L,9", (1, 2, 3, 4)) == (1, 9, 3, 4)
+    assert board(omitted_param="zero").loaded("L,9", (1, 2, 3, 4)) == (0, 9, 0, 0)
+    assert board().loaded("V5", (1, 2, 3, 4)) == (1, 2, 3, 4)
+
+
 def test_a_move_is_where_its_plan_says_between_its_windows() -> None:
     """V1000, M2000: about 1000 after a second, exactly there in the end."""
     model = after("V1000", "M2000")

@@ -95,6 +95,7 @@ class Mn400(Family):
         check, memory = session.check, session.run.memory
         if check is None:
             return None
+        snapshot.note_sent(session, data)
         if isinstance(memory, BoardSnapshot):
             memory.touched |= {text[:1].upper() for text in safety.texts(data)}
         allowed = frozenset(check.safety)
@@ -103,8 +104,11 @@ class Mn400(Family):
     def diagnose(self, session: Session, request: bytes, reply: bytes | None) -> Violation | None:
         """Which requirement a reply breaks that no board gives: the first departure of it."""
         asked = codec.parse(request)
-        if asked is None or not asked.is_sound or not reply:
+        if asked is None or not asked.is_sound or reply == b"":
             return None
+        if reply is None:
+            is_known = rule_of(asked.text) is not None
+            return Violation("MN4-RSP-03", "packets", "nothing") if is_known else None
         read = lenient.lenient(asked.board, request, reply)
         if read is None:
             came = words.hex_words(reply)

@@ -187,8 +187,8 @@ class BoardDriver:
     @contextmanager
     def entered(self, text: str, leaving: str = "Q") -> Iterator[None]:
         """Enter a contour, and leave it whatever happens."""
-        self.command(text)
         try:
+            self.command(text)
             yield
         finally:
             self.client.send(self.client.request(leaving))

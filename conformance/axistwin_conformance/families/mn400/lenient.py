@@ -44,10 +44,10 @@ class _Piece:
 
 
 def lenient(board: int, request: bytes, reply: bytes) -> Lenient | None:
-    """The reply of a board to a sound request; None: silence, or nothing of this protocol."""
+    """The reply of a board to a request, sound or not; None: silence, or another protocol."""
     asked = codec.parse(request)
     found, strays = codec.packets(reply)
-    if asked is None or not asked.is_sound or not reply:
+    if asked is None or not reply:
         return None
     if not found:
         is_begun = reply[0] == codec.address_byte(board) and strays == reply

@@ -13,16 +13,17 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Final
+from weakref import WeakKeyDictionary
 
 from axistwin_conformance.base.check import CheckFunction
 from axistwin_conformance.base.errors import TargetError, WrongDevice
-from axistwin_conformance.base.transcript import Direction
 from axistwin_conformance.core.identity import Identity
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400 import codec, words
 from axistwin_conformance.families.mn400.client import QUIET_S, BoardExchange
 from axistwin_conformance.families.mn400.driver import AXES, DONE, BoardDriver
 from axistwin_conformance.families.mn400.safety import danger, texts
+from axistwin_conformance.transport.transport import Transport
 
 ENTERING: Final = "(Zz."
 # What commands set that cannot be read, as at power-on (MN4-PWR-01, MN4-PWR-02).
@@ -71,6 +72,8 @@ def identify(session: Session) -> Identity:
             f" {_came(driver, exchange)}; try --baud with one of"
             f" {', '.join(map(str, codec.RATES))}, or another --address"
         )
+    if not exchange.says("START", "PRESENT"):
+        raise TargetError(f"no MN400 answers so to a poll: {_came(driver, exchange)}")
     firmware = driver.ask("?").value
     told = "unknown" if firmware is None else firmware.value
     if firmware is not None and not told.startswith("MN"):
@@ -97,15 +100,25 @@ def sanity(session: Session) -> bool:
     return bool(driver.ask("E").found)
 
 
+_opened: WeakKeyDictionary[Transport, set[str]] = WeakKeyDictionary()
+
+
+def note_sent(session: Session, data: bytes) -> None:
+    """Remember of what is sent what `stop` has to end: motion, and entries."""
+    for text in texts(data):
+        is_open = text[:1] in ENTERING or danger(text, session.address, session.target.baud)
+        if is_open and is_open != "passive":
+            _opened.setdefault(session.transport, set()).add(text[:1].upper())
+
+
 def stop(session: Session) -> None:
-    """Q, if what was sent may have moved something or opened an entry that Q ends."""
-    driver = BoardDriver(session)
-    sent = [record.data for record in session.records() if record.direction is Direction.HOST]
-    found = [text for data in sent for text in texts(data)]
-    rate = session.target.baud
-    if any(text[:1] in ENTERING or danger(text, driver.board, rate) != "passive" for text in found):
-        driver.client.send(driver.client.request("Q"))
-        driver.client.listen(session.reply_timeout_s)
+    """Q, if what was sent since the last one may have moved something or opened an entry; an entry
+    that Q does not end is ended before it.  Nothing else: a machine that moves is not ours."""
+    opened = _opened.pop(session.transport, set())
+    client = BoardDriver(session).client
+    for text in (*([codec.END_OF_PROGRAM] if "Z" in opened else []), *(["Q"] if opened else [])):
+        client.send(client.request(text))
+        client.listen(session.reply_timeout_s)
 
 
 # --- what to put back -----------------------------------------------------------------------------

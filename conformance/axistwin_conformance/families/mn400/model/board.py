@@ -401,10 +401,9 @@ class BoardModel:
 
     def _load(self, command: ParsedCommand) -> None:
         """Counters from here on; those of motions that still run come before it in the queue."""
-        old = self.timeline.end
-        place: Place = tuple(
-            was if one is None else (one, one) for was, one in zip(old, command.values, strict=True)
-        )
+        left_out = (0, 0) if self.reading("omitted_param") == "zero" else None
+        pairs = zip(self.timeline.end, command.values, strict=True)
+        place: Place = tuple((left_out or was) if one is None else (one, one) for was, one in pairs)
         if not self.timeline.motions:
             self.timeline.place = place
         else:
