@@ -24,7 +24,12 @@ from types import FrameType
 from typing import Any
 
 WIDTH, MOST_LINES = 80, 40
-LINES_AROUND = 12  # of those: what is printed before the verdicts, and behind them
+LINES_AROUND = 13  # of those: what is printed before the verdicts, and behind them
+ALONE = "until the table is printed, leave the ports alone: another client spoils the verdicts"
+LEGEND = (  # below the table
+    "judged: requirements with a verdict, of those chosen; the others need --level full"
+    " or more of --allow.  open: inconclusive."
+)
 ENDING_S = 20.0  # a judgement that is broken off stops the axis and puts everything back first
 INTERRUPTED = 130
 
@@ -171,7 +176,10 @@ def judge_all(folder: Path) -> int:
         for place in PLACES:
             begun.append(judge(place, folder / f"{place.judged}-report"))
             stack.callback(_end, begun[-1].process)
-        print(f"judging {', '.join(place.judged for place in PLACES)} at the same time", flush=True)
+        print(
+            f"judging {', '.join(place.judged for place in PLACES)} at the same time;\n{ALONE}",
+            flush=True,
+        )
         for one in begun:
             one.process.wait()
             print(f"{one.place.judged} is judged", flush=True)
@@ -203,6 +211,7 @@ def verdicts(found: Sequence[tuple[Sequence[str], Mapping[str, Any] | str]]) -> 
             failures.append([words[1], *_sentences(report), f"again: axistwin {' '.join(words)}"])
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     table = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+    table += ["", *textwrap.wrap(LEGEND, WIDTH)]
     room = MOST_LINES - LINES_AROUND - len(table)
     return [*table, *_fitting(failures, room // max(1, len(failures)))]
 
@@ -259,7 +268,13 @@ def run(*, is_once: bool) -> int:
         print(f"\n{len(PLACES)} twins judged: {told}", flush=True)
         if not is_once:
             where = ", ".join(f"{one.link} ({Path(one.link).resolve()})" for one in PLACES)
-            print("\n".join(textwrap.wrap(f"They stay open at {where}; Ctrl-C ends them.", WIDTH)))
+            print(
+                "\n".join(
+                    textwrap.wrap(
+                        f"The twins stay at {where}, for any client; Ctrl-C ends them.", WIDTH
+                    )
+                )
+            )
             sys.stdout.flush()
             with contextlib.suppress(KeyboardInterrupt, Ended):
                 for daemon in daemons:
@@ -269,7 +284,13 @@ def run(*, is_once: bool) -> int:
 
 def main() -> int:
     """Parse the arguments and run."""
-    parser = argparse.ArgumentParser(description=__doc__, prog="scripts/run")
+    parser = argparse.ArgumentParser(
+        prog="scripts/run",
+        description="Start every twin, judge all of them over their own ports at the same time,"
+        " print a table of the verdicts and what failed, and leave the twins running.",
+        epilog=f"{ALONE[0].upper()}{ALONE[1:]}.  Exit status: 0 if all conform, else that of the"
+        " worst verdict.",
+    )
     parser.add_argument("--once", action="store_true", help="exit when the verdicts are printed")
     arguments = parser.parse_args()
     signal.signal(signal.SIGTERM, _terminated)

@@ -24,7 +24,7 @@ import click
 from axistwin_conformance.base import interrupts
 from axistwin_conformance.base.classes import FULL, LEVELS
 from axistwin_conformance.base.errors import UsageError, with_article
-from axistwin_conformance.cli_types import Word, WordPath, refuse_lost
+from axistwin_conformance.cli_types import SectionedCommand, Word, WordPath, refuse_lost
 from axistwin_conformance.core.option_types import Address, Count
 from axistwin_conformance.families.catalog import families, family_options
 from axistwin_conformance.options import make_options as make_options
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from axistwin_conformance.engine.run import Engine
     from axistwin_conformance.report.folder import ReportFolder
 
+EXTRA = ("hypothesis", "jinja2", "rich")  # by these names a clone and a wheel both find them
 VERDICTS = (0, 1, 4)
 UNWRITTEN = 2  # a verdict that is missing where it was asked for is none
 UNWRITABLE = (errno.EPIPE, errno.ENOSPC, errno.EIO, errno.EFBIG, errno.EDQUOT)
@@ -81,6 +82,13 @@ class OutputLost(BaseException):
         self.error = error
 
 
+SECTIONS = {
+    "port": "Device",
+    "dry_run": "What may happen to the device",
+    "level": "What is judged",
+    "report": "Output",
+}  # each begins with this option
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -94,65 +102,80 @@ def _family_options(function: Function) -> Function:
     return function
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@click.command(
+    cls=SectionedCommand,
+    sections=SECTIONS,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
 @click.argument("model", required=False)
 @click.argument("ids", nargs=-1, type=Word(), metavar="[ID]...")
 @click.option(
     "--port",
     type=Word(),
     metavar="URL",
-    help="Of a device on a line: its port, or a pyserial URL. Without it: the built-in twin.",
+    help="Port of a device on a serial line: a name such as /dev/ttyUSB0, or a URL of pyserial."
+    " Without --port and --can, the built-in twin is judged.",
 )
 @click.option(
     "--can",
     type=Word(),
     metavar="INTERFACE:CHANNEL",
-    help="Of a device on a CAN bus: interface and channel of python-can, for instance"
-    " socketcan:can0 or slcan:/dev/ttyACM0; further options of the interface as ?NAME=VALUE&...",
+    help="Bus of a device on CAN: interface and channel of python-can, such as socketcan:can0 or"
+    " slcan:/dev/ttyACM0; further options of the interface as ?NAME=VALUE&...",
 )
-@click.option("--address", type=Address(), help="The device's address on its line or bus.")
+@click.option("--address", type=Address(), help="Address of the device on its line or bus.")
 @click.option(
     "--neighbour",
     "neighbours",
     type=Address(),
     multiple=True,
-    help="Address of a further module of this kind on the line or bus; repeatable.",
+    help="Address of another module of this kind on the line or bus; repeatable.",
 )
 @click.option("--baud", type=Count(1, MOST_BAUD), help="Rate of the line.")
 @click.option(
     "--bitrate",
     type=click.IntRange(10_000, 1_000_000),
     metavar="N",
-    help="Of the bus, in bit/s; given to the interface. Without it: as the interface is set.",
+    help="Rate of the bus in bit/s, for interfaces that set it. Default: as the interface is set.",
 )
+@click.option("--dry-run", is_flag=True, help="Show the plan, and send nothing.")
 @click.option(
     "--allow",
     metavar="CLASS,...",
-    help="What may be done beside passive tests: motion, stored, negative, rig, destructive. "
-    "Default: nothing on a port or a bus, everything on the built-in twin.",
+    help="Classes of tests to allow besides passive ones: motion, stored, negative, rig,"
+    " destructive. Default: none on a port or a bus, all on the built-in twin.",
 )
 @_family_options
 @click.option(
     "--rig",
     type=click.Choice(("twin", "prompt", "command")),
-    help="What works inputs, supply and shaft; needs --allow rig on a device. A twin is its own.",
+    help="Rig that operates inputs, supply and shaft. A device also needs --allow rig; a twin is"
+    " its own rig.",
 )
 @click.option(
     "--rig-command",
     type=Word(),
     metavar="COMMAND",
-    help="For --rig command: run per act with {verb}, {name} and {value} filled in.",
+    help="With --rig command: the command to run for each act; {verb}, {name} and {value} are"
+    " filled in.",
+)
+@click.option(
+    "--restore",
+    type=WordPath(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Restore the device from the file that an earlier run named before it wrote anything;"
+    " judge nothing. Default port and address: those of the file.",
 )
 @click.option(
     "--level",
     type=click.Choice(LEVELS),
-    help=f"How much to run. Default: {FULL}. soak: then random sequences for --duration.",
+    help=f"How much to run. Default: {FULL}. soak: full, then random sequences for --duration.",
 )
 @click.option(
     "--duration",
     type=Duration(),
     metavar="TIME",
-    help="Of a soak, in real time: 45s, 30m, 2h, or hours. Default: 2h.",
+    help="Length of a soak in real time: 45s, 30m, 2h; a number alone is hours. Default: 2h.",
 )
 @click.option(
     "--jobs",
@@ -160,8 +183,8 @@ def _family_options(function: Function) -> Function:
     default=usable_cores,
     show_default="usable cores",
     metavar="N",
-    help="Processes that play random sequences on twins of their own, where the built-in twin is"
-    " judged. What is found does not depend on it.",
+    help="Processes that play random sequences on the built-in twin. The findings do not depend on"
+    " it.",
 )
 @click.option("-x", "--exitfirst", is_flag=True, help="End after the first check that fails.")
 @click.option(
@@ -169,75 +192,71 @@ def _family_options(function: Function) -> Function:
     type=click.IntRange(min=0),
     default=0,
     show_default=True,
-    help="Decides every random choice of the run.",
+    metavar="N",
+    help="Seed of all random choices.",
 )
 @click.option(
     "--detect",
     "detect",
     type=WordPath(dir_okay=False, path_type=Path),
     metavar="OUT.toml",
-    help="Write the readings the device follows there; with neither ID nor --level, do only that.",
+    help="Write the profile of the device: its reading of each quirk. With neither ID nor --level,"
+    " do only that.",
 )
 @click.option(
     "--profile",
     "profile",
     type=WordPath(dir_okay=False, path_type=Path),
     metavar="FILE.toml",
-    help="The readings to expect of the device; another one is a failure.",
+    help="Profile that the device must have; another reading is a failure.",
 )
 @click.option(
     "--replay",
     type=Word(),
     metavar="FILE|HEX",
-    help="Play just the operations of a failure again; 0 if it does not come again.",
-)
-@click.option(
-    "--restore",
-    type=WordPath(dir_okay=False, path_type=Path),
-    metavar="FILE",
-    help="Put back what a run found, from the file it named before it wrote anything; judge"
-    " nothing. Port and address are those of the file.",
+    help="Repeat only the operations of a failure; exit status 0 if it does not occur again.",
 )
 @click.option(
     "--report",
     type=WordPath(file_okay=False, path_type=Path),
     metavar="DIR",
-    help="Write report.html, report.json, junit.xml and events.jsonl there, and the operations"
-    " of failures.",
+    help="Write report.html, report.json, junit.xml, events.jsonl and the operations of failures"
+    " to this folder.",
 )
 @click.option(
     "--compare",
     nargs=2,
     type=WordPath(path_type=Path),
     metavar="OLD NEW",
-    help="Show which verdicts changed between two reports, folders or report.json; run nothing.",
+    help="Show the verdicts that changed between two reports (folders or report.json); run"
+    " nothing.",
 )
 @click.option("--list", "is_list", is_flag=True, help="List requirements and checks; run nothing.")
-@click.option("--dry-run", is_flag=True, help="Show the plan; run nothing.")
-@click.option("--json", "is_json", is_flag=True, help="One JSON object per event instead of text.")
-@click.option("-v", "--verbose", is_flag=True, help="Show what passes, too, and whole transcripts.")
+@click.option("--json", "is_json", is_flag=True, help="Print one JSON object per event.")
+@click.option("-v", "--verbose", is_flag=True, help="Show passes too, and whole transcripts.")
 @click.pass_context
 def conform(ctx: click.Context, /, **given: Any) -> None:  # fmt: skip
     """Judge MODEL against its manual, requirement by requirement.
 
-    \b
-    axistwin conform mac23                               the built-in twin, everything
-    axistwin conform mac23 --port /dev/ttyUSB0           a real one, passive tests only
-    axistwin conform mac23 --port ./mac --allow motion   ... which may move
-    axistwin conform mac23-can --can socketcan:can0      a module on a CAN bus
-    axistwin conform msc-250 --port /dev/ttyUSB0 --variables 2048-3071
-                                                         ... with addresses to read
-    axistwin conform mac23 MACS-FRAME MACS-CMD-13-01     some requirements
-    axistwin conform mac23 --level soak --duration 8h    random sequences, over night
-    axistwin conform mac23 --replay out/operations/...   one failure again
-    axistwin conform mac23 --port ./mac --allow motion --detect mac.toml
-                                                         its profile, for axistwin run --profile
-    axistwin conform --compare old new                   what changed between two --report
-    axistwin conform mac23 --port ./mac --allow motion,stored,destructive lock_08_1b
-                                                         one question, by its switch
+    ID: a requirement, a prefix of several, a check, or a quirk.  Default: everything.
 
-    ID is a requirement, the beginning of some, the name of a check, or that of a switch
-    (axistwin models MODEL lists them), which is then asked for.
+    \b
+    the built-in twin, in virtual time
+      axistwin conform mac23
+      axistwin conform mac23 MACS-FRAME MACS-CMD-13-01
+      axistwin conform mac23 --level soak --duration 8h
+    a real device: show the plan; passive tests only; tests that move the axis
+      axistwin conform mac23 --port /dev/ttyUSB0 --dry-run
+      axistwin conform mac23 --port /dev/ttyUSB0
+      axistwin conform mac23 --port /dev/ttyUSB0 --allow motion --max-travel 2000
+      axistwin conform mac23-can --can socketcan:can0 --address 5
+      axistwin conform msc-250 --port /dev/ttyUSB0 --variables 2048-3071
+    its profile, for axistwin run --profile; its reading of one quirk
+      axistwin conform mac23 --port ./mac23 --allow motion --detect unit.toml
+      axistwin conform mac23 --port ./mac23 lowercase_hex
+    one failure again; the verdicts that changed between two --report
+      axistwin conform mac23 --replay out/operations/...
+      axistwin conform --compare old new
     """
     try:
         refuse_lost(ctx)
@@ -323,11 +342,9 @@ def _conform(
         return status
     except ModuleNotFoundError as error:
         missing = (error.name or "").partition(".")[0]
-        if missing not in ("rich", "hypothesis", "jinja2"):
+        if missing not in EXTRA:
             raise
-        raise UsageError(
-            f"the suite needs {missing}: pip install 'axistwin[conformance]'"
-        ) from error
+        raise UsageError(f"the suite needs {missing}: pip install {' '.join(EXTRA)}") from error
 
 
 def _put_back(path: Path, given: dict[str, Any]) -> int:

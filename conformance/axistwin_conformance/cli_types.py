@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import click
@@ -16,6 +16,35 @@ BESIDE_COMPARE = frozenset({"compare", "is_json", "model"})  # a model is refuse
 LOST_BESIDE_LIST = frozenset(
     {"dry_run", "report", "detect", "exitfirst", "duration", "replay", "restore", "verbose"}
 )
+
+
+class SectionedCommand(click.Command):
+    """A command whose help shows its options under headings.
+
+    `sections`: the parameter that begins each section, and its heading.
+    """
+
+    def __init__(self, *arguments: Any, sections: Mapping[str, str], **settings: Any) -> None:
+        super().__init__(*arguments, **settings)
+        self._sections = sections
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options in their order, with equal columns in all sections."""
+        headings: list[str] = []
+        rows: list[list[tuple[str, str]]] = []
+        for parameter in self.get_params(ctx):
+            row = parameter.get_help_record(ctx)
+            if row is None or not isinstance(parameter, click.Option):
+                continue
+            if parameter.name in self._sections or not rows:
+                headings.append(self._sections.get(parameter.name or "", "Options"))
+                rows.append([])
+            rows[-1].append(row)
+        widest = max((len(option) for section in rows for option, _ in section), default=0)
+        for heading, section in zip(headings, rows, strict=True):
+            with formatter.section(heading):
+                padded = [(option.ljust(widest), text) for option, text in section]
+                formatter.write_dl(padded)
 
 
 class Word(click.ParamType[str]):

@@ -25,7 +25,7 @@ import pytest
 import serial
 from small_scratch import FLAGS, VARIABLES
 
-from axistwin_conformance.base.events import Listener
+from axistwin_conformance.base.events import Listener, RunFinished
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
@@ -437,6 +437,19 @@ def judged_behind(
     url = options.family.twin_url(model, options.address, options.neighbours) + query
     rated = f"&baud={rate}" if rate else ""
     return judge_behind(interface, options, url + rated, seed, hear=hear)
+
+
+def cost_behind(interface: Interface, *words: str, **given: Any) -> tuple[int, float, InterfaceRun]:
+    """EEPROM writes and seconds that such a run costs on a bench; see `judged_behind`."""
+    finished: list[RunFinished] = []
+
+    def hear(event: object) -> None:
+        if isinstance(event, RunFinished):
+            finished.append(event)
+
+    how = {"allow": "motion,stored", "level": "full", **given}
+    run = judged_behind(interface, *words, hear=hear, **how)
+    return finished[0].eeprom_writes, run.seconds, run
 
 
 def real_options(*words: str, **given: Any) -> Options:

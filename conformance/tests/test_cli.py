@@ -260,7 +260,7 @@ def test_what_is_not_installed_is_named_with_the_remedy(name: str, tmp_path: Pat
     )
     assert done.returncode == 2
     assert done.stderr.splitlines() == [
-        f"Error: the suite needs {name}: pip install 'axistwin[conformance]'"
+        f"Error: the suite needs {name}: pip install hypothesis jinja2 rich"
     ]
 
 

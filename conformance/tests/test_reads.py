@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from interfaces import PLAIN, InterfaceRun, judged_behind
+from interfaces import PLAIN, cost_behind, judged_behind
 from recorded_reads import MODELS, on_the_twin, recorded
 
 from axistwin_conformance.base.armed import load_reads
-from axistwin_conformance.base.events import RunFinished
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine import plan as plan_module
 from axistwin_conformance.engine.plan import NOT_NEEDED, Options, Plan
@@ -139,28 +138,15 @@ def test_what_was_guessed_is_asked_before_a_failure_is_believed() -> None:
 # --- what that saves ------------------------------------------------------------------------------
 
 
-def writes_and_seconds(*words: str, **given: Any) -> tuple[int, float, InterfaceRun]:
-    """What a run on a paced MAC costs."""
-    told: list[RunFinished] = []
-
-    def hear(event: object) -> None:
-        if isinstance(event, RunFinished):
-            told.append(event)
-
-    how = {"allow": "motion,stored", "level": "full", **given}
-    run = judged_behind(PLAIN, *words, hear=hear, **how)
-    return told[0].eeprom_writes, run.seconds, run
-
-
 @pytest.mark.strength(seconds=30)
 @pytest.mark.parametrize("check", [PASSIVE, PLAIN_MOVE])
 def test_one_check_costs_few_writes_and_seconds(
     check: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Beside what it costs where everything is asked."""
-    writes, seconds, run = writes_and_seconds(check)
+    writes, seconds, run = cost_behind(PLAIN, check)
     monkeypatch.setattr(plan_module, "load_reads", lambda name: {})
-    writes_of_all, seconds_of_all, _ = writes_and_seconds(check)
+    writes_of_all, seconds_of_all, _ = cost_behind(PLAIN, check)
     print(f"{check}: {writes} writes, {seconds:.1f} s; all asked: {writes_of_all},"
           f" {seconds_of_all:.1f} s")  # fmt: skip
     assert run.result.exit_status == 0, run.result.sentence
@@ -171,9 +157,9 @@ def test_one_check_costs_few_writes_and_seconds(
 @pytest.mark.strength(seconds=30)
 def test_two_operations_are_replayed_within_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same of a recording."""
-    _, seconds, run = writes_and_seconds(replay=TWO_OPERATIONS, level=None)
+    _, seconds, run = cost_behind(PLAIN, replay=TWO_OPERATIONS, level=None)
     monkeypatch.setattr(plan_module, "load_reads", lambda name: {})
-    _, seconds_of_all, _ = writes_and_seconds(replay=TWO_OPERATIONS, level=None)
+    _, seconds_of_all, _ = cost_behind(PLAIN, replay=TWO_OPERATIONS, level=None)
     print(f"{seconds:.1f} s; all asked: {seconds_of_all:.1f} s")
     assert run.result.exit_status == 0, run.result.sentence
     assert seconds < MOST_REPLAY_S < seconds_of_all

@@ -18,15 +18,7 @@ LEDGER = load_ledger("mac_serial")
 NOT_THE_TWINS = {5, 42}
 
 
-# The byte that nobody asked for comes amid the questions: the device is lost before a check runs.
-LOST = {"the_end_of_a_motion_is_announced"}
-
-
-@pytest.mark.parametrize(
-    "mutant",
-    [pytest.param(one, marks=[pytest.mark.xfail(strict=True)] * (one.name in LOST)) for one in ZOO],
-    ids=lambda mutant: mutant.name,
-)
+@pytest.mark.parametrize("mutant", ZOO, ids=lambda mutant: mutant.name)
 def test_every_mutant_is_killed_by_what_it_claims_to_break(mutant: Mutant) -> None:
     """Each claimed requirement fails, by the judgement of a check that names it."""
     killers = kills(mutant)

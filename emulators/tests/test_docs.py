@@ -9,6 +9,7 @@ from pathlib import Path
 
 import click
 import pytest
+from click.testing import CliRunner
 
 from axistwin.cli.program import main as program
 
@@ -79,6 +80,15 @@ def test_the_reference_shows_how_help_is_asked_for(name: str) -> None:
         options = [line for line in text.splitlines() if "--help " in line]
         assert options
         assert all(line.startswith("  -h, --help  ") for line in options), options
+
+
+@pytest.mark.parametrize("name", ["", *program.list_commands(click.Context(program))])
+def test_no_help_is_wider_than_80_columns(name: str) -> None:
+    """Nor are its examples, which click leaves as they are."""
+    words = [name, "--help"] if name else ["--help"]
+    shown = CliRunner().invoke(program, words, terminal_width=80).output
+    assert "Usage: " in shown
+    assert not [line for line in shown.splitlines() if len(line) > 80]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)

@@ -1,11 +1,13 @@
 """The Python printed in README.md and docs/ runs, and says what is printed."""
 
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
+import can
 import pytest
 
 from axistwin import testing
@@ -20,32 +22,6 @@ RUN_ELSEWHERE = {
     ROOT / "docs" / "how-to" / "use-pyserial.md": 2,  # blocks, by test_url_lines.py
     ROOT / "docs" / "how-to" / "run-on-can.md": 1,  # by test_run_can.py
 }
-
-DRIVER = '''
-import serial
-
-
-class MyDriver:
-    """Somebody's driver, which waits for the end of a move."""
-
-    def __init__(self, port):
-        self.port = serial.serial_for_url(port, baudrate=38400, timeout=0.5)
-
-    def exchange(self, index, parameter=0, reply_length=3):
-        body = f"00{index:02X}00{parameter & 0xFFFFFFFF:08X}"
-        self.port.write(f"\\x02014{body}{sum(body.encode()) % 256:02X}\\x03".encode())
-        return self.port.read(reply_length)
-
-    def position(self):
-        return int(self.exchange(0x20, reply_length=21)[9:17], 16)
-
-    def move_to(self, position):
-        assert self.exchange(0x13, position) == b"\\x06\\x13\\x1a"
-        while self.position() != position:
-            pass
-
-
-'''
 
 
 def python_blocks(page: Path) -> list[str]:
@@ -98,9 +74,21 @@ def test_the_readmes_url_answers() -> None:
         assert port.read(21) == b"\x06\x13\x020110000000000010\x03\x1a"
 
 
-def test_the_readmes_test_passes_with_any_driver(tmp_path: Path) -> None:
-    """The third block, with a driver that waits for the end of a move."""
-    run_tests(tmp_path, DRIVER + python_blocks(README)[2], passed=1)
+def test_the_readmes_test_passes_beside_the_driver_that_it_names(tmp_path: Path) -> None:
+    """The third block, in the folder where the page says."""
+    shutil.copy(ROOT / "fixtures" / "example-project" / "mac_driver.py", tmp_path)
+    run_tests(tmp_path, python_blocks(README)[2], passed=1)
+
+
+def test_the_readmes_bus_answers() -> None:
+    """The bus of the fourth block carries both modules."""
+    names: dict[str, Any] = {}
+    exec(python_blocks(README)[3], names)
+    with names["bus"] as bus:
+        for address in (1, 2):
+            data = bytes.fromhex("4000200000000000")  # position?
+            bus.send(can.Message(arbitration_id=0x600 + address, data=data, is_extended_id=False))
+            assert bus.recv(1).arbitration_id == 0x580 + address
 
 
 def test_the_blocks_of_the_can_page_hold(capsys: pytest.CaptureFixture[str]) -> None:
@@ -125,4 +113,4 @@ def test_no_block_of_python_is_left_out() -> None:
     """A new one in any page has to be run by a test too."""
     pages = [README, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
     found = {page: len(blocks) for page in pages if (blocks := python_blocks(page))}
-    assert found == {README: 3, CAN_PAGE: 2, PROGRAM_PAGE: 4, PYTEST_PAGE: 5, **RUN_ELSEWHERE}
+    assert found == {README: 4, CAN_PAGE: 2, PROGRAM_PAGE: 4, PYTEST_PAGE: 5, **RUN_ELSEWHERE}

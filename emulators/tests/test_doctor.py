@@ -37,7 +37,7 @@ def test_a_machine_that_runs_these_tests_can_run_twins() -> None:
     result = CliRunner().invoke(main, ["doctor"])
     assert result.exit_code == 0
     for name in NEEDED:
-        assert f"ok       {name}" in result.stdout
+        assert f"ok        {name}" in result.stdout
 
 
 @pytest.mark.parametrize("needed", [True, False])
@@ -49,7 +49,21 @@ def test_only_what_run_needs_makes_the_status_1(
     result = CliRunner().invoke(main, ["doctor"])
     assert result.exit_code == (1 if needed else 0)
     assert ("MISSING" in result.stdout) == needed
+    assert ("optional" in result.stdout) == (not needed)
     assert "remedy: mend it" in result.stdout
+
+
+def test_no_line_is_wider_than_80_columns_and_no_command_is_broken() -> None:
+    """Each command of a remedy can be copied."""
+    remedy = f"--slcan works without; on a kernel with CAN: {socketcan.REMEDY.format('vcan0')}"
+    shown = doctor._shown(doctor.Finding("CAN interfaces", False, False, "none " * 20, remedy))
+    lines = shown.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert [line.strip() for line in lines[-3:]] == [
+        "sudo modprobe vcan &&",
+        "sudo ip link add vcan0 type vcan &&",
+        "sudo ip link set vcan0 up",
+    ]
 
 
 def test_doctor_speaks_json(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -133,8 +147,12 @@ def test_a_serial_port_without_permission_is_named(
 
 
 def test_a_suite_that_is_not_installed_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With the extra to install."""
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(Lack, match="hypothesis") as caught:
+    """And of what it needs, what is missing, by names that pip finds."""
+    lacking: set[str] = {"hypothesis", "jinja2"}
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name in lacking else name)
+    with pytest.raises(Lack, match="hypothesis, jinja2") as caught:
         doctor.check_suite()
-    assert caught.value.remedy == "pip install 'axistwin[conformance]'"
+    assert caught.value.remedy == "pip install hypothesis jinja2"
+    lacking.add("axistwin_conformance")
+    with pytest.raises(Lack, match="axistwin_conformance is missing"):
+        doctor.check_suite()

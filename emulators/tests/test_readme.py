@@ -3,7 +3,6 @@
 import importlib
 import re
 import shlex
-import shutil
 import signal
 import subprocess
 import sys
@@ -12,7 +11,6 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
-from mac_frames import request
 
 from axistwin import testing
 from axistwin.cli.program import main
@@ -26,16 +24,15 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```console\n(.*?)```", README, re.DOTALL)
 LINES = [line for block in BLOCKS for line in re.findall(r"^\$ (.*)$", block, re.MULTILINE)]
 COMMANDS = [words for line in LINES if (words := shlex.split(line, comments=True))[0] == "axistwin"]
-ELSEWHERE = ("scripts/run", "scripts/test", "pip")
-"""What other tests run: the scripts, and the installation of the wheel."""
+AT_THE_PORTS = re.findall(r"^\| `(\./[\w-]+)`.*`axistwin (send [^`]+)` \|$", README, re.MULTILINE)
+ELSEWHERE = ("scripts/run", "scripts/test")
+"""What other tests run."""
 
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with the files that the page names."""
-    (tmp_path / "capture.txt").write_text(f"> {request(0, 0x20).hex(' ')}\n", encoding="utf-8")
-    program = ROOT / "fixtures" / "macroprograms" / "indexing_table.py"
-    shutil.copy(program, tmp_path / "table.py")
+    """A folder like a clone: with the files that the page names, and no other."""
+    (tmp_path / "fixtures").symlink_to(ROOT / "fixtures")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -76,10 +73,25 @@ def test_what_looks_and_asks_runs_as_printed(words: list[str], folder: Path) -> 
     assert result.output
 
 
+def test_every_port_of_scripts_run_answers_as_the_table_says(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Started as there, asked as printed."""
+    monkeypatch.syspath_prepend(ROOT / "scripts")
+    rack: Any = importlib.import_module("rack")
+    tries = {link: shlex.split(words) for link, words in AT_THE_PORTS}
+    assert set(tries) == {place.link for place in rack.PLACES}
+    for place in rack.PLACES:
+        with rack.running(place, folder / place.judged):
+            result = CliRunner().invoke(main, tries[place.link])
+        assert result.exit_code == 0, result.output
+        assert "\n< " in result.output
+
+
 @pytest.mark.parametrize("words", chosen("conform"))
 def test_judging_is_planned_as_printed(words: list[str], folder: Path) -> None:
     """The plan needs no device; how devices are judged other tests show."""
-    result = CliRunner().invoke(main, [*words, "--dry-run"])
+    result = CliRunner().invoke(main, list(dict.fromkeys([*words, "--dry-run"])))
     assert result.exit_code == 0, result.output
 
 

@@ -175,8 +175,11 @@ def test_the_address_is_the_urls_or_given() -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("/dev/ttyX9", "20h"), "which device is there? add --model MODEL"),
-        (("/dev/ttyX9", "20h", "--model", "mac23"), "/dev/ttyX9"),
+        (("/dev/null", "20h"), "which device is there? add --model MODEL"),
+        (("/dev/null", "20h"), "of an slcan adapter, write slcan:/dev/null"),
+        (("/dev/null", "20h", "--model", "mac23"), "/dev/null: "),
+        (("/dev/ttyX9", "20h"), "/dev/ttyX9 does not exist; is the adapter plugged in?"),
+        (("./nothere", "20h"), "start a twin there: axistwin run MODEL --pty ./nothere"),
         ((VIRTUAL, "gu to 5"), "did you mean"),
         ((VIRTUAL, "go to 5", "--model", "msc-250"), "is no command"),
         (("axistwin://msc-250?time=virtual", "DWRITE 5"), "DWRITE has 2 numbers, not 1"),

@@ -259,9 +259,9 @@ class RequirementJudged:
 class RunFinished:
     """The run is over; `problems` are reasons not to trust it that belong to no requirement.
 
-    `eeprom_writes`: how many the run asked for, all it put back included; `eeprom_budget`: how many
-    it was given, None for any number.  `counts`: of the requirements, and of the profile if one was
-    given.
+    `eeprom_writes`: how many the run asked for and the device has not refused, all it put back
+    included; `eeprom_budget`: how many it was given, None for any number.  `counts`: of the
+    requirements, and of the profile if one was given.
     """
 
     exit_status: int

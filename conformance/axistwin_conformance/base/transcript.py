@@ -10,6 +10,7 @@ from itertools import islice
 
 PIECES_APART_NS = 30_000_000  # beside the time that the bytes of the later piece take
 SLOWEST_BYTE_NS = 1_041_667  # at 9600 baud
+ACK = b"\x06"  # what every family says before it answers
 SURELY_OURS = 8  # bytes in a row that no reply has by chance
 RECORDS_KEPT = 20_000  # some minutes at full line rate: more than any failure needs, flat memory
 
@@ -72,11 +73,11 @@ class Transcript:
 
     @property
     def has_echo(self) -> bool:
-        """True if a request has come back as it was: we hear ourselves."""
+        """True if a request has come back as it was: we hear ourselves.  Behind an ACK it may be
+        an answer: an MSC tells that flag 0 is off by the same bytes that ask for it."""
         heard = b"".join(record.data for record in self if record.direction is Direction.DEVICE)
-        return any(
-            record.direction is Direction.HOST and is_echoed(record.data, heard) for record in self
-        )
+        asked = {record.data for record in self if record.direction is Direction.HOST}
+        return any(is_echoed(data, heard.replace(ACK + data, b"")) for data in asked)
 
     def since(self, position: int, limit: int | None = None) -> tuple[Record, ...]:
         """Return what was recorded after `position`, at most the last `limit` records.

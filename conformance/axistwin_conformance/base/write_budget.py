@@ -19,6 +19,7 @@ class WriteBudget:
 
     limit: int | None = None
     spent: int = 0
+    pending: int = 0  # asked for by what was sent last, to which no reply has come yet
 
     def allow(self, writes: int) -> None:
         """Raise CannotDo if that many more are too many."""
@@ -28,3 +29,10 @@ class WriteBudget:
     def note(self, writes: int) -> None:
         """Count writes that are being sent."""
         self.spent += writes
+        self.pending = writes
+
+    def replied(self, *, is_refusal: bool) -> None:
+        """Give back a write that the one device it was for has refused: it has worn nothing."""
+        if is_refusal and self.pending == 1:
+            self.spent -= 1
+        self.pending = 0

@@ -117,6 +117,11 @@ class Family(ABC):
     def restore(self, session: Session, memory: Any) -> tuple[str, ...]:
         """Put back what differs; a sentence for each thing that could not be."""
 
+    def restore_between(self, session: Session, memory: Any) -> tuple[str, ...]:
+        """The same before a check that moves, without what such checks set themselves before they
+        begin: each write wears the memory, and `restore` follows on every way out."""
+        return self.restore(session, memory)
+
     def unsure(self, session: Session, memory: Any) -> tuple[str, ...]:
         """A sentence for each thing that was written to although, as it has turned out, nobody
         knows what it was: the memory of it rests on answers that have failed (`Run.doubted`)."""

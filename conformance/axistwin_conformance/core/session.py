@@ -145,6 +145,8 @@ class Run:
     shrinks: bool = True  # False: what fails here is shrunk elsewhere
     is_interrupted: bool = False  # a check has told what it knew first: now the run is to end
     settings: Any = None  # what the family's options have been set to, beside the envelope
+    replied_at: int = -1  # where the transcript was when a device had said all it was asked for
+    late_s: float = 0.0  # how long a device takes to reply that was slow to say its first word
 
     @property
     def strayed(self) -> str:
@@ -250,8 +252,9 @@ class Session:
 
     @property
     def reply_timeout_s(self) -> float:
-        """How long to wait for a reply: the ledger's limit and the line's measured worst."""
-        return REPLY_TIMEOUT_S + self.transport.round_trip.max_ns / 1e9
+        """How long to wait for a reply: the ledger's limit and the line's measured worst, or until
+        that is measured what `learn_delay` has found."""
+        return REPLY_TIMEOUT_S + max(self.transport.round_trip.max_ns / 1e9, self.run.late_s)
 
     # Exchanges.
 

@@ -213,7 +213,8 @@ class Engine:
             self._survey(run)
             for probe, reason in self._result.plan.unprobed:
                 leave_out(run, probe, reason)
-            self._detect(run, self._probes(is_destructive=False))
+            checks = self._result.plan.to_run
+            self._detect(run, self._probes(is_destructive=False), checks[0] if checks else None)
             if self.options.is_only_detection:
                 self._detect(run, self._probes(is_destructive=True))
         except (TargetError, UsageError) as error:  # what it has failed is not hidden by either
@@ -316,9 +317,9 @@ class Engine:
         """Those of the plan that are (not) destructive."""
         return [one for one in self._result.plan.probes if one.is_destructive is is_destructive]
 
-    def _detect(self, run: Run, probes: list[Probe]) -> None:
-        """Ask these probes; those that need the module alone on its line get a line or bus of their
-        own where that is possible (built-in twin)."""
+    def _detect(self, run: Run, probes: list[Probe], before: Check | None = None) -> None:
+        """Ask these probes, right `before` a check; those that need the module alone on its line
+        get a line or bus of their own where that is possible (built-in twin)."""
         if run.quality.is_noisy and not run.target.is_lossless:
             for probe in (one for one in probes if one.is_destructive):
                 leave_out(run, probe, f"too risky on a noisy {run.target.word}: {run.quality}")
@@ -329,14 +330,14 @@ class Engine:
                     self._inherit(other, run)
                     self._ask(other, list(row))
             else:
-                self._ask(run, list(row))
+                self._ask(run, list(row), before)
 
-    def _detect_late(self, run: Run, probes: list[Probe]) -> None:
+    def _detect_late(self, run: Run, probes: list[Probe], before: Check | None = None) -> None:
         """Ask these amid the checks: what is lost there, ends no run."""
         try:
             if run.memory is not None:
-                self._guard.restore(run)
-            self._detect(run, probes)
+                self._guard.restore(run, before=before)
+            self._detect(run, probes, before)
         except TargetError as error:
             self._guard.block(str(error))
 
@@ -356,7 +357,7 @@ class Engine:
         seen = {one.switch: assumed[one.switch] for one in missing if one.switch in assumed}
         for switch in seen:
             del run.readings[switch]
-        self._detect_late(run, missing)
+        self._detect_late(run, missing, result.check)
         for switch, reading in seen.items():
             run.readings.setdefault(switch, reading)
         learnt = {
@@ -366,7 +367,7 @@ class Engine:
         }
         return bool(learnt) and not self._guard.blocked
 
-    def _ask(self, run: Run, probes: list[Probe]) -> None:
+    def _ask(self, run: Run, probes: list[Probe], before: Check | None = None) -> None:
         if any(probe.check.danger > 0 for probe in probes) and not self._guard.remember(run):
             for probe in probes:
                 if probe.check.danger > 0:
@@ -376,7 +377,7 @@ class Engine:
         if run.memory is None:
             return
         try:
-            self._guard.restore(run)
+            self._guard.restore(run, before=before)
         except TwinCrashed:
             if not self._guard.revive(run):
                 raise

@@ -12,12 +12,23 @@ from axistwin_conformance.families.catalog import find_family
 from sweeping.runs import Row
 
 NEAR = 0.05  # a number that a device shows is measured
-# Beyond these a device breaks a requirement (MACS-CMD-00-02), or replies so late that little
-# can be judged.
+# Beyond these a device breaks a requirement (MACS-CMD-00-02, MACS-REPLY-16, MSC-LNK-17), leaves
+# the host no time for its sign (MSC-LNK-08), is not there within the time in which a device is
+# found, or has a program that no machine could use.
 SOUND: Mapping[str, tuple[int, int]] = {
     "boot_time_ms": (1500, 2400),
-    "reply_latency_us": (0, 250_000),
+    "reply_latency_us": (0, 450_000),
+    "packet_timeout_ms": (260, 60_000),
+    "ack_timeout_ms": (100, 60_000),
+    "response_delay_ms": (0, 3000),
+    "reply_delay_ms": (0, 3000),
+    "turnaround_ms": (0, 3000),
+    "scan_ms": (1, 100),
+    "self_test_ms": (0, 5000),
+    "data_size": (4096, 65_536),  # of which the sweep names variables
 }
+# What is of the line and not of the unit: several units cannot be on RS-232.
+OF_THE_LINE = frozenset({"transport"})
 # Texts have no values to draw from.
 TEXTS: Mapping[str, tuple[str, ...]] = {
     "brake_increments": ("0", "1", "30", "300", "900"),
@@ -40,6 +51,8 @@ def values_of(quirk: Quirk, draw: random.Random) -> tuple[str, ...]:
         return tuple(str(one) for one in sorted(found))
     if quirk.kind == "text":
         return TEXTS.get(quirk.name, ())
+    if quirk.name in OF_THE_LINE:
+        return ()
     return tuple(one for one in quirk.allowed if one != quirk.default)
 
 

@@ -87,8 +87,11 @@ class QuirkSweep(Sweep):
         return next(itertools.islice(drawn(self.setting.model, word), number - 1, None))
 
     def judge(self, number: int) -> Row:
+        """Judge the twin of the readings of that number."""
+        return self.judge_readings(self.readings(number))
+
+    def judge_readings(self, readings: Mapping[str, str]) -> Row:
         """Judge a twin of these readings."""
-        readings = self.readings(number)
         query = "".join(f"&quirk.{name}={one}" for name, one in readings.items())
         row = judge(self.setting, self.seed, query, detects=True)
         device = " ".join(f"{name}={one}" for name, one in readings.items()) or "all defaults"

@@ -74,7 +74,7 @@ Reader: TypeAlias = Callable[[str], Found | None]
 @click.argument("name", metavar="MODEL")
 @click.argument("path", metavar="[FILE]", required=False, default="-")
 def decode(name: str, path: str) -> None:
-    """Say what bytes of a line, or frames of a bus, mean.
+    """Show bytes of a line, or frames of a bus, in words.
 
     FILE is a recording of 'axistwin run --capture', what candump wrote, or lines typed by hand;
     standard input if it is - or left out.  For a model on a serial line every line has bytes in
@@ -87,7 +87,8 @@ def decode(name: str, path: str) -> None:
     echo '601#4000200000000000' | axistwin decode mac23-can
     echo '06 13 17' | axistwin decode mac23
 
-    Lines that are not understood are told on stderr with their numbers; the exit status is 2 then.
+    Lines that are not understood are reported on stderr with their numbers; the exit status is then
+    2.
     """
     model = catalog.find_model(name)
     if path == "-":

@@ -1,4 +1,4 @@
-"""``axistwin doctor``: what this machine can do, each line with the remedy if it cannot.
+"""``axistwin doctor``: which parts of axistwin work on this machine, each with its remedy if not.
 
 A check is one function that returns what it found, or raises ``Lack`` with the remedy.
 """
@@ -6,18 +6,22 @@ A check is one function that returns what it found, or raises ``Lack`` with the 
 import importlib.util
 import json
 import os
+import re
 import select
 import socket
 import tempfile
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from textwrap import wrap
 
 import click
 
 from axistwin.ports import socketcan
 
 EXIT_LACKING = 1
+SCREEN_COLUMNS = 80
+INDENT = " " * 29
 
 
 class Lack(Exception):  # noqa: N818 - a finding, not a failure of ours
@@ -125,7 +129,7 @@ def check_can() -> str:
     if not socketcan.kernel_has_can():
         raise Lack(
             "the kernel has no CAN",
-            f"--slcan works without; on a kernel with CAN: {socketcan.REMEDY.format('vcan0')}",
+            f"--slcan works without; on a CAN kernel: {socketcan.REMEDY.format('vcan0')}",
         )
     if not found:
         raise Lack("CAN works, but there is no interface", socketcan.remedy("vcan0"))
@@ -146,10 +150,10 @@ def check_python_can() -> str:
 
 
 def check_uhid() -> str:
-    """USB HID devices made by programs, for the HID models."""
+    """USB HID devices made by programs: for models on USB."""
     path = Path("/dev/uhid")
     if not path.exists():
-        raise Lack("there is no /dev/uhid", "modprobe uhid (on a kernel that has it)")
+        raise Lack("no /dev/uhid; only twins on USB need it", "sudo modprobe uhid")
     if not os.access(path, os.R_OK | os.W_OK):
         raise Lack("no permission for /dev/uhid", "run as root, or add a udev rule for it")
     return "works"
@@ -157,13 +161,12 @@ def check_uhid() -> str:
 
 def check_suite() -> str:
     """The conformance suite and what it needs."""
-    missing = [
-        name
-        for name in ("axistwin_conformance", "hypothesis", "rich")
-        if importlib.util.find_spec(name) is None
-    ]
+    if importlib.util.find_spec("axistwin_conformance") is None:
+        raise Lack("axistwin_conformance is missing", "install axistwin again: it brings it along")
+    needed = ("hypothesis", "jinja2", "rich")
+    missing = [name for name in needed if importlib.util.find_spec(name) is None]
     if missing:
-        raise Lack(f"missing: {', '.join(missing)}", "pip install 'axistwin[conformance]'")
+        raise Lack(f"missing: {', '.join(missing)}", f"pip install {' '.join(missing)}")
     return "installed"
 
 
@@ -176,7 +179,7 @@ CHECKS: tuple[tuple[str, bool, Callable[[], str]], ...] = (
     ("serial ports", False, check_real_ports),
     ("CAN interfaces", False, check_can),
     ("CAN without kernel", False, check_python_can),
-    ("HID (uhid)", False, check_uhid),
+    ("USB HID (uhid)", False, check_uhid),
     ("conformance suite", False, check_suite),
 )
 
@@ -192,21 +195,34 @@ def examine() -> list[Finding]:
     return findings
 
 
+def _shown(finding: Finding) -> str:
+    """A finding on lines of a terminal's width; commands of a remedy are not broken."""
+    mark = "ok" if finding.ok else "MISSING" if finding.needed else "optional"
+    start = f"{mark:9} {finding.name:18} "
+    lines = wrap(finding.found, SCREEN_COLUMNS, initial_indent=start, subsequent_indent=INDENT)
+    remedy = re.sub(r"(?<=: )(?=sudo )|(?<= && )", "\n", finding.remedy)
+    for part in f"remedy: {remedy}".splitlines() if remedy else ():
+        lines += wrap(part, SCREEN_COLUMNS, initial_indent=INDENT, subsequent_indent=INDENT)
+    return "\n".join(lines)
+
+
 @click.command()
-@click.option("--json", "as_json", is_flag=True, help="One JSON object per line.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object per line.")
 @click.pass_context
 def doctor(ctx: click.Context, as_json: bool) -> None:
-    """Say what this machine can do, and how to make it do more.
+    """Check this machine, and show the remedy for what is missing.
 
-    Exit status 0 unless something is missing that 'axistwin run' needs, then 1.
+    \b
+    ok        works
+    optional  missing; only what the line names needs it
+    MISSING   'axistwin run' needs it
+
+    Exit status 1 if anything is MISSING, else 0.
     """
     findings = examine()
     for finding in findings:
         if as_json:
             click.echo(json.dumps(asdict(finding)))
             continue
-        mark = "ok" if finding.ok else "MISSING" if finding.needed else "missing"
-        click.echo(f"{mark:8} {finding.name:18} {finding.found}")
-        if finding.remedy:
-            click.echo(f"{'':8} {'':18} remedy: {finding.remedy}")
+        click.echo(_shown(finding))
     ctx.exit(EXIT_LACKING if any(f.needed and not f.ok for f in findings) else 0)

@@ -1,4 +1,4 @@
-"""``axistwin models``: what can be run, and what can be switched in it."""
+"""``axistwin models``: the models, and the quirks of each."""
 
 import json
 from collections.abc import Iterable
@@ -21,21 +21,20 @@ SCREEN_COLUMNS: Final = 80
 @click.command()
 @click.argument("name", metavar="[MODEL]", required=False)
 @click.argument("word", metavar="[WORD]", required=False)
-@click.option("--json", "as_json", is_flag=True, help="As JSON.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def models(name: str | None, word: str | None, as_json: bool) -> None:
     """List the models, or one model's quirks.
 
-    With WORD, each quirk that has it in its name, ID, group or meaning is told with its values;
-    with the word all, all of them.
-
-    A quirk is a switch for a point that the manuals leave open or contradict one another in, or in
-    which real units may differ.  The first value is the default.  The ID names the point.
+    A quirk is a point that the manuals leave open, or contradict one another in, or in which real
+    units may differ.  WORD selects the quirks that have it in their name, ID, group or meaning, and
+    shows these with their values: the first value is the default, the ID names the point.
 
     \b
-    axistwin models
-    axistwin models mac23
-    axistwin models mac23 reply
-    axistwin run mac23 --quirk xon_byte=11h
+    axistwin models                          every model
+    axistwin models mac23                    the names of its quirks
+    axistwin models mac23 reply              those about replies, with values
+    axistwin models mac23 all                all, with values
+    axistwin run mac23 --quirk xon_byte=11h  a twin with another value
     """
     known = catalog.models()
     if name is None:
@@ -80,17 +79,24 @@ def _addresses(model: Model) -> str:
 
 
 def _table(known: dict[str, Model]) -> str:
-    """One line per model."""
-    rows = [("MODEL", "CARRIER", "ADDRESSES", "BIT/S", "DESCRIPTION")]
+    """One line per model; a description that is too long for it goes on below."""
+    rows = [("MODEL", "TRANSPORT", "ADDRESSES", "BIT/S", "DESCRIPTION")]
     rows += [
         (model.name, model.carrier, _addresses(model), str(model.default_baud), model.description)
         for model in known.values()
     ]
     widths = [max(len(row[column]) for row in rows) for column in range(4)]
-    return "\n".join(
-        "  ".join([*(cell.ljust(width) for cell, width in zip(row, widths, strict=False)), row[-1]])
-        for row in rows
-    )
+    lines = []
+    for *cells, description in rows:
+        start = "".join(cell.ljust(width + 2) for cell, width in zip(cells, widths, strict=True))
+        lines += wrap(
+            description,
+            SCREEN_COLUMNS,
+            initial_indent=start,
+            subsequent_indent=" " * len(start),
+            drop_whitespace=True,
+        )
+    return "\n".join(lines)
 
 
 def _overview(model: Model) -> str:
@@ -98,7 +104,7 @@ def _overview(model: Model) -> str:
     has_choice = len(model.bauds) > 1
     rates = {
         "serial": (
-            f"rate from the factory: {model.default_baud} baud"
+            f"default rate: {model.default_baud} baud"
             if has_choice
             else f"rate: {model.default_baud} baud, always"
         ),
@@ -107,7 +113,9 @@ def _overview(model: Model) -> str:
     lines = [
         f"{model.name}: {model.description}",
         f"addresses: {_addresses(model)}, default {model.default_address}; {rates[model.carrier]}",
-        f"quirks (--quirk NAME=VALUE); of those with a WORD: axistwin models {model.name} WORD",
+        "Each quirk is a point that the manual leaves open, with a default.",
+        f"  meaning and values  axistwin models {model.name} WORD  (WORD: a part of its name)",
+        f"  another value       axistwin run {model.name} --quirk NAME=VALUE",
     ]
     for group, quirks in _grouped(model.quirks.values()).items():
         lines.append(f"{group or UNGROUPED}: {' '.join(quirk.name for quirk in quirks)}")

@@ -10,6 +10,7 @@ Commands may define others.
 from __future__ import annotations
 
 import importlib
+import re
 import sys
 import traceback
 from collections.abc import Sequence
@@ -36,11 +37,14 @@ _OWN = {
     ),
     "send": (
         "axistwin.cli.send",
-        "Send one command in words or bytes, and say what the reply means.",
+        "Send commands in words or bytes, and show the replies in words.",
     ),
-    "decode": ("axistwin.cli.decode", "Say what bytes of a line, or frames of a bus, mean."),
+    "decode": ("axistwin.cli.decode", "Show bytes of a line, or frames of a bus, in words."),
     "models": ("axistwin.cli.models", "List the models, or one model's quirks."),
-    "doctor": ("axistwin.cli.doctor", "Say what this machine can do, and how to make it do more."),
+    "doctor": (
+        "axistwin.cli.doctor",
+        "Check this machine, and show the remedy for what is missing.",
+    ),
 }
 
 
@@ -128,26 +132,31 @@ def _load(point: EntryPoint) -> click.Command:
     except ImportError as error:
         raise UsageError(
             f"command {point.name!r} cannot be loaded ({error}); install what it needs: "
-            f"pip install {_remedy(point, error.name)}"
+            f"pip install {_needed(point, error.name)}"
         ) from error
     if not isinstance(command, click.Command):
         raise UsageError(f"command {point.name!r} ({point.value}) is not a click command")
     return command
 
 
-def _remedy(point: EntryPoint, module: str | None) -> str:
-    """What to pass to pip when ``module`` is missing: the distribution with the right extra."""
+def _needed(point: EntryPoint, module: str | None) -> str:
+    """What to pass to pip when ``module`` is missing: all that the extra with it asks for.
+
+    Each by its own name: that of the extra's distribution is nothing that pip finds, unless it is
+    published.
+    """
     from importlib.metadata import requires
 
-    distribution = point.dist.name if point.dist is not None else "axistwin"
-    wanted = (module or "").partition(".")[0].replace("_", "-").lower()
-    for line in requires(distribution) or ():
+    extras: dict[str, list[str]] = {}
+    for line in requires(point.dist.name if point.dist is not None else "axistwin") or ():
         requirement, _, marker = line.partition(";")
-        name = requirement.strip().lower().replace("_", "-")
-        if wanted and name.startswith(wanted) and "extra ==" in marker:
-            extra = marker.partition("extra ==")[2].strip().strip("'\"")
-            return f"'{distribution}[{extra}]'"
-    return wanted or distribution
+        extras.setdefault(marker.strip(), []).append(requirement.strip())
+    wanted = (module or "").partition(".")[0].replace("_", "-").lower()
+    for marker, requirements in extras.items():
+        names = {re.split(r"[^\w.-]", each, maxsplit=1)[0].lower() for each in requirements}
+        if "extra ==" in marker and wanted in {name.replace("_", "-") for name in names}:
+            return " ".join(f"'{requirement}'" for requirement in requirements)
+    return wanted or "axistwin"
 
 
 def _one_line(error: click.ClickException) -> str:
@@ -173,10 +182,11 @@ def main() -> None:
     """Twins of motion controllers that behave as the real ones do, down to the wire.
 
     \b
-    axistwin run mac23                     a MAC23 at ./mac23, for any program that opens a port
-    axistwin run mac23:0 mac34-1:5         two modules on one line
-    axistwin run mac23-can                 a MAC23 on vcan0, or behind an slcan adapter
-    axistwin send ./mac23 'go to 125'      one command in words, and the reply
-    axistwin models mac23                  what can be switched
-    axistwin decode mac23 capture.txt      what was said on a line, in words
+    axistwin run mac23                 a MAC23 at ./mac23, for any serial program
+    axistwin run mac23:0 mac34-1:5     two modules on one line
+    axistwin run mac23-can             a MAC23 on vcan0, or an slcan adapter
+    axistwin send ./mac23 'go to 125'  one command in words, and the reply
+    axistwin decode mac23 capture.txt  recorded bytes in words
+    axistwin models mac23              its quirks: what the manual leaves open
+    axistwin conform mac23             a verdict per requirement of its manual
     """

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import re
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -24,13 +27,17 @@ GAP_S = 0.3
 
 
 @click.command(
-    epilog="Exit status: 0 there was a reply to each, 1 not to all, 2 wrong usage.  "
-    "Words: 'axistwin decode' tells them of any request."
+    epilog="Exit status: 0 every command got a reply, 1 one did not, 2 wrong usage.  "
+    "To find the words of a request, give its bytes to 'axistwin decode'."
 )
 @click.argument("port")
 @click.argument("texts", metavar="COMMAND...", nargs=-1, required=True)
-@click.option("--model", "name", metavar="MODEL", help="What is there (default: by PORT's name).")
-@click.option("--address", type=int, metavar="N", help="Whom to ask (default: the model's).")
+@click.option(
+    "--model", "name", metavar="MODEL", help="Model of the device (default: by PORT's name)."
+)
+@click.option(
+    "--address", type=int, metavar="N", help="Address of the device (default: the model's)."
+)
 @click.option(
     "--baud", type=int, metavar="N", help="Rate of the line or bus (default: the model's)."
 )
@@ -41,7 +48,7 @@ GAP_S = 0.3
     default=1.0,
     show_default=True,
     metavar="SECONDS",
-    help="How long to wait for a reply.",
+    help="Longest wait for a reply.",
 )
 def send(
     port: str,
@@ -51,14 +58,14 @@ def send(
     baud: int | None,
     timeout_s: float,
 ) -> int:
-    """Send commands in words or bytes, and say what the reply means.
+    """Send commands in words or bytes, and show the replies in words.
 
     PORT is a serial port, a pty of 'axistwin run', or any URL of pyserial; for a CAN bus,
     INTERFACE:CHANNEL of python-can.
 
-    COMMAND is in words, as 'axistwin decode' tells it or shorter; an index such as 20h, with or
-    without a value; or bytes in hex, or a frame as cansend has it, which are sent as they are but
-    for a checksum that is missing.  Wrong bytes are sent too.
+    COMMAND is one of: words, as 'axistwin decode' shows them, or shorter; an index such as 20h,
+    with or without a value; bytes in hex; a frame as cansend takes it.  A missing checksum is
+    added; all other bytes are sent as they are, wrong ones too.
 
     \b
     axistwin send ./mac23 'go to 125'
@@ -106,10 +113,18 @@ def _found(port: str, name: str | None) -> tuple[Model, str]:
 
     Raises UsageError.
     """
+    if "://" not in port and not _is_on_can(port) and not Path(port).exists():
+        remedy = f"start a twin there: axistwin run MODEL --pty {port}"
+        if port.startswith("/dev/"):
+            remedy = "is the adapter plugged in? 'axistwin doctor' lists the serial ports"
+        raise UsageError(f"{port} does not exist; {remedy}")
     guess = _named_in(port)
     if name is None and guess is None:
         known = [model.name for model in catalog.models().values()]
-        raise UsageError(f"{port}: which device is there? add --model MODEL ({', '.join(known)})")
+        raise UsageError(
+            f"{port}: which device is there? add --model MODEL ({', '.join(known)}); "
+            f"of an slcan adapter, write slcan:{port}"
+        )
     model = catalog.find_model(name) if name is not None else guess
     assert model is not None
     if model.carrier != "can" or _is_on_can(port):
@@ -181,7 +196,10 @@ def _over_line(
                         break
                 yield request, [bytes(reply)] if reply else []
     except (serial.SerialException, OSError) as error:
-        raise PortError(f"{place}: {error}") from None
+        reason = os.strerror(error.errno) if error.errno else str(error)
+        if error.errno == errno.EACCES:
+            reason += "; 'axistwin doctor' names the remedy"
+        raise PortError(f"{place}: {reason}") from None
 
 
 def _over_can(

@@ -9,6 +9,7 @@ import tty
 from collections.abc import Iterator
 from contextlib import contextmanager
 from queue import SimpleQueue
+from typing import Any
 
 import can
 from hypothesis import strategies as st
@@ -123,10 +124,22 @@ def on_pty(dialect: CanDialect) -> Iterator[tuple[ServedDialect, str]]:
         os.close(slave)
 
 
+class Accepted(list[ServedDialect]):
+    """Who has come; who asks for the first waits for it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.is_filled = threading.Event()
+
+    def __getitem__(self, index: Any) -> Any:
+        assert self.is_filled.wait(TIMEOUT_S)
+        return super().__getitem__(index)
+
+
 @contextmanager
 def on_tcp(dialect: CanDialect) -> Iterator[tuple[list[ServedDialect], int]]:
-    """``dialect`` on the loopback for one client; the list is filled when it comes."""
-    served: list[ServedDialect] = []
+    """``dialect`` on the loopback for one client."""
+    served = Accepted()
     connections: list[socket.socket] = []
     with socket.create_server(("127.0.0.1", 0)) as server:
 
@@ -134,6 +147,7 @@ def on_tcp(dialect: CanDialect) -> Iterator[tuple[list[ServedDialect], int]]:
             connection, _ = server.accept()
             connections.append(connection)
             served.append(ServedDialect(dialect, connection.fileno()))
+            served.is_filled.set()
             served[0].start()
 
         thread = threading.Thread(target=accept, daemon=True)

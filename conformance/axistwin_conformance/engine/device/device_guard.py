@@ -262,16 +262,17 @@ class DeviceGuard:
         else:
             self._tried[need] = told
 
-    def restore(self, run: Run, *, is_leaving: bool = False) -> None:
+    def restore(self, run: Run, *, is_leaving: bool = False, before: Check | None = None) -> None:
         """Stop, then put back, also if stopping went wrong; raises TargetError for a lost port.
 
-        `is_leaving`: an exchange may have been interrupted, and its reply still come.
+        `is_leaving`: an exchange may have been interrupted, and its reply still come.  `before`:
+        the check that is run next, if nothing else comes between.
         """
         self._release_rig(run)
 
         def put_back(session: Session) -> None:
             self.run_cleanups(run)
-            self._put_back(run, session, is_leaving=is_leaving)
+            self._put_back(run, session, is_leaving=is_leaving, before=before)
             self.note_retries(session)
 
         self.climbing(run, "put_back", put_back, is_blamed=run.target.is_lossless)
@@ -304,14 +305,19 @@ class DeviceGuard:
                 self.trouble(f"not put back: {cleanup.what}{why}")
             run.cleanups.remove(cleanup)
 
-    def _put_back(self, run: Run, session: Session, *, is_leaving: bool) -> None:
+    def _put_back(
+        self, run: Run, session: Session, *, is_leaving: bool, before: Check | None
+    ) -> None:
+        family = self.options.family
+        is_prepared = before is not None and "motion" in before.safety  # it sets the axis up itself
+        restore = family.restore_between if is_prepared else family.restore
         try:
-            self.options.family.stop(session)
+            family.stop(session)
             if is_leaving and not run.target.is_virtual:
                 run.target.wait_until_quiet(QUIET_WAIT_S)
         finally:
             if not run.target.crash:
-                for sentence in self.options.family.restore(session, run.memory):
+                for sentence in restore(session, run.memory):
                     self.trouble(f"not put back: {sentence}")
 
     def _release_rig(self, run: Run) -> None:
@@ -386,12 +392,11 @@ class DeviceGuard:
                 # What was good in the end may have been asked again for the same departure.
                 is_smooth = run.target.is_lossless or not (session.retries or session.corrupted)
                 if found is not False and (is_smooth or not self._climbs(session, act, before)):
-                    for accusation in dict.fromkeys(session.run.accusations):
-                        self._accuse(session, act, ACTS[act], Violation(*accusation))
-                    run.accusations.clear()
                     return found
             except TargetError as error:
                 trouble = error
+            finally:
+                self._judge_accusations(session, act)
             if self._climbs(session, act, before):
                 continue
             if is_blamed or run.target.crash:
@@ -399,6 +404,12 @@ class DeviceGuard:
             if trouble is not None:
                 raise trouble
             return found
+
+    def _judge_accusations(self, session: Session, act: str) -> None:
+        """Record what has been seen to fail beside all questions, once each."""
+        for accusation in dict.fromkeys(session.run.accusations):
+            self._accuse(session, act, ACTS[act], Violation(*accusation))
+        session.run.accusations.clear()
 
     def _climbs(self, session: Session, act: str, quality: LineQuality) -> bool:
         """Judge by what the replies of a session depart time after time; True if the same may be

@@ -160,11 +160,12 @@ class MscClient:
 
     @property
     def quiet_limit_s(self) -> float:
-        """For how long nothing must come before nothing will (§5.6)."""
-        known = self.session.readings
+        """For how long nothing must come before nothing will (§5.6), of a unit that takes as long
+        to say it as this one."""
+        known, own_s = self.session.readings, max(self.target.line_s, self.session.run.late_s)
         if {"packet_timeout_ms", "ack_timeout_ms"} <= set(known):
-            return max(self.packet_timeout_s, self.ack_timeout_s) + MARGIN_S
-        return self.packet_timeout_s + (REPEATS + 1) * (self.ack_timeout_s + REPEAT_S)
+            return max(self.packet_timeout_s, self.ack_timeout_s) + own_s + MARGIN_S
+        return self.packet_timeout_s + (REPEATS + 1) * (self.ack_timeout_s + REPEAT_S) + own_s
 
     def wait_until_quiet(self, *, after: MscExchange | None = None) -> bytes:
         """Wait until nothing is left over of what was said before; return what still came.
@@ -175,7 +176,7 @@ class MscClient:
         """
         received, quiet_s = b"", self.quiet_limit_s
         if after is not None and after.is_silence:
-            quiet_s = min(quiet_s, self.packet_timeout_s + MARGIN_S)
+            quiet_s = min(quiet_s, self.packet_timeout_s + self.session.run.late_s + MARGIN_S)
         until_ns = self.target.now_ns + round(2 * quiet_s * 1e9)
         for _ in range(MOST_RECEIVED):
             if self.target.now_ns >= until_ns:

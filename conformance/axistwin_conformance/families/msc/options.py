@@ -108,8 +108,8 @@ class MscOptions(FamilyOptions):
             "variables",
             Span(0xFFFF),
             "FIRST-LAST",
-            "Of an MSC: addresses of its data area that nobody else uses; written only with --allow"
-            " stored, and put back.",
+            "MSC: addresses of its data area that nothing else uses; written only with --allow"
+            " stored, and restored.",
             200,
             NOTHING_NAMED,
         ),
@@ -117,8 +117,7 @@ class MscOptions(FamilyOptions):
             "flags",
             Span(0xFF),
             "FIRST-LAST",
-            "Of an MSC: user flags that nobody else uses; set only with --allow stored, and put"
-            " back.",
+            "MSC: user flags that nothing else uses; set only with --allow stored, and restored.",
             210,
             NOTHING_NAMED,
         ),
@@ -126,7 +125,7 @@ class MscOptions(FamilyOptions):
             "bench-program",
             ProgramPlace(),
             "FLAG:ADDRESS",
-            "Of an MSC: the bench program runs in it, with its flags and variables there.",
+            "MSC: first flag and address of the bench program that runs in it.",
             220,
             NOTHING_NAMED,
         ),

@@ -21,11 +21,12 @@ from typing import Any, Final
 from axistwin_conformance.base.errors import TargetError, WrongDevice
 from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.base.transcript import last_exchange
+from axistwin_conformance.core.contact import learn_delay
 from axistwin_conformance.core.identity import Identity
 from axistwin_conformance.core.session import REPLY_TIMEOUT_S, Run, Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.client import QUIET_S, MscExchange
-from axistwin_conformance.families.msc.codec import ACK, Packet
+from axistwin_conformance.families.msc.codec import ACK, NAK, Packet
 from axistwin_conformance.families.msc.driver import MscDriver
 from axistwin_conformance.families.msc.options import PROGRAM_FLAGS, ScratchArea
 from axistwin_conformance.families.msc.safety import Writing
@@ -72,10 +73,13 @@ def identify(session: Session) -> Identity:
     tells one model from another."""
     driver = MscDriver(session)
     session.is_strict = True  # the attempts are counted here
+    since_ns = session.target.now_ns
     exchange = driver.ask(codec.RQSTAT)
     late = _late(driver) if exchange.is_silence else b""
     is_silent = exchange.is_silence and not late
     if not is_silent and not _is_answered(exchange, codec.RQSTAT):
+        if late.strip(NAK) or exchange.raw == ACK:  # NAK: it had heard of somebody's packet
+            _learn_delay(driver, since_ns, exchange)
         driver.client.wait_until_quiet(after=exchange)
         _end_packet(driver)
         exchange = _insisted(driver, codec.RQSTAT)
@@ -108,6 +112,21 @@ def _late(driver: MscDriver) -> bytes:
         if received:
             return received
     return driver.client.listen(LAST_LOOK_S)
+
+
+def _learn_delay(driver: MscDriver, since_ns: int, first: MscExchange) -> None:
+    """See `learn_delay`."""
+
+    def is_answered() -> bool:
+        return _is_answered(driver.ask(codec.RQSTAT), codec.RQSTAT)
+
+    def hush(_: float) -> None:
+        driver.client.wait_until_quiet(after=first)
+        _end_packet(driver)
+
+    if first.raw == ACK:  # then its reply takes long, which nothing has waited for yet
+        driver.client.wait_until_quiet()
+    learn_delay(driver.session, since_ns, is_answered, hush)
 
 
 def _end_packet(driver: MscDriver) -> bytes:

@@ -22,8 +22,8 @@ _HELP_RFC2217 = "TCP with rate, framing and break, one client.  For rfc2217://HO
 _HELP_BAUD = "Rate of modules that have none stored yet, bits per second (default: the factory's)."
 
 _HELP_PROGRAM = (
-    "What runs in the controllers: FILE.py, FILE.py:CLASS, or a name such as bench; UNIT=PROGRAM "
-    "for one of several."
+    "Macroprogram of the controllers: FILE.py, FILE.py:CLASS, or a name such as bench; "
+    "UNIT=PROGRAM for one of several."
 )
 
 # On CAN.
@@ -115,14 +115,14 @@ def _named(_: click.Context, option: click.Parameter, value: Any) -> Any:
     default=0,
     metavar="N",
     show_default=True,
-    help="Of everything random.",
+    help="Seed of all random choices.",
 )
 @click.option(
     "--capture",
     callback=_named,
     metavar="FILE",
-    help="Append what is said: on a line time in ms, > or <, bytes in hex, meaning; on a bus "
-    "what candump logs.",
+    help="Append the traffic to FILE: of a line, time in ms, > or <, bytes in hex, meaning; of a "
+    "bus, as candump logs it.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Events on stdout, one JSON object per line.")
 def run(devices: tuple[str, ...], as_json: bool, **options: Any) -> int:

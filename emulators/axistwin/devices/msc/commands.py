@@ -70,6 +70,7 @@ class Commands:
         self._catch_up = catch_up
         self._host_wrote = host_wrote
         self._by_name = {command.name: command for command in COMMANDS}
+        self._has_rflags = model.has_rflags
         if not model.has_rflags:
             del self._by_name[b"RFLAGS"]
         self._is_guarded = "nak" in (quirks.stopped_access, quirks.loading_access)
@@ -113,7 +114,8 @@ class Commands:
         """A body without the name of a command (MSC-CMD-10)."""
         if not body and self._quirks.empty_body == "ack":
             return ACCEPTED
-        if name == b"RFLAGS" and self._quirks.rflags_unsupported == "ack_no_reply":
+        is_unsupported = name == b"RFLAGS" and not self._has_rflags
+        if is_unsupported and self._quirks.rflags_unsupported == "ack_no_reply":
             return ACCEPTED
         return _POLICIES[self._quirks.unknown_command]
 

@@ -9,12 +9,14 @@ from typing import Any
 from axistwin_conformance.base.errors import TargetError
 from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.base.transcript import Direction
+from axistwin_conformance.core.contact import learn_delay
 from axistwin_conformance.core.family import Family
 from axistwin_conformance.core.identity import Identity
 from axistwin_conformance.core.lenient import Lenient
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis import snapshot
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
+from axistwin_conformance.families.mac.axis.driver.motion import PLAIN
 from axistwin_conformance.families.mac.axis.exchanges import AxisReply, ReplyKind
 from axistwin_conformance.families.mac.axis.options import OPTIONS
 from axistwin_conformance.families.mac.axis.rig_controls import AXIS_CONTROLS
@@ -102,6 +104,10 @@ class AxisFamily(Family):
         """See `snapshot.restore`."""
         return snapshot.restore(session, memory)
 
+    def restore_between(self, session: Session, memory: AxisSnapshot) -> tuple[str, ...]:
+        """Leave the plain settings of `AxisMotion.ready`."""
+        return snapshot.restore(session, memory, left=PLAIN)
+
     def lenient(self, session: Session, request: bytes, reply: bytes) -> Lenient | None:
         """See `Family.lenient`; a reply that comes late is one that comes in its own time, but for
         commands that move."""
@@ -152,10 +158,17 @@ def _waited_ns(session: Session, request: bytes) -> int:
 
 
 def _insisted(driver: AxisDriver, index: int) -> AxisReply:
-    """Ask until there is an answer; longer if what comes differs, which is noise."""
-    seen = set()
+    """Ask until there is an answer; longer if what comes differs, which is noise, or late."""
+    seen, since_ns = set[bytes](), driver.client.target.now_ns
+
+    def is_replied() -> bool:
+        return driver.client.ask(index).kind is not ReplyKind.SILENCE
+
     for number in range(1, RETRY.exchange + 1):
         reply: AxisReply = driver.client.ask(index).reply
+        if reply.raw and seen == {b""}:
+            learn_delay(driver.session, since_ns, is_replied)
+            reply = driver.client.ask(index).reply
         seen.add(reply.raw)
         if reply.kind is ReplyKind.ANSWER or (number >= RETRY.presence and len(seen) == 1):
             break

@@ -71,7 +71,7 @@ class AxisOptions(FamilyOptions):
             "max-travel",
             Count(1, MOST_TRAVEL),
             "STEPS",
-            f"Never move further than this from where the axis is found; up to {MOST_TRAVEL}.",
+            f"Move at most this far from the start position, in increments; up to {MOST_TRAVEL}.",
             100,
             " {value}: the suite drives no axis of {a_model}",
         ),
@@ -79,7 +79,7 @@ class AxisOptions(FamilyOptions):
             "max-speed",
             Count(1, MOST_SPEED),
             "STEPS/S",
-            f"Never move faster than this; up to {MOST_SPEED}.",
+            f"Move at most this fast, in increments per second; up to {MOST_SPEED}.",
             110,
             " {value}: the suite drives no axis of {a_model}",
         ),
@@ -87,8 +87,8 @@ class AxisOptions(FamilyOptions):
             "eeprom-budget",
             click.IntRange(min=0),
             "N",
-            f"Ask for no more than N EEPROM writes. Default: {DEFAULT_BUDGET}; any number"
-            " on a twin; what has to be put back is written all the same.",
+            f"Maximum number of EEPROM writes. Default: {DEFAULT_BUDGET}, no limit on a twin."
+            " Restoring is exempt.",
             300,
             " {value}: {model} has no EEPROM that the suite writes",
         ),

@@ -160,6 +160,11 @@ class AxisSnapshot:
         named["modes"] = named["standby"] << 4 | named["stops"]
         return {"position": self.position, **{name: named[name] for name in NAMES}}
 
+    def but_for(self, indices: tuple[int, ...], other: AxisSnapshot) -> AxisSnapshot:
+        """The same, with these parameters as another snapshot has them."""
+        taken = {index: other.parameters[index] for index in indices}
+        return replace(self, parameters={**self.parameters, **taken})
+
     def as_object(self) -> dict[str, Any]:
         """The same as a file keeps it."""
         return {
@@ -224,20 +229,26 @@ def _read_one(driver: AxisDriver, index: int) -> int:
     return data
 
 
-def restore(session: Session, memory: AxisSnapshot) -> tuple[str, ...]:
-    """Put back what differs, and drive back to where the axes were found."""
+def restore(session: Session, memory: AxisSnapshot, left: tuple[int, ...] = ()) -> tuple[str, ...]:
+    """Put back what differs, and drive back to where the axes were found.
+
+    `left`: the parameters of the module under test that may stay as they are.
+    """
     stop(session)
-    left: list[str] = []
+    different: list[str] = []
     lost: list[TargetError] = []
     for address, snapshot in {session.address: memory, **memory.neighbours}.items():
-        where = "" if address == session.address else f"at {address:02X}h "
+        is_own = address == session.address
+        where, kept = ("", left) if is_own else (f"at {address:02X}h ", ())
         try:
-            left += [where + text for text in _put_back(driver_of(session, address), snapshot)]
+            described = _put_back(driver_of(session, address), snapshot, kept)
         except TargetError as error:  # the others may still answer
             lost.append(error)
+        else:
+            different += [where + text for text in described]
     if lost:
         raise lost[0]
-    return tuple(left)
+    return tuple(different)
 
 
 # --- what is not known after all -----------------------------------------------------------------
@@ -295,7 +306,7 @@ def would_lose(session: Session, data: bytes) -> str:
     return ""
 
 
-def _put_back(driver: AxisDriver, memory: AxisSnapshot) -> tuple[str, ...]:
+def _put_back(driver: AxisDriver, memory: AxisSnapshot, left: tuple[int, ...]) -> tuple[str, ...]:
     session = driver.session
     _clear_fault(driver)
     now = _read(driver)
@@ -303,13 +314,14 @@ def _put_back(driver: AxisDriver, memory: AxisSnapshot) -> tuple[str, ...]:
         _drive_back(driver, memory.position)
         now = _read(driver)
     for _ in range(1 if session.transport.is_lossless else RETRY.presence):
-        repairs = _repairs(driver, now, memory)
+        repairs = _repairs(driver, now, memory.but_for(left, now))
         if not repairs:
             break
         replies = {driver.client.command(index, parameter).kind for index, parameter in repairs}
         is_sure = session.transport.is_lossless and replies == {ReplyKind.ACCEPTED}
-        now = replace(memory, position=now.position) if is_sure else _read(driver)
-    found = memory.named()
+        repaired = replace(memory.but_for(left, now), position=now.position)
+        now = repaired if is_sure else _read(driver)
+    found = memory.but_for(left, now).named()
     return tuple(
         f"{name} is {value:X}h, was {found[name]:X}h"
         for name, value in now.named().items()
@@ -345,9 +357,8 @@ def _repairs(driver: AxisDriver, now: AxisSnapshot, memory: AxisSnapshot) -> lis
 def _drive_back(driver: AxisDriver, position: int) -> None:
     """Go back at the speed and with the ramp of the checks; give up after twice the time, or as
     soon as nobody wants to wait for it: told as not put back."""
-    driver.motion.set_plain()
-    origin = driver.client.position()
-    distance = abs(origin - position)
+    distance = abs(driver.client.position() - position)
+    driver.motion.set_plain(distance=distance)
     is_too_far = distance > 2 * driver.session.envelope.max_travel
     if is_too_far or driver.session.run.strayed or interrupts.is_hurried():
         return

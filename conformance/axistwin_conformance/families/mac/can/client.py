@@ -115,6 +115,7 @@ class CanClient(AxisClient):
         reply = codec.parse(arrival.frame, self.byte_order)
         if flaw:
             reply = replace(reply, kind=ReplyKind.GARBAGE, flaws=(*reply.flaws, flaw))
+        self._count_writes(reply.kind, is_general=request.address == codec.GENERAL_ADDRESS)
         is_late = request.index in MAY_BE_SILENT  # obeyed when the reply has left (MACC-CMD-00-02)
         begun = None if is_late else reply.frame
         return AxisExchange(

@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import ClassVar, Final
 
 from axistwin_conformance.base.retry import RETRY
+from axistwin_conformance.base.transcript import Direction
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.client import (
     QUIET_S,
@@ -34,6 +35,11 @@ NACK_BYTES: Final = 1
 MAY_BE_SILENT: Final = frozenset({0x00, 0x01, 0x08, 0x1B})  # MACS-AMB-20, §6
 OTHER_DIGITS: Final = {0x21: 2, 0x23: 2}  # MACS-AMB-03, -04
 GLANCE_BYTES: Final = codec.REQUEST_BYTES + 12  # a query, and the reply as far as its data
+REPLIED: Final = frozenset({ReplyKind.ANSWER, ReplyKind.ACCEPTED, ReplyKind.REFUSED})
+
+
+def _is_general(data: bytes) -> bool:
+    return data[4:6].upper() == b"%02X" % codec.GENERAL_ADDRESS
 
 
 class SerialClient(AxisClient):
@@ -84,7 +90,7 @@ class SerialClient(AxisClient):
         return reply.kind in (ReplyKind.ACCEPTED, ReplyKind.REFUSED, ReplyKind.ANSWER)
 
     def _once(self, data: bytes, timeout_s: float | None) -> AxisExchange:
-        self.target.drain()
+        self._judge_unasked()
         sent_ns = self.target.send(data)
         limit_s = self._limit_s(timeout_s)
         received = self._whole(b"", limit_s)
@@ -92,7 +98,25 @@ class SerialClient(AxisClient):
         taken = self._window(sent_ns, len(data), len(received), self.target.now_ns)
         reply = codec.parse(received)
         self._note_spelling(reply)
+        self._count_writes(reply.kind, is_general=_is_general(data))
+        self._note_whole(data, reply)
         return AxisExchange(data, reply, taken)
+
+    def _judge_unasked(self) -> None:
+        """Set aside what has come since the last reply.  Where that was whole, to a frame that one
+        module alone replies to, and nothing gets lost, nobody had asked for it (MACS-REPLY-12)."""
+        run, surplus = self.session.run, self.target.drain()
+        if not surplus or not self.target.is_lossless or run.replied_at < 0:
+            return
+        since = self.target.transcript.since(run.replied_at)
+        if not any(record.direction is Direction.HOST for record in since):
+            came = surplus.hex(" ").upper()
+            run.accusations.append(("MACS-REPLY-12", "nothing until it is asked", came))
+
+    def _note_whole(self, data: bytes, reply: SerialReply) -> None:
+        """Take note that this module, and none beside it, has said all that it was asked for."""
+        if reply.kind in REPLIED and data[4:6] == codec.two_digits(self.address):
+            self.session.run.replied_at = self.target.transcript.position
 
     def _limit_s(self, timeout_s: float | None) -> float:
         """How long to listen where the module may take so long; the line's own time is added."""
@@ -114,6 +138,8 @@ class SerialClient(AxisClient):
             if reply.final is not None:
                 self._noted.add(reply.final)
                 self._note_spelling(reply)
+        if self.session.run.budget.pending:
+            self._count_writes(codec.parse(received).kind, is_general=_is_general(data))
         return received, self._window(sent_ns, len(data), len(received), done_ns)
 
     def _whole(self, received: bytes, timeout_s: float) -> bytes:
@@ -253,8 +279,10 @@ class SerialClient(AxisClient):
     def _command(self, index: int, parameter: int, sub_index: int) -> AxisExchange:
         if sub_index or index in MAY_BE_SILENT or not self.target.is_direct:
             return super()._command(index, parameter, sub_index)
-        self.target.drain()
+        self._judge_unasked()
         data = codec.frame(self.address, index, parameter)
         size = codec.ANSWER_BYTES if index in ANSWERED else codec.SHORT_REPLY_BYTES
         received, taken = self.exchange(data, size, self.session.reply_timeout_s)
-        return AxisExchange(data, codec.parse(received), taken)
+        reply = codec.parse(received)
+        self._note_whole(data, reply)
+        return AxisExchange(data, reply, taken)

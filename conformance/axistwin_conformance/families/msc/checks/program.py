@@ -134,6 +134,9 @@ def a_timer_flag_follows_its_timer(session: Session) -> None:
     other way round, as this device reads it."""
     program = BenchProgram(session)
     program.must_run()
+    longest_s = 3 * session.target.uncertainty_ns / 1e9
+    if session.target.is_virtual and longest_s > TIMER_S:  # elsewhere the line may get quicker
+        session.skip(f"three exchanges take {longest_s:.1f} s here, the timer {TIMER_S:g} s")
     for _ in range(2):
         set_ns = program.driver.set_flag(program.timed).asked_ns
         program.taken(program.timed, "MSC-FLG-03")

@@ -165,7 +165,10 @@ def a_length_that_is_wrong_is_found_at_t1_at_the_latest(session: Session) -> Non
         codec.packet(driver.unit, RQSTAT, length=7 + len(raw)) + raw, NAK, "MSC-LNK-04", "both"
     )
     driver.link.alive("MSC-LNK-04")
-    # What is left over of a body cut short begins with its checksum, 02h.
+    # What is left over of a body cut short begins with its checksum, 02h.  On one pair of wires a
+    # unit that NAKs at once talks into those two characters.
+    if not driver.link.is_busy_hearing and driver.link.latency_ns <= 3 * driver.link.byte_ns:
+        return
     session.target.send(codec.packet(driver.unit, RQSTAT, length=5))
     received = driver.client.receive(1)
     session.expect(

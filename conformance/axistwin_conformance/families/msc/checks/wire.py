@@ -127,12 +127,14 @@ def a_character_without_its_stop_bit_spoils_its_packet(session: Session) -> None
     driver.link.nothing_more("MSC-LNK-02", "a framing error between packets")
     driver.link.alive("MSC-LNK-02")
     raw = codec.packet(driver.unit, RQSTAT)  # its block number is 0000h, as the corrupted byte is
+    at_once_ns = (len(raw) + 1) * driver.link.byte_ns + driver.link.latency_ns
     for place in CORRUPTED_AT.values():
         session.target.drain()
         sent_ns = session.target.send(raw[:place])
         _send_corrupted(driver)
         session.target.send(raw[place + 1 :])
-        driver.reading("uart_error", _uart_reading(driver, sent_ns, place), "MSC-LNK-02")
+        readings = _uart_reading(driver, sent_ns, sent_ns + at_once_ns, place)
+        driver.reading("uart_error", readings, "MSC-LNK-02")
         driver.link.alive(("MSC-LNK-02", "MSC-LNK-03"))
     first = driver.link.unanswered()
     _send_corrupted(driver)
@@ -212,8 +214,9 @@ def _send_corrupted(driver: MscDriver, wait_s: float | None = None) -> None:
         target.baud = rate
 
 
-def _uart_reading(driver: MscDriver, sent_ns: int, place: int) -> tuple[str, ...]:
-    """What is read from the answer to an RQSTAT with one character spoilt (MSC-AMB-43)."""
+def _uart_reading(driver: MscDriver, sent_ns: int, at_once_ns: int, place: int) -> tuple[str, ...]:
+    """What is read from the answer to an RQSTAT with one character spoilt (MSC-AMB-43), which at
+    once is then."""
     received = driver.client.receive(1, driver.client.packet_timeout_s * 1.5 + driver.link.glance_s)
     came_ns = driver.target.now_ns
     count = codec.REQUEST_BYTES["RQSTAT"] - 1
@@ -225,7 +228,10 @@ def _uart_reading(driver: MscDriver, sent_ns: int, place: int) -> tuple[str, ...
         received == NAK, "MSC-LNK-02", "NAK or ACK", received.hex(" ") or "nothing"
     )
     driver.link.nothing_more("MSC-LNK-02", "NAK")
-    if came_ns >= driver.link.sign_window(sent_ns, count).earliest_ns:
+    due_ns = driver.link.sign_window(sent_ns, count).earliest_ns
+    if at_once_ns + driver.link.spare_ns >= due_ns:  # it takes as long to NAK as T1 is
+        return ("bad_packet", "use_byte", "drop_byte")
+    if came_ns >= due_ns:
         return ("drop_byte",)
     # Only where 00 stands anyway does the byte as it is make a good packet.
     return ("bad_packet",) if place == CORRUPTED_AT["header"] else ("bad_packet", "use_byte")

@@ -22,7 +22,6 @@ from axistwin_conformance.families.msc.link import LIMITS
 from axistwin_conformance.families.msc.probing import (
     COARSE_MS,
     LINE_SLACK_NS,
-    LONGEST_S,
     MS,
     MscReplyKind,
     answer_to,
@@ -32,6 +31,7 @@ from axistwin_conformance.families.msc.probing import (
     glance_s,
     in_ms,
     is_waiting,
+    longest_s,
     refusals,
     repeat_at_once,
     reply_kind_of,
@@ -67,7 +67,7 @@ def packet_timeout_mode(driver: MscDriver) -> Outcome:
     """The header of RQSTAT in a row, and begun slowly: the NAK comes so long after which byte."""
     straight_ns = _broken_off(driver)
     if straight_ns is None:
-        return f"no NAK within {LONGEST_S:.0f} s of a header"
+        return f"no NAK within {longest_s(driver):.0f} s of a header"
     byte_ns = driver.target.byte_ns
     pause_ns = straight_ns // 4
     raw = driver.client.request(RQSTAT)
@@ -76,7 +76,7 @@ def packet_timeout_mode(driver: MscDriver) -> Outcome:
     header_ns = driver.client.send(raw[HEADER - 1 : HEADER])
     driver.target.wait(pause_ns / 1e9)
     last_ns = driver.client.send(raw[HEADER : HEADER + 1])
-    if driver.client.receive(1, LONGEST_S) != NAK:
+    if driver.client.receive(1, longest_s(driver)) != NAK:
         return "a NAK to a header, and none to one that comes slowly"
     came_ns = driver.target.now_ns
     # How much later it came than the reading says: from the first byte, the last, the header's.
@@ -95,7 +95,7 @@ def packet_timeout_ms(driver: MscDriver) -> Outcome:
     """From the first byte of a header, or its last (packet_timeout_mode), to the NAK."""
     took_ns = _broken_off(driver)
     if took_ns is None:
-        return f"no NAK within {LONGEST_S:.0f} s of a header"
+        return f"no NAK within {longest_s(driver):.0f} s of a header"
     counted_from = 0 if driver.session.reading("packet_timeout_mode") == "total" else HEADER - 1
     own_ns = (counted_from + 2) * driver.target.byte_ns  # that byte and the NAK take their own time
     return in_ms(driver, took_ns - own_ns, "packet_timeout_ms", is_from_sending=True)
@@ -106,7 +106,7 @@ def _broken_off(driver: MscDriver) -> int | None:
     raw = codec.packet(driver.unit, RQSTAT, checksum=NO_SUM)
     driver.target.drain()
     sent_ns = driver.client.send(raw[:HEADER])
-    received = driver.client.receive(1, LONGEST_S)
+    received = driver.client.receive(1, longest_s(driver))
     came_ns = driver.target.now_ns
     if received == NAK:
         return came_ns - sent_ns
@@ -151,7 +151,12 @@ def stray_nak(driver: MscDriver) -> Outcome:
 def ack_timeout_action(driver: MscDriver) -> Outcome:
     """RQSTAT, and no answer to its reply: what comes by itself, and what a NAK draws after that."""
     unanswered(driver)
-    most, repeats, wait_s, since_ns = max(LIMITS.values()), 0, LONGEST_S, driver.target.now_ns
+    most, repeats, wait_s, since_ns = (
+        max(LIMITS.values()),
+        0,
+        longest_s(driver),
+        driver.target.now_ns,
+    )
     while repeats <= most:
         again, strays = driver.client.receive_packet(wait_s)
         if again is None and STX not in strays:
@@ -165,7 +170,7 @@ def ack_timeout_action(driver: MscDriver) -> Outcome:
     if repeats:
         return 0
     down_to_the_last(driver)
-    driver.target.wait(LONGEST_S)
+    driver.target.wait(longest_s(driver))
     waits = is_waiting(driver)
     return (1, 2) if waits is None else 2 if waits else 1
 
@@ -180,21 +185,21 @@ def ack_timeout_ms(driver: MscDriver) -> Outcome:
         return _given_up_after(driver)
     _, replied_ns = unanswered(driver)
     for _ in range(MOST_STRAYS):
-        first = driver.client.receive(1, LONGEST_S)
+        first = driver.client.receive(1, longest_s(driver))
         if first in (b"", STX):
             break
     came_ns = driver.target.now_ns  # its other bytes may come in a bunch
     again = driver.client.rest_of_packet()[0] if first == STX else None
     driver.client.send(ACK)
     if again is None:
-        return f"no repeat within {LONGEST_S:.0f} s"
+        return f"no repeat within {longest_s(driver):.0f} s"
     return in_ms(driver, came_ns - replied_ns - driver.target.byte_ns, "ack_timeout_ms")
 
 
 def _given_up_after(driver: MscDriver) -> Outcome:
     """For how long a reply can be refused, found by refusing it at different times."""
     default_ms = default_of(driver, "ack_timeout_ms")
-    low_ms, high_ms = 0, round(LONGEST_S * 1000)
+    low_ms, high_ms = 0, round(longest_s(driver) * 1000)
     tried_ms = default_ms
     while high_ms - low_ms > (1 if driver.target.is_virtual else COARSE_MS):
         if _is_held_for(driver, tried_ms):

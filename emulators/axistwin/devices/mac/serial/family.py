@@ -79,7 +79,7 @@ _DESCRIPTIONS: Final = {
 MODELS: Final = tuple(
     Model(
         name,
-        f"{description}, serial expert frames",
+        description,
         MacSerialFamily(name),
         addresses=range(0x80),
         default_address=0,

@@ -41,8 +41,8 @@ def _power_on(driver: AxisDriver, start: int) -> None:
 
 def _move(driver: AxisDriver, start: int) -> None:
     # Each command takes it a little further from the start: it must not be there already.
-    way = driver.limits.steps_outlasting(driver.motion.period, MOST_EXCHANGES)
-    driver.client.command(0x13, start + max(LONG_STEPS, min(way, driver.limits.room())))
+    way = driver.limits.way_outlasting(LONG_STEPS, driver.motion.period, MOST_EXCHANGES)
+    driver.client.command(0x13, start + way)
 
 
 def _turn(driver: AxisDriver, start: int) -> None:

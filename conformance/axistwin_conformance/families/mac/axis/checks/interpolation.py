@@ -127,8 +127,9 @@ def virtual_segments_wait_as_long_as_real_ones_move(session: Session) -> None:
     """Between two segments, 1Eh keeps the axis still for DDDD·VVVV ticks, and not one more."""
     driver = plain(session)
     start = driver.motion.ready()
-    period, slow = driver.limits.outlasting(40, 0x3000), driver.limits.slowed(0x4000)
-    row = [Segment(40, period), Segment(60, period, moves=False), Segment(back(driver, 25), slow)]
+    first, slow = driver.limits.segment(40, 0x3000), driver.limits.slowed(0x4000)
+    pause = Segment(first.steps * 3 // 2, first.period, moves=False)
+    row = [first, pause, Segment(back(driver, 25), slow)]
     forecast = driver.motion.feed(start, *row)
     driver.motion.watch(forecast, ("MACS-CMD-1E-01", "MACS-CMD-16-01"), samples=10)
     place = driver.client.position()
@@ -237,7 +238,7 @@ def a_hard_stop_empties_the_fifo(session: Session) -> None:
     """18h ends the segment and drops the stored ones: nothing resumes, and the FIFO is free."""
     driver = plain(session)
     start = driver.motion.ready()
-    segment = Segment(40, driver.limits.outlasting(40, 0x4000))
+    segment = driver.limits.segment(40, 0x4000)
     forecast = driver.motion.feed(start, segment, segment, segment)
     driver.client.wait(0.1)
     halted = forecast.halted(driver.judge.accepted(0x18).taken)

@@ -409,8 +409,9 @@ def warnings_follow_the_supply_and_refuse_nothing(session: Session) -> None:
 def _judge_moves(driver: AxisDriver) -> None:
     """Every kind of motion is accepted and runs to its end."""
     start = driver.client.position()
+    way = driver.limits.way_outlasting(20, driver.motion.period, 4)
     for command in driver.rig.motion_commands:
-        moving = command.begin(driver.rig, start, 20)
+        moving = command.begin(driver.rig, start, way)
         if command.is_endless:
             driver.client.wait(0.02)
             driver.judge.accepted(0x18)

@@ -76,7 +76,7 @@ def enable_stop(driver: AxisDriver, side: SoftwareStop, distance: int, mode: int
     start = driver.motion.ready(PERIOD)
     other = 0x0A if side.index == 0x09 else 0x09
     driver.judge.accepted(side.index, start + side.direction * distance)
-    driver.judge.accepted(other, start - side.direction * FAR)
+    driver.motion.keep_off(other, start - side.direction * FAR)
     driver.judge.accepted(0x03, mode)
     return start
 
@@ -154,7 +154,7 @@ def beyond_a_software_stop_every_motion_ends(session: Session) -> None:
                 driver.judge.reading(
                     "busy_after_abort", int(driver.status.is_busy()), side.requirements
                 )
-            driver.judge.accepted(0x03, 8, requirement=side.requirements)
+            driver.judge.accepted(0x03, 0, requirement=side.requirements)
 
 
 @check("MACS-STOP-03", "MACS-CMD-09-02", safety=MOVES, level="full")
@@ -283,7 +283,7 @@ def software_stops_watch_the_counter(session: Session) -> None:
         session.skip("the counter's origin could not be put back: it is outside the envelope")
     driver.motion.finish(driver.motion.go(start + 15))
     driver.judge.accepted(0x09, 30)
-    driver.judge.accepted(0x0A, -FAR)
+    driver.motion.keep_off(0x0A, -FAR)
     driver.judge.accepted(0x0B)
     driver.judge.accepted(0x03, 8)
     driver.judge.accepted(0x13, 90)
@@ -309,7 +309,7 @@ def a_counter_cleared_in_motion_brings_the_stop_nearer(session: Session) -> None
         session.skip("the counter is too far from 0 to be brought back there")
     driver.motion.finish(driver.motion.go(start - 60))
     driver.judge.accepted(0x09, 20)
-    driver.judge.accepted(0x0A, -FAR)
+    driver.motion.keep_off(0x0A, -FAR)
     driver.judge.accepted(0x03, 8)
     forecast = driver.motion.turn(1, SLOWEST)
     driver.client.wait(0.15)

@@ -46,10 +46,11 @@ def axes_keep_step_through_virtual_segments(session: Session) -> None:
     """While one axis moves, the other waits the same ticks: afterwards both are in step."""
     axes = everybody(session)[:2]
     starts = [driver.motion.ready() for driver in axes]
-    period = max(driver.limits.outlasting(40, 0x2000) for driver in axes)
+    longest = max((driver.limits.segment(40, 0x2000) for driver in axes), key=lambda one: one.steps)
+    steps, period = longest.steps, max(driver.limits.outlasting(40, 0x2000) for driver in axes)
     slow = max(period, 0x3000)
-    segments = (Segment(40, period), Segment(30, slow, moves=False), Segment(20, period))
-    other = (Segment(40, period, moves=False), Segment(30, slow), Segment(20, period))
+    segments = (Segment(steps, period), Segment(30, slow, moves=False), Segment(20, period))
+    other = (Segment(steps, period, moves=False), Segment(30, slow), Segment(20, period))
     try:
         forecasts = [
             driver.motion.feed(start, *row)

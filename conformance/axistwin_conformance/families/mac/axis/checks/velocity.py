@@ -133,8 +133,8 @@ def speed_changes_follow_the_closed_form(session: Session) -> None:
 def velocity_0_and_17h_stop_on_the_ramp(session: Session) -> None:
     """15h with 0000, and 17h, bring endless motion to rest one ramp further on."""
     driver = driver_of(session)
-    for index, name in ((0x15, "MACS-CMD-15-04"), (0x17, "MACS-CMD-17-01")):
-        for direction, coefficient in ((1, 1), (-1, 2)):
+    for direction, coefficient in ((1, 1), (-1, 2)):
+        for index, name in ((0x15, "MACS-CMD-15-04"), (0x17, "MACS-CMD-17-01")):
             driver.motion.ready(0x0800, coefficient)
             period = driver.motion.period
             forecast = driver.motion.turn(direction, period)

@@ -191,6 +191,12 @@ class AxisClient(ABC):
     def _is_good(self, index: int, reply: Any, *, may_be_silent: bool) -> bool:
         """True if a module could say that, as far as is known of this one."""
 
+    def _count_writes(self, kind: ReplyKind, *, is_general: bool) -> None:
+        """What the module has refused or Nacked has worn nothing; of what all are told, the others
+        may have obeyed."""
+        is_refusal = kind in (ReplyKind.REFUSED, ReplyKind.NACK) and not is_general
+        self.session.run.budget.replied(is_refusal=is_refusal)
+
     def _undisturbed(
         self, request: Any, index: int, exchange: AxisExchange, timeout_s: float | None
     ) -> AxisExchange:

@@ -7,6 +7,7 @@ from typing import Final
 from axistwin_conformance.base.errors import OutsideEnvelope
 from axistwin_conformance.families.mac.axis.driver.client import AxisClient
 from axistwin_conformance.families.mac.axis.driver.readings import AxisReadings
+from axistwin_conformance.families.mac.axis.model.forecast import Segment
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS, TICKS_PER_SECOND
 
 GENTLE_BRAKING: Final = 1_000_000  # inc/s²: a tenth of what an unloaded MAC23 does (§5.4)
@@ -108,6 +109,19 @@ class AxisLimits:
     def steps_outlasting(self, period: int, exchanges: int = 3) -> int:
         """So many steps of that period outlast so many exchanges here."""
         return -(-exchanges * self._target.uncertainty_ns // (period * TICK_NS))
+
+    def way_outlasting(self, least: int, period: int, exchanges: int) -> int:
+        """So many increments, or as many more as outlast so many exchanges here and are in the
+        envelope."""
+        return max(least, min(self.steps_outlasting(period, exchanges), self.room()))
+
+    def segment(
+        self, steps: int, period: int, *, exchanges: int = 3, moves: bool = True
+    ) -> Segment:
+        """A segment of so many steps at that period, or slower, and then longer, so that it
+        outlasts so many exchanges here."""
+        period = self.outlasting(steps, period, exchanges)
+        return Segment(self.way_outlasting(steps, period, exchanges), period, moves)
 
     def allowance(self, period: int) -> int:
         """Increments a real axis may trail or lead its set-point by; none in virtual time, where

@@ -6,7 +6,7 @@ Built on `client.py`, which says for each exchange when the module can have take
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Final
 
@@ -21,7 +21,7 @@ from axistwin_conformance.families.mac.axis.driver.client import (
 from axistwin_conformance.families.mac.axis.driver.judge import AxisJudge
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST, AxisLimits
 from axistwin_conformance.families.mac.axis.driver.readings import AxisReadings
-from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind, signed
 from axistwin_conformance.families.mac.axis.model.forecast import (
     Forecast,
     Segment,
@@ -32,8 +32,9 @@ from axistwin_conformance.families.mac.axis.model.kinematics import (
     TICKS_PER_SECOND,
     Course,
     Law,
+    ramp_increments,
 )
-from axistwin_conformance.families.mac.axis.parameters import values_of
+from axistwin_conformance.families.mac.axis.parameters import PARAMETERS, values_of
 from axistwin_conformance.families.mac.axis.return_to_start import STILL_S, comes_back
 from axistwin_conformance.families.mac.axis.shaft import SLOWEST_LEVEL_TICKS
 from axistwin_conformance.families.mac.axis.travel_guard import AxisTravelGuard
@@ -41,12 +42,16 @@ from axistwin_conformance.families.mac.axis.travel_guard import AxisTravelGuard
 DEAF_S: Final = 2.0  # MACS-CMD-00-02
 FIFO_STAGES: Final = 3
 PRELOAD_SHOWS_S: Final = 0.2
+LITTLE_LONGER_S: Final = 0.4
+RAMP_TAKES: Final = 1  # times as long as its increments at full speed, beside these
 CLOCK_ERROR: Final = 0.002  # a real module's quartz against ours; none in virtual time
 
 PLOT_POINTS: Final = 12  # of the predicted band, at most, from one reading to the next
 PLOT_SPACING_NS: Final = 5_000_000
+FARTHEST_RUN_ON: Final = 0xFFFF  # increments: the largest number there is (MACS-AMB-76)
 MOTION_NAMES: Final = {"PO": "move", "VE": "endless motion", "IN": "segments", "HD": "halt"}
 
+PLAIN: Final = (0x02, 0x03, 0x0D, 0x0F, 0x1C)  # the parameters that `AxisMotion.set_plain` sets
 SAFE_PERIOD: Final = 0x0640  # 1600 ticks: 5000 inc/s, 150 rpm on a MAC23
 
 
@@ -155,13 +160,16 @@ class AxisMotion:
         than by what was sent.
 
         It runs on over the N increments it was seen to (MACS-INT-03), slowing down evenly, so that
-        the last one takes 2√N times as long as one before, and all of them √N times that.
+        the last one takes 2√N times as long as one before, and all of them √N times that.  While N
+        is not known it is followed as far as any runs on, by how far it has come so far.
         """
         number = self._limits.brake_increments
+        farthest = 0
         if number.isdigit():
             increments = int(number)
         elif self._limits.has_ideal_plant:
             increments = int(self._limits.may_run_on)
+            farthest = increments * FARTHEST_RUN_ON
         else:
             increments = self._limits.braking(self.period)
         if not increments:
@@ -171,12 +179,14 @@ class AxisMotion:
             slowest_ticks = (
                 SLOWEST_LEVEL_TICKS if guard is None else guard.slowest_ticks(self._client.address)
             )
-        pause_s = (2 * math.sqrt(increments) + 1) * slowest_ticks / TICKS_PER_SECOND
-        place = self._client.ask(0x20).reply.data
-        for _ in range(math.isqrt(increments) + 2):
-            if place is None:  # who is silent is not waited for
+        place = begin = self._client.ask(0x20).reply.data
+        # Waits that grow with √ of the way made so far are π/2·√N in all.
+        for _ in range(2 * math.isqrt(max(increments, farthest)) + 2):
+            if place is None or begin is None:  # who is silent is not waited for
                 return
-            self._client.wait(pause_s)
+            made = min(abs(signed(place - begin & 0xFFFF_FFFF)), farthest)
+            last = 2 * math.sqrt(max(increments, made)) + 1
+            self._client.wait(last * slowest_ticks / TICKS_PER_SECOND)
             before, place = place, self._client.ask(0x20).reply.data
             if place == before:
                 if guard is not None:
@@ -196,17 +206,52 @@ class AxisMotion:
         self.set_plain(period, coefficient)
         return self.come_home()
 
-    def set_plain(self, period: int = SAFE_PERIOD, coefficient: int = 0) -> None:
-        """The same, wherever the axis then stands."""
+    def ready_for_segments(self, coefficient: int = 0) -> int:
+        """The same where nothing moves at the period that is set: a slower one stays, unless it is
+        a long way home."""
+        self.set_plain(coefficient=coefficient, keeps_period=True)
+        position = self._client.position()
+        return self.ready(coefficient=coefficient) if self._is_far(position) else position
+
+    def set_plain(
+        self,
+        period: int = SAFE_PERIOD,
+        coefficient: int = 0,
+        *,
+        distance: int | None = None,
+        keeps_period: bool = False,
+    ) -> None:
+        """The same, wherever the axis then stands.  `distance`: the way it then goes; a period and
+        a ramp stay with which that takes little longer.  `keeps_period`: one that is slower stays.
+        """
         self.at_rest()
         present = values_of({query: self._client.value(query) for query in (0x25, 0x26)})
+        if distance is not None and self._is_fit(present, distance, period):
+            period, coefficient = present[0x0D], present[0x0F]
+        if keeps_period:
+            period = max(period, present[0x0D])
         can_move = self._limits.can_move
         self.period = max(period, self._limits.fastest) if can_move else present[0x0D]
         self.coefficient = coefficient
-        plain = {0x02: 0, 0x03: 0, 0x0D: self.period, 0x0F: coefficient, 0x1C: 0}
-        for index, wanted in plain.items():
+        plain = {0x0D: self.period, 0x0F: coefficient}
+        for index in PLAIN:
+            wanted = plain.get(index, 0)
             if present[index] != wanted:  # an EEPROM bears only so many writes
                 self._client.command(index, wanted)
+
+    def _is_fit(self, present: Mapping[int, int], distance: int, period: int) -> bool:
+        """Whether the settings present are no faster than that period, and slower by little."""
+        ramps = min(distance, 2 * ramp_increments(present[0x0F]))
+        lasting_s = self.lasting_s(distance + RAMP_TAKES * ramps, present[0x0D])
+        is_slower = present[0x0D] >= max(period, self._limits.fastest)
+        return is_slower and lasting_s <= self.lasting_s(distance, period) + LITTLE_LONGER_S
+
+    def keep_off(self, index: int, place: int) -> None:
+        """Have the software stop of 09h or 0Ah no nearer than that place; one that is further out
+        stays."""
+        stop, outward = PARAMETERS[index], 1 if index == 0x09 else -1
+        if (stop.taken(self._client.parameter(index)) - place) * outward < 0:
+            self._judge.accepted(index, place)
 
     @contextmanager
     def torque_kept(self) -> Iterator[None]:
@@ -218,11 +263,7 @@ class AxisMotion:
     def come_home(self) -> int:
         """Go back to where the run found the axis if it has come far; give the position."""
         position, home = self._client.position(), self._limits.home
-        if (
-            home is None
-            or abs(position - home) <= self._limits.room() // 4
-            or not self._limits.can_move
-        ):
+        if home is None or not self._is_far(position):
             return position
         end = self.go(home).end
         assert end is not None
@@ -233,6 +274,11 @@ class AxisMotion:
             self._client.wait_until(end.latest_ns)
         self._client.command(0x18)
         return self._client.position()
+
+    def _is_far(self, position: int) -> bool:
+        home = self._limits.home
+        is_near = home is None or abs(position - home) <= self._limits.room() // 4
+        return self._limits.can_move and not is_near
 
     def at_rest(self) -> None:
         """End motion and synchronous mode, whatever the device's reading of either."""

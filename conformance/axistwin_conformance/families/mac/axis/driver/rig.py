@@ -22,7 +22,7 @@ from axistwin_conformance.families.mac.axis.driver.motion import (
 )
 from axistwin_conformance.families.mac.axis.driver.readings import AxisReadings
 from axistwin_conformance.families.mac.axis.driver.status import AxisStatus
-from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind, signed
 from axistwin_conformance.families.mac.axis.model.forecast import Forecast, Segment, TimeWindow
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS, TICKS_PER_SECOND
 
@@ -31,6 +31,7 @@ EXACT_REACH: Final = 300  # increments
 EXACT_PERIOD: Final = 0x2000  # 1.024 ms per increment: a step is longer than a reply is late
 OVER_VOLTAGE, UNDER_VOLTAGE = 0x40, 0x20  # the warnings in dd
 HARD_POSITIVE, HARD_NEGATIVE = 0x08, 0x04  # bits of ff
+SOFTWARE_STOPS: Final = 0x08  # bit of 03h
 OFF_S: Final = 1.0
 AT_ONCE: Final = "needs a rig that acts at once"
 # How to learn which way a command counts down, where the run has not: its switch, index and
@@ -126,6 +127,16 @@ class AxisRig:
             self.restart()
         self.start = self.motion.ready(self.slow_period if period is None else period, coefficient)
         return self.start
+
+    def enable_stops(self, mode: int) -> None:
+        """Send 03h; the software stops it enables are put where no motion from `start` comes,
+        wherever a device has them (MACS-AMB-25)."""
+        reach = max(self.reach, self._limits.room()) + self._limits.braking(self.motion.period)
+        for index, direction in ((0x09, 1), (0x0A, -1)) if mode & SOFTWARE_STOPS else ():
+            place = signed(self._client.parameter(index))
+            if (place - self.start) * direction <= reach:
+                self.judge.accepted(index, self.start + 2 * direction * reach)
+        self.judge.accepted(0x03, mode)
 
     def has_tolerance(self) -> bool:
         """Whether this device knows 1Ch (MACS-AMB-09); asked with what is set already."""

@@ -33,9 +33,10 @@ STEP_SEEN_NS: Final = 600_000
 SWING_READS: Final = 12
 SWING_PAUSE_S: Final = 0.003
 LONGEST_RAMP: Final = 0xFF
+RAMP_PERIOD: Final = 0x0800  # 3906 inc/s, of all questions about ramps
 ROUNDING_PERIOD: Final = 0x07F1  # the three roundings of its levels lie evenly apart, 3.3 ms
 STOP_PERIOD: Final = 0x1000
-FAR: Final = 100_000
+FAR_FROM_ZERO: Final = 500  # increments: to the same number of a cleared counter it takes seconds
 ACCELERATED_SLACK: Final = 4  # increments: no formula is given, only its law
 
 
@@ -87,7 +88,7 @@ def preload_policy(driver: AxisDriver) -> Outcome:
 @probe(safety=MOVES)
 def preload_locks(driver: AxisDriver) -> Outcome:
     """0Fh while a motion is preloaded."""
-    start = driver.motion.ready()
+    start = driver.motion.ready(SLOWEST)
     driver.judge.accepted(0x10)
     driver.judge.accepted(0x13, start + 50)
     kind = driver.client.command(0x0F, 0).kind
@@ -106,7 +107,7 @@ def motion_lock_set(driver: AxisDriver) -> Outcome:
         0x0F: 0,
     }
     exchanges = 1 + len(same)
-    way = max(100, driver.limits.steps_outlasting(driver.motion.period, exchanges + 1))
+    way = driver.limits.way_outlasting(100, driver.motion.period, exchanges + 1)
     driver.judge.accepted(0x13, start + way)
     kinds = [driver.client.command(index, parameter).kind for index, parameter in same.items()]
     driver.motion.at_rest()
@@ -139,9 +140,30 @@ def busy_after_17h(driver: AxisDriver) -> Outcome:
     return int(driver.status.is_busy())
 
 
+@probe(safety=MOVES)
+def vel_reverse_cmd(driver: AxisDriver) -> Outcome:
+    """15h with the other direction in endless motion."""
+    driver.motion.ready(SLOWEST)
+    driver.client.command(0x15, velocity(1, SLOWEST))
+    kind = driver.client.command(0x15, velocity(-1, SLOWEST)).kind
+    driver.motion.at_rest()
+    return reply_of(kind, ACCEPTED_OR_REFUSED)
+
+
+@probe(safety=MOVES)
+def vel_during_position(driver: AxisDriver) -> Outcome:
+    """15h during a far 13h."""
+    start = driver.motion.ready(SLOWEST)
+    driver.client.command(0x13, start + 100)
+    kind = driver.client.command(0x15, velocity(1, SLOWEST)).kind
+    driver.motion.at_rest()
+    return reply_of(kind, ACCEPTED_OR_REFUSED)
+
+
 # --- ramps and instants --------------------------------------------------------------------------
 #
-# In this order most begin with the period and the ramp of the one before: no EEPROM write.
+# In this order most begin with the period and the ramp of the one before, and the last of them with
+# those of most checks: no EEPROM write.
 
 
 @probe(safety=MOVES)
@@ -192,14 +214,13 @@ def triangle_law(driver: AxisDriver) -> Outcome:
     if sample.taken.latest_ns - exchange.taken.earliest_ns > look_ms * 1_250_000:
         driver.session.skip("its replies take too long to tell")
     moved = sample.position - start
-    driver.client.wait(0.2)
     return {1: 0, 2: 1}.get(moved, f"{moved} of 2 increments after {look_ms} ms")
 
 
 @probe(safety=MOVES)
 def ramp_law(driver: AxisDriver) -> Outcome:
     """A move of two ramps, sampled: the two laws differ by 1.69 in time."""
-    start = driver.motion.ready(0x0640, 2)
+    start = driver.motion.ready(RAMP_PERIOD, 2)
     distance = 2 * ramp_increments(2)
     exchange = driver.judge.accepted(0x13, start + distance)
     laws = [replace(driver.readings.law, ramp=name) for name in RAMP_LAWS]
@@ -214,32 +235,9 @@ def ramp_law(driver: AxisDriver) -> Outcome:
 
 
 @probe(safety=MOVES)
-def stop_ramp_law(driver: AxisDriver) -> Outcome:
-    """17h in the middle of a ramp: the climbed increments are descended, or a whole ramp."""
-    start = driver.motion.ready(0x0640, 4)
-    distance = min(driver.limits.room(), 3 * ramp_increments(4))
-    exchange = driver.judge.accepted(0x13, start + distance)
-    driver.client.wait(0.05)
-    stop = driver.judge.accepted(0x17)
-    moving = driver.motion.to_position(
-        exchange, start, start + distance, replace(driver.readings.law, stop="climbed")
-    )
-    samples = driver.motion.sampled(0.6, 8)
-    if driver.motion.fit(samples, [moving.stopped(stop.taken)]):
-        return 0
-    # Of the other reading only the number of increments is given, not their periods.
-    done = [1 + place - start for place in moving.bounds(stop.taken)]
-    driver.client.wait(2.0)
-    rest, whole = driver.client.position() - start, ramp_increments(4)
-    slack = 2 + driver.limits.allowance(driver.motion.period)
-    is_whole = done[0] + whole - slack <= rest <= done[1] + whole + slack
-    return 1 if is_whole else f"at rest {rest} increments on"
-
-
-@probe(safety=MOVES)
 def vel_change_law(driver: AxisDriver) -> Outcome:
     """15h to another speed in motion, sampled."""
-    driver.motion.ready(0x0800, 2)
+    driver.motion.ready(RAMP_PERIOD, 2)
     before, after = driver.limits.slowed_alike(0x2000, 0x1400)
     origin = driver.client.position()
     start = driver.judge.accepted(0x15, velocity(1, before))
@@ -279,6 +277,29 @@ def vel_change_law(driver: AxisDriver) -> Outcome:
     )
     moved = last.position - first.position
     return 1 if least <= moved <= most else f"{moved} increments where {least}..{most} are due"
+
+
+@probe(safety=MOVES)
+def stop_ramp_law(driver: AxisDriver) -> Outcome:
+    """17h in the middle of a ramp: the climbed increments are descended, or a whole ramp."""
+    start = driver.motion.ready(RAMP_PERIOD, 4)
+    distance = min(driver.limits.room(), 3 * ramp_increments(4))
+    exchange = driver.judge.accepted(0x13, start + distance)
+    driver.client.wait(0.05)
+    stop = driver.judge.accepted(0x17)
+    moving = driver.motion.to_position(
+        exchange, start, start + distance, replace(driver.readings.law, stop="climbed")
+    )
+    samples = driver.motion.sampled(0.6, 8)
+    if driver.motion.fit(samples, [moving.stopped(stop.taken)]):
+        return 0
+    # Of the other reading only the number of increments is given, not their periods.
+    done = [1 + place - start for place in moving.bounds(stop.taken)]
+    driver.client.wait(2.0)
+    rest, whole = driver.client.position() - start, ramp_increments(4)
+    slack = 2 + driver.limits.allowance(driver.motion.period)
+    is_whole = done[0] + whole - slack <= rest <= done[1] + whole + slack
+    return 1 if is_whole else f"at rest {rest} increments on"
 
 
 @probe(safety=MOVES, needs=("virtual",))
@@ -348,32 +369,13 @@ def standby_swing(driver: AxisDriver) -> Outcome:
 @probe(safety=MOVES)
 def vel_f6_direction(driver: AxisDriver) -> Outcome:
     """15h with SS = F6h, then 20h."""
-    start = driver.motion.ready(0x2000)
-    driver.judge.accepted(0x15, velocity(-1, driver.motion.period))
-    driver.client.wait(driver.motion.lasting_s(20))
+    start = driver.motion.ready()
+    period = driver.limits.slowed(0x2000)
+    driver.judge.accepted(0x15, velocity(-1, period))
+    driver.client.wait(driver.motion.lasting_s(20, period))
     driver.client.command(0x18)
     moved = driver.client.position() - start
     return 0 if moved < 0 else 1 if moved > 0 else "no motion at all"
-
-
-@probe(safety=MOVES)
-def vel_reverse_cmd(driver: AxisDriver) -> Outcome:
-    """15h with the other direction in endless motion."""
-    driver.motion.ready(SLOWEST)
-    driver.client.command(0x15, velocity(1, SLOWEST))
-    kind = driver.client.command(0x15, velocity(-1, SLOWEST)).kind
-    driver.motion.at_rest()
-    return reply_of(kind, ACCEPTED_OR_REFUSED)
-
-
-@probe(safety=MOVES)
-def vel_during_position(driver: AxisDriver) -> Outcome:
-    """15h during a far 13h."""
-    start = driver.motion.ready(SLOWEST)
-    driver.client.command(0x13, start + 100)
-    kind = driver.client.command(0x15, velocity(1, SLOWEST)).kind
-    driver.motion.at_rest()
-    return reply_of(kind, ACCEPTED_OR_REFUSED)
 
 
 @probe(safety=MOVES)
@@ -387,8 +389,12 @@ def cleared_in_a_move(driver: AxisDriver) -> tuple[Outcome, int]:
 
     The second value is the reply's window: how far from the start the counter was cleared.
     """
-    distance = 150
-    start = driver.motion.ready(driver.limits.outlasting(distance, 0x4000, 6), 0)
+    period = driver.limits.outlasting(150, 0x4000, 6)
+    distance = driver.limits.way_outlasting(150, period, 3)
+    far = abs(driver.client.position())
+    if far > FAR_FROM_ZERO and driver.limits.fits(-distance):
+        driver.motion.finish(driver.motion.go_plainly(-distance))
+    start = driver.motion.ready(period, 0)
     if abs(start) > driver.limits.room() // 2:
         driver.session.skip(f"counter 0 is {abs(start)} increments away")
     target = start + distance

@@ -25,7 +25,7 @@ PERIOD: Final = 0x1000
 FASTER: Final = 0x0400  # 7812 inc/s: an unloaded axis with inertia brakes over 4 increments
 FASTEST: Final = 100
 LOOK_S: Final = 0.25
-LOOKS: Final = 300  # more than √N of the largest number there is
+LOOKS: Final = 450  # more than π/2·√N of the largest number there is, as the speed falls
 
 
 def travel_guard(driver: AxisDriver, distance: int, period: int = PERIOD) -> int:
@@ -34,7 +34,7 @@ def travel_guard(driver: AxisDriver, distance: int, period: int = PERIOD) -> int
         driver.motion.reinitialise()
     start = driver.motion.ready(period)
     driver.judge.accepted(0x09, start + distance)
-    driver.judge.accepted(0x0A, start - FAR)
+    driver.motion.keep_off(0x0A, start - FAR)
     driver.judge.accepted(0x03, 8)
     return start
 

@@ -72,7 +72,7 @@ def fifo_counts_executing(driver: AxisDriver) -> Outcome:
 @probe(safety=MOVES)
 def segment_signed(driver: AxisDriver) -> Outcome:
     """16h FFFF at a slow period: one step back, or a long way forward."""
-    start = driver.motion.ready(SLOWEST)
+    start = driver.motion.ready_for_segments()
     period = driver.limits.slowed(0x1000)
     put(driver, Segment(0xFFFF, period))
     driver.client.wait(driver.motion.lasting_s(100, period))
@@ -84,7 +84,7 @@ def segment_signed(driver: AxisDriver) -> Outcome:
 @probe(safety=MOVES)
 def fifo_underrun(driver: AxisDriver) -> Outcome:
     """One segment and no other behind it, with AA = 1 so that a ramp shows; then another."""
-    start = driver.motion.ready(coefficient=1)
+    start = driver.motion.ready_for_segments(coefficient=1)
     period = driver.limits.slowed(0x2000)
     exchange = put(driver, Segment(30, period))
     end = driver.motion.to_segments(exchange, start, Segment(30, period)).end
@@ -104,7 +104,7 @@ def fifo_underrun(driver: AxisDriver) -> Outcome:
 @probe(safety=MOVES)
 def segment_zero_period(driver: AxisDriver) -> Outcome:
     """1Eh with VVVV = 0000: refused; over at once; or long running."""
-    driver.motion.ready(SLOWEST)
+    driver.motion.ready_for_segments()
     kind = driver.client.command(0x1E, segment_parameter(WAIT_STEPS, 0)).kind
     driver.client.wait(0.02)
     is_running = driver.client.command(0x02, 0).kind is ReplyKind.REFUSED
@@ -117,7 +117,7 @@ def segment_zero_period(driver: AxisDriver) -> Outcome:
 @probe(safety=MOVES)
 def segment_zero_steps(driver: AxisDriver) -> Outcome:
     """1Eh with DDDD = 0000: over at once, or long running."""
-    driver.motion.ready(SLOWEST)
+    driver.motion.ready_for_segments()
     kind = driver.client.command(0x1E, segment_parameter(0, 0x1000)).kind
     is_running = driver.client.command(0x02, 0).kind is ReplyKind.REFUSED
     driver.motion.at_rest()
@@ -128,17 +128,18 @@ def segment_zero_steps(driver: AxisDriver) -> Outcome:
 def interp_during_profile(driver: AxisDriver) -> Outcome:
     """16h during 13h: the reply, and where the axis ends."""
     start = driver.motion.ready(driver.limits.outlasting(100, 0x2000))
-    exchange = driver.judge.accepted(0x13, start + 100)
+    way = driver.limits.way_outlasting(100, driver.motion.period, 3)
+    exchange = driver.judge.accepted(0x13, start + way)
     segment = Segment(back(driver, 40), driver.limits.slowed(0x1000))
     second = put(driver, segment)
-    end = driver.motion.to_position(exchange, start, start + 100).end
+    end = driver.motion.to_position(exchange, start, start + way).end
     assert end is not None
     driver.motion.taken_in_time(second, end.earliest_ns, "the move that it was to meet")
     if second.kind is ReplyKind.REFUSED:
         driver.motion.at_rest()
         return 1
     driver.client.wait_until(end.latest_ns + segment.duration_ns + 50_000_000)
-    moved, total = driver.client.position() - start, 100 + segment.steps
+    moved, total = driver.client.position() - start, way + segment.steps
     driver.motion.at_rest()
     if second.kind is ReplyKind.ACCEPTED and moved <= total:
         return 0 if moved == total else 2
@@ -149,7 +150,8 @@ def interp_during_profile(driver: AxisDriver) -> Outcome:
 def stop17_in_interp(driver: AxisDriver) -> Outcome:
     """17h during the first of two segments: the reply, and how many steps are done."""
     start = driver.motion.ready(0x1000)  # AA = 0: to stop now takes one increment
-    row = [Segment(30, driver.limits.outlasting(30, 0x2000))] * 2
+    segment = driver.limits.segment(30, 0x2000)
+    row = [segment] * 2
     forecast = driver.motion.feed(start, *row)
     stop = driver.client.command(0x17)
     most = forecast.bounds(stop.taken)[1] - start + 2 + driver.limits.allowance(row[0].period)
@@ -157,17 +159,17 @@ def stop17_in_interp(driver: AxisDriver) -> Outcome:
     driver.client.wait_until(forecast.end.latest_ns + 50_000_000)
     moved = driver.client.position() - start
     driver.motion.at_rest()
-    if moved == 60 and stop.kind in (ReplyKind.ACCEPTED, ReplyKind.REFUSED):
+    if moved == 2 * segment.steps and stop.kind in (ReplyKind.ACCEPTED, ReplyKind.REFUSED):
         return 0 if stop.kind is ReplyKind.ACCEPTED else 1
-    if stop.kind is ReplyKind.ACCEPTED and (moved == 30 or 0 < moved <= most):
-        return 2 if moved == 30 else 3
-    return f"{stop.kind.value}, {moved} of 60 increments"
+    if stop.kind is ReplyKind.ACCEPTED and (moved == segment.steps or 0 < moved <= most):
+        return 2 if moved == segment.steps else 3
+    return f"{stop.kind.value}, {moved} of {2 * segment.steps} increments"
 
 
 @probe(safety=MOVES)
 def vel_during_interp(driver: AxisDriver) -> Outcome:
     """15h during a long 16h."""
-    driver.motion.ready(0x1000)
+    driver.motion.ready_for_segments()
     driver.judge.accepted(0x16, segment_parameter(100, SLOWEST))
     kind = driver.client.command(0x15, velocity(1, driver.limits.slowed(0x2000))).kind
     driver.motion.at_rest()
@@ -185,7 +187,8 @@ def sync_without_preload(driver: AxisDriver) -> Outcome:
 def sync_arm_lifetime(driver: AxisDriver) -> Outcome:
     """10h during a move, then 13h: whether that is held.  Where 10h holds every motion, it is."""
     start = driver.motion.ready(driver.limits.outlasting(30, 0x4000))
-    forecast = driver.motion.go(start + 30)
+    way = driver.limits.way_outlasting(30, driver.motion.period, 3)
+    forecast = driver.motion.go(start + way)
     end = forecast.end
     assert end is not None
     armed = driver.judge.accepted(0x10)
@@ -240,11 +243,12 @@ def segments_after_17h(driver: AxisDriver) -> Outcome:
     if driver.readings.known("interp_during_profile"):
         driver.session.skip("no segment waits for the end of a move on this device")
     start = driver.motion.ready(driver.limits.outlasting(100, 0x2000))
-    exchange = driver.judge.accepted(0x13, start + 100)
+    way = driver.limits.way_outlasting(100, driver.motion.period, 3)
+    exchange = driver.judge.accepted(0x13, start + way)
     segment = Segment(back(driver, 40), driver.limits.slowed(0x1000))
     waiting = driver.motion.put(segment)
     stop = driver.judge.accepted(0x17)
-    forecast = driver.motion.to_position(exchange, start, start + 100)
+    forecast = driver.motion.to_position(exchange, start, start + way)
     moving, stopped = forecast.end, forecast.stopped(stop.taken)
     assert moving is not None
     driver.motion.taken_in_time(waiting, moving.earliest_ns, "the move that it was to meet")
@@ -271,20 +275,21 @@ def sync_during_interp(driver: AxisDriver) -> Outcome:
     target = start - 100
     driver.judge.accepted(0x10)
     driver.judge.accepted(0x13, target)
-    segment = Segment(20, driver.limits.outlasting(20, 0x4000))
+    segment = driver.limits.segment(20, 0x4000)
     row = driver.motion.feed(start, segment, segment)
     sync = driver.judge.accepted(0x11)
     row_end = row.end
     assert row_end is not None
-    # The segments take 82 ms or more; a move that does not wait for them turns back before their
-    # end.
+    # A move that does not wait for the segments, 82 ms or more, turns back before their end.
     driver.motion.taken_in_time(sync, row_end.earliest_ns, "the segments")
-    longer_s = driver.motion.lasting_s(40, segment.period - 0x4000) + driver.motion.lasting_s(
-        140, driver.motion.period - 0x4000
+    steps = 2 * segment.steps
+    there_s, back_s = (
+        driver.motion.lasting_s(steps, segment.period),
+        driver.motion.lasting_s(100 + steps),
     )
-    samples = driver.motion.sampled(0.6 + longer_s, 36)
+    samples = driver.motion.sampled(0.25 + there_s + back_s, 36)
     driver.motion.at_rest()
-    after = _back_from(driver, (start + 40,), row_end, target)
+    after = _back_from(driver, (start + steps,), row_end, target)
     at_once = _back_from(driver, row.bounds(sync.taken), sync.taken, target)
     fitting = tuple(
         number

@@ -36,6 +36,7 @@ ORDER = 40  # of this module in a run; see `Family.modules`
 LISTEN_S: Final = 60.0  # a minute of a module's silence; on a real bus a moment of it
 LISTEN_REAL_S: Final = 0.3
 ACKNOWLEDGED_WITHIN_S: Final = 0.5  # MACS-REPLY-16: what the ledger gives a reply
+REFUSED_EXCHANGES: Final = 12  # three replies that are listened behind, and a look after each
 LONG: Final = 100  # increments at the slowest speed: longer than that
 RESTART_SHOWS_S: Final = 3.0  # a module that has restarted says so after 2 s
 
@@ -167,8 +168,9 @@ def refused_downloads_are_answered_with_80h_and_zeros(session: Session) -> None:
     locked = list(LOCKED)
     if session.reading("motion_lock_set") == "can_list":
         locked += LOCKED_BY_THE_LIST
+    far = driver.limits.way_outlasting(LONG, SLOWEST, REFUSED_EXCHANGES)
     for number, index in enumerate(locked):  # there and back, each long enough for three replies
-        forecast = driver.motion.go(start + (0 if number % 2 else LONG))
+        forecast = driver.motion.go(start + (0 if number % 2 else far))
         parameter = start - 300
         if (setting := SETTINGS.get(index)) is not None:
             parameter = setting.parameter(setting.values[0])

@@ -47,19 +47,19 @@ def _raw(driver: CanDriver, index: int) -> bytes:
 
 @probe(safety="stored")
 def can_byte_order(driver: CanDriver) -> Outcome:
-    """200Ch with the value in its last byte, then in its first, and the torque in 2006h."""
+    """200Ch with the value in its last byte, else in its first, and the torque in 2006h."""
     own = _raw(driver, 0x26)[TORQUE_AT]
     value = TORQUE if own != TORQUE else OTHER_TORQUE
     shown = []
     for order in (BIG, LITTLE):
         _write_torque(driver, order, value)
         shown.append(_raw(driver, 0x26)[TORQUE_AT])
+        # What the wrong order has put there must not stay either: the probes that follow move.
         _write_torque(driver, order, own)
-    # What the wrong order has put there must not stay: the probes that follow move.
-    _write_torque(driver, shown.index(value) if value in shown else BIG, own)
-    if shown.count(value) != 1:
-        return f"{value:02X} in the last byte, then in the first: {shown[0]:02X}, {shown[1]:02X}"
-    return _learnt(driver, shown.index(value))
+        if shown[-1] == value:
+            return _learnt(driver, order)
+    _write_torque(driver, BIG, own)
+    return f"{value:02X} in the last byte, then in the first: {shown[0]:02X}, {shown[1]:02X}"
 
 
 def _write_torque(driver: CanDriver, order: int, value: int) -> None:

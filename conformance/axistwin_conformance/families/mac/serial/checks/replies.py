@@ -143,7 +143,7 @@ def refusals_change_nothing(session: Session) -> None:
     """During a move 13h and 0Dh get 06 13 17, a wrong checksum still 15; the move goes on."""
     driver = SerialDriver(session)
     start = driver.motion.ready(SLOWEST)
-    forecast = driver.motion.go(start + max(60, driver.limits.steps_outlasting(SLOWEST, 8)))
+    forecast = driver.motion.go(start + driver.limits.way_outlasting(60, SLOWEST, 8))
     wrong = driver.client.send(driver.client.request(0x13, start - 500).with_wrong_checksum())
     driver.judge.must(ReplyKind.NACK, wrong, "MACS-REPLY-06")
     names = ("MACS-REPLY-03", "MACS-REPLY-05", "MACS-CMD-13-02")

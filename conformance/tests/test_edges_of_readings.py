@@ -1,0 +1,39 @@
+"""Devices whose numbers lie at the edge of what a device may have: nothing that they do fails.
+
+Each was judged wrongly once; `scripts/sweep_quirks --singles` looks for more.
+"""
+
+from __future__ import annotations
+
+import pytest
+from sweeping.runs import VIRTUAL, Setting
+from sweeping.sweeps import QuirkSweep
+
+pytestmark = pytest.mark.strength(seconds=60)
+
+EDGES = [
+    ("mac23", "factory_superior_stop", "-2147483648"),  # every place is beyond it
+    ("mac23", "factory_superior_stop", "200"),
+    ("mac23", "factory_inferior_stop", "2147483647"),
+    ("mac23-can", "factory_superior_stop", "-2147483648"),
+    ("mac23", "brake_increments", "65535"),
+    ("mac23-can", "brake_increments", "65535"),
+    ("msc-250", "response_delay_ms", "0"),
+    ("msc-250", "response_delay_ms", "1100"),
+    ("msc-250", "response_delay_ms", "3000"),
+    ("msc-250", "reply_delay_ms", "3000"),
+    ("msc-250", "packet_timeout_ms", "60000"),
+    ("msc-250", "ack_timeout_ms", "60000"),
+    ("msc-250", "ack_timeout_ms", "100"),
+    ("msc-250", "rflags_unsupported", "ack_no_reply"),  # it has RFLAGS
+    ("mac23", "reply_latency_us", "450000"),
+    ("mac23-can", "reply_latency_us", "300000"),
+]
+
+
+@pytest.mark.parametrize(("model", "switch", "value"), EDGES)
+def test_a_number_at_its_edge_fails_nothing(model: str, switch: str, value: str) -> None:
+    """No failure, no error, nothing told that is not so."""
+    sweep = QuirkSweep(Setting(model, VIRTUAL, "quick", 300), seed=1)
+    row = sweep.judge_readings({switch: value})
+    assert row["outcome"] in ("sound", "unread"), row["why"]
