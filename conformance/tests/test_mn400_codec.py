@@ -8,11 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from axistwin_conformance.base.ledger import load_ledger
+from axistwin_conformance.base.ledger import RequirementKind, load_ledger
 from axistwin_conformance.families.mn400 import codec, words
 from axistwin_conformance.families.mn400.codec import ReturnCode
 from axistwin_conformance.families.mn400.grammar import (
     COMMANDS,
+    OPEN_REFUSALS,
     UNASSIGNED,
     ParsedCommand,
     Refusal,
@@ -263,6 +264,12 @@ def test_where_the_manual_is_open_the_reading_decides(
 ) -> None:
     """The other reading turns the answer of the default around, or leaves it."""
     assert bool(refusal(text, **{switch: reading})) is is_refused
+
+
+def test_what_fails_nobody_is_an_interpretation() -> None:
+    """A refusal that a must asks for is never left open."""
+    kinds = {LEDGER.requirements[name].kind for name in OPEN_REFUSALS}
+    assert kinds == {RequirementKind.INTERPRETATION}
 
 
 def test_the_longest_texts_are_those_of_the_ledger() -> None:

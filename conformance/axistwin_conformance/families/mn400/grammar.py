@@ -173,6 +173,13 @@ COMMANDS: Final[Mapping[str, CommandRule]] = {
     )
 }  # fmt: skip
 UNASSIGNED: Final = tuple("OW0123456789!\"#$%',-<>@\\]^_`")  # MN4-ERR-01
+# Refusals that the manual leaves open: a board that serves such a text does not fail by it.
+OPEN_REFUSALS: Final = frozenset(
+    {
+        "MN4-PAR-09", "MN4-CMD-V-04", "MN4-CMD-F-02", "MN4-CMD-B-02", "MN4-CMD-E-04",
+        "MN4-CMD-HEL-04", "MN4-THR-05",
+    }
+)  # fmt: skip
 # Of these no value in between is one (MN4-CMD-A-03, MN4-CMD-D-01, MN4-CMD-X-01).
 _DIRECTIONS: Final = (-1, 1)
 _MULTIPLEXES: Final = (1, 2, 4)

@@ -8,6 +8,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400.draws import drawn_at_random
 from axistwin_conformance.families.mn400.driver import DATA, DONE, BoardDriver
+from axistwin_conformance.families.mn400.grammar import OPEN_REFUSALS
 from axistwin_conformance.families.mn400.safety import danger
 from axistwin_conformance.families.mn400.snapshot import restoring
 
@@ -19,8 +20,6 @@ REQUIREMENTS: Final = (
     "MN4-ERR-01", "MN4-ERR-02", "MN4-PAR-02", "MN4-PAR-03", "MN4-PAR-04", "MN4-PAR-05",
     "MN4-PAR-09", "MN4-RSP-03", "MN4-RSP-04", "MN4-CMD-X-01", "MN4-CMD-D-01", "MN4-CMD-L-01",
 )  # fmt: skip
-# Refusals of these the manual leaves open; what comes of such a text is not judged here.
-UNJUDGED: Final = frozenset({"MN4-CMD-V-04", "MN4-CMD-F-02", "MN4-CMD-B-02", "MN4-PAR-09"})
 
 
 @check(*REQUIREMENTS, soaks=True)
@@ -46,7 +45,7 @@ def _judge(driver: BoardDriver, text: str, counters: list[int]) -> None:
         codes = driver.errors("INVALIDCOMMAND", is_recognised=False)
         driver.judge(exchange, codes, "MN4-ERR-01")
     elif refusal is not None:
-        if refusal.requirement not in UNJUDGED:
+        if refusal.requirement not in OPEN_REFUSALS:
             name = refusal.requirement if refusal.requirement in REQUIREMENTS else "MN4-ERR-02"
             codes = driver.errors("PARA_ERROR")
             driver.session.expect(exchange.says(*codes), name, " and ".join(codes), exchange, told)

@@ -18,6 +18,7 @@ from typing import Final
 from axistwin_conformance.families.mn400.codec import END_OF_PROGRAM
 from axistwin_conformance.families.mn400.grammar import (
     DEFAULT_MARGIN,
+    OPEN_REFUSALS,
     ParsedCommand,
     ReadingOf,
     Refusal,
@@ -179,7 +180,8 @@ class BoardModel:
             return self._error("BUSY", "MN4-ERR-06", is_open=cell.is_open)
         refusal = self._refusal(text)
         if refusal is not None:
-            return self._error("PARA_ERROR", refusal.requirement)
+            is_open = refusal.requirement in OPEN_REFUSALS
+            return self._error("PARA_ERROR", refusal.requirement, is_open=is_open)
         return Expectation(self._replies(letter, cell), _requirement(letter), cell.is_open)
 
     def _cell(self, letter: str, state: BoardState) -> StateCell:
