@@ -11,7 +11,7 @@ import click
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from scripts import reference_mac_pages, reference_msc  # noqa: E402
+from scripts import reference_mac_pages, reference_mn400, reference_msc  # noqa: E402
 from scripts.reference_tables import table  # noqa: E402
 
 from axistwin import catalog  # noqa: E402
@@ -65,6 +65,17 @@ def msc_quirks() -> str:
         "The manual can be read in several ways. A switch chooses one: `--quirk NAME=VALUE`,\n"
         "`[quirks]` of a profile, `quirk.NAME=VALUE` in a URL, or `quirks={...}` of the fixture.\n"
         "The switches from `data_size` on are settings: each unit has its own.\n\n",
+    )
+
+
+def mn400_quirks() -> str:
+    """Every switch of the MN400."""
+    return quirks_of(
+        "mn400",
+        "# Quirks of the MN400\n\n"
+        "The manual can be read in several ways. A switch chooses one: `--quirk NAME=VALUE`,\n"
+        "`[quirks]` of a profile, `quirk.NAME=VALUE` in a URL, or `quirks={...}` of the fixture.\n"
+        "The switches from `transport` on are settings: each board has its own.\n\n",
     )
 
 
@@ -134,6 +145,8 @@ PAGES = {
     "reference/mac-serial-commands.md": reference_mac_pages.serial_page,
     "reference/mac-serial-quirks.md": quirks,
     "reference/mac-serial-requirements.md": requirements,
+    "reference/mn400-protocol.md": reference_mn400.page,
+    "reference/mn400-quirks.md": mn400_quirks,
     "reference/msc-protocol.md": reference_msc.page,
     "reference/msc-quirks.md": msc_quirks,
     "reference/msc-requirements.md": msc_requirements,

@@ -23,7 +23,7 @@ from axistwin.runtime.storage import MemoryStorage, Storage
 from axistwin.wire.can_frame import CanFrame
 from axistwin.wire.framing import LineFormat
 
-KNOWN = "mac23, mac34-1, mac34-2, mac23-can, msc-250, msc-850-32, msc-850, msc-generic"
+KNOWN = "mac23, mac34-1, mac34-2, mac23-can, mn400, msc-250, msc-850-32, msc-850, msc-generic"
 
 
 def line_of(*devices: str, **options: object) -> Line:
@@ -43,7 +43,7 @@ def test_the_models_are_listed_with_all_that_a_user_needs() -> None:
     """Names, descriptions, addresses, rate, and quirks with values, default, ID and meaning."""
     models = catalog.models()
     assert list(models) == [
-        *("mac23", "mac34-1", "mac34-2", "mac23-can"),
+        *("mac23", "mac34-1", "mac34-2", "mac23-can", "mn400"),
         *("msc-250", "msc-850-32", "msc-850", "msc-generic"),
     ]
     for name, model in models.items():
@@ -53,13 +53,17 @@ def test_the_models_are_listed_with_all_that_a_user_needs() -> None:
             assert quirk.doc
             assert quirk.allowed
     serial = [model for model in models.values() if model.carrier == "serial"]
-    assert len(serial) == 7
+    assert len(serial) == 8
     for model in serial[:3]:
         assert (model.addresses, model.default_address) == (range(0x80), 0)
         assert model.default_baud == 38400
         assert model.quirks["xon_byte"].default == "1Ah"
         assert all(quirk.source.startswith("MACS-") for quirk in model.quirks.values())
-    for model in serial[3:]:
+    steps = serial[3]
+    assert (steps.addresses, steps.default_address) == (range(1, 128), 1)
+    assert (steps.default_baud, steps.bauds) == (9600, (9600, 19200, 38400, 57600, 115200))
+    assert all(quirk.source.startswith("MN4-") for quirk in steps.quirks.values())
+    for model in serial[4:]:
         assert (model.addresses, model.default_address) == (range(1, 16), 1)
         assert (model.default_baud, model.bauds) == (9600, (9600,))
         assert model.quirks["ack_timeout_ms"].default == "1000"
@@ -77,7 +81,7 @@ def test_listing_the_models_loads_no_device() -> None:
     program = (
         "import sys; from axistwin import catalog; catalog.models()\n"
         "catalog.parse_device('mac23')\n"
-        "families = ('axistwin.devices.mac', 'axistwin.devices.msc')\n"
+        "families = ('axistwin.devices.mac', 'axistwin.devices.msc', 'axistwin.devices.mn400')\n"
         "print([name for name in sys.modules if name.startswith(families)"
         " and not name.endswith('.family') and sys.modules[name].__file__[-11:] != '__init__.py'])"
     )

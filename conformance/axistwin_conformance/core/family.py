@@ -115,12 +115,9 @@ class Family(ABC):
 
     @abstractmethod
     def restore(self, session: Session, memory: Any) -> tuple[str, ...]:
-        """Put back what differs; a sentence for each thing that could not be."""
-
-    def restore_between(self, session: Session, memory: Any) -> tuple[str, ...]:
-        """The same before a check that moves, without what such checks set themselves before they
-        begin: each write wears the memory, and `restore` follows on every way out."""
-        return self.restore(session, memory)
+        """Put back what differs; a sentence for each thing that could not be.  What the check that
+        follows (`Run.next_check`) sets itself before it begins may stay: each write wears the
+        memory, and on every way out this is called without one."""
 
     def unsure(self, session: Session, memory: Any) -> tuple[str, ...]:
         """A sentence for each thing that was written to although, as it has turned out, nobody

@@ -272,10 +272,14 @@ class DeviceGuard:
 
         def put_back(session: Session) -> None:
             self.run_cleanups(run)
-            self._put_back(run, session, is_leaving=is_leaving, before=before)
+            self._put_back(run, session, is_leaving=is_leaving)
             self.note_retries(session)
 
-        self.climbing(run, "put_back", put_back, is_blamed=run.target.is_lossless)
+        run.next_check = before
+        try:
+            self.climbing(run, "put_back", put_back, is_blamed=run.target.is_lossless)
+        finally:
+            run.next_check = None
         if run.strayed:
             self._keep_still(run)
 
@@ -305,19 +309,15 @@ class DeviceGuard:
                 self.trouble(f"not put back: {cleanup.what}{why}")
             run.cleanups.remove(cleanup)
 
-    def _put_back(
-        self, run: Run, session: Session, *, is_leaving: bool, before: Check | None
-    ) -> None:
+    def _put_back(self, run: Run, session: Session, *, is_leaving: bool) -> None:
         family = self.options.family
-        is_prepared = before is not None and "motion" in before.safety  # it sets the axis up itself
-        restore = family.restore_between if is_prepared else family.restore
         try:
             family.stop(session)
             if is_leaving and not run.target.is_virtual:
                 run.target.wait_until_quiet(QUIET_WAIT_S)
         finally:
             if not run.target.crash:
-                for sentence in restore(session, run.memory):
+                for sentence in family.restore(session, run.memory):
                     self.trouble(f"not put back: {sentence}")
 
     def _release_rig(self, run: Run) -> None:

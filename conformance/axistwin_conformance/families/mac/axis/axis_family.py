@@ -101,12 +101,11 @@ class AxisFamily(Family):
         return snapshot.remember(session)
 
     def restore(self, session: Session, memory: AxisSnapshot) -> tuple[str, ...]:
-        """See `snapshot.restore`."""
-        return snapshot.restore(session, memory)
-
-    def restore_between(self, session: Session, memory: AxisSnapshot) -> tuple[str, ...]:
-        """Leave the plain settings of `AxisMotion.ready`."""
-        return snapshot.restore(session, memory, left=PLAIN)
+        """See `snapshot.restore`; before a check that moves the settings of `AxisMotion.ready`
+        stay."""
+        follows = session.run.next_check
+        is_set_up = follows is not None and "motion" in follows.safety
+        return snapshot.restore(session, memory, left=PLAIN if is_set_up else ())
 
     def lenient(self, session: Session, request: bytes, reply: bytes) -> Lenient | None:
         """See `Family.lenient`; a reply that comes late is one that comes in its own time, but for

@@ -1,0 +1,1 @@
+"""MN400 four-axis step and direction controllers: packets, commands, states, store and motion."""

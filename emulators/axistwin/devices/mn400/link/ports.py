@@ -1,0 +1,53 @@
+"""What a command is, on its way from a port to what obeys it, and its answer on the way back."""
+
+from enum import Enum
+from typing import NamedTuple, Protocol
+
+from axistwin.devices.mn400.link.packets import ReturnCode
+from axistwin.devices.mn400.link.sender import Message, ReplyPart
+from axistwin.kernel.time import Nanos
+
+
+class Origin(Enum):
+    """Where a line comes from."""
+
+    SERIAL = "serial line"
+    USB = "USB"
+    CONFIG = "configuration program"
+    PROGRAM = "user program"
+    PANEL = "control panel"
+
+
+class Port(Protocol):
+    """What commands change of the ports."""
+
+    address: int
+
+    def set_rate(self, number: int) -> None:
+        """Change the rate of the serial line, 0..4."""
+
+    def last_message(self, origin: Origin) -> Message | None:
+        """What was sent last on the port of ``origin``."""
+
+
+class Answer(NamedTuple):
+    """The answer to a line; code: how it ended."""
+
+    parts: list[ReplyPart]
+    code: ReturnCode = ReturnCode.DONE
+
+
+class BoardLine(NamedTuple):
+    """A line that is being judged: its command, what follows it, and where it comes from."""
+
+    now: Nanos
+    command: int
+    text: bytes
+    raw: bytes
+    origin: Origin
+    is_for_all: bool = False
+
+
+def status_part(port: Port, line: BoardLine, code: ReturnCode) -> ReplyPart:
+    """A status packet from the present number of the board."""
+    return ReplyPart(Message(port.address, line.command, code))

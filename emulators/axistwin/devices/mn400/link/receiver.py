@@ -1,0 +1,171 @@
+"""Bytes of the serial line into packets (ledger §2.7).
+
+Rules
+-----
+1. A byte with bit 7 opens a packet.  The same byte behind at least one character closes it, and the
+   next one is the sum, whatever its value below 80h (MN4-PKT-04).  Any other byte with bit 7 opens
+   a packet anew, and what was there is forgotten (MN4-PKT-11, MN4-PKT-15).
+2. Bytes without bit 7 outside a packet are ignored (MN4-PKT-10).
+3. A packet that is not complete some time after its last byte is given up (MN4-AMB-51).  A byte
+   that is complete just when that time is over has come in time.
+4. A character with a bad stop bit is as if it had never been.
+"""
+
+from collections.abc import Callable
+from enum import Enum
+from typing import NamedTuple
+
+from axistwin.devices.mn400.link.packets import ADDRESS_BIT, EVERYBODY
+from axistwin.devices.mn400.quirks import Mn400Quirks
+from axistwin.kernel.schedule import NEVER
+from axistwin.kernel.time import NS_PER_MS, Nanos
+from axistwin.wire.framing import Chunk
+
+
+class Flaw(Enum):
+    """What is wrong with a packet."""
+
+    NONE = "nothing"
+    TOO_LONG = "it has more characters than the buffer holds"
+    CHECKSUM = "its sum is wrong"
+    INCOMPLETE = "it was not completed in time"
+
+
+class Request(NamedTuple):
+    """A packet for this board, complete at ``time_ns``: its payload.
+
+    is_raw: a single byte outside any packet that ends the entry of a program (MN4-AMB-13).
+    """
+
+    time_ns: Nanos
+    payload: bytes
+    flaw: Flaw = Flaw.NONE
+    is_for_all: bool = False
+    is_raw: bool = False
+
+
+class _Frame:
+    """What there is of a packet."""
+
+    __slots__ = ("_payload_max", "is_closed", "is_too_long", "opening", "payload", "total")
+
+    def __init__(self, payload_max: int) -> None:
+        self._payload_max = payload_max
+        self.opening = 0
+        self.payload = bytearray()
+        self.is_closed = self.is_too_long = False
+        self.total = 0
+
+    def copy(self) -> "_Frame":
+        """The same, apart."""
+        other = _Frame(self._payload_max)
+        other.opening, other.payload = self.opening, self.payload[:]
+        other.is_closed, other.is_too_long = self.is_closed, self.is_too_long
+        other.total = self.total
+        return other
+
+    def open(self, opening: int) -> None:
+        """Begin; 0 is outside any packet."""
+        self.opening = self.total = opening
+        self.payload = bytearray()
+        self.is_closed = self.is_too_long = False
+
+    def take(self, byte: int) -> int | None:
+        """One more byte (rule 1); the sum, if that is it."""
+        if byte >= ADDRESS_BIT:
+            if byte != self.opening or not self.payload or self.is_closed:
+                self.open(byte)
+            else:
+                self.is_closed = True
+                self.total += byte
+        elif self.is_closed:
+            return byte
+        elif self.opening:
+            self.total += byte
+            if len(self.payload) < self._payload_max:
+                self.payload.append(byte)
+            else:
+                self.is_too_long = True
+        return None
+
+
+class PacketReceiver:
+    """The receiving half of one board's port.
+
+    address: gives the number of the board now.  ends_raw: gives the bytes that mean something by
+    themselves now.
+    """
+
+    def __init__(
+        self,
+        quirks: Mn400Quirks,
+        address: Callable[[], int],
+        ends_raw: Callable[[], bytes],
+        skew_ns: Nanos = 0,
+    ) -> None:
+        self._address = address
+        self._ends_raw = ends_raw
+        self._timeout_ns = quirks.rx_timeout_ms * NS_PER_MS + skew_ns
+        self._frame = _Frame(quirks.rx_payload_max)
+        self._due = NEVER
+
+    def reset(self) -> None:
+        """Forget what there is of a packet."""
+        self._frame.open(0)
+        self._due = NEVER
+
+    def next_event(self) -> Nanos:
+        """When the packet is given up."""
+        return self._due
+
+    def wake(self, now: Nanos) -> Request | None:
+        """Give the packet up if it is time (rule 3); report what was for this board alone."""
+        if self._due > now:
+            return None
+        due, opening, payload = self._due, self._frame.opening, bytes(self._frame.payload)
+        self.reset()
+        if opening != ADDRESS_BIT | self._address():
+            return None
+        return Request(due, payload, Flaw.INCOMPLETE)
+
+    def receive(self, chunk: Chunk) -> list[Request]:
+        """Take the bytes of ``chunk``; the packets for this board that are complete now."""
+        requests = []
+        frame, raw = self._frame, self._ends_raw()
+        for place, byte in enumerate(chunk.data):
+            if not frame.opening and byte in raw:
+                requests.append(Request(chunk.arrival_ns(place), bytes((byte,)), is_raw=True))
+                continue
+            given = frame.take(byte)
+            if given is not None:
+                if self._concerns(frame.opening):
+                    requests.append(self._complete(chunk.arrival_ns(place), given))
+                frame.open(0)
+        last_ns = chunk.arrival_ns(len(chunk.data) - 1)
+        self._due = last_ns + self._timeout_ns if frame.opening else NEVER
+        return requests
+
+    def _concerns(self, opening: int) -> bool:
+        return opening & ~ADDRESS_BIT in (EVERYBODY, self._address())
+
+    def _complete(self, now: Nanos, given: int) -> Request:
+        """The packet is complete, with ``given`` as its sum."""
+        frame = self._frame
+        flaw = Flaw.NONE
+        if frame.is_too_long:
+            flaw = Flaw.TOO_LONG
+        elif frame.total & 0x7F != given:
+            flaw = Flaw.CHECKSUM
+        return Request(now, bytes(frame.payload), flaw, frame.opening == ADDRESS_BIT)
+
+    def quiet_prefix(self, data: bytes) -> int:
+        """How many leading bytes of ``data`` complete no packet for this board."""
+        frame, raw = self._frame.copy(), self._ends_raw()
+        for place, byte in enumerate(data):
+            if not frame.opening and byte in raw:
+                return place
+            if frame.take(byte) is not None:
+                if self._concerns(frame.opening):
+                    return place
+                frame.open(0)
+        return len(data)

@@ -1,0 +1,181 @@
+"""Every command in every state of an MN400: the cells of ledger §4.1 on the wire."""
+
+import pytest
+from mn400_bench import Mn400Bench
+from mn400_state_table import cells
+
+TABLE = cells()
+
+LINES = {
+    "A": "A20,0,40,0,1",
+    "C": "C1,0",
+    ";": ";0",
+    "+": "+20,0,40,0,1,5,1",
+    "H": "H1",
+    "G": "G1,1,1,1,8",
+    "Y": "Y100",
+    "L": "L1,2,3,4",
+    "M": "M7",
+    "F": "F1000",
+    "I": "I0",
+    "=": "=1",
+    "B": "B1",
+    "D": "D1",
+    "~": "~0",
+    "P": "P1,3",
+    "X": "X1",
+    "V": "V300",
+    "T": "T1,0,0,0,10",
+}
+"""A legal line of each command that needs parameters."""
+
+REACHED = {
+    "RDY": (),
+    "MOV": ("M30000",),
+    "QUE": ("M30000", "V300"),
+    "PAU": ("M30000", "{"),
+    "HLD": ("H",),
+    "HPD": ("H", "M5"),
+    "CCB": ("(",),
+    "CCX": ("(", "M30000", ")"),
+    "PRG": ("Z",),
+    "CFG": (".",),
+    "RUN": ("Z", "M30000", "\x04", "U"),
+    "JOG": ("J1",),
+    "THR": ("T5,0,0,0,10",),
+    "ABT": ("M30000", "Q"),
+}
+"""What brings a board into each state."""
+
+REPLIES = {
+    "D": "S D",
+    "Dq": "S D",
+    "Dp": "S D",
+    "Db": "S D",
+    "Ds": "S D",
+    "D0": "S D",
+    "PR": "S PR",
+    "NP": "S NP",
+    "MP": "S MP",
+    "BC": "S BC",
+    "BY": "S BY",
+    "IC": "IC",
+    "IP": "S IP",
+}
+"""What is heard for each word of the table; values and repeats are looked at apart."""
+
+ENTERED = {("A", "MOV"): "QUE", ("Z", "RDY"): "PRG"}
+
+
+def reach(state: str) -> Mn400Bench:
+    """A board in ``state``."""
+    bench = Mn400Bench()
+    for line in REACHED[state]:
+        assert bench.say(line) == "S D"
+    assert bench.device.describe(bench.now).state == state
+    return bench
+
+
+@pytest.mark.parametrize("state", REACHED)
+def test_every_command_is_answered_as_the_table_says(state: str) -> None:
+    """Forty commands, each to a board that was brought into the state anew."""
+    for (letter, column), word in TABLE.items():
+        if column != state:
+            continue
+        bench = reach(state)
+        line = "J0" if (letter, state) == ("J", "JOG") else LINES.get(letter, letter)
+        told = bench.say("J1" if line == "J" else line)
+        where = (letter, state, told)
+        if word == "V":
+            assert told.startswith("S "), where
+            assert len(told) > 2, where
+        elif word == "V*":
+            assert told == "S", where  # the program is empty
+        elif word == "R&":
+            assert told == ("D" if REACHED[state] else ""), where
+        else:
+            assert told == REPLIES[word], where
+
+
+FOLLOWS = [
+    ("RDY", "M30000", "MOV"),
+    ("RDY", "A20,0,4000,0,1", None),
+    ("RDY", "(", "CCB"),
+    ("RDY", "H", "HLD"),
+    ("RDY", "J1", "JOG"),
+    ("RDY", "Z", "PRG"),
+    ("RDY", ".", "CFG"),
+    ("RDY", "T5,0,0,0,10", "THR"),
+    ("RDY", "U", "RDY"),
+    ("MOV", "M5", "QUE"),
+    ("MOV", "{", "PAU"),
+    ("MOV", "Q", "ABT"),
+    ("MOV", "(", "CCB"),
+    ("QUE", "Q", "ABT"),
+    ("QUE", "{", "PAU"),
+    ("PAU", "}", "MOV"),
+    ("PAU", "Q", "ABT"),
+    ("PAU", "(", "CCB"),
+    ("HLD", "M5", "HPD"),
+    ("HLD", "A20,0,40,0,1", "HPD"),
+    ("HLD", "T5,0,0,0,10", "HPD"),
+    ("HLD", "H0", "RDY"),
+    ("HLD", "(", "CCB"),
+    ("HLD", "J1", "JOG"),
+    ("HLD", "Z", "PRG"),
+    ("HPD", "K", "HLD"),
+    ("CCB", "Q", "RDY"),
+    ("CCX", "Q", "ABT"),
+    ("CCX", "{", "PAU"),
+    ("PRG", "\x04", "RDY"),
+    ("PRG", "Q", "PRG"),
+    ("CFG", "Q", "RDY"),
+    ("RUN", "Q", "ABT"),
+    ("RUN", "{", "PAU"),
+    ("JOG", "J0", "RDY"),
+    ("JOG", "Q", "JOG"),
+    ("THR", "Q", "ABT"),
+    ("THR", "{", "PAU"),
+    ("ABT", "|", "RDY"),
+    ("ABT", "M30000", "MOV"),
+    ("ABT", "H", "HLD"),
+    ("ABT", "(", "CCB"),
+]
+
+
+@pytest.mark.parametrize(("before", "line", "after"), [row for row in FOLLOWS if row[2]])
+def test_states_follow_one_another(before: str, line: str, after: str) -> None:
+    """As the arrows of the table say."""
+    bench = reach(before)
+    assert bench.say(line) == "S D"
+    assert bench.device.describe(bench.now).state == after
+
+
+@pytest.mark.parametrize("state", REACHED)
+def test_unknown_commands_and_ends_of_entry(state: str) -> None:
+    """Ledger §4.2: refused alone, or in the entry of a program behind START."""
+    is_entered = state in ("PRG", "CFG")
+    for letter in "OW5!\"#$%',-<>@\\]^_`":
+        assert reach(state).say(letter) == ("S IP" if is_entered else "IC"), letter
+    ended = {"PRG": "S D", "CFG": "S IP"}
+    assert reach(state).say("\x04") == ended.get(state, "IC")
+
+
+@pytest.mark.parametrize("state", REACHED)
+def test_a_wrong_sum_has_no_effect_in_any_state(state: str) -> None:
+    """The code alone, and the same state (MN4-PKT-05)."""
+    bench = reach(state)
+    assert bench.ask(bytes.fromhex("81 51 81 52")) == bytes.fromhex("81 51 07 00 81 5A")
+    assert bench.device.describe(bench.now).state == state
+
+
+@pytest.mark.parametrize("state", REACHED)
+def test_a_power_cycle_leads_out_of_every_state(state: str) -> None:
+    """Everything volatile is gone; a half entered program never was."""
+    bench = reach(state)
+    bench.say("M1")
+    bench.power_cycle()
+    assert bench.value("E") == "0,0,0,0"
+    assert bench.value(":") == "1,0,0,0,0"
+    assert bench.device.describe(bench.now).state == "RDY"
+    assert bench.say("R") in ("S", "S M30000")
