@@ -35,8 +35,11 @@ WRAPPED_WIDE: Final = (
 # Parameters that are no decimal integers (MN4-PAR-02, MN4-PAR-03).
 MALFORMED: Final = (
     "-", "--1", "1-2", "1-", "+1", "1.0", "1.", ".5", "1e3", "0x1", "1a", "a", " 1", "1 ", "1;",
-    "1:", "\x7f", "\x001", "1\x0d",
+    "1:", "\x7f",
 )  # fmt: skip
+# The same with control characters.  On a shared line a board may take such a frame for what another
+# one has said (MN4-DROP-10): they are for a board that is alone.
+CONTROLS: Final = ("\x001", "1\x0d", "\x04", "1\x1f2", "1\x00")
 # Spellings of whole numbers that are accepted (MN4-PAR-08): the text, what it says.
 SPELLINGS: Final = (("0", 0), ("-0", 0), ("000", 0), ("007", 7), ("-007", -7), ("-00", 0))
 

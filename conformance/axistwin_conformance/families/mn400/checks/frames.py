@@ -127,9 +127,9 @@ def other_ids_are_not_answered(session: Session) -> None:
     session.expect("PRESENT" not in timed_out, "MN4-PKT-02", "no PRESENT", came.hex(" ").upper())
 
 
-@check("MN4-PKT-08")
+@check("MN4-PKT-08", needs=("alone",))
 def packets_in_a_row_are_answered_one_by_one(session: Session) -> None:
-    """Two requests at once draw four packets in their order."""
+    """Two requests at once draw four packets in their order; on two wires they would collide."""
     driver = BoardDriver(session)
     driver.target.drain()
     driver.client.send(driver.client.request("*") + driver.client.request("E"))

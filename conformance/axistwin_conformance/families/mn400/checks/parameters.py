@@ -12,7 +12,12 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400 import codec
-from axistwin_conformance.families.mn400.boundaries import COUNTER_BOUNDS, SPELLINGS, edges
+from axistwin_conformance.families.mn400.boundaries import (
+    CONTROLS,
+    COUNTER_BOUNDS,
+    SPELLINGS,
+    edges,
+)
 from axistwin_conformance.families.mn400.driver import AXES, DATA, DONE, BoardDriver
 from axistwin_conformance.families.mn400.grammar import OPEN_REFUSALS, UNASSIGNED, Refusal
 from axistwin_conformance.families.mn400.safety import danger
@@ -137,6 +142,16 @@ def _judge_text(driver: BoardDriver, text: str, refusal: Refusal | None) -> None
 def session_names(session: Session) -> tuple[str, ...]:
     """What the running check judges."""
     return session.check.declared if session.check else ()
+
+
+@check("MN4-PAR-02", needs=("alone",))
+@restoring("LV")
+def control_characters_are_no_digits(session: Session) -> None:
+    """L and V with control characters in a parameter are refused."""
+    driver = BoardDriver(session)
+    for text in CONTROLS:
+        for letter in "LV":
+            driver.draws(f"{letter}{text}", driver.errors("PARA_ERROR"), "MN4-PAR-02")
 
 
 @check("MN4-PAR-08", "MN4-RSP-10")

@@ -248,6 +248,9 @@ class BoardModel:
             return read
         if read.letter in "A+":
             return self._refused_circle(read)
+        if read.letter == "F" and self.reading("speed_range_policy") != "clip":
+            start, end, _ = self.settings.after(read, self.reading).profile
+            return Refusal("start above end", "MN4-CMD-F-02") if start > end else None
         if read.letter != "T" or self.reading("threader_overrate") != "para_error":
             return None
         if can_be_threaded(self._displacements(read), read.value(AXES)):
