@@ -238,6 +238,8 @@ def _refused(
         is_error = parameter.omission is Omission.REQUIRED or (
             parameter.omission is Omission.KEEPS and reading("omitted_param") == "error"
         )
+        if parameter.omission is Omission.KEEPS and reading("omitted_param") == "zero":
+            is_error = not parameter.low <= 0 <= parameter.high or rule.letter == "D"
         return Refusal(f"{parameter.name} is missing", "MN4-PAR-09") if is_error else None
     if rule.letter == "H" and reading("hold_takes_arg") == "false":
         return Refusal("H has no parameter", "MN4-CMD-H-02")

@@ -248,6 +248,10 @@ class BoardModel:
             return read
         if read.letter in "A+":
             return self._refused_circle(read)
+        if read.letter == "P" and self.reading("plane_z_check") == "at_plane":
+            x, y, z = self.settings.after(read, self.reading).plane
+            kept = Refusal("the traverse motor is in the plane", "MN4-CMD-P-03")
+            return kept if z in (x, y) else None
         if read.letter == "F" and self.reading("speed_range_policy") != "clip":
             start, end, _ = self.settings.after(read, self.reading).profile
             return Refusal("start above end", "MN4-CMD-F-02") if start > end else None
